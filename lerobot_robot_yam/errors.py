@@ -1,0 +1,41 @@
+"""The one error tree. Every message names what failed and says what to check."""
+
+
+class YamError(Exception):
+    """Root of every error raised by this package."""
+
+
+class ConfigError(YamError, ValueError):
+    """A configuration cannot be used (unknown arm, gripper, channel, wrong value)."""
+
+
+class ActionError(YamError, ValueError):
+    """A command has wrong keys, shape, type or non-finite values; nothing was sent."""
+
+
+class BusError(YamError, OSError):
+    """A CAN channel cannot be opened or used."""
+
+
+class ChannelInUseError(BusError):
+    """Another process of this machine, or another driver on the wire, drives the channel."""
+
+
+class MotorError(YamError, RuntimeError):
+    """A motor is missing, silent, duplicated, misconfigured or reports a fault."""
+
+
+class StaleStateError(YamError, TimeoutError):
+    """The newest state of an arm, motor or camera is too old to be returned as fresh."""
+
+
+class LifeCycleError(YamError, RuntimeError):
+    """The request is not allowed in the arm's present state."""
+
+
+class GripperError(YamError, RuntimeError):
+    """Gripper stops are unknown, implausible or do not match the stored ones."""
+
+
+class RigError(YamError, RuntimeError):
+    """The virtual rig could not be started, reached or asked."""

@@ -1,0 +1,102 @@
+"""One record in a memory-mapped file: one writer, any number of readers, always a consistent copy.
+
+Not `multiprocessing.shared_memory`: in Python 3.12 any attached reader's exit unlinks the block. The sequence
+counter is odd while a write is under way; the checksum catches what a weakly ordered memory may reorder.
+"""
+
+import mmap
+import os
+import struct
+import time
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from lerobot_robot_yam.errors import StaleStateError
+
+_HEADER = struct.Struct("<QQII")  # magic, sequence, payload size, crc32 of payload
+_MAGIC = 0x59414D424C4B3031  # "YAMBLK01"
+_SEQUENCE = struct.Struct("<Q")
+_CRC = struct.Struct("<I")
+_SEQUENCE_AT, _CRC_AT = 8, 20
+_READ_TIMEOUT_S = 0.25
+
+
+class SharedBlock:
+    """A fixed-size record of `dtype` shared through `path`.
+
+    Args:
+        path: the backing file.
+        dtype: a numpy structured dtype (or a plain one with a shape).
+        create: True for the one writer, which creates the file; False for a reader.
+
+    Raises:
+        FileNotFoundError: a reader came before the writer.
+        StaleStateError: the file is not a block of this layout (another version of this package wrote it).
+    """
+
+    def __init__(self, path: Path, dtype: np.dtype, create: bool):
+        self.path = path
+        self.dtype = np.dtype(dtype)
+        self._owner = create
+        size = _HEADER.size + self.dtype.itemsize
+        if create:
+            scratch = path.with_name(f"{path.name}.{os.getpid()}")
+            with open(scratch, "w+b") as file:
+                os.fchmod(file.fileno(), 0o600)
+                file.write(_HEADER.pack(_MAGIC, 0, self.dtype.itemsize, 0))
+                file.truncate(size)
+                file.flush()
+                self._map = mmap.mmap(file.fileno(), size)
+            scratch.rename(path)  # readers see a whole block or none
+        else:
+            with open(path, "rb") as file:
+                if os.fstat(file.fileno()).st_size != size:
+                    raise StaleStateError(f"{path} has another layout; end the process that wrote it")
+                self._map = mmap.mmap(file.fileno(), size, prot=mmap.PROT_READ)
+            magic, _, payload, _ = _HEADER.unpack_from(self._map)
+            if magic != _MAGIC or payload != self.dtype.itemsize:
+                raise StaleStateError(f"{path} has another layout; end the process that wrote it")
+        self._sequence = 0
+
+    def write(self, record: np.ndarray | np.void) -> None:
+        """Publish one record. Only the creator may call this."""
+        payload = record.tobytes()
+        self._sequence += 2
+        _SEQUENCE.pack_into(self._map, _SEQUENCE_AT, self._sequence - 1)
+        self._map[_HEADER.size :] = payload
+        _CRC.pack_into(self._map, _CRC_AT, zlib.crc32(payload))
+        _SEQUENCE.pack_into(self._map, _SEQUENCE_AT, self._sequence)
+
+    def sequence(self) -> int:
+        """Number of the newest record; even, 0 before the first, odd while one is being written."""
+        return int(_SEQUENCE.unpack_from(self._map, _SEQUENCE_AT)[0])
+
+    def read(self) -> np.ndarray | None:
+        """A consistent private copy of the newest record (0-d structured array), None before the first.
+
+        Raises:
+            StaleStateError: no consistent record within 0.25 s: the writer died in the middle of a write.
+        """
+        deadline = 0.0
+        while True:
+            before = self.sequence()
+            if before == 0:
+                return None
+            if before % 2 == 0:
+                payload = bytes(self._map[_HEADER.size :])
+                crc = _CRC.unpack_from(self._map, _CRC_AT)[0]
+                if self.sequence() == before and zlib.crc32(payload) == crc:
+                    return np.frombuffer(payload, self.dtype, count=1).reshape(())
+            now = time.monotonic()
+            deadline = deadline or now + _READ_TIMEOUT_S
+            if now > deadline:
+                raise StaleStateError(f"{self.path}: its writer died in the middle of a write")
+            time.sleep(0)
+
+    def close(self) -> None:
+        """Unmap; the creator also removes the file."""
+        self._map.close()
+        if self._owner:
+            self.path.unlink(missing_ok=True)
