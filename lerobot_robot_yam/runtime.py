@@ -14,6 +14,8 @@ from types import TracebackType
 from lerobot_robot_yam.errors import ChannelInUseError, ConfigError
 
 ENV_RUNTIME_DIR = "YAM_RUNTIME_DIR"
+ENV_RIG = "YAM_RIG"
+AUTO_RIG = "auto-"
 
 
 def runtime_dir() -> Path:
@@ -29,7 +31,8 @@ def runtime_dir() -> Path:
     if explicit:
         path = Path(explicit)
     else:
-        base = os.environ.get("XDG_RUNTIME_DIR") or ("/dev/shm" if os.access("/dev/shm", os.W_OK) else tempfile.gettempdir())
+        shared_memory = "/dev/shm" if os.access("/dev/shm", os.W_OK) else tempfile.gettempdir()
+        base = os.environ.get("XDG_RUNTIME_DIR") or shared_memory
         path = Path(base) / f"yam-{os.getuid()}"
     path.mkdir(mode=0o700, parents=True, exist_ok=True)
     info = path.stat()
@@ -41,6 +44,29 @@ def runtime_dir() -> Path:
 def slug(name: str) -> str:
     """File-name form of a channel or rig name."""
     return re.sub(r"[^A-Za-z0-9_.-]", "-", name)
+
+
+def rig_name(rig: str | None = None) -> tuple[str, int | None]:
+    """Resolve a virtual rig's name: the argument, else the variable YAM_RIG, else "auto".
+
+    "auto" is the rig of this process, "auto:1234" that of process 1234.
+
+    Returns:
+        The name and, for auto rigs, the pid of the owner.
+
+    Raises:
+        ConfigError: "auto:" is not followed by a process id.
+    """
+    rig = rig or os.environ.get(ENV_RIG) or "auto"
+    if rig == "auto":
+        return f"{AUTO_RIG}{os.getpid()}", os.getpid()
+    for prefix in ("auto:", AUTO_RIG):
+        if rig.startswith(prefix):
+            if not rig[len(prefix) :].isdigit():
+                raise ConfigError(f"rig {rig!r}: after 'auto:' comes a process id")
+            owner = int(rig[len(prefix) :])
+            return f"{AUTO_RIG}{owner}", owner
+    return rig, None
 
 
 class FileLock:

@@ -4,6 +4,7 @@ Not `multiprocessing.shared_memory`: in Python 3.12 any attached reader's exit u
 counter is odd while a write is under way; the checksum catches what a weakly ordered memory may reorder.
 """
 
+import contextlib
 import mmap
 import os
 import struct
@@ -17,9 +18,8 @@ from lerobot_robot_yam.errors import StaleStateError
 
 _HEADER = struct.Struct("<QQII")  # magic, sequence, payload size, crc32 of payload
 _MAGIC = 0x59414D424C4B3031  # "YAMBLK01"
-_SEQUENCE = struct.Struct("<Q")
 _CRC = struct.Struct("<I")
-_SEQUENCE_AT, _CRC_AT = 8, 20
+_SEQUENCE_AT, _CRC_AT = slice(8, 16), 20
 _READ_TIMEOUT_S = 0.25
 
 
@@ -49,29 +49,35 @@ class SharedBlock:
                 file.truncate(size)
                 file.flush()
                 self._map = mmap.mmap(file.fileno(), size)
+                self._inode = os.fstat(file.fileno()).st_ino
             scratch.rename(path)  # readers see a whole block or none
         else:
             with open(path, "rb") as file:
                 if os.fstat(file.fileno()).st_size != size:
                     raise StaleStateError(f"{path} has another layout; end the process that wrote it")
                 self._map = mmap.mmap(file.fileno(), size, prot=mmap.PROT_READ)
+                self._inode = os.fstat(file.fileno()).st_ino
             magic, _, payload, _ = _HEADER.unpack_from(self._map)
             if magic != _MAGIC or payload != self.dtype.itemsize:
                 raise StaleStateError(f"{path} has another layout; end the process that wrote it")
-        self._sequence = 0
+        # A view stores eight bytes in one go; struct clears them first, and a reader could see that.
+        self._sequence = memoryview(self._map)[_SEQUENCE_AT].cast("Q")
 
     def write(self, record: np.ndarray | np.void) -> None:
         """Publish one record. Only the creator may call this."""
-        payload = record.tobytes()
-        self._sequence += 2
-        _SEQUENCE.pack_into(self._map, _SEQUENCE_AT, self._sequence - 1)
+        self.write_bytes(record.tobytes())
+
+    def write_bytes(self, payload: bytes) -> None:
+        """Publish one record, given as the bytes of `dtype`. Only the creator may call this."""
+        sequence = self._sequence[0]
+        self._sequence[0] = sequence + 1
         self._map[_HEADER.size :] = payload
         _CRC.pack_into(self._map, _CRC_AT, zlib.crc32(payload))
-        _SEQUENCE.pack_into(self._map, _SEQUENCE_AT, self._sequence)
+        self._sequence[0] = sequence + 2
 
     def sequence(self) -> int:
         """Number of the newest record; even, 0 before the first, odd while one is being written."""
-        return int(_SEQUENCE.unpack_from(self._map, _SEQUENCE_AT)[0])
+        return self._sequence[0]
 
     def read(self) -> np.ndarray | None:
         """A consistent private copy of the newest record (0-d structured array), None before the first.
@@ -95,8 +101,11 @@ class SharedBlock:
                 raise StaleStateError(f"{self.path}: its writer died in the middle of a write")
             time.sleep(0)
 
-    def close(self) -> None:
-        """Unmap; the creator also removes the file."""
+    def close(self, remove: bool = False) -> None:
+        """Unmap; the creator also removes the file, and so does a reader that outlived it and says `remove`."""
+        self._sequence.release()
         self._map.close()
-        if self._owner:
-            self.path.unlink(missing_ok=True)
+        if self._owner or remove:
+            with contextlib.suppress(FileNotFoundError):
+                if self.path.stat().st_ino == self._inode:  # a successor may have put its own block here
+                    self.path.unlink()

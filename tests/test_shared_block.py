@@ -1,0 +1,104 @@
+"""One writer, readers that see whole records only, whoever dies."""
+
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.errors import StaleStateError
+from lerobot_robot_yam.shared_block import SharedBlock
+
+DTYPE = np.dtype([("counter", "u8"), ("values", "f8", 64)])
+
+
+def record(counter):
+    out = np.zeros((), DTYPE)
+    out["counter"] = counter
+    out["values"] = counter
+    return out
+
+
+def test_a_reader_sees_nothing_before_the_first_record_and_the_newest_after(tmp_path):
+    writer = SharedBlock(tmp_path / "block", DTYPE, create=True)
+    reader = SharedBlock(tmp_path / "block", DTYPE, create=False)
+    assert reader.read() is None
+    writer.write(record(1))
+    writer.write(record(2))
+    assert reader.read()["counter"] == 2
+    assert reader.sequence() == 4
+    reader.close()
+    assert (tmp_path / "block").exists()  # a reader's end takes nothing away
+    writer.close()
+    assert not (tmp_path / "block").exists()
+
+
+WRITER = """
+import sys, pathlib, numpy as np
+sys.path.insert(0, sys.argv[2])
+from tests.test_shared_block import DTYPE, record
+from lerobot_robot_yam.shared_block import SharedBlock
+writer = SharedBlock(pathlib.Path(sys.argv[1]), DTYPE, create=True)
+print("up", flush=True)
+for counter in range(1, 200_000):
+    writer.write(record(counter))
+"""
+
+
+def test_records_are_never_torn(tmp_path, pytestconfig):
+    """A writer in another process at full speed, a reader that checks every copy."""
+    path = tmp_path / "block"
+    child = subprocess.Popen([sys.executable, "-c", WRITER, path, pytestconfig.rootpath], stdout=subprocess.PIPE)
+    child.stdout.readline()
+    reader = SharedBlock(path, DTYPE, create=False)
+    last = seen = 0
+    while child.poll() is None and seen < 20_000:
+        copy = reader.read()
+        if copy is not None:
+            assert (copy["values"] == copy["counter"]).all()
+            assert copy["counter"] >= last
+            seen += copy["counter"] > last
+            last = copy["counter"]
+    child.kill()
+    child.wait()
+    child.stdout.close()
+    reader.close()
+    assert seen > 100
+
+
+def test_a_writer_that_died_in_the_middle_is_said_and_not_waited_for_for_ever(tmp_path):
+    writer = SharedBlock(tmp_path / "block", DTYPE, create=True)
+    writer.write(record(1))
+    writer._map[8] = 3  # odd: a write is under way
+    reader = SharedBlock(tmp_path / "block", DTYPE, create=False)
+    with pytest.raises(StaleStateError, match="died in the middle"):
+        reader.read()
+
+
+def test_another_layout_is_refused(tmp_path):
+    SharedBlock(tmp_path / "block", DTYPE, create=True)
+    with pytest.raises(StaleStateError, match="another layout"):
+        SharedBlock(tmp_path / "block", np.dtype([("x", "f8")]), create=False)
+
+
+def test_a_successors_block_is_not_removed_by_its_predecessor(tmp_path):
+    first = SharedBlock(tmp_path / "block", DTYPE, create=True)
+    second = SharedBlock(tmp_path / "block", DTYPE, create=True)
+    first.close()
+    assert (tmp_path / "block").exists()
+    second.close()
+    assert not (tmp_path / "block").exists()
+
+
+def test_threads_may_read_at_once(tmp_path):
+    writer = SharedBlock(tmp_path / "block", DTYPE, create=True)
+    writer.write(record(7))
+    reader = SharedBlock(tmp_path / "block", DTYPE, create=False)
+    found = []
+    threads = [threading.Thread(target=lambda: found.append(reader.read()["counter"])) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert found == [7] * 8
