@@ -1,0 +1,83 @@
+"""A python-can bus as the chain uses it: several frames per call, our errors, arrival times on our clock."""
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import can
+
+from lerobot_robot_yam.errors import BusError
+
+_STAMP_TRUST_S = 1.0  # a bus's own stamp is used when it lies at most this far in the past
+_EPOCH_S = 1e9  # stamps above are seconds since 1970, python-can's custom; below, seconds of the monotonic clock
+
+
+def data_message(can_id: int, data: bytes) -> can.Message:
+    """A classic data frame with an 11-bit identifier."""
+    return can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
+
+
+class BusPort:
+    """Sends and receives on a bus that somebody else opened and will close.
+
+    A bus may offer `send_many(messages)` to take a whole tick in one system call.
+    """
+
+    def __init__(self, bus: can.BusABC, channel: str):
+        self.channel = channel
+        self._send_one: Callable[[can.Message], None] = bus.send
+        self._send_many: Callable[[Sequence[can.Message]], Any] | None = getattr(bus, "send_many", None)
+        self._recv: Callable[[float], can.Message | None] = bus.recv
+        self._epoch_offset_s = 0.0
+        self.synchronise()
+
+    def synchronise(self) -> None:
+        """Note how far the epoch clock is from the monotonic one; the former may be stepped at any time."""
+        self._epoch_offset_s = time.time() - time.monotonic()
+
+    def send(self, messages: Sequence[can.Message]) -> None:
+        """Queue frames without waiting for anything.
+
+        Raises:
+            BusError: the channel is gone or its transmit queue is full.
+        """
+        try:
+            if self._send_many is not None:
+                self._send_many(messages)
+            else:
+                for message in messages:
+                    self._send_one(message)
+        except BusError:
+            raise
+        except (can.CanError, OSError) as error:
+            raise self._error("send", error) from error
+
+    def recv(self, timeout_s: float) -> can.Message | None:
+        """Next frame, or None when none comes within `timeout_s`; 0 only looks.
+
+        Raises:
+            BusError: the channel is gone.
+        """
+        try:
+            return self._recv(timeout_s)
+        except BusError:
+            raise
+        except (can.CanError, OSError) as error:
+            raise self._error("receive", error) from error
+
+    def arrival_s(self, message: can.Message) -> float:
+        """When the frame arrived (time.monotonic()): the bus's own stamp where it is believable, else now.
+
+        The kernel (and the rig) stamp the arrival; now is only when we got round to reading.
+        """
+        now = time.monotonic()
+        stamp = message.timestamp
+        if stamp > _EPOCH_S:
+            stamp -= self._epoch_offset_s
+        return stamp if now - _STAMP_TRUST_S < stamp < now else now
+
+    def _error(self, verb: str, error: Exception) -> BusError:
+        return BusError(
+            f"CAN channel {self.channel}: {verb} failed ({error}); check that the adapter is plugged in "
+            f"and the link is up (ip -details link show {self.channel})"
+        )

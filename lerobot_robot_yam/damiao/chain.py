@@ -1,0 +1,330 @@
+"""All motors of one CAN bus: send every command, then collect every reply, by identifier.
+
+A late or lost reply ages its own motor only and is never taken for another's. Replies that miss their tick
+are drained before the next one, so old data cannot pile up in the socket.
+"""
+
+import time
+from collections.abc import Iterable, Iterator, Sequence
+
+import can
+import numpy as np
+
+from lerobot_robot_yam.damiao.bus_port import BusPort, data_message
+from lerobot_robot_yam.damiao.codec import SpecialCommand, encode_mit
+from lerobot_robot_yam.damiao.encoder import (
+    EVENT_ID,
+    HANDLE_IDS,
+    REPORT_ID,
+    REQUEST_ID,
+    HandleEncoder,
+    encode_report_request,
+)
+from lerobot_robot_yam.damiao.feedback import FeedbackStore
+from lerobot_robot_yam.damiao.motor_spec import MotorSpec, check_specs
+from lerobot_robot_yam.damiao.registers import (
+    Opcode,
+    decode_reply,
+    encode_read,
+    encode_refresh,
+    encode_store,
+    encode_write,
+    register_row,
+)
+from lerobot_robot_yam.damiao.tables import FRAME_TIME_S, REGISTER_ID
+from lerobot_robot_yam.errors import ActionError, MotorError
+
+ENABLE_PAUSE_S = 0.003  # the vendor's driver leaves this much time before each enable
+CLEAR_REPEATS = 3  # and sends "clear error" this many times
+_OUTSTANDING_MAX = 3  # requests per motor whose answers may still come; answers beyond are duplicates
+
+
+class MotorChain(FeedbackStore):
+    """All motors (and optionally the handle encoder) on one CAN bus. One thread touches it.
+
+    State, refreshed as new arrays by every `collect`, in motor coordinates, shape (n,):
+        position_rad (multi-turn: unwrapped from the first reading), velocity_rad_s, torque_nm,
+        temp_mos_c, temp_rotor_c, stamp_s (time.monotonic() of arrival, -inf before the first reply),
+        fault (int, see `tables.Fault`), lost (int, replies that missed their tick, in total).
+
+    Counters: `duplicates` (answers beyond those asked for, the mark of two motors with one id),
+    `foreign_commands` (frames that another driver sent to our motors), `foreign` (identifier -> count of
+    frames that belong to nothing here), `error_frames`.
+    """
+
+    def __init__(
+        self,
+        bus: can.BusABC,
+        motors: Sequence[MotorSpec],
+        *,
+        channel: str,
+        encoder: HandleEncoder | None = None,
+    ):
+        """
+        Raises:
+            ConfigError: names or identifiers are not unique, or a type is unknown.
+        """
+        self.channel = channel
+        check_specs(motors, channel)
+        self.motors = tuple(motors)
+        self.encoder = encoder
+        self._port = BusPort(bus, channel)
+        count = len(self.motors)
+        self._index = {spec.answer_key: i for i, spec in enumerate(self.motors)}
+        self._command_ids = frozenset(spec.can_id for spec in self.motors)
+        # Reused every tick; a bus copies what it queues.
+        self._messages = [data_message(spec.can_id, bytes(8)) for spec in self.motors]
+        if encoder is not None:
+            self._messages.append(data_message(REQUEST_ID, encode_report_request()))
+
+        self._lost = [0] * count
+        self._duplicates = [0] * count
+        self._outstanding = [0] * count
+        self._awaited = [False] * count
+        self._waiting = 0  # how many of `_awaited`, plus one for the handle
+        self._handle_asked = False
+        self._handle_awaited = False
+        self._handle_answered = True
+        self._late_registers = 0  # register replies that were given up on and may still come
+        self.foreign_commands = 0
+        self.foreign: dict[int, int] = {}
+        self.error_frames = 0
+        super().__init__([spec.type for spec in self.motors])
+
+    def __len__(self) -> int:
+        return len(self.motors)
+
+    @property
+    def expected_wire_s(self) -> float:
+        """Time one exchange occupies the wire: two frames per motor, and the handle's two."""
+        return 2 * len(self._messages) * FRAME_TIME_S
+
+    @property
+    def lost(self) -> np.ndarray:
+        """(n,) replies that missed their tick, in total."""
+        return np.array(self._lost)
+
+    @property
+    def duplicates(self) -> np.ndarray:
+        """(n,) answers beyond those asked for."""
+        return np.array(self._duplicates)
+
+    def age_s(self, now: float) -> np.ndarray:
+        """(n,) seconds from each motor's newest answer to `now` (time.monotonic()); inf if none came."""
+        return now - self.stamp_s
+
+    def send(self, commands: np.ndarray) -> None:
+        """Send one MIT command per motor, then the handle's request, without waiting for anything.
+
+        Args:
+            commands: (n, 5), columns q*, dq*, kp, kd, tau in motor coordinates: rad, rad/s, Nm/rad,
+                Nm s/rad, Nm.
+
+        Raises:
+            ActionError: wrong shape or a non-finite value; nothing was sent.
+            BusError: the channel is gone or its transmit queue is full.
+        """
+        count = len(self.motors)
+        if commands.shape != (count, 5):
+            raise ActionError(f"{self.channel}: commands have shape {commands.shape}, not ({count}, 5)")
+        for message, kind, row in zip(self._messages, self._types, commands.tolist(), strict=False):
+            message.data = encode_mit(kind, *row)
+        self._begin(range(count), handle=self.encoder is not None)
+        self._port.send(self._messages)
+
+    def collect(self, deadline_s: float) -> bool:
+        """Take the replies to the last `send`; block until `deadline_s` (monotonic) only for stragglers.
+
+        Returns whether every motor answered; each that did not counts as lost.
+
+        Raises:
+            BusError: the channel is gone.
+        """
+        silent = self._collect(deadline_s)
+        for i in silent:
+            self._lost[i] += 1
+        return not silent
+
+    def exchange(self, commands: np.ndarray, timeout_s: float | None = None) -> bool:
+        """`send`, sleep until the wire should be through, `collect`. Two wake-ups when nothing is late.
+
+        Args:
+            commands: (n, 5) as for `send`.
+            timeout_s: from the send on; default is the expected wire time + 2 ms.
+        """
+        self.send(commands)
+        sent_s = time.monotonic()
+        time.sleep(self.expected_wire_s)
+        return self.collect(sent_s + (self.expected_wire_s + 0.002 if timeout_s is None else timeout_s))
+
+    def special(self, command: SpecialCommand, timeout_s: float = 0.05) -> list[bool]:
+        """Send a special command to all motors. Returns, per motor, whether it answered within `timeout_s`.
+
+        ENABLE makes motors obey; ZERO moves their origin, so multi-turn counting starts anew.
+        """
+        if command is SpecialCommand.ZERO:
+            self.restart_turns()
+        repeats = CLEAR_REPEATS if command is SpecialCommand.CLEAR else 1
+        self._begin(range(len(self.motors)), repeats=repeats)
+        for spec in self.motors:
+            if command is SpecialCommand.ENABLE:
+                time.sleep(ENABLE_PAUSE_S)
+            self._port.send([data_message(spec.can_id, command.value)] * repeats)
+        return self._answered(timeout_s)
+
+    def refresh(self, timeout_s: float = 0.05) -> list[bool]:
+        """Ask all motors for feedback; commands no motion. Returns, per motor, whether it answered."""
+        self._begin(range(len(self.motors)))
+        self._port.send([data_message(REGISTER_ID, encode_refresh(spec.can_id)) for spec in self.motors])
+        return self._answered(timeout_s)
+
+    def drain(self) -> None:
+        """Take everything that has already arrived, without waiting."""
+        while (message := self._port.recv(0.0)) is not None:
+            self._receive(message)
+
+    def read_register(self, motor: int, register: int, timeout_s: float = 0.05, attempts: int = 3) -> float | int:
+        """Value of a register of motor number `motor` (index). Blocks: not for use inside the loop.
+
+        Raises:
+            MotorError: no answer to any attempt.
+            ConfigError: there is no such register.
+        """
+        payload = encode_read(self.motors[motor].can_id, register)
+        return self._ask_register(motor, Opcode.READ, register, payload, timeout_s, attempts)
+
+    def write_register(
+        self, motor: int, register: int, value: float, timeout_s: float = 0.05, attempts: int = 3
+    ) -> float | int:
+        """Set a register in RAM (see `store_registers`) and return the value the motor now holds.
+
+        Raises:
+            MotorError: no answer to any attempt.
+            ConfigError: unknown or read-only register, or a value it cannot hold.
+        """
+        payload = encode_write(self.motors[motor].can_id, register, value)
+        return self._ask_register(motor, Opcode.WRITE, register, payload, timeout_s, attempts)
+
+    def store_registers(self, motor: int, timeout_s: float = 0.2) -> None:
+        """Store the registers of a motor to flash; disable it first.
+
+        The content of the answer is not documented, so any frame of that motor confirms.
+
+        Raises:
+            MotorError: no answer.
+        """
+        spec = self.motors[motor]
+        self.drain()
+        self._port.send([data_message(REGISTER_ID, encode_store(spec.can_id))])
+        for message in self._until(time.monotonic() + timeout_s):
+            if message.arbitration_id == spec.feedback_id:
+                return
+            self._receive(message)
+        raise MotorError(
+            f"{self.channel}: motor {spec.name} (id {spec.can_id}) did not confirm storing its registers; "
+            "check its power and read them back"
+        )
+
+    def _ask_register(
+        self, motor: int, opcode: int, register: int, payload: bytes, timeout_s: float, attempts: int
+    ) -> float | int:
+        spec = self.motors[motor]
+        for _ in range(attempts):
+            self.drain()
+            self._port.send([data_message(REGISTER_ID, payload)])
+            for message in self._until(time.monotonic() + timeout_s):
+                if message.arbitration_id == spec.feedback_id:
+                    reply = decode_reply(bytes(message.data))
+                    if reply is not None and reply[:3] == (spec.can_id, opcode, register):
+                        return reply.value
+                self._receive(message)
+            self._late_registers += 1
+        verb = "reading" if opcode == Opcode.READ else "writing"
+        raise MotorError(
+            f"{self.channel}: motor {spec.name} (id {spec.can_id}) did not answer {verb} register "
+            f"{register_row(register).name}; check its power and cable"
+        )
+
+    def _until(self, deadline_s: float) -> Iterator[can.Message]:
+        """Frames as they arrive, until the deadline."""
+        while (remaining := deadline_s - time.monotonic()) > 0.0:
+            message = self._port.recv(remaining)
+            if message is not None:
+                yield message
+
+    def _begin(self, motors: Iterable[int], handle: bool = False, repeats: int = 1) -> None:
+        """Open a request: what has arrived until now belongs to earlier ones."""
+        self.drain()
+        self._port.synchronise()
+        for i in motors:
+            self._outstanding[i] = min(self._outstanding[i] + repeats, _OUTSTANDING_MAX)
+            self._awaited[i] = True
+        # A silent handle must not hold up every tick: it is waited for only while it answers.
+        self._handle_asked = handle
+        self._handle_awaited = handle and self._handle_answered
+        if handle:
+            self._handle_answered = False
+        self._waiting = sum(self._awaited) + self._handle_awaited
+
+    def _collect(self, deadline_s: float) -> list[int]:
+        """Close the request; returns the motors that did not answer it."""
+        recv = self._port.recv
+        while self._waiting:
+            message = recv(0.0)
+            if message is None:
+                break
+            self._receive(message)
+        while self._waiting and (remaining := deadline_s - time.monotonic()) > 0.0:
+            message = recv(remaining)
+            if message is not None:
+                self._receive(message)
+        silent = []
+        if self._waiting:
+            silent = [i for i, awaited in enumerate(self._awaited) if awaited]
+            self._awaited = [False] * len(self.motors)
+            self._waiting = 0
+        if self._handle_asked and not self._handle_answered and self.encoder is not None:
+            self.encoder.lost += 1
+        self._handle_asked = self._handle_awaited = False
+        self.publish()
+        return silent
+
+    def _answered(self, timeout_s: float) -> list[bool]:
+        silent = self._collect(time.monotonic() + timeout_s)
+        return [i not in silent for i in range(len(self.motors))]
+
+    def _receive(self, message: can.Message) -> None:
+        """Put one frame where it belongs. Hot: once per frame."""
+        if message.is_error_frame:
+            self.error_frames += 1
+            return
+        data = message.data
+        index = self._index.get(message.arbitration_id << 4 | data[0] & 0xF) if len(data) == 8 else None
+        if index is None:
+            self._receive_other(message)
+            return
+        if self._late_registers and decode_reply(bytes(data)) is not None:
+            self._late_registers -= 1
+            return
+        self.take(index, data, self._port.arrival_s(message))
+        if self._awaited[index]:
+            self._awaited[index] = False
+            self._waiting -= 1
+        if self._outstanding[index]:
+            self._outstanding[index] -= 1
+        else:
+            self._duplicates[index] += 1
+
+    def _receive_other(self, message: can.Message) -> None:
+        can_id = message.arbitration_id
+        if self.encoder is not None and can_id in HANDLE_IDS:
+            if can_id in (REPORT_ID, EVENT_ID):
+                taken = self.encoder.accept(message.data, self._port.arrival_s(message))
+                if taken and can_id == REPORT_ID:
+                    self._handle_answered = True
+                    self._waiting -= self._handle_awaited
+                    self._handle_awaited = False
+            return
+        if can_id in self._command_ids:
+            self.foreign_commands += 1
+        self.foreign[can_id] = self.foreign.get(can_id, 0) + 1

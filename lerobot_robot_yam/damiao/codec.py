@@ -1,0 +1,226 @@
+"""Damiao command and feedback frames: bytes <-> SI values. Pure, no I/O.
+
+A quantity x in [min, max] becomes an unsigned code of `bits` bits by truncation
+
+    code = floor((x - min) * (2**bits - 1) / (max - min)),    x = code * (max - min) / (2**bits - 1) + min
+
+with the product formed before the quotient (a precomputed factor changes the last bit of some frames).
+MIT command, as a big-endian 64-bit word: position<<48 | velocity<<36 | kp<<24 | kd<<12 | torque.
+Feedback: fault<<60 | id<<56 | position<<40 | velocity<<28 | torque<<16 | T_mos<<8 | T_rotor.
+Source of the layouts: I2RT driver v1.2.4; float32 frames: Damiao's public drivers.
+"""
+
+import struct
+from enum import Enum
+from math import isfinite
+from typing import NamedTuple
+
+from lerobot_robot_yam.damiao.tables import MOTOR_TYPES, motor_type
+from lerobot_robot_yam.errors import ActionError, ConfigError
+
+_MAX16 = 0xFFFF
+_MAX12 = 0xFFF
+_ALL_ONES = 0xFFFF_FFFF_FFFF_FFFF
+_FIRST_SPECIAL = 0xFFFF_FFFF_FFFF_FFFB  # from here on a command word would read as a special command
+_FLOAT_PAIR = struct.Struct("<ff")
+
+# Both directions share these rows: (position_max, velocity_max, torque_max, kp_max, kd_max).
+_ROWS = {
+    row.name: (row.position_max_rad, row.velocity_max_rad_s, row.torque_max_nm, row.kp_max, row.kd_max)
+    for row in MOTOR_TYPES.values()
+}
+
+
+class Feedback(NamedTuple):
+    """What a motor reports: rad, rad/s, Nm, °C. `motor_id` holds the low four bits of the identifier."""
+
+    motor_id: int
+    fault: int
+    position: float
+    velocity: float
+    torque: float
+    temp_mos: int
+    temp_rotor: int
+
+
+class MitCommand(NamedTuple):
+    """torque = kp (position - q) + kd (velocity - dq) + torque: rad, rad/s, Nm/rad, Nm s/rad, Nm."""
+
+    position: float
+    velocity: float
+    kp: float
+    kd: float
+    torque: float
+
+
+class SpecialCommand(Enum):
+    """Payloads that change a motor's state; sent to the motor's own identifier."""
+
+    ENABLE = b"\xff\xff\xff\xff\xff\xff\xff\xfc"
+    DISABLE = b"\xff\xff\xff\xff\xff\xff\xff\xfd"
+    ZERO = b"\xff\xff\xff\xff\xff\xff\xff\xfe"
+    CLEAR = b"\xff\xff\xff\xff\xff\xff\xff\xfb"
+
+
+_SPECIAL = {command.value: command for command in SpecialCommand}
+
+
+def decode_special(data: bytes) -> SpecialCommand | None:
+    """The special command that `data` (8 bytes) is, or None for an ordinary command."""
+    return _SPECIAL.get(bytes(data))
+
+
+def encode_mit(motor_type: str, position: float, velocity: float, kp: float, kd: float, torque: float) -> bytes:
+    """MIT command, 8 bytes, for identifier = motor id. Units: rad, rad/s, Nm/rad, Nm s/rad, Nm.
+
+    Values outside the type's ranges are clamped to them, as the frame cannot say more.
+
+    Raises:
+        ActionError: a value is NaN or infinite.
+        ConfigError: unknown motor type.
+    """
+    # The sum is finite only if each term is; when it overflows, the slow check decides.
+    if not isfinite(position + velocity + kp + kd + torque):
+        _check_finite(position=position, velocity=velocity, kp=kp, kd=kd, torque=torque)
+    try:
+        p_max, v_max, t_max, kp_max, kd_max = _ROWS[motor_type]
+    except KeyError:
+        raise _unknown_type(motor_type) from None
+    position = p_max if position > p_max else -p_max if position < -p_max else position
+    velocity = v_max if velocity > v_max else -v_max if velocity < -v_max else velocity
+    torque = t_max if torque > t_max else -t_max if torque < -t_max else torque
+    kp = kp_max if kp > kp_max else 0.0 if kp < 0.0 else kp
+    kd = kd_max if kd > kd_max else 0.0 if kd < 0.0 else kd
+    word = (
+        int((position + p_max) * _MAX16 / (p_max + p_max)) << 48
+        | int((velocity + v_max) * _MAX12 / (v_max + v_max)) << 36
+        | int(kp * _MAX12 / kp_max) << 24
+        | int(kd * _MAX12 / kd_max) << 12
+        | int((torque + t_max) * _MAX12 / (t_max + t_max))
+    )
+    if word >= _FIRST_SPECIAL:
+        # Everything saturated: a torque a few codes below its maximum would read as "disable" and the
+        # like. The maximum itself has no such meaning.
+        word = _ALL_ONES
+    return word.to_bytes(8, "big")
+
+
+def decode_mit(motor_type: str, data: bytes) -> MitCommand:
+    """Inverse of `encode_mit` up to quantisation.
+
+    Raises:
+        ConfigError: unknown motor type.
+    """
+    try:
+        p_max, v_max, t_max, kp_max, kd_max = _ROWS[motor_type]
+    except KeyError:
+        raise _unknown_type(motor_type) from None
+    word = int.from_bytes(data, "big")
+    return MitCommand(
+        (word >> 48) * (p_max + p_max) / _MAX16 - p_max,
+        (word >> 36 & _MAX12) * (v_max + v_max) / _MAX12 - v_max,
+        (word >> 24 & _MAX12) * kp_max / _MAX12,
+        (word >> 12 & _MAX12) * kd_max / _MAX12,
+        (word & _MAX12) * (t_max + t_max) / _MAX12 - t_max,
+    )
+
+
+def decode_feedback(motor_type: str, data: bytes) -> Feedback:
+    """Feedback frame (8 bytes) in rad, rad/s, Nm, °C.
+
+    Raises:
+        ConfigError: unknown motor type.
+    """
+    try:
+        p_max, v_max, t_max, _, _ = _ROWS[motor_type]
+    except KeyError:
+        raise _unknown_type(motor_type) from None
+    word = int.from_bytes(data, "big")
+    return Feedback(
+        word >> 56 & 0xF,
+        word >> 60,
+        (word >> 40 & _MAX16) * (p_max + p_max) / _MAX16 - p_max,
+        (word >> 28 & _MAX12) * (v_max + v_max) / _MAX12 - v_max,
+        (word >> 16 & _MAX12) * (t_max + t_max) / _MAX12 - t_max,
+        word >> 8 & 0xFF,
+        word & 0xFF,
+    )
+
+
+def encode_feedback(
+    motor_type: str,
+    motor_id: int,
+    fault: int,
+    position: float,
+    velocity: float,
+    torque: float,
+    temp_mos: int,
+    temp_rotor: int,
+) -> bytes:
+    """What a motor of this type would send, 8 bytes; inverse of `decode_feedback`. Values are clamped.
+
+    Raises:
+        ConfigError: unknown motor type.
+    """
+    try:
+        p_max, v_max, t_max, _, _ = _ROWS[motor_type]
+    except KeyError:
+        raise _unknown_type(motor_type) from None
+    position = p_max if position > p_max else -p_max if position < -p_max else position
+    velocity = v_max if velocity > v_max else -v_max if velocity < -v_max else velocity
+    torque = t_max if torque > t_max else -t_max if torque < -t_max else torque
+    word = (
+        (fault & 0xF) << 60
+        | (motor_id & 0xF) << 56
+        | int((position + p_max) * _MAX16 / (p_max + p_max)) << 40
+        | int((velocity + v_max) * _MAX12 / (v_max + v_max)) << 28
+        | int((torque + t_max) * _MAX12 / (t_max + t_max)) << 16
+        | min(max(int(temp_mos), 0), 0xFF) << 8
+        | min(max(int(temp_rotor), 0), 0xFF)
+    )
+    return word.to_bytes(8, "big")
+
+
+def encode_position_velocity(position: float, velocity_limit: float) -> bytes:
+    """Position-velocity command for identifier 0x100 + motor id: two float32, rad and rad/s.
+
+    Raises:
+        ActionError: a value is NaN or infinite.
+    """
+    _check_finite(position=position, velocity_limit=velocity_limit)
+    return _FLOAT_PAIR.pack(position, velocity_limit)
+
+
+def decode_position_velocity(data: bytes) -> tuple[float, float]:
+    """(position rad, velocity limit rad/s) of a position-velocity command."""
+    position, velocity_limit = _FLOAT_PAIR.unpack(data)
+    return position, velocity_limit
+
+
+def encode_velocity(velocity: float) -> bytes:
+    """Velocity command for identifier 0x200 + motor id: float32 rad/s and four zero bytes.
+
+    Raises:
+        ActionError: the value is NaN or infinite.
+    """
+    _check_finite(velocity=velocity)
+    return _FLOAT_PAIR.pack(velocity, 0.0)
+
+
+def decode_velocity(data: bytes) -> float:
+    """Velocity in rad/s of a velocity command."""
+    return _FLOAT_PAIR.unpack(data)[0]
+
+
+def _check_finite(**values: float) -> None:
+    for name, value in values.items():
+        if not isfinite(value):
+            raise ActionError(f"{name} of a motor command is {value}; nothing was sent, check its source")
+
+
+def _unknown_type(name: str) -> ConfigError:
+    try:
+        motor_type(name)
+    except ConfigError as error:
+        return error
+    raise AssertionError(f"{name} is in the table")

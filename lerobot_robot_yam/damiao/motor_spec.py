@@ -1,0 +1,49 @@
+"""How a motor is addressed on its bus."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from lerobot_robot_yam.damiao.tables import ReceiveMode, motor_type
+from lerobot_robot_yam.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class MotorSpec:
+    """One motor: name for messages, CAN id it listens on, type (of `MOTOR_TYPES`), way of answering."""
+
+    name: str
+    can_id: int
+    type: str
+    receive_mode: ReceiveMode = ReceiveMode.P16
+
+    @property
+    def feedback_id(self) -> int:
+        """CAN identifier of this motor's answers."""
+        return self.receive_mode.feedback_id(self.can_id)
+
+    @property
+    def answer_key(self) -> int:
+        """Identifier of the answers and, below it, the id nibble inside them.
+
+        With both, a motor with a wrong MST_ID is not taken for its neighbour, and several may answer on 0.
+        """
+        return self.feedback_id << 4 | self.can_id & 0xF
+
+
+def check_specs(motors: Sequence[MotorSpec], channel: str) -> None:
+    """
+    Raises:
+        ConfigError: names, identifiers or answers are not unique, an id is out of range, a type unknown.
+    """
+    for values in (
+        [spec.name for spec in motors],
+        [spec.can_id for spec in motors],
+        [spec.answer_key for spec in motors],
+    ):
+        if len(set(values)) < len(values):
+            listing = ", ".join(f"{m.name}: id {m.can_id}, answers {m.feedback_id}" for m in motors)
+            raise ConfigError(f"{channel}: motor names, ids and answers must be unique, got {listing}")
+    for spec in motors:
+        if not 1 <= spec.can_id <= 0xFF:
+            raise ConfigError(f"{channel}: motor {spec.name} has CAN id {spec.can_id}; use 1 to 255")
+        motor_type(spec.type)

@@ -1,0 +1,129 @@
+"""What is fixed about Damiao motors: ranges per type, fault codes, identifiers, wire constants.
+
+Source of every number: I2RT driver v1.2.4 for ranges and fault codes; DM_Control_Python and
+python-damiao-driver for the register identifier and the watchdog count.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum, StrEnum
+
+from lerobot_robot_yam.errors import ConfigError
+
+BITRATE = 1_000_000  # bit/s, classic CAN
+BITS_PER_FRAME = 130  # an 8-byte frame with an 11-bit identifier and worst-case bit stuffing
+FRAME_TIME_S = BITS_PER_FRAME / BITRATE
+BANDWIDTH_MARGIN = 1.1  # share of the wire that is kept free: load <= bitrate / margin
+
+REGISTER_ID = 0x7FF  # all register requests go to this identifier
+TIMEOUT_COUNT_S = 50e-6  # one count of the TIMEOUT register
+WATCHDOG_S = 0.4  # factory value (8000 counts): without a command for so long a motor gives up
+
+# Identifier offsets of the command modes; MIT commands use the motor's own identifier.
+POSITION_VELOCITY_OFFSET = 0x100
+VELOCITY_OFFSET = 0x200
+FORCE_POSITION_OFFSET = 0x300
+
+
+class Fault(IntEnum):
+    """High nibble of a feedback frame. Only NORMAL means that the motor obeys commands."""
+
+    DISABLED = 0x0
+    NORMAL = 0x1
+    OVER_VOLTAGE = 0x8
+    UNDER_VOLTAGE = 0x9
+    OVER_CURRENT = 0xA
+    MOS_OVER_TEMPERATURE = 0xB
+    ROTOR_OVER_TEMPERATURE = 0xC
+    COMMUNICATION_LOST = 0xD
+    OVERLOAD = 0xE
+
+
+_FAULT_TEXT = {
+    Fault.DISABLED: "disabled",
+    Fault.NORMAL: "enabled, normal",
+    Fault.OVER_VOLTAGE: "over-voltage (check the supply)",
+    Fault.UNDER_VOLTAGE: "under-voltage (check the supply and its cable)",
+    Fault.OVER_CURRENT: "over-current",
+    Fault.MOS_OVER_TEMPERATURE: "power stage too hot (let it cool)",
+    Fault.ROTOR_OVER_TEMPERATURE: "coil too hot (let it cool)",
+    Fault.COMMUNICATION_LOST: "communication lost: no command within the watchdog time (check the cable)",
+    Fault.OVERLOAD: "overload",
+}
+
+
+def fault_text(code: int) -> str:
+    """Readable form of a fault nibble, for messages: `0xD communication lost …`."""
+    text = _FAULT_TEXT[Fault(code)] if code in _FAULT_TEXT else "unknown code"
+    return f"0x{code:X} {text}"
+
+
+class ControlMode(IntEnum):
+    """Values of the CTRL_MODE register."""
+
+    MIT = 1
+    POSITION_VELOCITY = 2
+    VELOCITY = 3
+    FORCE_POSITION = 4
+
+
+class ReceiveMode(StrEnum):
+    """Which identifier a motor answers with (its MST_ID register)."""
+
+    P16 = "p16"
+    SAME = "same"
+    ZERO = "zero"
+    PLUS_ONE = "plus_one"
+
+    def feedback_id(self, motor_id: int) -> int:
+        """CAN identifier of the feedback frames of motor `motor_id`."""
+        if self is ReceiveMode.P16:
+            return motor_id + 16
+        if self is ReceiveMode.SAME:
+            return motor_id
+        if self is ReceiveMode.ZERO:
+            return 0
+        return motor_id + 1
+
+
+@dataclass(frozen=True)
+class MotorType:
+    """Ranges that the packed frames are scaled with: values lie in [-max, max], gains in [0, max].
+
+    They equal the registers PMAX, VMAX and TMAX of the motor; with other numbers every decoded value
+    would be scaled wrongly. Gains in Nm/rad and Nm s/rad.
+    """
+
+    name: str
+    position_max_rad: float
+    velocity_max_rad_s: float
+    torque_max_nm: float
+    kp_max: float = 500.0
+    kd_max: float = 5.0
+
+
+MOTOR_TYPES: dict[str, MotorType] = {
+    row.name: row
+    for row in (
+        MotorType("DM3507", 12.5, 50.0, 5.0),
+        MotorType("DM4310", 12.5, 30.0, 10.0),
+        MotorType("DM4310V", 3.1415926, 30.0, 10.0),
+        MotorType("DM4340", 12.5, 10.0, 28.0),
+        MotorType("DM6248", 12.5, 20.0, 120.0),
+        MotorType("DM8009", 12.5, 45.0, 54.0),
+        MotorType("DMH6215", 3.1415926, 30.0, 10.0),
+        MotorType("DMH6215MIT", 12.5, 45.0, 10.0),
+        MotorType("DM_FLOW_WHEEL", 3.1415926, 30.0, 10.0),
+    )
+}
+
+
+def motor_type(name: str) -> MotorType:
+    """Row of motor type `name`.
+
+    Raises:
+        ConfigError: no such type.
+    """
+    try:
+        return MOTOR_TYPES[name]
+    except KeyError:
+        raise ConfigError(f"unknown motor type {name!r}; known: {', '.join(MOTOR_TYPES)}") from None

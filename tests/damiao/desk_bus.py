@@ -1,0 +1,117 @@
+"""A CAN bus with motors on a desk: every frame is answered at once, in the caller's thread.
+
+For what no rig can be made to do at an exact moment: a reply that comes one tick late, one answer too many.
+"""
+
+import time
+from collections import deque
+
+import can
+
+from lerobot_robot_yam.damiao import encoder, registers
+from lerobot_robot_yam.damiao.codec import decode_mit, decode_special, encode_feedback
+from lerobot_robot_yam.damiao.motor_spec import MotorSpec
+from lerobot_robot_yam.damiao.registers import Opcode, Register
+from lerobot_robot_yam.damiao.tables import REGISTER_ID, motor_type
+
+
+class DeskBus(can.BusABC):
+    """Motors that go where they are told in no time. Attributes may be changed between frames."""
+
+    def __init__(self, specs: list[MotorSpec], handle: bool = False):
+        super().__init__(channel="desk")
+        self.specs = {spec.can_id: spec for spec in specs}
+        self.handle = handle
+        self.handle_data = encoder.encode_report(0.0, 0.0, (False, False))
+        self.firmware = (2, 4, 0)
+        self.eeprom = bytearray(encoder.EEPROM_BYTES)
+        self.position = dict.fromkeys(self.specs, 0.0)  # rad, any number of turns
+        self.fault = dict.fromkeys(self.specs, 1)
+        self.registers = {spec.can_id: default_registers(spec) for spec in specs}
+        self.silent: set[int] = set()
+        self.doubled: set[int] = set()
+        self.late: set[int] = set()
+        self.sent: list[can.Message] = []
+        self._held: list[can.Message] = []
+        self._queue: deque[can.Message] = deque()
+
+    def put(self, can_id: int, data: bytes, **kwargs: bool) -> None:
+        """Put a frame in front of the client that nobody asked for."""
+        self._queue.append(can.Message(arbitration_id=can_id, data=data, is_extended_id=False, **kwargs))
+
+    def release(self) -> None:
+        """Let the late replies arrive now."""
+        self._queue.extend(self._held)
+        self._held.clear()
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        data = bytes(msg.data)
+        self.sent.append(can.Message(arbitration_id=msg.arbitration_id, data=data, is_extended_id=False))
+        if msg.arbitration_id == REGISTER_ID:
+            self._answer_register(data)
+        elif msg.arbitration_id == encoder.REQUEST_ID and self.handle:
+            self._answer_handle(data)
+        elif msg.arbitration_id in self.specs:
+            spec = self.specs[msg.arbitration_id]
+            if decode_special(data) is None:
+                self.position[spec.can_id] = decode_mit(spec.type, data).position
+            self._answer(spec, self._feedback(spec))
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        if not self._queue:
+            if timeout:
+                time.sleep(timeout)
+            return None, False
+        return self._queue.popleft(), False
+
+    def _answer(self, spec: MotorSpec, data: bytes) -> None:
+        if spec.can_id in self.silent:
+            return
+        message = can.Message(arbitration_id=spec.feedback_id, data=data, is_extended_id=False)
+        queue = self._held if spec.can_id in self.late else self._queue
+        queue.append(message)
+        if spec.can_id in self.doubled:
+            queue.append(message)
+
+    def _feedback(self, spec: MotorSpec) -> bytes:
+        half = motor_type(spec.type).position_max_rad
+        wrapped = (self.position[spec.can_id] + half) % (2 * half) - half
+        return encode_feedback(spec.type, spec.can_id, self.fault[spec.can_id], wrapped, 0.0, 0.0, 30, 31)
+
+    def _answer_register(self, data: bytes) -> None:
+        request = registers.decode_request(data)
+        assert request is not None
+        spec = self.specs[request.motor_id]
+        held = self.registers[spec.can_id]
+        if request.opcode == Opcode.REFRESH:
+            self._answer(spec, self._feedback(spec))
+            return
+        if request.value is not None:
+            held[Register(request.register)] = request.value
+        value = held.get(Register(request.register), 0)
+        opcode = request.opcode
+        self._answer(spec, registers.encode_reply(spec.can_id, opcode, request.register, value))
+
+    def _answer_handle(self, data: bytes) -> None:
+        if data[1] == encoder.OP_REPORT:
+            self.put(encoder.REPORT_ID, self.handle_data)
+        elif data[1] == encoder.OP_VERSION:
+            self.put(encoder.REQUEST_ID, encoder.encode_version(self.firmware))
+        elif data[1] == encoder.OP_READ_EEPROM:
+            self.put(encoder.REQUEST_ID, encoder.encode_eeprom_byte(self.eeprom[data[2]]))
+        elif data[1] == encoder.OP_SET_REPORT_FREQUENCY:
+            self.eeprom[encoder.EEPROM_REPORT_FREQUENCY_LOW] = data[2]
+
+
+def default_registers(spec: MotorSpec) -> dict[Register, float]:
+    """Registers of a motor that is set up as the profiles expect."""
+    row = motor_type(spec.type)
+    return {
+        Register.PMAX: row.position_max_rad,
+        Register.VMAX: row.velocity_max_rad_s,
+        Register.TMAX: row.torque_max_nm,
+        Register.TIMEOUT: 8000,
+        Register.MST_ID: spec.feedback_id,
+        Register.ESC_ID: spec.can_id,
+        Register.CTRL_MODE: 1,
+    }

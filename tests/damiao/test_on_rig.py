@@ -1,0 +1,73 @@
+"""The chain against the virtual rig: the same code path as on hardware."""
+
+import threading
+import time
+
+import can
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.damiao import bringup
+from lerobot_robot_yam.damiao.chain import MotorChain
+from lerobot_robot_yam.damiao.codec import SpecialCommand
+from lerobot_robot_yam.damiao.encoder import HandleEncoder
+from lerobot_robot_yam.damiao.handle_check import prepare_handle
+from lerobot_robot_yam.damiao.motor_spec import MotorSpec
+from lerobot_robot_yam.damiao.tables import Fault
+from lerobot_robot_yam.errors import ChannelInUseError
+
+ARM = [MotorSpec(f"joint{i + 1}", i + 1, kind) for i, kind in enumerate(["DM4340"] * 3 + ["DM4310"] * 3)]
+GRIPPER = MotorSpec("gripper", 7, "DM4310")
+
+
+def test_bring_up_and_exchange_with_a_follower():
+    with can.Bus(interface="yam_sim", channel="follower_left") as bus:
+        chain = MotorChain(bus, [*ARM, GRIPPER], channel="follower_left")
+        bringup.listen(bus, bringup.LISTEN_S, range(1, 8), chain.channel)
+        bringup.verify(chain)
+        assert chain.fault.tolist() == [Fault.DISABLED] * 7
+        assert all(chain.special(SpecialCommand.ENABLE))
+        commands = np.zeros((7, 5))
+        commands[:, 0] = chain.position_rad
+        commands[:, 2:4] = 10.0, 1.0
+        answered = sum(chain.exchange(commands, timeout_s=0.5) for _ in range(50))
+        assert answered == 50
+        assert chain.fault.tolist() == [Fault.NORMAL] * 7
+        assert not chain.duplicates.any()
+        assert chain.foreign == {}
+        assert np.all(chain.stamp_s <= time.monotonic())
+        assert all(chain.special(SpecialCommand.DISABLE))
+        assert chain.fault.tolist() == [Fault.DISABLED] * 7
+
+
+def test_a_leader_has_a_handle():
+    with can.Bus(interface="yam_sim", channel="leader_left") as bus:
+        assert prepare_handle(bus, "leader_left").report_frequency_hz == 0
+        handle = HandleEncoder()
+        chain = MotorChain(bus, ARM, channel="leader_left", encoder=handle)
+        bringup.verify(chain)
+        chain.exchange(np.zeros((6, 5)), timeout_s=0.5)
+        assert handle.stamp_s > 0
+        assert handle.lost == 0
+
+
+def test_a_second_driver_on_the_wire_is_heard():
+    with (
+        can.Bus(interface="yam_sim", channel="follower_left") as ours,
+        can.Bus(interface="yam_sim", channel="follower_left") as theirs,
+    ):
+        other = MotorChain(theirs, ARM, channel="follower_left")
+        stop = threading.Event()
+
+        def poll():
+            while not stop.wait(0.002):
+                other.refresh()
+
+        thread = threading.Thread(target=poll)
+        thread.start()
+        try:
+            with pytest.raises(ChannelInUseError, match="follower_left.*0x7FF"):
+                bringup.listen(ours, 0.2, range(1, 8), "follower_left")
+        finally:
+            stop.set()
+            thread.join()
