@@ -1,0 +1,72 @@
+"""Gravity torque, mass matrix and kinematics of one arm: pure functions of q, at loop rate.
+
+Inverse dynamics at rest, tau = g(q): with zero velocity and acceleration, recursive Newton–Euler leaves exactly the
+torque that holds the pose still. Kinematics + centres of mass + RNE take a few microseconds; `mj_forward` would also
+run collision and constraints for nothing.
+"""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from lerobot_robot_yam.arm.model import Load, build_spec
+from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile, load_arm
+from lerobot_robot_yam.errors import ConfigError
+
+
+class GravityModel:
+    """Rigid-body model of arm + end effector. n = 6 joints (0 for the arm-less arm); fingers stay closed.
+
+    Not thread-safe: each thread needs its own.
+    """
+
+    def __init__(
+        self,
+        arm: str | Path | ArmProfile,
+        gripper: str | Path | GripperProfile,
+        *,
+        load: Load | None = None,
+        **load_fields,
+    ):
+        """`load`, or its fields as keywords: payload_mass_kg, payload_com_m, ee_mass_kg, ee_inertia."""
+        profile = arm if isinstance(arm, ArmProfile) else load_arm(arm)
+        self.joint_count = profile.joint_count
+        self.model = build_spec(profile, gripper, load=load or Load(**load_fields), visuals=False).compile()
+        self._data = mujoco.MjData(self.model)
+        self._tau = np.zeros(self.model.nv)
+        self._unit = np.eye(self.model.nv)
+
+    def torque(self, q: np.ndarray) -> np.ndarray:
+        """(n,) Nm along the joint axes that hold pose `q` (n,) rad still, before any factor."""
+        self._move(q)
+        mujoco.mj_rne(self.model, self._data, 0, self._tau)
+        return self._tau[: self.joint_count].copy()
+
+    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
+        """(n, n) kg m² joint-space inertia at `q` (n,) rad, links only (no rotor inertia)."""
+        self._move(q)
+        mujoco.mj_crb(self.model, self._data)
+        matrix = np.empty((self.model.nv, self.joint_count))
+        column = np.empty(self.model.nv)
+        for i in range(self.joint_count):  # mj_fullM changed its signature within the versions we allow
+            mujoco.mj_mulM(self.model, self._data, column, self._unit[i])
+            matrix[:, i] = column
+        return matrix[: self.joint_count]
+
+    def pose(self, q: np.ndarray, site: str = "tcp_site") -> np.ndarray:
+        """(4, 4) homogeneous pose of `site` in the base frame, metres. ConfigError for an unknown site."""
+        index = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, site)
+        if index < 0:
+            names = [self.model.site(i).name for i in range(self.model.nsite)]
+            raise ConfigError(f"this end effector has no site '{site}'; it has {names}")
+        self._move(q)
+        pose = np.eye(4)
+        pose[:3, :3] = self._data.site_xmat[index].reshape(3, 3)
+        pose[:3, 3] = self._data.site_xpos[index]
+        return pose
+
+    def _move(self, q: np.ndarray) -> None:
+        self._data.qpos[: self.joint_count] = q
+        mujoco.mj_kinematics(self.model, self._data)
+        mujoco.mj_comPos(self.model, self._data)

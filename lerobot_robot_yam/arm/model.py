@@ -1,0 +1,208 @@
+"""MuJoCo models of arm + end effector, assembled from the profiles with MjSpec.
+
+Without `physics` the model is the bare rigid-body tree: what gravity compensation and kinematics need, and what the
+published reference values describe. With `physics` it also has rotor inertia, friction, joint stops, contacts and
+coupled fingers, for the virtual rig.
+
+    scene.attach(build_spec("yam", "linear_4310", physics=Physics()), prefix="left_", frame=frame)
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from lerobot_robot_yam.arm.profile import (
+    ArmProfile,
+    Body,
+    GripperProfile,
+    Inertial,
+    load_arm,
+    load_gripper,
+)
+from lerobot_robot_yam.arm.shapes import add_shape
+from lerobot_robot_yam.errors import ConfigError
+
+TIP_BODY = "link6"
+"""The arm's last body; the end effector's root body is attached to it."""
+EE_BODY = "gripper"
+
+_STOP_SOLREF = (0.005, 1.0)  # joint stops stiff enough to sag < 1 mrad under the arm's own weight
+
+
+@dataclass(frozen=True)
+class Physics:
+    """What the virtual rig adds to the rigid-body tree.
+
+    friction_scale multiplies the profiles' dry friction, armature_scale their rotor inertia.
+    """
+
+    friction_scale: float = 1.0
+    armature_scale: float = 1.0
+    collisions: bool = True
+
+
+@dataclass(frozen=True)
+class Load:
+    """What differs from the profile at the end effector.
+
+    payload_mass_kg at payload_com_m (tcp_site frame) is held by the tool; ee_mass_kg replaces the mass of the end
+    effector's root body; ee_inertia (10 numbers: centre of mass 3, quaternion 4, principal moments 3) its inertial.
+    """
+
+    payload_mass_kg: float = 0.0
+    payload_com_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ee_mass_kg: float | None = None
+    ee_inertia: Sequence[float] | None = None
+
+    def __post_init__(self) -> None:
+        numbers = [
+            self.payload_mass_kg,
+            *self.payload_com_m,
+            self.ee_mass_kg or 0.0,
+            *(self.ee_inertia or ()),
+        ]
+        if not np.isfinite(numbers).all() or self.payload_mass_kg < 0 or (self.ee_mass_kg or 0.0) < 0:
+            raise ConfigError(f"payload and end-effector masses must be finite and not negative: {self}")
+        if len(self.payload_com_m) != 3:
+            raise ConfigError(f"payload_com_m needs three numbers in metres, got {self.payload_com_m}")
+        if self.ee_inertia is not None and (len(self.ee_inertia) != 10 or min(self.ee_inertia[7:]) <= 0):
+            raise ConfigError(
+                "ee_inertia needs 10 numbers (centre of mass 3, quaternion 4, principal moments 3 > 0), "
+                f"got {list(self.ee_inertia)}"
+            )
+
+
+def build_spec(
+    arm: str | Path | ArmProfile,
+    gripper: str | Path | GripperProfile,
+    *,
+    load: Load | None = None,
+    physics: Physics | None = None,
+    visuals: bool = True,
+) -> mujoco.MjSpec:
+    """The editable model, base at the origin; attach it into a scene with `MjSpec.attach`.
+
+    Joints joint1 … joint6, then the fingers' joint7 and joint8; sites tcp_site and (but for the teaching handle)
+    grasp_site. Raises ConfigError for unknown names or a broken profile.
+    """
+    arm = arm if isinstance(arm, ArmProfile) else load_arm(arm)
+    gripper = gripper if isinstance(gripper, GripperProfile) else load_gripper(gripper)
+    load = load or Load()
+    spec = mujoco.MjSpec()
+    spec.modelname = f"{arm.name}_{gripper.name}"
+    spec.compiler.degree = False
+    bodies = {"world": spec.worldbody}
+    for row in (*arm.bodies, *gripper.bodies):
+        inertial = _ee_inertial(row.inertial, load) if row.name == EE_BODY else row.inertial
+        bodies[row.name] = _add_body(bodies, row, inertial)
+        for i, shape in enumerate(row.shapes if visuals or physics else ()):
+            collisions = bool(physics and physics.collisions)
+            add_shape(bodies[row.name], shape, collisions=collisions, name=_geom_name(row, i))
+    _add_joints(bodies, arm, gripper, physics)
+    _add_payload(bodies, gripper, load)
+    if physics and physics.collisions:
+        _add_self_contacts(spec, arm)
+    if physics and len(gripper.finger_joints) == 2:
+        first, second = gripper.finger_joints
+        coupling = spec.add_equality(
+            name="fingers",
+            type=mujoco.mjtEq.mjEQ_JOINT,
+            name1=second,
+            name2=first,
+            objtype=mujoco.mjtObj.mjOBJ_JOINT,
+            solref=_STOP_SOLREF,
+        )
+        coupling.data[:5] = [0, 1, 0, 0, 0]  # second = first
+    return spec
+
+
+def build_model(arm: str, gripper: str, **options) -> mujoco.MjModel:
+    """The compiled model; options as for `build_spec`."""
+    return build_spec(arm, gripper, **options).compile()
+
+
+def _add_body(bodies: dict[str, mujoco.MjsBody], row: Body, inertial: Inertial) -> mujoco.MjsBody:
+    if row.parent not in bodies:
+        raise ConfigError(f"body '{row.name}': unknown parent '{row.parent}'; known so far: {sorted(bodies)}")
+    body = bodies[row.parent].add_body(name=row.name, pos=row.pos_m, quat=row.quat_wxyz)
+    body.explicitinertial = True
+    body.mass, body.ipos = inertial.mass_kg, inertial.com_m
+    body.iquat, body.inertia = inertial.quat_wxyz, inertial.moments_kg_m2
+    for site in row.sites:
+        body.add_site(name=site.name, pos=site.pos_m, quat=site.quat_wxyz, size=[0.004] * 3, group=4)
+    return body
+
+
+def _add_joints(
+    bodies: dict[str, mujoco.MjsBody], arm: ArmProfile, gripper: GripperProfile, physics: Physics | None
+) -> None:
+    kinds = {"hinge": mujoco.mjtJoint.mjJNT_HINGE, "slide": mujoco.mjtJoint.mjJNT_SLIDE}
+    arm_rows = [row for row in arm.bodies if row.joint]
+    for row in (*arm_rows, *(row for row in gripper.bodies if row.joint)):
+        assert row.joint is not None
+        if row.joint.kind not in kinds:
+            raise ConfigError(f"joint '{row.joint.name}': kind must be hinge or slide, not '{row.joint.kind}'")
+        joint = bodies[row.name].add_joint(name=row.joint.name, type=kinds[row.joint.kind], axis=row.joint.axis)
+        if row in arm_rows:
+            i = arm_rows.index(row)
+            limits, armature, friction = arm.joint_limits_rad[i], arm.armature_kg_m2[i], arm.friction_nm[i]
+        else:
+            assert gripper.finger_range_m is not None
+            limits = gripper.finger_range_m
+            armature, friction = _finger_side(gripper)
+        joint.range, joint.limited = limits, mujoco.mjtLimited.mjLIMITED_TRUE
+        if physics:
+            joint.armature = armature * physics.armature_scale
+            joint.frictionloss = friction * physics.friction_scale
+            joint.solref_limit = _STOP_SOLREF
+
+
+def _geom_name(row: Body, index: int) -> str:
+    return f"{row.name}_{index}"
+
+
+def _add_self_contacts(spec: mujoco.MjSpec, arm: ArmProfile) -> None:
+    rows = {row.name: row for row in arm.bodies}
+    for pair in arm.self_contacts:
+        if len(pair) != 2 or not set(pair) <= set(rows):
+            raise ConfigError(f"arm '{arm.name}': self_contacts needs pairs of {sorted(rows)}, got {pair}")
+        first, second = (
+            [_geom_name(rows[name], i) for i, s in enumerate(rows[name].shapes) if s.collides] for name in pair
+        )
+        for one in first:
+            for other in second:
+                spec.add_pair(geomname1=one, geomname2=other, condim=3)
+
+
+def _finger_side(gripper: GripperProfile) -> tuple[float, float]:
+    """(armature kg, friction N) of one finger: the motor's, reflected through its gearing, shared by two fingers.
+
+    m = J (dθ/dx)² / 2,  F = τ (dθ/dx) / 2  with  dθ/dx = motor stroke / finger stroke  [rad/m].
+    """
+    if gripper.motor is None or gripper.finger_range_m is None:
+        return 0.0, 0.0
+    gearing = gripper.stroke_rad / float(np.ptp(gripper.finger_range_m))
+    return gripper.motor.armature_kg_m2 * gearing**2 / 2, gripper.motor.friction_nm * gearing / 2
+
+
+def _ee_inertial(inertial: Inertial, load: Load) -> Inertial:
+    mass = inertial.mass_kg if load.ee_mass_kg is None else load.ee_mass_kg
+    if load.ee_inertia is None:
+        return Inertial(mass, inertial.com_m, inertial.quat_wxyz, inertial.moments_kg_m2)
+    numbers = np.asarray(load.ee_inertia, dtype=np.float64)
+    return Inertial(mass, numbers[:3], numbers[3:7], numbers[7:])
+
+
+def _add_payload(bodies: dict[str, mujoco.MjsBody], gripper: GripperProfile, load: Load) -> None:
+    if load.payload_mass_kg == 0.0:
+        return
+    (tcp,) = [site for row in gripper.bodies for site in row.sites if site.name == "tcp_site"]
+    offset = np.empty(3)
+    mujoco.mju_rotVecQuat(offset, np.array(load.payload_com_m), tcp.quat_wxyz / np.linalg.norm(tcp.quat_wxyz))
+    body = bodies[EE_BODY].add_body(name="payload", pos=tcp.pos_m + offset)
+    body.explicitinertial = True
+    body.mass, body.ipos, body.iquat = load.payload_mass_kg, [0, 0, 0], [1, 0, 0, 0]
+    body.inertia = [1e-6 * load.payload_mass_kg] * 3  # a point mass, as far as MuJoCo accepts one

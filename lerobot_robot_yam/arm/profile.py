@@ -1,0 +1,263 @@
+"""Arm and gripper profiles: every number that describes the hardware, from the YAML files in `profiles/`.
+
+`load_arm("yam")`, `load_gripper("linear_4310")`. A path to a YAML file of one's own works in place of a name,
+and `overrides` replaces any field of either: `load_arm("yam", {"kp": [...]})`.
+
+Conventions: SI units; quaternions w x y z; joint value = (motor angle - zero) * direction; a gripper command is
+0 closed … 1 open. Arm arrays have one entry per arm joint: n = 6, or 0 for the arm-less arm "none".
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lerobot_robot_yam.arm.yaml_fields import array_field, merge, parse, read_yaml
+from lerobot_robot_yam.errors import ConfigError
+
+ARMS = ("yam", "yam_pro", "yam_ultra", "big_yam")
+NO_ARM = "none"
+"""Arm name for gripper-only use: no joints, the gripper fixed in the world."""
+GRIPPERS = (
+    "crank_4310",
+    "linear_3507",
+    "linear_4310",
+    "flexible_4310",
+    "yam_teaching_handle",
+    "no_gripper",
+)
+
+_DIRECTORY = Path(__file__).parent / "profiles"
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A hinge (rad) or slide (m) about or along `axis`, given in the body's own frame."""
+
+    name: str
+    kind: str
+    axis: np.ndarray = array_field(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Inertial:
+    """Mass, centre of mass, principal frame and moments, in the body's frame."""
+
+    mass_kg: float
+    com_m: np.ndarray = array_field(3)
+    quat_wxyz: np.ndarray = array_field(4)
+    moments_kg_m2: np.ndarray = array_field(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """A named frame on a body."""
+
+    name: str
+    pos_m: np.ndarray = array_field(3)
+    quat_wxyz: np.ndarray = array_field(4)
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A primitive that draws a body, and that touches things when `collides`.
+
+    kind: "cylinder" or "capsule" between `from_m` and `to_m`; "box" or "ellipsoid" of full `size_m` at
+    `center_m`, turned by `quat_wxyz`. colour: a key of `shapes.COLOURS`, or "none" for an invisible shape.
+    """
+
+    kind: str
+    colour: str
+    radius_m: float = 0.0
+    collides: bool = False
+    from_m: np.ndarray = array_field(3, default=(0, 0, 0))
+    to_m: np.ndarray = array_field(3, default=(0, 0, 0))
+    center_m: np.ndarray = array_field(3, default=(0, 0, 0))
+    size_m: np.ndarray = array_field(3, default=(0, 0, 0))
+    quat_wxyz: np.ndarray = array_field(4, default=(1, 0, 0, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """One link: frame in its parent at joint value 0, inertia, sites, looks.
+
+    extents_m (2, 3): the box [min, max] of the real surface in the body's frame, where it is known.
+    """
+
+    name: str
+    parent: str
+    inertial: Inertial
+    pos_m: np.ndarray = array_field(3)
+    quat_wxyz: np.ndarray = array_field(4)
+    joint: Joint | None = None
+    sites: tuple[Site, ...] = ()
+    shapes: tuple[Shape, ...] = ()
+    extents_m: np.ndarray | None = array_field(2, 3, default=None)
+
+
+@dataclass(frozen=True)
+class ArmMotor:
+    """A joint motor. `type` is a row of `damiao.tables.MOTOR_TYPES`; direction is +1 or -1."""
+
+    name: str
+    can_id: int
+    type: str
+    direction: int
+
+
+@dataclass(frozen=True)
+class GripperMotor:
+    """The gripper's motor, its gains (Nm/rad, Nm s/rad) and limits; `speed_limit_per_s` in strokes/s."""
+
+    name: str
+    can_id: int
+    type: str
+    direction: int
+    kp: float
+    kd: float
+    idle_kd: float
+    torque_limit_nm: float
+    speed_limit_per_s: float
+    armature_kg_m2: float
+    friction_nm: float
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """How the gripper's two stops are found, and which spans between them (rad) are plausible.
+
+    Angles are joint-space (motor angle * direction). nominal_stops_rad is [closed, open].
+    """
+
+    closed_is_larger: bool
+    min_span_rad: float
+    max_span_rad: float
+    torque_nm: float
+    timeout_per_direction_s: float
+    standstill_rad: float
+    check_interval_s: float
+    standstill_checks: int
+    pause_s: float
+    nominal_stops_rad: np.ndarray = array_field(2)
+
+
+@dataclass(frozen=True)
+class Limiter:
+    """Parameters of the grip-force limiter; force_map is "linear" or "crank"."""
+
+    max_force_n: float
+    clog_force_threshold_nm: float
+    clog_speed_threshold_per_s: float
+    sign: float
+    force_map: str
+    gripper_stroke_m: float
+    motor_stroke_rad: float = 0.0
+    close_angle_rad: float = 0.0
+    open_angle_rad: float = 0.0
+    motor_reading_offset_rad: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class ArmProfile:
+    """An arm: motors, gains, limits, simulation parameters, rest poses, links. Arrays have shape (n,).
+
+    self_contacts: pairs of body names whose colliding shapes touch each other; other links pass through.
+    """
+
+    name: str
+    motors: tuple[ArmMotor, ...]
+    bodies: tuple[Body, ...]
+    rest_q_rad: dict[str, np.ndarray] = array_field(-1)
+    kp: np.ndarray = array_field(-1)
+    kd: np.ndarray = array_field(-1)
+    idle_kd: np.ndarray = array_field(-1)
+    gravity_factor: np.ndarray = array_field(-1)
+    coulomb_friction_nm: np.ndarray = array_field(-1)
+    joint_limits_rad: np.ndarray = array_field(-1, 2)
+    speed_limit_rad_s: np.ndarray = array_field(-1)
+    torque_limit_nm: np.ndarray = array_field(-1)
+    armature_kg_m2: np.ndarray = array_field(-1)
+    friction_nm: np.ndarray = array_field(-1)
+    self_contacts: tuple[tuple[str, ...], ...] = ()
+
+    @property
+    def joint_count(self) -> int:
+        """Number of arm joints: 6, or 0 for the arm-less arm."""
+        return len(self.motors)
+
+    def rest_q(self, gripper: str) -> np.ndarray:
+        """(n,) rad: where cutting torque moves nothing, with `gripper` on; ConfigError when unknown."""
+        if gripper not in self.rest_q_rad:
+            raise ConfigError(
+                f"arm '{self.name}' has no rest pose for gripper '{gripper}' (it has {sorted(self.rest_q_rad)}); "
+                "add rest_q_rad to the profile or an override"
+            )
+        return self.rest_q_rad[gripper]
+
+
+@dataclass(frozen=True, eq=False)
+class GripperProfile:
+    """An end effector. Without a motor, `motor`, `calibration` and `limiter` are None.
+
+    finger_range_m: [closed, open] of both finger joints. handle_encoder: a teaching handle sits on the bus.
+    """
+
+    name: str
+    bodies: tuple[Body, ...]
+    handle_encoder: bool = False
+    motor: GripperMotor | None = None
+    calibration: Calibration | None = None
+    limiter: Limiter | None = None
+    finger_range_m: np.ndarray | None = array_field(2, default=None)
+
+    @property
+    def finger_joints(self) -> tuple[str, ...]:
+        """Names of the sliding finger joints, empty without fingers."""
+        return tuple(body.joint.name for body in self.bodies if body.joint)
+
+    @property
+    def stroke_rad(self) -> float:
+        """Nominal motor stroke between the stops, 0 without a motor."""
+        if self.calibration is None:
+            return 0.0
+        closed, opened = self.calibration.nominal_stops_rad
+        return float(abs(opened - closed))
+
+
+def load_arm(name: str | Path, overrides: Mapping[str, Any] | None = None) -> ArmProfile:
+    """The profile of an arm by name (`ARMS` or "none") or YAML path. Raises ConfigError."""
+    profile = parse(ArmProfile, _document("arm", "arms", (*ARMS, NO_ARM), name, overrides), f"arm '{name}'")
+    n = profile.joint_count
+    jointed = [body for body in profile.bodies if body.joint]
+    per_joint = {
+        key: len(value) for key, value in vars(profile).items() if isinstance(value, np.ndarray) and len(value) != n
+    }
+    per_joint |= {f"rest_q_rad.{g}": len(q) for g, q in profile.rest_q_rad.items() if len(q) != n}
+    if per_joint or len(jointed) != n:
+        raise ConfigError(f"arm '{name}': {n} motors, {len(jointed)} jointed bodies, wrong lengths {per_joint}")
+    return profile
+
+
+def load_gripper(name: str | Path, overrides: Mapping[str, Any] | None = None) -> GripperProfile:
+    """The profile of an end effector by name (`GRIPPERS`) or YAML path. Raises ConfigError."""
+    return parse(GripperProfile, _document("gripper", "grippers", GRIPPERS, name, overrides), f"gripper '{name}'")
+
+
+def _document(
+    what: str, folder: str, names: tuple[str, ...], name: str | Path, overrides: Mapping[str, Any] | None
+) -> dict[str, Any]:
+    if name in names:
+        document = _packaged(folder, str(name))
+    elif str(name).endswith((".yaml", ".yml")):
+        document = read_yaml(Path(name))
+    else:
+        raise ConfigError(f"unknown {what} '{name}'; known: {', '.join(names)}, or a path to a YAML profile")
+    return merge(document, overrides or {})
+
+
+@cache
+def _packaged(folder: str, name: str) -> dict[str, Any]:
+    return read_yaml(_DIRECTORY / folder / f"{name}.yaml")

@@ -1,0 +1,102 @@
+"""Gravity torques, kinematics and inertia against published reference values and physical laws."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.arm.dynamics import GravityModel
+from lerobot_robot_yam.arm.model import Load
+from lerobot_robot_yam.arm.profile import ARMS, GRIPPERS, load_gripper
+from lerobot_robot_yam.errors import ConfigError
+
+GOLDEN = Path(__file__).parents[1] / "golden"
+Q = np.array([0.3, 1.0, 1.2, -0.4, 0.5, -0.6])
+
+
+def golden(name):
+    return json.loads((GOLDEN / f"{name}.json").read_text())["cases"]
+
+
+@pytest.mark.parametrize("gripper", GRIPPERS)
+@pytest.mark.parametrize("arm", ARMS)
+def test_gravity_torque_matches_reference(arm, gripper):
+    model = GravityModel(arm, gripper)
+    cases = golden("gravity_torques")[arm][gripper]
+    assert len(cases) == 20
+    for case in cases:
+        np.testing.assert_allclose(model.torque(np.array(case["q"])), case["tau"], rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_kinematics_match_reference(arm):
+    model = GravityModel(arm, "linear_4310")
+    for case in golden("fk")[arm]:
+        for site in ("tcp_site", "grasp_site"):
+            np.testing.assert_allclose(model.pose(np.array(case["q"]), site), case[site], rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_mass_matrix_matches_reference(arm):
+    model = GravityModel(arm, "linear_4310")
+    for case in golden("mass_matrix")[arm]:
+        np.testing.assert_allclose(model.mass_matrix(np.array(case["q"])), case["M"], rtol=0, atol=1e-6)
+
+
+def test_torque_is_the_gradient_of_potential_energy_of_a_payload():
+    """The payload's share of tau is d(m g z)/dq at its own place in the tool frame."""
+    mass, com = 0.7, (0.02, -0.01, 0.15)
+    bare = GravityModel("yam", "linear_4310")
+    loaded = GravityModel("yam", "linear_4310", payload_mass_kg=mass, payload_com_m=com)
+
+    def energy(q):
+        return mass * 9.81 * (bare.pose(q, "tcp_site") @ [*com, 1.0])[2]
+
+    step = 1e-5
+    gradient = [(energy(Q + step * e) - energy(Q - step * e)) / (2 * step) for e in np.eye(6)]
+    np.testing.assert_allclose(loaded.torque(Q) - bare.torque(Q), gradient, atol=1e-7)
+
+
+def test_end_effector_overrides():
+    own = load_gripper("linear_4310").bodies[0].inertial
+    same = [*own.com_m, *own.quat_wxyz, *own.moments_kg_m2]
+    plain = GravityModel("yam", "linear_4310").torque(Q)
+    np.testing.assert_allclose(
+        GravityModel("yam", "linear_4310", load=Load(ee_inertia=same)).torque(Q), plain, atol=1e-12
+    )
+    lighter = GravityModel("yam", "linear_4310", ee_mass_kg=load_gripper("linear_3507").bodies[0].inertial.mass_kg)
+    np.testing.assert_allclose(lighter.torque(Q), GravityModel("yam", "linear_3507").torque(Q), atol=1e-12)
+    moved = [0.0, 0.0, -0.1, 1, 0, 0, 0, 1e-4, 1e-4, 1e-4]
+    assert np.abs(GravityModel("yam", "linear_4310", ee_inertia=moved).torque(Q) - plain).max() > 0.1
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"payload_mass_kg": -1.0},
+        {"payload_mass_kg": float("nan")},
+        {"payload_com_m": (0.0, 1.0)},
+        {"ee_mass_kg": -0.1},
+        {"ee_inertia": [0.0] * 9},
+        {"ee_inertia": [0.0] * 10},
+    ],
+)
+def test_impossible_loads_are_refused(fields):
+    with pytest.raises(ConfigError):
+        Load(**fields)
+
+
+def test_arm_less_model_has_no_torque_and_an_unknown_site_is_named():
+    model = GravityModel("none", "linear_4310")
+    assert model.torque(np.zeros(0)).shape == (0,) and model.mass_matrix(np.zeros(0)).shape == (0, 0)
+    with pytest.raises(ConfigError, match="tcp_site"):
+        GravityModel("yam", "yam_teaching_handle").pose(Q, "grasp_site")
+
+
+def test_result_is_not_overwritten_by_the_next_call():
+    model = GravityModel("yam", "linear_4310")
+    first = model.torque(Q)
+    copy = first.copy()
+    model.torque(np.zeros(6))
+    np.testing.assert_array_equal(first, copy)
