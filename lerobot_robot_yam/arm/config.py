@@ -1,0 +1,100 @@
+"""What one arm needs to be driven: which channel, which hardware, which overrides of its profile.
+
+Plain values only: the dataclass travels as JSON to the control process.
+"""
+
+import dataclasses
+import json
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from lerobot_robot_yam.errors import ConfigError
+
+
+@dataclass(kw_only=True)
+class ArmConfig:
+    """One arm on one CAN channel. `None` means: as the profile says.
+
+    Attributes:
+        name: what messages call this arm ("left", "right", …).
+        channel: python-can channel, such as `can_follower_l` or, on the virtual rig, `follower_left`.
+        interface: python-can interface (`socketcan`, `yam_sim`, …).
+        can_options: further keyword arguments of `can.Bus`, such as `rig` and `scene` of the virtual rig.
+        arm, gripper: profile names, or paths of YAML files of the same form.
+        start: "hold" keeps the measured pose once energised (followers), "float" is gravity-compensated free
+            motion (leaders).
+        kp, kd: position gains in Nm/rad and Nm s/rad, six joints.
+        gripper_kp, gripper_kd: gains of the gripper motor, same units.
+        gravity_factor: six factors on the modelled gravity torque.
+        coulomb_friction_nm: six friction torques that are fed forward; None switches the term off.
+        idle_kd: six damping gains while floating, Nm s/rad.
+        payload_mass_kg, payload_com_m: a load fixed to the tool, centre in the frame of `tcp_site`.
+        ee_inertia: replaces the end effector's inertia: centre (3, m), quaternion w x y z (4), moments (3, kg m²).
+        speed_limit_rad_s: six (or one) limits on the set-point's speed.
+        gripper_speed_limit: full strokes per second.
+        torque_limit_nm: six clips on the commanded torque.
+        max_relative_target: largest distance of a target from the measured position, rad (None: no such limit).
+        gripper_stops_rad: motor angles [closed, open]; None: stored ones, else calibrated at start.
+        gripper_force_limit_n: squeeze force above which the limiter reduces the command; None switches it off.
+        calibration_path: JSON file that keeps the gripper's stops; None keeps nothing.
+        command_timeout_s: a target older than this no longer moves the set-point; the arm holds.
+        max_state_age_s: an older state is an error, never an answer.
+        rate_hz: control rate; 0 runs as fast as the wire allows (benchmarks).
+        skip_listen: do not listen for foreign drivers before energising.
+    """
+
+    channel: str
+    name: str = "arm"
+    interface: str = "socketcan"
+    can_options: dict[str, Any] = field(default_factory=dict)
+    arm: str = "yam"
+    gripper: str = "linear_4310"
+    start: Literal["hold", "float"] = "hold"
+    kp: list[float] | None = None
+    kd: list[float] | None = None
+    gripper_kp: float | None = None
+    gripper_kd: float | None = None
+    gravity_factor: list[float] | None = None
+    coulomb_friction_nm: list[float] | None = None
+    idle_kd: list[float] | None = None
+    payload_mass_kg: float = 0.0
+    payload_com_m: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    ee_inertia: list[float] | None = None
+    speed_limit_rad_s: list[float] | float | None = None
+    gripper_speed_limit: float = 2.5
+    torque_limit_nm: list[float] | None = None
+    max_relative_target: float | None = None
+    gripper_stops_rad: list[float] | None = None
+    gripper_force_limit_n: float | None = 50.0
+    calibration_path: str | None = None
+    command_timeout_s: float = 0.5
+    max_state_age_s: float = 0.25
+    rate_hz: float = 250.0
+    skip_listen: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.channel:
+            raise ConfigError(f"{self.name}: no CAN channel given; set `channel`, such as can_follower_l")
+        if self.start not in ("hold", "float"):
+            raise ConfigError(f"{self.name}: start is 'hold' or 'float', not {self.start!r}")
+        for key in ("kp", "kd", "gravity_factor", "coulomb_friction_nm", "idle_kd", "torque_limit_nm"):
+            value = getattr(self, key)
+            if value is not None and len(value) != 6:
+                raise ConfigError(f"{self.name}: {key} takes six numbers, one per joint; got {len(value)}")
+        if len(self.payload_com_m) != 3:
+            raise ConfigError(f"{self.name}: payload_com_m takes three numbers; got {len(self.payload_com_m)}")
+        if self.ee_inertia is not None and len(self.ee_inertia) != 10:
+            raise ConfigError(f"{self.name}: ee_inertia takes centre (3), quaternion (4) and moments (3)")
+        if self.gripper_stops_rad is not None and len(self.gripper_stops_rad) != 2:
+            raise ConfigError(f"{self.name}: gripper_stops_rad is [closed, open] in motor radians")
+        if self.rate_hz < 0 or self.rate_hz > 1000:
+            raise ConfigError(f"{self.name}: rate_hz {self.rate_hz} is not within 0 … 1000")
+
+    def to_json(self) -> str:
+        """JSON text that `from_json` reads back."""
+        return json.dumps(dataclasses.asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> "ArmConfig":
+        """Inverse of `to_json`."""
+        return cls(**json.loads(text))

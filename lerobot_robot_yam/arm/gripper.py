@@ -1,0 +1,172 @@
+"""The gripper's normalised coordinate and how its stops are found, verified and kept.
+
+u = (motor − closed) / (open − closed), 0 closed … 1 open. The stroke exceeds one turn while a motor knows its angle
+within one turn only, so stored stops are never taken on trust: an angle that fits two turns is resolved by a gentle
+move towards open, with at most the calibration torque. An object between the fingers is not a stop.
+"""
+
+import json
+import logging
+import math
+import os
+from collections.abc import Generator
+from dataclasses import dataclass
+from pathlib import Path
+
+from lerobot_robot_yam.arm.joints import TURN
+from lerobot_robot_yam.arm.profile import Calibration
+from lerobot_robot_yam.errors import GripperError
+
+logger = logging.getLogger(__name__)
+
+_SPEED_RAD_S = 5.0  # of the search; with kd = torque / speed a blocked motor pushes with just the calibration torque
+_STOP_TOLERANCE_RAD = 0.06  # how far a stop may lie from where it was stored
+_NUDGE_RAD = 0.6  # a move of this length leaves the zone in which two turns fit
+_FILE_VERSION = 1
+
+Search = Generator[tuple[float, float], tuple[float, float], "GripperStops"]
+"""Yields (dq*, kd) for the gripper motor, is sent (now_s, motor_rad), returns the stops."""
+
+
+@dataclass(frozen=True)
+class GripperStops:
+    """Joint-space motor angles of the two stops, rad, and the shift that puts the present reading on their turn."""
+
+    closed_rad: float
+    open_rad: float
+    shift_rad: float = 0.0
+
+    def normalised(self, motor_rad: float) -> float:
+        """0 closed … 1 open; measured values may lie slightly outside."""
+        return (motor_rad - self.closed_rad) / (self.open_rad - self.closed_rad)
+
+    def motor(self, u: float) -> float:
+        """Motor angle of normalised position `u`, rad."""
+        return self.closed_rad + u * (self.open_rad - self.closed_rad)
+
+    @property
+    def span_rad(self) -> float:
+        """open − closed, signed."""
+        return self.open_rad - self.closed_rad
+
+
+def check_span(arm: str, calibration: Calibration, closed_rad: float, open_rad: float) -> None:
+    """Refuse stops that cannot be the gripper's two ends.
+
+    Raises:
+        GripperError: too narrow (an object, a blocked finger), too wide, or in the wrong order (inverted mapping).
+    """
+    span = abs(open_rad - closed_rad)
+    if not calibration.min_span_rad <= span <= calibration.max_span_rad:
+        raise GripperError(
+            f"{arm}: gripper stops {closed_rad:.3f} (closed) and {open_rad:.3f} (open) span {span:.3f} rad, not "
+            f"{calibration.min_span_rad:.2f} … {calibration.max_span_rad:.2f}; take any object out of the fingers, "
+            "look for a blocked finger and calibrate again (lerobot-calibrate)"
+        )
+    if (closed_rad > open_rad) != calibration.closed_is_larger:
+        raise GripperError(
+            f"{arm}: gripper stops closed {closed_rad:.3f}, open {open_rad:.3f} rad are inverted for this gripper; "
+            "check the motor direction in the profile and calibrate again (lerobot-calibrate)"
+        )
+
+
+def _push(
+    direction: float, calibration: Calibration, most_rad: float
+) -> Generator[tuple[float, float], tuple[float, float], tuple[float, bool]]:
+    """Drive one way until standstill or `most_rad`; returns (motor_rad, stood still)."""
+    kd = calibration.torque_nm / _SPEED_RAD_S
+    now, position = yield (0.0, kd)
+    start, start_at, checked, checked_at, still = position, now, position, now, 0
+    while still < calibration.standstill_checks:
+        now, position = yield (direction * _SPEED_RAD_S, kd)
+        if abs(position - start) >= most_rad:
+            return position, False
+        if now - checked_at >= calibration.check_interval_s:
+            still = still + 1 if abs(position - checked) < calibration.standstill_rad else 0
+            checked, checked_at = position, now
+        if now - start_at > calibration.timeout_per_direction_s:
+            raise GripperError(
+                f"gripper still moves {calibration.timeout_per_direction_s:.1f} s after the search began "
+                f"({start:.2f} → {position:.2f} rad); is a finger detached from its motor?"
+            )
+    return position, True
+
+
+def find_stops(arm: str, calibration: Calibration) -> Search:
+    """Search both stops: close, then open, each until standstill at no more than the calibration torque.
+
+    Raises:
+        GripperError: the stops do not make sense.
+    """
+    closing = 1.0 if calibration.closed_is_larger else -1.0
+    closed_rad, _ = yield from _push(closing, calibration, math.inf)
+    open_rad, _ = yield from _push(-closing, calibration, math.inf)
+    check_span(arm, calibration, closed_rad, open_rad)
+    logger.info("%s: gripper calibrated, closed %.3f rad, open %.3f rad", arm, closed_rad, open_rad)
+    return GripperStops(closed_rad, open_rad)
+
+
+def _fitting_turns(position: float, stops: GripperStops) -> list[float]:
+    low = min(stops.closed_rad, stops.open_rad) - _STOP_TOLERANCE_RAD
+    high = max(stops.closed_rad, stops.open_rad) + _STOP_TOLERANCE_RAD
+    first, last = math.ceil((low - position) / TURN), math.floor((high - position) / TURN)
+    return [turn * TURN for turn in range(first, last + 1)]
+
+
+def verify_stops(arm: str, calibration: Calibration, stored: GripperStops) -> Search:
+    """Put the reading on the turn of the stored stops, moving a little towards open if two turns fit.
+
+    Raises:
+        GripperError: the reading contradicts the stored stops.
+    """
+    check_span(arm, calibration, stored.closed_rad, stored.open_rad)
+    _, position = yield (0.0, 0.0)
+    turns = _fitting_turns(position, stored)
+    if len(turns) > 1:
+        opening = -1.0 if calibration.closed_is_larger else 1.0
+        position, blocked = yield from _push(opening, calibration, _NUDGE_RAD)
+        turns = _fitting_turns(position, stored)
+        if blocked:  # only the open stop itself may stop a hand that opens
+            turns = [turn for turn in turns if abs(position + turn - stored.open_rad) <= _STOP_TOLERANCE_RAD]
+    if len(turns) != 1:
+        raise GripperError(
+            f"{arm}: the gripper reads {position:.3f} rad, which does not fit its stored stops closed "
+            f"{stored.closed_rad:.3f}, open {stored.open_rad:.3f}; "
+            "free its fingers and calibrate again (lerobot-calibrate)"
+        )
+    return GripperStops(stored.closed_rad, stored.open_rad, shift_rad=turns[0])
+
+
+def load_stops(path: Path, gripper: str) -> GripperStops | None:
+    """Stored stops, or None when there is no file.
+
+    Raises:
+        GripperError: the file is damaged or belongs to another gripper.
+    """
+    try:
+        data = json.loads(path.read_text())
+        stops = GripperStops(float(data["closed_rad"]), float(data["open_rad"]))
+        owner, version = data["gripper"], data["version"]
+    except FileNotFoundError:
+        return None
+    except (ValueError, KeyError, TypeError) as error:
+        raise GripperError(f"{path} is not a gripper calibration ({error}); delete it and calibrate again") from error
+    if owner != gripper or version != _FILE_VERSION:
+        raise GripperError(
+            f"{path} was made for gripper {owner!r} (file version {version}), not {gripper!r}; delete it"
+        )
+    return stops
+
+
+def save_stops(path: Path, gripper: str, stops: GripperStops) -> None:
+    """Write the stops so that a crash in the middle leaves the old file."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    scratch = path.with_name(f"{path.name}.{os.getpid()}")  # two sessions may store at once
+    data = {
+        "version": _FILE_VERSION,
+        "gripper": gripper,
+        "closed_rad": stops.closed_rad,
+        "open_rad": stops.open_rad,
+    }
+    scratch.write_text(json.dumps(data, indent=1) + "\n")
+    scratch.replace(path)

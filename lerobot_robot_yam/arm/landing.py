@@ -1,0 +1,130 @@
+"""Landing: bring the arm down under control to where cutting torque moves nothing.
+
+    fold    straight joint line to the folded pose with the wrist raised, at LANDING_SPEED at most
+    lower   the wrist down to its resting place, stopping at contact
+    fade    stiffness and feed-forward to nothing under full damping; whatever is still unsupported sinks slowly
+    still   wait until nothing moves; only then may torque be cut
+
+If the fold is obstructed the arm keeps holding and says so, and tries again.
+"""
+
+import logging
+from enum import Enum, auto
+
+import numpy as np
+
+from lerobot_robot_yam.arm.setpoint import SetPoint
+
+logger = logging.getLogger(__name__)
+
+LANDING_SPEED_RAD_S = 0.6
+_LOWER_SPEED_RAD_S = 0.4
+_WRIST_LIFT_RAD = 0.35  # how far above its resting place the wrist stays while the arm folds
+_WRIST = 3  # joint 4 carries the wrist
+_AT_POSE_RAD = 0.06
+_STUCK_RAD = 0.25  # set-point this far ahead of the arm: something is in the way
+_CONTACT_RAD = 0.12
+_STUCK_S = 0.5
+_RETRY_S = 3.0
+_FADE_S = 1.0
+_STILL_RAD_S = 0.03
+_STILL_S = 0.3
+
+
+class Phase(Enum):
+    """Where a landing is."""
+
+    FOLD = auto()
+    LOWER = auto()
+    FADE = auto()
+    LANDED = auto()
+    OBSTRUCTED = auto()
+
+
+class Landing:
+    """One landing of the arm joints (n,).
+
+    Args:
+        arm: name for messages.
+        rest_q: (n,) rad, resting pose of the profile.
+        setpoint: the arm's set-point; its speed limits are lowered for good.
+        usable: (n,) bool, joints whose motors answer; the others cannot be waited for.
+    """
+
+    def __init__(self, arm: str, rest_q: np.ndarray, q: np.ndarray, setpoint: SetPoint, now: float):
+        self._arm = arm
+        self._setpoint = setpoint
+        n = len(rest_q)
+        self._rest = rest_q.copy()
+        self._rest[0] = q[0]  # the base may stay turned: it carries no weight
+        self._fold = self._rest.copy()
+        self._fold[_WRIST] += np.copysign(_WRIST_LIFT_RAD, -rest_q[_WRIST])
+        self._n = n
+        self.phase = Phase.FOLD
+        self._since = now
+        self._stuck_since: float | None = None
+        self._still_since: float | None = None
+        self.share = 1.0
+        self._begin_move(self._fold, LANDING_SPEED_RAD_S, q, now)
+
+    def _begin_move(self, goal: np.ndarray, speed: float, q: np.ndarray, now: float) -> None:
+        """Straight line: every joint arrives at the same time, the farthest one at `speed`."""
+        gap = np.abs(goal - self._setpoint.q[: self._n])
+        longest = max(float(gap.max()), 1e-3)
+        self._setpoint.speed_limit[: self._n] = np.maximum(speed * gap / longest, 0.05)
+        target = self._setpoint.q.copy()
+        target[: self._n] = goal
+        self._setpoint.aim(target, now)
+        self._goal = goal
+
+    def advance(self, q: np.ndarray, dq: np.ndarray, usable: np.ndarray, now: float) -> None:
+        """One tick; sets `phase`, `share` (of stiffness and feed-forward) and steers the set-point."""
+        error = np.where(usable, np.abs(self._setpoint.q[: self._n] - q), 0.0)
+        if self.phase is Phase.FOLD:
+            at_pose = np.all(np.where(usable, np.abs(self._goal - q), 0.0) < _AT_POSE_RAD)
+            if at_pose and self._setpoint.arrived:
+                self._enter(Phase.LOWER, now)
+                self._begin_move(self._rest, _LOWER_SPEED_RAD_S, q, now)
+            elif self._stuck(error.max() > _STUCK_RAD or (self._setpoint.arrived and not at_pose), now):
+                self._give_way(q)
+                self._enter(Phase.OBSTRUCTED, now)
+                joint = int(error.argmax()) + 1
+                logger.error(
+                    "%s: cannot land, joint_%d is obstructed; holding. Free the way: I try again",
+                    self._arm,
+                    joint,
+                )
+        elif self.phase is Phase.OBSTRUCTED:
+            if now - self._since > _RETRY_S:
+                self._enter(Phase.FOLD, now)
+                self._begin_move(self._fold, LANDING_SPEED_RAD_S, q, now)
+        elif self.phase is Phase.LOWER:
+            if self._setpoint.arrived or self._stuck(error.max() > _CONTACT_RAD, now, patience_s=0.1):
+                self._give_way(q)
+                self._enter(Phase.FADE, now)
+        elif self.phase is Phase.FADE:
+            self.share = max(0.0, 1.0 - (now - self._since) / _FADE_S)
+            moving = np.abs(np.where(usable, dq, 0.0)).max() > _STILL_RAD_S
+            if self.share > 0.0 or moving:
+                self._still_since = None
+            elif self._still_since is None:
+                self._still_since = now
+            elif now - self._still_since > _STILL_S:
+                self._enter(Phase.LANDED, now)
+
+    def _enter(self, phase: Phase, now: float) -> None:
+        self.phase, self._since, self._stuck_since = phase, now, None
+
+    def _stuck(self, condition: bool, now: float, patience_s: float = _STUCK_S) -> bool:
+        if not condition:
+            self._stuck_since = None
+            return False
+        if self._stuck_since is None:
+            self._stuck_since = now
+        return now - self._stuck_since > patience_s
+
+    def _give_way(self, q: np.ndarray) -> None:
+        """Stop pushing: the set-point goes to where the arm is."""
+        seed = self._setpoint.q.copy()
+        seed[: self._n] = q
+        self._setpoint.seed(seed)

@@ -1,0 +1,48 @@
+"""The states of an arm and the only moves between them.
+
+Torque is switched off (OFF) from a landed pose or when the arm was never energised; every other end goes through LAND.
+"""
+
+from enum import IntEnum
+
+from lerobot_robot_yam.errors import LifeCycleError
+
+
+class Mode(IntEnum):
+    """State of one arm as published in its state block."""
+
+    OFFLINE = 0  # nothing is energised yet
+    BRING_UP = 1  # energised and holding while gripper stops are found or verified
+    HOLD = 2  # keeps its set-point
+    TRACK = 3  # the set-point follows the caller's targets
+    FLOAT = 4  # gravity-compensated, free to be moved by hand
+    LAND = 5  # on its way to a pose in which torque can be cut
+    FAULT = 6  # a motor is lost or reports a fault; the others hold
+    OFF = 7  # landed, torque cut
+
+
+TRANSITIONS: dict[Mode, frozenset[Mode]] = {
+    Mode.OFFLINE: frozenset({Mode.BRING_UP, Mode.OFF}),
+    Mode.BRING_UP: frozenset({Mode.HOLD, Mode.FLOAT, Mode.LAND, Mode.FAULT}),
+    Mode.HOLD: frozenset({Mode.TRACK, Mode.FLOAT, Mode.LAND, Mode.FAULT, Mode.BRING_UP}),
+    Mode.TRACK: frozenset({Mode.HOLD, Mode.FLOAT, Mode.LAND, Mode.FAULT, Mode.BRING_UP}),
+    Mode.FLOAT: frozenset({Mode.HOLD, Mode.TRACK, Mode.LAND, Mode.FAULT, Mode.BRING_UP}),
+    Mode.LAND: frozenset({Mode.OFF, Mode.FAULT, Mode.HOLD}),
+    Mode.FAULT: frozenset({Mode.LAND, Mode.OFF}),
+    Mode.OFF: frozenset(),
+}
+
+ENERGISED = frozenset({Mode.BRING_UP, Mode.HOLD, Mode.TRACK, Mode.FLOAT, Mode.LAND, Mode.FAULT})
+
+
+def check_transition(arm: str, present: Mode, wanted: Mode) -> None:
+    """Refuse a move that the table does not hold.
+
+    Raises:
+        LifeCycleError: names the arm, both states and what is possible from here.
+    """
+    if wanted not in TRANSITIONS[present]:
+        possible = ", ".join(sorted(mode.name.lower() for mode in TRANSITIONS[present])) or "nothing"
+        raise LifeCycleError(
+            f"{arm}: cannot go from {present.name.lower()} to {wanted.name.lower()}; possible from here: {possible}"
+        )

@@ -1,0 +1,170 @@
+"""The deadline loop: one thread owns the clock and every bus of a robot, so that all its arms tick together.
+
+    send all → sleep while the wire works → collect all → laws → publish → sleep until the next deadline
+
+Deadlines are absolute; after an overrun the loop starts anew from now: no burst, no drift.
+"""
+
+import logging
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from lerobot_robot_yam.arm.blocks import ControllerBlocks
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.controller import ArmController
+from lerobot_robot_yam.arm.lifecycle import Mode
+from lerobot_robot_yam.arm.statistics import LoopStatistics
+from lerobot_robot_yam.errors import BusError, MotorError
+
+logger = logging.getLogger(__name__)
+
+_STRAGGLER_S = 0.0008  # how long beyond the expected wire time a reply is waited for
+_EARLY_S = 0.0002  # before the wire is through: what has come is decoded while the last frames travel
+_WAKE_UP_S = 0.00006  # what a sleep takes longer than asked, typically
+_ENDED = (Mode.OFF, Mode.OFFLINE)
+
+
+class ControlLoop:
+    """Runs the arms of one robot until all are off.
+
+    Args:
+        controllers: inspected, not yet energised.
+        blocks: in the same order.
+        rate_hz: ticks per second; 0 runs as fast as the wire allows.
+    """
+
+    def __init__(self, controllers: Sequence[ArmController], blocks: Sequence[ControllerBlocks], rate_hz: float):
+        self._controllers = controllers
+        self._blocks = blocks
+        self._period_s = 1.0 / rate_hz if rate_hz > 0 else 0.0
+        self._wire_s = max(c.chain.expected_wire_s for c in controllers)
+        self.statistics = LoopStatistics(self._period_s)
+
+    def run(self, on_ready: Callable[[], None], must_land: Callable[[], bool]) -> None:
+        """Energise, tick, and return when every arm is off.
+
+        Args:
+            on_ready: called once, when every arm has left bring-up.
+            must_land: asked every tick; once it says True all arms land and the loop ends.
+
+        Raises:
+            YamError: bring-up failed. Nothing is energised then.
+        """
+        energised: list[ArmController] = []
+        try:
+            for controller in self._controllers:
+                controller.energise()
+                energised.append(controller)
+        except BaseException:
+            for controller in energised:  # they were limp a moment ago and have not moved
+                controller.abandon()
+            raise
+        ready = landing = False
+        tick = 0
+        last = deadline = time.monotonic()
+        while True:
+            now = time.monotonic()
+            self.statistics.tick(now)
+            if not landing and must_land():
+                landing = True
+                for controller in self._controllers:
+                    controller.land(now)
+            self._exchange(now)
+            tick += 1
+            for controller, blocks in zip(self._controllers, self._blocks, strict=True):
+                self._guard(controller, self._measure, blocks, now + self._wire_s + _STRAGGLER_S, tick)
+            now = time.monotonic()
+            dt, last = min(now - last, 0.05), now
+            for controller, blocks in zip(self._controllers, self._blocks, strict=True):
+                self._guard(controller, self._think, blocks, now, dt, tick)
+            if not ready:
+                ready = self._bring_up(on_ready)
+            if all(controller.mode in _ENDED for controller in self._controllers):
+                return
+            deadline += self._period_s
+            now = time.monotonic()
+            if now < deadline:
+                time.sleep(deadline - now)
+            else:
+                self.statistics.overruns += self._period_s > 0
+                deadline = now
+
+    def _guard(self, controller: ArmController, work: Callable[..., None], *arguments: Any) -> None:
+        """Whatever goes wrong with an arm: one that nobody commands falls."""
+        try:
+            work(controller, *arguments)
+        except Exception as error:
+            controller.fail(error)
+
+    @staticmethod
+    def _measure(controller: ArmController, blocks: ControllerBlocks, deadline: float, tick: int) -> None:
+        """Publish an arm's state as soon as it is complete: a sample ages."""
+        if controller.mode not in _ENDED:
+            try:
+                controller.collect(deadline)
+                controller.measure(time.monotonic())
+            except BusError as error:
+                controller.lose_bus(error)
+        blocks.publish(time.monotonic(), tick)
+
+    @staticmethod
+    def _think(controller: ArmController, blocks: ControllerBlocks, now: float, dt: float, tick: int) -> None:
+        if controller.mode in _ENDED:
+            return
+        before = controller.mode
+        blocks.take(now)
+        controller.update(now, dt)
+        if controller.mode is not before:
+            blocks.publish(now, tick)  # who waits for it looks at once, and of the end there is no next tick
+
+    def _exchange(self, now: float) -> None:
+        """Send to all arms; come back when the wire should be through, most replies decoded already."""
+        active = [c for c in self._controllers if c.mode not in _ENDED]
+        for controller in active:
+            try:
+                controller.send()
+            except BusError as error:
+                controller.lose_bus(error)
+        time.sleep(max(0.0, now + self._wire_s - _EARLY_S - time.monotonic()))
+        for controller in active:
+            if controller.mode not in _ENDED:
+                try:
+                    controller.chain.drain()
+                except BusError as error:
+                    controller.lose_bus(error)
+        time.sleep(max(0.0, now + self._wire_s - _WAKE_UP_S - time.monotonic()))
+
+    def _bring_up(self, on_ready: Callable[[], None]) -> bool:
+        """True when all arms have left bring-up; lands them all when one failed."""
+        modes = [controller.mode for controller in self._controllers]
+        if Mode.FAULT in modes:
+            failed = self._controllers[modes.index(Mode.FAULT)]
+            message = failed.message
+            for controller in self._controllers:
+                controller.abandon()
+            raise MotorError(message)
+        if Mode.BRING_UP in modes:
+            return False
+        on_ready()
+        return True
+
+    def close(self) -> None:
+        """Log how the loop did and remove the state blocks."""
+        lost = {c.name: int(c.chain.lost.sum()) for c in self._controllers}
+        logger.info("control loop: %s; lost replies %s", self.statistics.summary(), lost)
+        for blocks in self._blocks:
+            blocks.close()
+
+
+def build(configs: Sequence[ArmConfig], keys: Sequence[str], buses: Sequence) -> ControlLoop:
+    """Controllers on open buses, inspected: everything that can be refused without torque is refused here.
+
+    Raises:
+        YamError: names the part that is not as configured.
+    """
+    controllers = [ArmController(config, bus) for config, bus in zip(configs, buses, strict=True)]
+    for controller in controllers:
+        controller.inspect()
+    blocks = [ControllerBlocks(c, key) for c, key in zip(controllers, keys, strict=True)]
+    return ControlLoop(controllers, blocks, configs[0].rate_hz)

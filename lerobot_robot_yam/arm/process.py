@@ -1,0 +1,120 @@
+"""The control process: `python -m lerobot_robot_yam.arm.process`, started by `ArmSession`.
+
+One JSON line on standard input says which arms; one on standard output says "ready" or what went wrong. It imports
+neither lerobot nor torch, lives in a session of its own so that Ctrl-C does not reach it, and lands its arms when it
+is told to (SIGTERM) or when its parent is gone.
+"""
+
+import gc
+import json
+import logging
+import os
+import signal
+import sys
+from collections.abc import Callable
+
+import can
+
+from lerobot_robot_yam.arm.bus import open_bus
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.loop import ControlLoop, build
+from lerobot_robot_yam.arm.state import lock_path
+from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.realtime import request_realtime
+from lerobot_robot_yam.runtime import FileLock
+
+logger = logging.getLogger("lerobot_robot_yam.arm.process")
+
+RT_PRIORITY = 20
+
+
+def control(
+    configs: list[ArmConfig],
+    keys: list[str],
+    on_ready: Callable[[], None],
+    must_land: Callable[[], bool],
+    realtime: bool,
+) -> None:
+    """Lock, open, inspect, energise, run, land, release: the whole life of a robot's arms.
+
+    Raises:
+        YamError: bring-up failed; nothing is energised and everything is released.
+    """
+    locks: list[FileLock] = []
+    buses: list[can.BusABC] = []
+    loop: ControlLoop | None = None
+    try:
+        for config, key in zip(configs, keys, strict=True):
+            lock = FileLock(lock_path(key), f"CAN channel {config.channel}")
+            lock.acquire()
+            locks.append(lock)
+        for config in configs:
+            buses.append(open_bus(config))
+        loop = build(configs, keys, buses)
+        if realtime:
+            logger.info("control loop of %s: %s", ", ".join(c.name for c in configs), request_realtime(RT_PRIORITY))
+            gc.disable()
+        loop.run(on_ready, must_land)
+    finally:
+        if loop is not None:
+            loop.close()
+        for bus in buses:
+            bus.shutdown()
+        for lock in locks:
+            lock.release()
+
+
+def main() -> int:
+    """Entry point of the process."""
+    logging.basicConfig(
+        level=logging.INFO,
+        format="%(levelname)s %(asctime)s %(name)s %(message)s",
+        datefmt="%Y-%m-%d %H:%M:%S",
+    )
+    logging.raiseExceptions = False  # the terminal may be gone while the arms still have to land
+    for name in (signal.SIGINT, signal.SIGHUP, signal.SIGPIPE):
+        signal.signal(name, signal.SIG_IGN)
+    stop = False
+
+    def request_stop(*_: object) -> None:
+        nonlocal stop
+        stop = True
+
+    signal.signal(signal.SIGTERM, request_stop)
+    job = json.loads(sys.stdin.readline())
+    parent = int(job["parent_pid"])
+
+    def must_land() -> bool:
+        nonlocal stop
+        if not stop and os.getppid() != parent:
+            logger.warning("the process that started this one (%d) is gone: landing", parent)
+            stop = True
+        return stop
+
+    def answer(**fields: object) -> None:
+        try:
+            sys.stdout.write(json.dumps(fields) + "\n")
+            sys.stdout.flush()
+        except OSError:
+            pass  # a parent that no longer listens is noticed by must_land
+
+    try:
+        control(
+            [ArmConfig(**arm) for arm in job["arms"]],
+            job["keys"],
+            lambda: answer(ready=True),
+            must_land,
+            realtime=True,
+        )
+    except YamError as error:
+        answer(error=str(error), kind=type(error).__name__)
+        return 1
+    except Exception as error:
+        logger.exception("control process failed")
+        answer(error=f"control process failed: {error!r}", kind="YamError")
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,95 @@
+"""The caller's side of the safety chain: what a target must be, and what is held back before it is sent.
+
+validate (keys, shape, finite) → joint limits → max_relative_target; the loop adds set-point speed and torque clip.
+"""
+
+import logging
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from lerobot_robot_yam.arm.state import Limited
+from lerobot_robot_yam.errors import ActionError
+
+logger = logging.getLogger(__name__)
+
+_WORTH_SAYING = 0.01  # rad, or of the gripper's stroke: measured poses may lie a little outside the limits
+
+
+def finite_vector(arm: str, what: str, value: object, n: int) -> np.ndarray:
+    """`value` as a private (n,) float array.
+
+    Raises:
+        ActionError: wrong length or type, NaN or infinity; names the element.
+    """
+    try:
+        vector = np.array(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ActionError(f"{arm}: {what} must be {n} numbers ({error})") from error
+    if vector.shape != (n,):
+        raise ActionError(f"{arm}: {what} must have shape ({n},), not {vector.shape}")
+    for index, number in enumerate(vector.tolist()):
+        if not math.isfinite(number):
+            raise ActionError(f"{arm}: {what}[{index}] is {number}; nothing was sent")
+    return vector
+
+
+def action_vector(device: str, action: Mapping[str, object], keys: Sequence[str]) -> np.ndarray:
+    """The values of a LeRobot action in the order of `keys`, (n,). 0-d tensors and arrays are numbers.
+
+    Raises:
+        ActionError: missing or unknown keys, values that are not finite numbers.
+    """
+    if len(action) != len(keys) or any(key not in action for key in keys):
+        missing = [key for key in keys if key not in action]
+        unknown = [key for key in action if key not in keys]
+        raise ActionError(f"{device}: action lacks {missing or 'nothing'} and has unknown {unknown or 'nothing'}")
+    vector = np.empty(len(keys))
+    for index, key in enumerate(keys):
+        value = action[key]
+        try:
+            number = float(value)  # type: ignore[arg-type]
+        except (TypeError, ValueError, RuntimeError) as error:
+            raise ActionError(f"{device}: {key} is not a number but {type(value).__name__} ({error})") from error
+        if not math.isfinite(number):
+            raise ActionError(f"{device}: {key} is {number}; nothing was sent")
+        vector[index] = number
+    return vector
+
+
+def limit_target(
+    target: Sequence[float],
+    measured: Sequence[float],
+    lower: Sequence[float],
+    upper: Sequence[float],
+    max_relative: float | None,
+) -> tuple[list[float], Limited]:
+    """Joint limits, then `max_relative` distance from the measured position; n each. Says what was held back."""
+    limited = Limited.NOTHING
+    inside = [min(max(value, low), high) for value, low, high in zip(target, lower, upper, strict=True)]
+    if any(abs(a - b) > _WORTH_SAYING for a, b in zip(inside, target, strict=True)):
+        limited |= Limited.JOINT_LIMIT
+    if max_relative is not None:
+        near = [min(max(a, m - max_relative), m + max_relative) for a, m in zip(inside, measured, strict=True)]
+        if near != inside:
+            limited |= Limited.RELATIVE_TARGET
+        inside = near
+    return inside, limited
+
+
+class LimitLog:
+    """Logs the beginning of each stretch of limiting, not every tick of it."""
+
+    def __init__(self, arm: str):
+        self._arm = arm
+        self._before = Limited.NOTHING
+
+    def note(self, limited: Limited) -> None:
+        """Warn once when a limit begins to act."""
+        if limited is self._before:
+            return
+        fresh = limited & ~self._before
+        if fresh:
+            logger.warning("%s: target held back by %s", self._arm, fresh.name)
+        self._before = limited

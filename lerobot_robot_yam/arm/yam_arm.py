@@ -1,0 +1,149 @@
+"""One arm in plain Python, for people who do not come through LeRobot.
+
+    from lerobot_robot_yam.arm.yam_arm import YamArm
+
+    with YamArm(channel="can_follower_l") as arm:      # on leaving, the arm lands and torque is cut
+        arm.move_to([0, 1.0, 1.0, 0, 0, 0], gripper=1.0)
+        print(arm.observe().q)
+
+With `interface="yam_sim", channel="follower_left"` the same lines drive the virtual rig.
+"""
+
+import dataclasses
+import math
+import time
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.lifecycle import Mode
+from lerobot_robot_yam.arm.safety import finite_vector
+from lerobot_robot_yam.arm.session import ArmSession, Isolation
+from lerobot_robot_yam.arm.state import ArmState
+from lerobot_robot_yam.errors import ConfigError, LifeCycleError
+
+_STREAM_S = 0.02
+_SETTLE_TIMEOUT_S = 2.0
+
+Vector = Sequence[float] | np.ndarray
+
+
+class YamArm:
+    """A YAM arm on one CAN channel. SI units; gripper 0 closed … 1 open.
+
+    Args:
+        config: the arm; or give its fields as keywords.
+        isolation: "process" or "thread", see `ArmSession`.
+
+    Raises:
+        ConfigError: unknown field, arm, gripper or impossible value.
+    """
+
+    def __init__(self, config: ArmConfig | None = None, *, isolation: Isolation = "process", **fields: Any):
+        unknown = set(fields) - {field.name for field in dataclasses.fields(ArmConfig)}
+        if unknown:
+            raise ConfigError(f"ArmConfig has no field {sorted(unknown)}")
+        self.config = ArmConfig(**fields) if config is None else dataclasses.replace(config, **fields)
+        self._session = ArmSession([self.config], isolation)
+
+    def connect(self) -> "YamArm":
+        """Bring the arm up; it then holds its pose (or floats, with `start="float"`). Returns itself.
+
+        Raises:
+            YamError: what failed; nothing is energised.
+        """
+        self._session.start()
+        return self
+
+    def close(self) -> None:
+        """Land, cut torque, let go. Idempotent."""
+        self._session.stop()
+
+    def __enter__(self) -> "YamArm":
+        return self if self._session.running else self.connect()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @property
+    def connected(self) -> bool:
+        """True between `connect` and `close`."""
+        return self._session.running
+
+    def observe(self) -> ArmState:
+        """The newest state.
+
+        Raises:
+            StaleStateError, MotorError, LifeCycleError: see `ArmPort.observe`.
+        """
+        return self._session[self.config.name].observe()
+
+    def command(
+        self,
+        q: Vector,
+        gripper: float | None = None,
+        dq: Vector | None = None,
+        kp: Vector | None = None,
+        kd: Vector | None = None,
+    ) -> np.ndarray:
+        """Give one target; repeat it at 10 Hz or faster, or the arm comes to rest.
+
+        Args:
+            q: (6,) rad. dq: (6,) rad/s, the target's own speed. kp, kd: (6,) gains for this target.
+            gripper: 0 closed … 1 open, None keeps it.
+
+        Returns:
+            (6,) what was really asked for after the limits.
+
+        Raises:
+            ActionError: wrong shape or not finite; nothing was sent.
+        """
+        return self._session[self.config.name].track(q, gripper, dq, kp, kd)[0]
+
+    def move_to(self, q: Vector, gripper: float | None = None, speed_rad_s: float = 0.8) -> ArmState:
+        """Go to a pose along a straight joint line with half-cosine speed, and wait until it is reached.
+
+        q(t) = q0 + (1 − cos(π t / T)) / 2 · (q1 − q0), peak speed π/2 · |q1 − q0| / T = `speed_rad_s`.
+
+        Raises:
+            ActionError: wrong shape or not finite; nothing moves.
+            LifeCycleError: the pose was not reached (obstructed, or limits hold the arm back).
+        """
+        port = self._session[self.config.name]
+        state = port.observe()
+        start = state.setpoint_q.copy() if state.mode is not Mode.FLOAT else state.q.copy()
+        goal = finite_vector(self.config.name, "q", q, len(start))
+        if state.mode is Mode.FLOAT:
+            port.hold()
+        first_grip = state.gripper_setpoint
+        reach_s = max(math.pi / 2 * float(np.abs(goal - start).max(initial=0.0)) / speed_rad_s, 0.2)
+        begin = time.monotonic()
+        while True:
+            elapsed = time.monotonic() - begin
+            share = 0.5 - 0.5 * math.cos(math.pi * min(elapsed / reach_s, 1.0))
+            grip = None if gripper is None or first_grip is None else first_grip + share * (gripper - first_grip)
+            asked, _ = port.track(start + share * (goal - start), grip)
+            state = port.observe()
+            if elapsed >= reach_s and bool(np.abs(state.setpoint_q - asked).max(initial=0.0) < 1e-3):
+                return state
+            if elapsed > reach_s + _SETTLE_TIMEOUT_S:
+                behind = int(np.abs(state.setpoint_q - asked).argmax()) + 1
+                raise LifeCycleError(f"{self.config.name}: pose not reached, joint_{behind} is held back")
+            time.sleep(_STREAM_S)
+
+    def hold(self) -> None:
+        """Keep the present pose."""
+        self._session[self.config.name].hold()
+
+    def float(self) -> None:
+        """Gravity-compensated: free to be moved by hand."""
+        self._session[self.config.name].float()
+
+    def land(self) -> None:
+        """Bring the arm down and cut torque; waits. Afterwards only `close` is possible."""
+        self._session.land()

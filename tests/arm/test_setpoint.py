@@ -1,0 +1,80 @@
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.arm.setpoint import SetPoint
+
+DT = 0.004
+SPEED, ACCELERATION = 1.5, 30.0
+
+
+def make(n=1, lower=-3.0, upper=3.0):
+    return SetPoint(np.full(n, SPEED), np.full(n, ACCELERATION), np.full(n, lower), np.full(n, upper))
+
+
+def run(setpoint, seconds, start=0.0, target=None, fps=30):
+    """Rows of (t, q, dq); `target(t)` is aimed at fps times a second."""
+    rows, aim_at = [], start
+    for t in np.arange(start, start + seconds, DT):
+        if target is not None and t >= aim_at:
+            setpoint.aim(np.array([target(t)]), t)
+            aim_at += 1 / fps
+        setpoint.advance(t, DT)
+        rows.append((t, setpoint.q[0], setpoint.dq[0]))
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("fps", [30, 60])
+def test_a_stream_is_followed_smoothly_and_one_caller_period_late(fps):
+    def wave(t):
+        return 0.3 * np.sin(np.pi * t)
+
+    setpoint = make()
+    rows = run(setpoint, 6.0, target=wave, fps=fps)[250:]
+    late = 1 / fps
+    assert np.sqrt(np.mean((rows[:, 1] - wave(rows[:, 0] - late)) ** 2)) < 0.005
+    speed = 0.3 * np.pi * np.cos(np.pi * (rows[:, 0] - late))
+    assert np.sqrt(np.mean((rows[:, 2] - speed) ** 2)) < 0.06  # dq* is the slope, without the stream's steps
+
+
+def test_a_far_target_is_approached_within_the_speed_limit_and_reached():
+    setpoint = make()
+    setpoint.seed(np.array([-1.0]))
+    setpoint.aim(np.array([1.0]), 0.0)
+    rows = run(setpoint, 2.0)
+    steps = np.abs(np.diff(rows[:, 1]))
+    assert steps.max() <= SPEED * DT + 1e-12
+    assert np.abs(np.diff(rows[:, 2])).max() <= ACCELERATION * DT + 1e-9
+    assert setpoint.arrived and setpoint.q[0] == pytest.approx(1.0, abs=1e-3)
+    assert rows[:, 1].max() < 1.01
+
+
+def test_seeding_outside_the_limits_does_not_jump_and_only_moves_inwards():
+    setpoint = make(lower=0.0)
+    setpoint.seed(np.array([-0.1]))
+    setpoint.aim(np.array([-0.5]), 0.0)
+    rows = run(setpoint, 0.5)
+    assert rows[0, 1] == pytest.approx(-0.1, abs=SPEED * DT)
+    assert rows[:, 1].min() >= -0.1
+    assert np.diff(rows[:, 1]).min() > -2e-3  # no way back out but for the overshoot of braking
+    assert rows[-1, 1] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_stream_that_ends_comes_to_rest_near_its_last_target():
+    setpoint = make()
+    run(setpoint, 1.0, target=lambda t: 0.8 * t)
+    last = setpoint.target[0]
+    rows = run(setpoint, 1.0, start=1.0)
+    assert setpoint.arrived
+    assert setpoint.q[0] == pytest.approx(last, abs=1e-3)
+    assert rows[:, 1].max() < last + 0.02
+
+
+def test_stop_brakes_within_the_acceleration_limit():
+    setpoint = make()
+    run(setpoint, 1.0, target=lambda t: 1.2 * t)
+    before = setpoint.q[0]
+    setpoint.stop()
+    rows = run(setpoint, 0.5, start=1.0)
+    assert np.abs(np.diff(rows[:, 2])).max() <= ACCELERATION * DT + 1e-9
+    assert abs(setpoint.dq[0]) < 1e-2
+    assert before < setpoint.q[0] < before + 0.05
