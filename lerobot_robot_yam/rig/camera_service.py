@@ -1,0 +1,190 @@
+"""The rig server's side of rendered cameras: starts the renderer when a camera is asked for, and ends it.
+
+The server never waits for it. It hands over hellos of kind "camera", watches `fileno()`, and passes on what
+`poll()` returns to the clients.
+"""
+
+import contextlib
+import json
+import logging
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Collection, Hashable, Mapping, Sequence
+from typing import Any
+
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.rig.frames import MAX_FPS, MAX_HEIGHT, MAX_WIDTH, Settings, frame_path
+
+logger = logging.getLogger(__name__)
+
+_END_TIMEOUT_S = 2.0
+
+
+class CameraService:
+    """All rendered cameras of one rig, drawn by one child process.
+
+    Args:
+        rig: the rig's name.
+        cameras: names of the scene's cameras.
+        renderer_arguments: the server's own `--scene` and `--set`, so that the renderer builds the same world.
+    """
+
+    def __init__(self, rig: str, cameras: Collection[str], renderer_arguments: Sequence[str] = ()):
+        self._rig = rig
+        self._cameras = tuple(cameras)
+        self._arguments = list(renderer_arguments)
+        self._process: subprocess.Popen[bytes] | None = None
+        self._waiting: dict[Settings, list[Hashable]] = {}
+        self._users: dict[Settings, set[Hashable]] = {}
+        self._ready: set[Settings] = set()
+        self._answers: list[tuple[Hashable, dict[str, Any]]] = []
+        self._tail = b""
+        self._refused: set[Hashable] = set()  # have been told why they get nothing
+
+    def open(self, client: Hashable, hello: Mapping[str, Any]) -> dict[str, Any]:
+        """A client asks for a camera; starts the renderer for the first one.
+
+        Returns:
+            The answer to send now. A second one ({"ready": true} or an error) follows from `poll`.
+
+        Raises:
+            ConfigError: unknown camera or impossible settings.
+        """
+        name = hello.get("camera")
+        if name not in self._cameras:
+            raise ConfigError(f"unknown camera {name!r}; the scene has: {', '.join(sorted(self._cameras))}")
+        width, height, fps = (_whole(hello, key) for key in ("width", "height", "fps"))
+        if not (16 <= width <= MAX_WIDTH and 16 <= height <= MAX_HEIGHT and 1 <= fps <= MAX_FPS):
+            raise ConfigError(
+                f"camera {name}: {width}x{height} at {fps} fps; possible are 16x16 to {MAX_WIDTH}x{MAX_HEIGHT} "
+                f"and 1 to {MAX_FPS} fps"
+            )
+        settings = (str(name), width, height, fps)
+        self._users.setdefault(settings, set()).add(client)
+        if settings in self._ready:
+            self._answers.append((client, {"ready": True}))
+        else:
+            self._waiting.setdefault(settings, []).append(client)
+            if self._process is None:
+                self._start()
+            self._tell("open", settings)
+        return {"block": str(frame_path(self._rig, *settings))}
+
+    def drop(self, client: Hashable) -> None:
+        """A client has left; a camera without users is no longer drawn. Unknown clients are ignored."""
+        for settings, users in list(self._users.items()):
+            if client not in users:
+                continue
+            users.discard(client)
+            if client in self._waiting.get(settings, ()):
+                self._waiting[settings].remove(client)
+            if not users:
+                del self._users[settings]
+                self._waiting.pop(settings, None)
+                self._ready.discard(settings)
+                self._tell("close", settings)
+
+    def fileno(self) -> int | None:
+        """Descriptor to watch for reading, None while no renderer runs. It changes when one starts or ends."""
+        if self._process is None or self._process.stdout is None:
+            return None
+        return self._process.stdout.fileno()
+
+    def poll(self) -> list[tuple[Hashable, dict[str, Any]]]:
+        """Answers for clients: what the renderer has said since the last call, or that it died. Never blocks."""
+        if self._process is not None and self._process.stdout is not None:
+            with contextlib.suppress(BlockingIOError):
+                while True:
+                    chunk = os.read(self._process.stdout.fileno(), 65536)
+                    if not chunk:
+                        self._died()
+                        break
+                    *lines, self._tail = (self._tail + chunk).split(b"\n")
+                    for line in lines:
+                        self._heard(json.loads(line))
+        answers, self._answers = self._answers, []
+        return answers
+
+    def close(self) -> None:
+        """End the renderer."""
+        process, self._process = self._process, None
+        if process is None:
+            return
+        for pipe in (process.stdin, process.stdout):
+            if pipe is not None:
+                with contextlib.suppress(OSError):  # what is still unsaid to a dead renderer
+                    pipe.close()
+        try:
+            process.wait(_END_TIMEOUT_S)  # it ends when its input does
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        for settings in self._users:  # after a crash it has not removed them itself
+            frame_path(self._rig, *settings).unlink(missing_ok=True)
+
+    def _start(self) -> None:
+        command = [
+            sys.executable,
+            "-m",
+            "lerobot_robot_yam.rig.renderer",
+            "--rig",
+            self._rig,
+            *self._arguments,
+        ]
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            bufsize=0,
+        )
+        assert self._process.stdout is not None
+        os.set_blocking(self._process.stdout.fileno(), False)
+        self._tail = b""
+
+    def _tell(self, verb: str, settings: Settings) -> None:
+        if self._process is not None and self._process.stdin is not None:
+            with contextlib.suppress(BrokenPipeError):  # poll() will see its end
+                self._process.stdin.write(json.dumps({"do": verb, "camera": settings}).encode() + b"\n")
+
+    def _heard(self, message: dict[str, Any]) -> None:
+        if "error" in message:
+            failed = {"error": message["error"], "kind": "RigError"}
+            refused = {client for clients in self._waiting.values() for client in clients}
+            self._answers += [(client, failed) for client in refused]
+            self._refused |= refused
+            self._waiting.clear()
+            return
+        name, width, height, fps = message["ready"]
+        settings = (name, width, height, fps)
+        if settings in self._users:
+            self._ready.add(settings)
+            self._answers += [(client, {"ready": True}) for client in self._waiting.pop(settings, [])]
+
+    def _died(self) -> None:
+        assert self._process is not None
+        code = self._process.wait()
+        why = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+        self._waiting.clear()
+        failed = {"error": f"the renderer of rig {self._rig} ended ({why}); see the rig's log", "kind": "RigError"}
+        self._answers += [(client, failed) for client in set().union(*self._users.values()) - self._refused]
+        if self._users:
+            logger.error("the renderer ended (%s); its cameras deliver nothing until they are opened again", why)
+        for settings in self._users:
+            frame_path(self._rig, *settings).unlink(missing_ok=True)
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                with contextlib.suppress(OSError):
+                    pipe.close()
+        self._process = None
+        self._users.clear()
+        self._refused.clear()
+        self._ready.clear()
+
+
+def _whole(hello: Mapping[str, Any], key: str) -> int:
+    value = hello.get(key)
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise ConfigError(f"camera {hello.get('camera')}: {key} must be a whole number, not {value!r}")
+    return value

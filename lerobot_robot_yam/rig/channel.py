@@ -1,0 +1,144 @@
+"""One simulated CAN channel: its wire, the devices on it and the clients that listen.
+
+Clients hear each other, as on a real bus, but not themselves. A packet is answered as one packet: its frames
+take the wire one after the other, then the replies do.
+"""
+
+import random
+import socket
+from collections import deque
+from collections.abc import Sequence
+
+from lerobot_robot_yam.damiao.encoder import REQUEST_ID
+from lerobot_robot_yam.damiao.tables import POSITION_VELOCITY_OFFSET, REGISTER_ID, VELOCITY_OFFSET
+from lerobot_robot_yam.rig import wire
+from lerobot_robot_yam.rig.handle import SimHandle
+from lerobot_robot_yam.rig.motors import SimMotor
+from lerobot_robot_yam.rig.wire import Frame, Wire
+
+_TRACE_LENGTH = 500_000
+_BACKLOG_S = 0.05  # a real adapter's queue is full at about this
+
+
+class Channel:
+    """Motors, maybe a handle, and clients on one wire.
+
+    Args:
+        name: the CAN channel.
+        motors: the motors on it.
+        handle: the handle encoder, on leaders.
+        latency_s: of the adapter, each way.
+        seed: of lost frames.
+    """
+
+    def __init__(self, name: str, motors: Sequence[SimMotor], handle: SimHandle | None, latency_s: float, seed: int):
+        self.name, self.motors, self.handle = name, list(motors), handle
+        self.latency_s = latency_s
+        self.cut = False  # the cable is out: nothing gets through
+        self.clients: list[socket.socket] = []
+        self.wire = Wire()
+        self.overflows = 0  # packets lost because a queue was full, on either side
+        self.trace: deque[tuple[float, float, int, int]] | None = None  # sent, arrived, identifier, first byte
+        self._late: list[tuple[float, Frame]] = []
+        self._random = random.Random(seed)
+        self._by_id: dict[int, tuple[SimMotor, int]] = {}
+        self.identifiers_changed()
+
+    def identifiers_changed(self) -> None:
+        """Rebuild the table of command identifiers; call after a change of ESC_ID."""
+        self._by_id = {
+            motor.can_id + offset: (motor, offset)
+            for motor in self.motors
+            for offset in (0, POSITION_VELOCITY_OFFSET, VELOCITY_OFFSET)
+        }
+
+    def start_trace(self) -> None:
+        """Record every frame that clients send, from now on."""
+        self.trace = deque(maxlen=_TRACE_LENGTH)
+
+    def receive(self, sender: socket.socket, frames: Sequence[Frame], now_s: float) -> None:
+        """Put a client's packet on the wire and answer it."""
+        if self.cut:
+            return
+        if self.wire.free_at_s - now_s > _BACKLOG_S:
+            self.overflows += 1
+            return
+        if self.trace is not None:
+            self.trace.extend((f.stamp_s, now_s, f.id, f.data[0] if f.data else 0) for f in frames)
+        latency, transmit = self.latency_s, self.wire.transmit
+        heard = [(transmit(wire.send_time(frame.stamp_s, now_s) + latency), frame) for frame in frames]
+        replies: list[Frame] = []
+        for through_s, frame in heard:
+            for reply in self._answers(frame, through_s):
+                replies.append(Frame(transmit(through_s) + latency, reply.id, reply.data))
+        if replies:
+            self._deliver(sender, replies)
+        if len(self.clients) > 1:
+            others = [frame._replace(stamp_s=through_s + latency) for through_s, frame in heard] + replies
+            for client in self.clients:
+                if client is not sender:
+                    self._deliver(client, others)
+
+    def emit(self, frame: Frame, now_s: float) -> None:
+        """A device speaks unasked."""
+        if not self.cut:
+            stamped = frame._replace(stamp_s=self.wire.transmit(now_s) + self.latency_s)
+            for client in self.clients:
+                self._deliver(client, [stamped])
+
+    def poll(self, now_s: float) -> None:
+        """Send what has become due: delayed answers and the handle's own reports."""
+        if self._late:
+            due = [frame for at, frame in self._late if at <= now_s]
+            self._late = [item for item in self._late if item[0] > now_s]
+            for frame in due:
+                self.emit(frame, now_s)
+        if self.handle is not None and self.handle.report_period_s:
+            report = self.handle.due_report(now_s)
+            if report is not None:
+                self.emit(report, now_s)
+
+    def _answers(self, frame: Frame, at_s: float) -> Sequence[Frame]:
+        if frame.flags:  # extended or remote: nobody here listens
+            return ()
+        entry = self._by_id.get(frame.id)
+        if entry is not None:
+            motor, offset = entry
+            answer = motor.command(offset, frame.data, at_s)
+        elif frame.id == REGISTER_ID:
+            motor_id = int.from_bytes(frame.data[:2], "little")
+            entry = self._by_id.get(motor_id)
+            if entry is None or entry[1]:
+                return ()
+            motor = entry[0]
+            answer = motor.request(frame.data, at_s)
+            if motor.can_id != motor_id:
+                self.identifiers_changed()
+        elif frame.id == REQUEST_ID and self.handle is not None:
+            reply = self.handle.request(frame.data)
+            return () if reply is None else (reply,)
+        else:
+            return ()
+        if answer is None:
+            return ()
+        return (answer,) if not motor.faults.any() else self._with_faults(motor, answer, at_s)
+
+    def _with_faults(self, motor: SimMotor, answer: Frame, at_s: float) -> Sequence[Frame]:
+        faults = motor.faults
+        if faults.drop_next > 0:
+            faults.drop_next -= 1
+            return ()
+        if faults.loss_rate and self._random.random() < faults.loss_rate:
+            return ()
+        if faults.delay_s:
+            self._late.append((at_s + faults.delay_s, answer))
+            return ()
+        return (answer, answer) if faults.duplicate else (answer,)
+
+    def _deliver(self, client: socket.socket, frames: Sequence[Frame]) -> None:
+        try:
+            client.send(wire.pack(frames), socket.MSG_DONTWAIT)
+        except BlockingIOError:
+            self.overflows += 1
+        except OSError:
+            pass  # it has gone; the server notices by itself

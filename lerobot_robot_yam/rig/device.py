@@ -1,0 +1,117 @@
+"""The rig without its sockets: a world, the channels with motors and handles, hands, pushes, the judge."""
+
+from typing import Any
+
+import numpy as np
+
+from lerobot_robot_yam.arm.profile import ArmMotor, GripperMotor
+from lerobot_robot_yam.rig.channel import Channel
+from lerobot_robot_yam.rig.events import EventLog
+from lerobot_robot_yam.rig.hand import Hand
+from lerobot_robot_yam.rig.handle import SimHandle
+from lerobot_robot_yam.rig.judge import Judge
+from lerobot_robot_yam.rig.motors import SimMotor
+from lerobot_robot_yam.rig.scene import ArmPlacement, Scene
+from lerobot_robot_yam.rig.world import Drive, World, gripper_stroke
+
+_SLOW_PERIOD_S = 0.005  # of watchdogs and the judge, simulated time
+
+
+class RigDevice:
+    """Everything simulated. Owned by one thread, driven by `advance`."""
+
+    def __init__(self, scene: Scene):
+        self.scene = scene
+        self.world = World(scene)
+        self.events = EventLog()
+        self.channels: dict[str, Channel] = {}
+        self.hands: dict[str, Hand] = {}
+        for index, row in enumerate(scene.arms):
+            gripper = self.world.profiles[row.channel][1]
+            handle = SimHandle() if gripper.handle_encoder else None
+            seed = scene.options.seed + index
+            channel = Channel(row.channel, self._motors(row), handle, scene.options.latency_s, seed)
+            self.channels[row.channel] = channel
+            if row.role == "leader":
+                self.hands[row.channel] = Hand(self.world, row.channel, handle)
+        places = {name: point[:2].tolist() for name, point in (scene.places or {}).items()}
+        self.judges = {box.name: Judge(box.name, places) for box in scene.props} if len(places) >= 2 else {}
+        self._prop_bodies = {name: self.world.model.body(name).id for name in self.judges}
+        self._pushes: dict[int, float] = {}  # body → simulated time of the end
+        self._all_motors = [motor for channel in self.channels.values() for motor in channel.motors]
+        self._advanced_s = 0.0
+        self._next_slow_s = 0.0
+
+    def _motors(self, row: ArmPlacement) -> list[SimMotor]:
+        arm, gripper = self.world.profiles[row.channel]
+        motors: list[ArmMotor | GripperMotor] = [*arm.motors]
+        if gripper.motor is not None:
+            motors.append(gripper.motor)
+        zeros = np.zeros(len(motors)) if row.zero_offset_rad is None else row.zero_offset_rad
+
+        def log(kind: str, **details: Any) -> None:
+            self.events.add(kind, channel=row.channel, **details)
+
+        found = []
+        for i, motor in enumerate(motors):
+            name = f"{row.channel}/{motor.name}"
+            if i < arm.joint_count:
+                drive = Drive(self.world, name, (f"{row.channel}/joint{i + 1}",), 0.0, 1.0)
+            else:
+                closed, coefficient = gripper_stroke(row, gripper)
+                joints = tuple(f"{row.channel}/{joint}" for joint in gripper.finger_joints)
+                drive = Drive(self.world, name, joints, closed, coefficient)
+            zero = float(zeros[i])
+            found.append(SimMotor(motor.name, motor.can_id, motor.type, motor.direction, zero, drive, self.world, log))
+        return found
+
+    def advance(self, now_s: float) -> None:
+        """Simulate up to a monotonic time."""
+        world = self.world
+        count = world.due(now_s)
+        if count == 0:
+            return
+        for name, hand in self.hands.items():
+            if hand.gripping:
+                hand.advance(self._any_enabled(name))
+        world.step(count)
+        sim_s = world.sim_s
+        self.events.sim_s = sim_s
+        elapsed, self._advanced_s = sim_s - self._advanced_s, sim_s
+        for motor in self._all_motors:
+            if motor.follows:
+                motor.advance(elapsed)
+        if sim_s >= self._next_slow_s:
+            self._next_slow_s = sim_s + _SLOW_PERIOD_S
+            self._slow(sim_s, now_s)
+
+    def _slow(self, sim_s: float, now_s: float) -> None:
+        for motor in self._all_motors:
+            motor.check_watchdog()
+        for body, end_s in list(self._pushes.items()):
+            if sim_s >= end_s:
+                self.world.data.xfrc_applied[body] = 0.0
+                del self._pushes[body]
+        for name, judge in self.judges.items():
+            position = self.world.data.xpos[self._prop_bodies[name]]
+            for event in judge.update(sim_s, now_s, position):
+                self.events.add(event.pop("kind"), **event)
+        for name, hand in self.hands.items():
+            if hand.resisted and not self._any_enabled(name):
+                hand.forgive()
+        for channel in self.channels.values():
+            channel.poll(now_s)
+
+    def _any_enabled(self, channel: str) -> bool:
+        return any(motor.enabled for motor in self.channels[channel].motors)
+
+    def push(self, body: int, force_n: np.ndarray, seconds: float) -> None:
+        """Push a body at its centre of mass with a force (3,) in world axes."""
+        self.world.data.xfrc_applied[body, :3] = force_n
+        self._pushes[body] = self.world.sim_s + seconds
+
+    def leaders_energised(self) -> bool:
+        """Whether there are leaders and every motor of theirs is enabled."""
+        return bool(self.hands) and all(
+            motor.enabled for channel in self.hands for motor in self.channels[channel].motors
+        )

@@ -1,0 +1,64 @@
+"""What happened on the rig, in order, with simulated and monotonic times."""
+
+import json
+import time
+from collections import deque
+from pathlib import Path
+from typing import Any, TextIO
+
+from lerobot_robot_yam.errors import ConfigError
+
+_KEPT = 20_000
+
+
+class EventLog:
+    """Numbered events; the oldest are forgotten."""
+
+    def __init__(self) -> None:
+        self._events: deque[dict[str, Any]] = deque(maxlen=_KEPT)
+        self._next = 0
+        self.sim_s = 0.0
+        self._file: TextIO | None = None
+
+    def keep(self, path: Path) -> None:
+        """Also write every event from now on to a file, one JSON object a line; the first relates the clocks.
+
+        Raises:
+            ConfigError: it cannot be written.
+        """
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = open(path, "w", buffering=1, encoding="utf-8")
+        except OSError as error:
+            raise ConfigError(f"option event_dir: {error}; choose a folder that can be written") from error
+        self.add("rig_started", unix_s=time.time())
+
+    def close(self) -> None:
+        """Close the file. Idempotent."""
+        file, self._file = self._file, None
+        if file is not None:
+            file.close()
+
+    def add(self, kind: str, **details: Any) -> None:
+        """Log an event of `kind`; `details` must be representable in JSON."""
+        event = {"number": self._next, "sim_s": round(self.sim_s, 4), "monotonic_s": time.monotonic(), "kind": kind}
+        event |= details
+        self._events.append(event)
+        if self._file is not None:
+            self._file.write(json.dumps(event, default=_plain) + "\n")
+        self._next += 1
+
+    def since(self, number: int, limit: int) -> list[dict[str, Any]]:
+        """At most `limit` events from `number` on."""
+        found = []
+        for event in self._events:
+            if event["number"] >= number:
+                found.append(event)
+                if len(found) == limit:
+                    break
+        return found
+
+
+def _plain(value: Any) -> Any:
+    """JSON form of numpy values."""
+    return value.tolist() if hasattr(value, "tolist") else str(value)

@@ -1,0 +1,41 @@
+"""Register contents of a motor as delivered and set up for an arm."""
+
+import struct
+
+from lerobot_robot_yam.damiao import registers
+from lerobot_robot_yam.damiao.registers import Register
+from lerobot_robot_yam.damiao.tables import TIMEOUT_COUNT_S, WATCHDOG_S, ControlMode, motor_type
+
+
+def factory_registers(can_id: int, kind: str) -> dict[int, float | int]:
+    """Value of every register of motor `can_id` of type `kind`; 0 where nothing depends on it."""
+    row = motor_type(kind)
+    held: dict[int, float | int] = dict.fromkeys(registers.REGISTERS, 0)
+    held |= {
+        Register.UV_VALUE: 15.0,
+        Register.OT_VALUE: 80.0,
+        Register.OC_VALUE: 0.98,
+        Register.ACC: 10.0,
+        Register.DEC: -10.0,
+        Register.MAX_SPD: row.velocity_max_rad_s,
+        Register.MST_ID: can_id + 16,
+        Register.ESC_ID: can_id,
+        Register.TIMEOUT: round(WATCHDOG_S / TIMEOUT_COUNT_S),
+        Register.CTRL_MODE: ControlMode.MIT,
+        Register.HW_VER: 10,
+        Register.SW_VER: 5013,
+        Register.SN: 1000 + can_id,
+        Register.NPP: 14,
+        Register.GR: 10.0,
+        Register.PMAX: row.position_max_rad,
+        Register.VMAX: row.velocity_max_rad_s,
+        Register.TMAX: row.torque_max_nm,
+        Register.GREF: 1.0,
+        Register.CAN_BR: 4,
+        Register.VBUS: 24.0,
+    }
+    # What a float32 register holds is what a reader gets.
+    return {
+        key: struct.unpack("<f", struct.pack("<f", value))[0] if registers.REGISTERS[key].kind == "float" else value
+        for key, value in held.items()
+    }

@@ -1,0 +1,108 @@
+"""A hand on a leader arm: it pulls the joints along a trajectory, with limited force, and squeezes the trigger.
+
+The pull is a damped spring at each joint, integrated with the physics; the arm's own motors work against or with it.
+A person feels an arm that goes its own way, as when it lands, and lets it go.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.rig.handle import SimHandle
+from lerobot_robot_yam.rig.world import HAND_KD, HAND_KP, Drive, World
+
+_PERIOD_S = 0.002  # of the target's interpolation
+_RESIST_NM = 2.5  # a leader that floats takes less than 1 Nm at any joint
+_RESIST_S = 0.4  # shorter peaks are the jerk of starting and stopping
+
+
+class Hand:
+    """The operator's hand on one leader.
+
+    Args:
+        world: the physics.
+        channel: the leader's.
+        handle: its handle encoder, if the end effector has one.
+    """
+
+    def __init__(self, world: World, channel: str, handle: SimHandle | None):
+        self._world = world
+        self._handle = handle
+        count = world.profiles[channel][0].joint_count
+        self._drives = [
+            Drive(world, f"{channel}/hand_{i + 1}", (f"{channel}/joint{i + 1}",), 0.0, 1.0) for i in range(count)
+        ]
+        self._start_s = 0.0
+        self._times: np.ndarray = np.zeros(1)
+        self._path: np.ndarray = np.zeros((1, count + 1))
+        self._rates: np.ndarray = np.zeros((1, count + 1))
+        self._next_s = 0.0
+        self.gripping = False
+        self.resisted = False  # the arm worked against the hand; it does not take hold again until `forgive`
+        self._easy_s = 0.0  # when the arm last gave way
+
+    def move(self, times_s: Sequence[float], q_rad: Sequence[Sequence[float]], trigger: Sequence[float]) -> None:
+        """Grip and pull along q_rad (k, n) at times_s (k,) from now, straight between, holding the last.
+
+        trigger (k,): 0 released … 1 squeezed.
+
+        Raises:
+            ConfigError: shapes do not fit, times do not increase, or a value is not finite.
+        """
+        times, joints = np.asarray(times_s, float), np.asarray(q_rad, float)
+        count = len(self._drives)
+        squeeze = np.broadcast_to(np.asarray(trigger, float), times.shape)
+        if times.ndim != 1 or len(times) < 1 or joints.shape != (len(times), count):
+            raise ConfigError(f"a hand needs times (k,) and joints (k, {count}), not {times.shape} and {joints.shape}")
+        path = np.column_stack([joints, squeeze])
+        if (np.diff(times) <= 0).any() or not np.isfinite(times).all() or not np.isfinite(path).all():
+            raise ConfigError("a hand needs increasing times and finite values")
+        self._times, self._path = times, path
+        self._rates = np.zeros_like(path)
+        if len(times) > 1:
+            self._rates[:-1] = np.diff(path, axis=0) / np.diff(times)[:, None]
+        self._start_s = self._next_s = self._world.sim_s
+        if not self.gripping:
+            self._easy_s = self._start_s
+        self.gripping = not self.resisted
+
+    def release(self) -> None:
+        """Let go; the trigger springs back."""
+        self.gripping = False
+        for drive in self._drives:
+            drive.command(0.0, 0.0, 0.0, 0.0, 0.0)
+        if self._handle is not None:
+            self._handle.trigger = self._handle.trigger_rate = 0.0
+
+    def forgive(self) -> None:
+        """The arm is limp, or another one: the hand may take hold again."""
+        self.resisted = False
+
+    def advance(self, energised: bool) -> None:
+        """Follow the trajectory; call at least every few milliseconds of simulated time.
+
+        A limp arm (not `energised`) is heavy, which is no resistance.
+        """
+        now = self._world.sim_s
+        if not self.gripping or now < self._next_s:
+            return
+        self._next_s = now + _PERIOD_S
+        if not energised or max(abs(drive.torque()) for drive in self._drives) < _RESIST_NM:
+            self._easy_s = now
+        elif now - self._easy_s > _RESIST_S:
+            self.resisted = True
+            self.release()
+            return
+        t = now - self._start_s
+        index = int(np.searchsorted(self._times, t, side="right")) - 1
+        row = max(index, 0)
+        ahead = t - self._times[row] if index >= 0 else 0.0
+        rates = self._rates[row]
+        target = (self._path[row] + rates * ahead).tolist()
+        rate = rates.tolist()
+        for i, drive in enumerate(self._drives):
+            drive.command(target[i], rate[i], HAND_KP, HAND_KD, 0.0)
+        if self._handle is not None:
+            self._handle.trigger = min(max(target[-1], 0.0), 1.0)
+            self._handle.trigger_rate = rate[-1]

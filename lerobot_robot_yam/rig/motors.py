@@ -1,0 +1,280 @@
+"""A simulated Damiao motor: frames in, feedback out, registers, states, watchdog.
+
+Behaviour that no public source documents and that we chose: ENABLE does not clear a fault (CLEAR does, leaving the
+motor disabled); only frames to the motor's own command identifiers feed the watchdog; a command of another mode
+than CTRL_MODE is answered but not obeyed; the answer to STORE is an echo of the request.
+"""
+
+import contextlib
+import math
+import random
+from collections.abc import Callable
+
+from lerobot_robot_yam.damiao import codec, registers
+from lerobot_robot_yam.damiao.codec import SpecialCommand
+from lerobot_robot_yam.damiao.registers import Opcode, Register
+from lerobot_robot_yam.damiao.tables import (
+    POSITION_VELOCITY_OFFSET,
+    TIMEOUT_COUNT_S,
+    VELOCITY_OFFSET,
+    ControlMode,
+    Fault,
+    motor_type,
+)
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.rig.factory_registers import factory_registers
+from lerobot_robot_yam.rig.link_faults import LinkFaults
+from lerobot_robot_yam.rig.wire import Frame
+from lerobot_robot_yam.rig.world import Drive, World
+
+# Gains of the motor's own loops in the modes that bring none along.
+_POSITION_KP, _POSITION_KD = 100.0, 5.0
+_VELOCITY_KD = 5.0
+_RANGES: dict[int, str] = {Register.PMAX: "PMAX", Register.VMAX: "VMAX", Register.TMAX: "TMAX"}
+_AHEAD_S = 0.003  # a sample is carried on by at most this
+
+
+class SimMotor:
+    """One motor on one drive.
+
+    Args:
+        name: "joint_1", for messages and events.
+        can_id: command identifier; answers go to can_id + 16.
+        kind: a row of `damiao.tables.MOTOR_TYPES`.
+        direction: +1 or -1, motor angle against joint angle.
+        zero_rad: motor angle at joint angle 0.
+        drive: its actuator.
+        world: for times and options.
+        log: called with (kind of event, details).
+    """
+
+    def __init__(
+        self,
+        name: str,
+        can_id: int,
+        kind: str,
+        direction: int,
+        zero_rad: float,
+        drive: Drive,
+        world: World,
+        log: Callable[..., None],
+    ):
+        self.name, self.can_id, self.kind = name, can_id, kind
+        self.fault: int = Fault.DISABLED
+        self.faults = LinkFaults()
+        self._drive, self._world, self._log = drive, world, log
+        self._direction, self._zero = direction, zero_rad
+        self._row = motor_type(kind)
+        self._random = random.Random(world.scene.options.seed * 1000 + can_id)
+        self._last_command_s = 0.0
+        self._goal: tuple[float, float] | None = None  # position-velocity mode: target and its speed limit
+        self._reference = 0.0
+        self._registers = factory_registers(can_id, kind)
+        self._registers_changed()
+
+    @property
+    def enabled(self) -> bool:
+        """Whether the motor obeys commands."""
+        return self.fault == Fault.NORMAL
+
+    @property
+    def follows(self) -> bool:
+        """Whether `advance` must be called: a position-velocity move is under way."""
+        return self._goal is not None
+
+    @property
+    def torque_nm(self) -> float:
+        """True torque at the joint, joint sign."""
+        return self._drive.torque()
+
+    @property
+    def motor_angle_rad(self) -> float:
+        """True multi-turn motor angle in rad."""
+        return self._direction * self._drive.angle() + self._zero
+
+    # frames
+
+    def command(self, offset: int, data: bytes, at_s: float) -> Frame | None:
+        """Obey a frame to identifier can_id + offset that the wire delivers at `at_s`, and answer it."""
+        if self.faults.silent:
+            return None
+        special = codec.decode_special(data)
+        self._last_command_s = self._world.sim_s
+        if special is not None:
+            self._special(special)
+        elif len(data) == 8 and self.fault == Fault.NORMAL:
+            if offset == 0:
+                if self.mode == ControlMode.MIT:
+                    self._obey(*codec.decode_mit(self.kind, data))
+            else:
+                self._obey_floats(offset, data)
+        return self.feedback(at_s)
+
+    def request(self, data: bytes, at_s: float) -> Frame | None:
+        """Answer a register request addressed to this motor, delivered at `at_s`."""
+        request = registers.decode_request(data)
+        if self.faults.silent or request is None:
+            return None
+        if request.opcode == Opcode.REFRESH:
+            return self.feedback(at_s)
+        if request.opcode == Opcode.STORE:
+            return Frame(0.0, self._master_id, bytes(data).ljust(8, b"\x00"))
+        if request.register not in self._registers:
+            return None
+        if request.opcode == Opcode.WRITE and registers.REGISTERS[request.register].writable:
+            assert request.value is not None
+            with contextlib.suppress(ConfigError):  # the answer then shows the value still held
+                self.set_register(request.register, request.value)
+        value = self._register(request.register)
+        # Identifiers may just have changed; the answer still comes from the one that was asked.
+        answer = registers.encode_reply(request.motor_id, request.opcode, request.register, value)
+        return Frame(0.0, self._master_id, answer)
+
+    def feedback(self, at_s: float) -> Frame:
+        """A feedback frame of the state at monotonic time `at_s`; its time stamp is for the caller to set.
+
+        The physics may be behind that time by a packet's way over the wire; the position is carried on with the
+        velocity, which over 3 ms is exact to less than the frame's last bit.
+        """
+        p_max, direction, world = self._row.position_max_rad, self._direction, self._world
+        ahead = min(max(at_s - world.stamp_s, 0.0), _AHEAD_S)
+        rate = self._drive.velocity()
+        position = direction * (self._drive.angle() + rate * ahead) + self._zero
+        if not -p_max <= position <= p_max:
+            position = (position + p_max) % (2 * p_max) - p_max
+        velocity = direction * rate
+        torque = direction * self._drive.torque()
+        if self._scales is not None:
+            position, velocity, torque = (
+                x * s for x, s in zip((position, velocity, torque), self._scales, strict=True)
+            )
+        mos, rotor = self._temperatures(velocity, torque, world.stamp_s + ahead)
+        fault = self.fault
+        return Frame(
+            0.0,
+            self._master_id,
+            codec.encode_feedback(self.kind, self.can_id, fault, position, velocity, torque, mos, rotor),
+        )
+
+    # state
+
+    def advance(self, elapsed_s: float) -> None:
+        """Move the reference of a position-velocity move on."""
+        if self._goal is None:
+            return
+        target, speed = self._goal
+        step = abs(speed) * elapsed_s
+        self._reference += min(max(target - self._reference, -step), step)
+        velocity = math.copysign(abs(speed), target - self._reference) if self._reference != target else 0.0
+        self._obey(self._reference, velocity, _POSITION_KP, _POSITION_KD, 0.0, scale=False)
+
+    def check_watchdog(self) -> None:
+        """Give up when no command came for the time-out; call every few milliseconds of simulated time."""
+        if self.fault != Fault.NORMAL or self._timeout_s == 0.0:
+            return
+        silence = self._world.sim_s - self._last_command_s
+        if silence > self._timeout_s:
+            self.fail(Fault.COMMUNICATION_LOST)
+
+    def fail(self, fault: int) -> None:
+        """Fall into a fault: torque off, or damping after a lost link if the scene says so."""
+        self._limp()
+        options = self._world.scene.options
+        if fault == Fault.COMMUNICATION_LOST and options.watchdog == "damping":
+            self._drive.command(0.0, 0.0, 0.0, options.watchdog_damping, 0.0)
+        self.fault = fault
+        self._log("motor_fault", motor=self.name, fault=int(fault))
+
+    def disable(self) -> None:
+        """Torque off."""
+        if self.fault == Fault.NORMAL:
+            self._log("motor_disabled", motor=self.name)
+            self.fault = Fault.DISABLED
+        self._limp()
+
+    def set_register(self, register: int, value: float) -> None:
+        """Overwrite a register, read-only ones too.
+
+        Raises:
+            ConfigError: no such register, or a value it cannot hold.
+        """
+        registers.encode_value(register, value)  # checks
+        if register in _RANGES and value <= 0:
+            raise ConfigError(f"register {_RANGES[register]} must be positive, not {value}")
+        self._registers[register] = value
+        self._registers_changed()
+
+    def _special(self, special: SpecialCommand) -> None:
+        if special is SpecialCommand.ENABLE:
+            if self.fault == Fault.DISABLED:
+                self._limp()
+                self._reference = self.motor_angle_rad
+                self.fault = Fault.NORMAL
+                self._log("motor_enabled", motor=self.name)
+        elif special is SpecialCommand.DISABLE:
+            self.disable()
+        elif special is SpecialCommand.ZERO:
+            self._zero -= self.motor_angle_rad
+        elif self.fault not in (Fault.NORMAL, Fault.DISABLED):
+            if self.faults.sticky_fault is None:
+                self.fault = Fault.DISABLED
+                self._limp()
+
+    def _obey(self, position: float, velocity: float, kp: float, kd: float, torque: float, scale: bool = True) -> None:
+        """Servo to a command in motor coordinates; `scale`: it came packed in the motor's own ranges."""
+        if scale:
+            self._goal = None
+            if self._scales is not None:
+                position, velocity, torque = (
+                    x / s for x, s in zip((position, velocity, torque), self._scales, strict=True)
+                )
+        direction = self._direction
+        true = self._zero + direction * self._drive.angle()
+        p_max = self._row.position_max_rad
+        if not -p_max <= true <= p_max:  # the command means the turn that feedback reports
+            position += true - ((true + p_max) % (2 * p_max) - p_max)
+        self._drive.command(direction * (position - self._zero), direction * velocity, kp, kd, direction * torque)
+
+    def _obey_floats(self, offset: int, data: bytes) -> None:
+        """Position-velocity or velocity command, if the motor is in that mode and the numbers are finite."""
+        first, second = codec.decode_position_velocity(data)
+        if not (math.isfinite(first) and math.isfinite(second)):
+            return
+        if offset == POSITION_VELOCITY_OFFSET and self.mode == ControlMode.POSITION_VELOCITY:
+            self._goal = first, second
+        elif offset == VELOCITY_OFFSET and self.mode == ControlMode.VELOCITY:
+            self._obey(0.0, first, 0.0, _VELOCITY_KD, 0.0, scale=False)
+
+    def _limp(self) -> None:
+        self._goal = None
+        self._drive.command(0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def _temperatures(self, velocity: float, torque: float, sample_s: float) -> tuple[int, int]:
+        """Power stage and coil in °C, the vendor simulation's formula; or the sample's time."""
+        if self._world.scene.options.stamp_temperatures:
+            stamp = int(sample_s * 1e4)
+            return stamp >> 8 & 0xFF, stamp & 0xFF
+        if self.faults.temperatures_c is not None:
+            mos, rotor = self.faults.temperatures_c
+            return int(mos), int(rotor)
+        power = abs(velocity * torque)
+        noise = self._random.random() - 0.5
+        return int(35.5 + 0.5 * power + noise), int(40.5 + 0.8 * power + noise)
+
+    def _register(self, register: int) -> float | int:
+        if register in (Register.P_M, Register.XOUT):
+            return self.motor_angle_rad
+        return self._registers[register]
+
+    def _registers_changed(self) -> None:
+        held = self._registers
+        self.can_id = int(held[Register.ESC_ID])
+        self.mode = int(held[Register.CTRL_MODE])
+        self._master_id = int(held[Register.MST_ID])
+        self._timeout_s = held[Register.TIMEOUT] * TIMEOUT_COUNT_S
+        # The codec packs with the type's ranges; a motor set to others packs as if every value were scaled.
+        row = self._row
+        ranges = (row.position_max_rad, row.velocity_max_rad_s, row.torque_max_nm)
+        held_ranges = (held[Register.PMAX], held[Register.VMAX], held[Register.TMAX])
+        scales = tuple(mine / its for mine, its in zip(ranges, held_ranges, strict=True))
+        self._scales: tuple[float, ...] | None = None if all(abs(s - 1) < 1e-6 for s in scales) else scales

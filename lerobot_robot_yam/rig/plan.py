@@ -1,0 +1,236 @@
+"""Joint paths for a top-down pick-and-place, from tool poses, for one arm.
+
+Positions are in the world frame, angles in radians. A tool pose is the position of `grasp_site` and a yaw about
+the vertical; the tool always points straight down. At yaw 0 its fingers open along the world's y axis.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mink
+import mujoco
+import numpy as np
+
+from lerobot_robot_yam.errors import RigError
+
+_JOINTS = 6
+_IK_STEPS = 20
+_POSITION_TOLERANCE_M = 1e-3
+_ANGLE_TOLERANCE_RAD = 5e-3
+_SAMPLES = 33
+# When in a transfer the tool rises, travels and sinks, as fractions of its duration: the overlaps round the corners.
+_RISE, _TRAVEL, _SINK = (0.0, 0.42), (0.16, 0.84), (0.58, 1.0)
+
+
+def minimum_jerk(s: np.ndarray | float) -> np.ndarray:
+    """Flash and Hogan's 10 s³ − 15 s⁴ + 6 s⁵, clamped to 0 … 1."""
+    s = np.clip(s, 0.0, 1.0)
+    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+
+
+@dataclass(frozen=True)
+class Path:
+    """A sampled joint path.
+
+    Attributes:
+        times_s: (k,) seconds from the start, increasing, first 0.
+        q_rad: (k, 6).
+    """
+
+    times_s: np.ndarray
+    q_rad: np.ndarray
+
+    @property
+    def duration_s(self) -> float:
+        return float(self.times_s[-1])
+
+    @property
+    def end_rad(self) -> np.ndarray:
+        """Last joint vector, (6,)."""
+        return self.q_rad[-1]
+
+    def at(self, t_s: float) -> np.ndarray:
+        """Joint vector (6,) at t_s, linear between samples."""
+        return np.array([np.interp(t_s, self.times_s, column) for column in self.q_rad.T])
+
+    def rest(self, t_s: float, ease_s: float = 0.4) -> "Path":
+        """What is left after t_s, starting from a standstill: the first ease_s are stretched to twice as long."""
+        left = self.times_s[-1] - t_s
+        if left <= 0.0:
+            return Path(np.array([0.0, 0.1]), np.stack([self.end_rad, self.end_rad]))
+        ease = min(ease_s, left)
+        count = max(3, int(left / 0.03))
+        travelled = np.linspace(0.0, left, count)
+        # Progress x(t) = t²/(4 e) until it moves at full speed at t = 2 e, x = e.
+        times = np.where(travelled < ease, 2.0 * np.sqrt(ease * travelled), travelled + ease)
+        return Path(times, np.array([self.at(t_s + x) for x in travelled]))
+
+
+class ArmPlanner:
+    """Plans for one arm standing on the table.
+
+    Args:
+        model: the arm with its gripper, base at the origin, as `arm.model.build_model` returns it.
+        position_m: base in the world, (3,).
+        yaw_rad: base heading.
+        speed_rad_s: no joint moves faster than this.
+        acceleration_rad_s2: nor accelerates faster than this.
+        seed_rad: (6,) a bent pose to start the inverse kinematics from, also the posture it prefers.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        position_m: np.ndarray,
+        yaw_rad: float = 0.0,
+        speed_rad_s: float = 1.2,
+        acceleration_rad_s2: float = 7.0,
+        seed_rad: tuple[float, ...] = (0.0, 1.2, 1.0, -1.3, 0.0, 0.0),
+    ):
+        self._model = model
+        self._base = np.asarray(position_m, float)
+        self._yaw = yaw_rad
+        self._speed = speed_rad_s
+        self._acceleration = acceleration_rad_s2
+        self._seed = np.asarray(seed_rad, float)
+        self._configuration = mink.Configuration(model)
+        self._site = model.site("grasp_site").id
+        self._tool = mink.FrameTask("grasp_site", "site", position_cost=1.0, orientation_cost=0.3, lm_damping=1e-6)
+        self._posture = mink.PostureTask(model, cost=1e-5)
+        self._posture.set_target(self._full(self._seed))
+        self._limits = [mink.ConfigurationLimit(model)]
+
+    def _full(self, q_rad: np.ndarray) -> np.ndarray:
+        full = np.zeros(self._model.nq)
+        full[:_JOINTS] = q_rad
+        return full
+
+    def _to_base(self, position_m: np.ndarray) -> np.ndarray:
+        c, s = np.cos(self._yaw), np.sin(self._yaw)
+        x, y, z = np.asarray(position_m, float) - self._base
+        return np.array([c * x + s * y, -s * x + c * y, z])
+
+    def tool(self, q_rad: np.ndarray) -> tuple[np.ndarray, float]:
+        """World position (3,) and yaw of `grasp_site` at q_rad (6,)."""
+        self._configuration.update(self._full(q_rad))
+        x, y, z = self._configuration.data.site_xpos[self._site]
+        c, s = np.cos(self._yaw), np.sin(self._yaw)
+        rotation = self._configuration.data.site_xmat[self._site].reshape(3, 3)
+        position = self._base + np.array([c * x - s * y, s * x + c * y, z])
+        return position, float(np.arctan2(-rotation[0, 1], rotation[1, 1])) + self._yaw
+
+    def natural_yaw(self, position_m: np.ndarray) -> float:
+        """The yaw at which joint 6 is near zero: the direction from the base to the point."""
+        x, y, _ = self._to_base(position_m)
+        return float(np.arctan2(y, x)) + self._yaw
+
+    def grasp_yaw(self, position_m: np.ndarray, cube_yaw_rad: float) -> float:
+        """Yaw that puts the fingers on two faces of the cube with the least turn of joint 6."""
+        natural = self.natural_yaw(position_m)
+        quarter = np.pi / 2
+        return float(cube_yaw_rad + quarter * np.round((natural - cube_yaw_rad) / quarter))
+
+    def solve(self, position_m: np.ndarray, yaw_rad: float, q_near_rad: np.ndarray) -> np.ndarray | None:
+        """Joint vector (6,) that puts `grasp_site` there, close to q_near_rad; None when out of reach."""
+        self._configuration.update(self._full(q_near_rad))
+        yaw = yaw_rad - self._yaw
+        c, s = np.cos(yaw), np.sin(yaw)
+        # Columns: tool x, y (finger opening), z (approach, straight down).
+        rotation = mink.SO3.from_matrix(np.array([[-c, -s, 0.0], [-s, c, 0.0], [0.0, 0.0, -1.0]]))
+        self._tool.set_target(mink.SE3.from_rotation_and_translation(rotation, self._to_base(position_m)))
+        for _ in range(_IK_STEPS):
+            error = self._tool.compute_error(self._configuration)
+            if np.abs(error[:3]).max() < _POSITION_TOLERANCE_M and np.abs(error[3:]).max() < _ANGLE_TOLERANCE_RAD:
+                return self._configuration.q[:_JOINTS].copy()
+            velocity = mink.solve_ik(
+                self._configuration,
+                [self._tool, self._posture],
+                1.0,
+                "daqp",
+                damping=1e-9,
+                limits=self._limits,
+            )
+            self._configuration.integrate_inplace(velocity, 1.0)
+        return None
+
+    def reaches(self, position_m: np.ndarray, yaw_rad: float | None = None) -> bool:
+        """Whether the tool can point straight down at the point."""
+        yaw = self.natural_yaw(position_m) if yaw_rad is None else yaw_rad
+        return self.solve(position_m, yaw, self._facing(position_m)) is not None
+
+    def _facing(self, position_m: np.ndarray) -> np.ndarray:
+        seed = self._seed.copy()
+        seed[0] = self.natural_yaw(position_m) - self._yaw
+        return np.clip(seed, self._model.jnt_range[:_JOINTS, 0], self._model.jnt_range[:_JOINTS, 1])
+
+    def pose(self, position_m: np.ndarray, yaw_rad: float) -> np.ndarray:
+        """Joint vector (6,) for a tool pose.
+
+        Raises:
+            RigError: the arm cannot reach it.
+        """
+        q = self.solve(position_m, yaw_rad, self._facing(position_m))
+        if q is None:
+            raise RigError(f"the operator cannot reach {np.round(position_m, 3)} m; move the prop nearer to the arm")
+        return q
+
+    def joint_move(self, start_rad: np.ndarray, end_rad: np.ndarray) -> Path:
+        """Straight line between two joint vectors with minimum jerk."""
+        start, end = np.asarray(start_rad, float), np.asarray(end_rad, float)
+        return self._timed(lambda s: start + (end - start) * minimum_jerk(s), 0.2)
+
+    def unfold(self, start_rad: np.ndarray, end_rad: np.ndarray) -> Path:
+        """As `joint_move`, the elbow ahead of the shoulder: a folded arm lifts its tool before it reaches out."""
+        start, end = np.asarray(start_rad, float), np.asarray(end_rad, float)
+        first = np.array([0.3, 0.3, 0.0, 0.0, 0.0, 0.3])
+        last = np.array([1.0, 1.0, 0.7, 0.7, 0.7, 1.0])
+
+        def joints(s: float) -> np.ndarray:
+            return start + (end - start) * minimum_jerk((s - first) / (last - first))
+
+        return self._timed(joints, 0.2)
+
+    def transfer(
+        self,
+        start_rad: np.ndarray,
+        position_m: np.ndarray,
+        yaw_rad: float,
+        height_m: float,
+        least_s: float = 0.4,
+    ) -> Path:
+        """Rise to height_m, travel and sink to a tool pose, in one smooth motion.
+
+        Raises:
+            RigError: some point of the way is out of reach.
+        """
+        origin, yaw = self.tool(start_rad)
+        target = np.asarray(position_m, float)
+        turn = (yaw_rad - yaw + np.pi) % (2 * np.pi) - np.pi
+        top = max(height_m, origin[2], target[2])
+        near = np.asarray(start_rad, float)
+
+        def joints(s: float) -> np.ndarray:
+            nonlocal near
+            x = _span(s, *_TRAVEL)
+            point = origin + (target - origin) * x
+            point[2] = origin[2] + (top - origin[2]) * _span(s, *_RISE) + (target[2] - top) * _span(s, *_SINK)
+            solution = self.solve(point, yaw + turn * x, near)
+            if solution is None:
+                raise RigError(f"the operator cannot reach {np.round(point, 3)} m; move the prop nearer to the arm")
+            near = solution
+            return solution
+
+        return self._timed(joints, least_s)
+
+    def _timed(self, joints: Callable[[float], np.ndarray], least_s: float) -> Path:
+        """Sample joints(0 … 1) and stretch it until speed and acceleration are within limits."""
+        s = np.linspace(0.0, 1.0, _SAMPLES)
+        q = np.array([joints(x) for x in s])
+        speed = np.abs(np.diff(q, axis=0)).max() * (_SAMPLES - 1)
+        acceleration = np.abs(np.diff(q, 2, axis=0)).max() * (_SAMPLES - 1) ** 2
+        duration = max(least_s, speed / self._speed, float(np.sqrt(acceleration / self._acceleration)))
+        return Path(s * duration, q)
+
+
+def _span(s: float, start: float, end: float) -> float:
+    return float(minimum_jerk((s - start) / (end - start)))

@@ -1,0 +1,74 @@
+"""The wire: what a packet between a bus client and the rig holds, and how long frames occupy the bus.
+
+A packet is any number of 24-byte records (stamp, identifier, length, flags, data). Towards the rig the stamp is
+the time of the send call; towards the client it is the time at which the wire delivers the frame, and the client
+waits for it. So a whole tick travels as one packet each way and still takes the time a real bus would take.
+"""
+
+import struct
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from lerobot_robot_yam.damiao.tables import FRAME_TIME_S
+from lerobot_robot_yam.errors import BusError
+
+_RECORD = struct.Struct("<dIBBxx8s")
+RECORD_SIZE = _RECORD.size
+MAX_RECORDS = 512  # per packet; keeps a packet far below the socket's limit
+
+FLAG_EXTENDED = 1
+FLAG_REMOTE = 2
+
+_OLDEST_SEND_S = 0.05  # a send stamp older than this is taken as that old: the sender was descheduled
+
+
+class Frame(NamedTuple):
+    """One CAN frame with its time stamp (`time.monotonic()` s, see the module's text for its meaning)."""
+
+    stamp_s: float
+    id: int
+    data: bytes
+    flags: int = 0
+
+
+def pack(frames: Iterable[Frame]) -> bytes:
+    """Frames as one packet."""
+    return b"".join([_RECORD.pack(stamp, ident, len(data), flags, data) for stamp, ident, data, flags in frames])
+
+
+def unpack(packet: bytes) -> list[Frame]:
+    """The frames of a packet.
+
+    Raises:
+        BusError: the packet is not a whole number of records.
+    """
+    if len(packet) % RECORD_SIZE:
+        raise BusError(f"a packet of {len(packet)} bytes is not made of {RECORD_SIZE}-byte records")
+    return [
+        Frame(stamp, ident, data[:length], flags) for stamp, ident, length, flags, data in _RECORD.iter_unpack(packet)
+    ]
+
+
+class Wire:
+    """Occupancy of one bus: frames follow one another, `FRAME_TIME_S` each.
+
+    Work-conserving; between frames that wait at the same moment the caller orders (commands before replies,
+    as their identifiers are lower). A frame scheduled later never overtakes one scheduled before.
+    """
+
+    def __init__(self, frame_time_s: float = FRAME_TIME_S):
+        self.frame_time_s = frame_time_s
+        self.free_at_s = 0.0
+        self.frames = 0
+
+    def transmit(self, ready_s: float) -> float:
+        """Put one frame on the wire that is ready at `ready_s`; returns the time at which it is through."""
+        start = ready_s if ready_s > self.free_at_s else self.free_at_s
+        self.free_at_s = start + self.frame_time_s
+        self.frames += 1
+        return self.free_at_s
+
+
+def send_time(stamp_s: float, now_s: float) -> float:
+    """A client's send stamp, kept within what is plausible at `now_s`."""
+    return min(max(stamp_s, now_s - _OLDEST_SEND_S), now_s)

@@ -1,0 +1,281 @@
+"""The rig's physics: a MuJoCo world of a scene, kept at real time.
+
+Every motor is one actuator with force  kp (u* − u) + kd (u̇* − u̇) + tau,  integrated implicitly in the velocity
+(implicitfast), as an explicit kd at 1 ms would make the light wrist joints limit-cycle. u is the joint angle, or
+the gripper motor's angle through a tendon over both fingers.
+"""
+
+import logging
+import math
+
+import mujoco
+import numpy as np
+
+from lerobot_robot_yam.arm.model import Physics, build_spec
+from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile, load_arm, load_gripper
+from lerobot_robot_yam.damiao.tables import motor_type
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.rig.scene import ArmPlacement, Box, Camera, Scene
+from lerobot_robot_yam.rig.scenery import add_scenery
+
+logger = logging.getLogger(__name__)
+
+HAND_KP, HAND_KD = 200.0, 20.0  # Nm/rad, Nm s/rad: a firm grip on the leader's joints
+HAND_TORQUE_NM = 12.0  # what the operator's pull can do at a joint
+_SLIP_S = 0.05  # further behind than this, simulated time is given up
+_SLIP_TELL_S = 5.0  # between two log messages about it
+
+
+def build_world(scene: Scene) -> mujoco.MjModel:
+    """The compiled world. Names of an arm's parts carry its channel: "follower_left/joint1".
+
+    Every process of the rig that needs the model builds it anew from the scene; the result is the same.
+
+    Raises:
+        ConfigError: a profile is unknown or does not fit.
+    """
+    spec = mujoco.MjSpec()
+    spec.modelname = scene.name
+    spec.option.timestep = scene.options.timestep_s
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = 10.0  # held props must not creep out of the fingers
+    add_scenery(spec)
+    for box in scene.furniture:
+        _add_box(spec.worldbody, box)
+    for row in scene.arms:
+        _attach_arm(spec, row, scene)
+    for box in scene.props:
+        body = spec.worldbody.add_body(name=box.name, pos=box.center_m, quat=yaw_quat(box.yaw_rad))
+        body.add_freejoint(name=box.name)
+        _add_box(body, box)
+    for camera in scene.cameras:
+        _add_camera(spec, camera)
+    return spec.compile()
+
+
+def yaw_quat(yaw_rad: float) -> np.ndarray:
+    """Quaternion (4,) w x y z of a turn about the vertical."""
+    return np.array([math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2)])
+
+
+def _add_box(body: mujoco.MjsBody, box: Box) -> None:
+    fixed = box.mass_kg == 0.0
+    geom = body.add_geom(name=box.name, type=mujoco.mjtGeom.mjGEOM_BOX, size=box.size_m / 2, rgba=box.rgba)
+    geom.friction = [box.friction, 0.01, 0.0001]
+    geom.condim = 4
+    if fixed:
+        geom.pos, geom.quat = box.center_m, yaw_quat(box.yaw_rad)
+    else:
+        geom.mass = box.mass_kg
+
+
+def _add_camera(spec: mujoco.MjSpec, camera: Camera) -> None:
+    body = spec.worldbody if not camera.body else spec.body(camera.body)
+    if body is None:
+        raise ConfigError(f"camera '{camera.name}': no body '{camera.body}'; bodies are named channel/body")
+    backward = camera.position_m - camera.target_m
+    backward = backward / np.linalg.norm(backward)
+    right = np.cross(camera.up, backward)
+    right /= np.linalg.norm(right)
+    rotation = np.column_stack([right, np.cross(backward, right), backward])
+    quat = np.empty(4)
+    mujoco.mju_mat2Quat(quat, rotation.ravel())
+    body.add_camera(name=camera.name, pos=camera.position_m, quat=quat, fovy=camera.fovy_deg)
+
+
+def _attach_arm(spec: mujoco.MjSpec, row: ArmPlacement, scene: Scene) -> None:
+    physics = Physics(friction_scale=scene.options.friction, armature_scale=scene.options.armature)
+    arm, gripper = load_arm(row.arm), load_gripper(row.gripper)
+    frame = spec.worldbody.add_frame(pos=row.position_m, quat=yaw_quat(row.yaw_rad))
+    spec.attach(build_spec(arm, gripper, physics=physics), prefix=f"{row.channel}/", frame=frame)
+    for i, motor in enumerate(arm.motors):
+        target = f"{row.channel}/joint{i + 1}"
+        limit = motor_type(motor.type).torque_max_nm
+        _add_servo(spec, f"{row.channel}/{motor.name}", target, mujoco.mjtTrn.mjTRN_JOINT, limit)
+        if row.role == "leader":
+            _add_servo(spec, f"{row.channel}/hand_{i + 1}", target, mujoco.mjtTrn.mjTRN_JOINT, HAND_TORQUE_NM)
+    if gripper.motor is not None:
+        coefficient = gripper_stroke(row, gripper)[1]
+        tendon = spec.add_tendon(name=f"{row.channel}/gripper")
+        for joint in gripper.finger_joints:
+            tendon.wrap_joint(f"{row.channel}/{joint}", coefficient)
+        limit = motor_type(gripper.motor.type).torque_max_nm
+        target = f"{row.channel}/gripper"
+        _add_servo(spec, f"{row.channel}/{gripper.motor.name}", target, mujoco.mjtTrn.mjTRN_TENDON, limit)
+
+
+def gripper_stroke(row: ArmPlacement, gripper: GripperProfile) -> tuple[float, float]:
+    """(closed stop rad, radians per metre of one finger / 2), joint space."""
+    assert gripper.calibration is not None and gripper.finger_range_m is not None
+    stops = gripper.calibration.nominal_stops_rad if row.stops_rad is None else row.stops_rad
+    travel = float(gripper.finger_range_m[1] - gripper.finger_range_m[0])
+    return float(stops[0]), float(stops[1] - stops[0]) / travel / max(1, len(gripper.finger_joints))
+
+
+def _add_servo(spec: mujoco.MjSpec, name: str, target: str, kind: mujoco.mjtTrn, limit_nm: float) -> None:
+    spec.add_actuator(
+        name=name,
+        target=target,
+        trntype=kind,
+        gaintype=mujoco.mjtGain.mjGAIN_FIXED,
+        biastype=mujoco.mjtBias.mjBIAS_AFFINE,
+        gainprm=[1.0] + [0.0] * 9,
+        forcelimited=True,
+        forcerange=[-limit_nm, limit_nm],
+    )
+
+
+class Drive:
+    """One actuator, seen from its shaft: angle u = base + Σ coefficient · q of one or two joints."""
+
+    def __init__(self, world: "World", actuator: str, joints: tuple[str, ...], base_rad: float, coefficient: float):
+        model = world.model
+        self.actuator = model.actuator(actuator).id
+        self._world = world
+        if not 1 <= len(joints) <= 2:
+            raise ConfigError(f"actuator {actuator} must move one or two joints, not {joints}")
+        self._q = [int(model.joint(j).qposadr[0]) for j in joints]
+        self._v = [int(model.joint(j).dofadr[0]) for j in joints]
+        self._single = len(joints) == 1
+        self._base = base_rad
+        self._coefficient = coefficient
+        self._gains = (0.0, 0.0)
+        self._bias = model.actuator_biasprm[self.actuator]
+        self._ctrl = world.data.ctrl
+
+    def angle(self) -> float:
+        """Shaft angle in rad."""
+        q = self._world.qpos
+        own = self._q
+        return self._base + self._coefficient * (q[own[0]] if self._single else q[own[0]] + q[own[1]])
+
+    def velocity(self) -> float:
+        """Shaft velocity in rad/s."""
+        v = self._world.qvel
+        own = self._v
+        return self._coefficient * (v[own[0]] if self._single else v[own[0]] + v[own[1]])
+
+    def torque(self) -> float:
+        """Shaft torque of the last step in Nm."""
+        return self._world.force[self.actuator]
+
+    def command(self, angle: float, velocity: float, kp: float, kd: float, torque: float) -> None:
+        """From now on  kp (angle − u) + kd (velocity − u̇) + torque.  Units: rad, rad/s, Nm."""
+        if (kp, kd) != self._gains:
+            self._bias[1], self._bias[2] = -kp, -kd
+            self._gains = (kp, kd)
+        self._ctrl[self.actuator] = kp * (angle - self._base) + kd * velocity + torque
+
+
+class World:
+    """Model, state and simulated time. `qpos`, `qvel` and `force` are lists, fresh after each advance."""
+
+    def __init__(self, scene: Scene):
+        self.scene = scene
+        self.model = build_world(scene)
+        self.data = mujoco.MjData(self.model)
+        self.timestep_s = self.model.opt.timestep
+        self.profiles: dict[str, tuple[ArmProfile, GripperProfile]] = {
+            row.channel: (load_arm(row.arm), load_gripper(row.gripper)) for row in scene.arms
+        }
+        for row in scene.arms:
+            arm, gripper = self.profiles[row.channel]
+            self.set_pose(row.channel, arm.rest_q(gripper.name) if row.q_rad is None else row.q_rad)
+        mujoco.mj_forward(self.model, self.data)
+        self.steps = 0
+        self.slips = 0
+        self._slip_told_s = -math.inf
+        self._anchor_s = 0.0  # monotonic time of simulated time 0
+        self.refresh()
+
+    @property
+    def sim_s(self) -> float:
+        """Simulated time in s."""
+        return self.steps * self.timestep_s
+
+    @property
+    def stamp_s(self) -> float:
+        """Monotonic time that the present state stands for."""
+        return self._anchor_s + self.steps * self.timestep_s
+
+    def start(self, now_s: float) -> None:
+        """Simulated time runs from now on."""
+        self._anchor_s = now_s - self.sim_s
+
+    def due(self, now_s: float) -> int:
+        """Steps to do until now; gives time up (a slip) when too far behind."""
+        behind = now_s - self.stamp_s
+        if behind > _SLIP_S:
+            self._anchor_s += behind
+            self.slips += 1
+            if now_s - self._slip_told_s > _SLIP_TELL_S:
+                self._slip_told_s = now_s
+                logger.warning(
+                    "physics fell %.0f ms behind (slip %d); simulated time is given up", behind * 1e3, self.slips
+                )
+            return 0
+        return max(0, int(behind / self.timestep_s))
+
+    def step(self, count: int) -> None:
+        """Simulate `count` steps."""
+        mujoco.mj_step(self.model, self.data, count)
+        self.steps += count
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Copy the state into plain lists: the motors read single numbers, which numpy makes slow."""
+        self.qpos: list[float] = self.data.qpos.tolist()
+        self.qvel: list[float] = self.data.qvel.tolist()
+        self.force: list[float] = self.data.actuator_force.tolist()
+
+    def joint_addresses(self, channel: str) -> list[int]:
+        """Positions of an arm's joints in qpos."""
+        arm, _ = self.profiles[channel]
+        return [int(self.model.joint(f"{channel}/joint{i + 1}").qposadr[0]) for i in range(arm.joint_count)]
+
+    def finger_addresses(self, channel: str) -> list[int]:
+        """Positions of the fingers' joints in qpos."""
+        _, gripper = self.profiles[channel]
+        return [int(self.model.joint(f"{channel}/{name}").qposadr[0]) for name in gripper.finger_joints]
+
+    def joint_dofs(self, channel: str) -> list[int]:
+        """Positions of an arm's joints in qvel."""
+        arm, _ = self.profiles[channel]
+        return [int(self.model.joint(f"{channel}/joint{i + 1}").dofadr[0]) for i in range(arm.joint_count)]
+
+    def opening(self, channel: str) -> float | None:
+        """Gripper opening, 0 closed … 1 open; None without fingers."""
+        _, gripper = self.profiles[channel]
+        if gripper.finger_range_m is None:
+            return None
+        low, high = gripper.finger_range_m
+        fingers = self.finger_addresses(channel)
+        return float((sum(self.qpos[a] for a in fingers) / len(fingers) - low) / (high - low))
+
+    def set_pose(self, channel: str, q_rad: np.ndarray | None = None, opening: float | None = None) -> None:
+        """Teleport an arm (n,) rad and, 0 closed … 1 open, its fingers; at rest."""
+        _, gripper = self.profiles[channel]
+        moved = []
+        if q_rad is not None:
+            addresses = self.joint_addresses(channel)
+            if len(q_rad) != len(addresses):
+                raise ConfigError(f"{channel} has {len(addresses)} joints, the pose {len(q_rad)}")
+            self.data.qpos[addresses] = q_rad
+            moved += addresses
+        if opening is not None and gripper.finger_range_m is not None:
+            low, high = gripper.finger_range_m
+            addresses = self.finger_addresses(channel)
+            self.data.qpos[addresses] = low + opening * (high - low)
+            moved += addresses
+        joints = [j for j in range(self.model.njnt) if self.model.jnt_qposadr[j] in moved]
+        self.data.qvel[self.model.jnt_dofadr[joints]] = 0.0
+
+    def state_dtype(self) -> np.dtype:
+        """Layout of the block that shows the world to renderers and operators."""
+        return world_dtype(self.model)
+
+
+def world_dtype(model: mujoco.MjModel) -> np.dtype:
+    """One record of the world block: simulated and monotonic time in s, qpos, qvel."""
+    return np.dtype([("sim_s", "f8"), ("stamp_s", "f8"), ("qpos", "f8", (model.nq,)), ("qvel", "f8", (model.nv,))])

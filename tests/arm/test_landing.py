@@ -1,0 +1,124 @@
+"""Landed means: cutting torque then moves no body by more than 1 cm. From random end poses, by the rig's truth."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.dynamics import GravityModel
+from lerobot_robot_yam.arm.landing import LANDING_SPEED_RAD_S
+from lerobot_robot_yam.arm.lifecycle import Mode
+from lerobot_robot_yam.arm.profile import load_arm
+from lerobot_robot_yam.arm.yam_arm import YamArm
+from lerobot_robot_yam.rig.control import RigControl
+
+MOST_M = 0.01
+
+
+def random_poses(n, seed, arm="yam", gripper="linear_4310"):
+    """Poses whose straight joint line from rest keeps every body of the arm above the table."""
+    rng = np.random.default_rng(seed)
+    profile, model = load_arm(arm), GravityModel(arm, gripper)
+    low, high = profile.joint_limits_rad.T
+    rest = profile.rest_q(gripper)
+    poses = []
+    while len(poses) < n:
+        q = rng.uniform(low, high)
+        line = [rest + share * (q - rest) for share in np.linspace(0.1, 1, 10)]
+        clear = min(min(model.pose(p, site)[2, 3] for site in ("tcp_site", "grasp_site")) for p in line[1:])
+        if clear > 0.08 and abs(q[0]) < 1.2:
+            poses.append(q)
+    return poses
+
+
+def land_and_watch(rig, arm, channel):
+    """Land; returns how far any body moved after torque was cut, m, and the landing's greatest joint speed, rad/s."""
+    last_held, held_speeds = None, []
+    thread = threading.Thread(target=arm.land)
+    thread.start()
+    while True:
+        state = rig.state(bodies=True)
+        motors = state["arms"][channel]["motors"].values()
+        bodies = {name: pos for name, pos in state["bodies"].items() if name.startswith(f"{channel}/")}
+        if not any(motor["enabled"] for motor in motors):
+            break
+        last_held = bodies
+        held_speeds.append(np.abs(state["arms"][channel]["dq"]).max())
+        time.sleep(0.01)
+    thread.join()
+    time.sleep(1.5)
+    after = rig.state(bodies=True)["bodies"]
+    moved = max(float(np.linalg.norm(np.subtract(after[name], pos))) for name, pos in last_held.items())
+    return moved, max(held_speeds)
+
+
+def check_landing(rig, q, channel="follower_left", **fields):
+    config = ArmConfig(
+        name=channel,
+        channel=channel,
+        interface="yam_sim",
+        can_options={"rig": rig.name},
+        gravity_factor=[1.0] * 6,
+        gripper_stops_rad=[3.25, -3.3],
+        **fields,
+    )
+    with YamArm(config) as arm:
+        arm.move_to(q, gripper=0.5, speed_rad_s=1.4)
+        moved, speed = land_and_watch(rig, arm, channel)
+        assert arm._session[channel].mode() is Mode.OFF
+    assert moved <= MOST_M
+    assert speed <= 2 * LANDING_SPEED_RAD_S
+    return moved
+
+
+@pytest.mark.parametrize("index", range(3))
+def test_landed_from_a_random_pose(index):
+    with RigControl.start(arms=["follower_left"]) as rig:
+        check_landing(rig, random_poses(3, seed=7)[index])
+
+
+@pytest.mark.long
+def test_landed_from_twenty_random_poses():
+    moved = []
+    with RigControl.start(arms=["follower_left"]) as rig:
+        for q in random_poses(20, seed=11):
+            moved.append(check_landing(rig, q))
+    assert len(moved) == 20
+
+
+def test_zero_is_not_a_landed_pose():
+    """The reason for all this: an arm left at zero drops its wrist when torque is cut."""
+    with RigControl.start(arms=["follower_left"]) as rig:
+        rig.set_pose("follower_left", [0.0] * 6)
+        before = rig.state()["arms"]["follower_left"]["grasp_site"]["pos"]
+        time.sleep(1.5)
+        after = rig.state()["arms"]["follower_left"]["grasp_site"]["pos"]
+        assert np.linalg.norm(np.subtract(after, before)) > 2 * MOST_M
+
+
+def test_an_obstructed_landing_keeps_holding_and_says_so(caplog):
+    with RigControl.start() as rig:
+        config = ArmConfig(
+            name="left",
+            channel="follower_left",
+            interface="yam_sim",
+            can_options={"rig": rig.name},
+            gravity_factor=[1.0] * 6,
+            gripper_stops_rad=[3.25, -3.3],
+        )
+        with YamArm(config, isolation="thread") as arm:
+            arm.move_to([0.0, 1.2, 1.0, 0, 0, 0], speed_rad_s=1.4)
+            rig.push("follower_left", "link3", [70.0, 0, 60.0], 4.0)  # somebody leans against the arm
+            time.sleep(0.2)
+            moved = threading.Thread(target=arm.land)
+            moved.start()
+            deadline = time.monotonic() + 3.5
+            while "obstructed" not in caplog.text and time.monotonic() < deadline:
+                time.sleep(0.05)
+            assert any(motor["enabled"] for motor in rig.state()["arms"]["follower_left"]["motors"].values())
+            assert "obstructed" in caplog.text
+            moved.join(timeout=30)  # once the way is free it lands by itself
+            assert not moved.is_alive()
+        assert not any(motor["enabled"] for motor in rig.state()["arms"]["follower_left"]["motors"].values())

@@ -1,0 +1,322 @@
+"""The shipped loop and driver on the virtual rig, over CAN frames, as a process and as a thread."""
+
+import logging
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.lifecycle import Mode
+from lerobot_robot_yam.arm.session import ArmSession
+from lerobot_robot_yam.arm.state import Limited
+from lerobot_robot_yam.arm.yam_arm import YamArm
+from lerobot_robot_yam.damiao.registers import Register
+from lerobot_robot_yam.errors import (
+    ActionError,
+    BusError,
+    ChannelInUseError,
+    ConfigError,
+    LifeCycleError,
+    MotorError,
+    YamError,
+)
+from lerobot_robot_yam.rig.control import RigControl
+
+STOPS = [3.25, -3.3]
+TICK_S = 0.004
+ISOLATIONS = ["process", "thread"]
+
+
+@pytest.fixture
+def rig():
+    with RigControl.start() as control:
+        yield control
+
+
+def arm_config(rig, channel="follower_left", **fields):
+    options = {"gravity_factor": [1.0] * 6, "gripper_stops_rad": STOPS} | fields
+    if channel.startswith("leader"):
+        options |= {"gripper": "yam_teaching_handle", "gripper_stops_rad": None, "start": "float"}
+    return ArmConfig(
+        name=channel.split("_")[1], channel=channel, interface="yam_sim", can_options={"rig": rig.name}, **options
+    )
+
+
+def enabled(rig, channel="follower_left"):
+    return [m["enabled"] for m in rig.state()["arms"][channel]["motors"].values()]
+
+
+@pytest.mark.parametrize("isolation", ISOLATIONS)
+def test_an_arm_comes_up_tracks_and_lands(rig, isolation, caplog):
+    caplog.set_level(logging.INFO)
+    session = ArmSession([arm_config(rig), arm_config(rig, "follower_right")], isolation)
+    assert not any(enabled(rig))
+    session.start()
+    try:
+        assert all(enabled(rig)) and all(enabled(rig, "follower_right"))
+        goal = np.array([0.3, 0.9, 0.8, -0.4, 0.2, 0.3])
+        deadline = time.monotonic() + 2.5
+        while time.monotonic() < deadline:
+            session["left"].track(goal, 0.4)
+            session["right"].track(goal * [-1, 1, 1, 1, 1, 1], 0.9)
+            time.sleep(0.02)
+        state = session["left"].observe()
+        assert state.mode is Mode.TRACK
+        assert np.abs(state.q - goal).max() < 0.02
+        assert state.gripper == pytest.approx(0.4, abs=0.02)
+        assert session["right"].observe().q[0] == pytest.approx(-0.3, abs=0.02)
+        truth = rig.state()["arms"]["follower_left"]
+        assert np.abs(np.array(truth["q"]) - state.q).max() < 0.01  # what is said is what is
+    finally:
+        session.stop()
+    assert not any(enabled(rig)) and not any(enabled(rig, "follower_right"))
+    session.stop()  # idempotent
+    if isolation == "thread":
+        assert any("period p50" in record.message for record in caplog.records)
+
+
+@pytest.mark.parametrize("isolation", ISOLATIONS)
+def test_set_point_steps_stay_within_speed_limit_times_tick(rig, isolation):
+    """Seen on the wire: the positions in the frames that the motors receive."""
+    with YamArm(arm_config(rig, speed_limit_rad_s=1.0), isolation=isolation) as arm:
+        rig.request("trace", channel="follower_left", start=True)
+        for _ in range(20):
+            arm.command([1.0, 1.2, 1.2, 0.5, 0.5, 0.5])
+            time.sleep(0.03)
+        seen = []
+        begin = time.monotonic()
+        while time.monotonic() - begin < 1.0:
+            arm.command([-1.0, 0.2, 0.2, -0.5, -0.5, -0.5])
+            state = arm.observe()
+            seen.append((state.stamp_s, state.setpoint_q, state.limited))
+            time.sleep(0.005)
+        speeds = [
+            np.abs(b[1] - a[1]).max() / (b[0] - a[0]) for a, b in zip(seen, seen[8:], strict=False) if b[0] > a[0]
+        ]
+        assert max(speeds) < 1.25  # 1.0 rad/s over 8 samples whose stamps are a tick apart
+        assert max(speeds) > 0.8
+
+
+def test_a_caller_that_falls_silent_leaves_the_arm_holding(rig):
+    with YamArm(arm_config(rig, command_timeout_s=0.2)) as arm:
+        arm.move_to([0.2, 0.8, 0.8, 0, 0, 0])
+        arm.command([1.5, 0.8, 0.8, 0, 0, 0])
+        time.sleep(0.6)
+        state = arm.observe()
+        assert state.mode is Mode.HOLD
+        assert Limited.COMMAND_TIMEOUT in state.limited
+        stopped_at = state.setpoint_q[0]
+        assert 0.25 < stopped_at < 0.7  # went on for 0.2 s at 1.5 rad/s at most, then braked
+        time.sleep(0.3)
+        assert arm.observe().setpoint_q[0] == pytest.approx(stopped_at, abs=1e-3)
+        arm.command([1.5, 0.8, 0.8, 0, 0, 0])  # it resumes without a jump
+        time.sleep(0.02)
+        assert abs(arm.observe().setpoint_q[0] - stopped_at) < 0.05
+
+
+def test_floating_carries_the_weight_and_holding_takes_over_where_the_arm_is(rig):
+    with YamArm(arm_config(rig)) as arm:
+        arm.move_to([0.0, 1.0, 1.0, 0, 0, 0])
+        arm.float()
+        time.sleep(0.5)
+        before = arm.observe().q
+        time.sleep(1.0)
+        assert np.abs(arm.observe().q - before).max() < 0.03  # does not fall
+        rig.push("follower_left", "link6", [0, 12, 0], 0.6)
+        time.sleep(0.8)
+        moved = arm.observe().q
+        assert abs(moved[0] - before[0]) > 0.05  # and is free to move
+        arm.hold()
+        time.sleep(0.3)
+        assert np.abs(arm.observe().q - moved).max() < 0.15
+        assert arm.observe().mode is Mode.HOLD
+
+
+@pytest.mark.parametrize(
+    "q", [[0, 0, 0, 0, 0], [0, 0, float("nan"), 0, 0, 0], [0, 0, 0, 0, 0, float("inf")], ["a"] * 6, [[0] * 6]]
+)
+def test_a_bad_target_is_refused_and_nothing_moves(rig_arm, q):
+    before = rig_arm.observe().setpoint_q
+    with pytest.raises(ActionError, match="left"):
+        rig_arm.command(q)
+    time.sleep(0.05)
+    assert np.array_equal(rig_arm.observe().setpoint_q, before)
+
+
+def test_targets_beyond_the_joint_limits_are_clamped_and_said(rig_arm, caplog):
+    asked = rig_arm.command([0, -1.0, 9.0, 0, 0, 0])
+    assert asked[1] == 0.0
+    assert asked[2] == pytest.approx(3.14159)
+    assert "JOINT_LIMIT" in caplog.text
+    rig_arm.hold()
+
+
+def test_the_channel_lock_names_the_holder(rig_arm):
+    with pytest.raises(ChannelInUseError, match=r"follower_left is in use by process \d+"):
+        ArmSession([rig_arm.config]).start()
+
+
+@pytest.fixture(scope="module")
+def rig_arm():
+    """One connected arm for tests that leave it as it was."""
+    with RigControl.start() as control, YamArm(arm_config(control)) as arm:
+        yield arm
+
+
+@pytest.mark.parametrize("isolation", ISOLATIONS)
+@pytest.mark.parametrize(
+    ("kind", "details", "error", "message"),
+    [
+        ("silent", {"motor": "joint_4"}, MotorError, r"follower_right: no answer from 1 of 7 motors: joint_4 \(id 4\)"),
+        ("duplicate", {"motor": "joint_2"}, MotorError, "more than one answer from joint_2"),
+        (
+            "register",
+            {"motor": "joint_1", "register": int(Register.TMAX), "value": 10.0},
+            MotorError,
+            "motor joint_1 .* TMAX is 10 instead of 28 Nm",
+        ),
+        (
+            "register",
+            {"motor": "gripper", "register": int(Register.TIMEOUT), "value": 0},
+            MotorError,
+            "motor gripper .* TIMEOUT is 0 instead of 8000",
+        ),
+    ],
+)
+def test_one_bad_motor_keeps_both_arms_limp(rig, isolation, kind, details, error, message):
+    rig.fault("follower_right", kind=kind, **details)
+    session = ArmSession([arm_config(rig), arm_config(rig, "follower_right")], isolation)
+    with pytest.raises(error, match=message):
+        session.start()
+    assert not any(enabled(rig)) and not any(enabled(rig, "follower_right"))
+    assert not session.running
+    rig.clear_faults("follower_right")
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"channel": "follower_middle"}, BusError, "follower_middle.*follower_left"),
+        ({"interface": "nosuchcan"}, BusError, "nosuchcan"),
+        ({"arm": "yam_max"}, ConfigError, "unknown arm 'yam_max'; known: yam, yam_pro"),
+        ({"gripper": "claw"}, ConfigError, "unknown gripper 'claw'"),
+        ({"rate_hz": 900}, ConfigError, "at most 500 Hz"),
+        ({"kp": [1.0]}, ConfigError, "kp takes six numbers"),
+        ({"speed_limit_rad_s": 0.0}, ConfigError, "above zero"),
+    ],
+)
+def test_what_does_not_exist_is_refused_by_name(rig, change, error, message):
+    with pytest.raises(error, match=message):
+        fields = {"channel": "follower_left", "interface": "yam_sim", "can_options": {"rig": rig.name}} | change
+        ArmSession([ArmConfig(name="left", **fields)]).start()
+    assert not any(enabled(rig))
+
+
+def test_a_motor_fault_is_named_and_the_rest_holds(rig):
+    with YamArm(arm_config(rig)) as arm:
+        arm.move_to([0.0, 0.8, 0.8, 0, 0, 0])
+        rig.fault("follower_left", "joint_6", "nibble", 0xC)
+        with pytest.raises(MotorError, match=r"left \(follower_left\): joint_6 \(id 6\): 0xC coil too hot"):
+            for _ in range(100):
+                arm.observe()
+                time.sleep(0.01)
+        before = rig.state()["arms"]["follower_left"]["q"]
+        time.sleep(0.5)
+        after = rig.state()["arms"]["follower_left"]["q"]
+        assert np.abs(np.array(after) - before)[:3].max() < 0.01
+    assert not any(enabled(rig))
+
+
+def test_calibration_finds_and_keeps_the_stops(rig, tmp_path):
+    path = tmp_path / "left_gripper.json"
+    config = arm_config(rig, gripper_stops_rad=None, calibration_path=str(path))
+    with YamArm(config):
+        assert path.exists()
+    first = path.read_text()
+    with YamArm(config) as arm:  # the second time they are verified only
+        assert arm.observe().gripper == pytest.approx(1.0, abs=0.15)
+    assert path.read_text() == first
+
+
+def test_a_leader_floats_and_reports_its_handle(rig):
+    with YamArm(arm_config(rig, "leader_left")) as arm:
+        assert arm.observe().mode is Mode.FLOAT
+        rig.trigger("leader_left", 0.5)
+        rig.buttons("leader_left", sync=True)
+        time.sleep(0.3)
+        state = arm.observe()
+        assert state.trigger == pytest.approx(0.5, abs=0.02)
+        assert state.buttons == (True, False)
+        rig.fault("leader_left", None, "handle_silent")
+        time.sleep(0.6)
+        assert arm.observe().trigger is None  # never a zero
+
+
+def test_the_operators_hand_lets_a_leader_go_that_works_against_it(rig):
+    """As when it lands: otherwise hand and landing would fight for ever."""
+    with YamArm(arm_config(rig, "leader_left")):
+        pose = [0.2, 1.0, 0.9, -0.3, 0.0, 0.0]
+        rig.hand("leader_left", [2.0], [pose])
+        time.sleep(2.5)
+        leader = rig.state()["arms"]["leader_left"]
+        assert leader["held"] and not leader["resists"]
+        assert np.abs(np.array(leader["q"]) - pose).max() < 0.05
+    leader = rig.state()["arms"]["leader_left"]
+    assert not leader["held"]
+    assert not any(enabled(rig, "leader_left"))
+
+
+CALLER = """
+import sys, time
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.yam_arm import YamArm
+arm = YamArm(ArmConfig.from_json(sys.argv[1])).connect()
+arm.move_to([0.0, 1.2, 1.0, 0, 0, 0], speed_rad_s=1.4)
+print("up", flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("signal_number", [signal.SIGKILL, signal.SIGTERM])
+def test_a_dead_caller_leaves_a_landed_arm(rig, signal_number):
+    caller = subprocess.Popen([sys.executable, "-c", CALLER, arm_config(rig).to_json()], stdout=subprocess.PIPE)
+    assert caller.stdout.readline() == b"up\n"
+    os.kill(caller.pid, signal_number)
+    caller.wait()
+    caller.stdout.close()
+    assert all(enabled(rig))
+    deadline = time.monotonic() + 15
+    while any(enabled(rig)) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not any(enabled(rig))
+    before = [rig.state()["arms"]["follower_left"]["grasp_site"]["pos"]]
+    time.sleep(0.5)
+    after = [rig.state()["arms"]["follower_left"]["grasp_site"]["pos"]]
+    assert np.abs(np.array(after) - before).max() < 0.005  # it lies
+
+
+def test_a_lost_adapter_is_said_and_ends_cleanly(rig):
+    arm = YamArm(arm_config(rig)).connect()
+    rig.fault("follower_left", None, "bus_off")
+    with pytest.raises(YamError, match="left"):
+        for _ in range(200):
+            arm.observe()
+            time.sleep(0.01)
+    begin = time.monotonic()
+    arm.close()
+    assert time.monotonic() - begin < 30
+
+
+def test_a_session_that_does_not_run_says_so(rig):
+    session = ArmSession([arm_config(rig)])
+    with pytest.raises(LifeCycleError, match="left: not connected"):
+        session["left"]
+    with pytest.raises(ConfigError, match="no arm is called 'middle'"):
+        session["middle"]
+    with pytest.raises(ConfigError, match="different names and channels"):
+        ArmSession([arm_config(rig), arm_config(rig)])

@@ -1,0 +1,74 @@
+"""What all tests share: a runtime directory of their own, a virtual rig, and a check that nothing is left behind."""
+
+import os
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+# Set before anything is imported that reads them once. Unix sockets live in the runtime directory: a short path.
+RUNTIME = Path(tempfile.mkdtemp(prefix="yam-test-", dir="/dev/shm" if os.access("/dev/shm", os.W_OK) else None))
+os.environ["YAM_RUNTIME_DIR"] = str(RUNTIME)
+os.environ["HF_LEROBOT_HOME"] = str(RUNTIME / "home")
+os.environ["HF_HUB_OFFLINE"] = "1"
+os.environ.pop("YAM_RIG", None)
+os.environ.pop("HF_LEROBOT_CALIBRATION", None)
+
+import pytest  # noqa: E402
+
+from lerobot_robot_yam.rig.control import RigControl, running_rig  # noqa: E402
+
+_SETTLE_S = 10.0  # a rig ends about a second after its last client, a renderer with its rig
+_MARK = f"YAM_RUNTIME_DIR={RUNTIME}\0".encode()
+
+
+def _processes() -> dict[int, str]:
+    """Command lines of all processes that were started, however indirectly, by these tests."""
+    found = {}
+    for entry in Path("/proc").iterdir():
+        if not entry.name.isdigit() or int(entry.name) == os.getpid():
+            continue
+        try:
+            if _MARK in (entry / "environ").read_bytes():
+                found[int(entry.name)] = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+        except OSError:
+            continue  # ended meanwhile, or somebody else's
+    return {pid: line for pid, line in found.items() if "multiprocessing.resource_tracker" not in line}
+
+
+def _left() -> dict[str, set[str]]:
+    """Everything that could be left behind, by kind."""
+    files = {str(p.relative_to(RUNTIME)) for p in RUNTIME.rglob("*")} if RUNTIME.is_dir() else set()
+    return {
+        "processes": {f"{pid} {line}" for pid, line in _processes().items()},
+        "threads": {f"{t.name} {t.ident}" for t in threading.enumerate()},
+        "files": {name for name in files if name.partition("/")[0] != "home"},
+    }
+
+
+@pytest.fixture(autouse=True)
+def nothing_left_behind() -> Iterator[None]:
+    """Fails a test after which a process, thread, socket, lock or shared block exists that did not before."""
+    before = _left()
+    yield
+    deadline = time.monotonic() + _SETTLE_S
+    while True:
+        extra = {kind: names - before[kind] for kind, names in _left().items() if names - before[kind]}
+        if not extra or time.monotonic() > deadline:
+            break
+        time.sleep(0.05)
+    assert not extra, f"left behind: {extra}"
+
+
+@pytest.fixture
+def rig() -> Iterator[RigControl]:
+    """A virtual rig of this test, without operator."""
+    with running_rig() as rig:
+        yield rig
+
+
+def pytest_sessionfinish() -> None:
+    import shutil
+
+    shutil.rmtree(RUNTIME, ignore_errors=True)

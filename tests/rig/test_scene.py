@@ -1,0 +1,84 @@
+"""Scenes and their options."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.rig.scene import load_scene
+from lerobot_robot_yam.rig.world import build_world
+
+
+def test_the_default_scene_has_the_documented_channels():
+    scene = load_scene()
+    assert scene.name == "bimanual_table"
+    assert scene.channels == ("follower_left", "follower_right", "leader_left", "leader_right")
+    assert [row.role for row in scene.arms] == ["follower", "follower", "leader", "leader"]
+
+
+def test_options_replace_arms_and_grippers_of_followers_only():
+    scene = load_scene(options={"arm": "big_yam", "gripper": "crank_4310", "arms": "follower_left,leader_left"})
+    assert [(row.channel, row.arm, row.gripper) for row in scene.arms] == [
+        ("follower_left", "big_yam", "crank_4310"),
+        ("leader_left", "yam", "yam_teaching_handle"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"frictoin": 1}, "unknown keys.*frictoin"),
+        ({"friction": -1}, "friction"),
+        ({"friction": "a lot"}, "expected float"),
+        ({"timestep_s": 0}, "timestep_s"),
+        ({"watchdog": "off"}, "watchdog"),
+        ({"arms": ["follower_middle"]}, "follower_middle"),
+    ],
+)
+def test_a_wrong_option_is_named(options, text):
+    with pytest.raises(ConfigError, match=text):
+        load_scene(options=options)
+
+
+@pytest.mark.parametrize("name", ["moon", "/nowhere/scene.yaml"])
+def test_an_unknown_scene_is_refused(name):
+    with pytest.raises(ConfigError, match=name):
+        load_scene(name)
+
+
+def test_a_scene_of_ones_own(tmp_path):
+    path = tmp_path / "one.yaml"
+    path.write_text(
+        "name: one\n"
+        "arms: [{channel: a, role: follower, arm: yam, gripper: no_gripper, position_m: [1, 2, 0], yaw_rad: 1.5708}]\n"
+        "cameras: [{name: side, position_m: [2, 2, 0.5], target_m: [1, 2, 0]}]\n"
+    )
+    scene = load_scene(path)
+    model = build_world(scene)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(data.body("a/base").xpos, [1, 2, 0], atol=1e-9)
+    tool = data.site("a/tcp_site").xpos - data.body("a/base").xpos
+    assert tool[1] > 0.08 and abs(tool[0]) < 0.01  # at zero pose the tool points along the base's x, here world y
+    looks = -data.cam_xmat[0].reshape(3, 3)[:, 2]
+    np.testing.assert_allclose(looks, np.array([-1, 0, -0.5]) / np.sqrt(1.25), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("name: x\narms: []\n", "needs arms"),
+        ("name: x\narms: [{channel: a, role: boss, arm: yam, gripper: no_gripper, position_m: [0,0,0]}]\n", "role"),
+        ("name: x\narms: [{channel: a, role: leader, arm: yam, gripper: x, position_m: [0,0]}]\n", "position_m"),
+    ],
+)
+def test_a_broken_scene_is_refused(tmp_path, text, message):
+    path = tmp_path / "x.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=message):
+        load_scene(path)
+
+
+def test_an_unknown_gripper_is_refused():
+    with pytest.raises(ConfigError, match="linear_9999"):
+        build_world(load_scene(options={"gripper": "linear_9999"}))
