@@ -1,0 +1,38 @@
+"""I2RT YAM arms, real or virtual, for LeRobot.
+
+Importing this package costs next to nothing: the types are registered when LeRobot is there (or comes later), and
+the public names are loaded when they are first used.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from lerobot_robot_yam import registration
+
+if TYPE_CHECKING:
+    from lerobot_robot_yam.arm.yam_arm import YamArm as YamArm
+    from lerobot_robot_yam.bi_yam_follower import BiYamFollower as BiYamFollower
+    from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig as BiYamFollowerConfig
+    from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig as YamSimCameraConfig
+    from lerobot_robot_yam.config_yam_follower import YamFollowerConfig as YamFollowerConfig
+    from lerobot_robot_yam.yam_camera import YamSimCamera as YamSimCamera
+    from lerobot_robot_yam.yam_follower import YamFollower as YamFollower
+
+_MODULES = {
+    "YamArm": "arm.yam_arm",
+    "YamFollower": "yam_follower",
+    "YamFollowerConfig": "config_yam_follower",
+    "BiYamFollower": "bi_yam_follower",
+    "BiYamFollowerConfig": "config_bi_yam_follower",
+    "YamSimCamera": "yam_camera",
+    "YamSimCameraConfig": "config_yam_camera",
+}
+__all__ = list(_MODULES)
+
+registration.register()
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}; it has {', '.join(_MODULES)}")
+    return getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)

@@ -1,0 +1,26 @@
+"""YAM leader arms for LeRobot. The types are registered by `lerobot_robot_yam`; names are loaded on first use."""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+import lerobot_robot_yam as lerobot_robot_yam  # registers all types, also for who imports only this package
+
+if TYPE_CHECKING:
+    from lerobot_teleoperator_yam.bi_yam_leader import BiYamLeader as BiYamLeader
+    from lerobot_teleoperator_yam.config_bi_yam_leader import BiYamLeaderConfig as BiYamLeaderConfig
+    from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig as YamLeaderConfig
+    from lerobot_teleoperator_yam.yam_leader import YamLeader as YamLeader
+
+_MODULES = {
+    "YamLeader": "yam_leader",
+    "YamLeaderConfig": "config_yam_leader",
+    "BiYamLeader": "bi_yam_leader",
+    "BiYamLeaderConfig": "config_bi_yam_leader",
+}
+__all__ = list(_MODULES)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}; it has {', '.join(_MODULES)}")
+    return getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)

@@ -1,0 +1,180 @@
+"""One arm or two behind a LeRobot device: names of the features, units, calibration files, connect and land."""
+
+import atexit
+import dataclasses
+import logging
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.port import ArmPort
+from lerobot_robot_yam.arm.safety import action_vector
+from lerobot_robot_yam.arm.session import ArmSession, Isolation
+from lerobot_robot_yam.arm.state import ArmState
+from lerobot_robot_yam.errors import GripperError
+from lerobot_robot_yam.signals import end_session_on_signals, undisturbed
+
+logger = logging.getLogger(__name__)
+
+_DEFAULT_NAME = ArmConfig(channel="any").name
+
+
+def arm_config(options: ArmConfig, name: str, calibration_dir: Path, ident: str | None) -> ArmConfig:
+    """The arm layer's part of a LeRobot config that extends `ArmConfig`.
+
+    Args:
+        options: the LeRobot config (of one arm).
+        name: what messages call the arm, unless the user has named it.
+        calibration_dir: LeRobot's directory of the device; ours is a subdirectory, whose files LeRobot never reads.
+        ident: LeRobot's id of the device (with the side), None to name the file after the channel.
+    """
+    values: dict[str, Any] = {field.name: getattr(options, field.name) for field in dataclasses.fields(ArmConfig)}
+    if options.name == _DEFAULT_NAME:
+        values["name"] = name
+    if options.calibration_path is None:
+        values["calibration_path"] = str(calibration_dir / "yam" / f"{ident or options.channel}_gripper.json")
+    return ArmConfig(**values)
+
+
+class _Side:
+    """One arm of the group: where its values lie in the group's vector."""
+
+    def __init__(self, prefix: str, config: ArmConfig, session: ArmSession, start: int, handles: bool):
+        self.name = config.name
+        self.hardware = hardware = session.hardware(config.name)
+        self.joints = hardware.joints
+        self.has_gripper = hardware.has_gripper or (handles and hardware.gripper.handle_encoder)
+        self.motors = [f"{prefix}joint_{index + 1}" for index in range(self.joints)]
+        self.motors += [f"{prefix}gripper"] * self.has_gripper
+        self.slice = slice(start, start + self.joints)
+        self.gripper_index = start + self.joints if self.has_gripper else None
+        self.scaled = [True] * self.joints + [False] * self.has_gripper
+
+
+class ArmGroup:
+    """The arms of one LeRobot device, driven by one control loop.
+
+    Args:
+        device: LeRobot's type name, for messages.
+        arms: configuration by feature prefix, in canonical order: {"": …} or {"left_": …, "right_": …}.
+        use_degrees: joints in degrees towards LeRobot; the gripper stays 0 … 1.
+        isolation: where the control loop runs, see `ArmSession`.
+        handles: a teaching handle's trigger counts as a gripper (leaders).
+
+    Attributes:
+        motors: names of the values in canonical order, such as `left_joint_1`.
+        keys: the same with `.pos`: the action's keys.
+    """
+
+    def __init__(
+        self,
+        device: str,
+        arms: Mapping[str, ArmConfig],
+        use_degrees: bool,
+        isolation: Isolation,
+        handles: bool = False,
+    ):
+        self.device = device
+        self._configs = list(arms.values())
+        self._session = ArmSession(self._configs, isolation)
+        self.sides: list[_Side] = []
+        self.motors: list[str] = []
+        for prefix, config in arms.items():
+            side = _Side(prefix, config, self._session, len(self.motors), handles)
+            self.sides.append(side)
+            self.motors += side.motors
+        self.keys = [f"{motor}.pos" for motor in self.motors]
+        scaled = np.array([flag for side in self.sides for flag in side.scaled], dtype=bool)
+        self.scale = np.where(scaled & use_degrees, 180.0 / math.pi, 1.0)
+        self._undo_signals: Callable[[], None] = lambda: None
+
+    def __getitem__(self, side: _Side) -> ArmPort:
+        return self._session[side.name]
+
+    @property
+    def connected(self) -> bool:
+        """True from connect to disconnect, whatever state the arms are in."""
+        return self._session.running
+
+    @property
+    def calibrated(self) -> bool:
+        """True when every gripper's stops are configured or stored."""
+        return all(
+            config.gripper_stops_rad is not None or Path(config.calibration_path or "").is_file()
+            for config, side in zip(self._configs, self.sides, strict=True)
+            if side.hardware.has_gripper
+        )
+
+    def start(self, calibrate: bool) -> None:
+        """Energise all arms or none.
+
+        Args:
+            calibrate: False means that a calibration follows (lerobot-calibrate): stored stops that do not fit are
+                put aside instead of refused.
+
+        Raises:
+            YamError: what failed; nothing is energised.
+        """
+        self._undo_signals = end_session_on_signals()
+        try:
+            try:
+                self._session.start()
+            except GripperError as error:
+                stored = [Path(c.calibration_path) for c in self._configs if c.calibration_path]
+                stored = [path for path in stored if path.is_file()]
+                if calibrate or not stored:
+                    raise
+                logger.warning("%s: %s; putting the stored stops aside and searching anew", self.device, error)
+                for path in stored:
+                    path.replace(path.with_suffix(".old"))
+                self._session.start()
+        except BaseException:
+            self._undo_signals()
+            raise
+        atexit.register(self.stop)  # whatever ends the interpreter, the arms land
+
+    def stop(self) -> None:
+        """Land all arms and let go. Idempotent; signals do not hurry it."""
+        atexit.unregister(self.stop)
+        try:
+            with undisturbed(f"{self.device}: landing"):
+                self._session.stop()
+        finally:
+            self._undo_signals()
+
+    def calibrate(self) -> None:
+        """Search the stops of every gripper motor and store them.
+
+        Raises:
+            YamError: a search failed.
+        """
+        for side, config in zip(self.sides, self._configs, strict=True):
+            if side.hardware.has_gripper:
+                self[side].calibrate_gripper()
+                logger.info("%s: gripper stops stored in %s", side.name, config.calibration_path)
+            else:
+                logger.info("%s: nothing to calibrate, there is no gripper motor", side.name)
+
+    def observe(self) -> list[ArmState]:
+        """Fresh state of each arm.
+
+        Raises:
+            YamError: an arm is silent or has failed.
+        """
+        return [self[side].observe() for side in self.sides]
+
+    def vector(self, action: Mapping[str, object]) -> np.ndarray:
+        """Values of a LeRobot action in canonical order and SI units, (n,).
+
+        Raises:
+            ActionError: missing or unknown keys, values that are not finite numbers.
+        """
+        return action_vector(self.device, action, self.keys) / self.scale
+
+    def action(self, vector: np.ndarray) -> dict[str, float]:
+        """LeRobot's form of a vector in canonical order and SI units."""
+        return dict(zip(self.keys, (vector * self.scale).tolist(), strict=True))

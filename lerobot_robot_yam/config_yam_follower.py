@@ -1,0 +1,18 @@
+"""LeRobot config of one follower arm (`--robot.type=yam_follower`)."""
+
+from dataclasses import dataclass
+
+from lerobot.robots.config import RobotConfig
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.follower_options import FollowerOptions
+
+
+@RobotConfig.register_subclass("yam_follower")
+@dataclass(kw_only=True)
+class YamFollowerConfig(RobotConfig, FollowerOptions, ArmConfig):
+    """One follower arm: LeRobot's fields, `FollowerOptions`, and every field of `ArmConfig` (channel, gripper, …)."""
+
+    def __post_init__(self) -> None:
+        # Not ArmConfig's checks: they come when the robot is made. The parser would hide what they say.
+        RobotConfig.__post_init__(self)

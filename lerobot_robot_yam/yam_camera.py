@@ -1,0 +1,78 @@
+"""A camera of the virtual rig as a LeRobot camera."""
+
+from typing import Any
+
+import numpy as np
+from lerobot.cameras.camera import Camera
+from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
+
+from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
+from lerobot_robot_yam.rig.cameras import RigCamera
+from lerobot_robot_yam.rig.scene import load_scene
+
+
+class YamSimCamera(Camera):
+    """Images (height, width, 3) uint8 RGB, rendered by the rig in a process of its own."""
+
+    def __init__(self, config: YamSimCameraConfig):
+        super().__init__(config)
+        self.config = config
+        rig = None if config.rig == "auto" else config.rig  # None also heeds YAM_RIG
+        size = (config.width or 320, config.height or 240, config.fps or 30)
+        self._camera = RigCamera(config.camera, *size, rig=rig, scene=config.scene, options=config.rig_options)
+
+    def __str__(self) -> str:
+        return f"YamSimCamera({self.config.camera})"
+
+    @property
+    def is_connected(self) -> bool:
+        return self._camera.is_connected
+
+    @staticmethod
+    def find_cameras() -> list[dict[str, Any]]:
+        """The cameras of the default scene."""
+        return [
+            {"name": camera.name, "type": "yam_sim", "id": camera.name, "default_fps": 30}
+            for camera in load_scene().cameras
+        ]
+
+    @check_if_already_connected
+    def connect(self, warmup: bool = True) -> None:
+        """Reach the rig, or start it, and wait for the first image (whatever `warmup` says: it costs nothing more).
+
+        Raises:
+            ConfigError: there is no such camera, or not of that size and rate.
+            RigError: no rig, no OpenGL.
+        """
+        self._camera.connect()
+
+    @check_if_not_connected
+    def read(self) -> np.ndarray:
+        """The next image that was not returned yet.
+
+        Raises:
+            StaleStateError: none within a second.
+        """
+        return self._camera.wait_new(1.0)[0].copy()
+
+    @check_if_not_connected
+    def async_read(self, timeout_ms: float = 200) -> np.ndarray:
+        """The next image that was not returned yet.
+
+        Raises:
+            StaleStateError: none within timeout_ms; it is a TimeoutError.
+        """
+        return self._camera.wait_new(timeout_ms / 1e3)[0].copy()
+
+    @check_if_not_connected
+    def read_latest(self, max_age_ms: int = 500) -> np.ndarray:
+        """The newest image, at once; a private, writable copy.
+
+        Raises:
+            StaleStateError: it is older than max_age_ms; it is a TimeoutError.
+        """
+        return self._camera.latest(max_age_ms / 1e3)[0].copy()
+
+    def disconnect(self) -> None:
+        """Leave the rig. Idempotent."""
+        self._camera.close()

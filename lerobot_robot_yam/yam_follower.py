@@ -1,0 +1,213 @@
+"""Follower arms as a LeRobot robot: one arm, and what one arm and two have in common."""
+
+import logging
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from lerobot.cameras.configs import CameraConfig
+from lerobot.cameras.utils import make_cameras_from_configs
+from lerobot.robots.robot import Robot
+from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.state import ArmState
+from lerobot_robot_yam.arm_group import ArmGroup, arm_config
+from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
+from lerobot_robot_yam.errors import StaleStateError
+from lerobot_robot_yam.follower_options import FollowerOptions
+
+logger = logging.getLogger(__name__)
+
+
+class FollowerBase(Robot):
+    """One follower arm or two.
+
+    Args:
+        config: LeRobot's config of the robot, which also has `FollowerOptions`.
+        arms: the arms by feature prefix, in canonical order.
+        cameras: cameras by feature name.
+    """
+
+    def __init__(self, config: Any, arms: Mapping[str, ArmConfig], cameras: Mapping[str, CameraConfig]):
+        super().__init__(config)
+        self.config = config
+        options: FollowerOptions = config
+        self._arms = ArmGroup(
+            self.name,
+            {
+                prefix: arm_config(arm, f"{prefix}follower", self.calibration_dir, self.id and f"{prefix}{self.id}")
+                for prefix, arm in arms.items()
+            },
+            options.use_degrees,
+            options.isolation,
+        )
+        self._camera_configs = dict(cameras)
+        self.cameras = make_cameras_from_configs(self._camera_configs)
+        motors = self._arms.motors
+        self._extra_keys = [f"{motor}.vel" for motor in motors if options.observe_velocity]
+        self._extra_keys += [f"{motor}.torque" for motor in motors if options.observe_torque]
+        for kind in ("temp_mos", "temp_rotor"):
+            self._extra_keys += [f"{motor}.{kind}" for motor in motors if options.observe_temperature]
+        self._keys = self._arms.keys + self._extra_keys
+
+    @cached_property
+    def observation_features(self) -> dict[str, type | tuple[int, int, int]]:
+        """Positions of all arms first, in canonical order; then the optional values; then the images."""
+        features: dict[str, type | tuple[int, int, int]] = dict.fromkeys(self._keys, float)
+        for name, config in self._camera_configs.items():
+            height, width = config.height, config.width
+            if getattr(config, "use_rgb", True):
+                features[name] = (height, width, 3)
+            if getattr(config, "use_depth", False):
+                features[f"{name}_depth"] = (height, width, 1)
+        return features
+
+    @cached_property
+    def action_features(self) -> dict[str, type]:
+        """`joint_1.pos` … `joint_6.pos`, `gripper.pos`; of two arms with `left_`, then with `right_`."""
+        return dict.fromkeys(self._arms.keys, float)
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the arms are ours. Cameras have no say: a dead camera must not keep the arms from being landed."""
+        return self._arms.connected
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether the grippers' stops are known without a search."""
+        return self._arms.calibrated
+
+    @check_if_already_connected
+    def connect(self, calibrate: bool = True) -> None:
+        """Open the cameras, then energise the arms, which hold where they are. All of it or nothing.
+
+        Args:
+            calibrate: unknown gripper stops are searched in any case; False also puts aside stored ones that do not
+                fit (a calibration follows).
+
+        Raises:
+            YamError: an arm cannot be driven.
+            Exception: a camera cannot be opened, as its class says.
+        """
+        try:
+            for camera in self.cameras.values():
+                camera.connect()
+            self._arms.start(calibrate)
+        except BaseException:
+            self._close_cameras()
+            raise
+        logger.info("%s connected", self)
+
+    def disconnect(self) -> None:
+        """Land the arms, then close the cameras. Idempotent; no camera can keep the arms from landing."""
+        try:
+            self._arms.stop()
+        finally:
+            self._close_cameras()
+
+    def _close_cameras(self) -> None:
+        for name, camera in self.cameras.items():
+            try:
+                if camera.is_connected:
+                    camera.disconnect()
+            except Exception as error:
+                logger.warning("camera %s did not close: %s", name, error)
+
+    @check_if_not_connected
+    def calibrate(self) -> None:
+        """Search the grippers' stops and store them. Nothing may be between the fingers.
+
+        Raises:
+            YamError: a search failed.
+        """
+        self._arms.calibrate()
+
+    def configure(self) -> None:
+        """Nothing to do: the control loop has checked and set up the motors."""
+
+    @check_if_not_connected
+    def get_observation(self) -> dict[str, Any]:
+        """Measured positions and the newest images.
+
+        Raises:
+            MotorError: a motor has failed.
+            StaleStateError: an arm or a camera has nothing fresh to say; the arms hold.
+        """
+        states = self._arms.observe()
+        values = _measured(states) * self._arms.scale
+        observation: dict[str, Any] = dict(zip(self._arms.keys, values.tolist(), strict=True))
+        if self._extra_keys:
+            observation.update(zip(self._extra_keys, self._extras(states), strict=True))
+        for name, camera in self.cameras.items():
+            config = self._camera_configs[name]
+            try:
+                if getattr(config, "use_rgb", True):
+                    observation[name] = camera.read_latest()
+                if getattr(config, "use_depth", False):
+                    observation[f"{name}_depth"] = camera.read_latest_depth()
+            except Exception as error:
+                raise StaleStateError(f"camera {name} has no image: {error}; the arms hold their pose") from error
+        return observation
+
+    def _extras(self, states: list[ArmState]) -> list[float]:
+        options: FollowerOptions = self.config
+        values: list[float] = []
+        if options.observe_velocity:
+            rates = [_with_gripper(state.dq, state.gripper_rate) for state in states]
+            values += (np.concatenate(rates) * self._arms.scale).tolist()
+        if options.observe_torque:
+            for state in states:
+                values += _with_gripper(state.tau_nm, state.gripper_tau_nm).tolist()
+        if options.observe_temperature:
+            for kind in ("temp_mos_c", "temp_rotor_c"):
+                for state in states:
+                    values += getattr(state, kind).tolist()
+        return values
+
+    @check_if_not_connected
+    def send_action(self, action: Mapping[str, Any]) -> dict[str, float]:
+        """Give the arms targets; they move there under their speed limits.
+
+        Args:
+            action: a number (0-d tensors are numbers) for every key of `action_features`, no others.
+
+        Returns:
+            The targets really sent, after joint limits and max_relative_target.
+
+        Raises:
+            ActionError: wrong keys or values; nothing was sent to any arm.
+        """
+        vector = self._arms.vector(action)
+        for side in self._arms.sides:
+            index = side.gripper_index
+            gripper = None if index is None else vector[index]
+            joints, gripper = self._arms[side].track(vector[side.slice], gripper)
+            vector[side.slice] = joints
+            if index is not None:
+                vector[index] = gripper
+        return self._arms.action(vector)
+
+
+def _with_gripper(joints: np.ndarray, gripper: float | None) -> np.ndarray:
+    return joints if gripper is None else np.append(joints, gripper)
+
+
+def _measured(states: list[ArmState]) -> np.ndarray:
+    values: list[float] = []
+    for state in states:
+        values += state.q.tolist()
+        if state.gripper is not None:
+            values.append(state.gripper)
+    return np.array(values)
+
+
+class YamFollower(FollowerBase):
+    """One YAM arm that follows LeRobot's actions."""
+
+    config_class = YamFollowerConfig
+    name = "yam_follower"
+
+    def __init__(self, config: YamFollowerConfig):
+        super().__init__(config, {"": config}, config.cameras)

@@ -1,0 +1,39 @@
+"""What a leader shows LeRobot, one arm or two.
+
+In a module of its own, so that no config module needs another one (see `lerobot_robot_yam.registration`).
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from lerobot_robot_yam.arm.config import ArmConfig
+
+
+@dataclass(kw_only=True)
+class LeaderArmConfig(ArmConfig):
+    """Every field of `ArmConfig`, with a leader's defaults.
+
+    Attributes:
+        follower_arm: profile whose joint limits the leader's action keeps, so that what LeRobot records is what the
+            follower is sent; None: the same as this arm's.
+    """
+
+    gripper: str = "yam_teaching_handle"
+    start: Literal["hold", "float"] = "float"
+    follower_arm: str | None = None
+
+    def __post_init__(self) -> None:
+        """No checks yet: they come when the teleoperator is made. The parser would hide what they say."""
+
+
+@dataclass(kw_only=True)
+class LeaderOptions:
+    """What a leader shows LeRobot, one arm or two.
+
+    Attributes:
+        use_degrees: joints in degrees in actions and feedback; as the follower's option of this name.
+        isolation: "process" runs the control loop in a process of its own; "thread" is for debugging.
+    """
+
+    use_degrees: bool = False
+    isolation: Literal["process", "thread"] = "process"

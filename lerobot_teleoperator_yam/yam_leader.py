@@ -1,0 +1,158 @@
+"""Leader arms as a LeRobot teleoperator: one arm, and what one arm and two have in common."""
+
+import logging
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from lerobot.teleoperators.teleoperator import Teleoperator
+from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
+
+from lerobot_robot_yam.arm.profile import load_arm
+from lerobot_robot_yam.arm_group import ArmGroup, arm_config
+from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
+from lerobot_teleoperator_yam.leader_options import LeaderArmConfig, LeaderOptions
+
+logger = logging.getLogger(__name__)
+
+_OPEN = 1.0
+
+
+class LeaderBase(Teleoperator):
+    """One leader arm or two. They float until `enable_torque`.
+
+    Args:
+        config: LeRobot's config of the teleoperator, which also has `LeaderOptions`.
+        arms: the arms by feature prefix, in canonical order.
+    """
+
+    def __init__(self, config: Any, arms: Mapping[str, LeaderArmConfig]):
+        super().__init__(config)
+        self.config = config
+        options: LeaderOptions = config
+        self._arms = ArmGroup(
+            self.name,
+            {
+                prefix: arm_config(arm, f"{prefix}leader", self.calibration_dir, self.id and f"{prefix}{self.id}")
+                for prefix, arm in arms.items()
+            },
+            options.use_degrees,
+            options.isolation,
+            handles=True,
+        )
+        lower, upper = np.zeros(len(self._arms.keys)), np.ones(len(self._arms.keys))
+        for side, arm in zip(self._arms.sides, arms.values(), strict=True):
+            if side.joints:
+                limits = load_arm(arm.follower_arm or arm.arm).joint_limits_rad
+                lower[side.slice], upper[side.slice] = limits[:, 0], limits[:, 1]
+        self._lower, self._upper = lower, upper
+        self._openings = [_OPEN] * len(self._arms.sides)
+        self._follows_feedback = False
+
+    @cached_property
+    def action_features(self) -> dict[str, type]:
+        """`joint_1.pos` … `joint_6.pos`, `gripper.pos`; of two arms with `left_`, then with `right_`."""
+        return dict.fromkeys(self._arms.keys, float)
+
+    @cached_property
+    def feedback_features(self) -> dict[str, type]:
+        """The same as `action_features`: a leader can be led to where its follower is."""
+        return dict(self.action_features)
+
+    @property
+    def is_connected(self) -> bool:
+        return self._arms.connected
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Teaching handles need no calibration; a leader with a gripper motor needs its stops."""
+        return self._arms.calibrated
+
+    @check_if_already_connected
+    def connect(self, calibrate: bool = True) -> None:
+        """Energise all arms or none; they float, supported against gravity.
+
+        Raises:
+            YamError: an arm cannot be driven.
+        """
+        self._openings = [_OPEN] * len(self._arms.sides)
+        self._follows_feedback = False
+        self._arms.start(calibrate)
+        logger.info("%s connected", self)
+
+    def disconnect(self) -> None:
+        """Land the arms. Idempotent."""
+        self._arms.stop()
+
+    @check_if_not_connected
+    def calibrate(self) -> None:
+        """Search and store the stops of gripper motors, where there are any.
+
+        Raises:
+            YamError: a search failed.
+        """
+        self._arms.calibrate()
+
+    def configure(self) -> None:
+        """Nothing to do: the control loop has checked and set up the motors."""
+
+    @check_if_not_connected
+    def get_action(self) -> dict[str, float]:
+        """Where the leaders are, within the follower's limits: what is recorded is what the follower is sent.
+
+        The gripper is open (1) with the trigger released and closed (0) with it squeezed. While a handle is silent
+        its last opening stays; before the first report that is open.
+
+        Raises:
+            MotorError: a motor has failed.
+            StaleStateError: an arm has nothing fresh to say.
+        """
+        values: list[float] = []
+        for index, state in enumerate(self._arms.observe()):
+            values += state.q.tolist()
+            if self._arms.sides[index].has_gripper:
+                if state.gripper is not None:
+                    self._openings[index] = state.gripper
+                elif state.trigger is not None:
+                    self._openings[index] = 1.0 - state.trigger
+                values.append(self._openings[index])
+        return self._arms.action(np.minimum(np.maximum(values, self._lower), self._upper))
+
+    @check_if_not_connected
+    def send_feedback(self, feedback: Mapping[str, Any]) -> None:
+        """Lead the arms to `feedback` (keys as the action) while torque is enabled; ignored while they float.
+
+        Raises:
+            ActionError: wrong keys or values; nothing was sent to any arm.
+        """
+        if not self._follows_feedback:
+            return
+        vector = self._arms.vector(feedback)
+        for side in self._arms.sides:
+            gripper = float(vector[side.gripper_index]) if side.hardware.has_gripper else None
+            self._arms[side].track(vector[side.slice], gripper)
+
+    @check_if_not_connected
+    def enable_torque(self) -> None:
+        """Hold where the arms are; from now on they follow `send_feedback`."""
+        for side in self._arms.sides:
+            self._arms[side].hold()
+        self._follows_feedback = True
+
+    @check_if_not_connected
+    def disable_torque(self) -> None:
+        """Float, supported against gravity; never limp. Feedback is ignored."""
+        self._follows_feedback = False
+        for side in self._arms.sides:
+            self._arms[side].float()
+
+
+class YamLeader(LeaderBase):
+    """One YAM arm moved by hand."""
+
+    config_class = YamLeaderConfig
+    name = "yam_leader"
+
+    def __init__(self, config: YamLeaderConfig):
+        super().__init__(config, {"": config})
