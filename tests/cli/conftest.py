@@ -1,0 +1,96 @@
+"""LeRobot's own commands, run as a user runs them, against a named rig that the test watches."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from lerobot_robot_yam.rig.control import running_rig
+
+ROOT = Path(__file__).parent.parent.parent
+CHANNELS = ("follower_left", "follower_right", "leader_left", "leader_right")
+
+
+class Commands:
+    """Runs commands against one rig, which tells what they really did; None: each starts its own."""
+
+    def __init__(self, rig, directory):
+        self.rig = rig
+        self.directory = directory
+
+    def start(self, name, *arguments):
+        """Start an installed command, such as lerobot-record, or Python code (name "-c")."""
+        program = [sys.executable] if name == "-c" else []
+        program.append(name if name == "-c" else str(Path(sys.executable).parent / name))
+        environment = os.environ | {"HF_LEROBOT_CALIBRATION": str(self.directory / "cal")}
+        if self.rig is not None:
+            environment["YAM_RIG"] = self.rig.name
+        with open(self.directory / "output.txt", "ab") as output:
+            return subprocess.Popen(
+                [*program, *arguments],
+                cwd=ROOT,
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+
+    def run(self, name, *arguments, timeout_s=150.0):
+        """Run a command to its end; returns its exit status."""
+        return self.finish(self.start(name, *arguments), timeout_s)
+
+    def finish(self, process, timeout_s=60.0):
+        """Wait for a command's end; returns its exit status."""
+        try:
+            return process.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+            pytest.fail(f"it did not end within {timeout_s} s:\n{self.output()[-4000:]}")
+
+    def output(self):
+        """What all commands of this test have printed."""
+        return (self.directory / "output.txt").read_text(errors="replace")
+
+    def enabled(self, *channels):
+        """Channels of which every motor is enabled."""
+        arms = self.rig.state()["arms"]
+        return [c for c in channels or CHANNELS if all(m["enabled"] for m in arms[c]["motors"].values())]
+
+    def wait_enabled(self, process, *channels, timeout_s=60.0):
+        """Wait until a command has energised these arms."""
+        deadline = time.monotonic() + timeout_s
+        while self.enabled(*channels) != list(channels):
+            assert process.poll() is None, self.output()[-4000:]
+            assert time.monotonic() < deadline, self.output()[-4000:]
+            time.sleep(0.1)
+
+    def assert_landed(self):
+        """No motor is on, and nothing falls: cut torque moves no body by more than 1 cm."""
+        arms = self.rig.state()["arms"]
+        on = [(c, name) for c in CHANNELS for name, motor in arms[c]["motors"].items() if motor["enabled"]]
+        assert not on, f"still enabled: {on}\n{self.output()[-4000:]}"
+        before = self.rig.state(bodies=True)["bodies"]
+        time.sleep(1.5)
+        after = self.rig.state(bodies=True)["bodies"]
+        for body, position in before.items():
+            moved = sum((a - b) ** 2 for a, b in zip(position, after[body], strict=True)) ** 0.5
+            assert moved < 0.01, f"{body} moved {moved:.3f} m after torque was cut"
+
+
+@pytest.fixture
+def commands(tmp_path):
+    """On a rig without operator."""
+    with running_rig() as rig:
+        yield Commands(rig, tmp_path)
+
+
+@pytest.fixture(scope="module")
+def shared_commands(tmp_path_factory):
+    """On a rig with the scripted operator."""
+    with running_rig(operator="pick_and_place") as rig:
+        yield Commands(rig, tmp_path_factory.mktemp("cli"))

@@ -1,0 +1,96 @@
+"""However a command ends, the arms are landed and nothing is left behind."""
+
+import os
+import signal
+import time
+
+import pytest
+
+ARMS = ("follower_left", "follower_right", "leader_left", "leader_right")
+
+
+def raise_leaders(commands):
+    """Pull the leaders somewhere that is far from any rest, and let them float there; the followers follow."""
+    for side, turn in (("left", 0.4), ("right", -0.4)):
+        pose = [turn, 1.2, 1.1, -0.5, 0.2, 0.3]
+        commands.rig.hand(f"leader_{side}", [2.0], [pose])
+    time.sleep(3.0)
+    for side in ("left", "right"):
+        commands.rig.release(f"leader_{side}")
+    arms = commands.rig.state()["arms"]
+    assert arms["follower_left"]["q"][1] > 0.8 and arms["follower_right"]["q"][0] < -0.2
+
+
+def test_teleoperate_ends_by_itself_under_the_operators_hands(shared_commands):
+    commands = shared_commands
+    status = commands.run("lerobot-teleoperate", "--config_path=configs/sim/teleoperate.yaml", "--teleop_time_s=8")
+    assert status == 0, commands.output()[-4000:]
+    assert "control loop:" in commands.output()  # the statistics of every session
+    commands.assert_landed()
+
+
+@pytest.mark.parametrize(
+    "first, second", [(signal.SIGINT, signal.SIGINT), (signal.SIGTERM, None), (signal.SIGHUP, signal.SIGTERM)]
+)
+def test_signals_land_the_arms(commands, first, second):
+    process = commands.start("lerobot-teleoperate", "--config_path=configs/sim/teleoperate.yaml", "--teleop_time_s=120")
+    commands.wait_enabled(process, *ARMS)
+    raise_leaders(commands)
+    os.killpg(process.pid, first)  # as a terminal does: the whole foreground group
+    if second is not None:
+        time.sleep(0.7)
+        os.killpg(process.pid, second)
+    assert commands.finish(process) == 0, commands.output()[-4000:]  # lerobot-teleoperate takes Ctrl-C for an end
+    commands.assert_landed()
+
+
+CALLER = """
+import time
+from pathlib import Path
+from lerobot_robot_yam import BiYamFollower, BiYamFollowerConfig
+from lerobot_robot_yam.follower_options import FollowerArmConfig
+
+arm = {{"interface": "yam_sim", "gravity_factor": [1.0] * 6}}
+arms = {{f"{{side}}_arm_config": FollowerArmConfig(channel=f"follower_{{side}}", **arm) for side in ("left", "right")}}
+robot = BiYamFollower(BiYamFollowerConfig(calibration_dir=Path({directory!r}), **arms))
+robot.connect()
+deadline = time.monotonic() + 2.0
+while time.monotonic() < deadline:
+    robot.send_action({{**robot.get_observation(), "left_joint_2.pos": 1.0, "right_joint_3.pos": 0.8}})
+    time.sleep(0.02)
+{ending}
+"""
+
+
+@pytest.mark.parametrize("ending", ["raise RuntimeError('a bug of the caller')", "import os; os._exit(1)"])
+def test_a_failing_caller_lands_the_arms(commands, ending):
+    process = commands.start("-c", CALLER.format(directory=str(commands.directory), ending=ending))
+    commands.wait_enabled(process, "follower_left", "follower_right")
+    assert commands.finish(process) == 1
+    deadline = time.monotonic() + 20.0
+    while commands.enabled("follower_left") or commands.enabled("follower_right"):
+        assert time.monotonic() < deadline, "nobody landed the arms"
+        time.sleep(0.1)
+    commands.assert_landed()
+
+
+def test_calibrate_stores_the_stops(commands):
+    status = commands.run("lerobot-calibrate", "--config_path=configs/sim/calibrate.yaml")
+    assert status == 0, commands.output()[-4000:]
+    stored = commands.directory / "cal" / "robots" / "bi_yam_follower" / "yam"
+    assert sorted(path.name for path in stored.iterdir()) == ["left_sim_gripper.json", "right_sim_gripper.json"]
+    commands.assert_landed()
+
+
+@pytest.mark.parametrize(
+    "argument, named",
+    [
+        ("--robot.left_arm_config.channel=nowhere", "nowhere"),
+        ("--robot.left_arm_config.gripper=claw", "claw"),
+        ("--robot.right_arm_config.interface=carrier_pigeon", "carrier_pigeon"),
+    ],
+)
+def test_wrong_settings_are_named_and_nothing_is_energised(commands, argument, named):
+    status = commands.run("lerobot-calibrate", "--config_path=configs/sim/calibrate.yaml", argument)
+    assert status != 0 and named in commands.output().strip().splitlines()[-1]
+    assert commands.enabled() == []

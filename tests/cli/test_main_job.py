@@ -1,0 +1,146 @@
+"""The main job at full length, judged by the rig's own log: record, look, replay. Minutes: `-m long`."""
+
+import itertools
+import json
+import re
+import time
+from datetime import datetime
+
+import av
+import numpy as np
+import pytest
+from lerobot.datasets import LeRobotDataset
+
+from lerobot_robot_yam.rig.control import running_rig
+from tests.cli.conftest import Commands
+from tests.cli.test_record import BI_KEYS, CAMERAS
+
+pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
+
+LIFT_M, CARRY_M, SAME_PLACE_M = 0.05, 0.15, 0.03
+REPLAYS = 5
+
+
+def wall_times(output):
+    """Wall times of LeRobot's log lines (begin, end) of each episode, to the second."""
+    lines = re.findall(r"INFO (\S+ \S+) \S+ (Recording episode|Reset the environment|Stop recording)", output)
+    stamps = [(datetime.strptime(stamp, "%Y-%m-%d %H:%M:%S").timestamp(), what) for stamp, what in lines]
+    return [(begin, end) for (begin, what), (end, _) in itertools.pairwise(stamps) if what == "Recording episode"]
+
+
+def rig_events(directory):
+    """Events of the one rig that logged into `directory`, their times as wall times."""
+    (path,) = directory.glob("*.events.jsonl")
+    events = [json.loads(line) for line in path.read_text().splitlines()]
+    offset = events[0]["unix_s"] - events[0]["monotonic_s"]
+    for event in events:
+        for key in ("start", "end"):
+            if key in event:
+                event[key] = event[key]["monotonic_s"] + offset
+    return events
+
+
+def within(events, kind, begin, end):
+    """Events of a kind that began and ended in a span, with a second's slack for LeRobot's log."""
+    return [e for e in events if e["kind"] == kind and e["start"] >= begin - 1 and e["end"] <= end + 1]
+
+
+@pytest.fixture(scope="module")
+def job(tmp_path_factory):
+    """The shipped config at full length, on a rig of its own: what the first README command runs."""
+    directory = tmp_path_factory.mktemp("job")
+    commands = Commands(None, directory)
+    root = directory / "data"
+    options = f"{{operator: pick_and_place, event_dir: {directory}}}"
+    status = commands.run(
+        "lerobot-record",
+        "--config_path=configs/sim/record.yaml",
+        f"--dataset.root={root}",
+        "--dataset.no_stamp=true",
+        f"--teleop.left_arm_config.can_options={options}",
+        f"--teleop.right_arm_config.can_options={options}",
+        timeout_s=300,
+    )
+    assert status == 0, commands.output()[-4000:]
+    return commands, LeRobotDataset("local/yam_sim", root=root), rig_events(directory)
+
+
+def test_two_episodes_in_canonical_form_at_full_rate(job):
+    commands, data, _ = job
+    assert data.num_episodes == 2 and data.fps == 30
+    assert list(data.features["action"]["names"]) == BI_KEYS == list(data.features["observation.state"]["names"])
+    slow = commands.output().count("running slower")
+    assert slow <= 0.02 * len(data), f"{slow} of {len(data)} ticks were slow"
+    assert "Encoder queue full" not in commands.output()  # LeRobot drops frames then
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_videos_show_27_distinct_frames_a_second(job, camera):
+    _, data, _ = job
+    for episode in range(2):
+        path = data.root / data.meta.get_video_file_path(episode, f"observation.images.{camera}")
+        row = data.meta.episodes[episode]
+        begin, end = (row[f"videos/observation.images.{camera}/{edge}_timestamp"] for edge in ("from", "to"))
+        with av.open(str(path)) as video:
+            frames = [
+                frame.to_ndarray(format="rgb24")
+                for frame in video.decode(video=0)
+                if begin - 1e-3 <= frame.time < end - 1e-3
+            ]
+        distinct = sum(not np.array_equal(a, b) for a, b in itertools.pairwise(frames))
+        assert distinct >= 27 * len(frames) / 30
+
+
+def test_each_episode_holds_a_full_cycle_of_the_task(job):
+    commands, _, events = job
+    spans = wall_times(commands.output())
+    assert len(spans) == 2
+    for begin, end in spans:
+        done = within(events, "cycle", begin, end)
+        assert done, f"no cycle between {begin} and {end}: {events}"
+        carries = within(events, "transfer", begin, end)
+        assert any(e["lift_m"] >= LIFT_M and e["carry_m"] >= CARRY_M for e in carries)
+
+
+def test_replays_put_the_cube_where_the_recording_put_it(job, tmp_path):
+    commands, data, events = job
+    begin, end = wall_times(commands.output())[0]
+    recorded = within(events, "transfer", begin, end)
+    good, report = 0, []
+    for run in range(REPLAYS):
+        directory = tmp_path / f"run{run}"
+        directory.mkdir()
+        with running_rig() as rig:
+            replay = Commands(rig, directory)
+            status = replay.run(
+                "lerobot-replay",
+                "--config_path=configs/sim/replay.yaml",
+                f"--dataset.repo_id={data.repo_id}",
+                f"--dataset.root={data.root}",
+                "--dataset.episode=0",
+            )
+            assert status == 0, replay.output()[-4000:]
+            time.sleep(0.5)
+            carried = [e for e in rig.events() if e["kind"] == "transfer"]
+        if len(carried) >= len(recorded):
+            last = carried[len(recorded) - 1]
+            off = float(np.linalg.norm(np.subtract(last["to"]["xy_m"], recorded[-1]["to"]["xy_m"])))
+            report.append((len(carried), last["carry_m"], off))
+            good += last["carry_m"] >= CARRY_M and off <= SAME_PLACE_M
+        else:
+            report.append((len(carried), 0.0, float("inf")))
+    assert good >= REPLAYS - 1, f"(transfers, last carry, distance): {report}; recorded {len(recorded)}"
+
+
+def test_two_jobs_side_by_side(tmp_path):
+    jobs = []
+    for name in ("one", "two"):
+        directory = tmp_path / name
+        directory.mkdir()
+        commands = Commands(None, directory)
+        arguments = ["--config_path=configs/sim/record.yaml", f"--dataset.root={directory / 'data'}"]
+        jobs.append((commands, commands.start("lerobot-record", *arguments, "--dataset.no_stamp=true")))
+    for commands, process in jobs:
+        assert commands.finish(process, timeout_s=400) == 0, commands.output()[-4000:]
+        data = LeRobotDataset("local/yam_sim", root=commands.directory / "data")
+        assert data.num_episodes == 2
