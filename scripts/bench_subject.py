@@ -1,0 +1,294 @@
+"""One driver under measurement, in a process of its own: JSON requests on standard input, JSON answers on output.
+
+    echo '{"do": "start"}' | YAM_RIG=demo python scripts/bench_subject.py '{"kind": "ours", "arms": 1}'
+
+Started by `bench.py`. The rig is the one that YAM_RIG names. Requests: start, hog (busy until SIGUSR1), work
+(get + send at a rate), stop.
+"""
+
+import importlib
+import json
+import os
+import signal
+import sys
+import time
+from typing import Any, Protocol
+
+import numpy as np
+
+from lerobot_robot_yam.rig.control import sample_age_s
+
+CHANNELS = ("follower_left", "follower_right")
+_SIDES = ("left", "right")
+_STOPS_RAD = [3.25, -3.3]  # of the gripper in the default scene: nothing has to be searched
+_NAMES = ("joint_1", "joint_2", "joint_3", "joint_4", "joint_5", "joint_6", "gripper")
+_TYPES = ("DM4340", "DM4340", "DM4340", "DM4310", "DM4310", "DM4310", "DM4310")
+_KP = (80.0, 80.0, 80.0, 10.0, 10.0, 10.0, 20.0)
+_KD = (5.0, 5.0, 5.0, 1.5, 1.5, 1.5, 0.5)
+
+
+class Driver(Protocol):
+    """What the bench asks of every driver."""
+
+    def start(self) -> None:
+        """Open the channels and energise the arms, holding."""
+
+    def get(self) -> Any:
+        """Read all arms, as a LeRobot robot does for an observation."""
+
+    def send(self, got: Any) -> None:
+        """Command all arms to stay where `got` says they are."""
+
+    def age_s(self, got: Any, now: float) -> float:
+        """Age of the oldest motor sample in `got` at `now`: the rig stamps it into the temperature bytes."""
+
+    def stop(self) -> None:
+        """Let go of everything."""
+
+
+class OurSession:
+    """Our control loop, through `ArmSession`."""
+
+    def __init__(self, arms: int, isolation: str = "process", rate_hz: float = 250.0):
+        from lerobot_robot_yam.arm.config import ArmConfig
+        from lerobot_robot_yam.arm.session import ArmSession
+
+        self._names = _SIDES[:arms]
+        configs = [
+            ArmConfig(name=side, channel=channel, interface="yam_sim", rate_hz=rate_hz, gripper_stops_rad=_STOPS_RAD)
+            for side, channel in zip(self._names, CHANNELS, strict=False)
+        ]
+        self._session = ArmSession(configs, isolation=isolation)  # type: ignore[arg-type]
+
+    def start(self) -> None:
+        self._session.start()
+
+    def get(self) -> Any:
+        return [self._session[name].observe() for name in self._names]
+
+    def send(self, got: Any) -> None:
+        for name, state in zip(self._names, got, strict=True):
+            self._session[name].track(state.setpoint_q, state.gripper_setpoint)
+
+    def age_s(self, got: Any, now: float) -> float:
+        return max(
+            sample_age_s(int(mos), int(rotor), now)
+            for state in got
+            for mos, rotor in zip(state.temp_mos_c, state.temp_rotor_c, strict=True)
+        )
+
+    def stop(self) -> None:
+        self._session.stop()
+
+
+class OurRobot:
+    """`BiYamFollower`, as `lerobot-record` uses it, without cameras."""
+
+    def __init__(self, temperatures: bool = False):
+        from lerobot_robot_yam.bi_yam_follower import BiYamFollower
+        from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig, FollowerArmConfig
+
+        left, right = (
+            FollowerArmConfig(channel=channel, interface="yam_sim", gripper_stops_rad=_STOPS_RAD)
+            for channel in CHANNELS
+        )
+        self._robot = BiYamFollower(
+            BiYamFollowerConfig(left_arm_config=left, right_arm_config=right, observe_temperature=temperatures)
+        )
+
+    def start(self) -> None:
+        self._robot.connect()
+        observation = self._robot.get_observation()
+        self._action = {key: observation[key] for key in self._robot.action_features}
+
+    def get(self) -> Any:
+        return self._robot.get_observation()
+
+    def send(self, got: Any) -> None:
+        self._robot.send_action(self._action)
+
+    def age_s(self, got: Any, now: float) -> float:
+        motors = [key.removesuffix(".pos") for key in self._action]
+        return max(sample_age_s(int(got[f"{m}.temp_mos"]), int(got[f"{m}.temp_rotor"]), now) for m in motors)
+
+    def stop(self) -> None:
+        self._robot.disconnect()
+
+
+class DamiaoBus:
+    """LeRobot's own driver with the calls that its OpenArm robot makes: refresh all, then command all."""
+
+    def __init__(self, arms: int, read: bool = True):
+        from lerobot.motors import Motor, MotorNormMode
+        from lerobot.motors.damiao import DamiaoMotorsBus
+
+        self._read = read
+        self._buses = []
+        for channel in CHANNELS[:arms]:
+            motors = {}
+            for number, (name, kind) in enumerate(zip(_NAMES, _TYPES, strict=True), start=1):
+                motor = Motor(number, kind.lower(), MotorNormMode.DEGREES)
+                motor.recv_id, motor.motor_type_str = number + 16, kind
+                motors[name] = motor
+            self._buses.append(DamiaoMotorsBus(channel, motors, can_interface="yam_sim", use_can_fd=False))
+        self._goals: list[dict[str, float]] = []
+
+    def start(self) -> None:
+        for bus in self._buses:
+            bus.connect()
+            bus.enable_torque()
+            states = bus.sync_read_all_states()
+            self._goals.append({name: state["position"] for name, state in states.items()})
+
+    def get(self) -> Any:
+        if self._read:
+            return [bus.sync_read_all_states() for bus in self._buses]
+        return [bus._last_known_states for bus in self._buses]
+
+    def send(self, got: Any) -> None:
+        for bus, goals in zip(self._buses, self._goals, strict=True):
+            bus._mit_control_batch({name: (_KP[i], _KD[i], goals[name], 0.0, 0.0) for i, name in enumerate(_NAMES)})
+
+    def age_s(self, got: Any, now: float) -> float:
+        return max(
+            sample_age_s(int(state["temp_mos"]), int(state["temp_rotor"]), now)
+            for states in got
+            for state in states.values()
+        )
+
+    def stop(self) -> None:
+        for bus in self._buses:
+            bus.disconnect()
+
+
+class Vendor:
+    """The maker's SDK, `dreamscale-i2rt`, whose chain runs a thread of its own as fast as it can.
+
+    It opens a socketcan channel; here that name leads to the rig. Nothing of it is changed otherwise.
+    """
+
+    def __init__(self, arms: int):
+        import can
+
+        real_bus = can.interface.Bus
+
+        def open_on_rig(channel: str, **_: Any) -> can.BusABC:
+            return real_bus(interface="yam_sim", channel=channel)
+
+        can.interface.Bus = open_on_rig
+        self._driver = importlib.import_module("i2rt.motor_drivers.dm_driver")
+        self._arms = arms
+        self._chains: list[Any] = []
+        self._goals: list[Any] = []
+
+    def start(self) -> None:
+        motors = [(number, kind) for number, kind in enumerate(_TYPES, start=1)]
+        for channel in CHANNELS[: self._arms]:
+            chain = self._driver.DMChainCanInterface(motors, np.zeros(7), np.ones(7), channel=channel)
+            self._chains.append(chain)
+            self._goals.append(np.array([info.pos for info in chain.read_states()]))
+        self.send(self.get())
+
+    def get(self) -> Any:
+        return [chain.read_states() for chain in self._chains]
+
+    def send(self, got: Any) -> None:
+        for chain, goal in zip(self._chains, self._goals, strict=True):
+            chain.set_commands(np.zeros(7), pos=goal, vel=np.zeros(7), kp=_KP, kd=_KD, get_state=False)
+
+    def age_s(self, got: Any, now: float) -> float:
+        return max(sample_age_s(int(info.temp_mos), int(info.temp_rotor), now) for infos in got for info in infos)
+
+    def stop(self) -> None:
+        for chain in self._chains:
+            chain.running = False
+        time.sleep(0.2)  # its thread has no join
+        for chain in self._chains:
+            chain.close()
+
+
+_KINDS = {"ours": OurSession, "ours_robot": OurRobot, "damiao_bus": DamiaoBus, "vendor": Vendor}
+
+
+class Subject:
+    """Carries out the bench's requests on one driver."""
+
+    def __init__(self, job: dict[str, Any]):
+        self._driver: Driver = _KINDS[job.pop("kind")](**job)
+        self._hogging = False
+        signal.signal(signal.SIGUSR1, self._rest)
+
+    def _rest(self, *_: object) -> None:
+        self._hogging = False
+
+    def start(self) -> dict[str, Any]:
+        """Connect; says how long it took."""
+        begin = time.perf_counter()
+        self._driver.start()
+        return {"connect_s": time.perf_counter() - begin}
+
+    def hog(self) -> dict[str, Any]:
+        """Keep the interpreter busy with Python code that never waits, until SIGUSR1."""
+        self._hogging = True
+        _answer({"hogging": True})
+        rounds = 0
+        while self._hogging:
+            sum(i * i for i in range(1000))
+            rounds += 1
+        return {"rounds": rounds}
+
+    def work(self, seconds: float, rate_hz: float, ages: bool = True, send: bool = True) -> dict[str, Any]:
+        """Get and send at a rate. Rows: monotonic s, get + send ms, age of the sample when get returned, ms."""
+        driver, rows = self._driver, []
+        deadline = time.monotonic()
+        end = deadline + seconds
+        while (begin := time.monotonic()) < end:
+            got = driver.get()
+            between = time.monotonic()
+            age_s = driver.age_s(got, between) if ages else 0.0
+            resumed = time.monotonic()
+            if send:
+                driver.send(got)
+            rows.append((begin, (time.monotonic() - resumed + between - begin) * 1e3, age_s * 1e3))
+            now = time.monotonic()
+            deadline = max(deadline + 1.0 / rate_hz, now)
+            if deadline > now:
+                time.sleep(deadline - now)
+        return {"rows": rows}
+
+    def stop(self) -> dict[str, Any]:
+        """Disconnect; says how long it took."""
+        begin = time.perf_counter()
+        self._driver.stop()
+        return {"stop_s": time.perf_counter() - begin}
+
+
+def _answer(fields: dict[str, Any]) -> None:
+    _OUT.write(json.dumps(fields) + "\n")
+    _OUT.flush()
+
+
+def main() -> None:
+    """Serve requests until told to stop or the bench is gone."""
+    subject = Subject(json.loads(sys.argv[1]))
+    _answer({"ready": True})
+    started = False
+    for line in sys.stdin:
+        request = json.loads(line)
+        do = request.pop("do")
+        started |= do == "start"
+        try:
+            _answer(getattr(subject, do)(**request))
+        except Exception as error:
+            _answer({"error": f"{type(error).__name__}: {error}"})
+        if do == "stop":
+            return
+    if started:
+        subject.stop()
+
+
+if __name__ == "__main__":
+    # Drivers print; what they print must not get between the answers.
+    _OUT = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)
+    main()
