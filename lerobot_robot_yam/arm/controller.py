@@ -17,7 +17,7 @@ from lerobot_robot_yam.arm.landing import Landing, Phase
 from lerobot_robot_yam.arm.lifecycle import Mode, check_transition
 from lerobot_robot_yam.arm.setpoint import SetPoint
 from lerobot_robot_yam.arm.state import Limited, Request
-from lerobot_robot_yam.arm.watch import HandleWatch, motors_in_trouble
+from lerobot_robot_yam.arm.watch import HandleWatch, MotorWatch
 from lerobot_robot_yam.damiao.bringup import LISTEN_S, check_bandwidth, listen, verify
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand
@@ -77,6 +77,7 @@ class ArmController:
         self._after_search = Mode.HOLD
         self._landing: Landing | None = None
         self._last_target_at = -math.inf
+        self._motor_watch = MotorWatch(self.chain)
         self.handle = HandleWatch(self.name, self.encoder)
 
     def inspect(self) -> None:
@@ -119,7 +120,7 @@ class ArmController:
         try:
             self.chain.special(SpecialCommand.ENABLE)
             self.chain.exchange(self._packable())
-            _, trouble = motors_in_trouble(self.chain, time.monotonic())
+            _, trouble = self._motor_watch.check(time.monotonic())
             if trouble:
                 raise MotorError(
                     f"{self.name} ({self.config.channel}): cannot enable {trouble}; "
@@ -264,7 +265,7 @@ class ArmController:
         """A motor that is silent or not obeying is a fault: the others hold, the caller is told."""
         if self.mode in (Mode.OFF, Mode.OFFLINE):
             return
-        bad, message = motors_in_trouble(self.chain, now)
+        bad, message = self._motor_watch.check(now)
         self._usable = ~bad
         if not message or self.mode in (Mode.FAULT, Mode.LAND):
             return
