@@ -66,6 +66,7 @@ def check_landing(rig, q, channel="follower_left", **fields):
     )
     with YamArm(config) as arm:
         arm.move_to(q, gripper=0.5, speed_rad_s=1.4)
+        time.sleep(0.6)  # the speed that is judged is the landing's
         moved, speed = land_and_watch(rig, arm, channel)
         assert arm._session[channel].mode() is Mode.OFF
     assert moved <= MOST_M
