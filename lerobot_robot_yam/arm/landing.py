@@ -20,6 +20,8 @@ logger = logging.getLogger(__name__)
 LANDING_SPEED_RAD_S = 0.6
 _LOWER_SPEED_RAD_S = 0.4
 _WRIST_LIFT_RAD = 0.35  # how far above its resting place the wrist stays while the arm folds
+_SOFT_RAD = 0.3  # from here on the fold slows down: some joints end on their mechanical stops
+_SOFT_RAD_S2 = 1.5
 _WRIST = 3  # joint 4 carries the wrist
 _AT_POSE_RAD = 0.06
 _STUCK_RAD = 0.25  # set-point this far ahead of the arm: something is in the way
@@ -81,6 +83,8 @@ class Landing:
         """One tick; sets `phase`, `share` (of stiffness and feed-forward) and steers the set-point."""
         error = np.where(usable, np.abs(self._setpoint.q[: self._n] - q), 0.0)
         if self.phase is Phase.FOLD:
+            if np.abs(self._goal - self._setpoint.q[: self._n]).max() < _SOFT_RAD:
+                self._setpoint.acceleration_limit[: self._n] = _SOFT_RAD_S2
             at_pose = np.all(np.where(usable, np.abs(self._goal - q), 0.0) < _AT_POSE_RAD)
             if at_pose and self._setpoint.arrived:
                 self._enter(Phase.LOWER, now)
