@@ -72,6 +72,7 @@ class ArmController:
         self._motor_q = np.zeros(hw.n)  # joint-space motor angles, gripper in rad
         self._motor_dq = np.zeros(hw.n)
         self._commands = np.zeros((hw.n, 5))
+        self._sent = np.zeros((hw.n, 5))
         self._kp, self._kd = hw.kp.copy(), hw.kd.copy()
         self._usable = np.ones(hw.n, dtype=bool)
         self._after_search = Mode.HOLD
@@ -143,17 +144,19 @@ class ArmController:
         self.mode = Mode.OFF
 
     def fail(self, error: Exception) -> None:
-        """Something in our own code broke: keep sending the last commands, at rest, so that the arm is held."""
+        """Something in our own code broke: the last commands that went out hold the arm, at rest."""
         if self.mode is not Mode.FAULT:
             logger.critical("%s: internal error, holding", self.name, exc_info=error)
             self.message = f"internal error, holding: {error!r}"
             self.mode = Mode.FAULT
         self._landing = None
+        self._commands[:] = self._sent
         self._commands[:, laws.DQ] = 0.0
 
     def send(self) -> None:
         """Put this tick's commands on the wire."""
         self.chain.send(self._packable())
+        self._sent[:] = self._commands
 
     def _packable(self) -> np.ndarray:
         return self._quantiser.compensate(self._map.commands(self._commands))

@@ -49,8 +49,9 @@ class Landing:
     Args:
         arm: name for messages.
         rest_q: (n,) rad, resting pose of the profile.
-        setpoint: the arm's set-point; its speed limits are lowered for good.
-        usable: (n,) bool, joints whose motors answer; the others cannot be waited for.
+        setpoint: the arm's set-point; its limits are lowered for good.
+        q: (n,) rad, where the arm is.
+        now: monotonic s.
     """
 
     def __init__(self, arm: str, rest_q: np.ndarray, q: np.ndarray, setpoint: SetPoint, now: float):
@@ -80,7 +81,10 @@ class Landing:
         self._goal = goal
 
     def advance(self, q: np.ndarray, dq: np.ndarray, usable: np.ndarray, now: float) -> None:
-        """One tick; sets `phase`, `share` (of stiffness and feed-forward) and steers the set-point."""
+        """One tick; sets `phase`, `share` (of stiffness and feed-forward) and steers the set-point.
+
+        `usable` (n,) bool: joints whose motors answer; the others cannot be waited for.
+        """
         error = np.where(usable, np.abs(self._setpoint.q[: self._n] - q), 0.0)
         if self.phase is Phase.FOLD:
             if np.abs(self._goal - self._setpoint.q[: self._n]).max() < _SOFT_RAD:

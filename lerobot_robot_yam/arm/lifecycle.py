@@ -27,7 +27,7 @@ TRANSITIONS: dict[Mode, frozenset[Mode]] = {
     Mode.HOLD: frozenset({Mode.TRACK, Mode.FLOAT, Mode.LAND, Mode.FAULT, Mode.BRING_UP}),
     Mode.TRACK: frozenset({Mode.HOLD, Mode.FLOAT, Mode.LAND, Mode.FAULT, Mode.BRING_UP}),
     Mode.FLOAT: frozenset({Mode.HOLD, Mode.TRACK, Mode.LAND, Mode.FAULT, Mode.BRING_UP}),
-    Mode.LAND: frozenset({Mode.OFF, Mode.FAULT, Mode.HOLD}),
+    Mode.LAND: frozenset({Mode.OFF, Mode.FAULT}),
     Mode.FAULT: frozenset({Mode.LAND, Mode.OFF}),
     Mode.OFF: frozenset(),
 }

@@ -1,6 +1,6 @@
 """The deadline loop: one thread owns the clock and every bus of a robot, so that all its arms tick together.
 
-    send all → sleep while the wire works → collect all → laws → publish → sleep until the next deadline
+    send all → sleep while the wire works → collect and publish each → laws → sleep until the next deadline
 
 Deadlines are absolute; after an overrun the loop starts anew from now: no burst, no drift.
 """
@@ -126,6 +126,8 @@ class ControlLoop:
                 controller.send()
             except BusError as error:
                 controller.lose_bus(error)
+            except Exception as error:  # a command that cannot be packed: the next tick sends the last good one
+                controller.fail(error)
         time.sleep(max(0.0, now + self._wire_s - _EARLY_S - time.monotonic()))
         for controller in active:
             if controller.mode not in _ENDED:

@@ -51,3 +51,8 @@ def test_torque_is_cut_only_when_landing_or_before_anything_was_energised_or_whe
     }
     with pytest.raises(LifeCycleError, match="left: cannot go from hold to off"):
         check_transition("left", Mode.HOLD, Mode.OFF)
+
+
+def test_a_landing_cannot_be_called_off():
+    with pytest.raises(LifeCycleError, match="left: cannot go from land to hold"):
+        check_transition("left", Mode.LAND, Mode.HOLD)

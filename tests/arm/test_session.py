@@ -7,10 +7,12 @@ import subprocess
 import sys
 import time
 
+import can
 import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.controller import ArmController
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.session import ArmSession
 from lerobot_robot_yam.arm.state import Limited
@@ -230,6 +232,35 @@ def test_a_motor_fault_is_named_and_the_rest_holds(rig):
         after = rig.state()["arms"]["follower_left"]["q"]
         assert np.abs(np.array(after) - before)[:3].max() < 0.01
     assert not any(enabled(rig))
+
+
+def test_an_error_in_our_own_code_leaves_the_arm_held(caplog):
+    """Broken from outside, in thread mode: the laws yield NaN, which no frame can carry."""
+    with RigControl.start(arms=["follower_left"]) as own:
+        bus = can.Bus(interface="yam_sim", channel="follower_left", rig=own.name)
+        controller = ArmController(arm_config(own), bus)
+        controller.inspect()
+        controller.energise()
+        for _ in range(400):  # through bring-up to a hold
+            controller.send()
+            controller.collect(time.monotonic() + 0.004)
+            controller.measure(time.monotonic())
+            controller.update(time.monotonic(), TICK_S)
+        assert controller.mode is Mode.HOLD
+        before = np.array(own.state()["arms"]["follower_left"]["q"])
+        controller._commands[:] = np.nan
+        for _ in range(200):
+            try:
+                controller.send()
+            except ActionError as error:
+                controller.fail(error)
+            controller.collect(time.monotonic() + 0.004)
+        assert controller.mode is Mode.FAULT
+        assert "internal error, holding" in caplog.text
+        after = np.array(own.state()["arms"]["follower_left"]["q"])
+        assert all(enabled(own)) and np.abs(after - before).max() < 0.05
+        controller.abandon()
+        bus.shutdown()
 
 
 def test_calibration_finds_and_keeps_the_stops(rig, tmp_path):
