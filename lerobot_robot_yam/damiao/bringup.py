@@ -91,7 +91,7 @@ def verify(
 ) -> None:
     """Check that every motor is there, alone with its id, and set up as the profile says. Energises nothing.
 
-    Expected by default: PMAX, VMAX, TMAX of the type, MST_ID of the receive mode, CTRL_MODE MIT and the
+    Expected by default: PMAX, VMAX, TMAX and GR of the type, MST_ID of the receive mode, CTRL_MODE MIT and the
     TIMEOUT of `watchdog_s` (0 expects the watchdog to be off).
 
     Args:
@@ -114,6 +114,8 @@ def verify(
             Register.MST_ID: spec.feedback_id,
             Register.CTRL_MODE: ControlMode.MIT,
         }
+        if row.gear_ratio is not None:
+            expected[Register.GR] = row.gear_ratio
         expected.update((expectations or {}).get(spec.name, {}))
         for register, value in expected.items():
             found = chain.read_register(i, register)

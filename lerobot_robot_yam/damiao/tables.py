@@ -1,7 +1,8 @@
 """What is fixed about Damiao motors: ranges per type, fault codes, identifiers, wire constants.
 
 Source of every number: I2RT driver v1.2.4 for ranges and fault codes; DM_Control_Python and
-python-damiao-driver for the register identifier and the watchdog count.
+python-damiao-driver for the register identifier and the watchdog count; Damiao's manuals and I2RT's readings (driver
+v1.3.6) for the gear ratios.
 """
 
 from dataclasses import dataclass
@@ -90,13 +91,15 @@ class MotorType:
     """Ranges that the packed frames are scaled with: values lie in [-max, max], gains in [0, max].
 
     They equal the registers PMAX, VMAX and TMAX of the motor; with other numbers every decoded value
-    would be scaled wrongly. Gains in Nm/rad and Nm s/rad.
+    would be scaled wrongly. Gains in Nm/rad and Nm s/rad. The gear ratio (register GR) is read-only and built in:
+    it tells which motor is really there; None where nobody has published it.
     """
 
     name: str
     position_max_rad: float
     velocity_max_rad_s: float
     torque_max_nm: float
+    gear_ratio: float | None
     kp_max: float = 500.0
     kd_max: float = 5.0
 
@@ -104,15 +107,15 @@ class MotorType:
 MOTOR_TYPES: dict[str, MotorType] = {
     row.name: row
     for row in (
-        MotorType("DM3507", 12.5, 50.0, 5.0),
-        MotorType("DM4310", 12.5, 30.0, 10.0),
-        MotorType("DM4310V", 3.1415926, 30.0, 10.0),
-        MotorType("DM4340", 12.5, 10.0, 28.0),
-        MotorType("DM6248", 12.5, 20.0, 120.0),
-        MotorType("DM8009", 12.5, 45.0, 54.0),
-        MotorType("DMH6215", 3.1415926, 30.0, 10.0),
-        MotorType("DMH6215MIT", 12.5, 45.0, 10.0),
-        MotorType("DM_FLOW_WHEEL", 3.1415926, 30.0, 10.0),
+        MotorType("DM3507", 12.5, 50.0, 5.0, 7.0),
+        MotorType("DM4310", 12.5, 30.0, 10.0, 10.0),
+        MotorType("DM4310V", 3.1415926, 30.0, 10.0, 10.0),
+        MotorType("DM4340", 12.5, 10.0, 28.0, 40.0),
+        MotorType("DM6248", 12.5, 20.0, 120.0, 48.0),
+        MotorType("DM8009", 12.5, 45.0, 54.0, 9.0),
+        MotorType("DMH6215", 3.1415926, 30.0, 10.0, None),
+        MotorType("DMH6215MIT", 12.5, 45.0, 10.0, None),
+        MotorType("DM_FLOW_WHEEL", 3.1415926, 30.0, 10.0, 10.0),
     )
 }
 

@@ -26,7 +26,7 @@ def factory_registers(can_id: int, kind: str) -> dict[int, float | int]:
         Register.SW_VER: 5013,
         Register.SN: 1000 + can_id,
         Register.NPP: 14,
-        Register.GR: 10.0,
+        Register.GR: row.gear_ratio or 0.0,
         Register.PMAX: row.position_max_rad,
         Register.VMAX: row.velocity_max_rad_s,
         Register.TMAX: row.torque_max_nm,

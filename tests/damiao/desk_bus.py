@@ -114,4 +114,5 @@ def default_registers(spec: MotorSpec) -> dict[Register, float]:
         Register.MST_ID: spec.feedback_id,
         Register.ESC_ID: spec.can_id,
         Register.CTRL_MODE: 1,
+        Register.GR: row.gear_ratio or 0.0,
     }

@@ -42,11 +42,12 @@ def test_motors_that_match_pass_and_nothing_is_commanded(bus, chain):
         (Register.TIMEOUT, 0),
         (Register.MST_ID, 0),
         (Register.CTRL_MODE, 3),
+        (Register.GR, 40.0),
     ],
 )
 def test_a_contradiction_names_motor_and_register(bus, chain, register, value):
     bus.registers[2][register] = value
-    with pytest.raises(MotorError, match=rf"joint2 \(id 2, DM4310\): {register.name} is {value:g} instead of"):
+    with pytest.raises(MotorError, match=rf"(?i)joint2 \(id 2, DM4310\): {register.name} is {value:g} instead of"):
         bringup.verify(chain)
 
 
