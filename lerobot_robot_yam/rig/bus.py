@@ -4,6 +4,9 @@
 
 Any python-can program can use it. The rig starts on demand and ends with its last client; which rig it is, the
 keyword `rig` or the variable YAM_RIG says ("auto", the default: the rig of this process).
+
+Like a SocketCAN socket it hears what other clients send, from its opening on, and loses frames when nobody reads it;
+when a fault is injected (`control.RigControl.fault`) it raises what python-can's SocketCAN bus would.
 """
 
 import contextlib
@@ -19,6 +22,7 @@ import can
 
 from lerobot_robot_yam.errors import BusError, ConfigError
 from lerobot_robot_yam.rig import launch, wire
+from lerobot_robot_yam.rig.client_link import ClientLink
 from lerobot_robot_yam.rig.wire import Frame
 
 logger = logging.getLogger(__name__)
@@ -43,7 +47,7 @@ class YamSimBus(can.BusABC):
         options: scene options of a rig that is started for us (`latency_s=0.00025`).
 
     Raises:
-        BusError: no such channel, wrong bit-rate, CAN FD asked for.
+        BusError: no such channel, its adapter is unplugged, wrong bit-rate, CAN FD asked for.
         ConfigError: unknown option or scene.
         RigError: the rig cannot be started.
     """
@@ -69,10 +73,15 @@ class YamSimBus(can.BusABC):
             raise ConfigError(f"{channel}: yam_sim does not echo own messages")
         options = {key: value for key, value in options.items() if key not in _FOREIGN_OPTIONS}
         hello = {"kind": "bus", "channel": str(channel)}
-        self._socket, self.rig, _ = launch.connect_or_start(rig, hello, scene, options)
+        self._socket, self.rig, answer = launch.connect_or_start(rig, hello, scene, options)
         self._arrived: deque[Frame] = deque()
         self.channel = channel
         self.channel_info = f"yam_sim channel {channel} of rig {self.rig}"
+        try:
+            self._link = ClientLink(launch.rig_path(self.rig, "links"), answer["link"], answer["unplugs"])
+        except OSError as error:
+            self._socket.close()
+            raise self._gone() from error
         super().__init__(channel=channel, can_filters=can_filters)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
@@ -80,6 +89,7 @@ class YamSimBus(can.BusABC):
 
         Raises:
             BusError: the rig is gone, or the frame is not classic CAN.
+            can.CanOperationError: the interface is down, gone or stuck, see `RigControl.fault`.
         """
         self.send_many((msg,), timeout)
 
@@ -88,6 +98,7 @@ class YamSimBus(can.BusABC):
 
         Raises:
             BusError: the rig is gone or does not take frames, or a frame is not classic CAN.
+            can.CanOperationError: as for `send`.
         """
         now = time.monotonic()
         frames = []
@@ -100,6 +111,8 @@ class YamSimBus(can.BusABC):
             frames.append(Frame(now, message.arbitration_id, bytes(message.data), flags))
         if self._socket is None:
             raise BusError(f"{self.channel_info} is shut down")
+        if not self._link.check_send(len(frames)):
+            return
         try:
             if timeout is not None and not _wait(self._socket, select.POLLOUT, timeout):
                 raise BusError(f"{self.channel_info}: the rig takes no frames; is its process stopped?")
@@ -109,7 +122,9 @@ class YamSimBus(can.BusABC):
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         deadline = None if timeout is None else time.monotonic() + timeout
+        check = self._link.check_receive
         while True:
+            check()
             self._fetch(0.0)
             now = time.monotonic()
             if self._arrived:
@@ -141,7 +156,8 @@ class YamSimBus(can.BusABC):
                     if self._arrived:  # what the wire has taken is still delivered
                         return
                     raise self._gone()
-                self._arrived.extend(wire.unpack(packet))
+                if packet != wire.WAKE:
+                    self._arrived.extend(wire.unpack(packet))
         except BlockingIOError:
             return
         except (OSError, ValueError) as error:  # reset, or shut down by another thread
@@ -153,6 +169,7 @@ class YamSimBus(can.BusABC):
             arbitration_id=frame.id,
             is_extended_id=bool(frame.flags & wire.FLAG_EXTENDED),
             is_remote_frame=bool(frame.flags & wire.FLAG_REMOTE),
+            is_error_frame=bool(frame.flags & wire.FLAG_ERROR),
             data=frame.data,
             channel=self.channel,
         )

@@ -7,19 +7,23 @@ The server never waits for it. It hands over hellos of kind "camera", watches `f
 import contextlib
 import json
 import logging
+import math
 import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Collection, Hashable, Mapping, Sequence
 from typing import Any
 
-from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.errors import ConfigError, RigError
 from lerobot_robot_yam.rig.frames import MAX_FPS, MAX_HEIGHT, MAX_WIDTH, Settings, frame_path
+from lerobot_robot_yam.rig.lookup import number
 
 logger = logging.getLogger(__name__)
 
 _END_TIMEOUT_S = 2.0
+_DEAD = "camera {camera} has died: it delivers no more frames; check its cable, then connect again"
 
 
 class CameraService:
@@ -42,6 +46,8 @@ class CameraService:
         self._answers: list[tuple[Hashable, dict[str, Any]]] = []
         self._tail = b""
         self._refused: set[Hashable] = set()  # have been told why they get nothing
+        self._stalls: dict[str, float] = {}  # camera → monotonic time until which it delivers nothing new
+        self._dead: set[str] = set()
 
     def open(self, client: Hashable, hello: Mapping[str, Any]) -> dict[str, Any]:
         """A client asks for a camera; starts the renderer for the first one.
@@ -51,17 +57,18 @@ class CameraService:
 
         Raises:
             ConfigError: unknown camera or impossible settings.
+            RigError: the camera is dead, see `fail`.
         """
-        name = hello.get("camera")
-        if name not in self._cameras:
-            raise ConfigError(f"unknown camera {name!r}; the scene has: {', '.join(sorted(self._cameras))}")
+        name = self._known(hello.get("camera"))
+        if name in self._dead:
+            raise RigError(_DEAD.format(camera=name))
         width, height, fps = (_whole(hello, key) for key in ("width", "height", "fps"))
         if not (16 <= width <= MAX_WIDTH and 16 <= height <= MAX_HEIGHT and 1 <= fps <= MAX_FPS):
             raise ConfigError(
                 f"camera {name}: {width}x{height} at {fps} fps; possible are 16x16 to {MAX_WIDTH}x{MAX_HEIGHT} "
                 f"and 1 to {MAX_FPS} fps"
             )
-        settings = (str(name), width, height, fps)
+        settings = (name, width, height, fps)
         self._users.setdefault(settings, set()).add(client)
         if settings in self._ready:
             self._answers.append((client, {"ready": True}))
@@ -69,7 +76,7 @@ class CameraService:
             self._waiting.setdefault(settings, []).append(client)
             if self._process is None:
                 self._start()
-            self._tell("open", settings)
+            self._tell("open", camera=settings)
         return {"block": str(frame_path(self._rig, *settings))}
 
     def drop(self, client: Hashable) -> None:
@@ -84,7 +91,35 @@ class CameraService:
                 del self._users[settings]
                 self._waiting.pop(settings, None)
                 self._ready.discard(settings)
-                self._tell("close", settings)
+                self._tell("close", camera=settings)
+
+    def fail(self, camera: Any, kind: Any, seconds: Any = None) -> None:
+        """Make a camera fail: "stall" (no new frames, for `seconds` if given), "dead" (its clients are told, and
+        nobody can open it), or None (it works again, for those who open it).
+
+        Raises:
+            ConfigError: unknown camera or kind, or no such time.
+        """
+        name = self._known(camera)
+        if kind not in (None, "stall", "dead") or (seconds is not None and kind != "stall"):
+            raise ConfigError(f"camera {name}: a fault is 'stall' (maybe with seconds), 'dead' or None, not {kind!r}")
+        self._dead.discard(name)
+        self._stalls.pop(name, None)
+        if kind == "stall":
+            self._stalls[name] = math.inf if seconds is None else time.monotonic() + number(seconds, 0.0)
+        self._tell("stall", camera=name, until_s=self._stalls.get(name, 0.0))
+        if kind != "dead":
+            return
+        self._dead.add(name)
+        for settings in [settings for settings in self._users if settings[0] == name]:
+            for client in list(self._users[settings]):
+                self._answers.append((client, {"error": _DEAD.format(camera=name), "kind": "RigError"}))
+                self.drop(client)
+
+    def _known(self, name: Any) -> str:
+        if name not in self._cameras:
+            raise ConfigError(f"unknown camera {name!r}; the scene has: {', '.join(sorted(self._cameras))}")
+        return str(name)
 
     def fileno(self) -> int | None:
         """Descriptor to watch for reading, None while no renderer runs. It changes when one starts or ends."""
@@ -142,11 +177,13 @@ class CameraService:
         assert self._process.stdout is not None
         os.set_blocking(self._process.stdout.fileno(), False)
         self._tail = b""
+        for name, until_s in self._stalls.items():
+            self._tell("stall", camera=name, until_s=until_s)
 
-    def _tell(self, verb: str, settings: Settings) -> None:
+    def _tell(self, verb: str, **details: Any) -> None:
         if self._process is not None and self._process.stdin is not None:
             with contextlib.suppress(BrokenPipeError):  # poll() will see its end
-                self._process.stdin.write(json.dumps({"do": verb, "camera": settings}).encode() + b"\n")
+                self._process.stdin.write(json.dumps({"do": verb, **details}).encode() + b"\n")
 
     def _heard(self, message: dict[str, Any]) -> None:
         if "error" in message:

@@ -51,6 +51,7 @@ class RigCamera:
         self._socket: socket.socket | None = None
         self._block: SharedBlock | None = None
         self._seen = 0
+        self._end: dict[str, Any] | None = None  # the rig's last word about this camera
 
     @property
     def is_connected(self) -> bool:
@@ -87,8 +88,10 @@ class RigCamera:
         self._hear()
 
     def _hear(self) -> None:
-        """Read one packet of the rig; anything but "ready" is an end that it explains."""
+        """Read one packet of the rig; anything but "ready" is an end that it explains, from then on each time."""
         assert self._socket is not None
+        if self._end is not None:
+            launch.raise_remote(self._end)
         try:
             packet = self._socket.recv(launch.MAX_PACKET, socket.MSG_DONTWAIT)
         except BlockingIOError:
@@ -99,6 +102,7 @@ class RigCamera:
             raise RigError(f"camera {self.camera}: the rig has ended; connect again to start one")
         reply = json.loads(packet)
         if "error" in reply:
+            self._end = reply
             launch.raise_remote(reply)
 
     def latest(self, max_age_s: float = 0.5) -> tuple[np.ndarray, float]:
@@ -162,7 +166,7 @@ class RigCamera:
             with contextlib.suppress(OSError):
                 sock.shutdown(socket.SHUT_RDWR)  # also for a forked child that still holds it
             sock.close()
-        self._seen = 0
+        self._seen, self._end = 0, None
 
     def __enter__(self) -> "RigCamera":
         self.connect()

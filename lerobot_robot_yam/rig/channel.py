@@ -1,23 +1,30 @@
 """One simulated CAN channel: its wire, the devices on it and the clients that listen.
 
-Clients hear each other, as on a real bus, but not themselves. A packet is answered as one packet: its frames
-take the wire one after the other, then the replies do.
+Clients hear each other, as on a real bus, but not themselves, and nothing from before they opened the channel. A
+packet is answered as one packet: its frames take the wire one after the other, then the replies do. A client that
+does not read loses packets once its socket is full, which are counted; nobody waits for it.
 """
 
+import contextlib
 import random
 import socket
 from collections import deque
 from collections.abc import Sequence
 
+from lerobot_robot_yam.damiao import codec
 from lerobot_robot_yam.damiao.encoder import REQUEST_ID
 from lerobot_robot_yam.damiao.tables import POSITION_VELOCITY_OFFSET, REGISTER_ID, VELOCITY_OFFSET
 from lerobot_robot_yam.rig import wire
+from lerobot_robot_yam.rig.client_link import BUS_OFF_FRAME_ID
+from lerobot_robot_yam.rig.foreign_driver import ForeignDriver
 from lerobot_robot_yam.rig.handle import SimHandle
+from lerobot_robot_yam.rig.link_state import Link, LinkState
 from lerobot_robot_yam.rig.motors import SimMotor
 from lerobot_robot_yam.rig.wire import Frame, Wire
 
 _TRACE_LENGTH = 500_000
 _BACKLOG_S = 0.05  # a real adapter's queue is full at about this
+_FOREIGN_KP, _FOREIGN_KD = 10.0, 1.0  # Nm/rad, Nm s/rad with which a foreign driver holds a motor
 
 
 class Channel:
@@ -28,13 +35,15 @@ class Channel:
         motors: the motors on it.
         handle: the handle encoder, on leaders.
         latency_s: of the adapter, each way.
-        seed: of lost frames.
+        seed: of lost and garbled frames.
     """
 
     def __init__(self, name: str, motors: Sequence[SimMotor], handle: SimHandle | None, latency_s: float, seed: int):
         self.name, self.motors, self.handle = name, list(motors), handle
         self.latency_s = latency_s
-        self.cut = False  # the cable is out: nothing gets through
+        self.link = Link()  # the interface, see `set_link`
+        self.cable_out = False  # nothing gets through, and nobody is told
+        self.foreign: ForeignDriver | None = None
         self.clients: list[socket.socket] = []
         self.wire = Wire()
         self.overflows = 0  # packets lost because a queue was full, on either side
@@ -58,7 +67,7 @@ class Channel:
 
     def receive(self, sender: socket.socket, frames: Sequence[Frame], now_s: float) -> None:
         """Put a client's packet on the wire and answer it."""
-        if self.cut:
+        if self.cable_out or self.link.state or sender not in self.clients:
             return
         if self.wire.free_at_s - now_s > _BACKLOG_S:
             self.overflows += 1
@@ -81,13 +90,32 @@ class Channel:
 
     def emit(self, frame: Frame, now_s: float) -> None:
         """A device speaks unasked."""
-        if not self.cut:
+        if not (self.cable_out or self.link.state):
             stamped = frame._replace(stamp_s=self.wire.transmit(now_s) + self.latency_s)
             for client in self.clients:
                 self._deliver(client, [stamped])
 
+    def set_link(self, now_s: float, **change: bool) -> None:
+        """Change the interface: down=, gone= or bus_off=; clients meet what `client_link` says.
+
+        An unplugged adapter takes its clients' sockets with it: those are dead for good.
+        """
+        before = self.link.state
+        for name, value in change.items():
+            {"down": self.link.set_down, "gone": self.link.unplug, "bus_off": self.link.set_bus_off}[name](value)
+        if self.link.state == before:
+            return
+        if self.link.state == LinkState.BUS_OFF:
+            for client in self.clients:
+                self._deliver(client, [Frame(now_s, BUS_OFF_FRAME_ID, bytes(8), wire.FLAG_ERROR)])
+        for client in self.clients:
+            with contextlib.suppress(OSError):  # full or gone: then it does not wait for us either
+                client.send(wire.WAKE, socket.MSG_DONTWAIT)
+        if self.link.state == LinkState.GONE:
+            self.clients.clear()
+
     def poll(self, now_s: float) -> None:
-        """Send what has become due: delayed answers and the handle's own reports."""
+        """Send what has become due: delayed answers, the handle's own reports, a foreign driver's frames."""
         if self._late:
             due = [frame for at, frame in self._late if at <= now_s]
             self._late = [item for item in self._late if item[0] > now_s]
@@ -97,6 +125,21 @@ class Channel:
             report = self.handle.due_report(now_s)
             if report is not None:
                 self.emit(report, now_s)
+        if self.foreign is not None:
+            for _ in range(self.foreign.due(now_s)):
+                self._hear_foreign(self.foreign, now_s)
+
+    def _hear_foreign(self, driver: ForeignDriver, now_s: float) -> None:
+        """A frame of another computer: motors obey and answer it, whatever our own link does."""
+        data = bytes(8)
+        motor, offset = self._by_id.get(driver.ident, (None, 0))
+        if driver.payload == "hold" and motor is not None and offset == 0:
+            position = codec.decode_feedback(motor.kind, motor.feedback(now_s).data).position
+            data = codec.encode_mit(motor.kind, position, 0.0, _FOREIGN_KP, _FOREIGN_KD, 0.0)
+        frame = Frame(now_s, driver.ident, data)
+        self.emit(frame, now_s)
+        for answer in self._answers(frame, now_s):
+            self.emit(answer, now_s)
 
     def _answers(self, frame: Frame, at_s: float) -> Sequence[Frame]:
         if frame.flags:  # extended or remote: nobody here listens
@@ -121,19 +164,14 @@ class Channel:
             return ()
         if answer is None:
             return ()
-        return (answer,) if not motor.faults.any() else self._with_faults(motor, answer, at_s)
-
-    def _with_faults(self, motor: SimMotor, answer: Frame, at_s: float) -> Sequence[Frame]:
         faults = motor.faults
-        if faults.drop_next > 0:
-            faults.drop_next -= 1
-            return ()
-        if faults.loss_rate and self._random.random() < faults.loss_rate:
-            return ()
+        if not faults.any():
+            return (answer,)
+        answers = faults.spoil(answer, self._random)
         if faults.delay_s:
-            self._late.append((at_s + faults.delay_s, answer))
+            self._late += [(at_s + faults.delay_s, late) for late in answers]
             return ()
-        return (answer, answer) if faults.duplicate else (answer,)
+        return answers
 
     def _deliver(self, client: socket.socket, frames: Sequence[Frame]) -> None:
         try:

@@ -11,17 +11,16 @@ import mujoco
 import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.channel import Channel
+from lerobot_robot_yam.rig import fault_commands
 from lerobot_robot_yam.rig.device import RigDevice
-from lerobot_robot_yam.rig.handle import SimHandle
-from lerobot_robot_yam.rig.link_faults import LinkFaults
-from lerobot_robot_yam.rig.motors import SimMotor
+from lerobot_robot_yam.rig.lookup import body_of, channel_of, handle_of, vector
 
 _EVENTS_PER_ANSWER = 200
 _TRACE_PER_ANSWER = 1000
+_CHANGES_PER_ANSWER = 500
 
 Operation = Callable[[RigDevice, dict[str, Any]], dict[str, Any]]
-_OPERATIONS: dict[str, Operation] = {}
+_OPERATIONS: dict[str, Operation] = {"fault": fault_commands.fault, "clear_faults": fault_commands.clear_faults}
 
 
 def ask(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
@@ -44,37 +43,6 @@ def ask(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
 def _operation(function: Operation) -> Operation:
     _OPERATIONS[function.__name__.strip("_")] = function
     return function
-
-
-def _channel(device: RigDevice, request: dict[str, Any]) -> Channel:
-    name = request.get("channel")
-    if name not in device.channels:
-        raise ConfigError(f"no channel {name!r}; the scene has {', '.join(device.channels)}")
-    return device.channels[name]
-
-
-def _handle(device: RigDevice, request: dict[str, Any]) -> SimHandle:
-    channel = _channel(device, request)
-    if channel.handle is None:
-        raise ConfigError(f"channel {channel.name} has no teaching handle")
-    return channel.handle
-
-
-def _motors(channel: Channel, which: str | int | None) -> list[SimMotor]:
-    """The motors named (name or CAN id), all without one."""
-    if which is None:
-        return channel.motors
-    found = [motor for motor in channel.motors if which in (motor.name, motor.can_id)]
-    if not found:
-        raise ConfigError(f"{channel.name} has no motor {which!r}; it has {[m.name for m in channel.motors]}")
-    return found
-
-
-def _body(device: RigDevice, name: str) -> int:
-    index = mujoco.mj_name2id(device.world.model, mujoco.mjtObj.mjOBJ_BODY, name)
-    if index < 0:
-        raise ConfigError(f"no body {name!r}; bodies are named channel/body, props by their name")
-    return index
 
 
 @_operation
@@ -144,7 +112,7 @@ def _place(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
     world, prop = device.world, request["prop"]
     if prop not in {box.name for box in device.scene.props}:
         raise ConfigError(f"no prop {prop!r}; the scene has {[box.name for box in device.scene.props]}")
-    position, quat = _vector(request["pos"], 3), _vector(request.get("quat") or [1, 0, 0, 0], 4)
+    position, quat = vector(request["pos"], 3), vector(request.get("quat") or [1, 0, 0, 0], 4)
     joint = world.model.joint(prop)
     start = int(joint.qposadr[0])
     world.data.qpos[start : start + 7] = [*position, *(quat / np.linalg.norm(quat))]
@@ -159,8 +127,8 @@ def _place(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
 
 @_operation
 def _set_pose(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
-    channel, q = _channel(device, request), request.get("q")
-    device.world.set_pose(channel.name, None if q is None else _vector(q, len(q)), request.get("opening"))
+    channel, q = channel_of(device, request), request.get("q")
+    device.world.set_pose(channel.name, None if q is None else vector(q, len(q)), request.get("opening"))
     device.world.refresh()
     device.events.add("set_pose", channel=channel.name)
     return {}
@@ -170,73 +138,39 @@ def _set_pose(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
 def _push(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
     name = request["body"]
     if request.get("channel"):
-        name = f"{_channel(device, request).name}/{name}"
-    device.push(_body(device, name), _vector(request["force"], 3), float(request["seconds"]))
+        name = f"{channel_of(device, request).name}/{name}"
+    device.push(body_of(device, name), vector(request["force"], 3), float(request["seconds"]))
     device.events.add("push", body=name, force=request["force"], seconds=request["seconds"])
     return {}
 
 
 @_operation
-def _fault(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
-    channel, kind, value = _channel(device, request), request["kind"], request["value"]
-    if kind == "bus_off":
-        channel.cut = bool(value)
-    elif kind == "handle_silent":
-        _handle(device, request).silent = bool(value)
-    elif kind == "latency_s":
-        channel.latency_s = float(value)
-    else:
-        for motor in _motors(channel, request.get("motor")):
-            if kind == "nibble":
-                motor.faults.sticky_fault = int(value) if request.get("sticky") else None
-                motor.fail(int(value))
-            elif kind == "register":
-                motor.set_register(int(request["register"]), value)
-                channel.identifiers_changed()
-            else:
-                motor.faults.set({kind: value})
-    device.events.add("fault_set", channel=channel.name, fault=kind, motor=request.get("motor"), value=value)
-    return {}
-
-
-@_operation
-def _clear_faults(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
-    channel = _channel(device, request)
-    channel.cut = False
-    channel.latency_s = device.scene.options.latency_s
-    if channel.handle is not None:
-        channel.handle.silent = False
-    for motor in channel.motors:
-        motor.faults = LinkFaults()
-    return {}
-
-
-@_operation
 def _trigger(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
-    handle = _handle(device, request)
+    handle = handle_of(channel_of(device, request))
     handle.trigger, handle.trigger_rate = float(np.clip(request["value"], 0.0, 1.0)), 0.0
     return {}
 
 
 @_operation
 def _buttons(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
+    channel = channel_of(device, request)
     first, second = request["value"]
-    event = _handle(device, request).press((bool(first), bool(second)))
+    event = handle_of(channel).press((bool(first), bool(second)))
     if event is not None:
-        _channel(device, request).emit(event, time.monotonic())
+        channel.emit(event, time.monotonic())
     return {}
 
 
 @_operation
 def _cut_torque(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
-    for motor in _channel(device, request).motors:
+    for motor in channel_of(device, request).motors:
         motor.disable()
     return {}
 
 
 @_operation
 def _hand(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
-    channel = _channel(device, request)
+    channel = channel_of(device, request)
     if channel.name not in device.hands:
         raise ConfigError(f"{channel.name} is no leader; hands pull {list(device.hands)}")
     hand = device.hands[channel.name]
@@ -260,7 +194,7 @@ def _log(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
 
 @_operation
 def _trace(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
-    channel = _channel(device, request)
+    channel = channel_of(device, request)
     if request.get("start"):
         channel.start_trace()
     rows = list(channel.trace or ())
@@ -268,8 +202,15 @@ def _trace(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
     return {"frames": rows[start : start + _TRACE_PER_ANSWER]}
 
 
-def _vector(value: Any, length: int) -> np.ndarray:
-    vector = np.asarray(value, float)
-    if vector.shape != (length,) or not np.isfinite(vector).all():
-        raise ConfigError(f"expected {length} finite numbers, not {value!r}")
-    return vector
+@_operation
+def _watch(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
+    channel, watch = channel_of(device, request).name, device.watch
+    if request.get("start"):
+        watch.start(channel)
+        return {}
+    if not watch.knows(channel):
+        raise ConfigError(f"{channel} is not watched; call watch_start first")
+    if request.get("stop"):
+        watch.stop(channel)
+        return {}
+    return watch.report(channel, int(request.get("since", 0)), _CHANGES_PER_ANSWER)

@@ -9,23 +9,15 @@ key says `monotonic_s`; lengths in m, angles in rad, forces in N.
 """
 
 import contextlib
-import itertools
-import json
-import os
-import socket
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from lerobot_robot_yam.errors import RigError
-from lerobot_robot_yam.rig import launch
-from lerobot_robot_yam.rig.scene import Scene, load_scene
+from lerobot_robot_yam.rig.connection import RigConnection
 
-_TIMEOUT_S = 10.0
 _STAMP_UNIT_S = 1e-4
-_numbers = itertools.count(1)
 
 
 def sample_age_s(temp_mos: int, temp_rotor: int, now_s: float) -> float:
@@ -37,62 +29,14 @@ def sample_age_s(temp_mos: int, temp_rotor: int, now_s: float) -> float:
     return ((int(now_s / _STAMP_UNIT_S) - stamp) & 0xFFFF) * _STAMP_UNIT_S
 
 
-class RigControl:
-    """A connection to a rig's control channel.
-
-    Args:
-        rig: which rig, see `runtime.rig_name`.
-        scene: scene of a rig that is started for us.
-        options: scene options of a rig that is started for us.
-
-    Raises:
-        RigError: the rig cannot be started.
-        ConfigError: unknown scene or option.
-    """
-
-    def __init__(self, rig: str | None = None, scene: str | Path | None = None, hold: bool = True, **options: Any):
-        hello = {"kind": "control", "hold": hold}
-        name = None if scene is None else str(scene)
-        self._socket, self.name, answer = launch.connect_or_start(rig, hello, name, options)
-        self._socket.settimeout(_TIMEOUT_S)
-        self.pid: int = answer["pid"]
-        self._scene = (name, dict(options))
-
-    @classmethod
-    def start(
-        cls, scene: str | Path | None = None, name: str | None = None, hold: bool = True, **options: Any
-    ) -> "RigControl":
-        """Start a rig of its own (a new name unless one is given) and hold it alive."""
-        return cls(name or f"rig-{os.getpid()}-{next(_numbers)}", scene, hold, **options)
-
-    def request(self, op: str, **arguments: Any) -> dict[str, Any]:
-        """Ask the rig; returns its answer.
-
-        Raises:
-            RigError: the rig has ended or does not answer.
-            ConfigError, BusError: the rig refuses.
-        """
-        try:
-            self._socket.send(json.dumps({"op": op, **arguments}, default=_plain).encode())
-            packet = self._socket.recv(launch.MAX_PACKET)
-        except OSError as error:
-            raise RigError(f"rig {self.name} does not answer ({error}); has its process ended?") from error
-        if not packet:
-            raise RigError(f"rig {self.name} has ended")
-        answer: dict[str, Any] = json.loads(packet)
-        if "error" in answer:
-            launch.raise_remote(answer)
-        return answer
+class RigControl(RigConnection):
+    """A connection to a rig's control channel, with a method per operation; opened as `RigConnection` says."""
 
     # what is so
 
     def scene(self) -> dict[str, Any]:
         """Arms with their placement, places, props; as the rig runs them."""
         return self.request("scene")
-
-    def local_scene(self) -> Scene:
-        """The scene as this client asked for it, to build the same model; only right if this client started the rig."""
-        return load_scene(*self._scene)
 
     def state(self, bodies: bool = False) -> dict[str, Any]:
         """The true state of the world.
@@ -146,6 +90,39 @@ class RigControl:
             found += [(sent, arrived, ident, first) for sent, arrived, ident, first in chunk]
         return found
 
+    def watch_start(self, channel: str) -> None:
+        """From now on record the arm's extremes, anew; for `watch`."""
+        self.request("watch", channel=channel, start=True)
+
+    def watch_stop(self, channel: str) -> None:
+        """Record no longer; `watch` still tells what was."""
+        self.request("watch", channel=channel, stop=True)
+
+    def watch(self, channel: str) -> dict[str, Any]:
+        """What the rig itself saw since `watch_start`, every 2 to 4 ms of simulated time.
+
+        Returns:
+            since_s (monotonic); motors: n names, gripper last; max_speed_rad_s (n), of motors while enabled, and
+            max_torque_nm (n), magnitudes at the joint (gripper: at the motor), each with the monotonic time of the
+            largest, max_speed_at_s and max_torque_at_s (0 before the first); min_tcp_z_m; max_tcp_drop_m, below its
+            height at the start; enabled_events: (monotonic_s, motor, enabled) of every change;
+            fault_events: (monotonic_s, motor, fault code).
+
+        Raises:
+            ConfigError: it was never started.
+        """
+        found = chunk = self.request("watch", channel=channel)
+        seen = chunk["changes"]
+        while chunk["changes"]:
+            chunk = self.request("watch", channel=channel, since=seen)
+            seen += chunk["changes"]
+            for key in ("enabled_events", "fault_events"):
+                found[key] += chunk[key]
+        for key in ("enabled_events", "fault_events"):
+            found[key] = [tuple(row) for row in found[key]]
+        del found["changes"]
+        return found
+
     # what tests change
 
     def place(self, prop: str, pos: Sequence[float], quat: Sequence[float] = (1, 0, 0, 0)) -> None:
@@ -161,18 +138,50 @@ class RigControl:
         self.request("push", channel=channel, body=body, force=force, seconds=seconds)
 
     def fault(self, channel: str, motor: str | int | None, kind: str, value: Any = True, **details: Any) -> None:
-        """Make something fail.
+        """Make something fail, until `clear_faults` or the same kind with the value that means "not".
 
-        motor: name or CAN id; None for all motors of the channel. kinds: "silent" (bool), "drop_next" (answers),
-        "loss_rate" (0 … 1), "delay_s", "duplicate" (bool), "temperatures_c" ([power stage, coil]),
-        "nibble" (fault code; sticky=True survives CLEAR), "register" (register=number), and for the whole channel
-        "bus_off" (bool), "latency_s", "handle_silent" (bool).
+        Of one motor (name or CAN id) or, with None, of every motor of the channel:
+            "silent" (bool): neither obeys nor answers.
+            "drop_next" (answers), "loss_rate" (0 … 1), "delay_s" (s): answers are lost or late.
+            "duplicate" (bool): every answer comes twice, as if two motors had one identifier.
+            "wrong_id" (identifier, or False): answers come under it; the registers know nothing of it.
+            "corrupt_rate" (0 … 1; all_bytes=True): so many answers have random contents; motor number and fault
+                code stay right without all_bytes.
+            "temperatures_c" ([power stage, coil] °C, or False): sensors that lie; the motor does not act on them.
+            "temperature_ramp" ({"rate_c_per_s", "from_c", "part": "both", "mos" or "rotor"}, or False): it warms (or
+                cools) from from_c on; at OT_VALUE (power stage, 0xB) or 100 °C (coil, 0xC) it switches itself off,
+                and again after each CLEAR while it is as hot.
+            "torque_bias_nm" (Nm, joint sign): while enabled it delivers so much more than told, and does not say so.
+            "stuck" (bool): jammed; "friction_nm" (Nm): so much more dry friction.
+            "nibble" (fault code; sticky=True survives CLEAR): it fails with that code now.
+            "register" (value; register=number): overwrites a register, read-only ones too.
+        Of the channel, motor None:
+            "link_down" (bool): as `ip link set canX down`: send and receive raise "Network is down".
+            "adapter_gone" (bool): open buses are dead for good ("No such device"), opening raises BusError.
+            "bus_off" (bool): one error frame (0x40), nothing gets through, sends raise "No buffer space available"
+                after 10 frames; ended by False, or by link_down.
+            "cable_out" (bool): nothing gets through, and nobody is told.
+            "foreign" ({"id", "rate_hz", "payload": "hold" or "zero"}, or False): another computer sends frames to
+                that identifier: MIT commands to stay where the motor is, or eight zero bytes. Motors obey and answer.
+            "latency_s" (s, each way), "handle_silent" (bool).
+
+        Raises:
+            ConfigError: no such channel, motor or kind, or a value that does not fit.
         """
         self.request("fault", channel=channel, motor=motor, kind=kind, value=value, **details)
 
     def clear_faults(self, channel: str) -> None:
-        """Undo what `fault` did to the channel's links; registers and latched fault codes stay."""
+        """Undo what `fault` did to the channel; registers and latched fault codes stay."""
         self.request("clear_faults", channel=channel)
+
+    def camera_fault(self, camera: str, kind: str | None, seconds: float | None = None) -> None:
+        """Make a camera of the scene fail, for every client: "stall", no new frames, for `seconds` or until None;
+        "dead", its clients are told and it cannot be opened; None: it can again, by connecting anew.
+
+        Raises:
+            ConfigError: no such camera or kind.
+        """
+        self.request("camera_fault", camera=camera, kind=kind, seconds=seconds)
 
     def cut_torque(self, channel: str) -> None:
         """Disable every motor of the arm at once, as an emergency stop of its supply would."""
@@ -203,26 +212,6 @@ class RigControl:
     def log(self, kind: str, **details: Any) -> None:
         """Add an event to the rig's log."""
         self.request("log", kind=kind, details=details)
-
-    # life time
-
-    def end(self) -> None:
-        """End the rig at once, whoever uses it."""
-        self.request("end")
-
-    def close(self) -> None:
-        """Leave; the rig ends about a second after its last client. Idempotent."""
-        with contextlib.suppress(OSError):
-            self._socket.shutdown(socket.SHUT_RDWR)
-        self._socket.close()
-
-    def __enter__(self) -> "RigControl":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 @contextlib.contextmanager
@@ -263,9 +252,3 @@ def runs(pid: int) -> bool:
     except OSError:
         return False
     return stat.rpartition(")")[2].split()[0] != "Z"
-
-
-def _plain(value: Any) -> Any:
-    if hasattr(value, "tolist"):
-        return value.tolist()
-    raise TypeError(f"{type(value).__name__} has no JSON form")

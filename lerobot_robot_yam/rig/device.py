@@ -6,13 +6,15 @@ import numpy as np
 
 from lerobot_robot_yam.arm.profile import ArmMotor, GripperMotor
 from lerobot_robot_yam.rig.channel import Channel
+from lerobot_robot_yam.rig.drive import Drive
 from lerobot_robot_yam.rig.events import EventLog
 from lerobot_robot_yam.rig.hand import Hand
 from lerobot_robot_yam.rig.handle import SimHandle
 from lerobot_robot_yam.rig.judge import Judge
 from lerobot_robot_yam.rig.motors import SimMotor
-from lerobot_robot_yam.rig.scene import ArmPlacement, Scene
-from lerobot_robot_yam.rig.world import Drive, World, gripper_stroke
+from lerobot_robot_yam.rig.scene import ArmPlacement, Scene, serial_number
+from lerobot_robot_yam.rig.watch import Watch
+from lerobot_robot_yam.rig.world import World, gripper_stroke
 
 _SLOW_PERIOD_S = 0.005  # of watchdogs and the judge, simulated time
 
@@ -39,6 +41,7 @@ class RigDevice:
         self._prop_bodies = {name: self.world.model.body(name).id for name in self.judges}
         self._pushes: dict[int, float] = {}  # body → simulated time of the end
         self._all_motors = [motor for channel in self.channels.values() for motor in channel.motors]
+        self.watch = Watch(self.world, list(self.channels.values()))
         self._advanced_s = 0.0
         self._next_slow_s = 0.0
 
@@ -51,6 +54,7 @@ class RigDevice:
 
         def log(kind: str, **details: Any) -> None:
             self.events.add(kind, channel=row.channel, **details)
+            self.watch.note(row.channel, kind, **details)
 
         found = []
         for i, motor in enumerate(motors):
@@ -62,7 +66,10 @@ class RigDevice:
                 joints = tuple(f"{row.channel}/{joint}" for joint in gripper.finger_joints)
                 drive = Drive(self.world, name, joints, closed, coefficient)
             zero = float(zeros[i])
-            found.append(SimMotor(motor.name, motor.can_id, motor.type, motor.direction, zero, drive, self.world, log))
+            serial = serial_number(self.scene, row, motor.can_id)
+            found.append(
+                SimMotor(motor.name, motor.can_id, motor.type, motor.direction, zero, drive, self.world, log, serial)
+            )
         return found
 
     def advance(self, now_s: float) -> None:
@@ -77,6 +84,8 @@ class RigDevice:
         world.step(count)
         sim_s = world.sim_s
         self.events.sim_s = sim_s
+        if self.watch.on:
+            self.watch.sample()
         elapsed, self._advanced_s = sim_s - self._advanced_s, sim_s
         for motor in self._all_motors:
             if motor.follows:
@@ -87,7 +96,7 @@ class RigDevice:
 
     def _slow(self, sim_s: float, now_s: float) -> None:
         for motor in self._all_motors:
-            motor.check_watchdog()
+            motor.look_after_itself()
         for body, end_s in list(self._pushes.items()):
             if sim_s >= end_s:
                 self.world.data.xfrc_applied[body] = 0.0

@@ -57,6 +57,7 @@ class Drawing:
         leaders = [f"{arm.channel}/" for arm in scene.arms if arm.role == "leader"]
         self._painter = Painter(model, hidden=leaders)
         self._views: dict[Settings, View] = {}
+        self._stalled_until_s: dict[str, float] = {}
 
     def open(self, settings: Settings) -> None:
         """Start drawing a camera; its block exists when this returns."""
@@ -76,6 +77,10 @@ class Drawing:
         if view is not None:
             view.block.close()
 
+    def stall(self, camera: str, until_s: float) -> None:
+        """Publish no frame of a camera before a monotonic time."""
+        self._stalled_until_s[camera] = until_s
+
     def close_all(self) -> None:
         """Remove every block and give OpenGL back."""
         for settings in list(self._views):
@@ -94,6 +99,8 @@ class Drawing:
         posed = False
         for view in due:
             view.due_s = _next_beat(now_s, view.period_s)  # what is late is skipped: no burst
+            if self._stalled_until_s.get(view.settings[0], 0.0) > now_s:
+                continue
             if state is None or float(state["stamp_s"]) <= float(view.record["stamp_s"]):
                 continue  # nothing new to show; the frame's age tells
             qpos = state["qpos"]

@@ -7,13 +7,13 @@ from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import TIMEOUT_COUNT_S, WATCHDOG_S, ControlMode, motor_type
 
 
-def factory_registers(can_id: int, kind: str) -> dict[int, float | int]:
-    """Value of every register of motor `can_id` of type `kind`; 0 where nothing depends on it."""
+def factory_registers(can_id: int, kind: str, serial: int) -> dict[int, float | int]:
+    """Value of every register of motor `can_id` of type `kind`, `serial` in SN; 0 where nothing depends on it."""
     row = motor_type(kind)
     held: dict[int, float | int] = dict.fromkeys(registers.REGISTERS, 0)
     held |= {
         Register.UV_VALUE: 15.0,
-        Register.OT_VALUE: 80.0,
+        Register.OT_VALUE: 100.0,
         Register.OC_VALUE: 0.98,
         Register.ACC: 10.0,
         Register.DEC: -10.0,
@@ -24,7 +24,7 @@ def factory_registers(can_id: int, kind: str) -> dict[int, float | int]:
         Register.CTRL_MODE: ControlMode.MIT,
         Register.HW_VER: 10,
         Register.SW_VER: 5013,
-        Register.SN: 1000 + can_id,
+        Register.SN: serial,
         Register.NPP: 14,
         Register.GR: row.gear_ratio or 0.0,
         Register.PMAX: row.position_max_rad,

@@ -9,8 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.rig.drive import Drive
 from lerobot_robot_yam.rig.handle import SimHandle
-from lerobot_robot_yam.rig.world import HAND_KD, HAND_KP, Drive, World
+from lerobot_robot_yam.rig.world import HAND_KD, HAND_KP, World
 
 _PERIOD_S = 0.002  # of the target's interpolation
 _RESIST_NM = 2.5  # a leader that floats takes less than 1 Nm at any joint

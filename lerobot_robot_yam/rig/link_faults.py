@@ -1,9 +1,10 @@
 """What can be made to fail between a motor and its driver, for tests."""
 
-from collections.abc import Mapping
+import random
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.rig.wire import Frame
 
 
 @dataclass
@@ -15,20 +16,31 @@ class LinkFaults:
     loss_rate: float = 0.0  # share of answers lost
     delay_s: float = 0.0  # answers come so much late
     duplicate: bool = False  # a second motor has the same identifiers and answers too
-    sticky_fault: int | None = None  # fault nibble that CLEAR cannot clear
-    temperatures_c: tuple[float, float] | None = None  # (power stage, coil) reported instead
+    wrong_id: int | None = None  # answers come under this identifier; the registers know nothing of it
+    corrupt_rate: float = 0.0  # share of answers with random contents
+    corrupt_all: bool = False  # also in the first byte: motor number and fault code
 
     def any(self) -> bool:
         """Whether something is set that concerns the answers on the wire."""
-        return bool(self.drop_next or self.loss_rate or self.delay_s or self.duplicate)
+        return bool(
+            self.drop_next
+            or self.loss_rate
+            or self.delay_s
+            or self.duplicate
+            or self.corrupt_rate
+            or self.wrong_id is not None
+        )
 
-    def set(self, changes: Mapping[str, object]) -> None:
-        """Change some.
-
-        Raises:
-            ConfigError: no such kind of fault.
-        """
-        for name, value in changes.items():
-            if name not in self.__dataclass_fields__:
-                raise ConfigError(f"no fault kind {name!r}; known: {', '.join(self.__dataclass_fields__)}")
-            setattr(self, name, value)
+    def spoil(self, answer: Frame, chance: random.Random) -> Sequence[Frame]:
+        """What remains of an answer; `delay_s` is for the caller to heed."""
+        if self.drop_next > 0:
+            self.drop_next -= 1
+            return ()
+        if self.loss_rate and chance.random() < self.loss_rate:
+            return ()
+        if self.wrong_id is not None:
+            answer = answer._replace(id=self.wrong_id)
+        if self.corrupt_rate and chance.random() < self.corrupt_rate:
+            kept = b"" if self.corrupt_all else answer.data[:1]
+            answer = answer._replace(data=kept + chance.randbytes(len(answer.data) - len(kept)))
+        return (answer, answer) if self.duplicate else (answer,)

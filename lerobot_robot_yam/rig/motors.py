@@ -15,6 +15,7 @@ from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.registers import Opcode, Register
 from lerobot_robot_yam.damiao.tables import (
     POSITION_VELOCITY_OFFSET,
+    REGISTER_ID,
     TIMEOUT_COUNT_S,
     VELOCITY_OFFSET,
     ControlMode,
@@ -22,10 +23,12 @@ from lerobot_robot_yam.damiao.tables import (
     motor_type,
 )
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.rig.drive import Drive
 from lerobot_robot_yam.rig.factory_registers import factory_registers
 from lerobot_robot_yam.rig.link_faults import LinkFaults
+from lerobot_robot_yam.rig.thermometer import Ramp, Thermometer
 from lerobot_robot_yam.rig.wire import Frame
-from lerobot_robot_yam.rig.world import Drive, World
+from lerobot_robot_yam.rig.world import World
 
 # Gains of the motor's own loops in the modes that bring none along.
 _POSITION_KP, _POSITION_KD = 100.0, 5.0
@@ -46,6 +49,7 @@ class SimMotor:
         drive: its actuator.
         world: for times and options.
         log: called with (kind of event, details).
+        serial: its serial number.
     """
 
     def __init__(
@@ -58,18 +62,22 @@ class SimMotor:
         drive: Drive,
         world: World,
         log: Callable[..., None],
+        serial: int,
     ):
         self.name, self.can_id, self.kind = name, can_id, kind
         self.fault: int = Fault.DISABLED
         self.faults = LinkFaults()
-        self._drive, self._world, self._log = drive, world, log
+        self.sticky_fault = False  # CLEAR does not help
+        self.bias_nm = 0.0  # see `set_bias`
+        self.drive, self._world, self._log = drive, world, log
         self._direction, self._zero = direction, zero_rad
         self._row = motor_type(kind)
-        self._random = random.Random(world.scene.options.seed * 1000 + can_id)
+        options = world.scene.options
+        self.thermometer = Thermometer(random.Random(options.seed * 1000 + can_id), options.stamp_temperatures)
         self._last_command_s = 0.0
         self._goal: tuple[float, float] | None = None  # position-velocity mode: target and its speed limit
         self._reference = 0.0
-        self._registers = factory_registers(can_id, kind)
+        self._registers = factory_registers(can_id, kind, serial)
         self._registers_changed()
 
     @property
@@ -84,13 +92,13 @@ class SimMotor:
 
     @property
     def torque_nm(self) -> float:
-        """True torque at the joint, joint sign."""
-        return self._drive.torque()
+        """Torque that the motor exerts at the joint, joint sign."""
+        return self.drive.torque()
 
     @property
     def motor_angle_rad(self) -> float:
         """True multi-turn motor angle in rad."""
-        return self._direction * self._drive.angle() + self._zero
+        return self._direction * self.drive.angle() + self._zero
 
     # frames
 
@@ -138,17 +146,16 @@ class SimMotor:
         """
         p_max, direction, world = self._row.position_max_rad, self._direction, self._world
         ahead = min(max(at_s - world.stamp_s, 0.0), _AHEAD_S)
-        rate = self._drive.velocity()
-        position = direction * (self._drive.angle() + rate * ahead) + self._zero
+        rate = self.drive.velocity()
+        position = direction * (self.drive.angle() + rate * ahead) + self._zero
         if not -p_max <= position <= p_max:
             position = (position + p_max) % (2 * p_max) - p_max
-        velocity = direction * rate
-        torque = direction * self._drive.torque()
+        velocity, torque = direction * rate, direction * self.drive.torque()
         if self._scales is not None:
             position, velocity, torque = (
                 x * s for x, s in zip((position, velocity, torque), self._scales, strict=True)
             )
-        mos, rotor = self._temperatures(velocity, torque, world.stamp_s + ahead)
+        mos, rotor = self.thermometer.read(velocity, torque, world.sim_s, world.stamp_s + ahead)
         fault = self.fault
         return Frame(
             0.0,
@@ -168,20 +175,42 @@ class SimMotor:
         velocity = math.copysign(abs(speed), target - self._reference) if self._reference != target else 0.0
         self._obey(self._reference, velocity, _POSITION_KP, _POSITION_KD, 0.0, scale=False)
 
-    def check_watchdog(self) -> None:
-        """Give up when no command came for the time-out; call every few milliseconds of simulated time."""
-        if self.fault != Fault.NORMAL or self._timeout_s == 0.0:
-            return
-        silence = self._world.sim_s - self._last_command_s
-        if silence > self._timeout_s:
+    def look_after_itself(self) -> None:
+        """Give up when too hot or without a command for too long; call every few ms of simulated time."""
+        sim_s = self._world.sim_s
+        if self.thermometer.ramp is not None and self.fault in (Fault.NORMAL, Fault.DISABLED):
+            hot = self.thermometer.tripped(self._registers[Register.OT_VALUE], sim_s)
+            if hot is not None:
+                self.fail(hot)
+        if self.fault == Fault.NORMAL and 0.0 < self._timeout_s < sim_s - self._last_command_s:
             self.fail(Fault.COMMUNICATION_LOST)
+        if self.bias_nm:
+            self.set_bias(self.bias_nm)
+
+    def set_bias(self, torque_nm: float) -> None:
+        """While enabled the motor delivers so much more torque (joint sign, Nm) than it is told, and than it says."""
+        self.bias_nm = torque_nm
+        self.drive.load(torque_nm if self.fault == Fault.NORMAL else 0.0)
+
+    def warm(self, rate_c_per_s: float, from_c: float, part: str) -> None:
+        """From now on the temperature of `thermometer.PARTS` rises, or falls."""
+        self.thermometer.ramp = Ramp(rate_c_per_s, from_c, self._world.sim_s, part)
+
+    def repair(self) -> None:
+        """Undo every injected fault; registers, and the fault code that the motor is in, stay."""
+        self.faults = LinkFaults()
+        self.sticky_fault = False
+        self.thermometer.held = self.thermometer.ramp = None
+        self.set_bias(0.0)
+        self.drive.jam(False)
+        self.drive.rub(0.0)
 
     def fail(self, fault: int) -> None:
         """Fall into a fault: torque off, or damping after a lost link if the scene says so."""
         self._limp()
         options = self._world.scene.options
         if fault == Fault.COMMUNICATION_LOST and options.watchdog == "damping":
-            self._drive.command(0.0, 0.0, 0.0, options.watchdog_damping, 0.0)
+            self.drive.command(0.0, 0.0, 0.0, options.watchdog_damping, 0.0)
         self.fault = fault
         self._log("motor_fault", motor=self.name, fault=int(fault))
 
@@ -201,6 +230,8 @@ class SimMotor:
         registers.encode_value(register, value)  # checks
         if register in _RANGES and value <= 0:
             raise ConfigError(f"register {_RANGES[register]} must be positive, not {value}")
+        if register in (Register.MST_ID, Register.ESC_ID) and value > REGISTER_ID:
+            raise ConfigError(f"a CAN identifier has 11 bits; {value:#x} has more")
         self._registers[register] = value
         self._registers_changed()
 
@@ -216,7 +247,7 @@ class SimMotor:
         elif special is SpecialCommand.ZERO:
             self._zero -= self.motor_angle_rad
         elif self.fault not in (Fault.NORMAL, Fault.DISABLED):
-            if self.faults.sticky_fault is None:
+            if not self.sticky_fault:
                 self.fault = Fault.DISABLED
                 self._limp()
 
@@ -229,11 +260,11 @@ class SimMotor:
                     x / s for x, s in zip((position, velocity, torque), self._scales, strict=True)
                 )
         direction = self._direction
-        true = self._zero + direction * self._drive.angle()
+        true = self._zero + direction * self.drive.angle()
         p_max = self._row.position_max_rad
         if not -p_max <= true <= p_max:  # the command means the turn that feedback reports
             position += true - ((true + p_max) % (2 * p_max) - p_max)
-        self._drive.command(direction * (position - self._zero), direction * velocity, kp, kd, direction * torque)
+        self.drive.command(direction * (position - self._zero), direction * velocity, kp, kd, direction * torque)
 
     def _obey_floats(self, offset: int, data: bytes) -> None:
         """Position-velocity or velocity command, if the motor is in that mode and the numbers are finite."""
@@ -247,19 +278,7 @@ class SimMotor:
 
     def _limp(self) -> None:
         self._goal = None
-        self._drive.command(0.0, 0.0, 0.0, 0.0, 0.0)
-
-    def _temperatures(self, velocity: float, torque: float, sample_s: float) -> tuple[int, int]:
-        """Power stage and coil in °C, the vendor simulation's formula; or the sample's time."""
-        if self._world.scene.options.stamp_temperatures:
-            stamp = int(sample_s * 1e4)
-            return stamp >> 8 & 0xFF, stamp & 0xFF
-        if self.faults.temperatures_c is not None:
-            mos, rotor = self.faults.temperatures_c
-            return int(mos), int(rotor)
-        power = abs(velocity * torque)
-        noise = self._random.random() - 0.5
-        return int(35.5 + 0.5 * power + noise), int(40.5 + 0.8 * power + noise)
+        self.drive.command(0.0, 0.0, 0.0, 0.0, 0.0)
 
     def _register(self, register: int) -> float | int:
         if register in (Register.P_M, Register.XOUT):

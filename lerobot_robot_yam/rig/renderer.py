@@ -4,8 +4,9 @@
 
 Reads the world's state block, draws each camera that it was asked for at that camera's rate, and publishes the
 newest frame of each. Requests come as JSON lines on standard input ({"do": "open" or "close", "camera": [name,
-width, height, fps]}), answers go to standard output ({"ready": camera} or {"error": text}); it ends when its input
-does, so it never outlives the rig. Physics and control come first: it runs with low priority and skips what is late.
+width, height, fps]} or {"do": "stall", "camera": name, "until_s": monotonic time}), answers go to standard output
+({"ready": camera} or {"error": text}); it ends when its input does, so it never outlives the rig. Physics and control
+come first: it runs with low priority and skips what is late.
 """
 
 import argparse
@@ -43,6 +44,9 @@ def _serve(drawing: "Drawing", answers: int) -> None:
 
 
 def _obey(drawing: "Drawing", request: dict[str, Any], answers: int) -> None:
+    if request["do"] == "stall":
+        drawing.stall(request["camera"], request["until_s"])
+        return
     name, width, height, fps = request["camera"]
     settings: Settings = (name, width, height, fps)
     if request["do"] == "close":

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from lerobot_robot_yam.arm.profile import load_arm, load_gripper
 from lerobot_robot_yam.arm.yaml_fields import array_field, merge, parse, read_yaml
 from lerobot_robot_yam.errors import ConfigError
 
@@ -20,6 +21,9 @@ DEFAULT_SCENE = "bimanual_table"
 ROLES = ("follower", "leader")
 OPERATORS = ("none", "pick_and_place")
 WATCHDOGS = ("limp", "damping")
+SERIALS = ("unique", "same")
+_TIMESTEPS_S = (1e-4, 0.01)
+_ARM_SERIALS = 1000  # serial numbers that belong to one arm
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +32,7 @@ class ArmPlacement:
 
     q_rad: start pose (n,), default the rest pose. stops_rad: gripper stops [closed, open] in joint space (motor
     angle * direction), default the profile's. zero_offset_rad: motor angle at joint value 0, per motor (gripper
-    last), default 0.
+    last), default 0. number: 1 for the scene's first arm, whichever are selected; filled in by `load_scene`.
     """
 
     channel: str
@@ -40,6 +44,7 @@ class ArmPlacement:
     q_rad: np.ndarray | None = array_field(-1, default=None)
     stops_rad: np.ndarray | None = array_field(2, default=None)
     zero_offset_rad: np.ndarray | None = array_field(-1, default=None)
+    number: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,10 +83,13 @@ class Options:
     friction, armature: factors on the profiles' dry friction and rotor inertia.
     latency_s: of the CAN adapter, each way. watchdog: what a motor does after its time-out, "limp" or "damping"
     (watchdog_damping, Nm s/rad). operator: task of the scripted operator, or "none".
+    swapped: two channels whose cables are exchanged: each arm, where it stands, is found on the other's channel.
+    serials: numbers in the motors' SN registers, "unique" or "same" on every arm (then no register tells arms apart).
     stamp_temperatures: temperature bytes carry the sample's time instead, see `control.sample_age_s`.
-    camera_noise: grey levels (sigma) that the cameras' sensors add. seed: of lost frames and
-    temperature noise. event_dir: folder that keeps the event log as
-    `rig-<name>.events.jsonl`, one JSON object a line, also after the rig's end; none without.
+    camera_noise: grey levels (sigma) that the cameras' sensors add. seed: of lost and garbled frames and
+    temperature noise.
+    event_dir: folder that keeps the event log as `rig-<name>.events.jsonl`, one JSON object a line, also after the
+    rig's end; none without.
     """
 
     arm: str | None = None
@@ -94,6 +102,8 @@ class Options:
     watchdog: str = "limp"
     watchdog_damping: float = 1.0
     operator: str = "none"
+    swapped: tuple[str, ...] | None = None
+    serials: str = "unique"
     stamp_temperatures: bool = False
     camera_noise: float = 2.0
     seed: int = 0
@@ -132,12 +142,19 @@ def load_scene(name: str | Path | None = None, options: Mapping[str, Any] | None
     else:
         raise ConfigError(f"unknown scene '{name}'; known: {', '.join(SCENES)}, or a path to a YAML file")
     options = dict(options or {})
-    if isinstance(options.get("arms"), str):
-        options["arms"] = options["arms"].split(",")
-    document = merge(document, {"options": merge(document.get("options") or {}, options)})
-    scene = parse(Scene, document, f"scene '{name}'")
+    for key in ("arms", "swapped"):
+        if isinstance(options.get(key), str):
+            options[key] = options[key].split(",")
+    held = document.get("options") or {}
+    if not isinstance(held, Mapping):
+        raise ConfigError(f"scene '{name}': options expects a mapping, found {held!r}")
+    scene = parse(Scene, merge(document, {"options": merge(held, options)}), f"scene '{name}'")
     _check(scene)
-    return _selected(scene)
+    _check_things(scene)
+    scene = _selected(scene)
+    for row in scene.arms:
+        _check_placement(row)
+    return scene
 
 
 def _check(scene: Scene) -> None:
@@ -147,24 +164,65 @@ def _check(scene: Scene) -> None:
     for arm in scene.arms:
         if arm.role not in ROLES:
             raise ConfigError(f"{where}: role of {arm.channel} must be one of {ROLES}, not '{arm.role}'")
-    for key, known in {"watchdog": WATCHDOGS, "operator": OPERATORS}.items():
+    for key, known in {"watchdog": WATCHDOGS, "operator": OPERATORS, "serials": SERIALS}.items():
         if getattr(options, key) not in known:
             raise ConfigError(f"{where}: option {key} must be one of {known}, not '{getattr(options, key)}'")
-    positive = {"timestep_s": options.timestep_s, "armature": options.armature}
+    if not _TIMESTEPS_S[0] <= options.timestep_s <= _TIMESTEPS_S[1]:
+        raise ConfigError(f"{where}: option timestep_s must lie within {_TIMESTEPS_S}, not {options.timestep_s:g}")
+    positive = {"armature": options.armature}
     not_negative = {"friction": options.friction, "latency_s": options.latency_s}
     wrong = [k for k, v in positive.items() if v <= 0] + [k for k, v in not_negative.items() if v < 0]
     if wrong:
         raise ConfigError(f"{where}: out of range: options {wrong}")
-    unknown = set(options.arms or ()) - set(scene.channels)
-    if unknown:
-        raise ConfigError(f"{where}: option arms names unknown channels {sorted(unknown)}; known: {scene.channels}")
+    for key, named in {"arms": options.arms, "swapped": options.swapped}.items():
+        unknown = sorted(set(named or ()) - set(scene.channels))
+        if unknown:
+            raise ConfigError(f"{where}: option {key} names unknown channels {unknown}; known: {scene.channels}")
+    if options.swapped is not None and len(set(options.swapped)) != 2:
+        raise ConfigError(f"{where}: option swapped takes two channels, not {options.swapped}")
+
+
+def _check_things(scene: Scene) -> None:
+    """Boxes and cameras that physics and renderer can make."""
+    where = f"scene '{scene.name}'"
+    for names in (
+        [box.name for box in (*scene.props, *scene.furniture)],
+        [camera.name for camera in scene.cameras],
+    ):
+        if len(set(names)) < len(names):
+            raise ConfigError(f"{where}: boxes and cameras need names of their own, not {names}")
+    for box in (*scene.props, *scene.furniture):
+        loose = box in scene.props
+        if (box.size_m <= 0.0).any() or box.friction < 0.0 or box.mass_kg < 0.0 or (loose and box.mass_kg == 0.0):
+            raise ConfigError(f"{where}: box {box.name} needs a size, and as a prop a mass, above zero")
+    for camera in scene.cameras:
+        if np.linalg.norm(np.cross(camera.position_m - camera.target_m, camera.up)) < 1e-9:
+            raise ConfigError(f"{where}: camera {camera.name} looks nowhere, or along its own up direction")
+        if not 0.0 < camera.fovy_deg < 180.0:
+            raise ConfigError(
+                f"{where}: camera {camera.name}: fovy_deg lies between 0 and 180, not {camera.fovy_deg:g}"
+            )
+
+
+def _check_placement(row: ArmPlacement) -> None:
+    """Poses, zeros and stops that fit the arm and its gripper."""
+    arm, gripper = load_arm(row.arm), load_gripper(row.gripper)
+    motors = arm.joint_count + (gripper.motor is not None)
+    for key, value, n in (("q_rad", row.q_rad, arm.joint_count), ("zero_offset_rad", row.zero_offset_rad, motors)):
+        if value is not None and len(value) != n:
+            raise ConfigError(f"{row.channel}: {key} takes {n} numbers, not {len(value)}")
+    if row.stops_rad is not None and row.stops_rad[0] == row.stops_rad[1]:
+        raise ConfigError(f"{row.channel}: stops_rad are [closed, open], two different angles")
 
 
 def _selected(scene: Scene) -> Scene:
-    """The scene with the options arms, arm and gripper applied."""
+    """The scene with the options swapped, arms, arm and gripper applied."""
     options = scene.options
     arms = []
-    for row in scene.arms:
+    first, second = options.swapped or ("", "")
+    exchanged = {first: second, second: first}
+    for number, row in enumerate(scene.arms, 1):
+        row = replace(row, number=number, channel=exchanged.get(row.channel, row.channel))
         if options.arms is not None and row.channel not in options.arms:
             continue
         if row.role == "follower":
@@ -176,3 +234,9 @@ def _selected(scene: Scene) -> Scene:
     bodies = tuple(row.channel for row in arms)
     cameras = tuple(c for c in scene.cameras if not c.body or c.body.partition("/")[0] in bodies)
     return replace(scene, arms=tuple(arms), cameras=cameras)
+
+
+def serial_number(scene: Scene, row: ArmPlacement, can_id: int) -> int:
+    """Content of the SN register of motor `can_id` of an arm: stable for a scene, unique where its options say so."""
+    arm = row.number if scene.options.serials == "unique" else 1
+    return arm * _ARM_SERIALS + can_id

@@ -18,6 +18,9 @@ MAX_RECORDS = 512  # per packet; keeps a packet far below the socket's limit
 
 FLAG_EXTENDED = 1
 FLAG_REMOTE = 2
+FLAG_ERROR = 4  # from the interface itself, never on the wire
+
+WAKE = b"\0"  # a packet without frames: the receiver shall look at its link
 
 _OLDEST_SEND_S = 0.05  # a send stamp older than this is taken as that old: the sender was descheduled
 
@@ -70,5 +73,5 @@ class Wire:
 
 
 def send_time(stamp_s: float, now_s: float) -> float:
-    """A client's send stamp, kept within what is plausible at `now_s`."""
-    return min(max(stamp_s, now_s - _OLDEST_SEND_S), now_s)
+    """A client's send stamp, kept within what is plausible at `now_s`; NaN counts as old."""
+    return min(max(now_s - _OLDEST_SEND_S, stamp_s), now_s)  # in this order: max keeps the first beside a NaN

@@ -126,48 +126,6 @@ def _add_servo(spec: mujoco.MjSpec, name: str, target: str, kind: mujoco.mjtTrn,
     )
 
 
-class Drive:
-    """One actuator, seen from its shaft: angle u = base + Σ coefficient · q of one or two joints."""
-
-    def __init__(self, world: "World", actuator: str, joints: tuple[str, ...], base_rad: float, coefficient: float):
-        model = world.model
-        self.actuator = model.actuator(actuator).id
-        self._world = world
-        if not 1 <= len(joints) <= 2:
-            raise ConfigError(f"actuator {actuator} must move one or two joints, not {joints}")
-        self._q = [int(model.joint(j).qposadr[0]) for j in joints]
-        self._v = [int(model.joint(j).dofadr[0]) for j in joints]
-        self._single = len(joints) == 1
-        self._base = base_rad
-        self._coefficient = coefficient
-        self._gains = (0.0, 0.0)
-        self._bias = model.actuator_biasprm[self.actuator]
-        self._ctrl = world.data.ctrl
-
-    def angle(self) -> float:
-        """Shaft angle in rad."""
-        q = self._world.qpos
-        own = self._q
-        return self._base + self._coefficient * (q[own[0]] if self._single else q[own[0]] + q[own[1]])
-
-    def velocity(self) -> float:
-        """Shaft velocity in rad/s."""
-        v = self._world.qvel
-        own = self._v
-        return self._coefficient * (v[own[0]] if self._single else v[own[0]] + v[own[1]])
-
-    def torque(self) -> float:
-        """Shaft torque of the last step in Nm."""
-        return self._world.force[self.actuator]
-
-    def command(self, angle: float, velocity: float, kp: float, kd: float, torque: float) -> None:
-        """From now on  kp (angle − u) + kd (velocity − u̇) + torque.  Units: rad, rad/s, Nm."""
-        if (kp, kd) != self._gains:
-            self._bias[1], self._bias[2] = -kp, -kd
-            self._gains = (kp, kd)
-        self._ctrl[self.actuator] = kp * (angle - self._base) + kd * velocity + torque
-
-
 class World:
     """Model, state and simulated time. `qpos`, `qvel` and `force` are lists, fresh after each advance."""
 

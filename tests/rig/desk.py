@@ -48,7 +48,8 @@ class Desk:
         found: list[Frame] = []
         while True:
             try:
-                found += wire.unpack(self._ours.recv(1 << 17, socket.MSG_DONTWAIT))
+                packet = self._ours.recv(1 << 17, socket.MSG_DONTWAIT)
+                found += wire.unpack(packet) if packet != wire.WAKE else []
             except BlockingIOError:
                 return found
 

@@ -90,7 +90,7 @@ def test_events_tell_what_motors_did(rig):
 def test_faults_reach_the_bus_and_can_be_cleared(rig):
     request = can.Message(arbitration_id=0x7FF, data=(2, 0, 0xCC, 0, 0, 0, 0, 0), is_extended_id=False)
     with can.Bus(interface="yam_sim", channel="follower_left", rig=rig.name) as bus:
-        for motor, kind, value in (("joint_2", "silent", True), (2, "drop_next", 1), (None, "bus_off", True)):
+        for motor, kind, value in (("joint_2", "silent", True), (2, "drop_next", 1), (None, "cable_out", True)):
             rig.fault("follower_left", motor, kind, value)
             bus.send(request)
             assert bus.recv(0.05) is None, kind

@@ -286,7 +286,7 @@ def test_injected_faults(desk):
     answered = sum(len(desk.send(enable)) for _ in range(200))
     assert 60 < answered < 140
     faults.loss_rate = 0.0
-    faults.temperatures_c = (66, 77)
+    desk.motor(WRIST).thermometer.held = (66, 77)
     feedback = desk.special(WRIST, SpecialCommand.ENABLE)
     assert (feedback.temp_mos, feedback.temp_rotor) == (66, 77)
     faults.silent = True
@@ -294,7 +294,7 @@ def test_injected_faults(desk):
 
 
 def test_a_cut_bus_carries_nothing(desk):
-    desk.channel.cut = True
+    desk.channel.cable_out = True
     assert desk.send((1, SpecialCommand.ENABLE.value)) == []
     assert not desk.motor(1).enabled
 

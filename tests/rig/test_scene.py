@@ -4,9 +4,13 @@ import mujoco
 import numpy as np
 import pytest
 
+from lerobot_robot_yam.damiao import registers
+from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.scene import load_scene
 from lerobot_robot_yam.rig.world import build_world
+
+from .desk import Desk
 
 
 def test_the_default_scene_has_the_documented_channels():
@@ -82,3 +86,40 @@ def test_a_broken_scene_is_refused(tmp_path, text, message):
 def test_an_unknown_gripper_is_refused():
     with pytest.raises(ConfigError, match="linear_9999"):
         build_world(load_scene(options={"gripper": "linear_9999"}))
+
+
+def register(desk, can_id, number):
+    (answer,) = desk.send((0x7FF, registers.encode_read(can_id, number)))
+    return registers.decode_reply(answer.data).value
+
+
+def serials(**options):
+    desk = Desk(**options)
+    found = [register(desk, motor.can_id, Register.SN) for motor in desk.channel.motors]
+    others = [{k: v for k, v in motor._registers.items() if k != Register.SN} for motor in desk.channel.motors]
+    desk.close()
+    return found, others
+
+
+def test_serial_numbers_are_unique_and_stable():
+    by_channel = {channel: serials(channel=channel)[0] for channel in load_scene().channels}
+    flat = [number for found in by_channel.values() for number in found]
+    assert len(set(flat)) == len(flat) == 26
+    assert serials(channel="follower_right")[0] == by_channel["follower_right"]
+
+
+def test_serial_numbers_can_be_the_same_on_every_arm_and_then_nothing_differs():
+    left, right = (serials(channel=f"follower_{side}", serials="same") for side in ("left", "right"))
+    assert left == right
+    assert len(set(left[0])) == 7
+
+
+def test_swapped_cables_bring_the_other_arm_with_its_serial_numbers():
+    left, right = (serials(channel=f"follower_{side}")[0] for side in ("left", "right"))
+    assert serials(channel="follower_left", swapped="follower_left,follower_right")[0] == right != left
+    scene = load_scene(options={"swapped": ["follower_left", "leader_left"]})
+    assert {row.channel: row.role for row in scene.arms}["follower_left"] == "leader"
+    with pytest.raises(ConfigError, match="swapped"):
+        load_scene(options={"swapped": ["follower_left"]})
+    with pytest.raises(ConfigError, match="swapped names unknown.*can7"):
+        load_scene(options={"swapped": ["follower_left", "can7"]})

@@ -1,0 +1,81 @@
+"""Temperatures of one simulated motor: what it reports, and when it switches itself off."""
+
+import random
+from dataclasses import dataclass
+
+from lerobot_robot_yam.damiao.tables import Fault
+
+COIL_LIMIT_C = 100.0  # our choice for every motor; the power stage's limit is register OT_VALUE
+_REST_C = (35.5, 40.5)  # power stage, coil; these and the gains: the vendor's simulation
+_GAIN_C_PER_W = (0.5, 0.8)
+_TIME_CONSTANT_S = (20.0, 60.0)  # our estimate
+PARTS = ("both", "mos", "rotor")
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """A temperature that changes evenly from `from_c` at simulated time `since_s`; of one part or both."""
+
+    rate_c_per_s: float
+    from_c: float
+    since_s: float
+    part: str = "both"
+
+
+class Thermometer:
+    """Power stage ("mos") and coil ("rotor") of one motor, °C.
+
+    held: fixed readings of sensors that lie; the motor does not act on them. ramp: a real change; the motor does.
+
+    Args:
+        chance: of the noise.
+        stamped: report each sample's time instead, see `control.sample_age_s`.
+    """
+
+    def __init__(self, chance: random.Random, stamped: bool = False):
+        self._stamped = stamped
+        self.held: tuple[float, float] | None = None
+        self.ramp: Ramp | None = None
+        self._chance = chance
+        self._warmth = [0.0, 0.0]  # above rest
+        self._read_at_s = 0.0
+
+    def read(self, velocity_rad_s: float, torque_nm: float, sim_s: float, sample_s: float) -> tuple[int, int]:
+        """Reported power stage and coil of a sample taken at monotonic time `sample_s`.
+
+        Without a fault it is the vendor simulation's formula, which has no inertia, behind one: metal does not follow
+        the power within a tick.
+        """
+        if self._stamped:
+            stamp = int(sample_s * 1e4)
+            return stamp >> 8 & 0xFF, stamp & 0xFF
+        power = abs(velocity_rad_s * torque_nm)
+        elapsed, self._read_at_s = max(0.0, sim_s - self._read_at_s), sim_s
+        self._warmth = [
+            warmth + (gain * power - warmth) * min(elapsed / time_constant, 1.0)
+            for warmth, gain, time_constant in zip(self._warmth, _GAIN_C_PER_W, _TIME_CONSTANT_S, strict=True)
+        ]
+        noise = self._chance.random() - 0.5
+        mos, rotor = (rest + warmth + noise for rest, warmth in zip(_REST_C, self._warmth, strict=True))
+        if self.held is not None:
+            mos, rotor = self.held
+        elif self.ramp is not None:
+            warm = self._ramped(self.ramp, sim_s)
+            mos = mos if self.ramp.part == "rotor" else warm
+            rotor = rotor if self.ramp.part == "mos" else warm
+        return int(mos), int(rotor)
+
+    def tripped(self, mos_limit_c: float, sim_s: float) -> Fault | None:
+        """The fault that the motor falls into because it is too hot."""
+        if self.ramp is None:
+            return None
+        warm = self._ramped(self.ramp, sim_s)
+        if self.ramp.part != "rotor" and warm >= mos_limit_c:
+            return Fault.MOS_OVER_TEMPERATURE
+        if self.ramp.part != "mos" and warm >= COIL_LIMIT_C:
+            return Fault.ROTOR_OVER_TEMPERATURE
+        return None
+
+    @staticmethod
+    def _ramped(ramp: Ramp, sim_s: float) -> float:
+        return ramp.from_c + ramp.rate_c_per_s * (sim_s - ramp.since_s)
