@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping
 
 import can
 
+from lerobot_robot_yam.damiao.bus_port import is_classic_data
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.registers import Register, register_row
 from lerobot_robot_yam.damiao.tables import (
@@ -65,9 +66,12 @@ def listen(bus: can.BusABC, seconds: float, ids: Collection[int], channel: str =
     seen: dict[int, int] = {}
     deadline = time.monotonic() + seconds
     try:
-        while (remaining := deadline - time.monotonic()) > 0.0:
-            message = bus.recv(remaining)
-            if message is not None and not message.is_error_frame:
+        # What has arrived by the deadline counts even if we were not running then; a flood does not keep us for ever.
+        while (remaining := deadline - time.monotonic()) > -seconds:
+            message = bus.recv(max(remaining, 0.0))
+            if message is None and remaining <= 0.0:
+                break
+            if message is not None and is_classic_data(message):
                 seen[message.arbitration_id] = seen.get(message.arbitration_id, 0) + 1
     except (can.CanError, OSError) as error:
         raise BusError(f"CAN channel {channel}: receive failed ({error}); check the adapter and link") from error
@@ -101,7 +105,14 @@ def verify(
 
     Raises:
         MotorError: names motors and registers, expected against found, and what to check.
+        ConfigError: an expectation names a motor or a register that does not exist.
     """
+    names = [spec.name for spec in chain.motors]
+    for name, wanted in (expectations or {}).items():
+        if name not in names:
+            raise ConfigError(f"{chain.channel}: no motor is called {name!r}; there are {', '.join(names)}")
+        for register in wanted:
+            register_row(register)
     _check_presence(chain)
     contradictions: list[str] = []
     for i, spec in enumerate(chain.motors):
@@ -119,7 +130,7 @@ def verify(
         expected.update((expectations or {}).get(spec.name, {}))
         for register, value in expected.items():
             found = chain.read_register(i, register)
-            if not math.isclose(found, value, rel_tol=_RELATIVE_TOLERANCE):
+            if not _equal(register, found, value):
                 name, unit = register_row(register).name, register_row(register).unit
                 contradictions.append(
                     f"motor {spec.name} (id {spec.can_id}, {spec.type}): {name} is {found:g} instead of "
@@ -130,6 +141,13 @@ def verify(
             f"{chain.channel}: " + "; ".join(contradictions) + ". Check that arm and gripper in the configuration "
             "match the hardware, or correct the registers of the motor"
         )
+
+
+def _equal(register: Register, found: float, expected: float) -> bool:
+    """Identifiers, counts and serial numbers exactly; floats as exactly as both sides can hold them."""
+    if register_row(register).kind == "uint32":
+        return found == expected
+    return math.isclose(found, expected, rel_tol=_RELATIVE_TOLERANCE)
 
 
 def missing_motors(chain: MotorChain) -> list[str]:

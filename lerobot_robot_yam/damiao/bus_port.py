@@ -17,6 +17,11 @@ def data_message(can_id: int, data: bytes) -> can.Message:
     return can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
 
 
+def is_classic_data(message: can.Message) -> bool:
+    """Whether a motor or a handle can have sent this: they send data frames with 11-bit identifiers only."""
+    return not (message.is_extended_id or message.is_remote_frame or message.is_error_frame)
+
+
 class BusPort:
     """Sends and receives on a bus that somebody else opened and will close.
 

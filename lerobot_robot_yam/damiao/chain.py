@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import can
 import numpy as np
 
-from lerobot_robot_yam.damiao.bus_port import BusPort, data_message
+from lerobot_robot_yam.damiao.bus_port import BusPort, data_message, is_classic_data
 from lerobot_robot_yam.damiao.codec import SpecialCommand, encode_mit
 from lerobot_robot_yam.damiao.encoder import (
     EVENT_ID,
@@ -157,16 +157,19 @@ class MotorChain(FeedbackStore):
         time.sleep(self.expected_wire_s)
         return self.collect(sent_s + (self.expected_wire_s + 0.002 if timeout_s is None else timeout_s))
 
-    def special(self, command: SpecialCommand, timeout_s: float = 0.05) -> list[bool]:
-        """Send a special command to all motors. Returns, per motor, whether it answered within `timeout_s`.
+    def special(
+        self, command: SpecialCommand, timeout_s: float = 0.05, motors: Sequence[int] | None = None
+    ) -> list[bool]:
+        """Send a special command to motors (by index; default all), and say who of all answered within `timeout_s`.
 
         ENABLE makes motors obey; ZERO moves their origin, so multi-turn counting starts anew.
         """
         if command is SpecialCommand.ZERO:
             self.restart_turns()
         repeats = CLEAR_REPEATS if command is SpecialCommand.CLEAR else 1
-        self._begin(range(len(self.motors)), repeats=repeats)
-        for spec in self.motors:
+        chosen = range(len(self.motors)) if motors is None else motors
+        self._begin(chosen, repeats=repeats)
+        for spec in (self.motors[i] for i in chosen):
             if command is SpecialCommand.ENABLE:
                 time.sleep(ENABLE_PAUSE_S)
             self._port.send([data_message(spec.can_id, command.value)] * repeats)
@@ -217,7 +220,7 @@ class MotorChain(FeedbackStore):
         self.drain()
         self._port.send([data_message(REGISTER_ID, encode_store(spec.can_id))])
         for message in self._until(time.monotonic() + timeout_s):
-            if message.arbitration_id == spec.feedback_id:
+            if message.arbitration_id == spec.feedback_id and is_classic_data(message):
                 return
             self._receive(message)
         raise MotorError(
@@ -233,7 +236,7 @@ class MotorChain(FeedbackStore):
             self.drain()
             self._port.send([data_message(REGISTER_ID, payload)])
             for message in self._until(time.monotonic() + timeout_s):
-                if message.arbitration_id == spec.feedback_id:
+                if message.arbitration_id == spec.feedback_id and is_classic_data(message):
                     reply = decode_reply(bytes(message.data))
                     if reply is not None and reply[:3] == (spec.can_id, opcode, register):
                         return reply.value
@@ -298,8 +301,9 @@ class MotorChain(FeedbackStore):
         if message.is_error_frame:
             self.error_frames += 1
             return
-        data = message.data
-        index = self._index.get(message.arbitration_id << 4 | data[0] & 0xF) if len(data) == 8 else None
+        data, index = message.data, None
+        if len(data) == 8 and not message.is_extended_id:  # a remote frame has no data
+            index = self._index.get(message.arbitration_id << 4 | data[0] & 0xF)
         if index is None:
             self._receive_other(message)
             return
@@ -316,8 +320,8 @@ class MotorChain(FeedbackStore):
             self._duplicates[index] += 1
 
     def _receive_other(self, message: can.Message) -> None:
-        can_id = message.arbitration_id
-        if self.encoder is not None and can_id in HANDLE_IDS:
+        can_id, ours = message.arbitration_id, is_classic_data(message)
+        if ours and self.encoder is not None and can_id in HANDLE_IDS:
             if can_id in (REPORT_ID, EVENT_ID):
                 taken = self.encoder.accept(message.data, self._port.arrival_s(message))
                 if taken and can_id == REPORT_ID:
@@ -325,6 +329,6 @@ class MotorChain(FeedbackStore):
                     self._waiting -= self._handle_awaited
                     self._handle_awaited = False
             return
-        if can_id in self._command_ids:
+        if ours and can_id in self._command_ids:
             self.foreign_commands += 1
         self.foreign[can_id] = self.foreign.get(can_id, 0) + 1

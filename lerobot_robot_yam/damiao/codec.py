@@ -12,11 +12,11 @@ Source of the layouts: I2RT driver v1.2.4; float32 frames: Damiao's public drive
 
 import struct
 from enum import Enum
-from math import isfinite
+from math import inf, isfinite
 from typing import NamedTuple
 
 from lerobot_robot_yam.damiao.tables import MOTOR_TYPES, motor_type
-from lerobot_robot_yam.errors import ActionError, ConfigError
+from lerobot_robot_yam.errors import ActionError, BusError, ConfigError
 
 _MAX16 = 0xFFFF
 _MAX12 = 0xFFF
@@ -79,9 +79,16 @@ def encode_mit(motor_type: str, position: float, velocity: float, kp: float, kd:
         ActionError: a value is NaN or infinite.
         ConfigError: unknown motor type.
     """
-    # The sum is finite only if each term is; when it overflows, the slow check decides.
-    if not isfinite(position + velocity + kp + kd + torque):
-        _check_finite(position=position, velocity=velocity, kp=kp, kd=kd, torque=torque)
+    # The sum is a finite float only if each term is finite; when it is not, or overflows, the slow check decides.
+    try:
+        total = position + velocity + kp + kd + torque
+        plain = type(total) is float and isfinite(total)
+    except OverflowError:  # an integer beyond any float
+        plain = False
+    if not plain:  # numpy's small types overflow in the arithmetic below
+        position, velocity, kp, kd, torque = _finite(
+            "motor command", position=position, velocity=velocity, kp=kp, kd=kd, torque=torque
+        )
     try:
         p_max, v_max, t_max, kp_max, kd_max = _ROWS[motor_type]
     except KeyError:
@@ -109,8 +116,11 @@ def decode_mit(motor_type: str, data: bytes) -> MitCommand:
     """Inverse of `encode_mit` up to quantisation.
 
     Raises:
+        BusError: `data` is not 8 bytes long.
         ConfigError: unknown motor type.
     """
+    if len(data) != 8:
+        raise _wrong_length("MIT command", data)
     try:
         p_max, v_max, t_max, kp_max, kd_max = _ROWS[motor_type]
     except KeyError:
@@ -129,8 +139,11 @@ def decode_feedback(motor_type: str, data: bytes) -> Feedback:
     """Feedback frame (8 bytes) in rad, rad/s, Nm, °C.
 
     Raises:
+        BusError: `data` is not 8 bytes long.
         ConfigError: unknown motor type.
     """
+    if len(data) != 8:
+        raise _wrong_length("feedback", data)
     try:
         p_max, v_max, t_max, _, _ = _ROWS[motor_type]
     except KeyError:
@@ -160,8 +173,20 @@ def encode_feedback(
     """What a motor of this type would send, 8 bytes; inverse of `decode_feedback`. Values are clamped.
 
     Raises:
+        ActionError: a value is NaN or infinite.
         ConfigError: unknown motor type.
     """
+    try:  # as in `encode_mit`
+        total = position + velocity + torque + temp_mos + temp_rotor
+        plain = type(total) is float and isfinite(total)
+    except OverflowError:
+        plain = False
+    mos: float = temp_mos
+    rotor: float = temp_rotor
+    if not plain:
+        position, velocity, torque, mos, rotor = _finite(
+            "feedback frame", position=position, velocity=velocity, torque=torque, temp_mos=mos, temp_rotor=rotor
+        )
     try:
         p_max, v_max, t_max, _, _ = _ROWS[motor_type]
     except KeyError:
@@ -175,8 +200,8 @@ def encode_feedback(
         | int((position + p_max) * _MAX16 / (p_max + p_max)) << 40
         | int((velocity + v_max) * _MAX12 / (v_max + v_max)) << 28
         | int((torque + t_max) * _MAX12 / (t_max + t_max)) << 16
-        | min(max(int(temp_mos), 0), 0xFF) << 8
-        | min(max(int(temp_rotor), 0), 0xFF)
+        | min(max(int(mos), 0), 0xFF) << 8
+        | min(max(int(rotor), 0), 0xFF)
     )
     return word.to_bytes(8, "big")
 
@@ -185,14 +210,19 @@ def encode_position_velocity(position: float, velocity_limit: float) -> bytes:
     """Position-velocity command for identifier 0x100 + motor id: two float32, rad and rad/s.
 
     Raises:
-        ActionError: a value is NaN or infinite.
+        ActionError: a value is NaN, infinite or beyond float32.
     """
-    _check_finite(position=position, velocity_limit=velocity_limit)
-    return _FLOAT_PAIR.pack(position, velocity_limit)
+    return _pack_floats(*_finite("motor command", position=position, velocity_limit=velocity_limit))
 
 
 def decode_position_velocity(data: bytes) -> tuple[float, float]:
-    """(position rad, velocity limit rad/s) of a position-velocity command."""
+    """(position rad, velocity limit rad/s) of a position-velocity command.
+
+    Raises:
+        BusError: `data` is not 8 bytes long.
+    """
+    if len(data) != 8:
+        raise _wrong_length("position-velocity command", data)
     position, velocity_limit = _FLOAT_PAIR.unpack(data)
     return position, velocity_limit
 
@@ -201,21 +231,45 @@ def encode_velocity(velocity: float) -> bytes:
     """Velocity command for identifier 0x200 + motor id: float32 rad/s and four zero bytes.
 
     Raises:
-        ActionError: the value is NaN or infinite.
+        ActionError: the value is NaN, infinite or beyond float32.
     """
-    _check_finite(velocity=velocity)
-    return _FLOAT_PAIR.pack(velocity, 0.0)
+    return _pack_floats(*_finite("motor command", velocity=velocity), 0.0)
 
 
 def decode_velocity(data: bytes) -> float:
-    """Velocity in rad/s of a velocity command."""
+    """Velocity in rad/s of a velocity command.
+
+    Raises:
+        BusError: `data` is not 8 bytes long.
+    """
+    if len(data) != 8:
+        raise _wrong_length("velocity command", data)
     return _FLOAT_PAIR.unpack(data)[0]
 
 
-def _check_finite(**values: float) -> None:
+def _finite(what: str, **values: float) -> list[float]:
+    """The values as plain floats, or ActionError naming the one that is none."""
+    plain = []
     for name, value in values.items():
-        if not isfinite(value):
-            raise ActionError(f"{name} of a motor command is {value}; nothing was sent, check its source")
+        try:
+            number = float(value)
+        except OverflowError:
+            number = inf
+        if not isfinite(number):
+            raise ActionError(f"{name} of a {what} is {number}; nothing was sent, check its source")
+        plain.append(number)
+    return plain
+
+
+def _pack_floats(first: float, second: float) -> bytes:
+    try:
+        return _FLOAT_PAIR.pack(first, second)
+    except OverflowError as error:
+        raise ActionError(f"a motor command cannot say {first:g} and {second:g}: it holds float32") from error
+
+
+def _wrong_length(what: str, data: bytes) -> BusError:
+    return BusError(f"a {what} has 8 bytes, not {len(data)}: {bytes(data).hex(' ')}")
 
 
 def _unknown_type(name: str) -> ConfigError:

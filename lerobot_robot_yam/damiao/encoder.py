@@ -10,6 +10,8 @@ import math
 import struct
 from typing import NamedTuple
 
+from lerobot_robot_yam.errors import BusError
+
 REQUEST_ID = 0x50E
 REPORT_ID = 0x50F
 EVENT_ID = 0x510
@@ -72,7 +74,12 @@ def decode_report(data: bytes) -> HandleReport:
     """A report or event (6 bytes).
 
     The second button is the second input bit alone; a third input must not change it.
+
+    Raises:
+        BusError: `data` is not 6 bytes long.
     """
+    if len(data) != _REPORT.size:
+        raise BusError(f"a handle's report has {_REPORT.size} bytes, not {len(data)}: {bytes(data).hex(' ')}")
     _, position, velocity, inputs = _REPORT.unpack(data)
     position_rad = position * RAD_PER_COUNT
     return HandleReport(

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import can
 
-from lerobot_robot_yam.damiao.bus_port import BusPort, data_message
+from lerobot_robot_yam.damiao.bus_port import BusPort, data_message, is_classic_data
 from lerobot_robot_yam.damiao.encoder import (
     EEPROM_REPORT_FREQUENCY_HIGH,
     EEPROM_REPORT_FREQUENCY_LOW,
@@ -88,7 +88,7 @@ def _ask[T](port: BusPort, request: bytes, decode: Callable[[bytes], T | None], 
         deadline = time.monotonic() + timeout_s
         while (remaining := deadline - time.monotonic()) > 0.0:
             message = port.recv(remaining)
-            if message is not None and message.arbitration_id == REQUEST_ID:
+            if message is not None and message.arbitration_id == REQUEST_ID and is_classic_data(message):
                 answer = decode(bytes(message.data))
                 if answer is not None:
                     return answer

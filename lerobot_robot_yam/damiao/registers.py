@@ -6,6 +6,7 @@ chance, so a reply is only meaningful for an outstanding request.
 Sources: DM_Control_Python, python-damiao-driver, motorbridge, I2RT driver v1.2.4.
 """
 
+import contextlib
 import math
 import struct
 from dataclasses import dataclass
@@ -215,7 +216,7 @@ def encode_refresh(motor_id: int) -> bytes:
 
 def decode_request(data: bytes) -> RegisterRequest | None:
     """What a motor reads out of a 0x7FF frame, or None when it is no request."""
-    if len(data) < 4:
+    if not 4 <= len(data) <= 8:
         return None
     motor_id, opcode, register, raw = _HEADER.unpack(bytes(data).ljust(8, b"\x00"))
     if opcode == Opcode.WRITE:
@@ -247,13 +248,14 @@ def encode_value(register: int, value: float) -> bytes:
         ConfigError: unknown register, or a value it cannot hold.
     """
     row = register_row(register)
-    if row.kind == "float":
-        if not math.isfinite(value) or abs(value) > 3.4e38:
-            raise ConfigError(f"register {row.name} cannot hold {value}: it takes a finite float32")
-        return _FLOAT.pack(value)
-    if value != value or not 0 <= value <= 0xFFFF_FFFF or int(value) != value:
-        raise ConfigError(f"register {row.name} cannot hold {value}: it takes an integer from 0 to 2^32 - 1")
-    return _UINT.pack(int(value))
+    with contextlib.suppress(OverflowError, ValueError, TypeError, struct.error):  # too large, NaN, no number
+        if row.kind == "float":
+            if math.isfinite(value):
+                return _FLOAT.pack(value)
+        elif int(value) == value:
+            return _UINT.pack(int(value))
+    takes = "a finite float32" if row.kind == "float" else "an integer from 0 to 2^32 - 1"
+    raise ConfigError(f"register {row.name} cannot hold {value}: it takes {takes}")
 
 
 def decode_value(register: int, raw: bytes) -> float | int:
