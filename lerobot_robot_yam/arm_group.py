@@ -15,7 +15,6 @@ from lerobot_robot_yam.arm.port import ArmPort
 from lerobot_robot_yam.arm.safety import action_vector
 from lerobot_robot_yam.arm.session import ArmSession, Isolation
 from lerobot_robot_yam.arm.state import ArmState
-from lerobot_robot_yam.errors import GripperError
 from lerobot_robot_yam.signals import end_session_on_signals, undisturbed
 
 logger = logging.getLogger(__name__)
@@ -113,25 +112,15 @@ class ArmGroup:
         """Energise all arms or none.
 
         Args:
-            calibrate: False means that a calibration follows (lerobot-calibrate): stored stops that do not fit are
-                put aside instead of refused.
+            calibrate: False means that a calibration follows (lerobot-calibrate): the grippers' stops are left unknown
+                until then.
 
         Raises:
             YamError: what failed; nothing is energised.
         """
         self._undo_signals = end_session_on_signals()
         try:
-            try:
-                self._session.start()
-            except GripperError as error:
-                stored = [Path(c.calibration_path) for c in self._configs if c.calibration_path]
-                stored = [path for path in stored if path.is_file()]
-                if calibrate or not stored:
-                    raise
-                logger.warning("%s: %s; putting the stored stops aside and searching anew", self.device, error)
-                for path in stored:
-                    path.replace(path.with_suffix(".old"))
-                self._session.start()
+            self._session.start(search_grippers=calibrate)
         except BaseException:
             self._undo_signals()
             raise

@@ -39,3 +39,7 @@ class GripperError(YamError, RuntimeError):
 
 class RigError(YamError, RuntimeError):
     """The virtual rig could not be started, reached or asked."""
+
+
+class EmergencyStopError(YamError, RuntimeError):
+    """The emergency stop is latched: nothing is energised until it is released."""

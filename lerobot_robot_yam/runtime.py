@@ -16,6 +16,7 @@ from lerobot_robot_yam.errors import ChannelInUseError, ConfigError
 ENV_RUNTIME_DIR = "YAM_RUNTIME_DIR"
 ENV_RIG = "YAM_RIG"
 AUTO_RIG = "auto-"
+_RIG_NAME_MAX = 64  # it is part of a socket's path, which may have 108 bytes in all
 
 
 def runtime_dir() -> Path:
@@ -25,7 +26,7 @@ def runtime_dir() -> Path:
     so the path must stay short (108 bytes in all).
 
     Raises:
-        ConfigError: the directory belongs to somebody else.
+        ConfigError: the directory cannot be made, or belongs to somebody else.
     """
     explicit = os.environ.get(ENV_RUNTIME_DIR)
     if explicit:
@@ -34,8 +35,11 @@ def runtime_dir() -> Path:
         shared_memory = "/dev/shm" if os.access("/dev/shm", os.W_OK) else tempfile.gettempdir()
         base = os.environ.get("XDG_RUNTIME_DIR") or shared_memory
         path = Path(base) / f"yam-{os.getuid()}"
-    path.mkdir(mode=0o700, parents=True, exist_ok=True)
-    info = path.stat()
+    try:
+        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        info = path.stat()
+    except OSError as error:
+        raise ConfigError(f"{path} cannot be used for sockets and locks ({error}); set {ENV_RUNTIME_DIR}") from error
     if info.st_uid != os.getuid() or not stat.S_ISDIR(info.st_mode):
         raise ConfigError(f"{path} is not a directory of this user; set {ENV_RUNTIME_DIR} to one that is")
     return path
@@ -55,14 +59,16 @@ def rig_name(rig: str | None = None) -> tuple[str, int | None]:
         The name and, for auto rigs, the pid of the owner.
 
     Raises:
-        ConfigError: "auto:" is not followed by a process id.
+        ConfigError: "auto:" is not followed by a process id, or the name cannot be part of a file's name.
     """
+    if rig is not None and (not isinstance(rig, str) or len(rig) > _RIG_NAME_MAX or "\0" in rig):
+        raise ConfigError(f"a rig's name is a text of at most {_RIG_NAME_MAX} characters, not {rig!r}")
     rig = rig or os.environ.get(ENV_RIG) or "auto"
     if rig == "auto":
         return f"{AUTO_RIG}{os.getpid()}", os.getpid()
     for prefix in ("auto:", AUTO_RIG):
         if rig.startswith(prefix):
-            if not rig[len(prefix) :].isdigit():
+            if not re.fullmatch("[0-9]+", rig[len(prefix) :]):
                 raise ConfigError(f"rig {rig!r}: after 'auto:' comes a process id")
             owner = int(rig[len(prefix) :])
             return f"{AUTO_RIG}{owner}", owner

@@ -19,6 +19,7 @@ from lerobot_robot_yam.errors import StaleStateError
 _HEADER = struct.Struct("<QQII")  # magic, sequence, payload size, crc32 of payload
 _MAGIC = 0x59414D424C4B3031  # "YAMBLK01"
 _CRC = struct.Struct("<I")
+_FIELD = struct.Struct("<Q")
 _SEQUENCE_AT, _CRC_AT = slice(8, 16), 20
 _READ_TIMEOUT_S = 0.25
 
@@ -30,16 +31,17 @@ class SharedBlock:
         path: the backing file.
         dtype: a numpy structured dtype (or a plain one with a shape).
         create: True for the one writer, which creates the file; False for a reader.
+        adopt: become the writer of a block whose writer has died; readers go on as if nothing had happened.
 
     Raises:
         FileNotFoundError: a reader came before the writer.
         StaleStateError: the file is not a block of this layout (another version of this package wrote it).
     """
 
-    def __init__(self, path: Path, dtype: np.dtype, create: bool):
+    def __init__(self, path: Path, dtype: np.dtype, create: bool, adopt: bool = False):
         self.path = path
         self.dtype = np.dtype(dtype)
-        self._owner = create
+        self._owner = create or adopt
         size = _HEADER.size + self.dtype.itemsize
         if create:
             scratch = path.with_name(f"{path.name}.{os.getpid()}")
@@ -52,16 +54,19 @@ class SharedBlock:
                 self._inode = os.fstat(file.fileno()).st_ino
             scratch.rename(path)  # readers see a whole block or none
         else:
-            with open(path, "rb") as file:
+            with open(path, "r+b" if adopt else "rb") as file:
                 if os.fstat(file.fileno()).st_size != size:
                     raise StaleStateError(f"{path} has another layout; end the process that wrote it")
-                self._map = mmap.mmap(file.fileno(), size, prot=mmap.PROT_READ)
+                access = mmap.PROT_READ | (mmap.PROT_WRITE if adopt else 0)
+                self._map = mmap.mmap(file.fileno(), size, prot=access)
                 self._inode = os.fstat(file.fileno()).st_ino
             magic, _, payload, _ = _HEADER.unpack_from(self._map)
             if magic != _MAGIC or payload != self.dtype.itemsize:
                 raise StaleStateError(f"{path} has another layout; end the process that wrote it")
         # A view stores eight bytes in one go; struct clears them first, and a reader could see that.
         self._sequence = memoryview(self._map)[_SEQUENCE_AT].cast("Q")
+        if adopt and self._sequence[0] % 2:  # it died in the middle of a write
+            self._sequence[0] += 1
 
     def write(self, record: np.ndarray | np.void) -> None:
         """Publish one record. Only the creator may call this."""
@@ -101,11 +106,23 @@ class SharedBlock:
                 raise StaleStateError(f"{self.path}: its writer died in the middle of a write")
             time.sleep(0)
 
+    def peek(self, at: int) -> int:
+        """The unsigned 8-byte field at byte `at` of the record as it is now, without a copy of the rest."""
+        value: int = _FIELD.unpack_from(self._map, _HEADER.size + at)[0]
+        return value
+
+    @property
+    def current(self) -> bool:
+        """False when the file has been removed or replaced since."""
+        try:
+            return self.path.stat().st_ino == self._inode
+        except FileNotFoundError:
+            return False
+
     def close(self, remove: bool = False) -> None:
         """Unmap; the creator also removes the file, and so does a reader that outlived it and says `remove`."""
         self._sequence.release()
         self._map.close()
-        if self._owner or remove:
+        if (self._owner or remove) and self.current:  # a successor may have put its own block here
             with contextlib.suppress(FileNotFoundError):
-                if self.path.stat().st_ino == self._inode:  # a successor may have put its own block here
-                    self.path.unlink()
+                self.path.unlink()

@@ -1,4 +1,4 @@
-"""A module imports only downwards: LeRobot's face → arm → damiao → base; the rig beside the arm's model."""
+"""A module imports only downwards: LeRobot's face → arm → damiao → base; commands above the arm, the rig beside it."""
 
 import ast
 from pathlib import Path
@@ -7,7 +7,8 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = ("lerobot_robot_yam", "lerobot_teleoperator_yam")
-BASE = {"errors", "runtime", "shared_block", "realtime"}
+BASE = {"errors", "log_thread", "runtime", "shared_block", "realtime"}
+TOOLS = {"commands", "doctor"}  # console commands: above the arm, without LeRobot
 # What the rig may use of the arm: how it is built, not how it is driven.
 ARM_DESCRIPTION = {"arm.model", "arm.profile", "arm.dynamics", "arm.shapes", "arm.yaml_fields"}
 
@@ -16,8 +17,12 @@ def layer(module):
     """Layer of one of our modules."""
     package, _, name = module.partition(".")
     first = name.partition(".")[0]
-    if package == "lerobot_robot_yam" and (first in BASE or first in ("arm", "damiao", "rig")):
-        return "base" if first in BASE else first
+    if package == "lerobot_robot_yam" and first in BASE:
+        return "base"
+    if package == "lerobot_robot_yam" and first in TOOLS:
+        return "tools"
+    if package == "lerobot_robot_yam" and first in ("arm", "damiao", "rig"):
+        return first
     return "face"
 
 
@@ -51,6 +56,7 @@ def allowed(name, imported):
         "damiao": {"damiao", "base"},
         "arm": {"arm", "damiao", "base"},
         "rig": {"rig", "damiao", "base"},
+        "tools": {"tools", "arm", "damiao", "base"},
         "face": {"face", "arm", "damiao", "base"},
     }
     if ours == "rig" and theirs == "arm":

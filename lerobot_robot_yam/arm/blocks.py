@@ -1,10 +1,12 @@
 """The control loop's end of an arm's shared blocks: publish state, take targets and requests."""
 
+import os
+
 import numpy as np
 
 from lerobot_robot_yam.arm.controller import ArmController
 from lerobot_robot_yam.arm.lifecycle import Mode
-from lerobot_robot_yam.arm.state import COMMAND_DTYPE, STATE_DTYPE, Request, command_path, state_path
+from lerobot_robot_yam.arm.state import COMMAND_DTYPE, OWNER_AT, STATE_DTYPE, Request, command_path, state_path
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.shared_block import SharedBlock
 
@@ -15,21 +17,35 @@ class ControllerBlocks:
     Args:
         controller: the arm.
         key: name of the channel's blocks.
+        adopt: the last state of a loop that has died: its block is carried on, readers notice nothing.
     """
 
-    def __init__(self, controller: ArmController, key: str):
+    def __init__(self, controller: ArmController, key: str, adopt: np.ndarray | None = None):
         self._controller = controller
-        self._commands = SharedBlock(command_path(key), COMMAND_DTYPE, create=False)
-        self._states = SharedBlock(state_path(key), STATE_DTYPE, create=True)
+        self._commands: SharedBlock | None = None
+        try:
+            self._commands = SharedBlock(command_path(key), COMMAND_DTYPE, create=False)
+        except FileNotFoundError:
+            if adopt is None:
+                raise
+        self._states = SharedBlock(state_path(key), STATE_DTYPE, create=adopt is None, adopt=adopt is not None)
         self._record = np.zeros((), STATE_DTYPE)
-        for field in ("q", "dq", "tau", "setpoint", "motor_stamp_s", "temp_mos_c", "temp_rotor_c"):
+        for field in ("q", "dq", "tau", "setpoint", "motor_stamp_s", "temp_mos_c", "temp_rotor_c", "offset_rad"):
             self._record[field] = np.nan
+        self._record["gripper_stops_rad"] = np.nan
+        if adopt is not None:
+            self._record[()] = adopt
+        self._owner = self._record["owner_pid"] = os.getpid()
+        self._first_tick = int(self._record["tick"])
         self._seen = 0
         self._ended = False
+        self.published_mode = Mode.OFFLINE
         self._slots = controller.hardware.slots
 
     def take(self, now: float) -> None:
         """Give the controller what the caller has written since the last tick."""
+        if self._commands is None:
+            return
         sequence = self._commands.sequence()
         if sequence == self._seen or sequence % 2:
             return
@@ -45,7 +61,7 @@ class ControllerBlocks:
                 record["request_refused"] = 0
             except YamError as error:
                 record["request_refused"] = 1
-                controller.message = str(error)
+                record["refusal"] = str(error).encode()[:400]
         if command["target_sequence"] != record["target_sequence"]:
             record["target_sequence"] = command["target_sequence"]
             slots = self._slots
@@ -59,14 +75,14 @@ class ControllerBlocks:
         if self._ended:
             return
         c, record, slots = self._controller, self._record, self._slots
-        chain = c.chain
+        chain, drive = c.chain, c.drive
         record["stamp_s"] = now
-        record["tick"] = tick
+        record["tick"] = self._first_tick + tick
         record["mode"] = c.mode
         record["limited"] = c.limited
-        record["q"][slots] = c.q
-        record["dq"][slots] = c.dq
-        record["tau"][slots] = c.tau
+        record["q"][slots] = drive.q
+        record["dq"][slots] = drive.dq
+        record["tau"][slots] = drive.tau
         record["setpoint"][slots] = c.setpoint.q
         record["motor_stamp_s"][slots] = chain.stamp_s
         record["temp_mos_c"][slots] = chain.temp_mos_c
@@ -74,12 +90,24 @@ class ControllerBlocks:
         record["fault"][slots] = chain.fault
         record["lost"][slots] = chain.lost
         self._ended = c.mode is Mode.OFF
+        self.published_mode = c.mode
         if not self._ended:  # the handle of an arm that is off is not asked any more
-            record["trigger"], record["buttons"], record["handle_stamp_s"] = c.handle.read(now)
-        record["message"] = c.message.encode()[:240]
+            record["trigger"], record["buttons"], record["handle_stamp_s"] = c.handle
+        record["offset_rad"][slots] = drive.offset_rad
+        if c.gripper is not None and c.gripper.stops is not None:
+            record["gripper_stops_rad"] = c.gripper.stops.closed_rad, c.gripper.stops.open_rad
+        record["gripper_blocked"] = c.gripper is not None and c.gripper.stalled
+        record["trouble"] = (c.trouble or "").encode()
+        record["message"] = c.message.encode()[:400]
         self._states.write(record)
+
+    @property
+    def owned(self) -> bool:
+        """False once another loop has taken the arm over."""
+        return self._states.peek(OWNER_AT) == self._owner
 
     def close(self) -> None:
         """Remove the state block, and the command block in case its caller has died."""
         self._states.close()
-        self._commands.close(remove=True)
+        if self._commands is not None:
+            self._commands.close(remove=True)

@@ -1,22 +1,33 @@
 """Opening an arm's CAN channel, with errors that say what to check."""
 
+from collections.abc import Sequence
+
 import can
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import BusError, YamError
 
 _BITRATE = 1_000_000
+_ID_MASK = 0x7FF
 
 
-def open_bus(config: ArmConfig) -> can.BusABC:
+def open_bus(config: ArmConfig, only: Sequence[int] | None = None) -> can.BusABC:
     """Open the arm's channel, classic CAN at 1 Mbit/s.
+
+    Args:
+        config: the arm.
+        only: identifiers to be heard; None: all.
 
     Raises:
         BusError: unknown interface or channel, or it cannot be opened.
     """
+    filters = None if only is None else [{"can_id": i, "can_mask": _ID_MASK, "extended": False} for i in only]
     try:
         return can.Bus(
-            interface=config.interface, channel=config.channel, **{"bitrate": _BITRATE, **config.can_options}
+            interface=config.interface,
+            channel=config.channel,
+            can_filters=filters,
+            **{"bitrate": _BITRATE, **config.can_options},
         )
     except YamError:
         raise

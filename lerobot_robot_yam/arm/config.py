@@ -5,10 +5,14 @@ Plain values only: the dataclass travels as JSON to the control process.
 
 import dataclasses
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from lerobot_robot_yam.arm.workspace import WorkspaceConfig
 from lerobot_robot_yam.errors import ConfigError
+
+_SIX = ("kp", "kd", "gravity_factor", "coulomb_friction_nm", "idle_kd", "torque_limit_nm", "effort_limit_nm")
 
 
 @dataclass(kw_only=True)
@@ -40,7 +44,13 @@ class ArmConfig:
         command_timeout_s: a target older than this no longer moves the set-point; the arm holds.
         max_state_age_s: an older state is an error, never an answer.
         rate_hz: control rate; 0 runs as fast as the wire allows (benchmarks).
+        identity_path: binding file (`yam-identify --bind`) of the arm that belongs on this channel; None: not checked.
+        workspace: floor, keep-out boxes and distances that the set-point keeps; by default nothing is checked.
+        gripper_search: False leaves the gripper's stops unknown at the start, because a calibration follows.
+        effort_limit_nm: six measured torques above which, for 50 ms, the emergency stop is latched; None: no limit.
+        hold_integral: make up, slowly and within bounds, for the sag that the gravity model leaves while holding.
         skip_listen: do not listen for foreign drivers before energising.
+        estop_button: button of the teaching handle that latches the emergency stop: "top", "bottom", or None.
     """
 
     channel: str
@@ -70,14 +80,32 @@ class ArmConfig:
     command_timeout_s: float = 0.5
     max_state_age_s: float = 0.25
     rate_hz: float = 250.0
+    identity_path: str | None = None
+    workspace: WorkspaceConfig = field(default_factory=WorkspaceConfig)
+    gripper_search: bool = True
+    effort_limit_nm: list[float] | None = None
+    hold_integral: bool = True
     skip_listen: bool = False
+    estop_button: Literal["top", "bottom"] | None = None
 
     def __post_init__(self) -> None:
+        if isinstance(self.workspace, Mapping):  # as it comes out of JSON
+            self.workspace = WorkspaceConfig.from_mapping(self.workspace)
         if not self.channel:
             raise ConfigError(f"{self.name}: no CAN channel given; set `channel`, such as can_follower_l")
         if self.start not in ("hold", "float"):
             raise ConfigError(f"{self.name}: start is 'hold' or 'float', not {self.start!r}")
-        for key in ("kp", "kd", "gravity_factor", "coulomb_friction_nm", "idle_kd", "torque_limit_nm"):
+        if self.estop_button not in ("top", "bottom", None):
+            raise ConfigError(f"{self.name}: estop_button is 'top', 'bottom' or null, not {self.estop_button!r}")
+        for key in (
+            "kp",
+            "kd",
+            "gravity_factor",
+            "coulomb_friction_nm",
+            "idle_kd",
+            "torque_limit_nm",
+            "effort_limit_nm",
+        ):
             value = getattr(self, key)
             if value is not None and len(value) != 6:
                 raise ConfigError(f"{self.name}: {key} takes six numbers, one per joint; got {len(value)}")

@@ -1,4 +1,7 @@
-"""One arm at one tick: state in, MIT commands out, and the life cycle in between. No clock, no waiting in here."""
+"""What an arm is about at each tick: requests, targets, troubles and the emergency stop move it from mode to mode.
+
+No clock and no waiting in here; what each mode does to the motors is in `body`.
+"""
 
 import logging
 import math
@@ -8,170 +11,118 @@ import can
 import numpy as np
 
 from lerobot_robot_yam.arm import laws
+from lerobot_robot_yam.arm.body import ArmBody
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.dynamics import GravityModel
-from lerobot_robot_yam.arm.gripper_axis import GripperAxis
+from lerobot_robot_yam.arm.effort import EffortLimit
 from lerobot_robot_yam.arm.hardware import Hardware
-from lerobot_robot_yam.arm.joints import JointMap, resolve_turn
+from lerobot_robot_yam.arm.heat import Heat, HeatWatch, Stage
 from lerobot_robot_yam.arm.landing import Landing, Phase
-from lerobot_robot_yam.arm.lifecycle import Mode, check_transition
-from lerobot_robot_yam.arm.setpoint import SetPoint
+from lerobot_robot_yam.arm.lifecycle import ENERGISED, Mode, check_transition
+from lerobot_robot_yam.arm.policy import POLICY, Response, Trouble
 from lerobot_robot_yam.arm.state import Limited, Request
-from lerobot_robot_yam.arm.watch import HandleWatch, MotorWatch
-from lerobot_robot_yam.damiao.bringup import LISTEN_S, check_bandwidth, listen, verify
-from lerobot_robot_yam.damiao.chain import MotorChain
-from lerobot_robot_yam.damiao.codec import SpecialCommand
-from lerobot_robot_yam.damiao.encoder import HandleEncoder
-from lerobot_robot_yam.damiao.handle_check import prepare_handle
-from lerobot_robot_yam.damiao.quantisation import Quantiser
-from lerobot_robot_yam.damiao.tables import fault_text
-from lerobot_robot_yam.errors import MotorError, YamError
+from lerobot_robot_yam.arm.watch import HandleWatch, StopButton
+from lerobot_robot_yam.errors import LifeCycleError, MotorError, YamError
 
 logger = logging.getLogger(__name__)
 
-ACCELERATION_LIMIT_RAD_S2 = 30.0  # brakes from the speed limit within 50 ms
-_GRIPPER_ACCELERATION = 60.0  # strokes/s²
-_LANDING_KD = 5.0  # Nm s/rad, the most that the motors take: what is still unsupported sinks slowly
+_UNREACHABLE_S = 1.0  # beyond their watchdog, the motors have let go: there is nothing left to land
+_HEAT_PERIOD_S = 0.1  # metal is slow
+_SEED_RAD = 0.3  # a set-point further than this from the arm is not what holds it
+_BUS_TROUBLE = {19: Trouble.ADAPTER_GONE, 100: Trouble.LINK_DOWN, 105: Trouble.BUS_OFF}  # by errno
+_STOPS = {None: None, "top": 0, "bottom": 1}
 
 
-class ArmController:
+class ArmController(ArmBody):
     """Drives the motors of one channel.
 
-    Bring-up: `inspect` (energises nothing), `energise`, then ticks: `send`, `collect`, `update`.
+    Bring-up: `inspect` (energises nothing), `energise`, then ticks: `send`, `collect`, `measure`,
+    `decide`, (the set-point advances,) `command`.
 
     Args:
         config: the arm.
         bus: an open bus; the controller does not close it.
+        hardware, gravity: of this very config, if they have been made before.
     """
 
-    def __init__(self, config: ArmConfig, bus: can.BusABC):
-        self.config = config
-        self.name = config.name
-        self.hardware = hw = Hardware(config)
-        self.encoder = HandleEncoder() if hw.gripper.handle_encoder else None
-        self.chain = MotorChain(bus, hw.motors, channel=config.channel, encoder=self.encoder)
-        self._bus = bus
-        self._quantiser = Quantiser([motor.type for motor in hw.motors])
-        self._map = JointMap(hw.direction, np.zeros(hw.n))
-        self._gravity = GravityModel(hw.arm, hw.gripper, load=hw.load) if hw.joints else None
-        self.setpoint = SetPoint(
-            hw.speed_limit,
-            np.append(np.full(hw.joints, ACCELERATION_LIMIT_RAD_S2), [_GRIPPER_ACCELERATION] * hw.has_gripper),
-            hw.lower,
-            hw.upper,
-        )
-        self.mode = Mode.OFFLINE
-        self.message = ""
-        self.limited = Limited.NOTHING
-        self.q = np.zeros(hw.n)  # the gripper's entry is 0 closed … 1 open
-        self.dq = np.zeros(hw.n)
-        self.tau = np.zeros(hw.n)
-        self.gripper = None
-        if hw.has_gripper:
-            self.gripper = GripperAxis(config, hw.gripper, float(hw.kp[-1]), float(hw.kd[-1]))
-        self._motor_q = np.zeros(hw.n)  # joint-space motor angles, gripper in rad
-        self._motor_dq = np.zeros(hw.n)
-        self._commands = np.zeros((hw.n, 5))
-        self._sent = np.zeros((hw.n, 5))
-        self._kp, self._kd = hw.kp.copy(), hw.kd.copy()
-        self._usable = np.ones(hw.n, dtype=bool)
-        self._after_search = Mode.HOLD
-        self._landing: Landing | None = None
+    def __init__(
+        self, config: ArmConfig, bus: can.BusABC, hardware: Hardware | None = None, gravity: GravityModel | None = None
+    ):
+        super().__init__(config, bus, hardware, gravity)
+        self._after_search = Mode.FLOAT if self._floats else Mode.HOLD
+        self._must_land = False  # as soon as the emergency stop is released
+        self._halted = False  # by the other arm's trouble
+        self._news: Trouble | None = None
+        self._held_back = False  # by the workspace
         self._last_target_at = -math.inf
-        self._motor_watch = MotorWatch(self.chain)
-        self.handle = HandleWatch(self.name, self.encoder)
+        self._unreachable_since: float | None = None
+        self._handle_watch = HandleWatch(self.name, self.drive.encoder)
+        self._stop_button = StopButton(_STOPS[config.estop_button])
+        self._heat: Heat | None = None
+        self._heat_due = -math.inf
+        self._effort, hw = None, self.hardware
+        if config.effort_limit_nm is not None and hw.joints:
+            self._effort = EffortLimit(np.array(config.effort_limit_nm), [m.name for m in hw.motors[: hw.joints]])
+        self.handle = self._handle_watch.read(-math.inf)  # trigger, buttons, stamp
 
-    def inspect(self) -> None:
-        """Is everything there and as configured? Sends no command that moves or energises anything.
+    def adopt(self, record: np.ndarray, now: float) -> None:
+        """Take over from a loop that has died, and land. `record`: the state that it has published last.
 
-        Raises:
-            YamError: names the part that is not.
+        An arm of which no motor is enabled is left alone.
         """
-        config, chain = self.config, self.chain
-        check_bandwidth(len(chain), self.encoder is not None, config.rate_hz)
-        if not config.skip_listen:
-            listen(self._bus, LISTEN_S, [m.can_id for m in chain.motors], config.channel)
-        verify(chain)
-        if self.encoder is not None:
-            prepare_handle(self._bus, config.channel)
-        chain.refresh()
-        self._read()
-        arm = self.hardware.arm
-        for index in range(self.hardware.joints):
-            joint, (low, high) = arm.motors[index].name, arm.joint_limits_rad[index]
-            self._map.shift(index, resolve_turn(self.name, joint, float(self._motor_q[index]), low, high))
-        if self.gripper is not None:
-            self.gripper.begin()
-        self._read()
-        stale = {m.name: fault_text(f) for m, f in zip(chain.motors, chain.fault.tolist(), strict=True) if f > 1}
-        if stale:
-            logger.warning("%s: clearing what an earlier session left behind: %s", self.name, stale)
-            chain.special(SpecialCommand.CLEAR)
-
-    def energise(self) -> None:
-        """Enable the motors, holding the measured pose from the first command on.
-
-        Raises:
-            MotorError: a motor does not enable; those that did are disabled again (the arm was limp before).
-        """
-        check_transition(self.name, self.mode, Mode.BRING_UP)
-        self._after_search = Mode.FLOAT if self.config.start == "float" else Mode.HOLD
-        self.setpoint.seed(self.q)
-        self._compute(0.0)
-        try:
-            self.chain.special(SpecialCommand.ENABLE)
-            self.chain.exchange(self._packable())
-            _, trouble = self._motor_watch.check(time.monotonic())
-            if trouble:
-                raise MotorError(
-                    f"{self.name} ({self.config.channel}): cannot enable {trouble}; "
-                    "power-cycle the arm or look at its motors"
-                )
-        except YamError:
-            self._switch_off()
-            raise
-        self.mode = Mode.BRING_UP
-
-    def abandon(self) -> None:
-        """Cut torque during bring-up: the arm was limp before and has not left its pose."""
-        if self.mode not in (Mode.OFF, Mode.OFFLINE):
-            self._switch_off()
-
-    def lose_bus(self, error: YamError) -> None:
-        """The channel is gone: nothing reaches the motors, whose own watchdogs now act. The arm is off for us."""
-        logger.error("%s: %s", self.name, error)
-        self.message = str(error)
-        self.mode = Mode.OFF
-
-    def fail(self, error: Exception) -> None:
-        """Something in our own code broke: the last commands that went out hold the arm, at rest."""
-        if self.mode is not Mode.FAULT:
-            logger.critical("%s: internal error, holding", self.name, exc_info=error)
-            self.message = f"internal error, holding: {error!r}"
-            self.mode = Mode.FAULT
-        self._landing = None
-        self._commands[:] = self._sent
-        self._commands[:, laws.DQ] = 0.0
-
-    def send(self) -> None:
-        """Put this tick's commands on the wire."""
-        self.chain.send(self._packable())
-        self._sent[:] = self._commands
-
-    def _packable(self) -> np.ndarray:
-        return self._quantiser.compensate(self._map.commands(self._commands))
-
-    def collect(self, deadline_s: float) -> None:
-        """Take the replies of this tick; whatever is missing at the deadline ages."""
-        self.chain.collect(deadline_s)
+        self.drive.adopt(record)
+        self._usable = ~self.drive.check(now).bad
+        if not self._usable.any():
+            self.mode = Mode.OFF
+            return
+        before = record["setpoint"][self.hardware.slots]
+        self.setpoint.seed(np.where(np.abs(before - self.q) < _SEED_RAD, before, self.q))
+        self.land(now, Trouble.CONTROL_DEAD, "its control process has died; the stand-by lands it")
 
     def measure(self, now: float) -> None:
-        """From the replies to the state of the arm."""
-        self._read()
-        self._watch(now)
+        """From the replies to the state of the arm; trouble is answered as the policy says."""
+        self.drive.read()
+        self.handle = self._handle_watch.read(now)
+        if self.mode in (Mode.OFF, Mode.OFFLINE):
+            return
+        finding = self.drive.check(now)
+        self._usable = ~finding.bad
+        if finding.trouble is not None and self.mode not in (Mode.FAULT, Mode.LAND):
+            self._suffer(finding.trouble, finding.message, now)
+        if self.drive.heat is not None:
+            self._back_off(self.drive.heat, now)
 
-    def update(self, now: float, dt: float) -> None:
-        """From the state to the next commands."""
+    def _back_off(self, watch: HeatWatch, now: float) -> None:
+        if now >= self._heat_due:
+            self._heat_due = now + _HEAT_PERIOD_S
+            self._heat = watch.check(now, self.chain.temp_mos_c, self.chain.temp_rotor_c)
+            if self.gripper is not None:
+                self.gripper.derate(float(self._heat.level[-1]))
+            if self._landing is None:
+                self.setpoint.speed_limit[:] = self.hardware.speed_limit * self._heat.speed_scale
+        heat = self._heat
+        if heat is None or not heat.stage:
+            return
+        self.limited |= Limited.HEAT
+        if heat.stage is Stage.HOT and self.mode not in (Mode.LAND, Mode.FAULT):
+            self._suffer(Trouble.HOT, heat.message, now)
+
+    def stop_reason(self, now: float) -> str:
+        """Why everything has to stop, empty when it has not: the handle's button, or too much effort."""
+        if self._stop_button.pressed(self.handle[1]):
+            return f"button of the handle of {self.name}"
+        if self._effort is not None and self.mode in ENERGISED:
+            verdict = self._effort.check(now, self.drive.tau[: self.hardware.joints])
+            if verdict is not None:
+                return f"{self.name}: {verdict}"
+        return ""
+
+    def decide(self, now: float, stopped: bool = False) -> None:
+        """What the arm is about; `stopped`: the emergency stop is latched. Its set-point is then to be advanced."""
+        if stopped:
+            self._stop()
+        elif self.mode is Mode.STOPPED:
+            self._resume(now)
         if self.mode is Mode.BRING_UP:
             self._bring_up(now)
         if self.mode is Mode.TRACK and now - self._last_target_at > self.config.command_timeout_s:
@@ -180,8 +131,6 @@ class ArmController:
             self._enter(Mode.HOLD)
         if self._landing is not None:
             self._advance_landing(now)
-        self.setpoint.advance(now, dt)
-        self._compute(now)
 
     def aim(
         self,
@@ -192,14 +141,12 @@ class ArmController:
         kd: np.ndarray | None = None,
     ) -> bool:
         """A new target (n,), gripper 0 … 1; taken while holding or tracking only. True when taken."""
-        if self.mode not in (Mode.HOLD, Mode.TRACK):
+        if self.mode not in (Mode.HOLD, Mode.TRACK) or self._halted:
             return False
         self._last_target_at = now
         self.limited = Limited.NOTHING
         self.setpoint.aim(target, now, velocity)
-        hw = self.hardware
-        self._kp = hw.kp if kp is None else np.where(np.isnan(kp), hw.kp, kp)
-        self._kd = hw.kd if kd is None else np.where(np.isnan(kd), hw.kd, kd)
+        self.motion.gains(kp, kd)
         if self.mode is Mode.HOLD:
             self._enter(Mode.TRACK)
         return True
@@ -208,42 +155,46 @@ class ArmController:
         """Change mode as the caller asks.
 
         Raises:
-            LifeCycleError: not from the present mode.
+            YamError: not from the present mode, or it cannot be done.
         """
         if request is Request.LAND:
             self.land(now)
+        elif request is Request.REARM:
+            self._rearm()
         elif request is Request.HOLD:
-            if self.mode is not Mode.HOLD:
+            if self.mode not in (Mode.HOLD, Mode.STOPPED):
                 check_transition(self.name, self.mode, Mode.HOLD)
-                if self.mode is Mode.FLOAT:
-                    self.setpoint.seed(self.q)
-                self.setpoint.stop()
-                self._enter(Mode.HOLD)
+                if self.mode is Mode.FAULT:
+                    raise LifeCycleError(f"{self.name}: {self.message}; re-arm it first")
+                self._hold_here()
         elif request is Request.FLOAT:
-            if self.mode is not Mode.FLOAT:
+            if self.mode not in (Mode.FLOAT, Mode.STOPPED):
                 self._enter(Mode.FLOAT)
         elif request is Request.CALIBRATE_GRIPPER:
             if self.gripper is None:
                 raise MotorError(f"{self.name}: {self.hardware.gripper.name} has no motor to calibrate")
-            before = self.mode
+            before = Mode.FLOAT if self.mode is Mode.FLOAT else Mode.HOLD
             self._enter(Mode.BRING_UP)
             self._after_search = before
             self.setpoint.stop()
             self.gripper.begin(calibrate=True)
 
-    def land(self, now: float) -> None:
-        """Begin to land; does nothing when landing or off already."""
+    def land(self, now: float, trouble: Trouble | None = None, message: str = "") -> None:
+        """Begin to land; does nothing when landing or off already, and waits for the end of an emergency stop."""
         if self.mode in (Mode.LAND, Mode.OFF):
             return
-        if self.mode is Mode.OFFLINE:
+        if self.mode is Mode.OFFLINE and trouble is None:
             self.mode = Mode.OFF
+            return
+        self.trouble, self.message = trouble, message
+        if self.mode is Mode.STOPPED:
+            self._must_land = True
             return
         floating = self.mode is Mode.FLOAT
         self._enter(Mode.LAND)
         if self.gripper is not None:
             self.gripper.stop_search()
-        self.message = ""
-        self._kp, self._kd = self.hardware.kp, self.hardware.kd
+        self.motion.gains()
         if floating:
             self.setpoint.seed(self.q)
         if self.hardware.joints:
@@ -251,95 +202,149 @@ class ArmController:
         else:
             self._switch_off()  # a gripper alone falls nowhere
 
-    def _enter(self, mode: Mode) -> None:
-        check_transition(self.name, self.mode, mode)
-        self.mode = mode
-
-    def _read(self) -> None:
-        chain, hw = self.chain, self.hardware
-        self._motor_q = self._map.position(chain.position_rad)
-        self._motor_dq = chain.velocity_rad_s * hw.direction
-        self.tau = chain.torque_nm * hw.direction
-        self.q, self.dq = self._motor_q.copy(), self._motor_dq.copy()
-        if self.gripper is not None:
-            self.q[-1], self.dq[-1] = self.gripper.normalised(float(self._motor_q[-1]), float(self._motor_dq[-1]))
-
-    def _watch(self, now: float) -> None:
-        """A motor that is silent or not obeying is a fault: the others hold, the caller is told."""
-        if self.mode in (Mode.OFF, Mode.OFFLINE):
+    def _suffer(self, trouble: Trouble, message: str, now: float) -> None:
+        """Answer trouble as the policy says, and have the other arms told."""
+        logger.error("%s (%s): %s: %s", self.name, self.config.channel, trouble, message)
+        self._news = trouble
+        if POLICY[trouble].arm is Response.LAND:
+            self.land(now, trouble, message)
             return
-        bad, message = self._motor_watch.check(now)
-        self._usable = ~bad
-        if not message or self.mode in (Mode.FAULT, Mode.LAND):
-            return
-        self.message = message
-        logger.error("%s (%s): motor fault, holding with the rest: %s", self.name, self.config.channel, self.message)
-        if self.mode is Mode.FLOAT:
+        self.trouble, self.message = trouble, message
+        if self.mode is Mode.FLOAT or (self.mode is Mode.STOPPED and self._floats):
             self.setpoint.seed(self.q)
         self.setpoint.stop()
         if self.gripper is not None:
             self.gripper.stop_search()
         self._enter(Mode.FAULT)
 
+    def held_back(self, by: str) -> None:
+        """The workspace holds the set-point back, `by` names the parts; empty when it does not."""
+        if by:
+            self.limited |= Limited.WORKSPACE
+            if not self._held_back:
+                logger.warning("%s: held back: %s", self.name, by)
+        self._held_back = bool(by)
+
+    def take_news(self) -> Trouble | None:
+        """Trouble that has come up since the last call."""
+        news, self._news = self._news, None
+        return news
+
+    def halt(self, why: str) -> None:
+        """The other arm is in trouble: hold, and take no targets until re-armed."""
+        if self.mode in (Mode.HOLD, Mode.TRACK, Mode.FLOAT, Mode.STOPPED, Mode.BRING_UP):
+            logger.warning("%s: holds: %s", self.name, why)
+            self._halted = True
+            self.limited |= Limited.PEER
+            if self.mode in (Mode.TRACK, Mode.FLOAT):
+                self._hold_here()
+
+    def lose_bus(self, error: YamError, now: float) -> None:
+        """The channel takes nothing: the motors keep the last command until their own watchdogs act."""
+        if not self._bus_lost and self.mode not in (Mode.FAULT, Mode.LAND):
+            number = getattr(error.__cause__, "error_code", None) or getattr(error.__cause__, "errno", None)
+            self._suffer(_BUS_TROUBLE.get(number or 0, Trouble.ADAPTER_GONE), str(error), now)
+        self._bus_lost = True
+
+    def fail(self, error: Exception) -> None:
+        """Something in our own code broke: the last commands that went out hold the arm, at rest."""
+        if self.mode is not Mode.FAULT:
+            logger.critical("%s: internal error, holding", self.name, exc_info=error)
+            self.trouble, self.message = Trouble.INTERNAL_ERROR, f"internal error, holding: {error!r}"
+            self._news = self.trouble
+            self.mode = Mode.FAULT
+        self._landing = None
+        self.motion.commands[:] = self.drive.sent
+        self.motion.commands[:, laws.DQ] = 0.0
+
+    def _rearm(self) -> None:
+        """Enable again what has failed, and hold the measured pose. Blocks for some ticks.
+
+        Raises:
+            MotorError: a motor still does not obey; nothing has changed for the others.
+            LifeCycleError: this trouble needs a new connection.
+        """
+        if self.mode is Mode.FAULT:
+            assert self.trouble is not None
+            if not POLICY[self.trouble].in_place:
+                raise LifeCycleError(f"{self.name}: {self.message}; {POLICY[self.trouble].rearm}")
+            failed = np.flatnonzero(~self._usable).tolist()
+            self.drive.clear_and_enable(failed)
+            self.setpoint.seed(self.q)
+            self.command(time.monotonic(), 0.0)
+            finding = self.drive.exchange(self.motion.commands)
+            if finding.trouble is not None:
+                raise MotorError(f"{self.name} ({self.config.channel}): cannot re-arm: {finding.message}")
+            if self.gripper is not None and (self.hardware.n - 1 in failed or self.gripper.stops is None):
+                self._after_search = Mode.HOLD
+                self.gripper.begin()
+                self._enter(Mode.BRING_UP)
+            else:
+                self._enter(Mode.HOLD)
+        logger.warning("%s: re-armed", self.name)
+        self._halted = False
+        self.trouble, self.message, self.limited = None, "", Limited.NOTHING
+
+    def _stop(self) -> None:
+        """The emergency stop is latched."""
+        self.limited |= Limited.EMERGENCY_STOP
+        if self.mode in (Mode.STOPPED, Mode.FAULT, Mode.OFF, Mode.OFFLINE):
+            return
+        if self.mode is Mode.LAND:
+            self._landing, self._must_land = None, True
+        if self.mode is Mode.FLOAT:
+            self.setpoint.seed(self.q)
+        self.setpoint.stop()
+        if self.gripper is not None:
+            self.gripper.stop_search()
+        self._enter(Mode.STOPPED)
+
+    def _resume(self, now: float) -> None:
+        """The emergency stop has been released: from the measured pose."""
+        self.limited &= ~Limited.EMERGENCY_STOP
+        self.setpoint.seed(self.q)
+        if self.gripper is not None and self.gripper.stops is None and not self._must_land:
+            self.gripper.begin()
+            self._enter(Mode.BRING_UP)
+            return
+        self._enter(Mode.FLOAT if self._floats and not self._must_land else Mode.HOLD)
+        if self._must_land:
+            self._must_land = False
+            self.land(now, self.trouble, self.message)
+
     def _bring_up(self, now: float) -> None:
         """Leave bring-up once the gripper's stops are known."""
-        if self.gripper is not None:
-            if not self.gripper.searching:
-                return
+        if self.gripper is not None and self.gripper.searching:
             try:
-                shift = self.gripper.advance(now, float(self._motor_q[-1]))
+                shift = self.gripper.advance(now, float(self.drive.motor_q[-1]))
             except YamError as error:
-                self.message = str(error)
+                self.trouble, self.message = Trouble.GRIPPER, str(error)
                 logger.error("%s", error)
                 self._enter(Mode.FAULT)
                 return
             if shift is None:
                 return
-            self._map.shift(self.hardware.n - 1, shift)
-            self._read()
+            self.drive.shift_gripper(shift)
             self.setpoint.reseed(self.hardware.n - 1, float(self.q[-1]))
         self._enter(self._after_search)
 
     def _advance_landing(self, now: float) -> None:
         assert self._landing is not None
         joints = self.hardware.joints
+        if self._bus_lost or not self._usable.any():
+            self._unreachable_since = self._unreachable_since or now
+            if now - self._unreachable_since > _UNREACHABLE_S:
+                self.message = self.message or "nothing reaches the arm; its motors have let go by themselves"
+                logger.error("%s: cannot be landed: %s", self.name, self.message)
+                self._landing, self.mode = None, Mode.OFF
+                return
+        else:
+            self._unreachable_since = None
         before = self._landing.phase
-        self._landing.advance(self.q[:joints], self.dq[:joints], self._usable[:joints], now)
+        self._landing.advance(self.q[:joints], self.drive.dq[:joints], self._usable[:joints], now)
         if self._landing.phase is Phase.OBSTRUCTED and before is not Phase.OBSTRUCTED:
-            self.message = "landing is obstructed; holding"
+            self.trouble, self.message = Trouble.OBSTRUCTED, "landing is obstructed; holding"
         if self._landing.phase is Phase.LANDED:
             self._landing = None
             self._switch_off()
             logger.info("%s: landed, torque off", self.name)
-
-    def _switch_off(self) -> None:
-        """Cut torque. Only from a landed pose, or where the arm was limp a moment ago."""
-        for _ in range(3):
-            if all(self.chain.special(SpecialCommand.DISABLE, timeout_s=0.02)):
-                break
-        self.mode = Mode.OFF
-        self._commands[:] = 0.0
-
-    def _compute(self, now: float) -> None:
-        """This tick's commands from set-point and state."""
-        hw, out, joints = self.hardware, self._commands, self.hardware.joints
-        q, dq = self._motor_q, self._motor_dq
-        tau = np.zeros(hw.n)
-        if self._gravity is not None:
-            tau[:joints] = self._gravity.torque(q[:joints]) * hw.arm.gravity_factor
-        if self.mode is Mode.FLOAT:
-            tau[:joints] += laws.friction(dq[:joints], hw.coulomb_nm)
-            laws.float_free(out, q, hw.idle_kd, tau)
-        else:
-            q_set, dq_set = self.setpoint.q.copy(), self.setpoint.dq.copy()
-            tau[:joints] += laws.friction(dq_set[:joints], hw.coulomb_nm)
-            laws.follow(out, q_set, dq_set, self._kp, self._kd, tau)
-        if self._landing is not None and self._landing.phase is Phase.FADE:
-            laws.fade(out, self._landing.share, np.full(hw.n, _LANDING_KD))
-        if self.gripper is not None and self.mode is not Mode.FLOAT:
-            u, u_rate = float(self.setpoint.q[-1]), float(self.setpoint.dq[-1])
-            self.gripper.command(out[-1], now, u, u_rate, float(q[-1]), float(self.dq[-1]), float(self.tau[-1]))
-            if self.gripper.force_limited:
-                self.limited |= Limited.GRIPPER_FORCE
-        if laws.clip_torque(out, q, dq, hw.torque_limit_nm):
-            self.limited |= Limited.TORQUE

@@ -28,14 +28,14 @@ class ForceLimiter:
         limiter: profile parameters.
         kp: gripper gain with which the motor is driven, Nm/rad.
         stops_rad: [closed, open].
-        max_force_n: squeeze force between the fingers.
+        max_force_n: squeeze force between the fingers; may be changed at any time.
     """
 
     def __init__(self, limiter: Limiter, kp: float, stops_rad: tuple[float, float], max_force_n: float):
         self._limiter = limiter
         self._kp = kp
         self._closed, self._open = stops_rad
-        self._max_force_n = max_force_n
+        self.max_force_n = max_force_n
         self._efforts: deque[tuple[float, float]] = deque()
         self._effort_sum = 0.0
         self._filtered: float | None = None
@@ -46,10 +46,10 @@ class ForceLimiter:
         """Motor torque, Nm, that squeezes with the wanted force at this angle, friction allowance included."""
         p = self._limiter
         if p.force_map == "linear":
-            torque = self._max_force_n * p.gripper_stroke_m / p.motor_stroke_rad
+            torque = self.max_force_n * p.gripper_stroke_m / p.motor_stroke_rad
         else:  # crank: F acts on a lever r sin(angle)
             radius = p.gripper_stroke_m / (2.0 * (math.cos(p.close_angle_rad) - math.cos(p.open_angle_rad)))
-            torque = self._max_force_n * radius * math.sin(p.motor_reading_offset_rad - motor_rad)
+            torque = self.max_force_n * radius * math.sin(p.motor_reading_offset_rad - motor_rad)
         return torque + _FRICTION_ALLOWANCE_NM
 
     def limit(self, now: float, target: float, position: float, rate: float, effort: float) -> float:
@@ -86,6 +86,12 @@ class ForceLimiter:
             self._filtered = position
             command = target
         return command
+
+    def release(self) -> None:
+        """The gripper opens: nothing is squeezed. Instead of `limit`, whose rules would clog on an obstacle to the
+        opening and unclog again with every tick."""
+        self.clogged = False
+        self._filtered = None
 
     def sent(self, command: float) -> None:
         """Tell what was really commanded after the final clip."""

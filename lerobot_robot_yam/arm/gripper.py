@@ -22,6 +22,8 @@ logger = logging.getLogger(__name__)
 _SPEED_RAD_S = 5.0  # of the search; with kd = torque / speed a blocked motor pushes with just the calibration torque
 _STOP_TOLERANCE_RAD = 0.06  # how far a stop may lie from where it was stored
 _NUDGE_RAD = 0.6  # a move of this length leaves the zone in which two turns fit
+_WRONG_WAY_RAD = 0.15  # against the command: more than play and a finger's spring
+_MOVED_RAD = 0.03  # less is play, not a move
 _FILE_VERSION = 1
 
 Search = Generator[tuple[float, float], tuple[float, float], "GripperStops"]
@@ -71,25 +73,39 @@ def check_span(arm: str, calibration: Calibration, closed_rad: float, open_rad: 
 
 
 def _push(
-    direction: float, calibration: Calibration, most_rad: float
+    arm: str, opening: bool, calibration: Calibration, most_rad: float
 ) -> Generator[tuple[float, float], tuple[float, float], tuple[float, bool]]:
     """Drive one way until standstill or `most_rad`; returns (motor_rad, stood still)."""
+    direction = 1.0 if opening is not calibration.closed_is_larger else -1.0
     kd = calibration.torque_nm / _SPEED_RAD_S
     now, position = yield (0.0, kd)
     start, start_at, checked, checked_at, still = position, now, position, now, 0
     while still < calibration.standstill_checks:
         now, position = yield (direction * _SPEED_RAD_S, kd)
-        if abs(position - start) >= most_rad:
+        if direction * (position - start) <= -_WRONG_WAY_RAD:
+            raise GripperError(
+                f"{arm}: told to {'open' if opening else 'close'}, the gripper moves the other way "
+                f"({start:.2f} → {position:.2f} rad): its mapping is inverted, or somebody moves the fingers; "
+                "check the gripper and the motor direction in the profile"
+            )
+        if direction * (position - start) >= most_rad:
             return position, False
         if now - checked_at >= calibration.check_interval_s:
             still = still + 1 if abs(position - checked) < calibration.standstill_rad else 0
             checked, checked_at = position, now
         if now - start_at > calibration.timeout_per_direction_s:
             raise GripperError(
-                f"gripper still moves {calibration.timeout_per_direction_s:.1f} s after the search began "
+                f"{arm}: gripper still moves {calibration.timeout_per_direction_s:.1f} s after the search began "
                 f"({start:.2f} → {position:.2f} rad); is a finger detached from its motor?"
             )
     return position, True
+
+
+def _never_moved(arm: str, calibration: Calibration, position: float) -> GripperError:
+    return GripperError(
+        f"{arm}: the gripper does not move from {position:.3f} rad under {calibration.torque_nm:.1f} Nm; "
+        "look for jammed fingers and for motor power, then calibrate again (lerobot-calibrate)"
+    )
 
 
 def find_stops(arm: str, calibration: Calibration) -> Search:
@@ -98,9 +114,10 @@ def find_stops(arm: str, calibration: Calibration) -> Search:
     Raises:
         GripperError: the stops do not make sense.
     """
-    closing = 1.0 if calibration.closed_is_larger else -1.0
-    closed_rad, _ = yield from _push(closing, calibration, math.inf)
-    open_rad, _ = yield from _push(-closing, calibration, math.inf)
+    closed_rad, _ = yield from _push(arm, False, calibration, math.inf)
+    open_rad, _ = yield from _push(arm, True, calibration, math.inf)
+    if abs(open_rad - closed_rad) < _MOVED_RAD:
+        raise _never_moved(arm, calibration, closed_rad)
     check_span(arm, calibration, closed_rad, open_rad)
     logger.info("%s: gripper calibrated, closed %.3f rad, open %.3f rad", arm, closed_rad, open_rad)
     return GripperStops(closed_rad, open_rad)
@@ -123,11 +140,13 @@ def verify_stops(arm: str, calibration: Calibration, stored: GripperStops) -> Se
     _, position = yield (0.0, 0.0)
     turns = _fitting_turns(position, stored)
     if len(turns) > 1:
-        opening = -1.0 if calibration.closed_is_larger else 1.0
-        position, blocked = yield from _push(opening, calibration, _NUDGE_RAD)
+        before = position
+        position, blocked = yield from _push(arm, True, calibration, _NUDGE_RAD)
         turns = _fitting_turns(position, stored)
         if blocked:  # only the open stop itself may stop a hand that opens
             turns = [turn for turn in turns if abs(position + turn - stored.open_rad) <= _STOP_TOLERANCE_RAD]
+            if not turns and abs(position - before) < _MOVED_RAD:
+                raise _never_moved(arm, calibration, position)
     if len(turns) != 1:
         raise GripperError(
             f"{arm}: the gripper reads {position:.3f} rad, which does not fit its stored stops closed "

@@ -1,5 +1,6 @@
 """The gripper's part of an arm: search for its stops, normalised coordinate, force-limited command."""
 
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -7,9 +8,12 @@ import numpy as np
 from lerobot_robot_yam.arm import laws
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.force_limiter import ForceLimiter
+from lerobot_robot_yam.arm.grip_force import GripForce
 from lerobot_robot_yam.arm.gripper import GripperStops, Search, find_stops, load_stops, save_stops, verify_stops
 from lerobot_robot_yam.arm.profile import GripperProfile
 from lerobot_robot_yam.errors import GripperError
+
+logger = logging.getLogger(__name__)
 
 
 class GripperAxis:
@@ -22,6 +26,7 @@ class GripperAxis:
 
     def __init__(self, config: ArmConfig, profile: GripperProfile, kp: float, kd: float):
         assert profile.motor is not None and profile.calibration is not None
+        self._torque_limit_nm = profile.motor.torque_limit_nm
         self._name = config.name
         self._profile, self._calibration = profile, profile.calibration
         self._kp, self._kd = kp, kd
@@ -29,9 +34,12 @@ class GripperAxis:
         self._path = None if config.calibration_path is None else Path(config.calibration_path)
         self._configured = None if config.gripper_stops_rad is None else GripperStops(*config.gripper_stops_rad)
         self.stops: GripperStops | None = None
+        self._proven: GripperStops | None = None
         self._search: Search | None = None
         self._push = (0.0, kd)
         self._limiter: ForceLimiter | None = None
+        self._grip = GripForce()
+        self._anew = False
 
     @property
     def searching(self) -> bool:
@@ -43,16 +51,33 @@ class GripperAxis:
         """True while the limiter holds the squeeze back."""
         return self._limiter is not None and self._limiter.clogged
 
+    @property
+    def stalled(self) -> bool:
+        """True while it holds an object with reduced force, having pressed on it for a while."""
+        return self._grip.stalled
+
+    def derate(self, level: float) -> None:
+        """Reduce the force as the motor's heat level, 0 cool … 1 at its trip, asks for."""
+        self._grip.derate(level)
+
     def begin(self, calibrate: bool = False) -> None:
         """Start to verify the known stops, or to find them when there are none or `calibrate` says so.
+
+        Known are, first of all, those that this session has found or verified, then configured, then stored ones.
 
         Raises:
             GripperError: the stored stops are damaged or impossible.
         """
-        known = self._configured
-        if known is None and self._path is not None:
-            known = load_stops(self._path, self._profile.name)
-        if known is None or calibrate:
+        known = self._proven or self._configured
+        if calibrate:
+            known = None
+        elif known is None:
+            if self._path is not None:
+                known = load_stops(self._path, self._profile.name)
+            if known is None:
+                logger.warning("%s: no gripper stops are known; searching them, keep the fingers free", self._name)
+        self._anew = known is None
+        if known is None:
             self._search = find_stops(self._name, self._calibration)
         else:
             self._search = verify_stops(self._name, self._calibration, known)
@@ -70,17 +95,36 @@ class GripperAxis:
             self._push = self._search.send((now, motor_rad))
         except StopIteration as found:
             self._search = None
-            self.stops = stops = GripperStops(found.value.closed_rad, found.value.open_rad)
-            if self._path is not None:
+            stops = GripperStops(found.value.closed_rad, found.value.open_rad)
+            self._use(stops)
+            if self._anew and self._configured is not None:
+                logger.warning(
+                    "%s: `gripper_stops_rad` is configured and counts again from the next start; set it to "
+                    "[%.3f, %.3f] or remove it to use what was found now",
+                    self._name,
+                    stops.closed_rad,
+                    stops.open_rad,
+                )
+            if self._anew and self._path is not None:
                 save_stops(self._path, self._profile.name, stops)
-            if self._force_limit_n is not None and self._profile.limiter is not None:
-                ends = (stops.closed_rad, stops.open_rad)
-                self._limiter = ForceLimiter(self._profile.limiter, self._kp, ends, self._force_limit_n)
             return float(found.value.shift_rad)
         except GripperError:
             self._search = None
             raise
         return None
+
+    def adopt(self, closed_rad: float, open_rad: float) -> None:
+        """Take over stops that another loop has verified; NaN: there are none, the motor is kept still."""
+        if np.isfinite([closed_rad, open_rad]).all():
+            self._use(GripperStops(closed_rad, open_rad))
+        else:
+            self.stop_search()
+
+    def _use(self, stops: GripperStops) -> None:
+        self.stops = self._proven = stops
+        if self._force_limit_n is not None and self._profile.limiter is not None:
+            ends = (stops.closed_rad, stops.open_rad)
+            self._limiter = ForceLimiter(self._profile.limiter, self._kp, ends, self._force_limit_n)
 
     def stop_search(self) -> None:
         """Give the search up, keep still."""
@@ -101,9 +145,19 @@ class GripperAxis:
             speed, kd = self._push
             row[:] = motor_rad, speed, 0.0, kd, 0.0
             return
+        span = self.stops.span_rad
+        outwards = tau if span > 0.0 else -tau
+        u_now = self.stops.normalised(motor_rad)
+        if self._grip.update(now, u, u_now, rate, outwards):
+            self._tell_stall()
         target = self.stops.motor(u)
-        row[laws.DQ] = u_rate * self.stops.span_rad
-        if self._limiter is not None:
+        row[laws.DQ] = u_rate * span
+        if self._limiter is not None and u > u_now:
+            self._limiter.release()
+            self._limiter.sent(target)
+        elif self._limiter is not None:
+            assert self._force_limit_n is not None
+            self._limiter.max_force_n = self._force_limit_n * self._grip.factor
             limited = self._limiter.limit(now, target, motor_rad, rate, tau)
             low, high = sorted((self.stops.closed_rad, self.stops.open_rad))
             target = min(max(limited, low), high)
@@ -111,3 +165,24 @@ class GripperAxis:
             if self._limiter.clogged:
                 row[laws.DQ] = 0.0
         row[laws.Q] = target
+        if not self.force_limited:
+            self._clip(row, motor_rad, rate * span)
+
+    def _clip(self, row: np.ndarray, motor_rad: float, motor_rate: float) -> None:
+        """What the limiter does not reduce (no limiter, or pressing outwards) the torque clip does."""
+        most = self._torque_limit_nm
+        if self._grip.stalled:
+            most = min(most, self._grip.press_nm)
+        if most * self._grip.factor < self._torque_limit_nm:
+            limit = np.array([most * self._grip.factor])
+            laws.clip_torque(row[np.newaxis], np.array([motor_rad]), np.array([motor_rate]), limit)
+
+    def _tell_stall(self) -> None:
+        if self._grip.opening:
+            logger.warning(
+                "%s: the gripper is blocked while it opens and eases off; if nothing is in its way, its "
+                "stops are wrong: calibrate again (lerobot-calibrate)",
+                self._name,
+            )
+        else:
+            logger.info("%s: the gripper holds an object; easing off to spare its motor", self._name)

@@ -8,7 +8,7 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.model import Load
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile, load_arm, load_gripper
 from lerobot_robot_yam.arm.state import GRIPPER
-from lerobot_robot_yam.damiao.chain import MotorSpec
+from lerobot_robot_yam.damiao.motor_spec import MotorSpec, check_specs
 from lerobot_robot_yam.errors import ConfigError
 
 
@@ -33,10 +33,15 @@ class Hardware:
         if config.speed_limit_rad_s is not None:
             limit = config.speed_limit_rad_s
             overrides["speed_limit_rad_s"] = [limit] * 6 if isinstance(limit, int | float) else limit
-        self.arm: ArmProfile = load_arm(config.arm, overrides)
-        self.gripper: GripperProfile = load_gripper(config.gripper)
-        if (self.arm.speed_limit_rad_s <= 0).any():
-            raise ConfigError(f"{config.name}: speed limits must be above zero, not {self.arm.speed_limit_rad_s}")
+        gripper_motor = {"kp": config.gripper_kp, "kd": config.gripper_kd}
+        gripper_motor = {key: value for key, value in gripper_motor.items() if value is not None}
+        try:
+            self.arm: ArmProfile = load_arm(config.arm, overrides)
+            self.gripper: GripperProfile = load_gripper(config.gripper)
+            if gripper_motor and self.gripper.motor is not None:
+                self.gripper = load_gripper(config.gripper, {"motor": gripper_motor})
+        except ConfigError as error:
+            raise ConfigError(f"{config.name}: {error}") from error
         motor = self.gripper.motor
         self.joints = self.arm.joint_count
         self.n = self.joints + (motor is not None)
@@ -56,12 +61,13 @@ class Hardware:
         if motor is not None:
             self.motors.append(MotorSpec(motor.name, motor.can_id, motor.type))
             direction.append(float(motor.direction))
-            kp.append(motor.kp if config.gripper_kp is None else config.gripper_kp)
-            kd.append(motor.kd if config.gripper_kd is None else config.gripper_kd)
+            kp.append(motor.kp)
+            kd.append(motor.kd)
             idle_kd.append(motor.idle_kd)
             torque.append(motor.torque_limit_nm)
             lower.append(0.0)
             upper.append(1.0)
+        check_specs(self.motors, config.name)
         self.direction = np.array(direction)
         self.kp, self.kd, self.idle_kd = np.array(kp), np.array(kd), np.array(idle_kd)
         self.torque_limit_nm = np.array(torque)

@@ -11,30 +11,57 @@ from lerobot_robot_yam.errors import MotorError
 
 TURN = 2.0 * math.pi
 RANGE_TOLERANCE_RAD = 0.15  # measured values may lie this far outside: rest lies on the limit of joints 2 and 3
+# How much worse the next best turn must fit before a turn is added. Joint 1 turns almost all the way round: a zero
+# that has slipped at one end of its range looks like the other end. The smallest gap of a packaged arm is 0.524 rad.
+TURN_MARGIN_RAD = 0.5
 
 
 def resolve_turn(arm: str, joint: str, angle_rad: float, lower_rad: float, upper_rad: float) -> float:
-    """The shift (a multiple of 2π, in joint coordinates) that brings a measured angle into the joint's range.
+    """The shift (−2π, 0 or 2π, in joint coordinates) that brings a measured angle into the joint's range.
 
-    A Damiao encoder knows its angle within one turn only, so after a power cycle the reading may be off by turns.
+    A Damiao encoder knows its angle within one turn only, so after a power cycle the reading may be off by one. A
+    reading that is off by more is not believed: the wire carries positions modulo 25 rad, which is no number of
+    turns, so beyond that the joint would seem to be 0.13 rad from where it is.
+
+    Args:
+        arm, joint: for messages.
+        angle_rad: joint angle as read, motor direction applied.
+        lower_rad, upper_rad: the joint's limits.
 
     Raises:
-        MotorError: no turn, or more than one, fits; nothing may be energised.
+        MotorError: no turn fits, or it is not clear which; nothing may be energised.
     """
+    if not math.isfinite(angle_rad):
+        raise MotorError(f"{arm}: {joint} has not been read yet; check the motor's power and cable")
+    reads = f"{arm}: {joint} reads {angle_rad:.3f} rad"
+    limits = f"its range {lower_rad:.2f} … {upper_rad:.2f}"
+    middle = "with the arm limp, move the joint by hand to the middle of its range and start again"
+    zero = f"set its zero again (yam-zero --joint {joint})"
     low, high = lower_rad - RANGE_TOLERANCE_RAD, upper_rad + RANGE_TOLERANCE_RAD
     first = math.ceil((low - angle_rad) / TURN)
     last = math.floor((high - angle_rad) / TURN)
     if first > last:
-        raise MotorError(
-            f"{arm}: {joint} reads {angle_rad:.3f} rad, outside its range {lower_rad:.2f} … {upper_rad:.2f} "
-            "in every turn; move the joint into its range by hand, or set its zero again"
-        )
+        raise MotorError(f"{reads}, outside {limits} in every turn; {middle}, or {zero}")
     if first < last:
+        raise MotorError(f"{reads}, which fits {limits} in {last - first + 1} turns; {middle}")
+    if abs(first) > 1:
         raise MotorError(
-            f"{arm}: {joint} reads {angle_rad:.3f} rad, which fits its range {lower_rad:.2f} … {upper_rad:.2f} "
-            f"in {last - first + 1} turns; move the joint towards the middle of its range by hand"
+            f"{reads}, {abs(first)} turns off {limits}, more than a motor can be; switch the arm's power off and on "
+            f"again, and if it stays so {zero}"
         )
+    if first:
+        shifted = angle_rad + first * TURN
+        nearest = min(_outside(shifted + turn, lower_rad, upper_rad) for turn in (-TURN, TURN))
+        if nearest - _outside(shifted, lower_rad, upper_rad) < TURN_MARGIN_RAD:
+            raise MotorError(
+                f"{reads}: either just outside {limits}, or one turn off it; {middle}. If it says so again, {zero}"
+            )
     return first * TURN
+
+
+def _outside(angle_rad: float, lower_rad: float, upper_rad: float) -> float:
+    """Distance from a range, 0 inside."""
+    return max(lower_rad - angle_rad, angle_rad - upper_rad, 0.0)
 
 
 class JointMap:

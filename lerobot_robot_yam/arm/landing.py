@@ -18,19 +18,19 @@ from lerobot_robot_yam.arm.setpoint import SetPoint
 logger = logging.getLogger(__name__)
 
 LANDING_SPEED_RAD_S = 0.6
-_LOWER_SPEED_RAD_S = 0.4
+_LOWER_SPEED_RAD_S = 0.6
 _WRIST_LIFT_RAD = 0.35  # how far above its resting place the wrist stays while the arm folds
 _SOFT_RAD = 0.3  # from here on the fold slows down: some joints end on their mechanical stops
-_SOFT_RAD_S2 = 1.5
+_SOFT_RAD_S2 = 2.5
 _WRIST = 3  # joint 4 carries the wrist
 _AT_POSE_RAD = 0.06
 _STUCK_RAD = 0.25  # set-point this far ahead of the arm: something is in the way
 _CONTACT_RAD = 0.12
 _STUCK_S = 0.5
 _RETRY_S = 3.0
-_FADE_S = 1.0
+_FADE_S = 0.35
 _STILL_RAD_S = 0.03
-_STILL_S = 0.3
+_STILL_S = 0.1
 
 
 class Phase(Enum):

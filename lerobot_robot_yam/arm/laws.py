@@ -8,6 +8,9 @@ import numpy as np
 Q, DQ, KP, KD, TAU = range(5)
 
 _FRICTION_SPEED_RAD_S = 0.05  # width of the smooth sign in the friction term: no chatter about standstill
+_WALL_STIFFNESS = 0.3  # of the position gain
+_WALL_TORQUE = 0.25  # of the torque limit
+_WALL_DAMPED_RAD = 0.03  # this far beyond a joint limit the wall has its full damping
 
 
 def friction(dq: np.ndarray, coulomb_nm: np.ndarray) -> np.ndarray:
@@ -27,6 +30,43 @@ def float_free(out: np.ndarray, q: np.ndarray, idle_kd: np.ndarray, tau: np.ndar
     out[:, Q], out[:, DQ], out[:, KP], out[:, KD], out[:, TAU] = q, 0.0, 0.0, idle_kd, tau
 
 
+def soft_wall(
+    out: np.ndarray,
+    q: np.ndarray,
+    dq: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    kp: np.ndarray,
+    kd: np.ndarray,
+    limit_nm: np.ndarray,
+) -> float:
+    """Push joints that float beyond their limits gently back; call after `float_free`. All n joints, gripper excluded.
+
+        d = q − clip(q, lower, upper)
+        tau_wall = −s (k d + c dq),  k = 0.3 kp,  c = (kd − idle kd) · min(1, |d| / 0.03),  |tau_wall| ≤ limit / 4
+
+    s ≤ 1 keeps the bound. Spring and damper are given to the motor as kp and kd about the limit and not as torque: it
+    closes that loop at its own rate on a fresh position, whereas a torque would act one tick of the host later and take
+    a part of the damping away. Both grow from zero at the limit: no step there, and next to nothing at rest on a limit.
+
+    Returns:
+        How far the farthest joint is beyond its limit, rad; 0 when none is.
+    """
+    beyond = q - np.minimum(np.maximum(q, lower), upper)
+    depth = np.abs(beyond)
+    deepest = float(depth.max(initial=0.0))
+    if deepest == 0.0:
+        return 0.0
+    stiffness = np.where(depth > 0.0, _WALL_STIFFNESS * kp, 0.0)
+    damping = np.maximum(kd - out[:, KD], 0.0) * np.minimum(depth / _WALL_DAMPED_RAD, 1.0)
+    torque = np.abs(stiffness * beyond + damping * dq)
+    share = np.minimum(_WALL_TORQUE * limit_nm / np.maximum(torque, 1e-9), 1.0)
+    out[:, Q] = q - beyond
+    out[:, KP] += share * stiffness
+    out[:, KD] += share * damping
+    return deepest
+
+
 def fade(out: np.ndarray, share: float, kd: np.ndarray) -> None:
     """Take `share` (1 … 0) of stiffness and feed-forward of the commands in `out`, with full damping."""
     out[:, KP] *= share
@@ -36,10 +76,17 @@ def fade(out: np.ndarray, share: float, kd: np.ndarray) -> None:
 
 
 def clip_torque(out: np.ndarray, q: np.ndarray, dq: np.ndarray, limit_nm: np.ndarray) -> bool:
-    """Shift tau_ff so that the torque the motor will compute stays within ±limit (n,). True when it had to."""
-    tau = out[:, KP] * (out[:, Q] - q) + out[:, KD] * (out[:, DQ] - dq) + out[:, TAU]
+    """Keep the torque that the motor will compute within ±limit (n,). True when it had to.
+
+    What is too much is taken from the position error first, by moving q* towards q, and only the rest from tau: a far
+    set-point asks for more than the frame's torque field could take back (kp = 80 Nm/rad and 1 rad: 80 of 28 Nm).
+    """
+    spring = out[:, KP] * (out[:, Q] - q)
+    tau = spring + out[:, KD] * (out[:, DQ] - dq) + out[:, TAU]
     excess = tau - np.minimum(np.maximum(tau, -limit_nm), limit_nm)
     if not excess.any():
         return False
-    out[:, TAU] -= excess
+    from_spring = np.where(excess * spring > 0.0, np.copysign(np.minimum(np.abs(excess), np.abs(spring)), excess), 0.0)
+    out[:, Q] -= from_spring / np.maximum(out[:, KP], 1e-9)
+    out[:, TAU] -= excess - from_spring
     return True

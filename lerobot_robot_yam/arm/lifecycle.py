@@ -19,20 +19,22 @@ class Mode(IntEnum):
     LAND = 5  # on its way to a pose in which torque can be cut
     FAULT = 6  # a motor is lost or reports a fault; the others hold
     OFF = 7  # landed, torque cut
+    STOPPED = 8  # emergency stop: a follower holds, a leader floats
 
 
 TRANSITIONS: dict[Mode, frozenset[Mode]] = {
-    Mode.OFFLINE: frozenset({Mode.BRING_UP, Mode.OFF}),
-    Mode.BRING_UP: frozenset({Mode.HOLD, Mode.FLOAT, Mode.LAND, Mode.FAULT}),
-    Mode.HOLD: frozenset({Mode.TRACK, Mode.FLOAT, Mode.LAND, Mode.FAULT, Mode.BRING_UP}),
-    Mode.TRACK: frozenset({Mode.HOLD, Mode.FLOAT, Mode.LAND, Mode.FAULT, Mode.BRING_UP}),
-    Mode.FLOAT: frozenset({Mode.HOLD, Mode.TRACK, Mode.LAND, Mode.FAULT, Mode.BRING_UP}),
-    Mode.LAND: frozenset({Mode.OFF, Mode.FAULT}),
-    Mode.FAULT: frozenset({Mode.LAND, Mode.OFF}),
+    Mode.OFFLINE: frozenset({Mode.BRING_UP, Mode.LAND, Mode.OFF}),  # LAND: taken over from a loop that has died
+    Mode.BRING_UP: frozenset({Mode.HOLD, Mode.FLOAT, Mode.LAND, Mode.FAULT, Mode.STOPPED}),
+    Mode.HOLD: frozenset({Mode.TRACK, Mode.FLOAT, Mode.LAND, Mode.FAULT, Mode.BRING_UP, Mode.STOPPED}),
+    Mode.TRACK: frozenset({Mode.HOLD, Mode.FLOAT, Mode.LAND, Mode.FAULT, Mode.BRING_UP, Mode.STOPPED}),
+    Mode.FLOAT: frozenset({Mode.HOLD, Mode.TRACK, Mode.LAND, Mode.FAULT, Mode.BRING_UP, Mode.STOPPED}),
+    Mode.LAND: frozenset({Mode.OFF, Mode.FAULT, Mode.STOPPED}),
+    Mode.FAULT: frozenset({Mode.LAND, Mode.OFF, Mode.HOLD, Mode.BRING_UP}),
+    Mode.STOPPED: frozenset({Mode.HOLD, Mode.FLOAT, Mode.BRING_UP, Mode.FAULT}),
     Mode.OFF: frozenset(),
 }
 
-ENERGISED = frozenset({Mode.BRING_UP, Mode.HOLD, Mode.TRACK, Mode.FLOAT, Mode.LAND, Mode.FAULT})
+ENERGISED = frozenset(set(Mode) - {Mode.OFFLINE, Mode.OFF})
 
 
 def check_transition(arm: str, present: Mode, wanted: Mode) -> None:

@@ -10,12 +10,16 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from lerobot_robot_yam.arm.arm_parts import GuardedArm
 from lerobot_robot_yam.arm.blocks import ControllerBlocks
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.controller import ArmController
+from lerobot_robot_yam.arm.estop import EmergencyStop
+from lerobot_robot_yam.arm.guard import WorkspaceGuard
 from lerobot_robot_yam.arm.lifecycle import Mode
+from lerobot_robot_yam.arm.policy import POLICY, Response
 from lerobot_robot_yam.arm.statistics import LoopStatistics
-from lerobot_robot_yam.errors import BusError, MotorError
+from lerobot_robot_yam.errors import BusError, ConfigError, LifeCycleError, MotorError
 
 logger = logging.getLogger(__name__)
 
@@ -23,6 +27,7 @@ _STRAGGLER_S = 0.0008  # how long beyond the expected wire time a reply is waite
 _EARLY_S = 0.0002  # before the wire is through: what has come is decoded while the last frames travel
 _WAKE_UP_S = 0.00006  # what a sleep takes longer than asked, typically
 _ENDED = (Mode.OFF, Mode.OFFLINE)
+_GUARDED = (Mode.HOLD, Mode.TRACK)  # a landing ends where the arm touches itself
 
 
 class ControlLoop:
@@ -40,9 +45,28 @@ class ControlLoop:
         self._period_s = 1.0 / rate_hz if rate_hz > 0 else 0.0
         self._wire_s = max(c.chain.expected_wire_s for c in controllers)
         self.statistics = LoopStatistics(self._period_s)
+        self._stop = EmergencyStop()
+        self._workspace = guard(controllers)
 
-    def run(self, on_ready: Callable[[], None], must_land: Callable[[], bool]) -> None:
-        """Energise, tick, and return when every arm is off.
+    def start(self) -> None:
+        """Energise every arm, or none.
+
+        Raises:
+            YamError: names what failed.
+        """
+        energised: list[ArmController] = []
+        try:
+            for controller, blocks in zip(self._controllers, self._blocks, strict=True):
+                blocks.publish(time.monotonic(), 0)  # a stand-by has to know the arm before it is energised
+                controller.energise()
+                energised.append(controller)
+        except BaseException:
+            for controller in energised:  # they were limp a moment ago and have not moved
+                controller.abandon()
+            raise
+
+    def run(self, on_ready: Callable[[], None] = lambda: None, must_land: Callable[[], bool] = lambda: False) -> None:
+        """Tick until every arm is off.
 
         Args:
             on_ready: called once, when every arm has left bring-up.
@@ -51,18 +75,11 @@ class ControlLoop:
         Raises:
             YamError: bring-up failed. Nothing is energised then.
         """
-        energised: list[ArmController] = []
-        try:
-            for controller in self._controllers:
-                controller.energise()
-                energised.append(controller)
-        except BaseException:
-            for controller in energised:  # they were limp a moment ago and have not moved
-                controller.abandon()
-            raise
         ready = landing = False
         tick = 0
         last = deadline = time.monotonic()
+        for blocks in self._blocks:
+            blocks.publish(last, tick)
         while True:
             now = time.monotonic()
             self.statistics.tick(now)
@@ -70,14 +87,21 @@ class ControlLoop:
                 landing = True
                 for controller in self._controllers:
                     controller.land(now)
+            if not all(blocks.owned for blocks in self._blocks):
+                raise LifeCycleError("another process has taken the arms over; this one leaves them alone")
             self._exchange(now)
             tick += 1
             for controller, blocks in zip(self._controllers, self._blocks, strict=True):
                 self._guard(controller, self._measure, blocks, now + self._wire_s + _STRAGGLER_S, tick)
+            self._tell_peers()
             now = time.monotonic()
             dt, last = min(now - last, 0.05), now
+            stopped = self._stopped(now)
             for controller, blocks in zip(self._controllers, self._blocks, strict=True):
-                self._guard(controller, self._think, blocks, now, dt, tick)
+                self._guard(controller, self._decide, blocks, now, stopped)
+            self._advance(now, dt)
+            for controller, blocks in zip(self._controllers, self._blocks, strict=True):
+                self._guard(controller, self._command, blocks, now, dt, tick)
             if not ready:
                 ready = self._bring_up(on_ready)
             if all(controller.mode in _ENDED for controller in self._controllers):
@@ -97,6 +121,23 @@ class ControlLoop:
         except Exception as error:
             controller.fail(error)
 
+    def _tell_peers(self) -> None:
+        """The other arms answer trouble as the policy says."""
+        for controller in self._controllers:
+            trouble = controller.take_news()
+            if trouble is not None and POLICY[trouble].peer is Response.HOLD:
+                for peer in self._controllers:
+                    if peer is not controller:
+                        peer.halt(f"{controller.name} is in trouble: {trouble}")
+
+    def _stopped(self, now: float) -> bool:
+        """Whether the emergency stop is latched; a handle's button and an effort limit latch it."""
+        for controller in self._controllers:
+            reason = controller.stop_reason(now)
+            if reason:
+                self._stop.latch(reason)
+        return self._stop.latched
+
     @staticmethod
     def _measure(controller: ArmController, blocks: ControllerBlocks, deadline: float, tick: int) -> None:
         """Publish an arm's state as soon as it is complete: a sample ages."""
@@ -105,17 +146,33 @@ class ControlLoop:
                 controller.collect(deadline)
                 controller.measure(time.monotonic())
             except BusError as error:
-                controller.lose_bus(error)
+                controller.lose_bus(error, time.monotonic())
         blocks.publish(time.monotonic(), tick)
 
     @staticmethod
-    def _think(controller: ArmController, blocks: ControllerBlocks, now: float, dt: float, tick: int) -> None:
-        if controller.mode in _ENDED:
+    def _decide(controller: ArmController, blocks: ControllerBlocks, now: float, stopped: bool) -> None:
+        if controller.mode not in _ENDED:
+            blocks.take(now)
+            controller.decide(now, stopped)
+
+    def _advance(self, now: float, dt: float) -> None:
+        """Move the set-points on, clear of each other and of what the workspaces forbid."""
+        controllers = self._controllers
+        if self._workspace is None:
+            for controller in controllers:
+                controller.setpoint.advance(now, dt)
             return
-        before = controller.mode
-        blocks.take(now)
-        controller.update(now, dt)
-        if controller.mode is not before:
+        guarded = [controller.mode in _GUARDED for controller in controllers]
+        setpoints, measured = [c.setpoint for c in controllers], [c.q for c in controllers]
+        verdict = self._workspace.advance(setpoints, measured, guarded, now, dt)
+        for index, controller in enumerate(controllers):
+            controller.held_back(verdict.message(index) if verdict.blocked[index] else "")
+
+    @staticmethod
+    def _command(controller: ArmController, blocks: ControllerBlocks, now: float, dt: float, tick: int) -> None:
+        if controller.mode not in _ENDED:
+            controller.command(now, dt)
+        if controller.mode is not blocks.published_mode:
             blocks.publish(now, tick)  # who waits for it looks at once, and of the end there is no next tick
 
     def _exchange(self, now: float) -> None:
@@ -125,7 +182,7 @@ class ControlLoop:
             try:
                 controller.send()
             except BusError as error:
-                controller.lose_bus(error)
+                controller.lose_bus(error, now)
             except Exception as error:  # a command that cannot be packed: the next tick sends the last good one
                 controller.fail(error)
         time.sleep(max(0.0, now + self._wire_s - _EARLY_S - time.monotonic()))
@@ -134,7 +191,7 @@ class ControlLoop:
                 try:
                     controller.chain.drain()
                 except BusError as error:
-                    controller.lose_bus(error)
+                    controller.lose_bus(error, now)
         time.sleep(max(0.0, now + self._wire_s - _WAKE_UP_S - time.monotonic()))
 
     def _bring_up(self, on_ready: Callable[[], None]) -> bool:
@@ -155,8 +212,20 @@ class ControlLoop:
         """Log how the loop did and remove the state blocks."""
         lost = {c.name: int(c.chain.lost.sum()) for c in self._controllers}
         logger.info("control loop: %s; lost replies %s", self.statistics.summary(), lost)
-        for blocks in self._blocks:
+        for controller, blocks in zip(self._controllers, self._blocks, strict=True):
+            if controller.mode is Mode.OFF:
+                blocks.publish(time.monotonic(), 0)  # a stand-by may still look at it
             blocks.close()
+
+
+def guard(controllers: Sequence[ArmController]) -> WorkspaceGuard | None:
+    """What keeps these arms clear of things and each other; None when nothing is forbidden."""
+    arms = [c for c in controllers if c.hardware.joints]
+    if not any(c.config.workspace.limits_anything for c in arms):
+        return None
+    if len(arms) < len(controllers):
+        raise ConfigError("a workspace can be guarded only where every arm of the robot has joints")
+    return WorkspaceGuard([GuardedArm(c.name, c.hardware.arm, c.hardware.gripper, c.config.workspace) for c in arms])
 
 
 def build(configs: Sequence[ArmConfig], keys: Sequence[str], buses: Sequence) -> ControlLoop:

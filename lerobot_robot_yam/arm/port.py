@@ -1,5 +1,6 @@
 """The caller's handle on one arm: its state block to read, its command block to write."""
 
+import logging
 import math
 import time
 from collections.abc import Sequence
@@ -7,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.safety import LimitLog, finite_vector, limit_target
@@ -17,16 +19,24 @@ from lerobot_robot_yam.arm.state import (
     SLOTS,
     STATE_DTYPE,
     ArmState,
+    Limited,
     Request,
     command_path,
     decode_state,
+    lock_path,
     state_path,
 )
-from lerobot_robot_yam.errors import LifeCycleError, MotorError, StaleStateError
+from lerobot_robot_yam.errors import ChannelInUseError, GripperError, LifeCycleError, MotorError, StaleStateError
+from lerobot_robot_yam.runtime import FileLock
 from lerobot_robot_yam.shared_block import SharedBlock
+
+logger = logging.getLogger(__name__)
 
 _REQUEST_TIMEOUT_S = 1.0
 _CALIBRATION_TIMEOUT_S = 20.0
+_FAILED = (Mode.FAULT, Mode.LAND, Mode.OFF)  # with a message: not because the caller has asked for it
+_READY = (Mode.HOLD, Mode.TRACK, Mode.FLOAT)
+_ORPHAN_S = 1.0
 _UNSET = [math.nan] * SLOTS
 
 
@@ -45,6 +55,7 @@ class ArmPort:
         self._asked, self._request_sequence = Request.NONE, 0
         self._write()
         self._limit_log = LimitLog(config.name)
+        self._stop = EmergencyStop()
 
     def attach(self) -> None:
         """Open the state block of the loop that now runs."""
@@ -73,14 +84,17 @@ class ArmPort:
         Raises:
             MotorError: a motor has a fault; names it.
             StaleStateError: the control loop or a motor has been silent for longer than `max_state_age_s`.
+            GripperError: its stops are unknown, so that its position is.
             LifeCycleError: not connected.
         """
         record, name = self._raw(), self.config.name
         state = decode_state(record, self.hardware.joints, self.hardware.has_gripper)
-        if state.mode in (Mode.FAULT, Mode.OFF) and state.message:
+        if state.mode in _FAILED and state.message:
             raise MotorError(f"{name} ({self.config.channel}): {state.message}")
         if state.mode is Mode.OFF:
             raise LifeCycleError(f"{name}: the arm is off; connect again")
+        if state.mode in _READY and self.hardware.has_gripper and math.isnan(record["gripper_stops_rad"][0]):
+            raise GripperError(f"{name}: the gripper's stops are unknown; calibrate it (lerobot-calibrate)")
         now = time.monotonic()
         age = now - state.stamp_s
         if age > self.config.max_state_age_s:
@@ -109,7 +123,7 @@ class ArmPort:
             state: measured state for `max_relative_target`; read when needed.
 
         Returns:
-            The joints and gripper position really asked for, after the limits.
+            The joints and gripper position really asked for, after the limits; those held during an emergency stop.
 
         Raises:
             ActionError: wrong shape or not finite; nothing was sent.
@@ -117,6 +131,10 @@ class ArmPort:
         hw, config, n = self.hardware, self.config, self.hardware.joints
         name, relative = config.name, config.max_relative_target
         target: list[float] = finite_vector(name, "q", q, n).tolist()
+        if self._stop.latched:  # what is held is what is asked for
+            self._limit_log.note(Limited.EMERGENCY_STOP)
+            state = self.observe()
+            return state.setpoint_q, state.gripper_setpoint
         if state is None and (relative is not None or (hw.has_gripper and gripper is None)):
             state = self.observe()
         if hw.has_gripper:
@@ -184,6 +202,35 @@ class ArmPort:
         """Begin to land; `mode()` becomes OFF when torque has been cut."""
         self._request(Request.LAND)
 
+    def rearm(self) -> None:
+        """Enable again what has failed, and hold the measured pose. Look at the arm first.
+
+        Raises:
+            LifeCycleError: it still fails, or needs a new connection; the message says which.
+        """
+        self._request(Request.REARM)
+
+    @property
+    def done(self) -> bool:
+        """True when nobody drives the arm any more: it is off, or its control loop has put its block away."""
+        return self._states is None or not self._states.current or self.mode() is Mode.OFF
+
+    @property
+    def orphaned(self) -> bool:
+        """True when control process and stand-by have both died: nobody drives the arm, and it is limp by now."""
+        if self._states is None or time.monotonic() - float(self._raw()["stamp_s"]) < _ORPHAN_S:
+            return False
+        lock = FileLock(lock_path(self._key), self.config.channel)
+        try:
+            lock.acquire()
+        except ChannelInUseError:
+            return False
+        lock.release()
+        logger.critical("%s: nobody drives the arm; its motors have let go by themselves", self.config.name)
+        self._states.close(remove=True)
+        self._states = None
+        return True
+
     def calibrate_gripper(self) -> None:
         """Search the gripper's stops anew and wait until they are found and stored.
 
@@ -214,4 +261,4 @@ class ArmPort:
                 raise StaleStateError(f"{self.config.name}: the control loop does not answer")
             time.sleep(0.001)
         if state["request_refused"]:
-            raise LifeCycleError(bytes(state["message"]).decode(errors="replace"))
+            raise LifeCycleError(bytes(state["refusal"]).decode(errors="replace"))

@@ -15,11 +15,13 @@ from collections.abc import Callable
 
 import can
 
+from lerobot_robot_yam.arm import stand_by
 from lerobot_robot_yam.arm.bus import open_bus
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.loop import ControlLoop, build
 from lerobot_robot_yam.arm.state import lock_path
 from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.log_thread import log_from_a_thread
 from lerobot_robot_yam.realtime import request_realtime
 from lerobot_robot_yam.runtime import FileLock
 
@@ -54,6 +56,7 @@ def control(
         if realtime:
             logger.info("control loop of %s: %s", ", ".join(c.name for c in configs), request_realtime(RT_PRIORITY))
             gc.disable()
+        loop.start()
         loop.run(on_ready, must_land)
     finally:
         if loop is not None:
@@ -83,12 +86,21 @@ def main() -> int:
     signal.signal(signal.SIGTERM, request_stop)
     job = json.loads(sys.stdin.readline())
     parent = int(job["parent_pid"])
+    configs, keys = [ArmConfig(**arm) for arm in job["arms"]], job["keys"]
+    stand_by_pid = stand_by.spawn(configs, keys, RT_PRIORITY)
+
+    def watch_stand_by() -> None:
+        nonlocal stand_by_pid
+        if stand_by_pid and os.waitpid(stand_by_pid, os.WNOHANG)[0]:
+            stand_by_pid = 0
+            logger.warning("the stand-by has died: should this process be killed, the arms will fall; connect again")
 
     def must_land() -> bool:
         nonlocal stop
         if not stop and os.getppid() != parent:
             logger.warning("the process that started this one (%d) is gone: landing", parent)
             stop = True
+        watch_stand_by()
         return stop
 
     def answer(**fields: object) -> None:
@@ -98,21 +110,16 @@ def main() -> int:
         except OSError:
             pass  # a parent that no longer listens is noticed by must_land
 
-    try:
-        control(
-            [ArmConfig(**arm) for arm in job["arms"]],
-            job["keys"],
-            lambda: answer(ready=True),
-            must_land,
-            realtime=True,
-        )
-    except YamError as error:
-        answer(error=str(error), kind=type(error).__name__)
-        return 1
-    except Exception as error:
-        logger.exception("control process failed")
-        answer(error=f"control process failed: {error!r}", kind="YamError")
-        return 1
+    with log_from_a_thread():
+        try:
+            control(configs, keys, lambda: answer(ready=True), must_land, realtime=True)
+        except YamError as error:
+            answer(error=str(error), kind=type(error).__name__)
+            return 1
+        except Exception as error:
+            logger.exception("control process failed")
+            answer(error=f"control process failed: {error!r}", kind="YamError")
+            return 1
     return 0
 
 

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from lerobot_robot_yam.arm.profile_checks import check_arm, check_gripper
 from lerobot_robot_yam.arm.yaml_fields import array_field, merge, parse, read_yaml
 from lerobot_robot_yam.errors import ConfigError
 
@@ -229,21 +230,18 @@ class GripperProfile:
 
 def load_arm(name: str | Path, overrides: Mapping[str, Any] | None = None) -> ArmProfile:
     """The profile of an arm by name (`ARMS` or "none") or YAML path. Raises ConfigError."""
-    profile = parse(ArmProfile, _document("arm", "arms", (*ARMS, NO_ARM), name, overrides), f"arm '{name}'")
-    n = profile.joint_count
-    jointed = [body for body in profile.bodies if body.joint]
-    per_joint = {
-        key: len(value) for key, value in vars(profile).items() if isinstance(value, np.ndarray) and len(value) != n
-    }
-    per_joint |= {f"rest_q_rad.{g}": len(q) for g, q in profile.rest_q_rad.items() if len(q) != n}
-    if per_joint or len(jointed) != n:
-        raise ConfigError(f"arm '{name}': {n} motors, {len(jointed)} jointed bodies, wrong lengths {per_joint}")
+    where = f"arm '{name}'"
+    profile = parse(ArmProfile, _document("arm", "arms", (*ARMS, NO_ARM), name, overrides), where)
+    check_arm(profile, where)
     return profile
 
 
 def load_gripper(name: str | Path, overrides: Mapping[str, Any] | None = None) -> GripperProfile:
     """The profile of an end effector by name (`GRIPPERS`) or YAML path. Raises ConfigError."""
-    return parse(GripperProfile, _document("gripper", "grippers", GRIPPERS, name, overrides), f"gripper '{name}'")
+    where = f"gripper '{name}'"
+    profile = parse(GripperProfile, _document("gripper", "grippers", GRIPPERS, name, overrides), where)
+    check_gripper(profile, where)
+    return profile
 
 
 def _document(

@@ -14,6 +14,7 @@ from lerobot_robot_yam.errors import ActionError
 
 logger = logging.getLogger(__name__)
 
+_NUMERIC = "fiu"  # kinds of numpy types whose values are real numbers
 _WORTH_SAYING = 0.01  # rad, or of the gripper's stroke: measured poses may lie a little outside the limits
 
 
@@ -24,8 +25,11 @@ def finite_vector(arm: str, what: str, value: object, n: int) -> np.ndarray:
         ActionError: wrong length or type, NaN or infinity; names the element.
     """
     try:
-        vector = np.array(value, dtype=float)
-    except (TypeError, ValueError) as error:
+        given = np.asarray(value)
+        if given.dtype.kind not in _NUMERIC + "O":  # text would be parsed, imaginary parts dropped
+            raise TypeError(f"{given.dtype} is no type of numbers")
+        vector = given.astype(float)
+    except (TypeError, ValueError, OverflowError, RuntimeError) as error:  # RuntimeError: a tensor with a gradient
         raise ActionError(f"{arm}: {what} must be {n} numbers ({error})") from error
     if vector.shape != (n,):
         raise ActionError(f"{arm}: {what} must have shape ({n},), not {vector.shape}")
@@ -41,6 +45,8 @@ def action_vector(device: str, action: Mapping[str, object], keys: Sequence[str]
     Raises:
         ActionError: missing or unknown keys, values that are not finite numbers.
     """
+    if not isinstance(action, Mapping):
+        raise ActionError(f"{device}: an action maps names to numbers; this is a {type(action).__name__}")
     if len(action) != len(keys) or any(key not in action for key in keys):
         missing = [key for key in keys if key not in action]
         unknown = [key for key in action if key not in keys]
@@ -49,13 +55,25 @@ def action_vector(device: str, action: Mapping[str, object], keys: Sequence[str]
     for index, key in enumerate(keys):
         value = action[key]
         try:
-            number = float(value)  # type: ignore[arg-type]
-        except (TypeError, ValueError, RuntimeError) as error:
+            number = value if type(value) is float else _number(value)
+        except Exception as error:  # whatever turning it into a number raises, it is none
             raise ActionError(f"{device}: {key} is not a number but {type(value).__name__} ({error})") from error
         if not math.isfinite(number):
             raise ActionError(f"{device}: {key} is {number}; nothing was sent")
         vector[index] = number
     return vector
+
+
+def _number(value: object) -> float:
+    """One number as a float; raises whatever the value's type raises, TypeError for what only looks like one."""
+    if isinstance(value, str | bytes | bytearray | bool):
+        raise TypeError("text and truth values are no positions")
+    if isinstance(value, np.ndarray | np.generic) and value.dtype.kind not in _NUMERIC:
+        raise TypeError(f"{value.dtype} is no type of numbers")
+    shape = tuple(getattr(value, "shape", ()))
+    if shape:
+        raise TypeError(f"it has shape {shape}")
+    return float(value)  # type: ignore[arg-type]
 
 
 def limit_target(
@@ -65,13 +83,19 @@ def limit_target(
     upper: Sequence[float],
     max_relative: float | None,
 ) -> tuple[list[float], Limited]:
-    """Joint limits, then `max_relative` distance from the measured position; n each. Says what was held back."""
+    """Joint limits, then `max_relative` distance from the measured position; n each. Says what was held back.
+
+    A measured position may lie outside the limits; the result never does.
+    """
     limited = Limited.NOTHING
     inside = [min(max(value, low), high) for value, low, high in zip(target, lower, upper, strict=True)]
     if any(abs(a - b) > _WORTH_SAYING for a, b in zip(inside, target, strict=True)):
         limited |= Limited.JOINT_LIMIT
     if max_relative is not None:
-        near = [min(max(a, m - max_relative), m + max_relative) for a, m in zip(inside, measured, strict=True)]
+        near = [
+            min(max(a, m - max_relative, low), max(m + max_relative, low), high)
+            for a, m, low, high in zip(inside, measured, lower, upper, strict=True)
+        ]
         if near != inside:
             limited |= Limited.RELATIVE_TARGET
         inside = near

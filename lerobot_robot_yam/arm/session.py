@@ -97,8 +97,11 @@ class ArmSession:
         """Name of the virtual rig, None on real arms."""
         return self._configs[0].can_options.get("rig") if self._configs[0].interface == "yam_sim" else None
 
-    def start(self) -> None:
+    def start(self, search_grippers: bool = True) -> None:
         """Bring all arms up; returns when they hold (or float) and their grippers' stops are known.
+
+        Args:
+            search_grippers: False when `calibrate_gripper` follows anyway.
 
         Raises:
             YamError: what failed; nothing is energised and nothing is left behind.
@@ -109,7 +112,11 @@ class ArmSession:
             config.name: ArmPort(config, self._hardware[config.name], key)
             for config, key in zip(self._configs, self._keys, strict=True)
         }
-        runner = (_Process if self._isolation == "process" else _Thread)(self._configs, self._keys)
+        configs = [
+            dataclasses.replace(config, gripper_search=config.gripper_search and search_grippers)
+            for config in self._configs
+        ]
+        runner = (_Process if self._isolation == "process" else _Thread)(configs, self._keys)
         try:
             runner.start()
             for port in ports.values():
@@ -127,11 +134,21 @@ class ArmSession:
         if runner is None:
             return
         try:
-            runner.stop()
+            if runner.stop():  # then a stand-by may have taken over
+                _wait_patiently(lambda: all(port.done or port.orphaned for port in self._ports.values()))
         finally:
             ports, self._ports = self._ports, {}
             for port in ports.values():
                 port.close()
+
+    def rearm(self) -> None:
+        """Enable again what has failed, and let all arms of the session take targets again.
+
+        Raises:
+            LifeCycleError: an arm still fails, or needs a new connection.
+        """
+        for port in self._ports.values():
+            port.rearm()
 
     def land(self) -> None:
         """Land every arm and wait until torque is off; the session still has to be stopped."""
@@ -176,15 +193,17 @@ class _Process:
         if "error" in reply:
             raise getattr(errors, reply["kind"], YamError)(reply["error"])
 
-    def stop(self) -> None:
+    def stop(self) -> bool:
+        """Have it land and end; True when it has ended."""
         child, self._child = self._child, None
         if child is None:
-            return
+            return True
         if child.poll() is None:
             child.send_signal(signal.SIGTERM)
-        _wait_patiently(lambda: child.poll() is not None)
+        ended = _wait_patiently(lambda: child.poll() is not None)
         if child.stdout is not None:
             child.stdout.close()
+        return ended
 
 
 class _Thread:
@@ -222,13 +241,13 @@ class _Thread:
         if self._error is not None:
             raise self._error
 
-    def stop(self) -> None:
+    def stop(self) -> bool:
+        """Have it land and end; True when it has ended."""
         self._land.set()
-        if self._thread.ident is not None:
-            _wait_patiently(lambda: not self._thread.is_alive())
+        return self._thread.ident is None or _wait_patiently(lambda: not self._thread.is_alive())
 
 
-def _wait_patiently(done: Callable[[], bool]) -> None:
+def _wait_patiently(done: Callable[[], bool]) -> bool:
     """Wait for a landing. Ctrl-C is answered with a word: the loop lands on its own, hurrying would drop an arm."""
     deadline = time.monotonic() + _LAND_TIMEOUT_S
     while True:
@@ -236,8 +255,8 @@ def _wait_patiently(done: Callable[[], bool]) -> None:
             while not done():
                 if time.monotonic() > deadline:
                     logger.error("the arms are not down yet; their control loop goes on holding and landing by itself")
-                    return
+                    return False
                 time.sleep(0.01)
-            return
+            return True
         except KeyboardInterrupt:
             logger.warning("landing; the arms have no brakes, so this cannot be cut short")

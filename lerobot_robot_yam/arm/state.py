@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from lerobot_robot_yam.arm.lifecycle import Mode
+from lerobot_robot_yam.arm.policy import Trouble
 from lerobot_robot_yam.runtime import runtime_dir, slug
 
 JOINTS = 6
@@ -28,6 +29,10 @@ class Limited(IntFlag):
     TORQUE = 8
     GRIPPER_FORCE = 16
     COMMAND_TIMEOUT = 32
+    EMERGENCY_STOP = 64
+    PEER = 128  # the other arm is in trouble
+    WORKSPACE = 256
+    HEAT = 512
 
 
 class Request(IntEnum):
@@ -38,10 +43,12 @@ class Request(IntEnum):
     FLOAT = 2
     LAND = 3
     CALIBRATE_GRIPPER = 4
+    REARM = 5
 
 
 STATE_DTYPE = np.dtype(
     [
+        ("owner_pid", "u8"),  # process whose loop drives the arm; another one has taken over when it changes
         ("stamp_s", "f8"),  # monotonic time of publication
         ("tick", "u8"),
         ("mode", "u1"),
@@ -56,13 +63,17 @@ STATE_DTYPE = np.dtype(
         ("temp_rotor_c", "f4", SLOTS),
         ("fault", "u1", SLOTS),
         ("lost", "u8", SLOTS),
+        ("offset_rad", "f8", SLOTS),  # motor angle at joint zero: what a successor needs to know
+        ("gripper_stops_rad", "f8", 2),  # closed, open; NaN until they are known
         ("trigger", "f8"),
         ("buttons", "u1", 2),
         ("handle_stamp_s", "f8"),
         ("target_sequence", "u8"),  # newest target that the set-point has taken
         ("request_sequence", "u8"),  # newest request that was carried out or refused
         ("request_refused", "u1"),
-        ("message", "S240"),
+        ("refusal", "S400"),  # why
+        ("trouble", "S40"),  # a `policy.Trouble`, empty when all is well
+        ("message", "S400"),
     ]
 )
 
@@ -102,6 +113,7 @@ def packed(dtype: np.dtype) -> tuple[struct.Struct, dict[str, int]]:
 
 
 _STATE, _AT = packed(STATE_DTYPE)
+OWNER_AT = STATE_DTYPE.fields["owner_pid"][1]  # type: ignore[index]
 _MODES = {int(mode): mode for mode in Mode}
 COMMAND_STRUCT, _ = packed(COMMAND_DTYPE)
 
@@ -223,9 +235,18 @@ class ArmState:
         return Limited(self._values[_AT["limited"]])
 
     @property
+    def trouble(self) -> Trouble | None:
+        """What is wrong with the arm, None when all is well."""
+        text = self._text("trouble")
+        return Trouble(text) if text else None
+
+    def _text(self, name: str) -> str:
+        return self._values[_AT[name]].rstrip(b"\0").decode(errors="replace")
+
+    @property
     def message(self) -> str:
         """Why the arm is in its mode, empty when all is well."""
-        return self._values[_AT["message"]].rstrip(b"\0").decode(errors="replace")
+        return self._text("message")
 
 
 def decode_state(record: np.ndarray, joints: int, has_gripper: bool) -> ArmState:

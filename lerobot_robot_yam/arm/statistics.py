@@ -1,8 +1,14 @@
 """Timing of a loop: a histogram that costs the same on every tick, and what it says at the end."""
 
+import logging
+
 import numpy as np
 
+logger = logging.getLogger(__name__)
+
 _BIN_S = 1e-5
+_WINDOW_S = 1.0
+_SLOW_SHARE = 0.2
 _BINS = 10_000  # up to 0.1 s; longer periods fall into the last bin, their true maximum is kept
 
 
@@ -16,6 +22,7 @@ class LoopStatistics:
         self._histogram = np.zeros(_BINS, dtype=np.int64)
         self._longest_s = 0.0
         self._last: float | None = None
+        self._window_from, self._cycles_then, self._overruns_then, self._slow = 0.0, 0, 0, False
 
     def tick(self, now: float) -> None:
         """Count one cycle that began at `now`."""
@@ -25,6 +32,16 @@ class LoopStatistics:
             self._longest_s = max(self._longest_s, period)
         self._last = now
         self.cycles += 1
+        if now - self._window_from > _WINDOW_S:
+            self._look_back(now)
+
+    def _look_back(self, now: float) -> None:
+        """Say once that the loop has become slow."""
+        late, ticks = self.overruns - self._overruns_then, self.cycles - self._cycles_then
+        slow = late > _SLOW_SHARE * ticks
+        if slow and not self._slow and self._window_from:
+            logger.warning("control loop is slow: %d of the last %d ticks were late", late, ticks)
+        self._window_from, self._cycles_then, self._overruns_then, self._slow = now, self.cycles, self.overruns, slow
 
     def percentile_ms(self, share: float) -> float:
         """Period below which `share` (0 … 1) of all periods lie, ms; NaN before two cycles."""

@@ -1,19 +1,32 @@
-"""Who on the channel has stopped to answer or to obey."""
+"""Who on the channel has stopped to answer or to obey, and whether somebody else talks there."""
 
 import logging
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
+from lerobot_robot_yam.arm.policy import FAULT_TROUBLE, SILENT_S, Trouble
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.encoder import HandleEncoder
 from lerobot_robot_yam.damiao.tables import Fault, fault_text
 
 logger = logging.getLogger(__name__)
 
-_MOTOR_SILENT_S = 0.1  # a motor that has not answered for so long is lost: a quarter of its own watchdog
-_MOTOR_MISSED = 10  # and has let so many questions in a row go by: a machine that stood still has not asked
+_MOTOR_MISSED = 10  # a lost motor has let so many questions in a row go by: a machine that stood still has not asked
 _HANDLE_SILENT_S = 0.25
+_WINDOW_S = 0.5  # strangers are counted over so long
+_DUPLICATES = 5  # answers beyond the questions, from a motor that answers every one
+_FOREIGN = 3  # commands of somebody else
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a watch has found: bad (n,) bool, motors that cannot be relied on; trouble None when all is well."""
+
+    bad: np.ndarray
+    trouble: Trouble | None = None
+    message: str = ""
 
 
 class MotorWatch:
@@ -23,24 +36,72 @@ class MotorWatch:
         self._chain = chain
         self._stamp_s = chain.stamp_s
         self._lost_before = chain.lost
+        self._strangers = _Strangers(chain)
 
-    def check(self, now: float) -> tuple[np.ndarray, str]:
-        """(n,) bool, motors in trouble, and a message that names each with its reason."""
+    def check(self, now: float) -> Finding:
+        """State of every motor; the message names each in trouble with its reason."""
         chain = self._chain
         answered = chain.stamp_s > self._stamp_s
         self._stamp_s = chain.stamp_s
         self._lost_before = np.where(answered, chain.lost, self._lost_before)
-        silent = (now - chain.stamp_s > _MOTOR_SILENT_S) & (chain.lost - self._lost_before >= _MOTOR_MISSED)
+        silent = (now - chain.stamp_s > SILENT_S) & (chain.lost - self._lost_before >= _MOTOR_MISSED)
         bad = silent | (chain.fault != Fault.NORMAL)
         if not bad.any():
-            return bad, ""
+            trouble, message = self._strangers.check(now)
+            return Finding(bad, trouble, message)
+        if silent.all():
+            age = float((now - chain.stamp_s).min())
+            return Finding(
+                bad,
+                Trouble.BUS_SILENT,
+                f"no motor answers on {chain.channel} for {age:.2f} s: check motor power and the emergency stop, "
+                f"the CAN cable, and the link (ip -details link show {chain.channel})",
+            )
         parts = []
         for index in np.flatnonzero(bad):
             motor = chain.motors[index]
             age = now - chain.stamp_s[index]
             why = f"silent for {age:.2f} s" if silent[index] else fault_text(int(chain.fault[index]))
             parts.append(f"{motor.name} (id {motor.can_id}): {why}")
-        return bad, "; ".join(parts)
+        faulty = np.flatnonzero(bad & ~silent)
+        trouble = FAULT_TROUBLE.get(int(chain.fault[faulty[0]]), Trouble.OVERLOAD) if len(faulty) else None
+        return Finding(bad, trouble or Trouble.MOTOR_SILENT, "; ".join(parts))
+
+
+class _Strangers:
+    """Frames that should not be there: second answers, commands of another driver."""
+
+    def __init__(self, chain: MotorChain):
+        self._chain = chain
+        self._since = -math.inf
+        self._note(0.0)
+
+    def _note(self, now: float) -> None:
+        chain = self._chain
+        self._since, self._lost, self._doubled, self._foreign = (
+            now,
+            chain.lost,
+            chain.duplicates,
+            chain.foreign_commands,
+        )
+
+    def check(self, now: float) -> tuple[Trouble | None, str]:
+        if now - self._since < _WINDOW_S:
+            return None, ""
+        chain = self._chain
+        # Late answers come when they are no longer expected; only one who answers every question has a double.
+        doubled = np.flatnonzero((chain.duplicates - self._doubled >= _DUPLICATES) & (chain.lost == self._lost))
+        foreign = chain.foreign_commands - self._foreign
+        self._note(now)
+        if foreign >= _FOREIGN:
+            return (  # whose answers are doubled too
+                Trouble.FOREIGN_DRIVER,
+                f"another driver commands the motors on {chain.channel} ({foreign} frames in {_WINDOW_S} s); stop it",
+            )
+        if len(doubled):
+            names = ", ".join(f"{chain.motors[i].name} (id {chain.motors[i].can_id})" for i in doubled)
+            return Trouble.DUPLICATE_ID, f"more than one answer from {names}: two motors share an id"
+        return None, ""
 
 
 class HandleWatch:
@@ -63,3 +124,22 @@ class HandleWatch:
         if silent:
             return math.nan, (False, False), encoder.stamp_s
         return encoder.report.trigger, encoder.report.buttons, encoder.stamp_s
+
+
+class StopButton:
+    """A button of the handle that latches the emergency stop when it is pressed.
+
+    Args:
+        which: 0 the top one, 1 the other one, None: no button does.
+    """
+
+    def __init__(self, which: int | None):
+        self._which = which
+        self._down = True  # held down at start it means nothing until it has been released
+
+    def pressed(self, buttons: tuple[bool, bool]) -> bool:
+        """True on the tick on which it goes down."""
+        if self._which is None:
+            return False
+        before, self._down = self._down, bool(buttons[self._which])
+        return self._down and not before

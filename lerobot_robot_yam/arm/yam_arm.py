@@ -144,6 +144,14 @@ class YamArm:
         """Gravity-compensated: free to be moved by hand."""
         self._session[self.config.name].float()
 
+    def rearm(self) -> None:
+        """After a fault: enable the motors again and hold the measured pose. Look at the arm first.
+
+        Raises:
+            LifeCycleError: it still fails, or needs a new connection.
+        """
+        self._session.rearm()
+
     def land(self) -> None:
         """Bring the arm down and cut torque; waits. Afterwards only `close` is possible."""
         self._session.land()

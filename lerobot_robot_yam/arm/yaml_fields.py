@@ -6,6 +6,8 @@ length), holds finite float64 and is read-only.
 """
 
 import dataclasses
+import math
+import sys
 import types
 import typing
 from collections.abc import Mapping
@@ -16,6 +18,8 @@ import numpy as np
 import yaml
 
 from lerobot_robot_yam.errors import ConfigError
+
+_LARGEST = sys.float_info.max
 
 
 def array_field(*shape: int, default: Any = dataclasses.MISSING) -> Any:
@@ -30,7 +34,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     """The mapping in a YAML file. Raises ConfigError when unreadable or not a mapping."""
     try:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError) as error:
+    except Exception as error:  # besides OSError and YAMLError: "!!int x" is a ValueError, "!!bool x" a KeyError, …
         raise ConfigError(f"cannot read {path}: {error}") from error
     if not isinstance(document, dict):
         raise ConfigError(f"{path} holds no YAML mapping at its top level")
@@ -52,7 +56,7 @@ def parse[T](cls: type[T], document: Any, where: str) -> T:
         raise ConfigError(f"{where}: expected a mapping, found {type(document).__name__}")
     hints = typing.get_type_hints(cls)
     fields = {field.name: field for field in dataclasses.fields(cls)}  # type: ignore[arg-type]
-    unknown = sorted(set(document) - set(fields))
+    unknown = [key for key in document if key not in fields]
     if unknown:
         raise ConfigError(f"{where}: unknown keys {unknown}; known: {sorted(fields)}")
     values = {}
@@ -88,8 +92,11 @@ def _value(hint: Any, value: Any, field: dataclasses.Field, where: str) -> Any:
 
 def _array(value: Any, shape: tuple[int, ...], where: str) -> np.ndarray:
     try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+        given = np.asarray(value)
+        if given.dtype.kind not in "fiuO":  # text would be parsed; YAML reads 1e-3 as text, 1.0e-3 as a number
+            raise TypeError(f"{given.dtype} is no type of numbers")
+        array = given.astype(np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
         raise ConfigError(f"{where}: expected numbers, found {value!r}") from error
     if array.size == 0 and shape and shape[0] == -1:
         array = array.reshape((0, *shape[1:]))
@@ -102,9 +109,10 @@ def _array(value: Any, shape: tuple[int, ...], where: str) -> np.ndarray:
 
 def _scalar(hint: Any, value: Any, where: str) -> Any:
     if hint is float and isinstance(value, int | float) and not isinstance(value, bool):
-        if not np.isfinite(value):
+        number = float(value) if abs(value) <= _LARGEST else math.inf  # an integer may be beyond any float
+        if not math.isfinite(number):
             raise ConfigError(f"{where}: expected a finite number, found {value!r}")
-        return float(value)
+        return number
     if hint in (int, str, bool) and type(value) is hint:
         return value
     raise ConfigError(f"{where}: expected {hint.__name__}, found {value!r}")

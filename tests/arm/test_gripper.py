@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.force_limiter import ForceLimiter
 from lerobot_robot_yam.arm.gripper import GripperStops, find_stops, load_stops, save_stops, verify_stops
+from lerobot_robot_yam.arm.gripper_axis import GripperAxis
 from lerobot_robot_yam.arm.joints import TURN
 from lerobot_robot_yam.arm.profile import load_gripper
 from lerobot_robot_yam.errors import GripperError
@@ -21,27 +23,31 @@ CLOSED, OPEN = 3.25, -3.3
 class Fingers:
     """First-order motor with friction between walls; `blocked` is an object at that angle."""
 
-    def __init__(self, start, blocked=None, closed=CLOSED, opened=OPEN):
+    def __init__(self, start, blocked=None, closed=CLOSED, opened=OPEN, sense=1.0):
+        self.sense = sense  # −1: it turns the other way round than it is told
         self.position, self.low, self.high = start, opened, closed if blocked is None else blocked
         self.largest_torque = 0.0
         self.travel = 0.0
 
     def drive(self, search):
         """Run a search to its end; returns what it found."""
-        speed, kd = next(search)
+        return self.answer(*next(search), search.send)
+
+    def answer(self, speed, kd, send):
+        """The same with any function that takes (now, position) and gives (speed, kd)."""
         now = 0.0
         rate = 0.0
         while True:
             torque = kd * (speed - rate)
             rate = 0.0 if abs(torque) < 0.1 else speed * 0.8
-            step = np.clip(self.position + rate * 0.004, self.low, self.high) - self.position
-            rate = step / 0.004
+            step = np.clip(self.position + self.sense * rate * 0.004, self.low, self.high) - self.position
+            rate = self.sense * step / 0.004
             self.largest_torque = max(self.largest_torque, abs(kd * (speed - rate)))
             self.position += step
             self.travel += abs(step)
             now += 0.004
             try:
-                speed, kd = search.send((now, self.position))
+                speed, kd = send((now, self.position))
             except StopIteration as found:
                 return found.value
 
@@ -79,6 +85,29 @@ def test_a_blocked_jaw_near_the_closed_stop_is_not_taken_for_the_open_stop():
         fingers.drive(verify_stops("left", CALIBRATION, GripperStops(CLOSED, OPEN)))
 
 
+@pytest.mark.parametrize("start", [0.4, CLOSED - 0.2])
+@pytest.mark.parametrize("search", ["find", "verify"])
+def test_a_motor_that_turns_the_wrong_way_is_named(search, start):
+    if search == "verify":
+        start = CLOSED - 0.24  # two turns fit: it is told to open
+        steps = verify_stops("left", CALIBRATION, GripperStops(CLOSED, OPEN))
+    else:
+        steps = find_stops("left", CALIBRATION)
+    told = "open" if search == "verify" else "close"
+    fingers = Fingers(start, sense=-1.0)
+    with pytest.raises(GripperError, match=f"left: told to {told}, the gripper moves the other way .* inverted"):
+        fingers.drive(steps)
+    assert fingers.travel < 0.2
+
+
+def test_a_finger_that_never_moves_is_named():
+    jammed = Fingers(CLOSED - 0.1)
+    jammed.low = jammed.high = CLOSED - 0.1
+    for search in (find_stops("left", CALIBRATION), verify_stops("left", CALIBRATION, GripperStops(CLOSED, OPEN))):
+        with pytest.raises(GripperError, match="left: the gripper does not move from 3.150 rad"):
+            jammed.drive(search)
+
+
 def test_inverted_and_tiny_spans_are_refused():
     with pytest.raises(GripperError, match="inverted"):
         next(verify_stops("left", CALIBRATION, GripperStops(OPEN, CLOSED)))
@@ -96,6 +125,86 @@ def test_stops_survive_on_disk_and_foreign_files_are_refused(tmp_path):
     path.write_text("{}")
     with pytest.raises(GripperError, match="not a gripper calibration"):
         load_stops(path, "linear_4310")
+
+
+def gripper_axis(path, configured=None):
+    config = ArmConfig(name="left", channel="x", calibration_path=str(path), gripper_stops_rad=configured)
+    return GripperAxis(config, GRIPPER, GRIPPER.motor.kp, GRIPPER.motor.kd)
+
+
+def bring_up(axis, fingers, calibrate=False):
+    """As the control loop does it; returns the shift."""
+    axis.begin(calibrate)
+
+    def send(at):
+        shift = axis.advance(*at)
+        if shift is not None:
+            found = StopIteration()
+            found.value = shift
+            raise found
+        row = np.zeros(5)
+        axis.command(row, at[0], 0.0, 0.0, at[1], 0.0, 0.0)
+        return row[1], row[3]
+
+    return fingers.answer(0.0, 0.1, send)
+
+
+def test_only_a_search_writes_the_stops(tmp_path, caplog):
+    """Verified or configured stops leave the file alone; a search without any is said."""
+    path = tmp_path / "left.json"
+    bring_up(gripper_axis(path), Fingers(0.4))
+    assert "no gripper stops are known" in caplog.text
+    assert load_stops(path, "linear_4310").closed_rad == pytest.approx(CLOSED, abs=0.02)
+    save_stops(path, "linear_4310", GripperStops(CLOSED + 0.03, OPEN + 0.03))
+    stored = path.read_text()
+    inode = path.stat().st_ino
+    for configured in (None, [CLOSED - 0.02, OPEN - 0.02]):
+        axis = gripper_axis(path, configured)
+        bring_up(axis, Fingers(0.4))
+        assert axis.stops.closed_rad == (CLOSED + 0.03 if configured is None else CLOSED - 0.02)
+        assert path.read_text() == stored and path.stat().st_ino == inode
+    bring_up(gripper_axis(path), Fingers(0.4), calibrate=True)
+    assert path.read_text() != stored
+
+
+def test_beginning_again_verifies_what_this_session_knows_and_searches_nothing():
+    """After a re-arm something may be in the hand; without a file or configuration it would be taken for a stop."""
+    config = ArmConfig(name="left", channel="x")
+    axis = GripperAxis(config, GRIPPER, GRIPPER.motor.kp, GRIPPER.motor.kd)
+    bring_up(axis, Fingers(0.4))
+    found = axis.stops
+    gripping = Fingers(0.4, blocked=0.5)
+    bring_up(axis, gripping)
+    assert axis.stops == found and gripping.travel == 0.0
+    with pytest.raises(GripperError):
+        bring_up(axis, Fingers(0.4, blocked=0.5), calibrate=True)
+    bring_up(axis, gripping)
+    assert axis.stops == found
+
+
+def test_a_search_that_fails_leaves_the_stored_stops(tmp_path):
+    path = tmp_path / "left.json"
+    save_stops(path, "linear_4310", GripperStops(CLOSED, OPEN))
+    axis = gripper_axis(path)
+    with pytest.raises(GripperError, match="take any object out"):
+        bring_up(axis, Fingers(-1.0, blocked=0.0), calibrate=True)
+    assert axis.stops is None
+    assert load_stops(path, "linear_4310") == GripperStops(CLOSED, OPEN)
+
+
+def test_an_explicit_calibration_replaces_a_damaged_file_and_nothing_else_does(tmp_path):
+    path = tmp_path / "left.json"
+    path.write_text("{}")
+    with pytest.raises(GripperError, match="not a gripper calibration"):
+        gripper_axis(path).begin()
+    assert path.read_text() == "{}"
+    bring_up(gripper_axis(path), Fingers(0.4), calibrate=True)
+    assert load_stops(path, "linear_4310").open_rad == pytest.approx(OPEN, abs=0.02)
+
+
+def test_calibrating_against_configured_stops_says_that_these_will_count_again(tmp_path, caplog):
+    bring_up(gripper_axis(tmp_path / "left.json", [CLOSED, OPEN]), Fingers(0.4), calibrate=True)
+    assert "`gripper_stops_rad` is configured" in caplog.text
 
 
 @pytest.mark.parametrize("name", ["linear_4310", "linear_3507", "crank_4310"])

@@ -245,10 +245,12 @@ def test_an_error_in_our_own_code_leaves_the_arm_held(caplog):
             controller.send()
             controller.collect(time.monotonic() + 0.004)
             controller.measure(time.monotonic())
-            controller.update(time.monotonic(), TICK_S)
+            controller.decide(time.monotonic())
+            controller.setpoint.advance(time.monotonic(), TICK_S)
+            controller.command(time.monotonic(), TICK_S)
         assert controller.mode is Mode.HOLD
         before = np.array(own.state()["arms"]["follower_left"]["q"])
-        controller._commands[:] = np.nan
+        controller.motion.commands[:] = np.nan
         for _ in range(200):
             try:
                 controller.send()

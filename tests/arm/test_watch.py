@@ -30,11 +30,11 @@ def test_a_loop_that_stood_still_does_not_blame_its_motors(chain):
     _, motors = chain
     watch = MotorWatch(motors)
     motors.exchange(HOLD)
-    assert watch.check(time.monotonic())[1] == ""
+    assert watch.check(time.monotonic()).trouble is None
     time.sleep(0.25)  # nobody asked
-    assert watch.check(time.monotonic())[1] == ""
+    assert watch.check(time.monotonic()).trouble is None
     motors.exchange(HOLD)
-    assert watch.check(time.monotonic())[1] == ""
+    assert watch.check(time.monotonic()).trouble is None
 
 
 def test_a_motor_that_lets_questions_go_by_is_named(chain):
@@ -46,7 +46,8 @@ def test_a_motor_that_lets_questions_go_by_is_named(chain):
     message = ""
     while not message:
         motors.exchange(HOLD)
-        bad, message = watch.check(time.monotonic())
+        finding = watch.check(time.monotonic())
+        bad, message = finding.bad, finding.message
         assert time.monotonic() - begin < 2.0
     assert list(bad) == [False, True]
     assert message.startswith("joint_6 (id 6): silent for 0.")

@@ -1,0 +1,144 @@
+"""One arm with all that moves it: motors, set-point, laws, and what each mode makes of them at a tick."""
+
+import can
+import numpy as np
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.drive import ArmDrive
+from lerobot_robot_yam.arm.dynamics import GravityModel
+from lerobot_robot_yam.arm.hardware import Hardware
+from lerobot_robot_yam.arm.landing import Landing, Phase
+from lerobot_robot_yam.arm.lifecycle import Mode, check_transition
+from lerobot_robot_yam.arm.motion import Motion
+from lerobot_robot_yam.arm.policy import Trouble
+from lerobot_robot_yam.arm.setpoint import SetPoint
+from lerobot_robot_yam.arm.state import Limited
+from lerobot_robot_yam.damiao.chain import MotorChain
+from lerobot_robot_yam.errors import MotorError, YamError
+
+ACCELERATION_LIMIT_RAD_S2 = 30.0  # brakes from the speed limit within 50 ms
+_GRIPPER_ACCELERATION = 60.0  # strokes/s²
+
+
+class ArmBody:
+    """Motors, set-point and laws of one arm, in one mode at a time.
+
+    Args:
+        config: the arm.
+        bus: an open bus; not closed here.
+        hardware, gravity: of this very config, if they have been made before.
+    """
+
+    def __init__(self, config: ArmConfig, bus: can.BusABC, hardware: Hardware | None, gravity: GravityModel | None):
+        self.config = config
+        self.name = config.name
+        self.hardware = hw = hardware or Hardware(config)
+        self.drive = ArmDrive(config, hw, bus)
+        self.gripper = self.drive.gripper
+        self.setpoint = SetPoint(
+            hw.speed_limit,
+            np.append(np.full(hw.joints, ACCELERATION_LIMIT_RAD_S2), [_GRIPPER_ACCELERATION] * hw.has_gripper),
+            hw.lower,
+            hw.upper,
+        )
+        self.mode = Mode.OFFLINE
+        self.trouble: Trouble | None = None
+        self.message = ""
+        self.limited = Limited.NOTHING
+        self.motion = Motion(hw, gravity or gravity_model(hw), self.gripper, config.hold_integral)
+        self._usable = np.ones(hw.n, dtype=bool)
+        self._floats = config.start == "float"
+        self._landing: Landing | None = None
+        self._bus_lost = False
+
+    @property
+    def chain(self) -> MotorChain:
+        """The motors."""
+        return self.drive.chain
+
+    @property
+    def q(self) -> np.ndarray:
+        """(n,) measured, rad; the gripper 0 closed … 1 open."""
+        return self.drive.q
+
+    def inspect(self) -> None:
+        """Is everything there and as configured? Sends no command that moves or energises anything.
+
+        Raises:
+            YamError: names the part that is not.
+        """
+        self.drive.inspect()
+
+    def energise(self) -> None:
+        """Enable the motors, holding the measured pose from the first command on.
+
+        Raises:
+            MotorError: a motor does not enable; those that did are disabled again (the arm was limp before).
+        """
+        check_transition(self.name, self.mode, Mode.BRING_UP)
+        self.setpoint.seed(self.q)
+        self.command(0.0, 0.0)
+        try:
+            finding = self.drive.enable(self.motion.commands)
+            if finding.trouble is not None:
+                raise MotorError(
+                    f"{self.name} ({self.config.channel}): cannot enable {finding.message}; "
+                    "power-cycle the arm or look at its motors"
+                )
+        except YamError:
+            self._switch_off()
+            raise
+        self.mode = Mode.BRING_UP
+
+    def abandon(self) -> None:
+        """Cut torque during bring-up: the arm was limp before and has not left its pose."""
+        if self.mode not in (Mode.OFF, Mode.OFFLINE):
+            self._switch_off()
+
+    def send(self) -> None:
+        """Put this tick's commands on the wire.
+
+        Raises:
+            BusError: the channel does not take them.
+        """
+        self.drive.send(self.motion.commands)
+        self._bus_lost = False
+
+    def collect(self, deadline_s: float) -> None:
+        """Take the replies of this tick; whatever is missing at the deadline ages."""
+        self.drive.chain.collect(deadline_s)
+
+    def command(self, now: float, dt: float) -> None:
+        """From state and set-point to the commands of the next `send`."""
+        q, dq = self.drive.motor_q, self.drive.motor_dq
+        if self.mode is Mode.FLOAT or (self.mode is Mode.STOPPED and self._floats):
+            self.limited &= ~(Limited.JOINT_LIMIT | Limited.TORQUE)
+            self.limited |= self.motion.float_free(q, dq, dt)
+        else:
+            landing = self._landing
+            fade = landing.share if landing is not None and landing.phase is Phase.FADE else None
+            gripper = float(self.drive.dq[-1]), float(self.drive.tau[-1])
+            holding = self.mode in (Mode.HOLD, Mode.STOPPED) and bool(self._usable.all())
+            self.limited |= self.motion.follow(now, dt, q, dq, self.setpoint, gripper, holding, fade)
+
+    def _enter(self, mode: Mode) -> None:
+        check_transition(self.name, self.mode, mode)
+        self.mode = mode
+
+    def _hold_here(self) -> None:
+        """Brake, or keep the measured pose of an arm that floats."""
+        if self.mode is Mode.FLOAT:
+            self.setpoint.seed(self.q)
+        self.setpoint.stop()
+        self._enter(Mode.HOLD)
+
+    def _switch_off(self) -> None:
+        """Cut torque. Only from a landed pose, or where the arm was limp a moment ago."""
+        self.drive.disable()
+        self.mode = Mode.OFF
+        self.motion.commands[:] = 0.0
+
+
+def gravity_model(hardware: Hardware) -> GravityModel | None:
+    """Model of an arm; None for a gripper alone."""
+    return GravityModel(hardware.arm, hardware.gripper, load=hardware.load) if hardware.joints else None

@@ -1,0 +1,147 @@
+"""What the values of an `ArmConfig` must be: first the type that the field declares, then what the quantity means.
+
+Ranges that depend on the motors come later, with the profile (`profile_checks`).
+"""
+
+import dataclasses
+import json
+import math
+import types
+import typing
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lerobot_robot_yam.errors import ConfigError
+
+if TYPE_CHECKING:
+    from lerobot_robot_yam.arm.config import ArmConfig
+
+_TEXT_MAX = 100  # bytes of a channel's name, which becomes part of file names
+_RATE_MAX_HZ = 1000.0
+
+
+def _above_zero(x: float) -> bool:
+    return x > 0.0
+
+
+def _not_below_zero(x: float) -> bool:
+    return x >= 0.0
+
+
+def _any(x: float) -> bool:
+    return True
+
+
+# Per field: how many numbers (None: one), which numbers, and how to say so. `speed_limit_rad_s` takes one or six.
+_NUMBERS: dict[str, tuple[int | None, Callable[[float], bool], str]] = {
+    **dict.fromkeys(
+        ("kp", "kd", "gravity_factor", "coulomb_friction_nm", "idle_kd", "torque_limit_nm"),
+        (6, _not_below_zero, "six numbers from zero up, one per joint"),
+    ),
+    "effort_limit_nm": (6, _above_zero, "six numbers above zero, one per joint"),
+    "speed_limit_rad_s": (6, _above_zero, "one number above zero, or six"),
+    "payload_com_m": (3, _any, "three numbers in metres"),
+    "gripper_stops_rad": (2, _any, "[closed, open] in motor radians"),
+    "ee_inertia": (10, _any, "centre (3), quaternion (4) and moments (3)"),
+    **dict.fromkeys(
+        ("gripper_speed_limit", "command_timeout_s", "max_state_age_s", "max_relative_target", "gripper_force_limit_n"),
+        (None, _above_zero, "a number above zero"),
+    ),
+    **dict.fromkeys(("gripper_kp", "gripper_kd", "payload_mass_kg"), (None, _not_below_zero, "a number from zero up")),
+    "rate_hz": (None, lambda x: 0.0 <= x <= _RATE_MAX_HZ, f"a rate within 0 … {_RATE_MAX_HZ:g}"),
+}
+
+
+def check(config: "ArmConfig") -> None:
+    """Refuse what an arm cannot be driven with; numbers become floats, sequences of them lists.
+
+    Raises:
+        ConfigError: names the arm, the field, and what it takes.
+    """
+    if config.channel == "":
+        raise ConfigError(f"{config.name}: no CAN channel given; set `channel`, such as can_follower_l")
+    hints = typing.get_type_hints(type(config))
+    for field in dataclasses.fields(config):
+        value = getattr(config, field.name)
+        kinds = _members(hints[field.name])
+        if value is None:
+            if type(None) not in kinds:
+                raise _refusal(config, field.name, "a value")
+        elif float in kinds or list in kinds:
+            setattr(config, field.name, _numbers(config, field.name, value, kinds))
+        elif bool in kinds and not isinstance(value, bool):
+            raise _refusal(config, field.name, "true or false")
+        elif any(dataclasses.is_dataclass(kind) and not isinstance(value, kind) for kind in kinds):
+            raise _refusal(config, field.name, "a mapping of its fields")
+        elif dict in kinds:
+            _check_options(config, field.name, value)
+        elif str in kinds:
+            _check_text(config, field.name, value)
+        elif choices := [kind for kind in kinds if isinstance(kind, str)]:
+            if not isinstance(value, str) or value not in choices:
+                raise _refusal(config, field.name, " or ".join(map(repr, choices)))
+    if config.ee_inertia is not None and (min(config.ee_inertia[7:]) <= 0.0 or not any(config.ee_inertia[3:7])):
+        raise _refusal(config, "ee_inertia", "a quaternion that is not zero, and moments above zero")
+
+
+def _members(hint: Any) -> tuple[Any, ...]:
+    """Types of a hint, `Literal`s as their values: `float | None` is (float, NoneType)."""
+    if typing.get_origin(hint) in (types.UnionType, typing.Union):
+        return tuple(kind for part in typing.get_args(hint) for kind in _members(part))
+    if typing.get_origin(hint) is typing.Literal:
+        return typing.get_args(hint)
+    return (typing.get_origin(hint) or hint,)
+
+
+def _numbers(config: "ArmConfig", key: str, value: Any, kinds: tuple[Any, ...]) -> float | list[float]:
+    one = float in kinds
+    count, fits, takes = _NUMBERS.get(key, (None, _any, "a number" if one else "a list of numbers"))
+    if one and not isinstance(value, Sequence | np.ndarray):
+        number = _float(value)
+        if not math.isfinite(number) or not fits(number):
+            raise _refusal(config, key, takes)
+        return number
+    if list not in kinds or isinstance(value, str | bytes) or not isinstance(value, Sequence | np.ndarray):
+        raise _refusal(config, key, takes)
+    if isinstance(value, np.ndarray) and value.ndim != 1:
+        raise _refusal(config, key, takes)
+    numbers = [_float(item) for item in value]
+    if count is not None and len(numbers) != count or not all(math.isfinite(x) and fits(x) for x in numbers):
+        raise _refusal(config, key, takes)
+    return numbers
+
+
+def _float(value: Any) -> float:
+    """A real number as a float; NaN, which no rule admits, for what is none."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:  # an integer beyond any float
+        return math.nan
+
+
+def _check_text(config: "ArmConfig", key: str, value: Any) -> None:
+    if not isinstance(value, str) or not value or not value.isprintable():
+        raise _refusal(config, key, "a text")
+    if key == "channel" and len(value.encode()) > _TEXT_MAX:
+        raise _refusal(config, key, f"a text of at most {_TEXT_MAX} bytes")
+
+
+def _check_options(config: "ArmConfig", key: str, value: Any) -> None:
+    """They travel to the control process as JSON, and become keyword arguments there."""
+    if not isinstance(value, dict) or not all(isinstance(name, str) for name in value):
+        raise _refusal(config, key, "names and values, such as {rig: auto}")
+    taken = sorted({"interface", "channel"} & value.keys())
+    if taken:
+        raise ConfigError(f"{config.name}: {key} has {taken}, which are fields of their own")
+    try:
+        json.dumps(value)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise ConfigError(f"{config.name}: {key} takes plain values only ({error})") from error
+
+
+def _refusal(config: "ArmConfig", key: str, takes: str) -> ConfigError:
+    return ConfigError(f"{config.name}: {key} takes {takes}; got {getattr(config, key)!r}")

@@ -1,0 +1,142 @@
+"""The motors of one arm as joints: bring-up checks, commands out, positions in. No life cycle, no laws."""
+
+import time
+from collections.abc import Sequence
+
+import can
+import numpy as np
+
+from lerobot_robot_yam.arm import bring_up
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.gripper_axis import GripperAxis
+from lerobot_robot_yam.arm.hardware import Hardware
+from lerobot_robot_yam.arm.heat import HeatWatch, trips_c
+from lerobot_robot_yam.arm.joints import JointMap, resolve_turn
+from lerobot_robot_yam.arm.watch import Finding, MotorWatch
+from lerobot_robot_yam.damiao.chain import MotorChain
+from lerobot_robot_yam.damiao.codec import SpecialCommand
+from lerobot_robot_yam.damiao.encoder import HandleEncoder
+from lerobot_robot_yam.damiao.quantisation import Quantiser
+from lerobot_robot_yam.damiao.registers import Register
+
+
+class ArmDrive:
+    """Motors of one channel in joint coordinates, n motors, the gripper's last.
+
+    Args:
+        config, hardware: the arm.
+        bus: an open bus; not closed here.
+
+    Attributes:
+        q, dq, tau: (n,) rad, rad/s, Nm; the gripper's q is 0 closed … 1 open, its dq strokes/s.
+        motor_q, motor_dq: the same, the gripper's in rad and rad/s.
+    """
+
+    def __init__(self, config: ArmConfig, hardware: Hardware, bus: can.BusABC):
+        self._config, self._hardware, self._bus = config, hardware, bus
+        hw, n = hardware, hardware.n
+        self.encoder = HandleEncoder() if hw.gripper.handle_encoder else None
+        self.chain = MotorChain(bus, hw.motors, channel=config.channel, encoder=self.encoder)
+        self.gripper = None
+        if hw.has_gripper:
+            self.gripper = GripperAxis(config, hw.gripper, float(hw.kp[-1]), float(hw.kd[-1]))
+        self._quantiser = Quantiser([motor.type for motor in hw.motors])
+        self._map = JointMap(hw.direction, np.zeros(n))
+        self._watch = MotorWatch(self.chain)
+        self.heat: HeatWatch | None = None  # known after `inspect`
+        self.q, self.dq, self.tau = np.zeros(n), np.zeros(n), np.zeros(n)
+        self.motor_q, self.motor_dq = np.zeros(n), np.zeros(n)
+        self.sent = np.zeros((n, 5))  # in joint coordinates
+
+    @property
+    def offset_rad(self) -> np.ndarray:
+        """(n,) motor angle at joint zero."""
+        return self._map.offset_rad
+
+    def inspect(self) -> None:
+        """Is everything there and as configured? Sends no command that moves or energises anything.
+
+        Raises:
+            YamError: names the part that is not.
+        """
+        bring_up.inspect(self._config, self._hardware, self.chain, self._bus)
+        self.read()
+        self._resolve(range(self._hardware.joints))
+        if self.gripper is not None and self._config.gripper_search:
+            self.gripper.begin()
+        self.read()
+        ot_value_c = [self.chain.read_register(i, Register.OT_VALUE) for i in range(len(self.chain))]
+        self.heat = HeatWatch(self._config.name, *trips_c(ot_value_c), [m.name for m in self.chain.motors])
+        bring_up.clear_stale_faults(self._config, self.chain)
+
+    def adopt(self, record: np.ndarray) -> None:
+        """Know what a loop that has died knew; `record` is the state that it has published last."""
+        for _ in range(3):
+            if all(self.chain.refresh(timeout_s=0.01)):
+                break
+        self._map.offset_rad[:] = np.nan_to_num(record["offset_rad"][self._hardware.slots])
+        if self.gripper is not None:
+            self.gripper.adopt(*record["gripper_stops_rad"].tolist())
+        self.read()
+
+    def enable(self, commands: np.ndarray) -> Finding:
+        """Enable all motors; `commands` (n, 5) hold from the first one on."""
+        self.chain.special(SpecialCommand.ENABLE)
+        return self.exchange(commands)
+
+    def clear_and_enable(self, motors: Sequence[int]) -> None:
+        """Clear the faults of these motors and enable them; they wait for a command, without torque."""
+        self.chain.special(SpecialCommand.CLEAR, motors=motors)
+        self.chain.special(SpecialCommand.ENABLE, motors=motors)
+        self.read()
+        self._resolve([i for i in motors if i < self._hardware.joints])  # without power it forgets its turn
+        self.read()
+
+    def disable(self) -> None:
+        """Cut torque."""
+        for _ in range(3):
+            if all(self.chain.special(SpecialCommand.DISABLE, timeout_s=0.02)):
+                break
+
+    def send(self, commands: np.ndarray) -> None:
+        """Put commands (n, 5) on the wire.
+
+        Raises:
+            BusError: the channel does not take them.
+            ActionError: they are not finite.
+        """
+        self.chain.send(self._quantiser.compensate(self._map.commands(commands)))
+        self.sent[:] = commands
+
+    def check(self, now: float) -> Finding:
+        """Which motors cannot be relied on."""
+        return self._watch.check(now)
+
+    def exchange(self, commands: np.ndarray) -> Finding:
+        """One tick on its own: send, wait, collect, check."""
+        self.send(commands)
+        time.sleep(self.chain.expected_wire_s)
+        self.chain.collect(time.monotonic() + 0.002)
+        return self.check(time.monotonic())
+
+    def shift_gripper(self, shift_rad: float) -> None:
+        """Put the gripper's reading on the turn of its stops."""
+        self._map.shift(self._hardware.n - 1, shift_rad)
+        self.read()
+
+    def read(self) -> None:
+        """From the newest replies to joint coordinates."""
+        chain, direction = self.chain, self._hardware.direction
+        self.motor_q = self._map.position(chain.position_rad)
+        self.motor_dq = chain.velocity_rad_s * direction
+        self.tau = chain.torque_nm * direction
+        self.q, self.dq = self.motor_q.copy(), self.motor_dq.copy()
+        if self.gripper is not None:
+            self.q[-1], self.dq[-1] = self.gripper.normalised(float(self.motor_q[-1]), float(self.motor_dq[-1]))
+
+    def _resolve(self, joints: Sequence[int]) -> None:
+        arm = self._hardware.arm
+        for index in joints:
+            low, high = arm.joint_limits_rad[index]
+            angle = float(self.motor_q[index])
+            self._map.shift(index, resolve_turn(self._config.name, arm.motors[index].name, angle, low, high))

@@ -1,0 +1,223 @@
+"""What answers on a CAN channel, and through which adapter: the marks by which an arm is recognised.
+
+Reading asks for registers and for the handle's version only: nothing is written, zeroed or energised.
+"""
+
+import math
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import can
+
+from lerobot_robot_yam.damiao.bus_port import BusPort, data_message, is_classic_data
+from lerobot_robot_yam.damiao.chain import MotorChain
+from lerobot_robot_yam.damiao.encoder import REQUEST_ID, decode_version, encode_version_request
+from lerobot_robot_yam.damiao.motor_spec import MotorSpec
+from lerobot_robot_yam.damiao.registers import Register
+from lerobot_robot_yam.damiao.tables import MOTOR_TYPES
+from lerobot_robot_yam.errors import MotorError
+
+SYSFS_NET = Path("/sys/class/net")
+JOINT_IDS = range(1, 7)
+GRIPPER_ID = 7
+
+_ATTEMPTS = 3
+_MOTOR_WAIT_S = 0.02
+_HANDLE_WAIT_S = 0.03
+
+
+@dataclass(frozen=True)
+class MotorPrint:
+    """Marks of one motor; None where it does not tell.
+
+    Attributes:
+        gear_ratio: built in (register GR); tells the type of motor.
+        position_max_rad, velocity_max_rad_s, torque_max_nm: the ranges that it is set to.
+        serial: register SN, which Damiao calls reserved: it may be equal on all motors.
+        hardware, software, sub: its versions (registers hw_ver, sw_ver, sub_ver).
+    """
+
+    gear_ratio: float | None
+    position_max_rad: float | None
+    velocity_max_rad_s: float | None
+    torque_max_nm: float | None
+    serial: int | None
+    hardware: int | None
+    software: int | None
+    sub: int | None
+
+    @property
+    def kind(self) -> str:
+        """Motor type that these marks belong to, or the marks themselves."""
+        marks = (self.gear_ratio, self.position_max_rad, self.velocity_max_rad_s, self.torque_max_nm)
+        for row in MOTOR_TYPES.values():
+            theirs = (row.gear_ratio, row.position_max_rad, row.velocity_max_rad_s, row.torque_max_nm)
+            if all(_equal(mine, its) for mine, its in zip(marks, theirs, strict=True)):
+                return row.name
+        return f"unknown (gear, ranges {' '.join(map(str, marks))})"
+
+
+def _equal(mine: float | None, its: float | None) -> bool:
+    return mine is not None and its is not None and math.isclose(mine, its, rel_tol=1e-4)  # float32 there
+
+
+@dataclass(frozen=True)
+class Adapter:
+    """The CAN interface's hardware as the kernel names it: serial number, and the port it is plugged into."""
+
+    serial: str | None
+    port: str
+
+    def __str__(self) -> str:
+        return f"serial {self.serial or 'none'}, port {self.port}"
+
+
+@dataclass(frozen=True)
+class Fingerprint:
+    """Everything that was found on one channel.
+
+    Attributes:
+        motors: by CAN id.
+        handle_firmware: version of the teaching handle; None when none answers.
+        adapter: None where the kernel knows none (the virtual rig, vcan).
+    """
+
+    motors: dict[int, MotorPrint]
+    handle_firmware: tuple[int, int, int] | None
+    adapter: Adapter | None
+
+    @property
+    def serials(self) -> dict[int, int]:
+        """Serial number by CAN id, of the motors that tell one."""
+        return {can_id: motor.serial for can_id, motor in self.motors.items() if motor.serial is not None}
+
+    @property
+    def role(self) -> str:
+        """What kind of arm this looks like, in words."""
+        if self.handle_firmware is not None:
+            return "leader (a teaching handle answers)"
+        if GRIPPER_ID in self.motors:
+            return "follower (a gripper motor answers)"
+        return "arm without handle and gripper motor" if self.motors else "nothing that answers"
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form; `from_dict` reads it back."""
+        return {
+            "motors": {str(can_id): dict(vars(motor)) for can_id, motor in sorted(self.motors.items())},
+            "handle_firmware": None if self.handle_firmware is None else list(self.handle_firmware),
+            "adapter": None if self.adapter is None else dict(vars(self.adapter)),
+        }
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> "Fingerprint":
+        """Inverse of `to_dict`; KeyError, TypeError or ValueError when it is none."""
+        handle, adapter = data["handle_firmware"], data["adapter"]
+        motors = {}
+        for can_id, marks in data["motors"].items():
+            motor = MotorPrint(**marks)
+            if not all(value is None or type(value) in (int, float) for value in vars(motor).values()):
+                raise ValueError(f"marks of motor {can_id} are not numbers")
+            motors[int(can_id)] = motor
+        if adapter is not None:
+            adapter = Adapter(**adapter)
+            if not isinstance(adapter.port, str) or not isinstance(adapter.serial, str | None):
+                raise ValueError("the adapter's marks are not text")
+        if handle is not None:
+            major, minor, patch = handle
+            handle = (int(major), int(minor), int(patch))
+        return cls(motors, handle, adapter)
+
+
+def read_fingerprint(bus: can.BusABC, channel: str, interface: str, sysfs_net: Path = SYSFS_NET) -> Fingerprint:
+    """Ask all ids of an arm, the handle and the kernel. Blocks for up to 0.5 s when much is missing.
+
+    Args:
+        bus: open bus; nobody else may be driving it.
+        channel, interface: as given to python-can.
+        sysfs_net: where the kernel lists its network interfaces.
+
+    Raises:
+        BusError: the channel is gone.
+    """
+    chain = MotorChain(bus, [MotorSpec(f"motor {i}", i, "DM4310") for i in (*JOINT_IDS, GRIPPER_ID)], channel=channel)
+    motors = {
+        spec.can_id: _read_motor(chain, index) for index, spec in enumerate(chain.motors) if _present(chain, index)
+    }
+    adapter = read_adapter(channel, sysfs_net) if interface == "socketcan" else None
+    return Fingerprint(motors, handle_firmware(bus, channel), adapter)
+
+
+def gear_ratio(bus: can.BusABC, channel: str, can_id: int) -> float | None:
+    """Gear ratio of one motor, None when it does not answer. It tells the type of motor."""
+    chain = MotorChain(bus, [MotorSpec(f"motor {can_id}", can_id, "DM4310")], channel=channel)
+    return _register(chain, 0, Register.GR)
+
+
+def handle_firmware(bus: can.BusABC, channel: str) -> tuple[int, int, int] | None:
+    """Firmware version of the teaching handle, None when none answers."""
+    port = BusPort(bus, channel)
+    for _ in range(_ATTEMPTS):
+        while port.recv(0.0) is not None:
+            pass  # an answer to somebody else's question
+        port.send([data_message(REQUEST_ID, encode_version_request())])
+        deadline = time.monotonic() + _HANDLE_WAIT_S
+        while (remaining := deadline - time.monotonic()) > 0.0:
+            message = port.recv(remaining)
+            if message is not None and message.arbitration_id == REQUEST_ID and is_classic_data(message):
+                version = decode_version(bytes(message.data))
+                if version is not None:
+                    return version
+    return None
+
+
+def read_adapter(channel: str, sysfs_net: Path = SYSFS_NET) -> Adapter | None:
+    """Serial number and port of a network interface's hardware; None when the kernel knows none.
+
+    `device` leads to the USB interface (port "1-2.3:1.0"), whose parent is the adapter with its `serial`. An adapter
+    with several channels has one `dev_port` for each. Other hardware (SPI) has a port only.
+    """
+    try:
+        device = (sysfs_net / channel / "device").resolve(strict=True)
+    except OSError:
+        return None
+    number = _text(sysfs_net / channel / "dev_port") or "0"
+    port = device.name if number == "0" else f"{device.name}/{number}"
+    return Adapter(_text(device / "serial") or _text(device.parent / "serial"), port)
+
+
+def _text(path: Path) -> str | None:
+    try:
+        return path.read_text().strip() or None
+    except OSError:
+        return None
+
+
+def _present(chain: MotorChain, index: int) -> bool:
+    return _register(chain, index, Register.ESC_ID) is not None
+
+
+def _read_motor(chain: MotorChain, index: int) -> MotorPrint:
+    def whole(register: Register) -> int | None:
+        value = _register(chain, index, register)
+        return None if value is None else int(value)
+
+    return MotorPrint(
+        gear_ratio=_register(chain, index, Register.GR),
+        position_max_rad=_register(chain, index, Register.PMAX),
+        velocity_max_rad_s=_register(chain, index, Register.VMAX),
+        torque_max_nm=_register(chain, index, Register.TMAX),
+        serial=whole(Register.SN),
+        hardware=whole(Register.HW_VER),
+        software=whole(Register.SW_VER),
+        sub=whole(Register.SUB_VER),
+    )
+
+
+def _register(chain: MotorChain, index: int, register: Register) -> float | None:
+    """Value of a register; None when the motor, or its firmware, does not tell."""
+    try:
+        return chain.read_register(index, register, timeout_s=_MOTOR_WAIT_S, attempts=_ATTEMPTS)
+    except MotorError:
+        return None

@@ -1,0 +1,61 @@
+"""What the gravity model misses while an arm holds still: a slow, bounded integral of the position error.
+
+    tau += ki e' dt,  |tau| ≤ limit,  e' = the part of e = q_set − q outside the deadband
+
+It works only while the set-point rests. When the set-point moves, or the arm floats or lands, the torque fades away
+(time constant `leak_s`): what was missing in one pose is not what is missing in the next, and a sudden end would be a
+knock. While the torque clip acts, or where the error is too large for sag (somebody holds the arm), it does not grow.
+
+The deadband is what keeps it from hunting: against dry friction an integral without one creeps to and fro for ever.
+"""
+
+import numpy as np
+
+# Per Nm/rad of stiffness, so that every joint behaves alike.
+_RATE_PER_S = 1.5  # ki / kp: sag shrinks with a time constant of 1 / 1.5 s
+_SAG_RAD = 0.05  # most sag that is made up for; YAM's joints 3 and 4 settle about 0.03 rad low
+_TOO_FAR_RAD = 0.1
+
+
+class HoldIntegral:
+    """Integral torque of n joints.
+
+    Args:
+        ki: (n,) Nm/(rad s).
+        limit_nm: (n,) bound of the torque.
+        deadband_rad: errors below do not count; several steps of the reading (0.38 mrad).
+        leak_s: time constant with which the torque fades.
+    """
+
+    def __init__(self, ki: np.ndarray, limit_nm: np.ndarray, deadband_rad: float = 0.002, leak_s: float = 0.5):
+        self._ki = np.array(ki, dtype=float)
+        self._limit = np.array(limit_nm, dtype=float)
+        self._deadband, self._leak_s = deadband_rad, leak_s
+        self.tau = np.zeros(len(self._ki))
+
+    @classmethod
+    def for_stiffness(cls, kp: np.ndarray) -> "HoldIntegral":
+        """With ki and limit in proportion to the position gains kp (n,), Nm/rad."""
+        return cls(_RATE_PER_S * np.asarray(kp), _SAG_RAD * np.asarray(kp))
+
+    def advance(self, error: np.ndarray, dt: float, holding: bool, clipped: bool = False) -> np.ndarray:
+        """Torque (n,) Nm to feed forward in this tick of `dt` s.
+
+        Args:
+            error: (n,) rad, q_set − q.
+            holding: the arm holds and its set-point rests.
+            clipped: the last commands were held back by the torque clip.
+        """
+        if not holding:
+            self.tau *= max(0.0, 1.0 - dt / self._leak_s)
+            return self.tau
+        beyond = error - np.minimum(np.maximum(error, -self._deadband), self._deadband)
+        step = np.where(np.abs(error) < _TOO_FAR_RAD, self._ki * beyond * dt, 0.0)
+        if clipped:
+            step = np.where(step * self.tau > 0.0, 0.0, step)
+        self.tau = np.minimum(np.maximum(self.tau + step, -self._limit), self._limit)
+        return self.tau
+
+    def reset(self) -> None:
+        """Forget everything at once; for the beginning of a session."""
+        self.tau = np.zeros(len(self._ki))

@@ -1,0 +1,172 @@
+"""The stand-by: a process that waits with everything in hand to land the arms should the control process die.
+
+It is forked off before the control process opens anything, builds its own models, and then only waits on the other's
+pid, looking into the state blocks 50 times a second. If that process is gone (kill -9, out of memory) or has not
+ticked for half of the motors' watchdog (stopped, stuck in the kernel: it is killed first), the stand-by takes the
+channel locks, which the kernel has freed with their owner, opens the channels, and lands what is energised.
+"""
+
+import contextlib
+import logging
+import os
+import select
+import signal
+import sys
+import time
+from collections.abc import Sequence
+
+import numpy as np
+
+from lerobot_robot_yam.arm.blocks import ControllerBlocks
+from lerobot_robot_yam.arm.body import gravity_model
+from lerobot_robot_yam.arm.bus import open_bus
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.controller import ArmController
+from lerobot_robot_yam.arm.hardware import Hardware
+from lerobot_robot_yam.arm.lifecycle import Mode
+from lerobot_robot_yam.arm.loop import ControlLoop
+from lerobot_robot_yam.arm.policy import HUNG_S
+from lerobot_robot_yam.arm.state import STATE_DTYPE, lock_path, state_path
+from lerobot_robot_yam.damiao.encoder import HANDLE_IDS
+from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.log_thread import log_from_a_thread
+from lerobot_robot_yam.realtime import request_realtime
+from lerobot_robot_yam.runtime import FileLock
+from lerobot_robot_yam.shared_block import SharedBlock
+
+logger = logging.getLogger(__name__)
+
+_LOOK_S = 0.02
+_HUNG_LOOKS = round(HUNG_S / _LOOK_S)  # looks in a row, not time: a machine that stood still has not looked
+_LOCK_PATIENCE_S = 0.1
+
+
+def spawn(configs: Sequence[ArmConfig], keys: Sequence[str], rt_priority: int) -> int:
+    """Fork the stand-by of this process, which must not have opened anything yet. Returns its pid."""
+    control_pid = os.getpid()
+    pid = os.fork()
+    if pid:
+        return pid
+    status = 1
+    try:
+        os.setsid()  # a signal to the control process's group is not for us
+        with open(os.devnull, "r+b") as nothing:
+            for descriptor in (0, 1):  # or the caller would never see the end of the control process's output
+                os.dup2(nothing.fileno(), descriptor)
+        for name in (signal.SIGINT, signal.SIGHUP, signal.SIGPIPE, signal.SIGTERM):
+            signal.signal(name, signal.SIG_IGN)
+        with log_from_a_thread():
+            StandBy(configs, keys, control_pid).run(rt_priority)
+        status = 0
+    except BaseException:
+        logger.exception("stand-by failed")
+    finally:
+        sys.stderr.flush()
+        os._exit(status)  # nothing of the control process's own clean-up is ours
+
+
+class StandBy:
+    """Watches one control process.
+
+    Args:
+        configs, keys: its arms and the names of their blocks.
+        control_pid: its process.
+    """
+
+    def __init__(self, configs: Sequence[ArmConfig], keys: Sequence[str], control_pid: int):
+        self._configs, self._keys, self._pid = configs, keys, control_pid
+        self._process = os.pidfd_open(control_pid)
+        self._hardware = [Hardware(config) for config in configs]
+        self._gravity = [gravity_model(hardware) for hardware in self._hardware]
+        self._blocks: list[SharedBlock | None] = [None] * len(keys)
+        self._records: list[np.ndarray | None] = [None] * len(keys)
+
+    def run(self, rt_priority: int) -> None:
+        """Wait for the control process's end; land what it has left in the air."""
+        request_realtime(rt_priority)
+        poll = select.poll()
+        poll.register(self._process, select.POLLIN)
+        ticks, idle = -1, 0
+        while not poll.poll(_LOOK_S * 1e3):
+            before, ticks = ticks, self._look()
+            idle = idle + 1 if ticks == before and self._driving() else 0
+            if idle >= _HUNG_LOOKS:
+                logger.error("the control process (%d) has not ticked for %.1f s: ending it", self._pid, HUNG_S)
+                with contextlib.suppress(ProcessLookupError):
+                    signal.pidfd_send_signal(self._process, signal.SIGKILL)
+                poll.poll()
+                break
+        self._look()
+        if self._driving():
+            self._take_over()
+
+    def _look(self) -> int:
+        """Read the newest states; returns the newest tick."""
+        newest = 0
+        for index, key in enumerate(self._keys):
+            block = self._blocks[index]
+            with contextlib.suppress(FileNotFoundError, YamError):
+                if block is None:
+                    block = self._blocks[index] = SharedBlock(state_path(key), STATE_DTYPE, create=False)
+                record = block.read()
+                if record is not None and record["owner_pid"] == self._pid:
+                    self._records[index] = record
+                    newest = max(newest, int(record["tick"]))
+        return newest
+
+    def _driving(self) -> bool:
+        """Whether some arm is energised and its block has not been put away."""
+        return any(
+            record is not None
+            and block is not None
+            and block.current
+            and record["mode"] not in (Mode.OFF, Mode.OFFLINE)
+            for record, block in zip(self._records, self._blocks, strict=True)
+        )
+
+    def _take_over(self) -> None:
+        begin = time.monotonic()
+        logger.error("the control process (%d) has died: taking its arms over and landing them", self._pid)
+        controllers, blocks, buses, locks = [], [], [], []
+        for index, (config, key) in enumerate(zip(self._configs, self._keys, strict=True)):
+            record = self._records[index]
+            if record is None:
+                continue
+            try:
+                locks.append(_lock(key, config.channel))
+                replies = [motor.feedback_id for motor in self._hardware[index].motors]
+                bus = open_bus(config, [*replies, *HANDLE_IDS])
+                buses.append(bus)
+                controller = ArmController(config, bus, self._hardware[index], self._gravity[index])
+                controller.adopt(record, time.monotonic())
+                blocks.append(ControllerBlocks(controller, key, adopt=record))
+                controllers.append(controller)
+            except YamError as error:  # the other arm can still be landed
+                logger.critical("%s cannot be taken over: %s", config.name, error)
+        try:
+            if controllers:
+                loop = ControlLoop(controllers, blocks, self._configs[0].rate_hz)
+                logger.error("taken over within %.0f ms", (time.monotonic() - begin) * 1e3)
+                try:
+                    loop.run()
+                finally:
+                    loop.close()
+        finally:
+            for bus in buses:
+                bus.shutdown()
+            for lock in locks:
+                lock.release()
+
+
+def _lock(key: str, channel: str) -> FileLock:
+    """The channel's lock; its owner is dead, so that the kernel frees it within a moment."""
+    lock = FileLock(lock_path(key), f"CAN channel {channel}")
+    deadline = time.monotonic() + _LOCK_PATIENCE_S
+    while True:
+        try:
+            lock.acquire()
+            return lock
+        except YamError:
+            if time.monotonic() > deadline:
+                raise
+            time.sleep(0.002)

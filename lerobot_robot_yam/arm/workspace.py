@@ -1,0 +1,114 @@
+"""Where an arm may go: its place in the rig, a floor, keep-out boxes, and how near it may come to itself and others.
+
+Plain values, nothing heavy: the dataclasses are part of `ArmConfig`, which LeRobot parses and which travels as JSON.
+The check itself is `guard.WorkspaceGuard`. The rig frame is any frame that the arms of one robot share, z up.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from lerobot_robot_yam.errors import ConfigError
+
+_MOST_MARGIN_M = 0.3  # more than half of the forearm: a mistake in units
+
+
+@dataclass(kw_only=True)
+class KeepOut:
+    """A box that no part of the arm may enter, in the rig frame.
+
+    Attributes:
+        name: what messages call it ("camera mast").
+        center_m: its centre (3).
+        size_m: its full extents (3).
+        yaw_rad: its turn about the vertical.
+    """
+
+    name: str = "box"
+    center_m: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    size_m: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    yaw_rad: float = 0.0
+
+
+@dataclass(kw_only=True)
+class WorkspaceConfig:
+    """Limits of one arm in space. As made, nothing is limited.
+
+    Attributes:
+        base_position_m: where the arm's base stands in the rig frame (3).
+        base_yaw_rad: its turn about the vertical.
+        floor_z_m: no moving part goes below this height of the rig frame. None: no floor.
+        keep_out: boxes that no moving part enters. Floor and boxes are the limits themselves, without a margin.
+        collision_margin_m: how near the arm's parts may come to each other and to the other arms of the same robot.
+            None: not checked (unless another arm of the robot asks for it, which then concerns both).
+    """
+
+    base_position_m: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    base_yaw_rad: float = 0.0
+    floor_z_m: float | None = None
+    keep_out: list[KeepOut] = field(default_factory=list)
+    collision_margin_m: float | None = None
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any]) -> "WorkspaceConfig":
+        """From plain values, as `dataclasses.asdict` and JSON give them.
+
+        Raises:
+            ConfigError: an unknown key.
+        """
+        boxes = [_make(KeepOut, box, "workspace.keep_out") for box in _boxes(values)]
+        return _make(cls, {**values, "keep_out": boxes}, "workspace")
+
+    @property
+    def limits_anything(self) -> bool:
+        """True when there is something to check."""
+        return self.floor_z_m is not None or bool(self.keep_out) or self.collision_margin_m is not None
+
+    def check(self, arm: str) -> None:
+        """Raises ConfigError, naming `arm` and the value, for what cannot be meant."""
+        _numbers(arm, "base_position_m", self.base_position_m, 3)
+        _numbers(arm, "base_yaw_rad", [self.base_yaw_rad], 1)
+        if self.floor_z_m is not None:
+            _numbers(arm, "floor_z_m", [self.floor_z_m], 1)
+        if self.collision_margin_m is not None:
+            (margin,) = _numbers(arm, "collision_margin_m", [self.collision_margin_m], 1)
+            if not 0.0 <= margin <= _MOST_MARGIN_M:
+                raise ConfigError(
+                    f"{arm}: workspace.collision_margin_m is in metres, 0 … {_MOST_MARGIN_M}; got {margin}"
+                )
+        for box in self.keep_out:
+            where = f"keep_out '{box.name}'"
+            _numbers(arm, f"{where} center_m", box.center_m, 3)
+            _numbers(arm, f"{where} yaw_rad", [box.yaw_rad], 1)
+            if min(_numbers(arm, f"{where} size_m", box.size_m, 3)) <= 0.0:
+                raise ConfigError(f"{arm}: workspace.{where} needs three extents above zero, not {box.size_m}")
+        names = [box.name for box in self.keep_out]
+        if len(set(names)) != len(names):
+            raise ConfigError(f"{arm}: workspace.keep_out boxes need names of their own, not {names}")
+
+
+def _boxes(values: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
+    boxes = values.get("keep_out") or []
+    if not isinstance(boxes, Sequence) or not all(isinstance(box, Mapping) for box in boxes):
+        raise ConfigError(f"workspace.keep_out is a list of boxes {{name, center_m, size_m, yaw_rad}}, not {boxes!r}")
+    return boxes
+
+
+def _make[T](cls: type[T], values: Mapping[str, Any], where: str) -> T:
+    known = [f.name for f in fields(cls)]  # type: ignore[arg-type]
+    unknown = sorted(set(values) - set(known))
+    if unknown:
+        raise ConfigError(f"{where}: unknown keys {unknown}; known: {known}")
+    return cls(**values)
+
+
+def _numbers(arm: str, what: str, values: Sequence[Any], count: int) -> list[float]:
+    """`values` as `count` finite floats; ConfigError otherwise."""
+    try:
+        numbers = [float(value) for value in values]
+    except (TypeError, ValueError):
+        numbers = []
+    if len(numbers) != count or not all(math.isfinite(number) for number in numbers):
+        raise ConfigError(f"{arm}: workspace.{what} takes {count} finite number(s), not {values!r}")
+    return numbers

@@ -1,0 +1,28 @@
+"""Logging that cannot stop a loop: a terminal on hold (Ctrl-S) or a full pipe blocks whoever writes to it."""
+
+import logging
+import queue
+from collections.abc import Iterator
+from contextlib import contextmanager
+from logging.handlers import QueueHandler, QueueListener
+
+_LAST_WORDS_S = 1.0
+
+
+@contextmanager
+def log_from_a_thread() -> Iterator[None]:
+    """Inside the block a thread of its own writes what the root logger's handlers would have written."""
+    root = logging.getLogger()
+    handlers = root.handlers[:]
+    lines: queue.SimpleQueue = queue.SimpleQueue()
+    listener = QueueListener(lines, *handlers)
+    root.handlers[:] = [QueueHandler(lines)]
+    listener.start()  # a daemon: if it is stuck, the process ends without its last words
+    thread = listener._thread
+    try:
+        yield
+    finally:
+        root.handlers[:] = handlers
+        listener.enqueue_sentinel()
+        if thread is not None:
+            thread.join(_LAST_WORDS_S)

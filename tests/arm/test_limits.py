@@ -1,0 +1,121 @@
+"""Limits beyond the joint limits, through the shipped loop: soft wall, sag, workspace, heat."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.arm import profile
+from lerobot_robot_yam.arm.lifecycle import Mode
+from lerobot_robot_yam.arm.profile import load_arm
+from lerobot_robot_yam.arm.session import ArmSession
+from lerobot_robot_yam.arm.state import Limited
+from lerobot_robot_yam.arm.workspace import KeepOut, WorkspaceConfig
+
+from .rigged import sim_config, track
+
+LEFT, RIGHT, LEADER = "follower_left", "follower_right", "leader_left"
+
+
+@pytest.fixture
+def running(rig):
+    sessions = []
+
+    def start(*configs):
+        session = ArmSession(configs)
+        session.start()
+        sessions.append(session)
+        return session
+
+    yield start
+    for session in sessions:
+        session.stop()
+
+
+def test_an_arm_that_is_pushed_beyond_a_limit_is_pushed_back_and_the_session_goes_on(rig, running, tmp_path):
+    # The rig's own stops are where the profile's limits are; so this arm is told of a nearer limit.
+    packaged = load_arm("yam")
+    narrow = tmp_path / "narrow.yaml"
+    text = (Path(profile.__file__).parent / "profiles" / "arms" / "yam.yaml").read_text()
+    before = f"[{packaged.joint_limits_rad[0, 0]:g}, {packaged.joint_limits_rad[0, 1]:g}]"
+    assert before in text
+    narrow.write_text(text.replace(before, "[-1.0, 1.0]", 1))
+    session = running(sim_config(rig, LEADER, arm=str(narrow)))
+    session[LEADER].hold()
+    track(session, {LEADER: [0.9, 0.8, 0.8, 0.0, 0.0, 0.0]}, 2.0)
+    session[LEADER].float()
+    sideways = 8.0 * np.array([-np.sin(1.0), np.cos(1.0), 0.0])
+    rig.push(LEADER, "link5", sideways, 1.0)
+    farthest = 0.0
+    deadline = time.monotonic() + 1.0
+    while time.monotonic() < deadline:
+        farthest = max(farthest, session[LEADER].observe().q[0] - 1.0)
+        time.sleep(0.01)
+    assert 0.02 < farthest < 0.5
+    assert Limited.JOINT_LIMIT in session[LEADER].observe().limited
+    time.sleep(2.0)
+    state = session[LEADER].observe()
+    assert state.mode is Mode.FLOAT
+    assert state.q[0] - 1.0 < min(0.05, farthest)
+
+
+@pytest.mark.parametrize("hold_integral, most_rad, least_rad", [(True, 0.006, 0.0), (False, 0.06, 0.015)])
+def test_what_the_gravity_model_misses_is_made_up_for_while_holding(rig, running, hold_integral, most_rad, least_rad):
+    session = running(sim_config(rig, LEFT, hold_integral=hold_integral))
+    goal = [0.0, 0.9, 0.9, 0.0, 0.0, 0.0]
+    track(session, {LEFT: goal}, 1.5)
+    session[LEFT].hold()
+    rig.fault(LEFT, "joint_3", "torque_bias_nm", -2.4)  # 30 mrad of sag at 80 Nm/rad
+    time.sleep(5.0)
+    error = abs(rig.state()["arms"][LEFT]["q"][2] - session[LEFT].observe().setpoint_q[2])
+    assert least_rad <= error <= most_rad
+
+
+def test_two_arms_keep_their_distance_and_come_apart_again(rig, running):
+    # As the scene places them, 0.5 m apart.
+    left = sim_config(rig, LEFT, workspace=WorkspaceConfig(base_position_m=[0.0, 0.25, 0.0], collision_margin_m=0.03))
+    right = sim_config(
+        rig, RIGHT, workspace=WorkspaceConfig(base_position_m=[0.0, -0.25, 0.0], collision_margin_m=0.03)
+    )
+    session = running(left, right)
+    apart = {LEFT: [0.3, 1.0, 0.9, 0.0, 0.0, 0.0], RIGHT: [-0.3, 1.0, 0.9, 0.0, 0.0, 0.0]}
+    track(session, apart, 2.0)
+    track(session, {LEFT: [-0.9, 1.0, 0.9, 0.0, 0.0, 0.0], RIGHT: [0.9, 1.0, 0.9, 0.0, 0.0, 0.0]}, 2.5)
+    states = [session[name].observe() for name in (LEFT, RIGHT)]
+    assert any(Limited.WORKSPACE in state.limited for state in states)
+    assert states[0].q[0] > -0.8 and states[1].q[0] < 0.8  # neither has got there
+    tips = [np.array(rig.state()["arms"][name]["tcp_site"]["pos"]) for name in (LEFT, RIGHT)]
+    assert tips[0][1] - tips[1][1] > 0.03
+    track(session, apart, 2.0)
+    assert session[LEFT].observe().q[0] == pytest.approx(0.3, abs=0.03)
+    assert session[RIGHT].observe().q[0] == pytest.approx(-0.3, abs=0.03)
+
+
+def test_no_part_enters_a_keep_out_box(rig, running):
+    box = KeepOut(name="camera mast", center_m=[0.0, 0.45, 0.3], size_m=[0.2, 0.2, 1.0])
+    session = running(sim_config(rig, LEFT, workspace=WorkspaceConfig(keep_out=[box])))
+    track(session, {LEFT: [0.2, 1.3, 1.2, 0.0, 0.0, 0.0]}, 2.0)
+    track(session, {LEFT: [1.57, 1.3, 1.2, 0.0, 0.0, 0.0]}, 2.5)
+    tip = np.array(rig.state()["arms"][LEFT]["tcp_site"]["pos"]) - [0.0, 0.25, 0.0]  # in the arm's base frame
+    assert tip[1] < 0.36
+    assert Limited.WORKSPACE in session[LEFT].observe().limited
+
+
+def test_a_warm_motor_halves_the_speed(rig, running):
+    session = running(sim_config(rig, LEFT))
+    track(session, {LEFT: [0.0, 0.8, 0.8, 0.0, 0.0, 0.0]}, 1.5)
+    rig.fault(LEFT, "joint_3", "temperatures_c", [90, 60])
+    time.sleep(0.8)
+    speeds = []
+    begin = time.monotonic()
+    last = session[LEFT].observe()
+    while time.monotonic() < begin + 0.8:
+        session[LEFT].track([1.5, 0.8, 0.8, 0.0, 0.0, 0.0], 0.5)
+        time.sleep(0.1)
+        state = session[LEFT].observe()
+        speeds.append((state.setpoint_q[0] - last.setpoint_q[0]) / (state.stamp_s - last.stamp_s))
+        last = state
+    limit = session.hardware(LEFT).speed_limit[0]
+    assert max(speeds) < 0.6 * limit
+    assert Limited.HEAT in state.limited
