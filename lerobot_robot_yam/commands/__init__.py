@@ -1,0 +1,1 @@
+"""Console commands about one arm; none of them imports lerobot."""

@@ -1,0 +1,133 @@
+"""Which arm is on this channel? Read its marks, bind it to a name, check it against its binding, or see it move.
+
+yam-identify --channel can_follower_l                               shows what answers; read-only
+yam-identify --channel can_follower_l --name left --bind left.json  remembers it as "left"
+yam-identify --channel can_follower_l --check left.json             is it still that arm? exit status 1 when not
+yam-identify --channel can_follower_l --wiggle                      ENERGISES the arm and turns joint 6 a little
+
+Only --wiggle energises anything, and asks first (--yes for scripts).
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.fingerprint import GRIPPER_ID, Fingerprint, read_fingerprint
+from lerobot_robot_yam.arm.identity import bind, check_identity
+from lerobot_robot_yam.arm.role import Role, likely_gripper
+from lerobot_robot_yam.commands.arm_command import (
+    add_arm_arguments,
+    arm_config,
+    ask,
+    need_terminal,
+    own_bus,
+    run_command,
+    table,
+    tell,
+)
+from lerobot_robot_yam.commands.wiggle import hazard, wiggle
+from lerobot_robot_yam.errors import ConfigError, MotorError
+
+
+def describe(channel: str, found: Fingerprint) -> str:
+    """The fingerprint as a table."""
+
+    def shown(value: object) -> str:
+        return "?" if value is None else str(value)
+
+    rows = [
+        [str(i), m.kind, shown(m.gear_ratio), shown(m.serial), shown(m.software), shown(m.sub), shown(m.hardware)]
+        for i, m in sorted(found.motors.items())
+    ]
+    handle = "none" if found.handle_firmware is None else "firmware " + ".".join(map(str, found.handle_firmware))
+    lines = [
+        f"channel {channel}: {found.role}",
+        table(["motor id", "type", "gear", "serial", "firmware", "sub", "hardware"], rows),
+        f"teaching handle: {handle}",
+        f"adapter: {found.adapter or 'none known to the kernel'}",
+    ]
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of `yam-identify`; returns the exit status."""
+    parser = argparse.ArgumentParser(
+        prog="yam-identify", description="Which arm is on this CAN channel? Reads only, except with --wiggle."
+    )
+    add_arm_arguments(parser)
+    parser.add_argument("--json", action="store_true", help="print the fingerprint as JSON")
+    parser.add_argument("--bind", type=Path, metavar="PATH", help="remember this arm in the file PATH")
+    parser.add_argument("--force", action="store_true", help="with --bind: replace the binding of another arm")
+    parser.add_argument("--check", type=Path, metavar="PATH", help="compare with the arm bound in the file PATH")
+    parser.add_argument("--wiggle", action="store_true", help="ENERGISE the arm and turn joint 6 by 0.08 rad")
+    parser.add_argument("--calibration", metavar="PATH", help="with --wiggle: the gripper's stored stops")
+    parser.add_argument("--yes", action="store_true", help="with --wiggle: do not ask")
+    args = parser.parse_args(arguments)
+    if args.bind and args.check:
+        parser.error("--bind and --check exclude each other")
+    return run_command("yam-identify", lambda: _identify(args))
+
+
+def _identify(args: argparse.Namespace) -> int:
+    config = arm_config(args)
+    if args.wiggle:
+        need_terminal(args.yes)
+    with own_bus(config) as bus:
+        found = read_fingerprint(bus, config.channel, config.interface)
+    if args.json:
+        sys.stdout.write(json.dumps({"channel": config.channel, "role": found.role, **found.to_dict()}) + "\n")
+    else:
+        sys.stdout.write(describe(config.channel, found) + "\n")
+    sys.stdout.flush()
+    if not found.motors:
+        raise MotorError(
+            f"nothing answers on channel {config.channel}; check motor power and the emergency stop, the CAN cable "
+            "and the bit-rate (classic CAN, 1 Mbit/s)"
+        )
+    name = config.name
+    if args.wiggle:
+        name = _watch_it_move(args, config, found)
+    if args.bind:
+        for note in bind(args.bind, name, config.channel, found, args.force):
+            tell(f"note: {note}")
+        tell(f"bound as {name!r} in {args.bind}")
+    elif args.check:
+        if not args.check.exists():
+            raise ConfigError(f"there is no arm binding {args.check}; make it with --bind")
+        warned = check_identity(args.check, found, config.channel, config.name)
+        tell("this is the bound arm" + (", see the warnings" if warned else ""))
+    return 0
+
+
+def _watch_it_move(args: argparse.Namespace, config: ArmConfig, found: Fingerprint) -> str:
+    """Wiggle, and the name of the arm that moved, as the user says."""
+    gripper = args.gripper
+    if gripper is None:
+        gear = found.motors[GRIPPER_ID].gear_ratio if GRIPPER_ID in found.motors else None
+        gripper = likely_gripper(Role(found.handle_firmware is not None, gear))
+        tell(f"taking the gripper to be {gripper} (else give --gripper)")
+    config = arm_config(args, gripper=gripper, calibration_path=args.calibration)
+    tell(hazard(config))
+    if not args.yes and ask("Clear the space around every arm, then type wiggle to go on:") != "wiggle":
+        raise ConfigError("not confirmed; nothing was energised")
+    answer = wiggle(config, None if args.yes else _which_moved)
+    if args.yes:
+        return config.name
+    if args.name is not None and answer != args.name:
+        raise ConfigError(
+            f"{answer!r} moved, not {args.name!r}: channel {config.channel} carries {answer!r}; nothing was bound"
+        )
+    tell(f"channel {config.channel} carries {answer!r}")
+    return answer
+
+
+def _which_moved() -> str | None:
+    """The arm that moved; None to see it again."""
+    return ask("Which arm moved? Its name, or just Enter to see it again:") or None
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,52 @@
+"""Turn the last joint of an arm a little, so that a person sees which arm a channel drives."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.profile import load_arm, load_gripper
+from lerobot_robot_yam.arm.yam_arm import YamArm
+from lerobot_robot_yam.errors import ConfigError
+
+WIGGLE_RAD = 0.08
+SPEED_RAD_S = 0.15
+
+
+def hazard(config: ArmConfig) -> str:
+    """What is about to happen, for the person who shall confirm it."""
+    text = (
+        f"HAZARD: this energises the arm on channel {config.channel}, which then holds its pose, turns joint 6 by "
+        f"±{WIGGLE_RAD} rad at up to {SPEED_RAD_S} rad/s, lands and goes limp. Keep hands off all arms and the "
+        "emergency stop within reach."
+    )
+    if load_gripper(config.gripper).motor is not None and config.calibration_path is None:
+        text += " Its gripper closes and opens fully to find its stops (give --calibration to avoid that)."
+    return text
+
+
+def wiggle(config: ArmConfig, which: Callable[[], str | None] | None) -> str:
+    """Energise, hold, wiggle until `which` names the arm that moved, land.
+
+    Args:
+        config: the arm.
+        which: asked after each wiggle; None from it repeats. Without it the arm wiggles once.
+
+    Returns:
+        The answer, "" when nobody was asked.
+
+    Raises:
+        YamError: what failed; the arm has landed, or was never energised.
+    """
+    if load_arm(config.arm).joint_count != 6:
+        raise ConfigError(f"{config.name}: arm {config.arm!r} has no joint 6 to turn")
+    with YamArm(config, start="hold") as arm:
+        home = arm.observe().setpoint_q
+        while True:
+            for offset in (WIGGLE_RAD, -WIGGLE_RAD, 0.0):
+                arm.move_to(home + offset * np.eye(6)[5], speed_rad_s=SPEED_RAD_S)
+            if which is None:
+                return ""
+            answer = which()
+            if answer:
+                return answer

@@ -1,0 +1,169 @@
+"""Set the zero of an arm's joints: guided, verified, with every motor limp.
+
+yam-zero --channel can_follower_l                    all six joints
+yam-zero --channel can_follower_l --joint joint_2 joint_3
+
+HAZARD: what the motors are told here is what every later session believes. A zero set in a wrong pose makes the arm
+drive into its stops. Nothing is energised.
+"""
+
+import argparse
+import json
+import math
+import select
+import sys
+from collections.abc import Sequence
+
+import can
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.profile import NO_ARM, load_arm
+from lerobot_robot_yam.arm.role import likely_gripper, probe_role
+from lerobot_robot_yam.commands.arm_command import (
+    add_arm_arguments,
+    arm_config,
+    ask,
+    need_terminal,
+    own_bus,
+    run_command,
+    table,
+    tell,
+)
+from lerobot_robot_yam.commands.zeroing import Reading, Zeroing
+from lerobot_robot_yam.errors import ConfigError
+
+_WORD = "zero"
+_LIVE_S = 0.2
+_CHANGE_RAD = 0.05  # what a careful hand may be off by
+
+# The pose in which every joint is 0, from the packaged models (facts: zero_pose_check); the same for all of them.
+ZERO_POSE = {
+    "joint_1": "base: the folded arm in line with the base, tool pointing straight ahead (+x)",
+    "joint_2": "shoulder: upper arm laid back, level, pointing away from where the tool points; at its lower stop",
+    "joint_3": "elbow: forearm folded forward over the upper arm, level; at its lower stop",
+    "joint_4": "wrist pitch: tool in line with the forearm, level",
+    "joint_5": "wrist yaw: tool straight ahead, to neither side",
+    "joint_6": "wrist roll: tool upright, fingers opening sideways (a handle hanging down)",
+}
+
+
+def guidance(zeroing: Zeroing) -> str:
+    """Where to put the chosen joints, with their ranges."""
+    lines = ["Put these joints by hand where the profile says zero is, and support the arm so that it stays there:"]
+    for index in zeroing.chosen:
+        name = zeroing.names[index]
+        low, high = zeroing.hardware.arm.joint_limits_rad[index]
+        lines.append(f"  {name} (range {low:+.2f} … {high:+.2f} rad): {ZERO_POSE.get(name, 'as its profile says')}")
+    return "\n".join(lines)
+
+
+def angles(zeroing: Zeroing, reading: Reading) -> str:
+    """Table of the present angles."""
+    rows = []
+    for index, name in enumerate(zeroing.names):
+        joint = reading.joint_rad[index]
+        shown = f"{joint:+.3f}" if math.isfinite(joint) else "unclear" if name in reading.problems else "-"
+        rows.append([name, f"{reading.motor_rad[index]:+.3f}", shown, "zero" if index in zeroing.chosen else "keep"])
+    return table(["motor", "motor rad", "joint rad", ""], rows)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of `yam-zero`; returns the exit status."""
+    parser = argparse.ArgumentParser(
+        prog="yam-zero",
+        description="Set the zero of an arm's joints; all motors stay limp. HAZARD: with a zero set in a wrong pose "
+        "the arm drives into its stops in the next session.",
+    )
+    add_arm_arguments(parser)
+    parser.add_argument(
+        "--joint", nargs="+", action="extend", metavar="JOINT", help="joints to zero, such as joint_2 (default: all)"
+    )
+    parser.add_argument("--yes", action="store_true", help="do not ask; the joints are at their zero already")
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+    args = parser.parse_args(arguments)
+    return run_command("yam-zero", lambda: _zero(args))
+
+
+def _zero(args: argparse.Namespace) -> int:
+    config = arm_config(args)
+    joints = args.joint or [motor.name for motor in load_arm(config.arm).motors]
+    if config.arm == NO_ARM:
+        raise ConfigError("a gripper has no zero to set: its stops are found by calibration (lerobot-calibrate)")
+    need_terminal(args.yes)
+    tell(
+        f"HAZARD: this sets the zero of {', '.join(joints)} of the arm on channel {config.channel}. A zero set in a "
+        "wrong pose makes the arm drive into its stops in the next session. The motors stay limp: support the arm."
+    )
+    with own_bus(config) as bus:
+        zeroing = Zeroing(_with_gripper(args, config, bus), bus, joints)
+        zeroing.inspect()
+        tell(angles(zeroing, zeroing.read()))
+        tell(guidance(zeroing))
+        if not args.yes:
+            _wait_until_placed(zeroing)
+        _warn_of_change(zeroing, zeroing.read())
+        if not args.yes and ask(f"Type {_WORD} to make the present pose the zero of these joints:") != _WORD:
+            raise ConfigError("not confirmed; nothing was zeroed")
+        zeroing.require_still()
+        before, after = zeroing.set_zero()
+    _report(args, zeroing, before, after)
+    return 0
+
+
+def _with_gripper(args: argparse.Namespace, config: ArmConfig, bus: can.BusABC) -> ArmConfig:
+    """The configuration with the gripper that answers, unless one was given: its motor shall not change."""
+    if args.gripper is not None:
+        return config
+    return arm_config(args, gripper=likely_gripper(probe_role(bus, config.channel)))
+
+
+def _wait_until_placed(zeroing: Zeroing) -> None:
+    """Show the angles of the chosen joints live until Enter."""
+    tell("Press Enter when they are in place.")
+    while not select.select([sys.stdin], [], [], _LIVE_S)[0]:
+        motor = zeroing.read().motor_rad
+        live = "  ".join(f"{zeroing.names[i]} {motor[i]:+.3f}" for i in zeroing.chosen)
+        tell(f"\rmotor rad: {live}", end=" ")
+    sys.stdin.readline()
+    tell(angles(zeroing, zeroing.read()))
+
+
+def _warn_of_change(zeroing: Zeroing, present: Reading) -> None:
+    """Say which joints will be taken to be somewhere else: wanted after a repair, a mistake otherwise."""
+    far = [
+        f"{zeroing.names[i]} by {-present.joint_rad[i]:+.2f}"
+        for i in zeroing.chosen
+        if abs(present.joint_rad[i]) > _CHANGE_RAD
+    ]
+    if far:
+        tell(f"WARNING: this changes where these joints are taken to be, in rad: {', '.join(far)}")
+
+
+def _report(args: argparse.Namespace, zeroing: Zeroing, before: Reading, after: Reading) -> None:
+    if args.json:
+
+        def plain(value: float) -> float | None:
+            return float(value) if math.isfinite(value) else None
+
+        motors = {
+            name: {
+                "zeroed": i in zeroing.chosen,
+                "before_motor_rad": plain(before.motor_rad[i]),
+                "before_joint_rad": plain(before.joint_rad[i]),
+                "after_motor_rad": plain(after.motor_rad[i]),
+                "after_joint_rad": plain(after.joint_rad[i]),
+            }
+            for i, name in enumerate(zeroing.names)
+        }
+        sys.stdout.write(json.dumps({"channel": zeroing.channel, "motors": motors}) + "\n")
+    else:
+        sys.stdout.write(
+            f"before:\n{angles(zeroing, before)}\nafter:\n{angles(zeroing, after)}\n"
+            "zeroed and read back; the other motors did not change\n"
+        )
+    for problem in after.problems.values():
+        tell(f"note: {problem}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,103 @@
+"""Stored stops of the grippers: is the file there, whole, of this gripper, and is its span plausible?"""
+
+import json
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from lerobot_robot_yam.arm.gripper import check_span, load_stops
+from lerobot_robot_yam.arm.profile import load_gripper
+from lerobot_robot_yam.doctor.findings import Section
+from lerobot_robot_yam.doctor.targets import Target
+from lerobot_robot_yam.errors import ConfigError, GripperError
+
+_DAY_S = 86400.0
+_PATTERN = "*/*/yam/*_gripper.json"  # robots/<type>/yam/<id>_gripper.json below LeRobot's directory
+
+
+def calibration_section() -> Section:
+    """An empty section for `check_calibrations`."""
+    columns = {
+        "channel": "channel",
+        "gripper": "gripper",
+        "state": "state",
+        "span_rad": "span rad",
+        "age_days": "age days",
+        "file": "file",
+    }
+    return Section("gripper_calibration", "Gripper calibration", columns)
+
+
+def check_calibrations(targets: Sequence[Target], root: Path, section: Section) -> None:
+    """Check the files that the targets name; when none does, all below LeRobot's directory `root`."""
+    named = [target for target in targets if target.calibration is not None]
+    if not named:
+        for path in sorted(root.glob(_PATTERN)):
+            _check_file(path, _owner(path), None, section)
+        return
+    for target in named:
+        assert target.calibration is not None
+        hardware = target.hardware()
+        if not hardware.has_gripper:
+            continue
+        stops = target.config.gripper_stops_rad
+        if stops is None:
+            _check_file(target.calibration, hardware.gripper.name, target, section)
+        else:
+            _check_configured(target, stops, section)
+
+
+def _check_file(path: Path, gripper: str, target: Target | None, section: Section) -> None:
+    row: dict[str, Any] = {"channel": target and target.channel, "gripper": gripper, "file": str(path)}
+    where = f"{target.channel} gripper" if target else str(path)
+    section.rows.append(row)
+    again = f"rm {path} && {_calibrate(target)}"
+    try:
+        stops = load_stops(path, gripper)
+        if stops is None:
+            row["state"] = "missing"
+            what = f"no stops are stored in {path}: a session searches them when it starts, moving the fingers"
+            section.warn(where, what, f"take everything out of the fingers, then: {_calibrate(target)}")
+            return
+        row["span_rad"] = round(abs(stops.span_rad), 4)
+        row["age_days"] = round((time.time() - path.stat().st_mtime) / _DAY_S, 1)
+        profile = load_gripper(target.config.gripper if target else gripper)
+        if profile.calibration is not None:
+            check_span(where, profile.calibration, stops.closed_rad, stops.open_rad)
+    except GripperError as error:
+        row["state"] = "unusable"
+        section.problem(where, str(error), again)
+    except ConfigError as error:
+        row["state"] = "unknown"
+        section.note(where, f"whether the span is plausible is unknown: {error}", "name its config with --config_path")
+    except OSError as error:
+        row["state"] = "unreadable"
+        section.problem(where, f"{path} cannot be read: {error}", again)
+    else:
+        row["state"] = "valid"
+
+
+def _check_configured(target: Target, stops: Sequence[float], section: Section) -> None:
+    gripper = target.hardware().gripper
+    row = {"channel": target.channel, "gripper": gripper.name, "file": "gripper_stops_rad of the config"}
+    section.rows.append({**row, "state": "configured", "span_rad": round(abs(stops[1] - stops[0]), 4)})
+    try:
+        if gripper.calibration is not None:
+            check_span(target.channel, gripper.calibration, stops[0], stops[1])
+    except GripperError as error:
+        section.problem(f"{target.channel} gripper", str(error), "take gripper_stops_rad out of the config")
+
+
+def _calibrate(target: Target | None) -> str:
+    place = "real" if target is None or target.real else "sim"
+    return f"lerobot-calibrate --config_path=configs/{place}/calibrate.yaml"
+
+
+def _owner(path: Path) -> str:
+    """The gripper that the file says it is of; of a damaged one, nothing."""
+    try:
+        data = json.loads(path.read_text())
+        return str(data["gripper"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return "unknown"

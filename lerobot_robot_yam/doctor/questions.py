@@ -1,0 +1,152 @@
+"""The only place from which the doctor sends: questions that motors and handles answer and that change nothing.
+
+Every frame passes `harmless` before it is sent, so that no mistake elsewhere can enable, move or set anything.
+"""
+
+import math
+import time
+from collections.abc import Callable, Collection, Sequence
+from typing import NamedTuple
+
+import can
+
+from lerobot_robot_yam.damiao import encoder
+from lerobot_robot_yam.damiao.bus_port import BusPort, data_message
+from lerobot_robot_yam.damiao.registers import Opcode, decode_reply, encode_read, encode_refresh
+from lerobot_robot_yam.damiao.tables import REGISTER_ID
+from lerobot_robot_yam.errors import LifeCycleError
+
+_BATCH = 4  # questions sent at once: a transmit queue may hold ten frames only
+_BATCH_PAUSE_S = 0.002
+_REGISTER_TIMEOUT_S, _REGISTER_ATTEMPTS = 0.2, 2
+_OF_REGISTERS = frozenset({Opcode.READ, Opcode.REFRESH})
+_OF_HANDLE = frozenset({encoder.OP_REPORT, encoder.OP_VERSION, encoder.OP_READ_EEPROM})
+
+
+class Answer(NamedTuple):
+    """A feedback frame: identifier it came with, id nibble and fault nibble inside, its eight bytes, arrival time."""
+
+    identifier: int
+    nibble: int
+    fault: int
+    data: bytes
+    stamp_s: float
+
+
+class RegisterAnswer(NamedTuple):
+    """A register's value and the identifier that it came with."""
+
+    identifier: int
+    value: float | int
+
+
+def harmless(identifier: int, data: bytes) -> bool:
+    """Whether a frame only asks: a register read, a refresh, or a question to the teaching handle."""
+    if identifier == REGISTER_ID:
+        return len(data) == 8 and data[2] in _OF_REGISTERS
+    return identifier == encoder.REQUEST_ID and len(data) > 1 and data[1] in _OF_HANDLE
+
+
+class Questions:
+    """Asks on one bus. Not for use while somebody else drives it: answers do not say who has asked.
+
+    Raises (every method):
+        BusError: the channel is gone or takes no frames.
+    """
+
+    def __init__(self, bus: can.BusABC, channel: str):
+        self.channel = channel
+        self._port = BusPort(bus, channel)
+
+    def refresh(self, motor_ids: Sequence[int], timeout_s: float, settle_s: float) -> list[Answer]:
+        """Ask motors (ids below 16) for feedback; everything that comes until all have answered, and `settle_s` more.
+
+        A second answer of one motor, and one with an unexpected identifier, are among them.
+        """
+        self._drain()
+        missing = set(motor_ids)
+        found: list[Answer] = []
+        for start in range(0, len(motor_ids), _BATCH):
+            for motor_id in motor_ids[start : start + _BATCH]:
+                self._send(REGISTER_ID, encode_refresh(motor_id))
+            time.sleep(_BATCH_PAUSE_S)
+        deadline = time.monotonic() + timeout_s
+        while (remaining := deadline - time.monotonic()) > 0.0:
+            answer = self._feedback(remaining, motor_ids)
+            if answer is None:
+                continue
+            found.append(answer)
+            missing.discard(answer.nibble)
+            if not missing:
+                deadline = min(deadline, time.monotonic() + settle_s)
+        return found
+
+    def round_trip_s(self, motor_id: int, timeout_s: float) -> float | None:
+        """Time from the question to the arrival of the motor's feedback, None when none comes."""
+        self._drain()
+        self._port.synchronise()
+        asked = time.monotonic()
+        self._send(REGISTER_ID, encode_refresh(motor_id))
+        while (remaining := asked + timeout_s - time.monotonic()) > 0.0:
+            answer = self._feedback(remaining, (motor_id,))
+            if answer is not None:
+                return max(answer.stamp_s - asked, 0.0)
+        return None
+
+    def register(self, motor_id: int, register: int) -> RegisterAnswer | None:
+        """Value of a register, whatever identifier the answer has; None when the motor does not tell."""
+        for _ in range(_REGISTER_ATTEMPTS):
+            self._send(REGISTER_ID, encode_read(motor_id, register))
+            deadline = time.monotonic() + _REGISTER_TIMEOUT_S
+            while (remaining := deadline - time.monotonic()) > 0.0:
+                message = self._next(remaining)
+                if message is None:
+                    continue
+                reply = decode_reply(bytes(message.data))
+                if reply is not None and reply[:3] == (motor_id, Opcode.READ, register):
+                    value = reply.value if math.isfinite(reply.value) else None
+                    return None if value is None else RegisterAnswer(message.arbitration_id, value)
+        return None
+
+    def handle[T](
+        self, request: bytes, identifier: int, decode: Callable[[bytes], T | None], timeout_s: float, attempts: int
+    ) -> T | None:
+        """The teaching handle's answer to a question, None when there is none."""
+        for _ in range(attempts):
+            self._drain()  # its answers do not repeat the question, so no earlier one may be left
+            self._send(encoder.REQUEST_ID, request)
+            deadline = time.monotonic() + timeout_s
+            while (remaining := deadline - time.monotonic()) > 0.0:
+                message = self._next(remaining)
+                if message is not None and message.arbitration_id == identifier:
+                    answer = decode(bytes(message.data))
+                    if answer is not None:
+                        return answer
+        return None
+
+    def _send(self, identifier: int, data: bytes) -> None:
+        if not harmless(identifier, data):
+            raise LifeCycleError(f"{self.channel}: the doctor does not send 0x{identifier:X}#{data.hex()}")
+        self._port.send([data_message(identifier, data)])
+
+    def _drain(self) -> None:
+        while self._port.recv(0.0) is not None:
+            pass
+
+    def _next(self, timeout_s: float) -> can.Message | None:
+        """The next frame that a device has sent: no error frame, and no question of another program."""
+        message = self._port.recv(timeout_s)
+        if message is None or message.is_error_frame or message.arbitration_id == REGISTER_ID:
+            return None
+        return message
+
+    def _feedback(self, timeout_s: float, motor_ids: Collection[int]) -> Answer | None:
+        """The next frame if it is feedback of one of these motors."""
+        message = self._next(timeout_s)
+        if message is None:
+            return None
+        data = bytes(message.data)
+        if len(data) != 8 or message.arbitration_id in encoder.HANDLE_IDS or data[0] & 0xF not in motor_ids:
+            return None
+        stamp_s = self._port.arrival_s(message)
+        return Answer(message.arbitration_id, data[0] & 0xF, data[0] >> 4, data, stamp_s)

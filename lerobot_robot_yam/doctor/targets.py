@@ -1,0 +1,163 @@
+"""Which arms the doctor looks at: named on the command line, read from a LeRobot run config, or all that there are."""
+
+import dataclasses
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.hardware import Hardware
+from lerobot_robot_yam.arm.state import channel_key
+from lerobot_robot_yam.arm.yaml_fields import read_yaml
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.runtime import rig_name
+
+SOCKETCAN, VIRTUAL = "socketcan", "yam_sim"
+LEADER_GRIPPER = "yam_teaching_handle"
+_FIELDS = frozenset(field.name for field in dataclasses.fields(ArmConfig))
+_DEVICES = {
+    "robot": ("robots", ("yam_follower", "bi_yam_follower")),
+    "teleop": ("teleoperators", ("yam_leader", "bi_yam_leader")),
+}
+
+
+@dataclass(frozen=True)
+class Target:
+    """One arm to look at.
+
+    Attributes:
+        config: the arm.
+        declared: False when nobody has said which arm and gripper it is: then what answers decides.
+        calibration: file in which LeRobot's device keeps the gripper's stops, None when that is unknown.
+    """
+
+    config: ArmConfig
+    declared: bool = True
+    calibration: Path | None = None
+
+    @property
+    def channel(self) -> str:
+        """The CAN channel."""
+        return self.config.channel
+
+    @property
+    def real(self) -> bool:
+        """Whether the channel is a CAN interface of this computer."""
+        return self.config.interface == SOCKETCAN
+
+    @property
+    def key(self) -> str:
+        """Name of the channel's lock and blocks."""
+        rig = self.config.can_options.get("rig") if self.config.interface == VIRTUAL else None
+        return channel_key(self.config.interface, self.channel, rig)
+
+    def hardware(self) -> Hardware:
+        """Motors and limits as the profiles say.
+
+        Raises:
+            ConfigError: unknown arm or gripper.
+        """
+        return Hardware(self.config)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to look at: arms, and LeRobot's camera configs by name. `config_path`: where they were read from."""
+
+    targets: tuple[Target, ...] = ()
+    cameras: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    config_path: Path | None = None
+
+    @property
+    def real(self) -> bool:
+        """Whether this computer's own interfaces and cameras matter."""
+        return not self.targets or any(target.real for target in self.targets)
+
+
+def from_option(text: str, interface: str, rig: str | None) -> Target:
+    """The arm that `NAME[:ARM[:GRIPPER]]` names.
+
+    Raises:
+        ConfigError: it names none, or an unknown arm or gripper.
+    """
+    channel, *profiles = text.split(":")
+    if not channel or len(profiles) > 2:
+        raise ConfigError(f"channel {text!r}: write NAME, NAME:ARM or NAME:ARM:GRIPPER")
+    values = dict(zip(("arm", "gripper"), (profile for profile in profiles), strict=False))
+    values = {key: value for key, value in values.items() if value}
+    return _target({"channel": channel, "interface": interface, **values}, channel, rig)
+
+
+def undeclared(channel: str) -> Target:
+    """A CAN interface of which nobody has said what is on it."""
+    return Target(ArmConfig(channel=channel, name=channel), declared=False)
+
+
+def from_config(path: Path, rig: str | None) -> Plan:
+    """Arms and cameras of a LeRobot run config with our robots or teleoperators.
+
+    Raises:
+        ConfigError: unreadable, or it has none of ours.
+    """
+    document = read_yaml(path)
+    targets: list[Target] = []
+    cameras: dict[str, Mapping[str, Any]] = {}
+    for section, (folder, types) in _DEVICES.items():
+        device = document.get(section)
+        if not isinstance(device, Mapping) or device.get("type") not in types:
+            continue
+        cameras.update(_cameras(device))
+        directory = Path(device.get("calibration_dir") or calibration_root() / folder / device["type"])
+        for prefix, arm in _arms(device, f"{path}, {section}").items():
+            values = {"gripper": LEADER_GRIPPER, **arm} if section == "teleop" else dict(arm)
+            ident = f"{prefix}{device['id']}" if device.get("id") else values.get("channel")
+            file = Path(values.get("calibration_path") or directory / "yam" / f"{ident}_gripper.json")
+            target = _target(values, f"{prefix}{section}", rig)
+            targets.append(dataclasses.replace(target, calibration=file))
+            cameras.update({f"{prefix}{name}": camera for name, camera in _cameras(arm).items() if prefix})
+    if not targets:
+        known = ", ".join(name for _, types in _DEVICES.values() for name in types)
+        raise ConfigError(f"{path} has no robot or teleoperator of type {known}")
+    return Plan(tuple(targets), cameras, path)
+
+
+def calibration_root() -> Path:
+    """Directory of LeRobot's calibration files, by the rules of lerobot.utils.constants and huggingface_hub."""
+    cache = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    hub = os.environ.get("HF_HOME") or f"{cache}/huggingface"
+    home = os.environ.get("HF_LEROBOT_HOME") or f"{hub}/lerobot"
+    return Path(os.environ.get("HF_LEROBOT_CALIBRATION") or f"{home}/calibration").expanduser()
+
+
+def _arms(device: Mapping[str, Any], where: str) -> dict[str, Mapping[str, Any]]:
+    """Options of each arm by prefix."""
+    if not str(device["type"]).startswith("bi_"):
+        return {"": device}
+    arms = {f"{side}_": device.get(f"{side}_arm_config") for side in ("left", "right")}
+    for prefix, arm in arms.items():
+        if not isinstance(arm, Mapping):
+            raise ConfigError(f"{where}: {prefix}arm_config is missing")
+    return {prefix: arm for prefix, arm in arms.items() if isinstance(arm, Mapping)}
+
+
+def _cameras(options: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    cameras = options.get("cameras")
+    if not isinstance(cameras, Mapping):
+        return {}
+    return {str(name): camera for name, camera in cameras.items() if isinstance(camera, Mapping)}
+
+
+def _target(values: Mapping[str, Any], name: str, rig: str | None) -> Target:
+    known = {key: value for key, value in values.items() if key in _FIELDS}
+    options = dict(known.pop("can_options", None) or {})
+    if known.get("interface") == VIRTUAL:
+        options.pop("operator", None)  # nobody shall move a leader while the doctor looks
+        options["rig"], _ = rig_name(rig or options.get("rig"))
+    try:
+        target = Target(ArmConfig(**{"name": name, **known, "can_options": options}))
+        target.hardware()
+    except TypeError as error:  # no channel
+        raise ConfigError(f"{name}: {error}") from error
+    return target

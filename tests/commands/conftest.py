@@ -1,0 +1,11 @@
+import pytest
+
+from lerobot_robot_yam.rig.control import running_rig
+from tests.commands.crooked_arm import OFFSETS, scene
+
+
+@pytest.fixture
+def crooked(tmp_path):
+    """A rig with one arm that lies at rest, whose motors' zeros are off by OFFSETS; joint 4 hangs at -0.17."""
+    with running_rig(scene=scene(tmp_path, [*OFFSETS, 0.0])) as rig:
+        yield rig

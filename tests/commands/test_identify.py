@@ -1,0 +1,203 @@
+"""yam-identify on the rig: reads, binds, checks, and wiggles only when it was confirmed."""
+
+import json
+import os
+import pty
+import subprocess
+import sys
+import threading
+import time
+
+import can
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.arm.gripper import GripperStops, save_stops
+from lerobot_robot_yam.arm.yam_arm import YamArm
+from lerobot_robot_yam.commands.identify import main
+from lerobot_robot_yam.commands.wiggle import SPEED_RAD_S, WIGGLE_RAD
+from lerobot_robot_yam.damiao.registers import Register
+
+STOPS = [3.25, -3.3]
+
+
+def energised(rig):
+    return [event for event in rig.events() if event["kind"] == "motor_enabled"]
+
+
+def limp(rig, channel="follower_left"):
+    return not any(motor["enabled"] for motor in rig.state()["arms"][channel]["motors"].values())
+
+
+def arguments(rig, channel="follower_left", *more):
+    return ["--channel", channel, "--rig", rig.name, *map(str, more)]
+
+
+def start(rig, *more, terminal=None):
+    """The command as a process; `terminal` is what it is typed at."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "lerobot_robot_yam.commands.identify", *arguments(rig, "follower_left", *more)],
+        stdin=subprocess.DEVNULL if terminal is None else terminal,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def wait_for(condition, timeout_s=40.0):
+    deadline = time.monotonic() + timeout_s
+    while not (found := condition()):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    return found
+
+
+def test_it_shows_what_answers_and_sends_questions_only(rig, capsys):
+    rig.trace_start("leader_left")
+    assert main(arguments(rig, "leader_left")) == 0
+    shown = capsys.readouterr().out
+    assert "channel leader_left: leader (a teaching handle answers)" in shown
+    assert "firmware 2.4.0" in shown and shown.count("DM4340") == 3 and shown.count("DM4310") == 3
+    assert {ident for _, _, ident, _ in rig.trace("leader_left")} == {0x7FF, 0x50E}
+    assert main(arguments(rig, "leader_left", "--json")) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["channel"] == "leader_left" and len(found["motors"]) == 6 and found["handle_firmware"] == [2, 4, 0]
+
+
+def test_bound_arms_are_recognised_and_swapped_ones_are_not(rig, tmp_path, capsys):
+    for side in ("left", "right"):
+        path, channel = tmp_path / f"{side}.json", f"follower_{side}"
+        assert main(arguments(rig, channel, "--name", f"{side}_lab", "--bind", path)) == 0
+        assert main(arguments(rig, channel, "--check", path)) == 0
+    capsys.readouterr()
+    assert main(arguments(rig, "follower_right", "--check", tmp_path / "left.json")) == 1
+    assert "channel follower_right carries the arm bound as 'right_lab', not 'left_lab'" in capsys.readouterr().err
+    assert main(arguments(rig, "follower_right", "--bind", tmp_path / "left.json")) == 1
+    assert "already binds 'left_lab'" in capsys.readouterr().err
+    assert main(arguments(rig, "follower_right", "--bind", tmp_path / "left.json", "--force")) == 0
+    assert "cannot be told apart from the one bound as 'right_lab', or it is the same" in capsys.readouterr().err
+    assert main(arguments(rig, "follower_right", "--check", tmp_path / "none.json")) == 1
+    assert "there is no arm binding" in capsys.readouterr().err
+    assert not energised(rig)
+
+
+def test_a_changed_serial_number_fails_the_check(rig, tmp_path, capsys):
+    assert main(arguments(rig, "follower_left", "--name", "left", "--bind", tmp_path / "left.json")) == 0
+    rig.fault("follower_left", "joint_3", "register", 77, register=int(Register.SN))
+    assert main(arguments(rig, "follower_left", "--check", tmp_path / "left.json")) == 1
+    assert "1 of 7 motors have another serial number (id 3)" in capsys.readouterr().err
+
+
+def test_a_channel_in_use_is_left_alone(rig, capsys):
+    fields = {"channel": "follower_left", "interface": "yam_sim", "can_options": {"rig": rig.name}}
+    with YamArm(gripper_stops_rad=STOPS, **fields):
+        rig.trace_start("follower_left")
+        assert main(arguments(rig)) == 1
+        assert "in use by process" in capsys.readouterr().err
+        time.sleep(0.1)
+        assert {ident for _, _, ident, _ in rig.trace("follower_left")} == {1, 2, 3, 4, 5, 6, 7}  # the session's own
+
+
+def test_a_dead_channel_says_so(rig, capsys):
+    rig.fault("follower_left", None, "silent")  # no power
+    assert main(arguments(rig)) == 1
+    assert "nothing answers on channel follower_left; check motor power" in capsys.readouterr().err
+    assert main(["--channel", "can_none", "--rig", rig.name]) == 1
+    assert "can_none" in capsys.readouterr().err
+
+
+def test_without_a_terminal_or_yes_nothing_wiggles(rig):
+    rig.trace_start("follower_left")
+    process = start(rig, "--wiggle")
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 1 and "no terminal" in said
+    assert rig.trace("follower_left") == []
+
+
+def test_a_wiggle_turns_joint_6_slowly_and_nothing_else_and_lands(rig, tmp_path):
+    save_stops(tmp_path / "stops.json", "linear_4310", GripperStops(*STOPS))
+    rest = np.array(rig.state()["arms"]["follower_left"]["q"])
+    process = start(rig, "--wiggle", "--yes", "--calibration", tmp_path / "stops.json")
+    seen = []
+    while process.poll() is None:
+        arm = rig.state()["arms"]["follower_left"]
+        if arm["motors"]["joint_6"]["enabled"]:
+            seen.append((arm["q"], arm["dq"]))
+        time.sleep(0.01)
+    _, said = process.communicate()
+    assert process.returncode == 0, said
+    assert "HAZARD" in said and limp(rig) and limp(rig, "follower_right")
+    q, dq = np.array([a for a, _ in seen]), np.array([b for _, b in seen])
+    assert q[:, 5].max() - rest[5] == pytest.approx(WIGGLE_RAD, abs=0.02)
+    assert q[:, 5].min() - rest[5] == pytest.approx(-WIGGLE_RAD, abs=0.02)
+    wiggled = q[: q[:, 5].argmin()]  # afterwards it lands
+    assert np.abs(wiggled[:, :5] - rest[:5]).max() < 0.05
+    assert np.abs(dq[:, 5]).max() < 2 * SPEED_RAD_S
+
+
+def test_at_a_terminal_it_wiggles_again_until_the_arm_is_named_and_binds_it(rig, tmp_path):
+    save_stops(tmp_path / "stops.json", "linear_4310", GripperStops(*STOPS))
+    ours, theirs = pty.openpty()
+    try:
+        process = start(
+            rig, "--wiggle", "--calibration", tmp_path / "stops.json", "--bind", tmp_path / "b.json", terminal=theirs
+        )
+        os.write(ours, b"wiggle\n")
+        wait_for(lambda: not limp(rig))
+        os.write(ours, b"\nthe left one\n")
+        _, said = process.communicate(timeout=90)
+    finally:
+        os.close(ours)
+        os.close(theirs)
+    assert process.returncode == 0, said
+    assert said.count("Which arm moved?") == 2
+    assert "bound as 'the left one'" in said and json.loads((tmp_path / "b.json").read_text())["name"] == "the left one"
+    assert limp(rig)
+
+
+def test_another_arm_than_named_moved_and_nothing_is_bound(rig, tmp_path):
+    save_stops(tmp_path / "stops.json", "linear_4310", GripperStops(*STOPS))
+    ours, theirs = pty.openpty()
+    try:
+        bind = ["--name", "left", "--bind", tmp_path / "b.json"]
+        process = start(rig, "--wiggle", "--calibration", tmp_path / "stops.json", *bind, terminal=theirs)
+        os.write(ours, b"wiggle\nright\n")
+        _, said = process.communicate(timeout=90)
+    finally:
+        os.close(ours)
+        os.close(theirs)
+    assert process.returncode == 1
+    assert "'right' moved, not 'left'" in said
+    assert not (tmp_path / "b.json").exists() and limp(rig)
+
+
+def test_an_unconfirmed_wiggle_energises_nothing(rig):
+    ours, theirs = pty.openpty()
+    try:
+        process = start(rig, "--wiggle", terminal=theirs)
+        os.write(ours, b"yes\n")
+        _, said = process.communicate(timeout=60)
+    finally:
+        os.close(ours)
+        os.close(theirs)
+    assert process.returncode == 1 and "not confirmed; nothing was energised" in said
+    assert not energised(rig)
+
+
+def test_another_driver_on_the_wire_is_heard(rig, capsys):
+    """A lock keeps out our own processes only."""
+    stop = threading.Event()
+    with can.Bus(interface="yam_sim", channel="follower_left", rig=rig.name) as bus:
+
+        def drive():
+            while not stop.wait(0.002):
+                bus.send(can.Message(arbitration_id=3, data=bytes(8), is_extended_id=False))
+
+        thread = threading.Thread(target=drive)
+        thread.start()
+        try:
+            assert main(arguments(rig)) == 1
+        finally:
+            stop.set()
+            thread.join()
+    assert "already being driven" in capsys.readouterr().err
