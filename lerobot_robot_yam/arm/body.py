@@ -125,6 +125,12 @@ class ArmBody:
         check_transition(self.name, self.mode, mode)
         self.mode = mode
 
+    def _seed_joints(self) -> None:
+        """Start the joints again from where they are; the gripper's set-point is its grip, and is kept."""
+        q = self.q.copy()
+        q[self.hardware.joints :] = self.setpoint.q[self.hardware.joints :]
+        self.setpoint.seed(q)
+
     def _hold_here(self) -> None:
         """Brake, or keep the measured pose of an arm that floats."""
         if self.mode is Mode.FLOAT:

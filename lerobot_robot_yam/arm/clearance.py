@@ -24,6 +24,7 @@ from lerobot_robot_yam.arm.part_pairs import Pair, choose_pairs
 
 _NOISE_M = 5e-7  # of a distance, which is the same whichever way the arm faces; axes are 1e-6 rad off the vertical
 _DEEP_NOISE_M = 2e-5  # of the depth of two cylinders that are in each other
+_PASSING_M = 0.0002  # what is let pass between station and end, where no set-point comes to stand
 _STEP_M = 0.008  # travel between two looks at a pair
 _STEPS = 10  # in a tick at most: then 3 cm apart when all joints of two arms race at 1.5 rad/s
 
@@ -78,8 +79,8 @@ class Clearance:
     ) -> list[Conflict]:
         """The pairs that the straight move from `start` to `end` (N,) rad brings into conflict, worst first.
 
-        At `station`, a share of the way, and at the end the rule holds exactly; in between up to the curvature of
-        the way between two looks, of which there are `most_steps` at most.
+        At `station`, a share of the way, and at the end the rule holds exactly; in between to within `_PASSING_M` and
+        the curvature of the way between two looks, of which there are `most_steps` at most.
         """
         move = end - start
         travel = self._levers.dot(np.abs(move))
@@ -95,9 +96,12 @@ class Clearance:
         found = []
         _, at_start = looks.pop(0)
         for k, (i, before) in enumerate(zip(near, at_start, strict=True)):
-            share, there = min(((share, distances[k]) for share, distances in looks), key=lambda look: look[1])
-            noise = _NOISE_M if before > 0.0 else _DEEP_NOISE_M
-            if there < min(self.pairs[i].limit_m, before) - noise:
+            floor = min(self.pairs[i].limit_m, before) - (_NOISE_M if before > 0.0 else _DEEP_NOISE_M)
+            lacking, share, there = max(
+                (floor - row[k] - (0.0 if share in (station, 1.0) else _PASSING_M), share, row[k])
+                for share, row in looks
+            )
+            if lacking > 0.0:
                 found.append(Conflict(self.pairs[i], share, before, there))
         return sorted(found, key=lambda conflict: conflict.there_m - conflict.pair.limit_m)
 

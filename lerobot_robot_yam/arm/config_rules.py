@@ -73,7 +73,7 @@ def check(config: "ArmConfig") -> None:
             setattr(config, field.name, _numbers(config, field.name, value, kinds))
         elif bool in kinds and not isinstance(value, bool):
             raise _refusal(config, field.name, "true or false")
-        elif any(dataclasses.is_dataclass(kind) and not isinstance(value, kind) for kind in kinds):
+        elif any(_is_dataclass(kind) and not isinstance(value, kind) for kind in kinds):
             raise _refusal(config, field.name, "a mapping of its fields")
         elif dict in kinds:
             _check_options(config, field.name, value)
@@ -84,6 +84,10 @@ def check(config: "ArmConfig") -> None:
                 raise _refusal(config, field.name, " or ".join(map(repr, choices)))
     if config.ee_inertia is not None and (min(config.ee_inertia[7:]) <= 0.0 or not any(config.ee_inertia[3:7])):
         raise _refusal(config, "ee_inertia", "a quaternion that is not zero, and moments above zero")
+
+
+def _is_dataclass(kind: Any) -> bool:
+    return isinstance(kind, type) and dataclasses.is_dataclass(kind)
 
 
 def _members(hint: Any) -> tuple[Any, ...]:

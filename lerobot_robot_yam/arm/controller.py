@@ -270,7 +270,7 @@ class ArmController(ArmBody):
                 raise LifeCycleError(f"{self.name}: {self.message}; {POLICY[self.trouble].rearm}")
             failed = np.flatnonzero(~self._usable).tolist()
             self.drive.clear_and_enable(failed)
-            self.setpoint.seed(self.q)
+            self._seed_joints()
             self.command(time.monotonic(), 0.0)
             finding = self.drive.exchange(self.motion.commands)
             if finding.trouble is not None:
@@ -302,7 +302,10 @@ class ArmController(ArmBody):
     def _resume(self, now: float) -> None:
         """The emergency stop has been released: from the measured pose."""
         self.limited &= ~Limited.EMERGENCY_STOP
-        self.setpoint.seed(self.q)
+        if self._floats:
+            self.setpoint.seed(self.q)
+        else:
+            self._seed_joints()
         if self.gripper is not None and self.gripper.stops is None and not self._must_land:
             self.gripper.begin()
             self._enter(Mode.BRING_UP)

@@ -29,7 +29,7 @@ from lerobot_robot_yam.arm.setpoint import SetPoint
 _RESERVE = 0.02  # share of the way to the limit that a slowed step leaves: its own judgement must not fail by rounding
 _MOST_SLOWED = 4  # pairs at a time; the time that a tick takes is bounded
 _LONG_WAY = 1000  # looks at a move of any length, which is no tick's
-_ROUNDS = 2  # of slowing down; a second one for pairs that only then come into conflict
+_ROUNDS = 3  # of slowing down: to slow for one pair may take from another what parts it
 _GAIN_M = 1e-7  # a joint that adds less to a distance has no part in it
 _STANDS = 1e-3  # a smaller share of a step is none: an arm that leans on a limit stands still
 
@@ -127,6 +127,7 @@ class WorkspaceGuard:
         ends = np.cumsum(self._joints).tolist()
         self._parts = [slice(end - n, end) for end, n in zip(ends, self._joints, strict=True)]
         self._arm_of = np.repeat(np.arange(len(arms)), self._joints)
+        self._lower, self._upper = np.concatenate([arm.arm.joint_limits_rad for arm in arms]).T
         self._memory: tuple[np.ndarray, Verdict] | None = None
 
     def open_grippers(self, openings: Sequence[float]) -> None:
@@ -229,10 +230,15 @@ class WorkspaceGuard:
             share, conflicts = self._brake(step, self._joints_of(arms) & movable)
         if conflicts:
             share = np.where(movable, 0.0, 1.0)
-        q, dq = step.take(share)
+        q, dq = self._within_limits(step.start, *step.take(share))
         held = np.zeros(len(self._joints), dtype=bool)
         held[self._arm_of[share < 1.0]] = True
         return self._verdict(q, dq, held, first)
+
+    def _within_limits(self, start: np.ndarray, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """As `SetPoint` has it: joints that brake in proportion may be too fast for a limit that is near."""
+        inside = np.minimum(np.maximum(q, np.minimum(self._lower, start)), np.maximum(self._upper, start))
+        return inside, np.where(inside == q, dq, 0.0)
 
     def _brake(self, step: _Step, joints: np.ndarray) -> tuple[np.ndarray, list[Conflict]]:
         share = np.where(joints, 0.0, 1.0)

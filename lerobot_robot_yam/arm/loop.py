@@ -19,7 +19,7 @@ from lerobot_robot_yam.arm.guard import WorkspaceGuard
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.policy import POLICY, Response
 from lerobot_robot_yam.arm.statistics import LoopStatistics
-from lerobot_robot_yam.errors import BusError, ConfigError, LifeCycleError, MotorError
+from lerobot_robot_yam.errors import BusError, LifeCycleError, MotorError
 
 logger = logging.getLogger(__name__)
 
@@ -157,14 +157,24 @@ class ControlLoop:
 
     def _advance(self, now: float, dt: float) -> None:
         """Move the set-points on, clear of each other and of what the workspaces forbid."""
+        try:
+            if self._workspace is None:
+                for controller in self._controllers:
+                    controller.setpoint.advance(now, dt)
+            else:
+                self._advance_guarded(self._workspace, now, dt)
+        except Exception as error:  # whoever is to blame: no arm may be left without commands
+            for controller in self._controllers:
+                if controller.mode not in _ENDED:
+                    controller.fail(error)
+
+    def _advance_guarded(self, workspace: WorkspaceGuard, now: float, dt: float) -> None:
         controllers = self._controllers
-        if self._workspace is None:
-            for controller in controllers:
-                controller.setpoint.advance(now, dt)
-            return
+        known = [c.hardware.has_gripper and c.mode is not Mode.BRING_UP for c in controllers]
+        workspace.open_grippers([float(c.q[-1]) if k else 1.0 for c, k in zip(controllers, known, strict=True)])
         guarded = [controller.mode in _GUARDED for controller in controllers]
         setpoints, measured = [c.setpoint for c in controllers], [c.q for c in controllers]
-        verdict = self._workspace.advance(setpoints, measured, guarded, now, dt)
+        verdict = workspace.advance(setpoints, measured, guarded, now, dt)
         for index, controller in enumerate(controllers):
             controller.held_back(verdict.message(index) if verdict.blocked[index] else "")
 
@@ -220,12 +230,11 @@ class ControlLoop:
 
 def guard(controllers: Sequence[ArmController]) -> WorkspaceGuard | None:
     """What keeps these arms clear of things and each other; None when nothing is forbidden."""
-    arms = [c for c in controllers if c.hardware.joints]
-    if not any(c.config.workspace.limits_anything for c in arms):
+    if not any(c.config.workspace.limits_anything for c in controllers):
         return None
-    if len(arms) < len(controllers):
-        raise ConfigError("a workspace can be guarded only where every arm of the robot has joints")
-    return WorkspaceGuard([GuardedArm(c.name, c.hardware.arm, c.hardware.gripper, c.config.workspace) for c in arms])
+    return WorkspaceGuard(
+        [GuardedArm(c.name, c.hardware.arm, c.hardware.gripper, c.config.workspace) for c in controllers]
+    )
 
 
 def build(configs: Sequence[ArmConfig], keys: Sequence[str], buses: Sequence) -> ControlLoop:

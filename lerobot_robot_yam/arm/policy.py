@@ -92,7 +92,7 @@ _MOTOR_ERROR = "MotorError that names motor and cause"
 TICK_S = 0.01  # one tick of the loop and one of its caller's reads, rounded up
 SILENT_S = 0.1  # a motor that has not answered for so long is lost: a quarter of its own watchdog
 HEAT_S = 0.6  # a temperature is believed once it has been steady for half a second
-HUNG_S = 0.2  # a loop that has not ticked for so long is replaced: half of the motors' watchdog
+HUNG_S = 0.14  # a loop that has not ticked for so long is replaced: a third of the motors' watchdog
 
 
 def _motor_fault(code: Fault) -> Rule:

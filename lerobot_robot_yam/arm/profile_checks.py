@@ -36,7 +36,7 @@ def check_arm(arm: "ArmProfile", where: str) -> None:
     rows = [motor_type(motor.type) for motor in arm.motors]
     position_max = np.array([row.position_max_rad for row in rows])
     lower, upper = arm.joint_limits_rad[:, 0], arm.joint_limits_rad[:, 1]
-    ranges = {
+    ranges: dict[str, tuple[np.ndarray, float | np.ndarray, float | np.ndarray]] = {
         "kp": (arm.kp, 0.0, np.array([row.kp_max for row in rows])),
         "kd": (arm.kd, 0.0, np.array([row.kd_max for row in rows])),
         "idle_kd": (arm.idle_kd, 0.0, np.array([row.kd_max for row in rows])),

@@ -2,7 +2,7 @@
 
 It is forked off before the control process opens anything, builds its own models, and then only waits on the other's
 pid, looking into the state blocks 50 times a second. If that process is gone (kill -9, out of memory) or has not
-ticked for half of the motors' watchdog (stopped, stuck in the kernel: it is killed first), the stand-by takes the
+ticked for a third of the motors' watchdog (stopped, stuck in the kernel: it is killed first), the stand-by takes the
 channel locks, which the kernel has freed with their owner, opens the channels, and lands what is energised.
 """
 
@@ -91,7 +91,7 @@ class StandBy:
             before, ticks = ticks, self._look()
             idle = idle + 1 if ticks == before and self._driving() else 0
             if idle >= _HUNG_LOOKS:
-                logger.error("the control process (%d) has not ticked for %.1f s: ending it", self._pid, HUNG_S)
+                logger.error("the control process (%d) has not ticked for %.2f s: ending it", self._pid, HUNG_S)
                 with contextlib.suppress(ProcessLookupError):
                     signal.pidfd_send_signal(self._process, signal.SIGKILL)
                 poll.poll()

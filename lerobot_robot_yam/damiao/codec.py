@@ -233,7 +233,8 @@ def encode_velocity(velocity: float) -> bytes:
     Raises:
         ActionError: the value is NaN, infinite or beyond float32.
     """
-    return _pack_floats(*_finite("motor command", velocity=velocity), 0.0)
+    (checked,) = _finite("motor command", velocity=velocity)
+    return _pack_floats(checked, 0.0)
 
 
 def decode_velocity(data: bytes) -> float:

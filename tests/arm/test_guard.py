@@ -267,6 +267,17 @@ def test_random_targets_all_over_the_joint_range_never_lead_through_anything(spe
     assert blocked > 200
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])  # without a limit of the guard's own, 1 … 13 mrad beyond
+def test_joint_limits_hold_while_the_guard_brakes(seed):
+    rig = random_rig()
+    low, high = rig.arms[0].arm.joint_limits_rad.T
+    rng = np.random.default_rng(seed)
+    for hop in range(6):
+        to_the_ends = np.where(rng.random((2, 6)) < 0.5, low, high) if hop % 2 else None
+        q, _, _ = rig.run(0.5, rng.uniform(low, high, size=(2, 6)) if to_the_ends is None else to_the_ends)
+        assert (q >= low).all() and (q <= high).all()
+
+
 def test_a_closed_gripper_may_go_on_where_an_open_one_has_to_wait():
     rig = Rig(names=("left",), keep_out=[KeepOut(name="wall", center_m=[0.3, 0.35, 0.3], size_m=[1.0, 0.1, 1.0])])
     turned = [HOME + [1.5, 0, 0, 0, 0, 0]]

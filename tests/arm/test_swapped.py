@@ -1,0 +1,47 @@
+"""Cables plugged the other way round: a session refuses by name, before anything is energised."""
+
+import can
+import pytest
+
+from lerobot_robot_yam.arm.fingerprint import read_fingerprint
+from lerobot_robot_yam.arm.identity import Binding
+from lerobot_robot_yam.arm.session import ArmSession
+from lerobot_robot_yam.errors import MotorError
+from lerobot_robot_yam.rig.control import running_rig
+
+from .rigged import sim_config
+
+FOLLOWERS = ("follower_left", "follower_right")
+
+
+def bind(rig, channel, path):
+    with can.Bus(interface="yam_sim", channel=channel, rig=rig.name) as bus:
+        Binding(path.stem, channel, read_fingerprint(bus, channel, "yam_sim")).save(path)
+
+
+def enabled(rig):
+    return [m for arm in rig.state()["arms"].values() for m in arm["motors"].values() if m["enabled"]]
+
+
+def bound(rig, directory):
+    return ArmSession([sim_config(rig, c, identity_path=str(directory / f"{c}_arm.json")) for c in FOLLOWERS])
+
+
+def test_swapped_followers_are_named_and_not_driven(tmp_path):
+    with running_rig() as rig:
+        for channel in FOLLOWERS:
+            bind(rig, channel, tmp_path / f"{channel}_arm.json")
+        session = bound(rig, tmp_path)
+        session.start()  # as they were bound
+        session.stop()
+    with running_rig(swapped="follower_left,follower_right") as rig:
+        with pytest.raises(MotorError, match="(?s)follower_left.*'follower_right_arm'.*swapped"):
+            bound(rig, tmp_path).start()
+        assert not enabled(rig)
+
+
+def test_a_leader_on_a_followers_channel_is_named_without_any_binding(rig):
+    session = ArmSession([sim_config(rig, "leader_left", gripper="linear_4310", start="hold")])
+    with pytest.raises(MotorError, match="leader"):
+        session.start()
+    assert not enabled(rig)
