@@ -148,6 +148,14 @@ class ArmGroup:
             else:
                 logger.info("%s: nothing to calibrate, there is no gripper motor", side.name)
 
+    def rearm(self) -> None:
+        """After a fault: enable again what has failed; followers hold where they are, leaders float.
+
+        Raises:
+            YamError: an arm still fails, or needs a new connection.
+        """
+        self._session.rearm()
+
     def observe(self) -> list[ArmState]:
         """Fresh state of each arm.
 

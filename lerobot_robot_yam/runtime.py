@@ -114,6 +114,11 @@ class FileLock:
         os.pwrite(fd, f"{os.getpid()}\n".encode(), 0)
         self._fd = fd
 
+    @property
+    def held(self) -> bool:
+        """Whether it is ours."""
+        return self._fd is not None
+
     def release(self) -> None:
         """Remove the file and let go; does nothing when not held."""
         if self._fd is not None:

@@ -151,6 +151,15 @@ class FollowerBase(Robot):
                 raise StaleStateError(f"camera {name} has no image: {error}; the arms hold their pose") from error
         return observation
 
+    @check_if_not_connected
+    def rearm(self) -> None:
+        """After a fault (docs/faults.md): enable again what has failed, and hold. Look at the arms first.
+
+        Raises:
+            YamError: an arm still fails, or needs a new connection.
+        """
+        self._arms.rearm()
+
     def _extras(self, states: list[ArmState]) -> list[float]:
         options: FollowerOptions = self.config
         values: list[float] = []

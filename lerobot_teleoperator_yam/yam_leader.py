@@ -134,6 +134,15 @@ class LeaderBase(Teleoperator):
             self._arms[side].track(vector[side.slice], gripper)
 
     @check_if_not_connected
+    def rearm(self) -> None:
+        """After a fault (docs/faults.md): enable again what has failed, and float. Look at the arms first.
+
+        Raises:
+            YamError: an arm still fails, or needs a new connection.
+        """
+        self._arms.rearm()
+
+    @check_if_not_connected
     def enable_torque(self) -> None:
         """Hold where the arms are; from now on they follow `send_feedback`."""
         for side in self._arms.sides:

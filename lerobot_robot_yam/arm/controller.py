@@ -26,6 +26,7 @@ from lerobot_robot_yam.errors import LifeCycleError, MotorError, YamError
 
 logger = logging.getLogger(__name__)
 
+_UNHEARD_S = 0.03  # seven ticks
 _UNREACHABLE_S = 1.0  # beyond their watchdog, the motors have let go: there is nothing left to land
 _HEAT_PERIOD_S = 0.1  # metal is slow
 _SEED_RAD = 0.3  # a set-point further than this from the arm is not what holds it
@@ -129,8 +130,15 @@ class ArmController(ArmBody):
             self.limited |= Limited.COMMAND_TIMEOUT
             self.setpoint.stop()
             self._enter(Mode.HOLD)
+        if self.mode is Mode.TRACK and now - self._heard_s() > _UNHEARD_S:
+            self.setpoint.stop()  # or it would run ahead of an arm that does not hear, which would then hurry after it
         if self._landing is not None:
             self._advance_landing(now)
+
+    def _heard_s(self) -> float:
+        """When the motor that has been silent for longest has answered, but for those that are lost."""
+        stamps = self.chain.stamp_s[self._usable]
+        return float(stamps.min()) if len(stamps) else math.inf
 
     def aim(
         self,
@@ -270,17 +278,19 @@ class ArmController(ArmBody):
                 raise LifeCycleError(f"{self.name}: {self.message}; {POLICY[self.trouble].rearm}")
             failed = np.flatnonzero(~self._usable).tolist()
             self.drive.clear_and_enable(failed)
+            before = self.setpoint.q.copy()
             self._seed_joints()
             self.command(time.monotonic(), 0.0)
             finding = self.drive.exchange(self.motion.commands)
             if finding.trouble is not None:
+                self.setpoint.seed(before)
                 raise MotorError(f"{self.name} ({self.config.channel}): cannot re-arm: {finding.message}")
             if self.gripper is not None and (self.hardware.n - 1 in failed or self.gripper.stops is None):
                 self._after_search = Mode.HOLD
                 self.gripper.begin()
                 self._enter(Mode.BRING_UP)
             else:
-                self._enter(Mode.HOLD)
+                self._enter(Mode.FLOAT if self._floats else Mode.HOLD)
         logger.warning("%s: re-armed", self.name)
         self._halted = False
         self.trouble, self.message, self.limited = None, "", Limited.NOTHING

@@ -43,6 +43,18 @@ class GravityModel:
         mujoco.mj_rne(self.model, self._data, 0, self._tau)
         return self._tau[: self.joint_count].copy()
 
+    def torques(self, q: np.ndarray, ddq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(n,) Nm that hold pose `q` (n,) rad still, and (n,) Nm that accelerate it from there by `ddq` (n,) rad/s².
+
+        The latter is M(q) ddq of the links; rotors come on top.
+        """
+        holding = self.torque(q)
+        if not ddq.any():
+            return holding, np.zeros_like(holding)
+        self._data.qacc[: self.joint_count] = ddq
+        mujoco.mj_rne(self.model, self._data, 1, self._tau)
+        return holding, self._tau[: self.joint_count] - holding
+
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """(n, n) kg m² joint-space inertia at `q` (n,) rad, links only (no rotor inertia)."""
         self._move(q)

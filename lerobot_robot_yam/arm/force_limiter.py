@@ -61,10 +61,7 @@ class ForceLimiter:
             rate: normalised gripper velocity, strokes/s (the threshold is compared with this).
             effort: measured motor torque, Nm.
         """
-        self._efforts.append((now, effort))
-        self._effort_sum += effort
-        while self._efforts[0][0] <= now - _WINDOW_S:
-            self._effort_sum -= self._efforts.popleft()[1]
+        self._note(now, effort)
         mean_effort = abs(self._effort_sum / len(self._efforts))
         span = self._open - self._closed
         opening = (position - self._closed) / span < (target - self._closed) / span
@@ -87,9 +84,16 @@ class ForceLimiter:
             command = target
         return command
 
-    def release(self) -> None:
+    def _note(self, now: float, effort: float) -> None:
+        self._efforts.append((now, effort))
+        self._effort_sum += effort
+        while self._efforts[0][0] <= now - _WINDOW_S:
+            self._effort_sum -= self._efforts.popleft()[1]
+
+    def release(self, now: float, effort: float) -> None:
         """The gripper opens: nothing is squeezed. Instead of `limit`, whose rules would clog on an obstacle to the
         opening and unclog again with every tick."""
+        self._note(now, effort)  # or the first effort after it would count as the mean
         self.clogged = False
         self._filtered = None
 

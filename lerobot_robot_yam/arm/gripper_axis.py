@@ -153,7 +153,7 @@ class GripperAxis:
         target = self.stops.motor(u)
         row[laws.DQ] = u_rate * span
         if self._limiter is not None and u > u_now:
-            self._limiter.release()
+            self._limiter.release(now, tau)
             self._limiter.sent(target)
         elif self._limiter is not None:
             assert self._force_limit_n is not None

@@ -29,7 +29,7 @@ TRANSITIONS: dict[Mode, frozenset[Mode]] = {
     Mode.TRACK: frozenset({Mode.HOLD, Mode.FLOAT, Mode.LAND, Mode.FAULT, Mode.BRING_UP, Mode.STOPPED}),
     Mode.FLOAT: frozenset({Mode.HOLD, Mode.TRACK, Mode.LAND, Mode.FAULT, Mode.BRING_UP, Mode.STOPPED}),
     Mode.LAND: frozenset({Mode.OFF, Mode.FAULT, Mode.STOPPED}),
-    Mode.FAULT: frozenset({Mode.LAND, Mode.OFF, Mode.HOLD, Mode.BRING_UP}),
+    Mode.FAULT: frozenset({Mode.LAND, Mode.OFF, Mode.HOLD, Mode.FLOAT, Mode.BRING_UP}),
     Mode.STOPPED: frozenset({Mode.HOLD, Mode.FLOAT, Mode.BRING_UP, Mode.FAULT}),
     Mode.OFF: frozenset(),
 }

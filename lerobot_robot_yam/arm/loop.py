@@ -27,6 +27,7 @@ _STRAGGLER_S = 0.0008  # how long beyond the expected wire time a reply is waite
 _EARLY_S = 0.0002  # before the wire is through: what has come is decoded while the last frames travel
 _WAKE_UP_S = 0.00006  # what a sleep takes longer than asked, typically
 _ENDED = (Mode.OFF, Mode.OFFLINE)
+_MOST_DT_S = 0.012  # after a pause the set-points go on from where they were, not in one leap
 _GUARDED = (Mode.HOLD, Mode.TRACK)  # a landing ends where the arm touches itself
 
 
@@ -95,7 +96,7 @@ class ControlLoop:
                 self._guard(controller, self._measure, blocks, now + self._wire_s + _STRAGGLER_S, tick)
             self._tell_peers()
             now = time.monotonic()
-            dt, last = min(now - last, 0.05), now
+            dt, last = min(now - last, _MOST_DT_S), now
             stopped = self._stopped(now)
             for controller, blocks in zip(self._controllers, self._blocks, strict=True):
                 self._guard(controller, self._decide, blocks, now, stopped)

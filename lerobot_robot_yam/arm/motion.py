@@ -12,6 +12,8 @@ from lerobot_robot_yam.arm.state import Limited
 
 _STILL_RAD_S = 1e-3
 _WORTH_SAYING_RAD = 0.01  # rest lies on a limit for some joints
+_MOST_RAD_S2 = 30.0
+_SMOOTH_S = 0.012  # three ticks
 _LANDING_KD = 5.0  # Nm s/rad, the most that the motors take: what is still unsupported sinks slowly
 
 
@@ -33,6 +35,8 @@ class Motion:
         self.kp, self.kd = hardware.kp.copy(), hardware.kd.copy()
         self._integral = HoldIntegral.for_stiffness(hardware.kp[: hardware.joints]) if hold_integral else None
         self._clipped = False
+        self._dq_before = np.zeros(hardware.joints)
+        self._ddq = np.zeros(hardware.joints)
 
     def gains(self, kp: np.ndarray | None = None, kd: np.ndarray | None = None) -> None:
         """Use these gains (n,) from now on; NaN or None means as configured."""
@@ -47,8 +51,11 @@ class Motion:
         """
         hw, out = self._hardware, self.commands
         j = slice(hw.joints)
-        tau = self._weight(q)
-        tau[j] += laws.friction(dq[j], hw.coulomb_nm) + self._sag(np.zeros(hw.joints), dt, False)
+        self._ddq[:] = self._dq_before[:] = 0.0
+        tau = self._feed_forward(q)
+        tau[j] += laws.friction(dq[j], hw.coulomb_nm)
+        if self._integral is not None:
+            self._integral.reset()  # a hand that pulls looks like sag, and would be thrown off
         laws.float_free(out, q, hw.idle_kd, tau)
         wall = laws.soft_wall(out[j], q[j], dq[j], hw.lower[j], hw.upper[j], hw.kp[j], hw.kd[j], hw.torque_limit_nm[j])
         beyond = Limited.JOINT_LIMIT if wall > _WORTH_SAYING_RAD else Limited.NOTHING
@@ -78,7 +85,8 @@ class Motion:
         j = slice(hw.joints)
         limited = Limited.NOTHING
         q_set, dq_set = setpoint.q.copy(), setpoint.dq.copy()
-        tau = self._weight(q)
+        self._follow_acceleration(dq_set[j], dt)
+        tau = self._feed_forward(q)
         still = holding and bool(np.abs(dq_set[j]).max(initial=0.0) < _STILL_RAD_S)
         tau[j] += laws.friction(dq_set[j], hw.coulomb_nm) + self._sag(q_set[j] - q[j], dt, still)
         laws.follow(out, q_set, dq_set, self.kp, self.kd, tau)
@@ -94,11 +102,23 @@ class Motion:
     def _sag(self, error: np.ndarray, dt: float, holding: bool) -> np.ndarray | float:
         return 0.0 if self._integral is None else self._integral.advance(error, dt, holding, self._clipped)
 
-    def _weight(self, q: np.ndarray) -> np.ndarray:
+    def _follow_acceleration(self, dq_set: np.ndarray, dt: float) -> None:
+        """Acceleration of the set-point, smoothed: new targets change it in steps that an arm must not feel."""
+        if dt > 0.0:
+            wanted = np.minimum(np.maximum((dq_set - self._dq_before) / dt, -_MOST_RAD_S2), _MOST_RAD_S2)
+            self._ddq += (wanted - self._ddq) * min(dt / _SMOOTH_S, 1.0)
+        self._dq_before[:] = dq_set
+
+    def _feed_forward(self, q: np.ndarray) -> np.ndarray:
+        """Torque that carries the arm and gives it the set-point's acceleration.
+
+        Without the latter these gains answer a quick start with up to twice the set-point's speed.
+        """
         hw = self._hardware
         tau = np.zeros(hw.n)
         if self._gravity is not None:
-            tau[: hw.joints] = self._gravity.torque(q[: hw.joints]) * hw.arm.gravity_factor
+            weight, inertia = self._gravity.torques(q[: hw.joints], self._ddq)
+            tau[: hw.joints] = weight * hw.arm.gravity_factor + inertia + hw.arm.armature_kg_m2 * self._ddq
         return tau
 
     def _clip(self, q: np.ndarray, dq: np.ndarray) -> Limited:

@@ -2,8 +2,8 @@
 
 It is forked off before the control process opens anything, builds its own models, and then only waits on the other's
 pid, looking into the state blocks 50 times a second. If that process is gone (kill -9, out of memory) or has not
-ticked for a third of the motors' watchdog (stopped, stuck in the kernel: it is killed first), the stand-by takes the
-channel locks, which the kernel has freed with their owner, opens the channels, and lands what is energised.
+ticked for a third of the motors' watchdog (stopped, stuck in the kernel: it is killed first), the stand-by opens the
+channels, lands what is energised, and takes the channel locks as the kernel frees them with their owner.
 """
 
 import contextlib
@@ -28,7 +28,7 @@ from lerobot_robot_yam.arm.loop import ControlLoop
 from lerobot_robot_yam.arm.policy import HUNG_S
 from lerobot_robot_yam.arm.state import STATE_DTYPE, lock_path, state_path
 from lerobot_robot_yam.damiao.encoder import HANDLE_IDS
-from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.errors import ChannelInUseError, YamError
 from lerobot_robot_yam.log_thread import log_from_a_thread
 from lerobot_robot_yam.realtime import request_realtime
 from lerobot_robot_yam.runtime import FileLock
@@ -38,7 +38,6 @@ logger = logging.getLogger(__name__)
 
 _LOOK_S = 0.02
 _HUNG_LOOKS = round(HUNG_S / _LOOK_S)  # looks in a row, not time: a machine that stood still has not looked
-_LOCK_PATIENCE_S = 0.1
 
 
 def spawn(configs: Sequence[ArmConfig], keys: Sequence[str], rt_priority: int) -> int:
@@ -94,8 +93,7 @@ class StandBy:
                 logger.error("the control process (%d) has not ticked for %.2f s: ending it", self._pid, HUNG_S)
                 with contextlib.suppress(ProcessLookupError):
                     signal.pidfd_send_signal(self._process, signal.SIGKILL)
-                poll.poll()
-                break
+                break  # it executes nothing any more, however long the kernel takes to clear it away
         self._look()
         if self._driving():
             self._take_over()
@@ -127,13 +125,16 @@ class StandBy:
     def _take_over(self) -> None:
         begin = time.monotonic()
         logger.error("the control process (%d) has died: taking its arms over and landing them", self._pid)
-        controllers, blocks, buses, locks = [], [], [], []
+        controllers, blocks, buses = [], [], []
+        locks = [
+            FileLock(lock_path(key), f"CAN channel {c.channel}")
+            for c, key in zip(self._configs, self._keys, strict=True)
+        ]
         for index, (config, key) in enumerate(zip(self._configs, self._keys, strict=True)):
             record = self._records[index]
             if record is None:
                 continue
             try:
-                locks.append(_lock(key, config.channel))
                 replies = [motor.feedback_id for motor in self._hardware[index].motors]
                 bus = open_bus(config, [*replies, *HANDLE_IDS])
                 buses.append(bus)
@@ -148,7 +149,7 @@ class StandBy:
                 loop = ControlLoop(controllers, blocks, self._configs[0].rate_hz)
                 logger.error("taken over within %.0f ms", (time.monotonic() - begin) * 1e3)
                 try:
-                    loop.run()
+                    loop.run(must_land=lambda: _take(locks))
                 finally:
                     loop.close()
         finally:
@@ -158,15 +159,10 @@ class StandBy:
                 lock.release()
 
 
-def _lock(key: str, channel: str) -> FileLock:
-    """The channel's lock; its owner is dead, so that the kernel frees it within a moment."""
-    lock = FileLock(lock_path(key), f"CAN channel {channel}")
-    deadline = time.monotonic() + _LOCK_PATIENCE_S
-    while True:
-        try:
-            lock.acquire()
-            return lock
-        except YamError:
-            if time.monotonic() > deadline:
-                raise
-            time.sleep(0.002)
+def _take(locks: Sequence[FileLock]) -> bool:
+    """Take the locks as soon as the kernel has taken them from the dead; False, for nobody has to be told to land."""
+    for lock in locks:
+        if not lock.held:
+            with contextlib.suppress(ChannelInUseError):
+                lock.acquire()
+    return False
