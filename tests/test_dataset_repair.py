@@ -1,0 +1,361 @@
+"""yam-repair-dataset on what LeRobot's own writer leaves when it is killed.
+
+A copy of the directory, made while the writer is open, holds what kill -9 leaves: nothing is buffered but what is in
+the process. Meanwhile the writer goes on and finishes, so that each wreck has its whole counterpart to compare with.
+"""
+
+import hashlib
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from lerobot.configs import RGBEncoderConfig
+from lerobot.datasets import LeRobotDataset
+from tqdm import tqdm
+
+from lerobot_robot_yam.dataset_repair import main
+from lerobot_robot_yam.repair.parquet_salvage import salvage
+
+tqdm.monitor_interval = 0  # LeRobot's writer shows progress bars, whose watching thread would outlive the test
+
+FPS, SIZE = 10, (48, 64)
+CAMERAS = ("observation.images.top", "observation.images.wrist")
+DEPTH = "observation.images.top_depth"
+LENGTHS = (12, 9, 15)
+TASKS = ("lift the cube", "put it down")
+CODER = RGBEncoderConfig(vcodec="h264", preset="ultrafast", crf=10)
+
+
+def brightness(camera, episode, frame):
+    return 20 + 60 * CAMERAS.index(camera) + 15 * episode + 2 * frame
+
+
+def add_frames(data, episode, count):
+    random = np.random.default_rng(episode)
+    for frame in range(count):
+        vector = random.normal(size=4).astype(np.float32)
+        row = {"action": vector, "observation.state": vector + 1, "held": np.array([frame % 3 == 0])}
+        row["task"] = TASKS[episode % 2]
+        for key in data.meta.camera_keys:
+            if key == DEPTH:
+                row[key] = np.full((*SIZE, 1), 500 + 100 * episode + frame, np.uint16)
+            else:
+                row[key] = np.full((*SIZE, 3), brightness(key, episode, frame), np.uint8)
+        data.add_frame(row)
+
+
+def create(root, cameras=CAMERAS, dtype="video", streaming=True):
+    numbers = {"dtype": "float32", "shape": (4,), "names": list("abcd")}
+    features = {
+        "action": numbers,
+        "observation.state": numbers,
+        "held": {"dtype": "bool", "shape": (1,), "names": None},
+    }
+    for key in cameras:
+        shape = (*SIZE, 1 if key == DEPTH else 3)
+        features[key] = {"dtype": dtype, "shape": shape, "names": ["height", "width", "channels"]}
+        if key == DEPTH:
+            features[key]["info"] = {"is_depth_map": True}
+    return LeRobotDataset.create(
+        "local/wreck",
+        FPS,
+        features,
+        root=root,
+        robot_type="bi_yam_follower",
+        use_videos=dtype == "video",
+        streaming_encoding=streaming,
+        rgb_encoder=CODER,
+    )
+
+
+def wreck(data, path, lengths=LENGTHS, saved=0):
+    """Record episodes, copy the directory in the middle of the next one, finish; episode `saved` is the first."""
+    for episode, length in enumerate(lengths, saved):
+        add_frames(data, episode, length)
+        data.save_episode()
+    add_frames(data, saved + len(lengths), 5)
+    shutil.copytree(data.root, path)
+    data.clear_episode_buffer()
+    data.finalize()
+
+
+def load(root):
+    return LeRobotDataset("local/loaded", root=root, video_backend="pyav")
+
+
+def assert_same(repaired, whole):
+    """All rows, pictures and statistics are those of the recording that went on."""
+    got, want = load(repaired), load(whole)
+    assert got.meta.info.to_dict() == want.meta.info.to_dict()
+    assert got.meta.tasks.equals(want.meta.tasks)
+    assert got.hf_dataset.data.table.equals(want.hf_dataset.data.table)
+    edges = [row[f"dataset_{edge}_index"] for row in want.meta.episodes for edge in ("from", "to")]
+    for index in sorted({*edges, *(edge - 1 for edge in edges)} & set(range(len(want)))):
+        ours, theirs = got[index], want[index]
+        for key in want.meta.camera_keys:
+            np.testing.assert_array_equal(ours[key], theirs[key])
+    for ours, theirs in zip(episode_rows(repaired), episode_rows(whole), strict=True):
+        assert ours.keys() == theirs.keys()
+        for name, value in theirs.items():
+            key = name.split("/")[1] if name.startswith("stats/") else ""
+            if name.startswith("meta/"):  # which metadata file: they are written anew
+                continue
+            # Ours are of the pictures as they were encoded, and of times as they were stored (float32).
+            tolerance = 30.0 if key == DEPTH else 0.03 if key in want.meta.camera_keys else 1e-3
+            if name.endswith("/count") or not isinstance(value, float | list) or name == "tasks":
+                assert ours[name] == value, name
+            else:
+                np.testing.assert_allclose(ours[name], value, atol=tolerance, err_msg=name)
+    for key, theirs in want.meta.stats.items():
+        for name, value in theirs.items():
+            np.testing.assert_allclose(got.meta.stats[key][name], value, rtol=1e-6, err_msg=f"{key} {name}")
+
+
+def episode_rows(root):
+    paths = sorted((root / "meta" / "episodes").rglob("*.parquet"))
+    return [row for path in paths for row in pq.ParquetFile(path).read().to_pylist()]
+
+
+def fingerprint(root):
+    return {
+        str(path.relative_to(root)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(root.rglob("*"))
+        if path.is_file()
+    }
+
+
+def repair(path, *arguments):
+    """Exit status; the original must be as it was."""
+    before = fingerprint(path)
+    status = main([str(path), *arguments])
+    assert fingerprint(path) == before
+    return status
+
+
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory):
+    """(wreck, whole) of three episodes of two cameras."""
+    directory = tmp_path_factory.mktemp("killed")
+    wreck(create(directory / "whole"), directory / "wreck")
+    return directory / "wreck", directory / "whole"
+
+
+@pytest.fixture
+def copy(killed, tmp_path):
+    """A copy of the wreck, to damage further."""
+    shutil.copytree(killed[0], tmp_path / "data")
+    return tmp_path / "data"
+
+
+def test_nothing_of_a_killed_recording_loads_until_it_is_repaired(killed, tmp_path, capsys):
+    broken, whole = killed
+    with pytest.raises(Exception):  # noqa: B017 LeRobot looks for it on the Hub, whatever comes of that
+        load(broken)
+    assert repair(broken, "--dry-run") == 0
+    assert not broken.with_name("wreck_repaired").exists()
+    assert repair(broken, f"--output={tmp_path / 'new'}") == 0
+    assert_same(tmp_path / "new", whole)
+    said = capsys.readouterr().out
+    assert "3 of 3 episodes (0–2), 36 frames" in said and "left by the episode that was being recorded" in said
+    assert [path.name for path in sorted((tmp_path / "new").iterdir())] == ["data", "meta", "videos"]
+
+
+def test_the_default_output_lies_beside_the_original(copy):
+    assert repair(copy) == 0
+    assert load(copy.with_name("data_repaired")).num_episodes == 3
+
+
+def test_a_whole_data_set_is_healthy(killed, capsys):
+    assert repair(killed[1]) == 0
+    assert "healthy, 3 episodes" in capsys.readouterr().out
+    assert not killed[1].with_name("whole_repaired").exists()
+
+
+@pytest.mark.parametrize("form", ["images first", "in the rows", "depth"])
+def test_other_forms_of_pictures(form, tmp_path):
+    cameras = (*CAMERAS[:1], DEPTH) if form == "depth" else CAMERAS
+    dtype = "image" if form == "in the rows" else "video"
+    wreck(create(tmp_path / "whole", cameras, dtype, streaming=form == "depth"), tmp_path / "wreck")
+    assert repair(tmp_path / "wreck") == 0
+    assert_same(tmp_path / "wreck_repaired", tmp_path / "whole")
+
+
+def resumed(root):
+    return LeRobotDataset.resume("local/wreck", root=root, streaming_encoding=True, rgb_encoder=CODER)
+
+
+def test_a_repaired_data_set_can_be_resumed_and_killed_again(killed, tmp_path):
+    assert repair(killed[0], f"--output={tmp_path / 'one'}") == 0
+    wreck(resumed(tmp_path / "one"), tmp_path / "wreck", (7, 11), saved=3)
+    assert repair(tmp_path / "wreck") == 0
+    assert_same(tmp_path / "wreck_repaired", tmp_path / "one")
+    assert load(tmp_path / "wreck_repaired").num_episodes == 5
+
+
+def test_metadata_that_were_flushed_without_a_footer(tmp_path):
+    wreck(create(tmp_path / "whole", CAMERAS[:1]), tmp_path / "wreck", (3,) * 12)
+    (flushed,) = (tmp_path / "wreck" / "meta" / "episodes").rglob("*.parquet")
+    with pytest.raises(pa.ArrowInvalid):
+        pq.ParquetFile(flushed)
+    assert repair(tmp_path / "wreck") == 0
+    assert_same(tmp_path / "wreck_repaired", tmp_path / "whole")
+
+
+def test_killed_while_an_episode_was_being_saved(tmp_path, capsys):
+    data = create(tmp_path / "whole")
+    wreck_of_one = tmp_path / "one"
+    add_frames(data, 0, 12)
+    data.save_episode()
+    shutil.copytree(data.root, wreck_of_one)
+    wreck(data, tmp_path / "two", (9,), saved=1)
+    for name in ("meta/tasks.parquet", "data/chunk-000/file-000.parquet"):  # what is written first
+        shutil.copy(tmp_path / "two" / name, wreck_of_one / name)
+    assert repair(wreck_of_one) == 0
+    said = capsys.readouterr().out
+    assert "lost: episode 1: no video" in said and "1 of 2 episodes (0), 12 frames" in said
+    assert load(tmp_path / "one_repaired").num_frames == 12
+
+
+def test_rows_of_an_interrupted_save_are_left_out(tmp_path, monkeypatch, capsys):
+    data = create(tmp_path / "data", CAMERAS[:1])
+    for episode in range(2):
+        add_frames(data, episode, 6)
+        if episode:
+            monkeypatch.setattr(data.meta, "save_episode", interrupt)
+            with pytest.raises(KeyboardInterrupt):
+                data.save_episode()
+        else:
+            data.save_episode()
+    data.finalize()
+    again = resumed(tmp_path / "data")
+    add_frames(again, 1, 8)
+    again.save_episode()
+    again.finalize()
+    assert repair(tmp_path / "data") == 0
+    assert "saving was interrupted" in capsys.readouterr().out
+    repaired = load(tmp_path / "data_repaired")
+    assert [row["length"] for row in repaired.meta.episodes] == [6, 8]
+    assert repaired[6]["frame_index"] == 0 and len(repaired.hf_dataset) == 14
+
+
+def interrupt(*arguments):
+    raise KeyboardInterrupt
+
+
+def test_dropped_frames_make_the_episodes_of_a_file_ambiguous(copy, tmp_path, capsys):
+    wreck(create(tmp_path / "other"), tmp_path / "fewer", (11, 9, 15))  # one frame less
+    video = Path("videos") / CAMERAS[1] / "chunk-000" / "file-000.mp4"
+    shutil.copy(tmp_path / "fewer" / video, copy / video)
+    assert repair(copy) == 1
+    said = capsys.readouterr()
+    assert f"{video} has 35 frames" in said.out and "no episode can be recovered" in said.out
+    assert not copy.with_name("data_repaired").exists()
+
+
+def test_a_video_that_is_cut_off_costs_the_last_episodes(killed, tmp_path, capsys):
+    shutil.copytree(killed[1], tmp_path / "data")  # with metadata: here nobody was killed, the disk was full
+    video = tmp_path / "data" / "videos" / CAMERAS[0] / "chunk-000" / "file-000.mp4"
+    content = video.read_bytes()
+    video.write_bytes(content[: content.index(b"mdat") + (len(content) - content.index(b"mdat")) * 7 // 10])
+    assert repair(tmp_path / "data") == 0
+    assert "lost: episode 2:" in capsys.readouterr().out
+    repaired = load(tmp_path / "data_repaired")
+    assert repaired.num_episodes in (1, 2)
+    assert repaired.meta.stats["action"]["count"][0] == repaired.num_frames
+
+
+def test_a_lost_episode_in_the_middle_renumbers_those_behind_it(killed, tmp_path, capsys):
+    shutil.copytree(killed[1], tmp_path / "data")
+    (path,) = (tmp_path / "data" / "data").rglob("*.parquet")
+    table = pq.read_table(path)
+    pq.write_table(pa.concat_tables([table.slice(0, 12), table.slice(21)]), path)
+    assert repair(tmp_path / "data") == 0
+    said = capsys.readouterr().out
+    assert "lost: episode 1: its rows are not on disk" in said and "numbered anew" in said
+    repaired, whole = load(tmp_path / "data_repaired"), load(killed[1])
+    assert [row["length"] for row in repaired.meta.episodes] == [12, 15]
+    assert repaired.hf_dataset.data.column("index").to_pylist() == list(range(27))
+    np.testing.assert_array_equal(repaired[12]["action"], whole[21]["action"])
+    np.testing.assert_array_equal(repaired[26][CAMERAS[1]], whole[35][CAMERAS[1]])
+
+
+@pytest.mark.parametrize("name", ["info.json", "tasks.parquet"])
+def test_what_cannot_be_guessed_is_named(name, copy, capsys):
+    (copy / "meta" / name).write_bytes(b"")
+    assert repair(copy) == 1
+    assert name in capsys.readouterr().err
+
+
+def test_no_rows_at_all(copy, capsys):
+    (path,) = (copy / "data").rglob("*.parquet")
+    path.write_bytes(path.read_bytes()[:100])
+    assert repair(copy) == 1
+    assert "lost: episode 2: its rows are not on disk" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("case", ["no data set", "output exists", "output inside"])
+def test_wrong_arguments(case, copy, tmp_path):
+    arguments = {
+        "no data set": [str(tmp_path)],
+        "output exists": [str(copy), f"--output={tmp_path}"],
+        "output inside": [str(copy), f"--output={copy / 'new'}"],
+    }[case]
+    with pytest.raises(SystemExit) as end:
+        main(arguments)
+    assert end.value.code == 2
+
+
+def rows(count, start=0):
+    """A table as LeRobot writes one per episode; distinct values, so that columns are too big for a dictionary."""
+    random = np.random.default_rng(start)
+    return pa.table(
+        {
+            "action": pa.FixedSizeListArray.from_arrays(pa.array(random.normal(size=count * 7), pa.float32()), 7),
+            "task": pa.array([f"task {n % 3}" for n in range(count)]),
+            "done": pa.array([n % 5 == 0 for n in range(count)]),
+            "frame": pa.array(range(start, start + count), pa.int64()),
+        }
+    )
+
+
+def written(path, tables, close):
+    """The bytes on disk of a writer that was closed, or not."""
+    with pq.ParquetWriter(path, tables[0].schema, compression="snappy", use_dictionary=True) as writer:
+        for table in tables:
+            writer.write_table(table)
+        if not close:
+            return path.read_bytes()
+    return path.read_bytes()
+
+
+@pytest.mark.parametrize("close", [False, True])
+@pytest.mark.parametrize("counts", [(1,), (3, 400, 2), (60_000, 5)])
+def test_salvage_reads_every_row_group(counts, close, tmp_path):
+    tables = [rows(count, start) for start, count in enumerate(counts)]
+    (tmp_path / "killed").write_bytes(written(tmp_path / "file", tables, close))
+    found = salvage(tmp_path / "killed", rows(1))
+    assert len(found) == len(tables) and all(a.equals(b) for a, b in zip(found, tables, strict=True))
+    (column,) = salvage(tmp_path / "killed", rows(1), ["frame"])[:1]
+    assert column.column_names == ["frame"]
+
+
+@settings(max_examples=60, deadline=None)
+@given(end=st.integers(0, 2**20), damage=st.lists(st.tuples(st.integers(0, 2**20), st.integers(0, 255)), max_size=3))
+def test_salvage_never_invents_rows(tmp_path_factory, end, damage):
+    """Cut off anywhere, what comes back is a beginning of what was written; damaged, it may only not crash."""
+    directory = tmp_path_factory.mktemp("salvage", numbered=True)
+    tables = [rows(20), rows(30, 1), rows(10, 2)]
+    content = bytearray(written(directory / "file", tables, close=False)[: end % 4000])
+    for place, value in damage:
+        if content:
+            content[place % len(content)] = value
+    (directory / "killed").write_bytes(content)
+    found = salvage(directory / "killed", rows(1))
+    assert len(found) <= len(tables)
+    if not damage:
+        assert all(a.equals(b) for a, b in zip(found, tables, strict=False))
