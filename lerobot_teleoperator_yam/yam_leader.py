@@ -11,6 +11,7 @@ from lerobot.utils.decorators import check_if_already_connected, check_if_not_co
 
 from lerobot_robot_yam.arm.profile import load_arm
 from lerobot_robot_yam.arm_group import ArmGroup, arm_config
+from lerobot_robot_yam.errors import ConfigError
 from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig, LeaderOptions
 
@@ -45,6 +46,10 @@ class LeaderBase(Teleoperator):
         for side, arm in zip(self._arms.sides, arms.values(), strict=True):
             if side.joints:
                 limits = load_arm(arm.follower_arm or arm.arm).joint_limits_rad
+                if len(limits) != side.joints:
+                    raise ConfigError(
+                        f"{side.name}: follower_arm {arm.follower_arm!r} has {len(limits)} joints, not {side.joints}"
+                    )
                 lower[side.slice], upper[side.slice] = limits[:, 0], limits[:, 1]
         self._lower, self._upper = lower, upper
         self._openings = [_OPEN] * len(self._arms.sides)

@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from lerobot_robot_yam.arm import config_rules
 from lerobot_robot_yam.arm.workspace import WorkspaceConfig
-from lerobot_robot_yam.errors import ConfigError
 
 _SIX = ("kp", "kd", "gravity_factor", "coulomb_friction_nm", "idle_kd", "torque_limit_nm", "effort_limit_nm")
 
@@ -91,32 +91,8 @@ class ArmConfig:
     def __post_init__(self) -> None:
         if isinstance(self.workspace, Mapping):  # as it comes out of JSON
             self.workspace = WorkspaceConfig.from_mapping(self.workspace)
-        if not self.channel:
-            raise ConfigError(f"{self.name}: no CAN channel given; set `channel`, such as can_follower_l")
-        if self.start not in ("hold", "float"):
-            raise ConfigError(f"{self.name}: start is 'hold' or 'float', not {self.start!r}")
-        if self.estop_button not in ("top", "bottom", None):
-            raise ConfigError(f"{self.name}: estop_button is 'top', 'bottom' or null, not {self.estop_button!r}")
-        for key in (
-            "kp",
-            "kd",
-            "gravity_factor",
-            "coulomb_friction_nm",
-            "idle_kd",
-            "torque_limit_nm",
-            "effort_limit_nm",
-        ):
-            value = getattr(self, key)
-            if value is not None and len(value) != 6:
-                raise ConfigError(f"{self.name}: {key} takes six numbers, one per joint; got {len(value)}")
-        if len(self.payload_com_m) != 3:
-            raise ConfigError(f"{self.name}: payload_com_m takes three numbers; got {len(self.payload_com_m)}")
-        if self.ee_inertia is not None and len(self.ee_inertia) != 10:
-            raise ConfigError(f"{self.name}: ee_inertia takes centre (3), quaternion (4) and moments (3)")
-        if self.gripper_stops_rad is not None and len(self.gripper_stops_rad) != 2:
-            raise ConfigError(f"{self.name}: gripper_stops_rad is [closed, open] in motor radians")
-        if self.rate_hz < 0 or self.rate_hz > 1000:
-            raise ConfigError(f"{self.name}: rate_hz {self.rate_hz} is not within 0 … 1000")
+        config_rules.check(self)
+        self.workspace.check(self.name)
 
     def to_json(self) -> str:
         """JSON text that `from_json` reads back."""

@@ -166,9 +166,11 @@ def load_stops(path: Path, gripper: str) -> GripperStops | None:
         data = json.loads(path.read_text())
         stops = GripperStops(float(data["closed_rad"]), float(data["open_rad"]))
         owner, version = data["gripper"], data["version"]
+        if not math.isfinite(stops.closed_rad) or not math.isfinite(stops.open_rad):
+            raise ValueError("stops are not finite")
     except FileNotFoundError:
         return None
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise GripperError(f"{path} is not a gripper calibration ({error}); delete it and calibrate again") from error
     if owner != gripper or version != _FILE_VERSION:
         raise GripperError(

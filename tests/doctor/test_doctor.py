@@ -285,10 +285,10 @@ def test_a_motor_that_is_energised_without_a_driver(sick, capsys):
 
 
 def test_a_warm_motor(sick, capsys):
-    sick.fault(FOLLOWER, "joint_2", "temperatures_c", [50, 72])
+    sick.fault(FOLLOWER, "joint_2", "temperatures_c", [50, 92])
     status, report = examine(capsys, *virtual(sick, FOLLOWER, samples=0))
     assert status == 0
-    assert found(report, "warning", "joint_2", "coil 72 °C; it switches itself off at 80 °C")
+    assert found(report, "warning", "joint_2", "coil 92 °C; it switches itself off at 100 °C")
 
 
 def test_a_leader_in_place_of_a_follower(rig, capsys):

@@ -1,0 +1,223 @@
+"""Teleoperate a virtual rig for minutes while everything goes wrong, and check that nothing falls and nothing lies.
+
+    python scripts/soak.py --minutes 20 --seed 1 --json outputs/soak.json --plot outputs/soak.png
+
+The arms of a rig of its own are driven through the shipped LeRobot classes, under a random schedule of faults that is
+the same for the same seed (`soak_schedule`). A person is played who re-arms or connects anew. A judge in a process of
+its own (`soak_monitor`) reads every state and asks the rig what is really so. Prints a table; exit status 1 when an
+invariant was violated. No arm, display or network is used; nothing outside its own runtime directory is touched.
+"""
+
+import argparse
+import contextlib
+import json
+import logging
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+from soak_schedule import KINDS, make_schedule
+from tqdm import tqdm
+
+logger = logging.getLogger("soak")
+
+_END_S = 15.0
+_TAIL_S = 4.0  # the last injections are waited for
+
+
+def arguments(given: list[str] | None = None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--minutes", type=float, default=5.0, help="how long to teleoperate")
+    parser.add_argument("--seed", type=int, default=1, help="of the schedule")
+    parser.add_argument("--pace", type=float, default=1.0, help="so many times as many faults")
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS), help="only these faults")
+    parser.add_argument("--json", type=Path, help="write the figures to this file")
+    parser.add_argument("--plot", type=Path, help="save a plot of the run to this file")
+    parser.add_argument("--verbose", action="store_true", help="a line for every fault and every recovery")
+    return parser.parse_args(given)
+
+
+class Judge:
+    """The monitor's process.
+
+    Args:
+        job: what it has to know.
+        begin_s: monotonic time 0 of the report.
+    """
+
+    def __init__(self, job: dict[str, Any], begin_s: float):
+        self.violations: list[dict[str, Any]] = []
+        self.summary: dict[str, Any] = {}
+        self._begin_s = begin_s
+        self._process = subprocess.Popen(
+            [sys.executable, str(Path(__file__).with_name("soak_monitor.py"))],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._process.stdin.write(json.dumps(job) + "\n")
+        self._process.stdin.flush()
+        if not self._process.stdout.readline():
+            raise RuntimeError("the soak's monitor did not start; see its trace above")
+        self._reader = threading.Thread(target=self._read, name="soak-judge", daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            row = json.loads(line)
+            if "summary" in row:
+                self.summary = row["summary"]
+            else:
+                self.add(**row)
+
+    def add(self, violation: str, at_s: float, **fields: Any) -> None:
+        """Note a violation at a monotonic time."""
+        row = {"violation": violation, "at_s": at_s - self._begin_s, **fields}
+        self.violations.append(row)
+        logger.error("VIOLATION %s", {key: value for key, value in row.items() if key != "history"})
+
+    @property
+    def alive(self) -> bool:
+        """Whether it still watches."""
+        return self._process.poll() is None
+
+    def end(self) -> None:
+        """Have it sum up. Idempotent."""
+        assert self._process.stdin is not None and self._process.stdout is not None
+        with contextlib.suppress(OSError):
+            self._process.stdin.close()
+        try:
+            self._process.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._reader.join(_END_S)
+        self._process.stdout.close()
+
+
+def soak(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
+    """Run it; returns the report."""
+    from soak_devices import keys, make_devices
+    from soak_injector import Injector
+    from soak_operator import Operator
+    from soak_teleop import Teleoperation
+
+    from lerobot_robot_yam.rig.control import RigControl, wait_ended
+
+    rig = RigControl.start(seed=args.seed)
+    robot, leader = make_devices(rig.name, folder)
+    begin_s = time.monotonic()
+    judge = Judge({"rig": rig.name, "arms": robot.jobs() | leader.jobs()}, begin_s)
+    schedule = make_schedule(args.minutes * 60.0, args.seed, args.pace, args.kinds)
+    injector: Injector | None = None
+    left_over = 0
+    try:
+        injector = Injector(rig.name, keys(rig.name), schedule)
+
+        def violation(invariant: str, channel: str, what: str) -> None:
+            assert injector is not None
+            judge.add(invariant, time.monotonic(), channel=channel, what=what, after_injection=injector.position)
+
+        operator = Operator(rig, injector, args.seed, violation)
+        teleop = Teleoperation(robot, leader, operator, injector, violation)
+        try:
+            teleop.connect()
+            injector.begin(time.monotonic())
+            with tqdm(total=round(args.minutes * 60), unit="s", file=sys.stderr, mininterval=1.0) as progress:
+                start_s = time.monotonic()
+
+                def on_tick() -> None:
+                    progress.update(int(time.monotonic() - start_s) - progress.n)
+                    progress.set_postfix(
+                        faults=injector.injected.total(), violations=len(judge.violations), refresh=False
+                    )
+                    if not judge.alive or injector.error is not None:
+                        raise RuntimeError("the soak's monitor or injector has died; see its trace above")
+
+                teleop.run(start_s + args.minutes * 60.0, on_tick)
+            left_over = injector.left
+            injector.end()
+        finally:
+            teleop.disconnect()
+    finally:
+        if injector is not None:
+            injector.end()
+        judge.end()
+        rig.end()
+        rig.close()
+        wait_ended(rig)
+    return {
+        "minutes": args.minutes,
+        "seed": args.seed,
+        "pace": args.pace,
+        "injected": dict(injector.injected),
+        "left_over": left_over,
+        "judge": judge.summary,
+        "caller": {
+            "counts": dict(teleop.counts),
+            "errors": dict(teleop.errors),
+            "oldest_state_s": teleop.oldest_state_s,
+            "oldest_image_s": teleop.oldest_image_s,
+        },
+        "log": [{"at_s": at_s - begin_s, "kind": row.kind, "what": str(row)} for at_s, row in injector.log],
+        "violations": judge.violations,
+    }
+
+
+def left_behind(runtime: Path) -> list[str]:
+    """Processes, and files in the runtime directory, that are still there some seconds later."""
+    mark = f"YAM_RUNTIME_DIR={runtime}\0".encode()
+    deadline = time.monotonic() + _END_S
+    while True:
+        found = [str(path.relative_to(runtime)) for path in runtime.rglob("*")]
+        for entry in Path("/proc").iterdir():
+            with contextlib.suppress(OSError):
+                if entry.name.isdigit() and int(entry.name) != os.getpid() and mark in (entry / "environ").read_bytes():
+                    found.append(f"process {entry.name}")
+        if not found or time.monotonic() > deadline:
+            return found
+        time.sleep(0.1)
+
+
+def main(args: argparse.Namespace) -> int:
+    """Soak, report; exit status 1 when an invariant was violated."""
+    from soak_report import plot, table
+
+    base = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
+    runtime, folder = Path(tempfile.mkdtemp(prefix="yam-soak-", dir=base)), Path(tempfile.mkdtemp(prefix="yam-soak-"))
+    os.environ["YAM_RUNTIME_DIR"] = str(runtime)  # an emergency stop of ours must not stop anybody else's arms
+    os.environ.pop("YAM_RIG", None)
+    try:
+        report = soak(args, folder)
+        report["left_behind"] = left_behind(runtime)
+    finally:
+        shutil.rmtree(runtime, ignore_errors=True)
+        shutil.rmtree(folder, ignore_errors=True)
+    for name in report["left_behind"]:
+        row = {"violation": "nothing is left behind", "at_s": args.minutes * 60.0, "channel": "", "what": name}
+        report["violations"].append(row | {"after_injection": len(report["log"])})
+    if args.json is not None:
+        args.json.parent.mkdir(parents=True, exist_ok=True)
+        args.json.write_text(json.dumps(report, indent=1) + "\n")
+    if args.plot is not None:
+        plot(report, args.plot)
+    print(table(report))
+    return int(bool(report["violations"]))
+
+
+if __name__ == "__main__":
+    options = arguments()
+    logging.basicConfig(
+        level=logging.WARNING, format="%(asctime)s.%(msecs)03d %(levelname)s %(name)s: %(message)s", datefmt="%H:%M:%S"
+    )
+    logger.setLevel(logging.INFO if options.verbose else logging.WARNING)
+    sys.exit(main(options))

@@ -1,0 +1,82 @@
+"""One arm under the monitor's eyes: its newest state record, and its limits."""
+
+import contextlib
+from collections import deque
+from typing import Any
+
+import numpy as np
+from soak_checks import SetPointCheck, mode_of
+
+from lerobot_robot_yam.arm.lifecycle import Mode
+from lerobot_robot_yam.arm.state import STATE_DTYPE, state_path
+from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.shared_block import SharedBlock
+
+_KEPT, _AROUND_S = 500, 0.3
+
+
+class Arm:
+    """One arm.
+
+    Args:
+        channel: its CAN channel.
+        job: role; key of its blocks; speed_limit (7,) of the set-point; motor_speed_limit and torque_limit (n,) rad/s
+            and Nm at the motors, gripper last; rest_q (6,) rad; peer, the channel of the robot's other arm.
+    """
+
+    def __init__(self, channel: str, job: dict[str, Any]):
+        self.channel, self.role, self.peer = channel, job["role"], job["peer"]
+        self.motor_speed_limit = np.array(job["motor_speed_limit"])
+        self.torque_limit = np.array(job["torque_limit"])
+        self.rest_q = np.array(job["rest_q"])
+        self.check = SetPointCheck(channel, np.array(job["speed_limit"]))
+        self.record: Any = None
+        self.records = 0
+        self._history: deque[Any] = deque(maxlen=_KEPT)
+        self._path = state_path(job["key"])
+        self._block: SharedBlock | None = None
+        self._sequence = 0
+
+    def read(self) -> Any:
+        """The newest record; None when there is no new one."""
+        if self._block is None or not self._block.current:
+            self._open()
+        block = self._block
+        if block is None or block.sequence() == self._sequence:
+            return None
+        with contextlib.suppress(YamError):
+            sequence, record = block.sequence(), block.read()
+            if record is None:
+                return None
+            self._sequence, self.record = sequence, record
+            self.records += 1
+            self._history.append(record)
+            return record
+        return None
+
+    def _open(self) -> None:
+        self.close()
+        self.record, self._sequence = None, 0
+        self.check.forget()
+        with contextlib.suppress(FileNotFoundError, YamError):
+            self._block = SharedBlock(self._path, STATE_DTYPE, create=False)
+
+    def history(self, at_s: float) -> list[dict[str, Any]]:
+        """Every state around a monotonic time, as far as it is kept: what a violation is understood from."""
+        found = []
+        for record in self._history:
+            if abs(float(record["stamp_s"]) - at_s) < _AROUND_S:
+                row = {name: record[name].round(4).tolist() for name in ("stamp_s", "q", "dq", "tau", "setpoint")}
+                found.append(row | {name: int(record[name]) for name in ("mode", "limited", "tick")})
+        return found
+
+    @property
+    def driven(self) -> bool:
+        """Whether a control loop says that it drives the arm."""
+        return self.record is not None and mode_of(self.record) not in (Mode.OFF, Mode.OFFLINE)
+
+    def close(self) -> None:
+        """Let go of the block."""
+        block, self._block = self._block, None
+        if block is not None:
+            block.close()

@@ -1,0 +1,207 @@
+"""What must hold in every state of an arm, as pure functions of its consecutive state records."""
+
+import math
+from collections import Counter, deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lerobot_robot_yam.arm.landing import LANDING_SPEED_RAD_S
+from lerobot_robot_yam.arm.lifecycle import Mode
+from lerobot_robot_yam.arm.policy import POLICY, Response, Trouble
+from lerobot_robot_yam.arm.state import GRIPPER, Limited
+
+READY = frozenset({Mode.HOLD, Mode.TRACK, Mode.FLOAT})
+MOVES = frozenset({Mode.TRACK, Mode.FLOAT})  # of its own will or its caller's
+_WINDOW_S = 0.1  # over which a speed is taken
+_TICK_S = 0.008  # how far a record's stamp may be from the tick that moved its set-point: one tick, and a late one
+_JITTER_S = 0.004  # between a record's stamp and the clock that its tick went by
+_SMALL = 2e-3  # rad or strokes
+_AT_MEASURED = 0.03  # rad or strokes: a set-point so near to the measured pose has been seeded from it
+_SETTLED_S = 0.15  # an arm that begins to land brakes from full speed first
+_PEER_S = 0.15  # a peer has been told by then
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that must not be: which invariant, where, and by how much."""
+
+    invariant: str
+    at_s: float
+    channel: str
+    what: str
+
+
+def mode_of(record: Any) -> Mode:
+    """Life-cycle state of a record."""
+    return Mode(int(record["mode"]))
+
+
+def trouble_of(record: Any) -> Trouble | None:
+    """Trouble of a record, None when all is well."""
+    text = bytes(record["trouble"]).rstrip(b"\0").decode()
+    return Trouble(text) if text else None
+
+
+class SetPointCheck:
+    """No set-point moves faster than its limit, none jumps, and no landing is faster than a landing may be.
+
+    A jump is allowed where the set-point is seeded from the measured pose on purpose: when the arm's mode changes
+    (re-arm, end of an emergency stop, floating to holding), when another process takes the arm over, where a landing
+    gives way to what it has met, and of the gripper when its force limiter lets go. It then has to lie on the measured
+    pose.
+
+    Args:
+        channel: the arm's.
+        limits: (7,) rad/s, the gripper's in strokes/s.
+    """
+
+    def __init__(self, channel: str, limits: np.ndarray):
+        self._channel, self._limits = channel, limits
+        self._limits_landing = limits.copy()
+        self._limits_landing[:GRIPPER] = np.minimum(limits[:GRIPPER], LANDING_SPEED_RAD_S)
+        self._window: deque[tuple[float, float, np.ndarray]] = deque()  # stamp before, stamp, set-point
+        self._before: Any = None
+        self._earlier_s = -math.inf
+        self._landing_since: float | None = None
+        self.seeds: Counter[str] = Counter()
+        self.largest_ratio = 0.0
+        self.largest_landing_ratio = 0.0
+
+    def forget(self) -> None:
+        """A new session begins."""
+        self._before, self._landing_since, self._earlier_s = None, None, -math.inf
+        self._window.clear()
+
+    def look(self, record: Any) -> list[Finding]:
+        """Check one record against those before it."""
+        before, mode = self._before, mode_of(record)
+        now, setpoint = float(record["stamp_s"]), record["setpoint"].copy()
+        if mode is Mode.BRING_UP:
+            setpoint[GRIPPER] = math.nan  # its stops are being looked for: a stroke has no meaning yet
+        self._before = record
+        if mode is not Mode.LAND:
+            self._landing_since = None
+        elif self._landing_since is None:
+            self._landing_since = now
+        if before is None or mode in (Mode.OFFLINE, Mode.OFF):
+            self._window.clear()
+            return []
+        earlier, self._earlier_s = self._earlier_s, float(before["stamp_s"])
+        if not math.isfinite(earlier) or earlier > self._earlier_s:
+            earlier = self._earlier_s - _TICK_S
+        moved = np.abs(setpoint - before["setpoint"])
+        if mode_of(before) is Mode.BRING_UP:
+            moved[GRIPPER] = math.nan
+        jumped = moved > self._limits * (now - earlier + _TICK_S) + _SMALL
+        if jumped.any():
+            self._window.clear()
+            return self._judge_jump(record, before, moved, jumped, now)
+        return self._judge_speed(setpoint, mode, self._earlier_s, now)
+
+    def _judge_jump(self, record: Any, before: Any, moved: np.ndarray, jumped: np.ndarray, now: float) -> list[Finding]:
+        old, new = mode_of(before), mode_of(record)
+        measured = np.minimum(np.abs(record["setpoint"] - record["q"]), np.abs(record["setpoint"] - before["q"]))
+        seeded = bool((measured[jumped] < _AT_MEASURED).all())
+        taken_over = record["owner_pid"] != before["owner_pid"]
+        let_go = not jumped[:GRIPPER].any() and bool(int(before["limited"]) & Limited.GRIPPER_FORCE)
+        if seeded and let_go:
+            self.seeds["gripper, as its force limiter lets go"] += 1
+            return []
+        if seeded and (old is not new or taken_over or new in (Mode.LAND, Mode.BRING_UP)):
+            self.seeds[f"{old.name} → {new.name}"] += 1
+            return []
+        slot = int(np.nanargmax(np.where(jumped, moved, 0.0)))
+        way = f"{before['setpoint'][slot]:.3f} to {record['setpoint'][slot]:.3f}, measured {record['q'][slot]:.3f}"
+        took_s = now - float(before["stamp_s"])
+        what = f"slot {slot} from {way} within {took_s:.4f} s, {old.name} → {new.name}"
+        return [Finding("no set-point jump", now, self._channel, what)]
+
+    def _judge_speed(self, setpoint: np.ndarray, mode: Mode, before_s: float, now: float) -> list[Finding]:
+        window = self._window
+        window.append((before_s, now, setpoint))
+        while len(window) > 2 and now - window[1][1] >= _WINDOW_S:
+            window.popleft()
+        # A record shows what the tick before it has set: the way began with the record before the first one.
+        since, stamp, first = window[0]
+        if now - stamp < _WINDOW_S:
+            return []
+        moved = np.abs(setpoint - first)
+        allowed = now - since + _JITTER_S
+        ratio = np.nan_to_num((moved - _SMALL) / (self._limits * allowed))
+        self.largest_ratio = max(self.largest_ratio, float(ratio.max()))
+        found = []
+        if ratio.max() > 1.0:
+            slot = int(ratio.argmax())
+            what = f"slot {slot}, {moved[slot] / (now - since):.2f} of {self._limits[slot]:.2f} per second, {mode.name}"
+            found.append(Finding("set-point speed", now, self._channel, what))
+        if self._landing_since is not None and since - self._landing_since > _SETTLED_S:
+            landing = np.nan_to_num((moved - _SMALL) / (self._limits_landing * allowed))[:GRIPPER]
+            self.largest_landing_ratio = max(self.largest_landing_ratio, float(landing.max()))
+            if landing.max() > 1.0:
+                slot = int(landing.argmax())
+                what = f"joint_{slot + 1} lands at {moved[slot] / (now - since):.2f} rad/s"
+                found.append(Finding("landing speed", now, self._channel, what))
+        return found
+
+
+class PolicyCheck:
+    """An arm in trouble, and the other arm of its robot, do what `policy.POLICY` says.
+
+    Args:
+        peers: the other arm of the same robot, by channel.
+    """
+
+    def __init__(self, peers: Mapping[str, str]):
+        self._peers = peers
+        self._trouble: dict[str, Trouble | None] = {}
+        self._since: dict[str, float] = {}
+        self._told: set[str] = set()
+        self.outcomes: Counter[tuple[str, str]] = Counter()
+        self.limited: Counter[str] = Counter()
+        self._limited: dict[str, int] = {}
+
+    def look(self, channel: str, record: Any, peer: Any) -> tuple[list[Finding], Trouble | None]:
+        """Check one record of an arm against the newest of its peer (None: there is none).
+
+        Returns:
+            What must not be; trouble that has just come up.
+        """
+        self._count_limits(channel, int(record["limited"]))
+        trouble, mode, now = trouble_of(record), mode_of(record), float(record["stamp_s"])
+        found: list[Finding] = []
+        news = None
+        if trouble is not self._trouble.get(channel):
+            self._trouble[channel], self._since[channel] = trouble, now
+            self._told.discard(channel)
+            if trouble is not None:
+                news = trouble
+                self.outcomes[(trouble, mode.name)] += 1
+                found += _judge_arm(channel, trouble, mode, now)
+        if trouble is None or POLICY[trouble].peer is not Response.HOLD or channel in self._told or peer is None:
+            return found, news
+        there = mode_of(peer)
+        if now - self._since[channel] > _PEER_S and there in MOVES and float(peer["stamp_s"]) > now - _TICK_S:
+            self._told.add(channel)
+            what = f"{self._peers[channel]} is in {there.name} while {channel} has trouble: {trouble}"
+            found.append(Finding("the other arm as the policy says", now, channel, what))
+        return found, news
+
+    def _count_limits(self, channel: str, flags: int) -> None:
+        before = self._limited.get(channel, 0)
+        self._limited[channel] = flags
+        for flag in Limited(flags & ~before):
+            self.limited[flag.name or str(flag)] += 1
+
+
+def _judge_arm(channel: str, trouble: Trouble, mode: Mode, now: float) -> list[Finding]:
+    expected = {
+        Response.HOLD: {Mode.FAULT},
+        Response.LOST: {Mode.FAULT},
+        Response.LAND: {Mode.LAND, Mode.OFF, Mode.STOPPED},
+    }.get(POLICY[trouble].arm, set())
+    if mode in expected | {Mode.LAND, Mode.OFF}:  # an arm that lands already goes on
+        return []
+    return [Finding("the arm as the policy says", now, channel, f"{trouble}: it is in {mode.name}")]

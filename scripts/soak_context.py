@@ -1,0 +1,164 @@
+"""What the rig and the soak say has happened: which motors have torque, what was injected, when somebody pushed."""
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+WATCHDOG_S = 0.4  # a motor without a command for so long switches itself off
+_WATCHDOG_SLACK_S = 0.03  # between the rig's simulated time and the clock
+_CUTS = frozenset({"cable_out_briefly", "cable_out", "link_down", "bus_off", "adapter_gone", "motor_silent"})
+_DEATHS = frozenset({"kill_control", "stop_control"})
+TROUBLING = _CUTS | _DEATHS | {"motor_fault", "motor_hot"}
+_AFTER_S = 3.0  # so long after its end something may still be the cause of trouble
+_COMMUNICATION_LOST = 0xD
+
+
+@dataclass
+class Cause:
+    """Something that was injected, from when to when (infinite: it goes on)."""
+
+    number: int
+    kind: str
+    channel: str
+    motor: str
+    value: Any
+    start_s: float
+    end_s: float = math.inf
+
+
+@dataclass
+class ArmContext:
+    """One arm, as the rig knows it."""
+
+    causes: list[Cause] = field(default_factory=list)
+    enabled: set[str] = field(default_factory=set)
+    changed_s: float = -math.inf  # when a motor last gained or lost torque
+    faulty: dict[str, float] = field(default_factory=dict)  # motor → since when
+    session: str = "off"  # "connecting", "on", "landing" or "off", by the soak's own word
+    session_s: float = -math.inf
+
+
+class Context:
+    """Built from the rig's event log, in order.
+
+    Args:
+        channels: all arms.
+        robots: channels that one control process drives, in groups.
+    """
+
+    def __init__(self, channels: Sequence[str], robots: Sequence[Sequence[str]]):
+        self.arms = {channel: ArmContext() for channel in channels}
+        self._robots = [tuple(robot) for robot in robots]
+        self.position = -1  # number of the newest injection
+        self._stalls: list[tuple[float, float]] = []
+
+    def stalled(self, start_s: float, end_s: float) -> None:
+        """The machine stood still: not even the monitor, which does next to nothing, has run."""
+        self._stalls.append((start_s, end_s))
+
+    @property
+    def stalls(self) -> int:
+        """How often the machine stood still."""
+        return len(self._stalls)
+
+    def stood_still(self, since_s: float, until_s: float, at_least_s: float = 0.05) -> bool:
+        """Whether the machine stood still for at least so long at some time between."""
+        return any(a < until_s and b > since_s and b - a >= at_least_s for a, b in self._stalls)
+
+    def take(self, event: Mapping[str, Any]) -> list[tuple[float, str, str]]:
+        """One event of the rig.
+
+        Returns:
+            (monotonic s, channel, motor) of a motor that has lost communication without a reason, or nothing.
+        """
+        kind, at_s = event["kind"], float(event["monotonic_s"])
+        if kind == "injected":
+            self._injected(event, at_s)
+        elif kind == "undone":
+            for arm in self.arms.values():
+                for cause in arm.causes:
+                    if cause.number == event["injection"]:
+                        cause.end_s = at_s
+        elif kind == "session":
+            for channel in event["channels"]:
+                self.arms[channel].session, self.arms[channel].session_s = event["what"], at_s
+        elif kind in ("motor_enabled", "motor_disabled", "motor_fault"):
+            return self._motor(kind, event, at_s)
+        return []
+
+    def _injected(self, event: Mapping[str, Any], at_s: float) -> None:
+        self.position = int(event["injection"])
+        channel, kind = event["channel"], event["what"]
+        concerned = [channel] if channel else []
+        if kind in _DEATHS:
+            concerned = [c for robot in self._robots if channel in robot for c in robot]
+        for name in concerned:
+            end_s = at_s + float(event["seconds"]) if kind == "push" else math.inf
+            cause = Cause(self.position, kind, name, event["motor"], event["value"], at_s, end_s)
+            self.arms[name].causes.append(cause)
+
+    def _motor(self, kind: str, event: Mapping[str, Any], at_s: float) -> list[tuple[float, str, str]]:
+        channel, motor = event["channel"], event["motor"]
+        arm = self.arms[channel]
+        arm.changed_s = at_s
+        if kind == "motor_enabled":
+            arm.enabled.add(motor)
+            arm.faulty.pop(motor, None)
+            return []
+        arm.enabled.discard(motor)
+        if kind == "motor_fault":
+            arm.faulty[motor] = at_s
+            if event["fault"] == _COMMUNICATION_LOST and not self._cut_off(channel, motor, at_s):
+                return [(at_s, channel, motor)]
+        return []
+
+    def _cut_off(self, channel: str, motor: str, at_s: float) -> bool:
+        """Whether the schedule has kept commands from a motor for longer than its watchdog, or failed it itself."""
+        for cause in self.arms[channel].causes:
+            concerned = cause.motor in ("", motor) and cause.start_s <= at_s
+            if concerned and cause.kind == "motor_fault" and at_s - cause.start_s < 0.5:
+                return True
+            # The adapter's return does not bring a socket back that was opened before.
+            end_s = math.inf if cause.kind == "adapter_gone" else cause.end_s
+            if concerned and cause.kind in _CUTS and min(at_s, end_s) - cause.start_s > WATCHDOG_S - _WATCHDOG_SLACK_S:
+                return True
+        return False
+
+    def explained(self, channel: str, at_s: float, within_s: float = _AFTER_S) -> bool:
+        """Whether something was injected into the arm that can be the cause of trouble at that time."""
+        return any(
+            cause.kind in TROUBLING and cause.start_s <= at_s <= cause.end_s + within_s
+            for cause in self.arms[channel].causes
+        )
+
+    def undisturbed(self, channel: str, since_s: float, until_s: float, kinds: frozenset[str]) -> bool:
+        """Whether every motor of the arm had torque all the time, and nothing of `kinds` was going on."""
+        arm = self.arms[channel]
+        if not arm.enabled or arm.faulty or arm.changed_s > since_s:
+            return False
+        return not any(c.kind in kinds and c.start_s < until_s and c.end_s > since_s for c in arm.causes)
+
+    def forget_before(self, at_s: float) -> None:
+        """Causes that ended before then can explain nothing any more."""
+        for arm in self.arms.values():
+            arm.causes = [c for c in arm.causes if c.end_s > at_s or (c.kind == "adapter_gone" and c.start_s > at_s)]
+
+
+def steal_share(before: tuple[int, int], after: tuple[int, int]) -> float:
+    """Share of time that the hypervisor took between two samples of `cpu_times`."""
+    total = after[1] - before[1]
+    return (after[0] - before[0]) / total if total > 0 else 0.0
+
+
+def cpu_times() -> tuple[int, int]:
+    """(stolen, total) clock ticks of all processors since boot."""
+    with open("/proc/stat") as file:
+        values = [int(word) for word in file.readline().split()[1:9]]
+    return values[7], sum(values)
+
+
+def now_s() -> float:
+    """The clock of all records and events."""
+    return time.monotonic()

@@ -1,0 +1,216 @@
+"""Makes things go wrong on time, and puts them right again."""
+
+import contextlib
+import logging
+import math
+import os
+import queue
+import signal
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from soak_schedule import CAMERA, CHANNELS, LOSS_RATE, Injection
+
+from lerobot_robot_yam.arm.estop import EmergencyStop
+from lerobot_robot_yam.arm.state import STATE_DTYPE, state_path
+from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.rig.control import RigControl
+from lerobot_robot_yam.shared_block import SharedBlock
+
+logger = logging.getLogger("soak")
+
+_POLL_S = 0.01
+_GAP_S = 0.2  # at least, between two that were kept waiting
+_FOR_CALLER = frozenset({"caller_stall", "malformed_action", "far_action"})
+_CHANNEL_FAULTS = {
+    "cable_out_briefly": "cable_out",
+    "cable_out": "cable_out",
+    "link_down": "link_down",
+    "bus_off": "bus_off",
+    "adapter_gone": "adapter_gone",
+    "handle_silent": "handle_silent",
+}
+_HOT = {"rate_c_per_s": 0.1, "from_c": 96.0}
+
+
+class Injector(threading.Thread):
+    """Carries out a schedule, on a thread and a connection of its own.
+
+    What concerns the caller (it stalls, it sends rubbish) is put into `for_caller`; the caller does it and calls
+    `began`.
+
+    Args:
+        rig: name of the rig.
+        keys: of the state blocks, by channel.
+        schedule: what and when.
+    """
+
+    def __init__(self, rig: str, keys: Mapping[str, str], schedule: Sequence[Injection]):
+        super().__init__(name="soak-injector", daemon=True)
+        self._rig = RigControl(rig, hold=False)
+        self._keys, self._schedule = keys, list(schedule)
+        self._begin_s = math.inf
+        self.for_caller: queue.SimpleQueue[Injection] = queue.SimpleQueue()
+        self.injected: Counter[str] = Counter()
+        self.log: list[tuple[float, Injection]] = []  # when what really happened, monotonic s
+        self.error: BaseException | None = None
+        self._active: list[tuple[float, Injection]] = []
+        self._lock = threading.RLock()  # of the connection and the list
+        self._paused = threading.Event()
+        self._ended = threading.Event()
+        self.lossy()
+
+    def lossy(self) -> None:
+        """Every motor loses `LOSS_RATE` of its answers, from now on."""
+        with self._lock:
+            for channel in CHANNELS:
+                self._rig.fault(channel, None, "loss_rate", LOSS_RATE)
+
+    def begin(self, now_s: float) -> None:
+        """The schedule's time 0 is now."""
+        self._begin_s = now_s
+        self.start()
+
+    @property
+    def position(self) -> int:
+        """Number of the newest injection, -1 before the first."""
+        return self.log[-1][1].number if self.log else -1
+
+    @property
+    def left(self) -> int:
+        """How many of the schedule are still to come, or were kept waiting."""
+        return len(self._schedule) + self.for_caller.qsize()
+
+    def run(self) -> None:
+        """The thread."""
+        try:
+            last_s = 0.0
+            while not self._ended.wait(_POLL_S):
+                now = time.monotonic()
+                self._undo_until(now)
+                due = self._schedule and self._schedule[0].at_s <= now - self._begin_s
+                if due and not self._paused.is_set() and now - last_s >= _GAP_S:
+                    last_s = now
+                    self._inject(self._schedule.pop(0))
+        except BaseException as error:
+            self.error = error
+            raise
+        finally:
+            self._undo_until(float("inf"))
+
+    def _undo_until(self, now: float) -> None:
+        with self._lock:
+            for row in [row for row in self._active if row[0] <= now]:
+                self._active.remove(row)
+                self._undo(row[1])
+
+    @contextlib.contextmanager
+    def quiet(self) -> Iterator[None]:
+        """Inside the block nothing is wrong that can be put right, and nothing new goes wrong."""
+        self._paused.set()
+        try:
+            while self._active and not self._ended.is_set():
+                time.sleep(_POLL_S)
+            with self._lock:  # answers that are still to be lost: nobody has asked meanwhile
+                for channel in CHANNELS if not self._ended.is_set() else ():
+                    self._rig.fault(channel, None, "drop_next", 0)
+            yield
+        finally:
+            self._paused.clear()
+
+    @property
+    def busy(self) -> bool:
+        """Whether something is wrong right now that will be put right later."""
+        return bool(self._active)
+
+    def began(self, injection: Injection) -> None:
+        """Note in the rig's log that this happens now."""
+        self.injected[injection.kind] += 1
+        self.log.append((time.monotonic(), injection))
+        logger.info("%s", injection)
+        fields = {"injection": injection.number, "what": injection.kind, "channel": injection.channel}
+        fields |= {"motor": injection.motor, "value": injection.value, "seconds": injection.seconds}  # type: ignore[dict-item]
+        with self._lock:
+            self._rig.log("injected", **fields)
+
+    def _inject(self, injection: Injection) -> None:
+        if injection.kind in _FOR_CALLER:
+            self.for_caller.put(injection)
+            return
+        pid = 0
+        if injection.kind in ("kill_control", "stop_control"):
+            pid = self._control_pid(injection.channel)
+            if not pid:
+                self.injected[f"{injection.kind}, but there was none"] += 1
+                return
+        with self._lock:
+            self.began(injection)
+            self._apply(injection, pid)
+            if injection.seconds and injection.kind != "push":
+                self._active.append((time.monotonic() + injection.seconds, injection))
+            else:
+                self._rig.log("undone", injection=injection.number)
+
+    def _apply(self, injection: Injection, pid: int) -> None:
+        rig, channel, kind = self._rig, injection.channel, injection.kind
+        if kind == "motor_fault":
+            rig.fault(channel, injection.motor, "nibble", injection.value)
+        elif kind == "lost_replies":
+            rig.fault(channel, injection.motor, "drop_next", injection.value)
+        elif kind == "motor_silent":
+            rig.fault(channel, injection.motor, "silent", True)
+        elif kind == "motor_hot":
+            rig.fault(channel, injection.motor, "temperature_ramp", _HOT)
+        elif kind in _CHANNEL_FAULTS:
+            rig.fault(channel, None, _CHANNEL_FAULTS[kind], True)
+        elif kind == "camera_stall":
+            rig.camera_fault(CAMERA, "stall", injection.seconds)
+        elif kind == "emergency_stop":
+            EmergencyStop().latch("soak")
+        elif kind == "push":
+            rig.push(channel, injection.motor, injection.value, injection.seconds)
+        elif kind in ("kill_control", "stop_control"):
+            number = signal.SIGKILL if kind == "kill_control" else signal.SIGSTOP
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, number)
+        else:
+            raise ValueError(kind)
+
+    def _undo(self, injection: Injection) -> None:
+        rig, channel, kind = self._rig, injection.channel, injection.kind
+        if kind == "motor_silent":
+            rig.fault(channel, injection.motor, "silent", False)
+        elif kind == "motor_hot":
+            rig.fault(channel, injection.motor, "temperature_ramp", False)
+        elif kind in _CHANNEL_FAULTS:
+            rig.fault(channel, None, _CHANNEL_FAULTS[kind], False)
+        elif kind == "emergency_stop":
+            EmergencyStop().release()
+        rig.log("undone", injection=injection.number)
+
+    def _control_pid(self, channel: str) -> int:
+        """The control process that drives a channel, a child of ours; 0 when there is none (any more)."""
+        try:
+            block = SharedBlock(state_path(self._keys[channel]), STATE_DTYPE, create=False)
+        except (FileNotFoundError, YamError):
+            return 0
+        try:
+            record = block.read()
+        finally:
+            block.close()
+        pid = 0 if record is None else int(record["owner_pid"])
+        try:
+            fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            return 0
+        return pid if int(fields[1]) == os.getpid() and fields[0] not in "ZT" else 0
+
+    def end(self) -> None:
+        """Stop, put everything right. Idempotent."""
+        self._ended.set()
+        if self.is_alive():
+            self.join()
+        self._rig.close()

@@ -1,0 +1,164 @@
+"""The soak's judge, in a process of its own: reads every state record and asks the rig what is really so.
+
+It gets one JSON object on standard input (rig, arms by channel), prints one JSON object per violation, and the summary
+when its standard input ends. It knows of the soak only what the rig's event log says.
+"""
+
+import json
+import select
+import sys
+import time
+from typing import Any
+
+from soak_arm import Arm
+from soak_checks import Finding, PolicyCheck
+from soak_context import Context, cpu_times, steal_share
+from soak_truth import Truth
+
+from lerobot_robot_yam.arm.policy import Trouble
+from lerobot_robot_yam.realtime import request_realtime
+from lerobot_robot_yam.rig.control import RigControl
+
+_PERIOD_S = 0.004
+_RIG_PERIOD_S = 0.2
+_STALL_S = 0.05  # waking up, a look and a few questions to the rig have taken so long: the machine stood still
+# Nobody but the machine is to blame for these when it has stood still; the others are judged by their own stamps.
+_EXCUSABLE = frozenset(
+    {
+        "no communication loss but where the link was cut",
+        "the other arm as the policy says",
+        "no trouble without a cause",
+        "a lost motor is noticed",
+        "joint speed",
+        "torque clip",
+        "the state is true",
+    }
+)
+
+
+class Monitor:
+    """Checks one rig until told to end."""
+
+    def __init__(self, job: dict[str, Any]):
+        self._arms = {channel: Arm(channel, row) for channel, row in job["arms"].items()}
+        robots = {tuple(sorted((channel, arm.peer))) for channel, arm in self._arms.items()}
+        self._context = Context(list(self._arms), sorted(robots))
+        self._rig = RigControl(job["rig"], hold=False)
+        self._truth = Truth(self._rig, self._arms, self._context)
+        self._policy = PolicyCheck({channel: arm.peer for channel, arm in self._arms.items()})
+        self._next_event = 0
+        self._news: list[tuple[float, str, Trouble]] = []
+        self._violations = self._excused = 0
+        self._begin_s = time.monotonic()
+
+    def run(self) -> None:
+        """Until standard input ends."""
+        next_rig_s, ticks = time.monotonic(), cpu_times()
+        while True:
+            before_s = time.monotonic()
+            if select.select([sys.stdin], [], [], _PERIOD_S)[0] and not sys.stdin.readline():
+                break
+            self._look()
+            before_s = self._note_stall(before_s)  # before anything is judged
+            if time.monotonic() >= next_rig_s:
+                next_rig_s = time.monotonic() + _RIG_PERIOD_S
+                self._ask_rig()
+                self._note_stall(before_s)
+        self._ask_rig()
+        self._say(summary=self._summary(steal_share(ticks, cpu_times())))
+        for arm in self._arms.values():
+            arm.close()
+        self._rig.close()
+
+    def _note_stall(self, since_s: float) -> float:
+        now = time.monotonic()
+        if now - since_s > _STALL_S:
+            self._context.stalled(since_s, now)
+        return now
+
+    def _look(self) -> None:
+        for channel, arm in self._arms.items():
+            record = arm.read()
+            if record is None:
+                continue
+            for finding in arm.check.look(record):
+                self._report(finding)
+            findings, news = self._policy.look(channel, record, self._arms[arm.peer].record)
+            for finding in findings:
+                self._report(finding)
+            if news is not None:
+                self._news.append((float(record["stamp_s"]), channel, news))
+
+    def _ask_rig(self) -> None:
+        self._truth.look()
+        for event in self._rig.events(self._next_event):
+            self._next_event = event["number"] + 1
+            for at_s, channel, motor in self._context.take(event):
+                self._report(
+                    Finding("no communication loss but where the link was cut", at_s, channel, f"{motor} reports 0xD")
+                )
+            self._truth.take(event)
+        for finding in self._truth.judge():
+            self._report(finding)
+        for at_s, channel, trouble in self._news:  # what obstructs a landing may be the arm itself, or the table
+            if trouble is not Trouble.OBSTRUCTED and not self._context.explained(channel, at_s):
+                self._report(Finding("no trouble without a cause", at_s, channel, f"{trouble}"))
+        self._news.clear()
+        self._context.forget_before(time.monotonic() - 60.0)
+
+    def _report(self, finding: Finding) -> None:
+        if finding.invariant in _EXCUSABLE and self._context.stood_still(finding.at_s - 0.6, finding.at_s + 0.01):
+            self._excused += 1
+            return
+        self._violations += 1
+        arm = self._arms[finding.channel]
+        context = [f"{c.kind} #{c.number}" for c in self._context.arms[finding.channel].causes[-4:]]
+        mode = None if arm.record is None else int(arm.record["mode"])
+        self._say(
+            violation=finding.invariant,
+            at_s=finding.at_s,
+            channel=finding.channel,
+            what=finding.what,
+            after_injection=self._context.position,
+            mode=mode,
+            context=context,
+            history=arm.history(finding.at_s),
+        )
+
+    def _say(self, **fields: Any) -> None:
+        sys.stdout.write(json.dumps(fields) + "\n")
+        sys.stdout.flush()
+
+    def _summary(self, steal: float) -> dict[str, Any]:
+        arms = self._arms.values()
+        seeds: dict[str, int] = {}
+        for arm in arms:
+            for move, count in arm.check.seeds.items():
+                seeds[move] = seeds.get(move, 0) + count
+        return {
+            "violations": self._violations,
+            "excused": self._excused,
+            "stalls": self._context.stalls,
+            "steal": steal,
+            "records": sum(arm.records for arm in arms),
+            "largest_setpoint_speed_ratio": max(arm.check.largest_ratio for arm in arms),
+            "largest_landing_speed_ratio": max(arm.check.largest_landing_ratio for arm in arms),
+            "seeds": seeds,
+            "outcomes": [[trouble, mode, count] for (trouble, mode), count in sorted(self._policy.outcomes.items())],
+            "limited": dict(sorted(self._policy.limited.items())),
+            **self._truth.summary(self._begin_s),
+        }
+
+
+def main() -> int:
+    """Entry point of the process."""
+    monitor = Monitor(json.loads(sys.stdin.readline()))
+    request_realtime(1)
+    sys.stdout.write(json.dumps({"ready": True}) + "\n")
+    sys.stdout.flush()
+    monitor.run()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

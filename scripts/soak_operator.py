@@ -1,0 +1,151 @@
+"""The soak's operator: what a person does when teleoperation breaks. Re-arm where the policy says so, else disconnect,
+which lands the arms, and connect again. Also the hands on the leaders.
+"""
+
+import logging
+import random
+import time
+from collections import Counter
+from collections.abc import Callable
+
+from soak_devices import Device
+from soak_injector import Injector
+from soak_schedule import LEADERS, hand_path
+
+from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.rig.control import RigControl
+
+logger = logging.getLogger("soak")
+
+PATIENCE_S = 1.5  # a control process that is silent for longer is ended by connecting anew
+_HAND_S = 40.0
+_IMPATIENT = 0.25  # how often the operator tries before the fault is gone
+_ATTEMPTS = 3
+_SETTLE_S = 0.6  # the motors' watchdog, and a little
+
+
+class Operator:
+    """Connects, repairs and disconnects the devices, and moves the leaders.
+
+    Args:
+        rig: a connection of its own.
+        injector: keeps quiet while something is connected or re-armed.
+        seed: of hands and patience.
+        violation: called with invariant, channel or device, and what.
+    """
+
+    def __init__(self, rig: RigControl, injector: Injector, seed: int, violation: Callable[[str, str, str], None]):
+        self._rig, self._injector, self._violation = rig, injector, violation
+        self._chance = random.Random(f"{seed} operator")
+        self._guided_until_s = 0.0  # the hands know where to go until then
+        self._used: set[str] = set()  # devices that have been connected before
+        self.counts: Counter[str] = Counter()
+
+    def see_to(self, device: Device) -> None:
+        """Bring a device back that has raised an error. Whoever holds a leader lets go first."""
+        begin = time.monotonic()
+        if device.channels == LEADERS:
+            self.let_go()
+        if self._injector.busy and self._chance.random() < _IMPATIENT:
+            self._try_too_early(device)
+        remedy = device.remedy()
+        while remedy == "wait" and time.monotonic() - begin < PATIENCE_S:
+            time.sleep(0.05)  # a control process that hangs is ended and replaced by the stand-by
+            remedy = device.remedy()
+        if remedy == "re-arm":
+            with self._injector.quiet():
+                remedy = device.remedy()
+                if remedy == "re-arm" and self._rearm(device):
+                    return
+        if remedy == "nothing" and self._works(device):
+            self.counts["recovered by itself"] += 1
+            return
+        self.disconnect(device)
+        self.connect(device)
+
+    def _rearm(self, device: Device) -> bool:
+        try:
+            device.rearm()
+        except YamError as error:
+            self._violation("each recovery succeeds", device.name, f"re-arm: {error}")
+            return False
+        if not self._works(device):
+            return False
+        self.counts["re-armed"] += 1
+        return True
+
+    def _works(self, device: Device) -> bool:
+        try:
+            device.observe()
+        except YamError as error:
+            logger.info("%s does not work yet: %s", device.name, error)
+            return False
+        return True
+
+    def _try_too_early(self, device: Device) -> None:
+        """Refused with a YamError, or it works; never anything else."""
+        self.counts["tried too early"] += 1
+        try:
+            device.rearm()
+        except YamError as error:
+            logger.info("too early: %s", error)
+        except Exception as error:
+            self._violation("errors are YamErrors", device.name, f"{type(error).__name__}: {error}")
+
+    def disconnect(self, device: Device) -> None:
+        """Land; things may go wrong meanwhile."""
+        if device.channels == LEADERS:
+            self.let_go()
+        logger.info("%s: disconnecting", device.name)
+        begin = time.monotonic()
+        try:
+            device.device.disconnect()
+        except Exception as error:
+            self._violation("each recovery succeeds", device.name, f"disconnect: {type(error).__name__}: {error}")
+        self.counts["disconnected"] += 1
+        logger.info("%s: disconnected in %.1f s", device.name, time.monotonic() - begin)
+
+    def connect(self, device: Device) -> None:
+        """Once everything is right again, connecting works at the first attempt."""
+        with self._injector.quiet():
+            if device.name in self._used:
+                self.check_limp(device)
+            self._used.add(device.name)
+            begin = time.monotonic()
+            for attempt in range(_ATTEMPTS):
+                try:
+                    device.device.connect()
+                    break
+                except Exception as error:
+                    self._violation("each recovery succeeds", device.name, f"connect: {type(error).__name__}: {error}")
+                    if attempt == _ATTEMPTS - 1:
+                        raise
+                    time.sleep(1.0)
+            logger.info("%s: connected in %.1f s", device.name, time.monotonic() - begin)
+        self.counts["connected"] += 1
+
+    def check_limp(self, device: Device) -> None:
+        """Nothing is energised after disconnecting."""
+        time.sleep(_SETTLE_S)  # what could not be reached lets go by itself
+        arms = self._rig.state()["arms"]
+        for channel in device.channels:
+            energised = [name for name, motor in arms[channel]["motors"].items() if motor["enabled"]]
+            if energised:
+                self._violation("nothing energised afterwards", channel, ", ".join(energised))
+
+    def guide(self) -> None:
+        """Tell the hands on the leaders where to go next, when they do not know."""
+        if time.monotonic() < self._guided_until_s:
+            return
+        arms = self._rig.state()["arms"]
+        for channel in LEADERS:
+            if arms[channel]["resists"]:
+                self.counts["a leader had resisted its hand"] += 1
+            self._rig.hand(channel, *hand_path(self._chance, arms[channel]["q"], _HAND_S))
+        self._guided_until_s = time.monotonic() + _HAND_S - 1.0
+
+    def let_go(self) -> None:
+        """Both leaders."""
+        for channel in LEADERS:
+            self._rig.release(channel)
+        self._guided_until_s = 0.0

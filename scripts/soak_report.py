@@ -1,0 +1,94 @@
+"""Of a soak's figures: the table, the plot."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+Report = Mapping[str, Any]
+
+
+def table(report: Report) -> str:
+    """What was injected, how the arms answered, what the operator did, the largest values, the violations."""
+    judge, caller = report["judge"], report["caller"]
+    lines = [
+        f"{report['minutes']:.1f} minutes, seed {report['seed']}, pace {report['pace']:g}: "
+        f"{caller['counts'].get('ticks', 0)} ticks of the caller, {judge['records']} state records seen",
+        "",
+        "injected",
+        *_counts(report["injected"]),
+        f"  1 % of all answers lost all the time; {report['left_over']} injections came too late",
+        "",
+        "policy outcomes (trouble, what the arm did)",
+        *_counts({f"{trouble}: {mode.lower()}": count for trouble, mode, count in judge["outcomes"]}),
+        "",
+        "held back by the safety chain (times that it began)",
+        *_counts(judge["limited"]),
+        "",
+        "set-points seeded from the measured pose",
+        *_counts(judge["seeds"]),
+        "",
+        "operator and caller",
+        *_counts(caller["counts"]),
+        *_counts({f"error {name}": count for name, count in caller["errors"].items()}),
+        "",
+        "largest values seen (1 = the limit)",
+        f"  set-point speed, of its limit                  {judge['largest_setpoint_speed_ratio']:.3f}",
+        f"  set-point speed while landing                  {judge['largest_landing_speed_ratio']:.3f}",
+        f"  joint speed by command, of 1.2 x its limit     {_largest(judge, 'speed')}",
+        f"  motor torque, of its clip                      {_largest(judge, 'torque')}",
+        f"  state against the truth, rad                   {_largest(judge, 'difference_rad')}",
+        f"  way of a body after a cut elsewhere than landed {_largest(judge, 'moved_after_cut_m')} m",
+        f"  age of a returned state                        {caller['oldest_state_s'] * 1e3:.0f} of 250 ms",
+        f"  age of a returned image                        {caller['oldest_image_s'] * 1e3:.0f} of 500 ms",
+        "",
+        f"machine: stood still {judge['stalls']} times for more than 50 ms, {judge['steal']:.1%} stolen, "
+        f"{judge['rig_slips']} slips of the rig; {judge['excused']} findings excused by that",
+        f"left behind: {', '.join(report['left_behind']) or 'nothing'}",
+        "",
+        f"violations: {len(report['violations'])}",
+    ]
+    for row in report["violations"]:
+        context = f"  [{', '.join(row['context'])}]" if row.get("context") else ""
+        when = f"{row['at_s']:8.2f} s  after #{row['after_injection']}"
+        lines.append(f"  {when}  {row['violation']}: {row['channel']}: {row['what']}{context}")
+    return "\n".join(lines)
+
+
+def _counts(counts: Mapping[str, int]) -> list[str]:
+    width = max([len(name) for name in counts], default=0)
+    return [f"  {name:<{max(width, 44)}} {count:>6}" for name, count in sorted(counts.items())] or ["  nothing"]
+
+
+def _largest(judge: Report, name: str) -> str:
+    row = judge["largest"][name]
+    return f"{row['value']:.3f} {row['where']}".rstrip()
+
+
+def plot(report: Report, path: Path) -> None:
+    """Save speed and torque over time, with what was injected, repaired and violated."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, (upper, lower) = pyplot.subplots(2, 1, figsize=(11, 7), sharex=True, layout="constrained")
+    series = report["judge"]["series"]
+    times = [row[0] for row in series]
+    upper.plot(times, [row[1] for row in series], linewidth=0.7, label="joint speed by command")
+    upper.plot(times, [row[2] for row in series], linewidth=0.7, label="motor torque")
+    upper.axhline(1.0, color="k", linestyle=":", linewidth=1)
+    upper.set(ylabel="share of what is allowed", ylim=(0, 1.3), title=f"Soak, seed {report['seed']}")
+    upper.legend(loc="upper right", fontsize=8)
+    kinds = sorted({row["kind"] for row in report["log"]})
+    for row, kind in enumerate(kinds):
+        found = [entry["at_s"] for entry in report["log"] if entry["kind"] == kind]
+        lower.plot(found, [row] * len(found), "|", markersize=9)
+    for violation in report["violations"]:
+        for axes in (upper, lower):
+            axes.axvline(violation["at_s"], color="r", linewidth=0.8)
+    lower.set_yticks(range(len(kinds)), kinds, fontsize=8)
+    lower.set(xlabel="s")
+    lower.grid(axis="x", alpha=0.25)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=130)
+    pyplot.close(figure)

@@ -1,0 +1,145 @@
+"""What goes wrong when: a random list of faults, the same for the same seed."""
+
+import random
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+FOLLOWERS = ("follower_left", "follower_right")
+LEADERS = ("leader_left", "leader_right")
+CHANNELS = FOLLOWERS + LEADERS
+CAMERA = "top"
+LOSS_RATE = 0.01  # of all answers of all motors, all the time
+NIBBLES = (0x0, 0x8, 0x9, 0xA, 0xB, 0xC, 0xD, 0xE)  # every way in which a motor switches itself off
+_JOINTS = 6
+_PUSHED = ("link2", "link3", "link4", "gripper")
+_MALFORMED = ("nan", "missing", "unknown", "text")
+
+
+@dataclass(frozen=True)
+class Injection:
+    """One thing that goes wrong.
+
+    Attributes:
+        number: its place in the schedule.
+        at_s: seconds since the soak began; a little later when an arm is just being repaired.
+        kind: a name in `KINDS`.
+        channel: whose arm; empty when it concerns no arm in particular.
+        motor: of that arm; empty when it concerns no motor in particular.
+        value: fault code, number of answers, force (3,) N, or which malformed action.
+        seconds: how long it lasts; 0 when it is over at once.
+    """
+
+    number: int
+    at_s: float
+    kind: str
+    channel: str = ""
+    motor: str = ""
+    value: Any = None
+    seconds: float = 0.0
+
+    def __str__(self) -> str:
+        where = " ".join(part for part in (self.channel, self.motor) if part)
+        value = "" if self.value is None else f" {self.value}"
+        lasting = f" for {self.seconds:.2f} s" if self.seconds else ""
+        return f"#{self.number} at {self.at_s:.1f} s: {self.kind} {where}{value}{lasting}"
+
+
+def _motor(rng: random.Random, channel: str) -> str:
+    names = [f"joint_{joint + 1}" for joint in range(_JOINTS)] + ["gripper"] * (channel in FOLLOWERS)
+    return rng.choice(names)
+
+
+def _on_motor(rng: random.Random, value: Any = None, seconds: float = 0.0) -> dict[str, Any]:
+    channel = rng.choice(CHANNELS)
+    return {"channel": channel, "motor": _motor(rng, channel), "value": value, "seconds": seconds}
+
+
+def _on_channel(rng: random.Random, low_s: float, high_s: float) -> dict[str, Any]:
+    return {"channel": rng.choice(CHANNELS), "seconds": rng.uniform(low_s, high_s)}
+
+
+def _push(rng: random.Random) -> dict[str, Any]:
+    force = [round(rng.uniform(-40.0, 40.0), 1) for _ in range(3)]
+    return {
+        "channel": rng.choice(FOLLOWERS),
+        "motor": rng.choice(_PUSHED),
+        "value": force,
+        "seconds": rng.uniform(0.1, 0.5),
+    }
+
+
+# Mean seconds between two of a kind, and what one of them is. Motor faults come at even intervals.
+_EVEN = "motor_fault"
+KINDS: dict[str, tuple[float, Callable[[random.Random], dict[str, Any]]]] = {
+    _EVEN: (30.0, lambda rng: _on_motor(rng, rng.choice(NIBBLES))),
+    "lost_replies": (2.0, lambda rng: _on_motor(rng, rng.randint(1, 12))),
+    "motor_silent": (75.0, lambda rng: _on_motor(rng, seconds=rng.uniform(0.03, 1.5))),
+    "motor_hot": (240.0, lambda rng: {"channel": rng.choice(CHANNELS), "motor": "joint_2", "seconds": 2.0}),
+    "cable_out_briefly": (50.0, lambda rng: _on_channel(rng, 0.01, 0.28)),
+    "cable_out": (200.0, lambda rng: _on_channel(rng, 0.5, 2.0)),
+    "link_down": (150.0, lambda rng: _on_channel(rng, 0.02, 0.28)),
+    "bus_off": (300.0, lambda rng: _on_channel(rng, 0.02, 0.28)),
+    "adapter_gone": (300.0, lambda rng: _on_channel(rng, 0.1, 1.0)),
+    "handle_silent": (40.0, lambda rng: {"channel": rng.choice(LEADERS), "seconds": rng.uniform(0.1, 2.0)}),
+    "camera_stall": (25.0, lambda rng: {"seconds": rng.uniform(0.1, 1.5)}),
+    "caller_stall": (20.0, lambda rng: {"seconds": rng.uniform(0.1, 3.0)}),
+    "kill_control": (120.0, lambda rng: {"channel": rng.choice(CHANNELS)}),
+    "stop_control": (150.0, lambda rng: {"channel": rng.choice(CHANNELS)}),
+    "emergency_stop": (60.0, lambda rng: {"seconds": rng.uniform(0.2, 3.0)}),
+    "push": (12.0, _push),
+    "malformed_action": (5.0, lambda rng: {"value": rng.choice(_MALFORMED)}),
+    "far_action": (6.0, lambda rng: {"value": round(rng.uniform(-8.0, 8.0), 2)}),
+}
+
+
+def make_schedule(
+    duration_s: float, seed: int, pace: float = 1.0, kinds: Sequence[str] = tuple(KINDS)
+) -> list[Injection]:
+    """All injections of `duration_s` seconds, in order of time.
+
+    Args:
+        duration_s: length of the soak.
+        seed: the same seed gives the same list, and a longer soak begins like a shorter one.
+        pace: so many times as often as `KINDS` says.
+        kinds: only these.
+    """
+    found = []
+    for kind in kinds:
+        gap_s, details = KINDS[kind]
+        rng = random.Random(f"{seed} {kind}")  # each kind has its own chance: leaving one out changes no other
+        at_s = rng.uniform(0.0, gap_s / pace) if kind == _EVEN else rng.expovariate(pace / gap_s)
+        while at_s < duration_s:
+            found.append((round(at_s, 3), kind, details(rng)))
+            at_s += gap_s / pace if kind == _EVEN else rng.expovariate(pace / gap_s)
+    found.sort(key=lambda row: row[0])
+    return [Injection(number, at_s, kind, **details) for number, (at_s, kind, details) in enumerate(found)]
+
+
+def hand_path(
+    rng: random.Random, start: Sequence[float], seconds: float
+) -> tuple[list[float], list[list[float]], list[float]]:
+    """A way for the hand on a leader: every joint swings, now slowly, now faster than the follower may go.
+
+    Args:
+        start: (6,) rad, where the leader is.
+        seconds: how long.
+
+    Returns:
+        times (k,) s; joints (k, 6) rad; trigger (k,) 0 … 1.
+    """
+    import math
+
+    centre = (0.0, 0.9, 0.9, 0.0, 0.0, 0.0)
+    reach = (0.45, 0.35, 0.35, 0.45, 0.5, 0.8)
+    waves = [[(rng.uniform(0.15, 0.5), rng.uniform(0, 2 * math.pi)) for _ in range(2)] for _ in range(7)]
+    times, path, trigger = [], [], []
+    for step in range(1, int(seconds * 10)):
+        t = step * 0.1
+        swing = [sum(math.sin(2 * math.pi * f * t + phase) for f, phase in wave) / 2 for wave in waves]
+        blend = min(1.0, t / 2.5)
+        goal = [c + r * s for c, r, s in zip(centre, reach, swing, strict=False)]
+        path.append([a + blend * (b - a) for a, b in zip(start, goal, strict=True)])
+        times.append(t)
+        trigger.append(0.5 + 0.5 * swing[6])
+    return times, path, trigger

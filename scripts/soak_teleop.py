@@ -1,0 +1,193 @@
+"""The soak's caller: a teleoperation loop over the shipped LeRobot classes that checks what it is given."""
+
+import logging
+import math
+import queue
+import time
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+from soak_devices import Device
+from soak_injector import Injector
+from soak_operator import PATIENCE_S, Operator
+from soak_schedule import CAMERA, Injection
+
+from lerobot_robot_yam.errors import ActionError, YamError
+
+logger = logging.getLogger("soak")
+
+_RATE_HZ = 45.0
+_CAMERA_AGE_S = 0.5  # of LeRobot's read_latest
+_FAR_TICKS = 8
+_OUTSIDE_RAD = 0.2  # a pose that is held, which is then what was sent, may lie so far outside the limits
+_NAMES = ("follower", "leader", "joint_", "gripper", f"camera {CAMERA}")
+
+
+class Teleoperation:
+    """Runs robot and leader under fire.
+
+    Args:
+        robot, leader: the devices.
+        operator: sees to what fails.
+        injector: puts what the caller itself does wrong into `for_caller`.
+        violation: called with invariant, channel or device, and what.
+    """
+
+    def __init__(
+        self,
+        robot: Device,
+        leader: Device,
+        operator: Operator,
+        injector: Injector,
+        violation: Callable[[str, str, str], None],
+    ):
+        self._robot, self._leader, self._operator, self._injector = robot, leader, operator, injector
+        self._violation = violation
+        self._far: tuple[str, float, int] | None = None
+        self.counts: Counter[str] = operator.counts
+        self.errors: Counter[str] = Counter()
+        self.oldest_state_s = self.oldest_image_s = 0.0
+
+    def connect(self) -> None:
+        """Energise everything."""
+        for device in (self._robot, self._leader):
+            self._operator.connect(device)
+
+    def run(self, until_s: float, on_tick: Callable[[], None]) -> None:
+        """Teleoperate until a monotonic time."""
+        next_s = time.monotonic()
+        while time.monotonic() < until_s:
+            self._misbehave()
+            self._tick()
+            on_tick()
+            next_s = max(next_s + 1.0 / _RATE_HZ, time.monotonic())
+            time.sleep(max(0.0, next_s - time.monotonic()))
+
+    def disconnect(self) -> None:
+        """Land everything; nothing is energised afterwards."""
+        for device in (self._leader, self._robot):
+            self._operator.disconnect(device)
+            self._operator.check_limp(device)
+
+    def _tick(self) -> None:
+        self.counts["ticks"] += 1
+        observation = self._call(self._robot, self._observe)
+        action = None if observation is None else self._call(self._leader, self._ask_leader)
+        if action is None:
+            return
+        if self._far is not None:
+            key, value, left = self._far
+            action = action | {key: value}
+            self._far = (key, value, left - 1) if left > 1 else None
+        sent = self._call(self._robot, lambda: self._robot.device.send_action(action))
+        if sent is not None:
+            self._check_sent(sent)
+            self.counts["actions sent"] += 1
+            self._operator.guide()
+
+    def _call(self, device: Device, work: Callable[[], Any]) -> Any:
+        """The result; None when it failed and the operator has seen to it."""
+        try:
+            return work()
+        except YamError as error:
+            text = str(error)
+            self.errors[type(error).__name__] += 1
+            logger.info("%s: %s: %s", device.name, type(error).__name__, text)
+            if not any(name in text for name in _NAMES):
+                self._violation("errors name the part", device.name, text)
+            if f"camera {CAMERA}" in text:
+                self._wait_for_camera()
+            else:
+                self._operator.see_to(device)
+        except Exception as error:
+            self._violation("errors are YamErrors", device.name, f"{type(error).__name__}: {error}")
+            self._operator.see_to(device)
+        return None
+
+    def _observe(self) -> dict[str, Any]:
+        begin = time.monotonic()
+        observation = self._robot.device.get_observation()
+        now = time.monotonic()
+        self._check_age(self._robot, begin, now)
+        age = now - self._robot.camera_stamp_s
+        self.oldest_image_s = max(self.oldest_image_s, age)
+        self._judge_age(f"camera {CAMERA}", age, _CAMERA_AGE_S, now - begin)
+        for key, value in observation.items():
+            if isinstance(value, float) and not math.isfinite(value):
+                self._violation("observations are finite", self._robot.name, f"{key} is {value}")
+        return observation
+
+    def _ask_leader(self) -> dict[str, float]:
+        begin = time.monotonic()
+        action: dict[str, float] = self._leader.device.get_action()
+        self._check_age(self._leader, begin, time.monotonic())
+        return action
+
+    def _check_age(self, device: Device, begin: float, now: float) -> None:
+        age = now - min(device.stamps_s)
+        self.oldest_state_s = max(self.oldest_state_s, age)
+        self._judge_age(device.name, age, device.max_state_age_s, now - begin)
+
+    def _judge_age(self, what: str, age: float, limit: float, took: float) -> None:
+        """It was judged within the call, which the machine may have held up."""
+        if age > limit + took:
+            self._violation("no state older than its stated age", what, f"{age:.3f} s old, at most {limit} s")
+        elif age > limit:
+            self.counts["became old while the call was held up"] += 1
+
+    def _check_sent(self, sent: dict[str, float]) -> None:
+        for side in self._robot.device._arms.sides:
+            hardware = side.hardware
+            for motor, low, high in zip(side.motors, hardware.lower, hardware.upper, strict=True):
+                value = sent[f"{motor}.pos"]
+                if not low - _OUTSIDE_RAD <= value <= high + _OUTSIDE_RAD:
+                    self._violation("targets are limited", self._robot.name, f"{motor} was sent {value}")
+
+    def _wait_for_camera(self) -> None:
+        begin = time.monotonic()
+        while time.monotonic() - begin < PATIENCE_S:
+            time.sleep(0.05)
+            try:
+                self._observe()
+            except YamError as error:
+                if f"camera {CAMERA}" not in str(error):
+                    return  # the next tick will say it
+                continue
+            self.counts["the camera came back"] += 1
+            return
+        self._operator.disconnect(self._robot)
+        self._operator.connect(self._robot)
+
+    def _misbehave(self) -> None:
+        """What the schedule has the caller do wrong."""
+        try:
+            injection = self._injector.for_caller.get_nowait()
+        except queue.Empty:
+            return
+        self._injector.began(injection)
+        if injection.kind == "caller_stall":
+            time.sleep(injection.seconds)
+        elif injection.kind == "far_action":
+            keys = self._robot.device._arms.keys
+            self._far = (keys[injection.number % len(keys)], float(injection.value), _FAR_TICKS)
+        else:
+            self._send_malformed(injection)
+
+    def _send_malformed(self, injection: Injection) -> None:
+        action: dict[str, Any] = dict.fromkeys(self._robot.device._arms.keys, 0.5)
+        key = list(action)[injection.number % len(action)]
+        if injection.value == "missing":
+            del action[key]
+        elif injection.value == "unknown":
+            action["elbow.pos"] = 0.0
+        else:
+            action[key] = math.nan if injection.value == "nan" else "fast"
+        try:
+            self._robot.device.send_action(action)
+        except ActionError:
+            return
+        except Exception as error:
+            self._violation("malformed actions are refused", self._robot.name, f"{injection.value}: {error!r}")
+            return
+        self._violation("malformed actions are refused", self._robot.name, f"{injection.value} was taken")

@@ -1,0 +1,206 @@
+"""What the rig itself sees of the arms, against what may be: speed, torque, poses when torque was cut, honesty."""
+
+import math
+import time
+from collections import deque
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from soak_arm import Arm
+from soak_checks import READY, Finding, mode_of
+from soak_context import Context
+
+from lerobot_robot_yam.rig.control import RigControl
+
+_SETTLE_S = 1.0  # an arm that was pushed, or that lost or got back a motor, moves by itself for so long
+_COASTS_S = 3.0  # a floating arm that was let go in motion comes to rest within so long
+_SPEED_FACTOR, _SPEED_SLACK = 1.2, 0.15
+_TORQUE_FACTOR, _TORQUE_SLACK_NM = 1.05, 1.0  # between two ticks the motor's own spring goes on
+_NOTICED_S = 0.3  # a motor without torque has been noticed by then
+_LANDED_RAD = 0.1  # joints 2 to 4 so near to the resting pose: landed
+_CARRYING = slice(1, 4)  # joints 2 to 4 carry weight
+_FALL_M, _FALL_S = 0.01, 1.0  # nothing moves farther than this after torque was cut by us
+_TRUTH_RAD, _TRUTH_RAD_PER_S = 0.02, 3.0  # what a state may differ from the truth, and per second of its age
+_FRESH_S = 0.25
+_PUSHES = frozenset({"push"})
+_STALE_COMMANDS = frozenset(  # meanwhile motors act on what they were told last
+    {
+        "cable_out_briefly",
+        "cable_out",
+        "link_down",
+        "bus_off",
+        "adapter_gone",
+        "motor_silent",
+        "kill_control",
+        "stop_control",
+    }
+)
+
+
+class Truth:
+    """Asks the rig; `look` several times a second, then `take` its events, then `judge`.
+
+    Args:
+        rig: the rig.
+        arms: by channel.
+        context: what has happened; must have taken the events before `judge`.
+    """
+
+    def __init__(self, rig: RigControl, arms: Mapping[str, Arm], context: Context):
+        self._rig, self._arms, self._context = rig, arms, context
+        self._poses: deque[dict[str, Any]] = deque(maxlen=10)
+        self._windows: list[tuple[str, dict[str, Any], float, bool]] = []
+        self._differences: list[Finding] = []
+        self._cuts: dict[str, tuple[float, dict[str, Any]]] = {}  # channel → when torque was cut, and the pose before
+        self._held_s: dict[str, float] = {}  # when a hand was last seen on a leader
+        self._unnoticed: set[tuple[str, str, float]] = set()
+        self._series: list[tuple[float, float, float]] = []
+        self._largest = {"speed": 0.0, "torque": 0.0, "difference_rad": 0.0, "moved_after_cut_m": 0.0}
+        self._at: dict[str, str] = {}
+        for channel in arms:
+            rig.watch_start(channel)
+
+    def look(self) -> None:
+        """Ask for extremes since the last look, and for the present pose."""
+        for channel in self._arms:
+            seen = self._rig.watch(channel)
+            self._rig.watch_start(channel)
+            now = time.monotonic()
+            by_hand = now - self._held_s.get(channel, -math.inf) < _COASTS_S
+            self._windows.append((channel, seen, now, by_hand))
+        records = {channel: arm.read() if arm.record is None else arm.record for channel, arm in self._arms.items()}
+        pose = self._rig.state(bodies=True)
+        for channel, record in records.items():
+            if pose["arms"][channel]["held"]:
+                self._held_s[channel] = time.monotonic()
+            if record is not None and self._arms[channel].driven:
+                self._compare(channel, record, pose)
+        self._poses.append(pose)
+
+    def _compare(self, channel: str, record: Any, pose: Mapping[str, Any]) -> None:
+        """What the state says and what is so."""
+        true, speed = np.array(pose["arms"][channel]["q"]), np.abs(pose["arms"][channel]["dq"])
+        age = np.abs(pose["monotonic_s"] - record["motor_stamp_s"][: len(true)])
+        difference = np.abs(true - record["q"][: len(true)])
+        fresh = age < _FRESH_S
+        beyond = np.where(fresh, difference - age * (_TRUTH_RAD_PER_S + 2.0 * speed), 0.0)
+        beyond = np.nan_to_num(beyond)
+        self._note("difference_rad", float(beyond.max()), f"{channel} joint_{int(beyond.argmax()) + 1}")
+        if beyond.max() > _TRUTH_RAD:
+            joint = int(beyond.argmax())
+            what = f"joint_{joint + 1} says {record['q'][joint]:.3f}, is {true[joint]:.3f} rad"
+            self._differences.append(Finding("the state is true", pose["monotonic_s"], channel, what))
+
+    def take(self, event: Mapping[str, Any]) -> None:
+        """One event of the rig."""
+        if event["kind"] == "motor_disabled":
+            channel, at_s = event["channel"], float(event["monotonic_s"])
+            before = [pose for pose in self._poses if pose["monotonic_s"] <= at_s]
+            if channel not in self._cuts and before:
+                self._cuts[channel] = at_s, before[-1]
+        elif event["kind"] == "motor_enabled":
+            self._cuts.pop(event["channel"], None)
+
+    def judge(self) -> list[Finding]:
+        """What must not be, of everything since the last time."""
+        found, self._differences = self._differences, []
+        speed = torque = 0.0
+        for channel, seen, until_s, by_hand in self._windows:
+            arm = self._arms[channel]
+            n = len(arm.torque_limit)
+            since_s = float(seen["since_s"])
+            if not by_hand and self._context.undisturbed(channel, since_s - _SETTLE_S, until_s, _PUSHES):
+                allowed = _SPEED_FACTOR * arm.motor_speed_limit + _SPEED_SLACK
+                ratio = np.array(seen["max_speed_rad_s"])[:n] / allowed
+                speed = max(speed, float(ratio.max()))
+                i = int(ratio.argmax())
+                self._note("speed", float(ratio.max()), f"{channel} {seen['motors'][i]}")
+                if ratio.max() > 1.0:
+                    what = f"{seen['motors'][i]} at {seen['max_speed_rad_s'][i]:.2f} rad/s, allowed {allowed[i]:.2f}"
+                    found.append(Finding("joint speed", seen["max_speed_at_s"][i], channel, what))
+            if not self._disturbed_link(channel, since_s - 0.1, until_s):
+                allowed = _TORQUE_FACTOR * arm.torque_limit + _TORQUE_SLACK_NM
+                ratio = np.array(seen["max_torque_nm"])[:n] / allowed
+                torque = max(torque, float(ratio.max()))
+                i = int(ratio.argmax())
+                self._note("torque", float(ratio.max()), f"{channel} {seen['motors'][i]}")
+                if ratio.max() > 1.0:
+                    what = (
+                        f"{seen['motors'][i]} exerts {seen['max_torque_nm'][i]:.2f} Nm, clip {arm.torque_limit[i]:.1f}"
+                    )
+                    found.append(Finding("torque clip", seen["max_torque_at_s"][i], channel, what))
+        if self._windows:
+            self._series.append((self._windows[-1][2], speed, torque))
+        self._windows.clear()
+        return found + self._judge_cuts() + self._judge_notice()
+
+    def _disturbed_link(self, channel: str, since_s: float, until_s: float) -> bool:
+        causes = self._context.arms[channel].causes
+        return any(c.kind in _STALE_COMMANDS and c.start_s < until_s and c.end_s > since_s for c in causes)
+
+    def _judge_cuts(self) -> list[Finding]:
+        """Torque that was cut by command: from the landed pose, or where nothing moves afterwards."""
+        found = []
+        pose = self._poses[-1]
+        for channel, (at_s, before) in list(self._cuts.items()):
+            if pose["monotonic_s"] <= at_s:
+                continue
+            moved, body = _farthest(channel, before, pose)
+            q = np.array(before["arms"][channel]["q"])
+            off = np.abs(q - self._arms[channel].rest_q)[_CARRYING]
+            if (off > _LANDED_RAD).any():
+                self._note("moved_after_cut_m", moved, f"{channel} {body}")
+                if moved > _FALL_M:
+                    where = f"at joints 2 to 4 of {np.round(q[_CARRYING], 2).tolist()} rad"
+                    what = f"{body} moved {moved * 100:.1f} cm after torque was cut {where}"
+                    found.append(Finding("no torque cut above a landed pose", at_s, channel, what))
+                    del self._cuts[channel]
+                    continue
+            if pose["monotonic_s"] - at_s > _FALL_S:
+                del self._cuts[channel]
+        return found
+
+    def _judge_notice(self) -> list[Finding]:
+        """A motor that has lost torque does not go unnoticed."""
+        found = []
+        now = time.monotonic()
+        for channel, arm in self._arms.items():
+            if not arm.driven or mode_of(arm.record) not in READY or now - float(arm.record["stamp_s"]) > _FRESH_S:
+                continue
+            for motor, since_s in self._context.arms[channel].faulty.items():
+                late = float(arm.record["stamp_s"]) - since_s > _NOTICED_S
+                if late and (channel, motor, since_s) not in self._unnoticed:
+                    self._unnoticed.add((channel, motor, since_s))
+                    mode = mode_of(arm.record).name
+                    found.append(
+                        Finding("a lost motor is noticed", since_s, channel, f"{motor} without torque in {mode}")
+                    )
+        return found
+
+    def _note(self, what: str, value: float, where: str) -> None:
+        if value > self._largest[what]:
+            self._largest[what], self._at[what] = value, where
+
+    def summary(self, begin_s: float) -> dict[str, Any]:
+        """Largest values seen, where, and over time."""
+        rig = self._rig.stats()
+        return {
+            "largest": {
+                name: {"value": value, "where": self._at.get(name, "")} for name, value in self._largest.items()
+            },
+            "rig_slips": rig["slips"],
+            "series": [[round(at_s - begin_s, 2), round(a, 3), round(b, 3)] for at_s, a, b in self._series],
+        }
+
+
+def _farthest(channel: str, before: Mapping[str, Any], after: Mapping[str, Any]) -> tuple[float, str]:
+    """The body of an arm that moved farthest between two answers of the rig: how far in m, and its name."""
+    prefix = f"{channel}/"
+    moved = {
+        name: float(np.linalg.norm(np.subtract(after["bodies"][name], place)))
+        for name, place in before["bodies"].items()
+        if name.startswith(prefix)
+    }
+    body = max(moved, key=lambda name: moved[name])
+    return moved[body], body.removeprefix(prefix)
