@@ -28,6 +28,8 @@ def finite_vector(arm: str, what: str, value: object, n: int) -> np.ndarray:
         given = np.asarray(value)
         if given.dtype.kind not in _NUMERIC + "O":  # text would be parsed, imaginary parts dropped
             raise TypeError(f"{given.dtype} is no type of numbers")
+        if given.dtype.kind == "O":
+            given = np.array([_number(item) for item in given.flat]).reshape(given.shape)
         vector = given.astype(float)
     except (TypeError, ValueError, OverflowError, RuntimeError) as error:  # RuntimeError: a tensor with a gradient
         raise ActionError(f"{arm}: {what} must be {n} numbers ({error})") from error

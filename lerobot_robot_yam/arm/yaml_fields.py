@@ -95,6 +95,8 @@ def _array(value: Any, shape: tuple[int, ...], where: str) -> np.ndarray:
         given = np.asarray(value)
         if given.dtype.kind not in "fiuO":  # text would be parsed; YAML reads 1e-3 as text, 1.0e-3 as a number
             raise TypeError(f"{given.dtype} is no type of numbers")
+        if given.dtype.kind == "O" and not all(isinstance(item, int | float) for item in given.flat):
+            raise TypeError("not all of them are numbers")
         array = given.astype(np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise ConfigError(f"{where}: expected numbers, found {value!r}") from error
