@@ -8,6 +8,8 @@ from lerobot.utils.decorators import check_if_already_connected, check_if_not_co
 
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
 from lerobot_robot_yam.rig.cameras import RigCamera
+from lerobot_robot_yam.rig.lockstep import find_lockstep
+from lerobot_robot_yam.rig.lockstep_cameras import LockstepCamera
 from lerobot_robot_yam.rig.scene import load_scene
 
 
@@ -17,9 +19,14 @@ class YamSimCamera(Camera):
     def __init__(self, config: YamSimCameraConfig):
         super().__init__(config)
         self.config = config
-        rig = None if config.rig == "auto" else config.rig  # None also heeds YAM_RIG
         size = (config.width or 320, config.height or 240, config.fps or 30)
-        self._camera = RigCamera(config.camera, *size, rig=rig, scene=config.scene, options=config.rig_options)
+        lockstep = find_lockstep(config.rig)
+        self._camera: RigCamera | LockstepCamera
+        if lockstep is not None:
+            self._camera = LockstepCamera(lockstep, config.camera, *size)
+        else:
+            rig = None if config.rig == "auto" else config.rig  # None also heeds YAM_RIG
+            self._camera = RigCamera(config.camera, *size, rig=rig, scene=config.scene, options=config.rig_options)
 
     def __str__(self) -> str:
         return f"YamSimCamera({self.config.camera})"

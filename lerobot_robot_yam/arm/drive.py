@@ -1,6 +1,5 @@
 """The motors of one arm as joints: bring-up checks, commands out, positions in. No life cycle, no laws."""
 
-import time
 from collections.abc import Sequence
 
 import can
@@ -115,9 +114,10 @@ class ArmDrive:
     def exchange(self, commands: np.ndarray) -> Finding:
         """One tick on its own: send, wait, collect, check."""
         self.send(commands)
-        time.sleep(self.chain.expected_wire_s)
-        self.chain.collect(time.monotonic() + 0.002)
-        return self.check(time.monotonic())
+        clock = self.chain.clock
+        clock.sleep(self.chain.expected_wire_s)
+        self.chain.collect(clock.now() + 0.002)
+        return self.check(clock.now())
 
     def shift_gripper(self, shift_rad: float) -> None:
         """Put the gripper's reading on the turn of its stops."""

@@ -4,7 +4,6 @@ Reading asks for registers and for the handle's version only: nothing is written
 """
 
 import math
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -162,8 +161,8 @@ def handle_firmware(bus: can.BusABC, channel: str) -> tuple[int, int, int] | Non
         while port.recv(0.0) is not None:
             pass  # an answer to somebody else's question
         port.send([data_message(REQUEST_ID, encode_version_request())])
-        deadline = time.monotonic() + _HANDLE_WAIT_S
-        while (remaining := deadline - time.monotonic()) > 0.0:
+        deadline = port.clock.now() + _HANDLE_WAIT_S
+        while (remaining := deadline - port.clock.now()) > 0.0:
             message = port.recv(remaining)
             if message is not None and message.arbitration_id == REQUEST_ID and is_classic_data(message):
                 version = decode_version(bytes(message.data))

@@ -6,8 +6,7 @@ Deadlines are absolute; after an overrun the loop starts anew from now: no burst
 """
 
 import logging
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from lerobot_robot_yam.arm.arm_parts import GuardedArm
@@ -48,6 +47,7 @@ class ControlLoop:
         self.statistics = LoopStatistics(self._period_s)
         self._stop = EmergencyStop()
         self._workspace = guard(controllers)
+        self._clock = controllers[0].chain.clock
 
     def start(self) -> None:
         """Energise every arm, or none.
@@ -58,7 +58,7 @@ class ControlLoop:
         energised: list[ArmController] = []
         try:
             for controller, blocks in zip(self._controllers, self._blocks, strict=True):
-                blocks.publish(time.monotonic(), 0)  # a stand-by has to know the arm before it is energised
+                blocks.publish(self._clock.now(), 0)  # a stand-by has to know the arm before it is energised
                 controller.energise()
                 energised.append(controller)
         except BaseException:
@@ -67,7 +67,14 @@ class ControlLoop:
             raise
 
     def run(self, on_ready: Callable[[], None] = lambda: None, must_land: Callable[[], bool] = lambda: False) -> None:
-        """Tick until every arm is off.
+        """Tick until every arm is off; see `ticks`."""
+        for _ in self.ticks(on_ready, must_land):
+            pass
+
+    def ticks(
+        self, on_ready: Callable[[], None] = lambda: None, must_land: Callable[[], bool] = lambda: False
+    ) -> Iterator[None]:
+        """The same, tick by tick: each step sleeps until the next deadline and ticks once.
 
         Args:
             on_ready: called once, when every arm has left bring-up.
@@ -78,11 +85,12 @@ class ControlLoop:
         """
         ready = landing = False
         tick = 0
-        last = deadline = time.monotonic()
+        clock = self._clock
+        last = deadline = clock.now()
         for blocks in self._blocks:
             blocks.publish(last, tick)
         while True:
-            now = time.monotonic()
+            now = clock.now()
             self.statistics.tick(now)
             if not landing and must_land():
                 landing = True
@@ -95,7 +103,7 @@ class ControlLoop:
             for controller, blocks in zip(self._controllers, self._blocks, strict=True):
                 self._guard(controller, self._measure, blocks, now + self._wire_s + _STRAGGLER_S, tick)
             self._tell_peers()
-            now = time.monotonic()
+            now = clock.now()
             dt, last = min(now - last, _MOST_DT_S), now
             stopped = self._stopped(now)
             for controller, blocks in zip(self._controllers, self._blocks, strict=True):
@@ -107,10 +115,11 @@ class ControlLoop:
                 ready = self._bring_up(on_ready)
             if all(controller.mode in _ENDED for controller in self._controllers):
                 return
+            yield
             deadline += self._period_s
-            now = time.monotonic()
+            now = clock.now()
             if now < deadline:
-                time.sleep(deadline - now)
+                clock.sleep(deadline - now)
             else:
                 self.statistics.overruns += self._period_s > 0
                 deadline = now
@@ -139,16 +148,15 @@ class ControlLoop:
                 self._stop.latch(reason)
         return self._stop.latched
 
-    @staticmethod
-    def _measure(controller: ArmController, blocks: ControllerBlocks, deadline: float, tick: int) -> None:
+    def _measure(self, controller: ArmController, blocks: ControllerBlocks, deadline: float, tick: int) -> None:
         """Publish an arm's state as soon as it is complete: a sample ages."""
         if controller.mode not in _ENDED:
             try:
                 controller.collect(deadline)
-                controller.measure(time.monotonic())
+                controller.measure(self._clock.now())
             except BusError as error:
-                controller.lose_bus(error, time.monotonic())
-        blocks.publish(time.monotonic(), tick)
+                controller.lose_bus(error, self._clock.now())
+        blocks.publish(self._clock.now(), tick)
 
     @staticmethod
     def _decide(controller: ArmController, blocks: ControllerBlocks, now: float, stopped: bool) -> None:
@@ -196,14 +204,14 @@ class ControlLoop:
                 controller.lose_bus(error, now)
             except Exception as error:  # a command that cannot be packed: the next tick sends the last good one
                 controller.fail(error)
-        time.sleep(max(0.0, now + self._wire_s - _EARLY_S - time.monotonic()))
+        self._clock.sleep(max(0.0, now + self._wire_s - _EARLY_S - self._clock.now()))
         for controller in active:
             if controller.mode not in _ENDED:
                 try:
                     controller.chain.drain()
                 except BusError as error:
                     controller.lose_bus(error, now)
-        time.sleep(max(0.0, now + self._wire_s - _WAKE_UP_S - time.monotonic()))
+        self._clock.sleep(max(0.0, now + self._wire_s - _WAKE_UP_S - self._clock.now()))
 
     def _bring_up(self, on_ready: Callable[[], None]) -> bool:
         """True when all arms have left bring-up; lands them all when one failed."""
@@ -225,7 +233,7 @@ class ControlLoop:
         logger.info("control loop: %s; lost replies %s", self.statistics.summary(), lost)
         for controller, blocks in zip(self._controllers, self._blocks, strict=True):
             if controller.mode is Mode.OFF:
-                blocks.publish(time.monotonic(), 0)  # a stand-by may still look at it
+                blocks.publish(self._clock.now(), 0)  # a stand-by may still look at it
             blocks.close()
 
 

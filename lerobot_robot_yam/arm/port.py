@@ -2,7 +2,6 @@
 
 import logging
 import math
-import time
 from collections.abc import Sequence
 
 import numpy as np
@@ -26,6 +25,7 @@ from lerobot_robot_yam.arm.state import (
     lock_path,
     state_path,
 )
+from lerobot_robot_yam.clock import SYSTEM, Clock
 from lerobot_robot_yam.errors import ChannelInUseError, GripperError, LifeCycleError, MotorError, StaleStateError
 from lerobot_robot_yam.runtime import FileLock
 from lerobot_robot_yam.shared_block import SharedBlock
@@ -43,10 +43,11 @@ _UNSET = [math.nan] * SLOTS
 class ArmPort:
     """One arm of a running session. One thread writes; reading is free."""
 
-    def __init__(self, config: ArmConfig, hardware: Hardware, key: str):
+    def __init__(self, config: ArmConfig, hardware: Hardware, key: str, clock: Clock = SYSTEM):
         self.config = config
         self.hardware = hardware
         self._key = key
+        self._clock = clock
         self._commands = SharedBlock(command_path(key), COMMAND_DTYPE, create=True)
         self._states: SharedBlock | None = None
         self._lower, self._upper = hardware.lower.tolist(), hardware.upper.tolist()
@@ -95,7 +96,7 @@ class ArmPort:
             raise LifeCycleError(f"{name}: the arm is off; connect again")
         if state.mode in _READY and self.hardware.has_gripper and math.isnan(record["gripper_stops_rad"][0]):
             raise GripperError(f"{name}: the gripper's stops are unknown; calibrate it (lerobot-calibrate)")
-        now = time.monotonic()
+        now = self._clock.now()
         age = now - state.stamp_s
         if age > self.config.max_state_age_s:
             raise StaleStateError(
@@ -162,7 +163,7 @@ class ArmPort:
                     *unset,
                     last,
                 ]
-        self._target_stamp_s = time.monotonic()
+        self._target_stamp_s = self._clock.now()
         self._target_sequence += 1
         self._write()
         return np.array(target[:n]), target[-1] if hw.has_gripper else None
@@ -218,7 +219,7 @@ class ArmPort:
     @property
     def orphaned(self) -> bool:
         """True when control process and stand-by have both died: nobody drives the arm, and it is limp by now."""
-        if self._states is None or time.monotonic() - float(self._raw()["stamp_s"]) < _ORPHAN_S:
+        if self._states is None or self._clock.now() - float(self._raw()["stamp_s"]) < _ORPHAN_S:
             return False
         lock = FileLock(lock_path(self._key), self.config.channel)
         try:
@@ -238,17 +239,17 @@ class ArmPort:
             MotorError: there is no gripper motor, or the search failed.
         """
         self._request(Request.CALIBRATE_GRIPPER)
-        deadline = time.monotonic() + _CALIBRATION_TIMEOUT_S
+        deadline = self._clock.now() + _CALIBRATION_TIMEOUT_S
         while self.observe().mode is Mode.BRING_UP:
-            if time.monotonic() > deadline:
+            if self._clock.now() > deadline:
                 raise MotorError(f"{self.config.name}: the gripper calibration does not end")
-            time.sleep(0.02)
+            self._clock.sleep(0.02)
 
     def _request(self, request: Request) -> None:
         self._asked = request
         self._request_sequence += 1
         self._write()
-        deadline = time.monotonic() + _REQUEST_TIMEOUT_S
+        deadline = self._clock.now() + _REQUEST_TIMEOUT_S
         while True:
             state = self._raw()
             if state["request_sequence"] == self._request_sequence:
@@ -257,8 +258,8 @@ class ArmPort:
                 if request is Request.LAND:
                     return
                 raise LifeCycleError(f"{self.config.name}: the arm is off; connect again")
-            if time.monotonic() > deadline:
+            if self._clock.now() > deadline:
                 raise StaleStateError(f"{self.config.name}: the control loop does not answer")
-            time.sleep(0.001)
+            self._clock.sleep(0.001)
         if state["request_refused"]:
             raise LifeCycleError(bytes(state["refusal"]).decode(errors="replace"))

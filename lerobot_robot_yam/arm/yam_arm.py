@@ -11,7 +11,6 @@ With `interface="yam_sim", channel="follower_left"` the same lines drive the vir
 
 import dataclasses
 import math
-import time
 from collections.abc import Sequence
 from types import TracebackType
 from typing import Any
@@ -122,9 +121,10 @@ class YamArm:
             port.hold()
         first_grip = state.gripper_setpoint
         reach_s = max(math.pi / 2 * float(np.abs(goal - start).max(initial=0.0)) / speed_rad_s, 0.2)
-        begin = time.monotonic()
+        clock = self._session.clock
+        begin = clock.now()
         while True:
-            elapsed = time.monotonic() - begin
+            elapsed = clock.now() - begin
             share = 0.5 - 0.5 * math.cos(math.pi * min(elapsed / reach_s, 1.0))
             grip = None if gripper is None or first_grip is None else first_grip + share * (gripper - first_grip)
             asked, _ = port.track(start + share * (goal - start), grip)
@@ -134,7 +134,7 @@ class YamArm:
             if elapsed > reach_s + _SETTLE_TIMEOUT_S:
                 behind = int(np.abs(state.setpoint_q - asked).argmax()) + 1
                 raise LifeCycleError(f"{self.config.name}: pose not reached, joint_{behind} is held back")
-            time.sleep(_STREAM_S)
+            clock.sleep(_STREAM_S)
 
     def hold(self) -> None:
         """Keep the present pose."""

@@ -2,11 +2,11 @@
 
 import logging
 import math
-import time
 from collections.abc import Collection, Mapping
 
 import can
 
+from lerobot_robot_yam.clock import clock_of
 from lerobot_robot_yam.damiao.bus_port import is_classic_data
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.registers import Register, register_row
@@ -64,10 +64,11 @@ def listen(bus: can.BusABC, seconds: float, ids: Collection[int], channel: str =
     } | {REGISTER_ID}
     answers = {i + 16 for i in ids} | {0}
     seen: dict[int, int] = {}
-    deadline = time.monotonic() + seconds
+    clock = clock_of(bus)
+    deadline = clock.now() + seconds
     try:
         # What has arrived by the deadline counts even if we were not running then; a flood does not keep us for ever.
-        while (remaining := deadline - time.monotonic()) > -seconds:
+        while (remaining := deadline - clock.now()) > -seconds:
             message = bus.recv(max(remaining, 0.0))
             if message is None and remaining <= 0.0:
                 break
@@ -181,7 +182,7 @@ def _check_presence(chain: MotorChain) -> None:
             + (f"; unexpected answers came from {strangers}: a motor may have another MST_ID" if strangers else "")
         )
     # The second answer of a pair of motors with one id comes after the one that ended the wait.
-    time.sleep(_DUPLICATE_WAIT_S)
+    chain.clock.sleep(_DUPLICATE_WAIT_S)
     chain.drain()
     doubled = [
         f"{spec.name} (id {spec.can_id})"

@@ -6,6 +6,7 @@ from typing import Any
 
 import can
 
+from lerobot_robot_yam.clock import clock_of
 from lerobot_robot_yam.errors import BusError
 
 _STAMP_TRUST_S = 1.0  # a bus's own stamp is used when it lies at most this far in the past
@@ -33,12 +34,13 @@ class BusPort:
         self._send_one: Callable[[can.Message], None] = bus.send
         self._send_many: Callable[[Sequence[can.Message]], Any] | None = getattr(bus, "send_many", None)
         self._recv: Callable[[float], can.Message | None] = bus.recv
+        self.clock = clock_of(bus)
         self._epoch_offset_s = 0.0
         self.synchronise()
 
     def synchronise(self) -> None:
         """Note how far the epoch clock is from the monotonic one; the former may be stepped at any time."""
-        self._epoch_offset_s = time.time() - time.monotonic()
+        self._epoch_offset_s = time.time() - self.clock.now()
 
     def send(self, messages: Sequence[can.Message]) -> None:
         """Queue frames without waiting for anything.
@@ -71,11 +73,11 @@ class BusPort:
             raise self._error("receive", error) from error
 
     def arrival_s(self, message: can.Message) -> float:
-        """When the frame arrived (time.monotonic()): the bus's own stamp where it is believable, else now.
+        """When the frame arrived (the clock's time): the bus's own stamp where it is believable, else now.
 
         The kernel (and the rig) stamp the arrival; now is only when we got round to reading.
         """
-        now = time.monotonic()
+        now = self.clock.now()
         stamp = message.timestamp
         if stamp > _EPOCH_S:
             stamp -= self._epoch_offset_s

@@ -4,7 +4,6 @@ A late or lost reply ages its own motor only and is never taken for another's. R
 are drained before the next one, so old data cannot pile up in the socket.
 """
 
-import time
 from collections.abc import Iterable, Iterator, Sequence
 
 import can
@@ -44,7 +43,7 @@ class MotorChain(FeedbackStore):
 
     State, refreshed as new arrays by every `collect`, in motor coordinates, shape (n,):
         position_rad (multi-turn: unwrapped from the first reading), velocity_rad_s, torque_nm,
-        temp_mos_c, temp_rotor_c, stamp_s (time.monotonic() of arrival, -inf before the first reply),
+        temp_mos_c, temp_rotor_c, stamp_s (the clock's time of arrival, -inf before the first reply),
         fault (int, see `tables.Fault`), lost (int, replies that missed their tick, in total).
 
     Counters: `duplicates` (answers beyond those asked for, the mark of two motors with one id),
@@ -69,6 +68,7 @@ class MotorChain(FeedbackStore):
         self.motors = tuple(motors)
         self.encoder = encoder
         self._port = BusPort(bus, channel)
+        self.clock = self._port.clock
         count = len(self.motors)
         self._index = {spec.answer_key: i for i, spec in enumerate(self.motors)}
         self._command_ids = frozenset(spec.can_id for spec in self.motors)
@@ -110,7 +110,7 @@ class MotorChain(FeedbackStore):
         return np.array(self._duplicates)
 
     def age_s(self, now: float) -> np.ndarray:
-        """(n,) seconds from each motor's newest answer to `now` (time.monotonic()); inf if none came."""
+        """(n,) seconds from each motor's newest answer to `now` (the clock's time); inf if none came."""
         return now - self.stamp_s
 
     def send(self, commands: np.ndarray) -> None:
@@ -153,8 +153,8 @@ class MotorChain(FeedbackStore):
             timeout_s: from the send on; default is the expected wire time + 2 ms.
         """
         self.send(commands)
-        sent_s = time.monotonic()
-        time.sleep(self.expected_wire_s)
+        sent_s = self.clock.now()
+        self.clock.sleep(self.expected_wire_s)
         return self.collect(sent_s + (self.expected_wire_s + 0.002 if timeout_s is None else timeout_s))
 
     def special(
@@ -171,7 +171,7 @@ class MotorChain(FeedbackStore):
         self._begin(chosen, repeats=repeats)
         for spec in (self.motors[i] for i in chosen):
             if command is SpecialCommand.ENABLE:
-                time.sleep(ENABLE_PAUSE_S)
+                self.clock.sleep(ENABLE_PAUSE_S)
             self._port.send([data_message(spec.can_id, command.value)] * repeats)
         return self._answered(timeout_s)
 
@@ -219,7 +219,7 @@ class MotorChain(FeedbackStore):
         spec = self.motors[motor]
         self.drain()
         self._port.send([data_message(REGISTER_ID, encode_store(spec.can_id))])
-        for message in self._until(time.monotonic() + timeout_s):
+        for message in self._until(self.clock.now() + timeout_s):
             if message.arbitration_id == spec.feedback_id and is_classic_data(message):
                 return
             self._receive(message)
@@ -235,7 +235,7 @@ class MotorChain(FeedbackStore):
         for _ in range(attempts):
             self.drain()
             self._port.send([data_message(REGISTER_ID, payload)])
-            for message in self._until(time.monotonic() + timeout_s):
+            for message in self._until(self.clock.now() + timeout_s):
                 if message.arbitration_id == spec.feedback_id and is_classic_data(message):
                     reply = decode_reply(bytes(message.data))
                     if reply is not None and reply[:3] == (spec.can_id, opcode, register):
@@ -250,7 +250,7 @@ class MotorChain(FeedbackStore):
 
     def _until(self, deadline_s: float) -> Iterator[can.Message]:
         """Frames as they arrive, until the deadline."""
-        while (remaining := deadline_s - time.monotonic()) > 0.0:
+        while (remaining := deadline_s - self.clock.now()) > 0.0:
             message = self._port.recv(remaining)
             if message is not None:
                 yield message
@@ -277,7 +277,7 @@ class MotorChain(FeedbackStore):
             if message is None:
                 break
             self._receive(message)
-        while self._waiting and (remaining := deadline_s - time.monotonic()) > 0.0:
+        while self._waiting and (remaining := deadline_s - self.clock.now()) > 0.0:
             message = recv(remaining)
             if message is not None:
                 self._receive(message)
@@ -293,7 +293,7 @@ class MotorChain(FeedbackStore):
         return silent
 
     def _answered(self, timeout_s: float) -> list[bool]:
-        silent = self._collect(time.monotonic() + timeout_s)
+        silent = self._collect(self.clock.now() + timeout_s)
         return [i not in silent for i in range(len(self.motors))]
 
     def _receive(self, message: can.Message) -> None:

@@ -138,7 +138,7 @@ class HandleEncoder:
 
     def __init__(self) -> None:
         self.report = HandleReport(0.0, 0.0, (False, False), 0.0)
-        self.stamp_s = -math.inf  # time.monotonic() of receipt; -inf before the first report
+        self.stamp_s = -math.inf  # the clock's time of receipt; -inf before the first report
         self.lost = 0
 
     def accept(self, data: bytes, stamp_s: float) -> bool:

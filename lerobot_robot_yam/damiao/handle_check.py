@@ -4,7 +4,6 @@ Steps and limits: I2RT encoder driver v1.2.4.
 """
 
 import logging
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -85,8 +84,8 @@ def _ask[T](port: BusPort, request: bytes, decode: Callable[[bytes], T | None], 
         while port.recv(0.0) is not None:
             pass  # earlier answers do not repeat what they answer, so none may be left
         port.send([data_message(REQUEST_ID, request)])
-        deadline = time.monotonic() + timeout_s
-        while (remaining := deadline - time.monotonic()) > 0.0:
+        deadline = port.clock.now() + timeout_s
+        while (remaining := deadline - port.clock.now()) > 0.0:
             message = port.recv(remaining)
             if message is not None and message.arbitration_id == REQUEST_ID and is_classic_data(message):
                 answer = decode(bytes(message.data))
@@ -99,8 +98,8 @@ def _ask[T](port: BusPort, request: bytes, decode: Callable[[bytes], T | None], 
 
 
 def _wait_for_silence(port: BusPort) -> None:
-    deadline = time.monotonic() + _SILENCE_LIMIT_S
-    while time.monotonic() < deadline:
+    deadline = port.clock.now() + _SILENCE_LIMIT_S
+    while port.clock.now() < deadline:
         if port.recv(_SILENCE_S) is None:
             return
     raise MotorError(f"{port.channel}: the teaching handle goes on reporting by itself; power-cycle it")

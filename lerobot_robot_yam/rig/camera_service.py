@@ -48,6 +48,7 @@ class CameraService:
         self._refused: set[Hashable] = set()  # have been told why they get nothing
         self._stalls: dict[str, float] = {}  # camera → monotonic time until which it delivers nothing new
         self._dead: set[str] = set()
+        self.drawn = True
 
     def open(self, client: Hashable, hello: Mapping[str, Any]) -> dict[str, Any]:
         """A client asks for a camera; starts the renderer for the first one.
@@ -115,6 +116,15 @@ class CameraService:
             for client in list(self._users[settings]):
                 self._answers.append((client, {"error": _DEAD.format(camera=name), "kind": "RigError"}))
                 self.drop(client)
+
+    def draw(self, anew: bool) -> None:
+        """Have a renderer that works on demand draw every open camera; `drawn` says when it has.
+
+        Args:
+            anew: the world was restarted since the last picture.
+        """
+        self.drawn = False
+        self._tell("draw", anew=anew)
 
     def _known(self, name: Any) -> str:
         if name not in self._cameras:
@@ -186,6 +196,9 @@ class CameraService:
                 self._process.stdin.write(json.dumps({"do": verb, **details}).encode() + b"\n")
 
     def _heard(self, message: dict[str, Any]) -> None:
+        if "drawn" in message:
+            self.drawn = True
+            return
         if "error" in message:
             failed = {"error": message["error"], "kind": "RigError"}
             refused = {client for clients in self._waiting.values() for client in clients}

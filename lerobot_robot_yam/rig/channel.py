@@ -10,6 +10,7 @@ import random
 import socket
 from collections import deque
 from collections.abc import Sequence
+from typing import Protocol
 
 from lerobot_robot_yam.damiao import codec
 from lerobot_robot_yam.damiao.encoder import REQUEST_ID
@@ -25,6 +26,12 @@ from lerobot_robot_yam.rig.wire import Frame, Wire
 _TRACE_LENGTH = 500_000
 _BACKLOG_S = 0.05  # a real adapter's queue is full at about this
 _FOREIGN_KP, _FOREIGN_KD = 10.0, 1.0  # Nm/rad, Nm s/rad with which a foreign driver holds a motor
+
+
+class Listener(Protocol):
+    """A client of a channel: a socket, or what takes packets as one."""
+
+    def send(self, data: bytes, flags: int = 0, /) -> int: ...
 
 
 class Channel:
@@ -44,7 +51,7 @@ class Channel:
         self.link = Link()  # the interface, see `set_link`
         self.cable_out = False  # nothing gets through, and nobody is told
         self.foreign: ForeignDriver | None = None
-        self.clients: list[socket.socket] = []
+        self.clients: list[Listener] = []
         self.wire = Wire()
         self.overflows = 0  # packets lost because a queue was full, on either side
         self.trace: deque[tuple[float, float, int, int]] | None = None  # sent, arrived, identifier, first byte
@@ -65,7 +72,7 @@ class Channel:
         """Record every frame that clients send, from now on."""
         self.trace = deque(maxlen=_TRACE_LENGTH)
 
-    def receive(self, sender: socket.socket, frames: Sequence[Frame], now_s: float) -> None:
+    def receive(self, sender: Listener, frames: Sequence[Frame], now_s: float) -> None:
         """Put a client's packet on the wire and answer it."""
         if self.cable_out or self.link.state or sender not in self.clients:
             return
@@ -173,7 +180,7 @@ class Channel:
             return ()
         return answers
 
-    def _deliver(self, client: socket.socket, frames: Sequence[Frame]) -> None:
+    def _deliver(self, client: Listener, frames: Sequence[Frame]) -> None:
         try:
             client.send(wire.pack(frames), socket.MSG_DONTWAIT)
         except BlockingIOError:

@@ -95,12 +95,25 @@ class Drawing:
     def draw_due(self, now_s: float) -> None:
         """Draw and publish every view whose time has come, all from one state of the world."""
         due = [view for view in self._views.values() if view.due_s <= now_s]
-        state = self._world.read() if due else None
-        posed = False
         for view in due:
             view.due_s = _next_beat(now_s, view.period_s)  # what is late is skipped: no burst
-            if self._stalled_until_s.get(view.settings[0], 0.0) > now_s:
-                continue
+        self._draw([view for view in due if self._stalled_until_s.get(view.settings[0], 0.0) <= now_s])
+
+    def draw_all(self) -> None:
+        """Draw and publish every view."""
+        self._draw(list(self._views.values()))
+
+    def begin_anew(self) -> None:
+        """The world has been restarted: so are the sensors' noise and the frames' times."""
+        for view in self._views.values():
+            _, width, height, _ = view.settings
+            view.sensor, view.drawn_qpos = Sensor(width, height, self._noise), None
+            view.record["stamp_s"] = 0.0
+
+    def _draw(self, views: list[View]) -> None:
+        state = self._world.read() if views else None
+        posed = False
+        for view in views:
             if state is None or float(state["stamp_s"]) <= float(view.record["stamp_s"]):
                 continue  # nothing new to show; the frame's age tells
             qpos = state["qpos"]

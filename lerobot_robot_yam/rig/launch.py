@@ -111,6 +111,12 @@ def connect_or_start(
             raise RigError(f"rig {name} ended right after its start; see {rig_path(name, 'log')}") from error
 
 
+def scene_arguments(scene: str | None, options: Mapping[str, Any]) -> list[str]:
+    """How a scene is named on the command lines of the rig's processes."""
+    named = [] if scene is None else ["--scene", scene]
+    return named + [part for key, value in options.items() for part in ("--set", f"{key}={json.dumps(value)}")]
+
+
 def _named(connection: tuple[socket.socket, dict[str, Any]], name: str) -> tuple[socket.socket, str, dict[str, Any]]:
     return connection[0], name, connection[1]
 
@@ -122,10 +128,7 @@ def _start(name: str, owner: int | None, scene: str | None, options: Mapping[str
     server += ["--ready-fd", str(ready_write)]
     if owner is not None:
         server += ["--owner", str(owner)]
-    if scene is not None:
-        server += ["--scene", scene]
-    for key, value in options.items():
-        server += ["--set", f"{key}={json.dumps(value)}"]
+    server += scene_arguments(scene, options)
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     try:
         with open(rig_path(name, "log"), "wb") as log:

@@ -3,10 +3,13 @@
     python -m lerobot_robot_yam.rig.renderer --rig NAME --scene bimanual_table
 
 Reads the world's state block, draws each camera that it was asked for at that camera's rate, and publishes the
-newest frame of each. Requests come as JSON lines on standard input ({"do": "open" or "close", "camera": [name,
-width, height, fps]} or {"do": "stall", "camera": name, "until_s": monotonic time}), answers go to standard output
-({"ready": camera} or {"error": text}); it ends when its input does, so it never outlives the rig. Physics and control
-come first: it runs with low priority and skips what is late.
+newest frame of each. Requests come as JSON lines on standard input: {"do": "open" or "close", "camera": [name, width,
+height, fps]}, {"do": "stall", "camera": name, "until_s": monotonic time}. Answers go to standard output: {"ready":
+camera} or {"error": text}. With --on-demand it draws only when told to: {"do": "draw", "anew": whether the world was
+restarted}, answered by {"drawn": true}.
+
+It ends when its input does, so it never outlives the rig. Physics and control come first: it runs with low priority
+and skips what is late.
 """
 
 import argparse
@@ -27,11 +30,11 @@ if TYPE_CHECKING:
 _NICE = 5
 
 
-def _serve(drawing: "Drawing", answers: int) -> None:
+def _serve(drawing: "Drawing", answers: int, on_demand: bool) -> None:
     """Obey standard input until it ends."""
     pending = b""
     while True:
-        due_s = drawing.next_due_s()
+        due_s = None if on_demand else drawing.next_due_s()
         timeout = None if due_s is None else max(0.0, due_s - time.monotonic())
         if select.select([0], [], [], timeout)[0]:
             chunk = os.read(0, 65536)
@@ -40,12 +43,19 @@ def _serve(drawing: "Drawing", answers: int) -> None:
             *lines, pending = (pending + chunk).split(b"\n")
             for line in lines:
                 _obey(drawing, json.loads(line), answers)
-        drawing.draw_due(time.monotonic())
+        if not on_demand:
+            drawing.draw_due(time.monotonic())
 
 
 def _obey(drawing: "Drawing", request: dict[str, Any], answers: int) -> None:
     if request["do"] == "stall":
         drawing.stall(request["camera"], request["until_s"])
+        return
+    if request["do"] == "draw":
+        if request["anew"]:
+            drawing.begin_anew()
+        drawing.draw_all()
+        _answer(answers, {"drawn": True})
         return
     name, width, height, fps = request["camera"]
     settings: Settings = (name, width, height, fps)
@@ -84,12 +94,14 @@ def main() -> int:
     parser.add_argument("--rig", required=True, help="name of the running rig")
     parser.add_argument("--scene", help="scene name or YAML path, as given to the rig")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="scene option")
+    parser.add_argument("--on-demand", action="store_true", help="draw when told to, for a rig in lock-step")
     args = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="renderer: %(levelname)s: %(message)s")
     answers = os.dup(1)
     os.dup2(2, 1)  # what a library prints must not mix with the answers
-    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # never preempt physics or control by waking up
-    os.nice(_NICE)
+    if not args.on_demand:
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # never preempt physics or control by waking up
+        os.nice(_NICE)
     try:
         drawing = _draw_for(args.rig, args.scene, dict(_option(item) for item in args.set))
     except YamError as error:
@@ -99,7 +111,7 @@ def main() -> int:
         _answer(answers, {"error": f"rendered cameras need OpenGL through EGL, which cannot be loaded ({error})"})
         raise
     try:
-        _serve(drawing, answers)
+        _serve(drawing, answers, args.on_demand)
     except (KeyboardInterrupt, BrokenPipeError):
         pass  # the rig is ending
     finally:

@@ -1,0 +1,147 @@
+"""Where a robot's control loop runs: in a process of its own, or in a thread of the caller."""
+
+import dataclasses
+import json
+import logging
+import os
+import select
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+from lerobot_robot_yam import errors
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.clock import SYSTEM, Clock
+from lerobot_robot_yam.errors import YamError
+
+logger = logging.getLogger(__name__)
+
+_START_TIMEOUT_S = 60.0  # a virtual rig may have to start; a gripper calibration takes some seconds
+_LAND_TIMEOUT_S = 60.0  # the longest way down at landing speed, and one retry
+
+
+class Runner(Protocol):
+    """Runs one control loop, once."""
+
+    @property
+    def clock(self) -> Clock:
+        """The caller's clock: what lets time pass for it, and for the arms."""
+
+    def start(self) -> None:
+        """Bring the arms up.
+
+        Raises:
+            YamError: what failed; nothing is energised.
+        """
+
+    def stop(self) -> bool:
+        """Have it land and end; True when it has ended."""
+
+
+class ProcessRunner:
+    """The loop in a process of its own, which the caller's interpreter cannot disturb."""
+
+    clock: Clock = SYSTEM
+
+    def __init__(self, configs: list[ArmConfig], keys: list[str]):
+        self._configs, self._keys = configs, keys
+        self._child: subprocess.Popen[bytes] | None = None
+
+    def start(self) -> None:
+        self._child = child = subprocess.Popen(
+            [sys.executable, "-m", "lerobot_robot_yam.arm.process"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+        )
+        job = {
+            "arms": [dataclasses.asdict(config) for config in self._configs],
+            "keys": self._keys,
+            "parent_pid": os.getpid(),
+        }
+        assert child.stdin is not None and child.stdout is not None
+        child.stdin.write(json.dumps(job).encode() + b"\n")
+        child.stdin.close()
+        if not select.select([child.stdout], [], [], _START_TIMEOUT_S)[0]:
+            raise YamError(f"the control process did not come up within {_START_TIMEOUT_S:.0f} s")
+        line = child.stdout.readline()
+        if not line:
+            raise YamError(f"the control process died while starting (exit status {child.wait()}); see its log above")
+        reply = json.loads(line)
+        if "error" in reply:
+            raise getattr(errors, reply["kind"], YamError)(reply["error"])
+
+    def stop(self) -> bool:
+        """Have it land and end; True when it has ended."""
+        child, self._child = self._child, None
+        if child is None:
+            return True
+        if child.poll() is None:
+            child.send_signal(signal.SIGTERM)
+        ended = wait_patiently(lambda: child.poll() is not None)
+        if child.stdout is not None:
+            child.stdout.close()
+        return ended
+
+
+class ThreadRunner:
+    """The loop in a thread of the caller, for debugging."""
+
+    clock: Clock = SYSTEM
+
+    def __init__(self, configs: list[ArmConfig], keys: list[str]):
+        self._land = threading.Event()
+        self._settled = threading.Event()
+        self._error: BaseException | None = None
+        self._thread = threading.Thread(target=self._run, args=(configs, keys), name="yam-control", daemon=False)
+
+    def _run(self, configs: list[ArmConfig], keys: list[str]) -> None:
+        from lerobot_robot_yam.arm.process import control
+
+        try:
+            main = threading.main_thread()
+            control(
+                configs,
+                keys,
+                self._settled.set,
+                lambda: self._land.is_set() or not main.is_alive(),
+                realtime=False,
+            )
+        except BaseException as error:
+            self._error = error
+            if self._settled.is_set():
+                logger.exception("control loop failed")
+        finally:
+            self._settled.set()
+
+    def start(self) -> None:
+        self._thread.start()
+        if not self._settled.wait(_START_TIMEOUT_S):
+            raise YamError(f"the control loop did not come up within {_START_TIMEOUT_S:.0f} s")
+        if self._error is not None:
+            raise self._error
+
+    def stop(self) -> bool:
+        """Have it land and end; True when it has ended."""
+        self._land.set()
+        return self._thread.ident is None or wait_patiently(lambda: not self._thread.is_alive())
+
+
+def wait_patiently(done: Callable[[], bool]) -> bool:
+    """Wait for a landing. Ctrl-C is answered with a word: the loop lands on its own, hurrying would drop an arm."""
+    deadline = time.monotonic() + _LAND_TIMEOUT_S
+    while True:
+        try:
+            while not done():
+                if time.monotonic() > deadline:
+                    logger.error("the arms are not down yet; their control loop goes on holding and landing by itself")
+                    return False
+                time.sleep(0.01)
+            return True
+        except KeyboardInterrupt:
+            logger.warning("landing; the arms have no brakes, so this cannot be cut short")

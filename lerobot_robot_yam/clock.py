@@ -1,0 +1,33 @@
+"""Whose time it is: the computer's, or that of a world which is simulated tick for tick.
+
+Drivers and loops read the time and wait through the clock of their bus, so that the very same code runs on real
+hardware and in lock-step with a simulation (`rig.lockstep`), where time stands still while the caller thinks.
+"""
+
+import time
+from typing import Any, Protocol
+
+
+class Clock(Protocol):
+    """Monotonic time in s, and a way to let it pass."""
+
+    def now(self) -> float: ...
+
+    def sleep(self, seconds: float) -> None:
+        """Come back `seconds` later; negative ones are an error, as for `time.sleep`."""
+
+
+class SystemClock:
+    """The computer's own."""
+
+    now = staticmethod(time.monotonic)
+    sleep = staticmethod(time.sleep)
+
+
+SYSTEM = SystemClock()
+
+
+def clock_of(bus: Any) -> Clock:
+    """The clock that a CAN bus lives by: its attribute `clock`, else the computer's."""
+    clock: Clock = getattr(bus, "clock", SYSTEM)
+    return clock
