@@ -17,18 +17,19 @@ from lerobot_robot_yam.arm.setpoint import SetPoint
 
 logger = logging.getLogger(__name__)
 
-LANDING_SPEED_RAD_S = 0.6
-_LOWER_SPEED_RAD_S = 0.6
+LANDING_SPEED_RAD_S = 0.6  # no joint lands faster
+_COMMANDED_RAD_S = 0.54  # arms answer with up to 10 % more where their weight is overcompensated
+_RAMP_S = 0.12  # to that speed; a quicker start overshoots
 _WRIST_LIFT_RAD = 0.35  # how far above its resting place the wrist stays while the arm folds
 _SOFT_RAD = 0.3  # from here on the fold slows down: some joints end on their mechanical stops
-_SOFT_RAD_S2 = 2.5
+_SOFT_RAD_S2 = 5.0
 _WRIST = 3  # joint 4 carries the wrist
 _AT_POSE_RAD = 0.06
 _STUCK_RAD = 0.25  # set-point this far ahead of the arm: something is in the way
 _CONTACT_RAD = 0.12
 _STUCK_S = 0.5
 _RETRY_S = 3.0
-_FADE_S = 0.35
+_FADE_S = 0.25
 _STILL_RAD_S = 0.03
 _STILL_S = 0.1
 
@@ -65,16 +66,18 @@ class Landing:
         self._n = n
         self.phase = Phase.FOLD
         self._since = now
+        self._speed = np.zeros(n)
         self._stuck_since: float | None = None
         self._still_since: float | None = None
         self.share = 1.0
-        self._begin_move(self._fold, LANDING_SPEED_RAD_S, q, now)
+        self._begin_move(self._fold, now)
 
-    def _begin_move(self, goal: np.ndarray, speed: float, q: np.ndarray, now: float) -> None:
-        """Straight line: every joint arrives at the same time, the farthest one at `speed`."""
+    def _begin_move(self, goal: np.ndarray, now: float) -> None:
+        """Straight line: every joint arrives at the same time."""
         gap = np.abs(goal - self._setpoint.q[: self._n])
         longest = max(float(gap.max()), 1e-3)
-        self._setpoint.speed_limit[: self._n] = np.maximum(speed * gap / longest, 0.05)
+        self._speed = np.maximum(_COMMANDED_RAD_S * gap / longest, 0.05)
+        self._start(now)
         target = self._setpoint.q.copy()
         target[: self._n] = goal
         self._setpoint.aim(target, now)
@@ -85,6 +88,7 @@ class Landing:
 
         `usable` (n,) bool: joints whose motors answer; the others cannot be waited for.
         """
+        self._start(now)
         error = np.where(usable, np.abs(self._setpoint.q[: self._n] - q), 0.0)
         if self.phase is Phase.FOLD:
             if np.abs(self._goal - self._setpoint.q[: self._n]).max() < _SOFT_RAD:
@@ -92,7 +96,7 @@ class Landing:
             at_pose = np.all(np.where(usable, np.abs(self._goal - q), 0.0) < _AT_POSE_RAD)
             if at_pose and self._setpoint.arrived:
                 self._enter(Phase.LOWER, now)
-                self._begin_move(self._rest, _LOWER_SPEED_RAD_S, q, now)
+                self._begin_move(self._rest, now)
             elif self._stuck(error.max() > _STUCK_RAD or (self._setpoint.arrived and not at_pose), now):
                 self._give_way(q)
                 self._enter(Phase.OBSTRUCTED, now)
@@ -105,7 +109,7 @@ class Landing:
         elif self.phase is Phase.OBSTRUCTED:
             if now - self._since > _RETRY_S:
                 self._enter(Phase.FOLD, now)
-                self._begin_move(self._fold, LANDING_SPEED_RAD_S, q, now)
+                self._begin_move(self._fold, now)
         elif self.phase is Phase.LOWER:
             if self._setpoint.arrived or self._stuck(error.max() > _CONTACT_RAD, now, patience_s=0.1):
                 self._give_way(q)
@@ -119,6 +123,9 @@ class Landing:
                 self._still_since = now
             elif now - self._still_since > _STILL_S:
                 self._enter(Phase.LANDED, now)
+
+    def _start(self, now: float) -> None:
+        self._setpoint.speed_limit[: self._n] = self._speed * np.clip((now - self._since) / _RAMP_S, 0.1, 1.0)
 
     def _enter(self, phase: Phase, now: float) -> None:
         self.phase, self._since, self._stuck_since = phase, now, None

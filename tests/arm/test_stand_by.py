@@ -3,18 +3,25 @@
 import logging
 import os
 import signal
+import subprocess
+import sys
 import time
 
 import numpy as np
 import pytest
 
+from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.landing import LANDING_SPEED_RAD_S
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.session import ArmSession
+from lerobot_robot_yam.arm.state import STATE_DTYPE, channel_key, state_path
 from lerobot_robot_yam.errors import MotorError, StaleStateError
 from lerobot_robot_yam.rig.control import running_rig, runs
+from lerobot_robot_yam.shared_block import SharedBlock
 
 from .rigged import sim_config, track
+
+pytestmark = pytest.mark.alone
 
 logger = logging.getLogger(__name__)
 
@@ -118,42 +125,112 @@ def test_it_ends_with_its_control_process(rig):
         time.sleep(0.01)
 
 
-def killed_at_a_random_tick(rig, channel, rng, victim):
-    """One death; returns drop of the tip in m, seconds until landing began, greatest joint speed, seconds over time."""
-    session = start(rig, channel)
-    port = session[channel]
+def wait_still(rig, channel):
+    """Until the arm rests where it was sent, so that what moves afterwards is the landing."""
+    deadline = time.monotonic() + 5.0
+    while max(np.abs(rig.state()["arms"][channel]["dq"])) > 0.02:
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def landing_after_kill(rig, channel, pid, rng):
+    """Kill at a random tick; returns drop of the tip (m), time until landing began (s), greatest speed, s over time.
+
+    None when the machine was so busy that the world stood still meanwhile: then nothing was measured.
+    """
+    block = SharedBlock(state_path(channel_key("yam_sim", channel, rig.name)), STATE_DTYPE, create=False)
     try:
-        stretch(session, 0.9 + rng.uniform(0, 0.1), channel)
-        since = last_event(rig)
+        wait_still(rig, channel)
+        time.sleep(rng.uniform(0, 0.1))
+        since, slips = last_event(rig), rig.stats()["slips"]
         rig.watch_start(channel)
-        travel = np.abs(port.observe().setpoint_q - port.hardware.rest_q)
-        os.kill(victim(session), signal.SIGKILL)
+        hardware = Hardware(sim_config(rig, channel))
+        travel = np.abs(block.read()["setpoint"][: hardware.joints] - hardware.rest_q)
+        os.kill(pid, signal.SIGKILL)
         begin = time.monotonic()
-        while port.mode() is not Mode.LAND:
+        while block.read()["mode"] != Mode.LAND:
             assert time.monotonic() < begin + 1.0
         began_s = time.monotonic() - begin
         tip_drop = rig.watch(channel)["max_tcp_drop_m"]  # until the landing began
-        while port.mode() is not Mode.OFF:
+        while block.read()["mode"] != Mode.OFF:
+            assert time.monotonic() < begin + 20.0
             time.sleep(0.005)
         took_s = time.monotonic() - begin
-        seen = rig.watch(channel)
     finally:
-        session.stop()
+        block.close()
+    seen = rig.watch(channel)
+    if rig.stats()["slips"] > slips:
+        return None
     assert not faults(rig, since)
     lowering = 0.35  # the wrist is raised while folding and lowered afterwards
-    over_s = took_s - (travel[1:].max() + lowering) / LANDING_SPEED_RAD_S
+    over_s = took_s - began_s - (travel[1:].max() + lowering) / LANDING_SPEED_RAD_S
     return tip_drop, began_s, max(seen["max_speed_rad_s"]), over_s
 
 
+def killed_control_process(rig, channel, rng):
+    session = start(rig, channel)
+    try:
+        stretch(session, 0.9, channel)
+        return landing_after_kill(rig, channel, control_pid(session), rng)
+    finally:
+        session.stop()
+
+
+CALLER = """
+import sys
+from tests.arm import test_stand_by as t
+from lerobot_robot_yam.rig.control import RigControl
+with RigControl(sys.argv[1]) as rig:
+    session = t.start(rig, sys.argv[2])
+    t.stretch(session, 0.9, sys.argv[2])
+    print("stretched", flush=True)
+    t.stretch(session, 60.0, sys.argv[2])
+"""
+
+
+def killed_caller(rig, channel, rng):
+    caller = subprocess.Popen([sys.executable, "-c", CALLER, rig.name, channel], stdout=subprocess.PIPE, text=True)
+    try:
+        assert caller.stdout.readline() == "stretched\n"
+        return landing_after_kill(rig, channel, caller.pid, rng)
+    finally:
+        caller.kill()
+        caller.communicate()
+
+
+@pytest.mark.parametrize("killed", [killed_control_process, killed_caller])
+def test_killed_with_a_stretched_arm(rig, killed):
+    check_landing(killed, measured(killed, rig, 1, np.random.default_rng(1)))
+
+
 @pytest.mark.long
-@pytest.mark.timeout(1800)
-def test_control_process_killed_at_100_random_ticks():
-    rng, rows = np.random.default_rng(5), []
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("killed", [killed_control_process, killed_caller])
+def test_killed_at_100_random_ticks(killed):
+    rng = np.random.default_rng(5)
     with running_rig(arms=["follower_left"]) as rig:
-        for _ in range(100):
-            rows.append(killed_at_a_random_tick(rig, "follower_left", rng, control_pid))
+        check_landing(killed, measured(killed, rig, 100, rng))
+
+
+def measured(killed, rig, count, rng):
+    """So many deaths during which the world did not stand still."""
+    rows, spoilt = [], 0
+    while len(rows) < count:
+        row = killed(rig, "follower_left", rng)
+        if row is not None:
+            rows.append(row)
+            continue
+        spoilt += 1
+        assert spoilt <= 2 + count // 5, "the machine is too busy for this test"
+    return rows
+
+
+def check_landing(killed, rows):
     drop, began, speed, over = np.max(rows, axis=0)
+    for row in sorted(rows, key=lambda row: row[2])[-3:]:
+        logger.info("among the fastest: drop %.4f m, began after %.3f s, %.3f rad/s, %+.3f s", *row)
     logger.info(
-        f"drop {drop * 1e3:.2f} mm, landing begins after {began * 1e3:.0f} ms, {speed:.2f} rad/s, {over:+.2f} s"
+        f"{killed.__name__} x {len(rows)}: drop {drop * 1e3:.2f} mm, landing begins after {began * 1e3:.0f} ms, "
+        f"{speed:.2f} rad/s, {over:+.2f} s"
     )
-    assert drop <= 0.005 and began <= 0.1 and speed <= LANDING_SPEED_RAD_S * 1.1 and over <= 1.0
+    assert drop <= 0.005 and began <= 0.1 and speed <= LANDING_SPEED_RAD_S and over <= 1.0
