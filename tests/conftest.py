@@ -1,6 +1,9 @@
 """What all tests share: a runtime directory of their own, a virtual rig, and a check that nothing is left behind."""
 
+import contextlib
+import fcntl
 import os
+import signal
 import tempfile
 import threading
 import time
@@ -14,6 +17,7 @@ os.environ["HF_LEROBOT_HOME"] = str(RUNTIME / "home")
 os.environ["HF_HUB_OFFLINE"] = "1"
 os.environ.pop("YAM_RIG", None)
 os.environ.pop("HF_LEROBOT_CALIBRATION", None)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it is ignored, by us and by whatever we start
 
 import pytest  # noqa: E402
 
@@ -21,6 +25,26 @@ from lerobot_robot_yam.rig.control import RigControl, running_rig  # noqa: E402
 
 _SETTLE_S = 10.0  # a rig ends about a second after its last client, a renderer with its rig
 _MARK = f"YAM_RUNTIME_DIR={RUNTIME}\0".encode()
+
+
+@contextlib.contextmanager
+def _locked(path: Path, kind: int) -> Iterator[None]:
+    with open(path, "w") as file:
+        fcntl.flock(file, kind)
+        yield
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Several workers share the machine; a test marked `alone` has it to itself. Whoever waits first goes first."""
+    shared = item.config._tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        shared = shared.parent
+    with contextlib.ExitStack() as floor:
+        with _locked(shared / "turnstile", fcntl.LOCK_EX):
+            alone = item.get_closest_marker("alone") is not None
+            floor.enter_context(_locked(shared / "floor", fcntl.LOCK_EX if alone else fcntl.LOCK_SH))
+        return (yield)
 
 
 def _processes() -> dict[int, str]:

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.alone
+
 SCRIPTS = Path(__file__).parent.parent / "scripts"
 
 

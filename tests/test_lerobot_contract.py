@@ -27,6 +27,8 @@ from lerobot_teleoperator_yam.config_bi_yam_leader import BiYamLeaderConfig
 from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
 
+pytestmark = pytest.mark.alone
+
 KEYS = [*(f"joint_{n}.pos" for n in range(1, 7)), "gripper.pos"]
 BI_KEYS = [f"{side}_{key}" for side in ("left", "right") for key in KEYS]
 STOPS_RAD = [3.25, -3.3]
@@ -310,6 +312,21 @@ def test_feedback_leads_the_leader_only_while_torque_is_enabled(leader, shared_r
     settle(leader.send_feedback, action, 0.5)
     assert leader.get_action()["left_joint_1.pos"] == pytest.approx(goal["left_joint_1.pos"], abs=0.1)
     assert all(enabled(shared_rig, "leader_left"))  # it floats, it is not limp
+
+
+def test_a_trigger_takes_over_where_feedback_has_left_the_gripper(leader, shared_rig):
+    def opening(trigger):
+        shared_rig.trigger("leader_left", trigger)
+        return settle(lambda _: leader.get_action(), None, 0.3)["left_gripper.pos"]
+
+    assert opening(0.0) == 1.0
+    held = {**leader.get_action(), "left_gripper.pos": 0.4}  # the follower has something in its hand
+    leader.enable_torque()
+    settle(leader.send_feedback, held, 0.3)
+    leader.disable_torque()
+    assert opening(0.0) == opening(0.3) == 0.4  # it is not dropped
+    assert opening(0.7) == pytest.approx(0.3, abs=0.02)  # picked up
+    assert opening(0.0) == 1.0
 
 
 # connected: what needs a rig of its own

@@ -15,6 +15,8 @@ from lerobot_robot_yam.arm.policy import Trouble
 from lerobot_robot_yam.arm.session import ArmSession
 from lerobot_robot_yam.arm.state import STATE_DTYPE, Limited
 
+pytestmark = pytest.mark.alone
+
 SCRIPTS = Path(__file__).parent.parent / "scripts"
 CHANNEL, PEER = "follower_left", "follower_right"
 LIMITS = np.array([1.5] * 6 + [2.5])

@@ -23,6 +23,8 @@ from lerobot_robot_yam.rig.control import RigControl, running_rig
 
 from .rigged import sim_config, track
 
+pytestmark = pytest.mark.alone
+
 LEFT, RIGHT, LEADER = "follower_left", "follower_right", "leader_left"
 AWAY = np.array([0.1, 0.9, 0.9, -0.3, 0.1, 0.1])
 SLACK_S = 0.4  # the machine's, not the arm's
@@ -304,7 +306,7 @@ def check_landing(rig, session, fault, channels):
         assert not enabled(rig, channel)
 
 
-def test_a_stale_caller_leaves_the_arm_holding_and_the_next_target_moves_it(rig):
+def test_a_stale_caller_leaves_the_arm_holding_and_the_next_target_moves_it(rig, capfd):
     session = ArmSession([sim_config(rig, LEFT), sim_config(rig, RIGHT)])
     session.start()
     try:
@@ -317,6 +319,7 @@ def test_a_stale_caller_leaves_the_arm_holding_and_the_next_target_moves_it(rig)
         assert session[LEFT].observe().mode is Mode.TRACK
     finally:
         session.stop()
+    assert f"{LEFT}: no target for 0.5 s; it holds" in capfd.readouterr().err
 
 
 def test_too_much_effort_latches_the_emergency_stop(rig):

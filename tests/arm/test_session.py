@@ -29,6 +29,8 @@ from lerobot_robot_yam.errors import (
 )
 from lerobot_robot_yam.rig.control import RigControl
 
+pytestmark = pytest.mark.alone
+
 STOPS = [3.25, -3.3]
 TICK_S = 0.004
 ISOLATIONS = ["process", "thread"]
@@ -102,6 +104,7 @@ def test_set_point_steps_stay_within_speed_limit_times_tick(rig, isolation):
         ]
         assert max(speeds) < 1.25  # 1.0 rad/s over 8 samples whose stamps are a tick apart
         assert max(speeds) > 0.8
+        assert any(Limited.SPEED in limited for *_, limited in seen)
 
 
 def test_a_caller_that_falls_silent_leaves_the_arm_holding(rig):

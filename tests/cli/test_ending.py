@@ -6,6 +6,8 @@ import time
 
 import pytest
 
+pytestmark = pytest.mark.alone
+
 ARMS = ("follower_left", "follower_right", "leader_left", "leader_right")
 
 

@@ -18,6 +18,8 @@ from tqdm import tqdm
 from lerobot_robot_yam.dataset_repair import main as repair
 from tests.cli.conftest import CHANNELS, ROOT
 
+pytestmark = pytest.mark.alone
+
 tqdm.monitor_interval = 0  # loading a data set shows progress bars, whose watching thread would outlive the test
 
 FPS, SECONDS = 15, 3

@@ -15,7 +15,7 @@ from lerobot_robot_yam.rig.control import running_rig
 from tests.cli.conftest import Commands
 from tests.cli.test_record import BI_KEYS, CAMERAS
 
-pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.long, pytest.mark.alone, pytest.mark.timeout(900)]
 
 LIFT_M, CARRY_M, SAME_PLACE_M = 0.05, 0.15, 0.03
 REPLAYS = 5

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from lerobot.datasets import LeRobotDataset
 
+pytestmark = pytest.mark.alone
+
 KEYS = [*(f"joint_{n}.pos" for n in range(1, 7)), "gripper.pos"]
 BI_KEYS = [f"{side}_{key}" for side in ("left", "right") for key in KEYS]
 CAMERAS = ("top", "wrist_left", "wrist_right")

@@ -11,6 +11,8 @@ from lerobot_robot_yam.rig.cameras import RigCamera
 from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.yam_camera import YamSimCamera
 
+pytestmark = pytest.mark.alone
+
 
 @pytest.fixture(scope="module")
 def rig():

@@ -8,6 +8,8 @@ from lerobot.motors.damiao import DamiaoMotorsBus
 
 from lerobot_robot_yam.rig.control import running_rig
 
+pytestmark = pytest.mark.alone
+
 TYPES = ["dm4340_48v"] * 3 + ["dm4310"] * 4  # LeRobot's rows with the ranges of the arm's motors
 
 
