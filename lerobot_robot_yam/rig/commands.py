@@ -5,6 +5,7 @@ Requests and answers are JSON objects; `control.RigControl` is the client with a
 
 import time
 from collections.abc import Callable
+from dataclasses import asdict
 from typing import Any
 
 import mujoco
@@ -13,11 +14,12 @@ import numpy as np
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig import fault_commands
 from lerobot_robot_yam.rig.device import RigDevice
-from lerobot_robot_yam.rig.lookup import body_of, channel_of, handle_of, vector
+from lerobot_robot_yam.rig.lookup import body_of, channel_of, handle_of, vector, whole
 
 _EVENTS_PER_ANSWER = 200
 _TRACE_PER_ANSWER = 1000
 _CHANGES_PER_ANSWER = 500
+_SEED_MAX = 2**63 - 1
 
 Operation = Callable[[RigDevice, dict[str, Any]], dict[str, Any]]
 _OPERATIONS: dict[str, Operation] = {"fault": fault_commands.fault, "clear_faults": fault_commands.clear_faults}
@@ -59,9 +61,16 @@ def _scene(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
         }
         for row in scene.arms
     ]
-    places = dict(scene.places or {})
-    props = [{"name": box.name, "size_m": box.size_m} for box in scene.props]
-    return {"name": scene.name, "arms": arms, "places": places, "props": props}
+    return {
+        "name": scene.name,
+        "seed": scene.options.seed,
+        "arms": arms,
+        "places": dict(scene.places or {}),
+        "homes": dict(scene.homes or {}),
+        "props": [asdict(thing) for thing in scene.props],
+        "furniture": [asdict(thing) for thing in scene.furniture],
+        "tasks": [asdict(task) for task in scene.tasks],
+    }
 
 
 @_operation
@@ -96,11 +105,22 @@ def _state(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
             if index >= 0:
                 arm[site] = {"pos": world.data.site_xpos[index], "mat": world.data.site_xmat[index]}
         arms[row.channel] = arm
-    props = {
-        box.name: {"pos": world.data.body(box.name).xpos, "quat": world.data.body(box.name).xquat}
-        for box in device.scene.props
+    things = {
+        thing.name: {"pos": world.data.body(thing.name).xpos, "quat": world.data.body(thing.name).xquat}
+        for thing in device.scene.things
     }
-    answer = {"sim_s": world.sim_s, "monotonic_s": world.stamp_s, "arms": arms, "props": props}
+    answer = {
+        "sim_s": world.sim_s,
+        "monotonic_s": world.stamp_s,
+        "arms": arms,
+        "props": {thing.name: things[thing.name] for thing in device.scene.props},
+        "furniture": {thing.name: things[thing.name] for thing in device.scene.furniture},
+        "joints": {
+            thing.name: world.data.joint(thing.name).qpos[0]
+            for thing in device.scene.furniture
+            if thing.joint is not None
+        },
+    }
     if request.get("bodies"):
         names = [world.model.body(i).name for i in range(1, world.model.nbody)]
         answer["bodies"] = {name: world.data.body(name).xpos for name in names}
@@ -113,16 +133,23 @@ def _place(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
     if prop not in {box.name for box in device.scene.props}:
         raise ConfigError(f"no prop {prop!r}; the scene has {[box.name for box in device.scene.props]}")
     position, quat = vector(request["pos"], 3), vector(request.get("quat") or [1, 0, 0, 0], 4)
-    joint = world.model.joint(prop)
-    start = int(joint.qposadr[0])
-    world.data.qpos[start : start + 7] = [*position, *(quat / np.linalg.norm(quat))]
-    dof = int(joint.dofadr[0])
-    world.data.qvel[dof : dof + 6] = 0.0
+    world.put(prop, position, quat)
     world.refresh()
     if prop in device.judges:
         device.judges[prop].reset()
     device.events.add("placed", prop=prop, pos=position.tolist())
     return {}
+
+
+@_operation
+def _task(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
+    device.set_task(str(request["name"]), whole(request["seed"], 0, _SEED_MAX))
+    return {}
+
+
+@_operation
+def _task_state(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
+    return device.task.state()
 
 
 @_operation

@@ -10,6 +10,7 @@ key says `monotonic_s`; lengths in m, angles in rad, forces in N.
 
 import contextlib
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -29,13 +30,25 @@ def sample_age_s(temp_mos: int, temp_rotor: int, now_s: float) -> float:
     return ((int(now_s / _STAMP_UNIT_S) - stamp) & 0xFFFF) * _STAMP_UNIT_S
 
 
-class RigControl(RigConnection):
-    """A connection to a rig's control channel, with a method per operation; opened as `RigConnection` says."""
+class RigOperations(ABC):
+    """What can be asked of a rig, a method per operation, wherever it runs."""
+
+    name: str
+
+    @abstractmethod
+    def request(self, op: str, **arguments: Any) -> dict[str, Any]:
+        """Ask the rig; returns its answer.
+
+        Raises:
+            ConfigError: the rig refuses.
+        """
 
     # what is so
 
     def scene(self) -> dict[str, Any]:
-        """Arms with their placement, places, props; as the rig runs them."""
+        """Arms with their placement, places, homes, seed, props, furniture and tasks, as the rig runs them; the fields
+        are those of the scene's file.
+        """
         return self.request("scene")
 
     def state(self, bodies: bool = False) -> dict[str, Any]:
@@ -45,9 +58,19 @@ class RigControl(RigConnection):
             sim_s, monotonic_s; arms[channel]: q and dq (n,), opening 0 … 1 or None, trigger, buttons, held,
             resists (the hand has let go of an arm that worked against it), clients,
             motors[name]: {id, enabled, fault, torque_nm, motor_rad}, tcp_site and grasp_site:
-            {pos (3,), mat (9,)}; props[name]: {pos, quat}; with `bodies`, bodies[name]: position (3,).
+            {pos (3,), mat (9,)}; props[name] and furniture[name]: {pos, quat}; joints[name], of furniture: m or rad;
+            with `bodies`, bodies[name]: position (3,).
         """
         return self.request("state", bodies=bodies)
+
+    def task_state(self) -> dict[str, Any]:
+        """How the attempt at the task stands.
+
+        Returns:
+            task (None: none was set), seed, success, failed, reason (of the failure), since_s (simulated time from the
+            placing to the verdict, or to now), stage (stages reached) of stages.
+        """
+        return self.request("task_state")
 
     def stats(self) -> dict[str, Any]:
         """Server's pid, cpu_s, uptime_s, sim_s, slips, wakes, realtime, frames and overflows per channel."""
@@ -128,6 +151,14 @@ class RigControl(RigConnection):
     def place(self, prop: str, pos: Sequence[float], quat: Sequence[float] = (1, 0, 0, 0)) -> None:
         """Put a prop somewhere, at rest."""
         self.request("place", prop=prop, pos=pos, quat=quat)
+
+    def task(self, name: str, seed: int) -> None:
+        """Begin an attempt at a task of the scene: its things are strewn by the seed, at rest; the arms stay.
+
+        Raises:
+            ConfigError: the scene has no such task.
+        """
+        self.request("task", name=name, seed=seed)
 
     def set_pose(self, channel: str, q: Sequence[float] | None = None, opening: float | None = None) -> None:
         """Teleport an arm (n,) and its gripper (0 closed … 1 open), at rest."""
@@ -212,6 +243,10 @@ class RigControl(RigConnection):
     def log(self, kind: str, **details: Any) -> None:
         """Add an event to the rig's log."""
         self.request("log", kind=kind, details=details)
+
+
+class RigControl(RigConnection, RigOperations):
+    """A connection to a rig's control channel, with a method per operation; opened as `RigConnection` says."""
 
 
 @contextlib.contextmanager

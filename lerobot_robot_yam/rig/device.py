@@ -1,4 +1,4 @@
-"""The rig without its sockets: a world, the channels with motors and handles, hands, pushes, the judge."""
+"""The rig without its sockets: a world, the channels with motors and handles, hands, pushes, judges, the task."""
 
 from typing import Any
 
@@ -13,6 +13,7 @@ from lerobot_robot_yam.rig.handle import SimHandle
 from lerobot_robot_yam.rig.judge import Judge
 from lerobot_robot_yam.rig.motors import SimMotor
 from lerobot_robot_yam.rig.scene import ArmPlacement, Scene, serial_number
+from lerobot_robot_yam.rig.task_session import TaskSession
 from lerobot_robot_yam.rig.watch import Watch
 from lerobot_robot_yam.rig.world import World, gripper_stroke
 
@@ -38,6 +39,7 @@ class RigDevice:
                 self.hands[row.channel] = Hand(self.world, row.channel, handle)
         places = {name: point[:2].tolist() for name, point in (scene.places or {}).items()}
         self.judges = {box.name: Judge(box.name, places) for box in scene.props} if len(places) >= 2 else {}
+        self.task = TaskSession(self.world)
         self._prop_bodies = {name: self.world.model.body(name).id for name in self.judges}
         self._pushes: dict[int, float] = {}  # body → simulated time of the end
         self._all_motors = [motor for channel in self.channels.values() for motor in channel.motors]
@@ -105,6 +107,8 @@ class RigDevice:
             position = self.world.data.xpos[self._prop_bodies[name]]
             for event in judge.update(sim_s, now_s, position):
                 self.events.add(event.pop("kind"), **event)
+        for event in self.task.update():
+            self.events.add(event.pop("kind"), **event)
         for name, hand in self.hands.items():
             if hand.resisted and not self._any_enabled(name):
                 hand.forgive()
@@ -113,6 +117,13 @@ class RigDevice:
 
     def _any_enabled(self, channel: str) -> bool:
         return any(motor.enabled for motor in self.channels[channel].motors)
+
+    def set_task(self, name: str, seed: int) -> None:
+        """Begin an attempt at a task of the scene, see `TaskSession.place`."""
+        self.task.place(name, seed)
+        for judge in self.judges.values():
+            judge.reset()
+        self.events.add("task_placed", task=name, seed=seed)
 
     def push(self, body: int, force_n: np.ndarray, seconds: float) -> None:
         """Push a body at its centre of mass with a force (3,) in world axes."""

@@ -5,14 +5,13 @@ runs faster than time.
 """
 
 import logging
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable
 from typing import Protocol
 
-import mujoco
 import numpy as np
 
 from lerobot_robot_yam.rig.plan import Path, minimum_jerk
+from lerobot_robot_yam.rig.sight import Sight
 
 logger = logging.getLogger(__name__)
 
@@ -25,29 +24,6 @@ _SETTLE_S = 0.8
 _PATIENCE_S = 20.0
 _TRIGGER_S = 0.3
 _FINGERS_REST = 0.01  # of the stroke, between two looks
-
-
-@dataclass(frozen=True)
-class Sight:
-    """What the operator sees: the prop's centre (3,) and quaternion (4,), the joints (6,) of both arms and the opening
-    (0 … 1) of the gripper per side, and whether all arms are energised and none has worked against the hand.
-    """
-
-    prop_m: np.ndarray
-    prop_quat: np.ndarray
-    leader_rad: Mapping[str, np.ndarray]
-    follower_rad: Mapping[str, np.ndarray]
-    opening: Mapping[str, float]
-    willing: bool
-
-    @property
-    def prop_yaw_rad(self) -> float:
-        """Direction of the cube's most level edge, whichever face it lies on."""
-        matrix = np.empty(9)
-        mujoco.mju_quat2Mat(matrix, self.prop_quat)
-        edges = matrix.reshape(3, 3)
-        edge = edges[:, np.argmin(np.abs(edges[2]))]
-        return float(np.arctan2(edge[1], edge[0]))
 
 
 class Hands(Protocol):

@@ -11,15 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from lerobot_robot_yam.errors import RigError
-from lerobot_robot_yam.rig.guidance import Guide, Hands, Sight
+from lerobot_robot_yam.rig.guidance import Guide, Hands
 from lerobot_robot_yam.rig.plan import ArmPlanner
+from lerobot_robot_yam.rig.sight import Pose
+from lerobot_robot_yam.rig.worker import Worker
 
 logger = logging.getLogger(__name__)
 
 _LIFTED_M = 0.03
-_AIM_M = 0.006
-_AIMS = 3
-_BIAS_M = 0.03
 _PUT_DOWN_M = 0.002
 _CLEAR_S = 0.5  # the retreating arm's lead before the other one enters the middle
 _BESIDE_M = 0.05  # nearer to a place than this is at the place
@@ -31,12 +30,14 @@ class Layout:
     """Where things go, in the world frame.
 
     Attributes:
+        prop: name of what is carried.
         places_m: name → (x, y); "A" on the left, "M" in both arms' reach, "B" on the right.
         homes_m: side → (x, y, z) of the waiting tool.
         half_m: half the prop's height.
         height_m: height of the tool while it carries.
     """
 
+    prop: str
     places_m: Mapping[str, tuple[float, float]]
     homes_m: Mapping[str, tuple[float, float, float]]
     half_m: float = 0.02
@@ -48,14 +49,12 @@ class PickAndPlace:
 
     def __init__(self, hands: Hands, planners: Mapping[str, ArmPlanner], layout: Layout):
         self._hands = hands
-        self._planners = planners
         self._layout = layout
-        self._homes = {
-            side: planners[side].pose(np.asarray(home, float), planners[side].natural_yaw(np.asarray(home)))
-            for side, home in layout.homes_m.items()
-        }
         self._guide = Guide(hands, planners)
-        self._bias = {side: np.zeros(3) for side in planners}  # from where the tool is to where it was sent
+        self._workers = {
+            side: Worker(self._guide, side, planner, np.array(layout.homes_m[side]), layout.height_m)
+            for side, planner in planners.items()
+        }
         self._goal = "B"
         self._failures = 0
 
@@ -74,116 +73,82 @@ class PickAndPlace:
 
     def begin(self) -> None:
         """Take both leaders from wherever they are to their waiting poses."""
-        sight = self._guide.see()
         self._guide.forget()
-        for side, planner in self._planners.items():
-            self._guide.send(side, planner.unfold(sight.leader_rad[side], self._homes[side]))
-        for side in self._planners:
-            self._guide.follow_to_end(side)
+        for worker in self._workers.values():
+            worker.unfold()
+        for worker in self._workers.values():
+            worker.wait()
 
     def step(self) -> bool:
         """Carry the prop one step towards its goal; True when it got there."""
-        sight = self._guide.see()
-        if self._is_at(sight.prop_m, self._goal):
+        prop = self._see()
+        if self._is_at(prop, self._goal):
             self._goal = "A" if self._goal == "B" else "B"
-        side, place = self._choose(sight)
+        side, place = self._choose(prop)
         if side is None or self._failures >= _GIVE_UP:
-            logger.warning("the prop at %s cannot be taken; putting it back", np.round(sight.prop_m, 3))
+            logger.warning("the prop at %s cannot be taken; putting it back", np.round(prop.position_m, 3))
             self._failures = 0
             self._guide.pause(1.0)
             self._hands.put_back(np.array([*self._layout.places_m["A"], self._layout.half_m]))
             self._guide.pause(0.5)
             return False
+        worker = self._workers[side]
         try:
-            done = self._carry(side, place)
+            done = self._carry(worker, place)
         except RigError as error:  # a point of the way is out of reach: start again from the waiting pose
             logger.warning("%s", error)
-            if self._guide.trigger[side] > 0.0:
-                self._guide.squeeze(side, 0.0)
+            if worker.holds:
+                worker.open()
             done = False
         self._failures = 0 if done else self._failures + 1
         if done and place == self._goal:
-            self._rise(side)  # the way back begins here
+            self._rise(worker)  # the way back begins here
         else:
-            self._go_home(side)
+            worker.go_home()
+            self._guide.pause(_CLEAR_S)  # come back when the middle is clear
         return done
 
-    def _choose(self, sight: Sight) -> tuple[str | None, str]:
+    def _see(self) -> Pose:
+        return self._guide.see().things[self._layout.prop]
+
+    def _choose(self, prop: Pose) -> tuple[str | None, str]:
         """Who carries it where: the goal's own arm straight to the goal, the other one to the middle."""
         finisher, helper = ("right", "left") if self._goal == "B" else ("left", "right")
-        if sight.prop_m[2] > -self._layout.half_m:
-            towards = sight.prop_m[1] if finisher == "left" else -sight.prop_m[1]
+        if prop.position_m[2] > -self._layout.half_m:
+            towards = prop.position_m[1] if finisher == "left" else -prop.position_m[1]
             for side, place in ((finisher, self._goal), (helper, "M")):
-                if (side == helper or towards > -0.10) and self._can_take(side, sight):
-                    if not self._is_at(sight.prop_m, place):
+                if (side == helper or towards > -0.10) and self._can_take(side, prop):
+                    if not self._is_at(prop, place):
                         return side, place
         return None, ""
 
-    def _can_take(self, side: str, sight: Sight) -> bool:
-        planner = self._planners[side]
-        point = sight.prop_m
-        yaw = planner.grasp_yaw(point, sight.prop_yaw_rad)
+    def _can_take(self, side: str, prop: Pose) -> bool:
+        planner = self._workers[side].planner
+        point = prop.position_m
+        yaw = planner.grasp_yaw(point, prop.edge_yaw_rad)
         above = np.array([*point[:2], self._layout.height_m])
         return planner.reaches(point, yaw) and planner.reaches(above, yaw)
 
-    def _is_at(self, position_m: np.ndarray, place: str) -> bool:
-        return bool(np.linalg.norm(position_m[:2] - np.asarray(self._layout.places_m[place])) < _BESIDE_M)
+    def _is_at(self, prop: Pose, place: str) -> bool:
+        return bool(np.linalg.norm(prop.position_m[:2] - np.asarray(self._layout.places_m[place])) < _BESIDE_M)
 
-    def _carry(self, side: str, place: str) -> bool:
-        planner, height = self._planners[side], self._layout.height_m
-        sight = self._guide.see()
-        point = sight.prop_m
-        yaw = planner.grasp_yaw(point, sight.prop_yaw_rad)
-        self._guide.send(side, planner.transfer(self._guide.q[side], point + self._bias[side], yaw, height))
-        self._guide.follow_to_end(side)
-        self._aim(side, point, yaw)
-        self._guide.squeeze(side, 1.0)
-        target = np.array([*self._layout.places_m[place], point[2] + _PUT_DOWN_M]) + self._bias[side]
+    def _carry(self, worker: Worker, place: str) -> bool:
+        prop = self._see()
+        point = prop.position_m
+        worker.reach(point, worker.planner.grasp_yaw(point, prop.edge_yaw_rad))
+        worker.close()
+        target = np.array([*self._layout.places_m[place], point[2] + _PUT_DOWN_M])
         # The prop ends square to the table, so that both arms find it the same way.
-        path = planner.transfer(self._guide.q[side], target, planner.grasp_yaw(target, 0.0), height)
-        self._guide.send(side, path)
-        self._guide.follow(side, 0.5 * path.duration_s)
-        if self._guide.see().prop_m[2] - sight.prop_m[2] < _LIFTED_M:
-            logger.info("missed the prop with the %s hand; trying again", side)
-            self._guide.stop(side)
-            self._guide.squeeze(side, 0.0)
+        yaw = worker.planner.grasp_yaw(target, 0.0)
+        name = self._layout.prop
+        if not worker.carry(target, yaw, lambda sight: sight.things[name].position_m[2] - point[2] > _LIFTED_M):
             return False
-        self._guide.follow_to_end(side)
-        self._guide.settle(side)
-        self._guide.squeeze(side, 0.0)
-        return self._is_at(self._guide.see().prop_m, place)
+        worker.open()
+        return self._is_at(self._see(), place)
 
-    def _rise(self, side: str) -> None:
-        planner = self._planners[side]
-        position, yaw = planner.tool(self._guide.q[side])
-        q = planner.solve(np.array([*position[:2], self._layout.height_m]), yaw, self._guide.q[side])
-        if q is not None:
-            self._guide.send(side, planner.joint_move(self._guide.q[side], q))
-
-    def _go_home(self, side: str) -> None:
-        """Start towards the waiting pose; come back when the middle is clear."""
-        planner = self._planners[side]
-        home = np.asarray(self._layout.homes_m[side], float)
+    def _rise(self, worker: Worker) -> None:
+        position, _ = worker.planner.tool(self._guide.q[worker.side])
         try:
-            path = planner.transfer(self._guide.q[side], home, planner.natural_yaw(home), self._layout.height_m)
-        except RigError:
-            path = planner.joint_move(self._guide.q[side], self._homes[side])
-        self._guide.send(side, path)
-        self._guide.pause(_CLEAR_S)
-
-    def _aim(self, side: str, point: np.ndarray, yaw: float) -> None:
-        """Bring the follower's tool to the point itself: friction and imperfect gravity compensation keep it a few
-        millimetres off. What was off once is allowed for the next time.
-        """
-        planner = self._planners[side]
-        for _ in range(_AIMS):
-            self._guide.settle(side)
-            off = point - planner.tool(self._guide.see().follower_rad[side])[0]
-            if np.abs(off).max() < _AIM_M:
-                return
-            self._bias[side] = np.clip(self._bias[side] + off, -_BIAS_M, _BIAS_M)
-            q = planner.solve(point + self._bias[side], yaw, self._guide.q[side])
-            if q is None:
-                return
-            self._guide.send(side, planner.joint_move(self._guide.q[side], q))
-            self._guide.follow_to_end(side)
+            worker.rise(self._layout.height_m - position[2])
+        except RigError as error:
+            logger.info("%s", error)

@@ -7,16 +7,14 @@ the vertical; the tool always points straight down. At yaw 0 its fingers open al
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import mink
 import mujoco
 import numpy as np
 
+from lerobot_robot_yam.arm.kinematics import YamKinematics
 from lerobot_robot_yam.errors import RigError
 
-_JOINTS = 6
-_IK_STEPS = 20
-_POSITION_TOLERANCE_M = 1e-3
-_ANGLE_TOLERANCE_RAD = 5e-3
+_POSITION_TOLERANCE_M = 1e-4
+_ANGLE_TOLERANCE_RAD = 1e-3
 _SAMPLES = 33
 # When in a transfer the tool rises, travels and sinks, as fractions of its duration: the overlaps round the corners.
 _RISE, _TRAVEL, _SINK = (0.0, 0.42), (0.16, 0.84), (0.58, 1.0)
@@ -75,7 +73,10 @@ class ArmPlanner:
         yaw_rad: base heading.
         speed_rad_s: no joint moves faster than this.
         acceleration_rad_s2: nor accelerates faster than this.
-        seed_rad: (6,) a bent pose to start the inverse kinematics from, also the posture it prefers.
+        seed_rad: (6,) a bent pose to start the inverse kinematics from.
+
+    Attributes:
+        base_m: base in the world, (3,).
     """
 
     def __init__(
@@ -87,36 +88,24 @@ class ArmPlanner:
         acceleration_rad_s2: float = 7.0,
         seed_rad: tuple[float, ...] = (0.0, 1.2, 1.0, -1.3, 0.0, 0.0),
     ):
-        self._model = model
-        self._base = np.asarray(position_m, float)
+        self.base_m = np.asarray(position_m, float)
         self._yaw = yaw_rad
         self._speed = speed_rad_s
         self._acceleration = acceleration_rad_s2
         self._seed = np.asarray(seed_rad, float)
-        self._configuration = mink.Configuration(model)
-        self._site = model.site("grasp_site").id
-        self._tool = mink.FrameTask("grasp_site", "site", position_cost=1.0, orientation_cost=0.3, lm_damping=1e-6)
-        self._posture = mink.PostureTask(model, cost=1e-5)
-        self._posture.set_target(self._full(self._seed))
-        self._limits = [mink.ConfigurationLimit(model)]
-
-    def _full(self, q_rad: np.ndarray) -> np.ndarray:
-        full = np.zeros(self._model.nq)
-        full[:_JOINTS] = q_rad
-        return full
+        self._kinematics = YamKinematics.of_model(model, "grasp_site")
 
     def _to_base(self, position_m: np.ndarray) -> np.ndarray:
         c, s = np.cos(self._yaw), np.sin(self._yaw)
-        x, y, z = np.asarray(position_m, float) - self._base
+        x, y, z = np.asarray(position_m, float) - self.base_m
         return np.array([c * x + s * y, -s * x + c * y, z])
 
     def tool(self, q_rad: np.ndarray) -> tuple[np.ndarray, float]:
         """World position (3,) and yaw of `grasp_site` at q_rad (6,)."""
-        self._configuration.update(self._full(q_rad))
-        x, y, z = self._configuration.data.site_xpos[self._site]
+        pose = self._kinematics.fk(q_rad)
+        rotation, (x, y, z) = pose[:3, :3], pose[:3, 3]
         c, s = np.cos(self._yaw), np.sin(self._yaw)
-        rotation = self._configuration.data.site_xmat[self._site].reshape(3, 3)
-        position = self._base + np.array([c * x - s * y, s * x + c * y, z])
+        position = self.base_m + np.array([c * x - s * y, s * x + c * y, z])
         return position, float(np.arctan2(-rotation[0, 1], rotation[1, 1])) + self._yaw
 
     def natural_yaw(self, position_m: np.ndarray) -> float:
@@ -124,34 +113,26 @@ class ArmPlanner:
         x, y, _ = self._to_base(position_m)
         return float(np.arctan2(y, x)) + self._yaw
 
-    def grasp_yaw(self, position_m: np.ndarray, cube_yaw_rad: float) -> float:
-        """Yaw that puts the fingers on two faces of the cube with the least turn of joint 6."""
+    def grasp_yaw(self, position_m: np.ndarray, prop_yaw_rad: float, turns: int = 4) -> float:
+        """Yaw that puts the fingers on two faces of the prop with the least turn of joint 6.
+
+        turns: how often the prop looks the same to the fingers in a whole turn: 4 a cube, 2 a bar.
+        """
         natural = self.natural_yaw(position_m)
-        quarter = np.pi / 2
-        return float(cube_yaw_rad + quarter * np.round((natural - cube_yaw_rad) / quarter))
+        part = 2 * np.pi / turns
+        return float(prop_yaw_rad + part * np.round((natural - prop_yaw_rad) / part))
 
     def solve(self, position_m: np.ndarray, yaw_rad: float, q_near_rad: np.ndarray) -> np.ndarray | None:
         """Joint vector (6,) that puts `grasp_site` there, close to q_near_rad; None when out of reach."""
-        self._configuration.update(self._full(q_near_rad))
         yaw = yaw_rad - self._yaw
         c, s = np.cos(yaw), np.sin(yaw)
+        pose = np.eye(4)
         # Columns: tool x, y (finger opening), z (approach, straight down).
-        rotation = mink.SO3.from_matrix(np.array([[-c, -s, 0.0], [-s, c, 0.0], [0.0, 0.0, -1.0]]))
-        self._tool.set_target(mink.SE3.from_rotation_and_translation(rotation, self._to_base(position_m)))
-        for _ in range(_IK_STEPS):
-            error = self._tool.compute_error(self._configuration)
-            if np.abs(error[:3]).max() < _POSITION_TOLERANCE_M and np.abs(error[3:]).max() < _ANGLE_TOLERANCE_RAD:
-                return self._configuration.q[:_JOINTS].copy()
-            velocity = mink.solve_ik(
-                self._configuration,
-                [self._tool, self._posture],
-                1.0,
-                "daqp",
-                damping=1e-9,
-                limits=self._limits,
-            )
-            self._configuration.integrate_inplace(velocity, 1.0)
-        return None
+        pose[:3, :3] = [[-c, -s, 0.0], [-s, c, 0.0], [0.0, 0.0, -1.0]]
+        pose[:3, 3] = self._to_base(position_m)
+        found = self._kinematics.ik(pose, q_near_rad, attempts=1)
+        near = found.position_error_m < _POSITION_TOLERANCE_M and found.orientation_error_rad < _ANGLE_TOLERANCE_RAD
+        return found.q if near else None
 
     def reaches(self, position_m: np.ndarray, yaw_rad: float | None = None) -> bool:
         """Whether the tool can point straight down at the point."""
@@ -161,7 +142,11 @@ class ArmPlanner:
     def _facing(self, position_m: np.ndarray) -> np.ndarray:
         seed = self._seed.copy()
         seed[0] = self.natural_yaw(position_m) - self._yaw
-        return np.clip(seed, self._model.jnt_range[:_JOINTS, 0], self._model.jnt_range[:_JOINTS, 1])
+        return np.clip(seed, self._kinematics.lower, self._kinematics.upper)
+
+    def natural_pose(self, position_m: np.ndarray) -> np.ndarray:
+        """As `pose`, with the wrist straight."""
+        return self.pose(position_m, self.natural_yaw(position_m))
 
     def pose(self, position_m: np.ndarray, yaw_rad: float) -> np.ndarray:
         """Joint vector (6,) for a tool pose.
@@ -169,7 +154,10 @@ class ArmPlanner:
         Raises:
             RigError: the arm cannot reach it.
         """
-        q = self.solve(position_m, yaw_rad, self._facing(position_m))
+        return self._solved(position_m, yaw_rad, self._facing(position_m))
+
+    def _solved(self, position_m: np.ndarray, yaw_rad: float, q_near_rad: np.ndarray) -> np.ndarray:
+        q = self.solve(position_m, yaw_rad, q_near_rad)
         if q is None:
             raise RigError(f"the operator cannot reach {np.round(position_m, 3)} m; move the prop nearer to the arm")
         return q
@@ -178,6 +166,25 @@ class ArmPlanner:
         """Straight line between two joint vectors with minimum jerk."""
         start, end = np.asarray(start_rad, float), np.asarray(end_rad, float)
         return self._timed(lambda s: start + (end - start) * minimum_jerk(s), 0.2)
+
+    def straight(self, start_rad: np.ndarray, position_m: np.ndarray, yaw_rad: float, least_s: float = 0.2) -> Path:
+        """The tool's straight line to a tool pose, with minimum jerk.
+
+        Raises:
+            RigError: some point of the way is out of reach.
+        """
+        origin, yaw = self.tool(start_rad)
+        target = np.asarray(position_m, float)
+        turn = _shortest(yaw_rad - yaw)
+        near = np.asarray(start_rad, float)
+
+        def joints(s: float) -> np.ndarray:
+            nonlocal near
+            x = float(minimum_jerk(s))
+            near = self._solved(origin + (target - origin) * x, yaw + turn * x, near)
+            return near
+
+        return self._timed(joints, least_s)
 
     def unfold(self, start_rad: np.ndarray, end_rad: np.ndarray) -> Path:
         """As `joint_move`, the elbow ahead of the shoulder: a folded arm lifts its tool before it reaches out."""
@@ -205,7 +212,7 @@ class ArmPlanner:
         """
         origin, yaw = self.tool(start_rad)
         target = np.asarray(position_m, float)
-        turn = (yaw_rad - yaw + np.pi) % (2 * np.pi) - np.pi
+        turn = _shortest(yaw_rad - yaw)
         top = max(height_m, origin[2], target[2])
         near = np.asarray(start_rad, float)
 
@@ -214,11 +221,8 @@ class ArmPlanner:
             x = _span(s, *_TRAVEL)
             point = origin + (target - origin) * x
             point[2] = origin[2] + (top - origin[2]) * _span(s, *_RISE) + (target[2] - top) * _span(s, *_SINK)
-            solution = self.solve(point, yaw + turn * x, near)
-            if solution is None:
-                raise RigError(f"the operator cannot reach {np.round(point, 3)} m; move the prop nearer to the arm")
-            near = solution
-            return solution
+            near = self._solved(point, yaw + turn * x, near)
+            return near
 
         return self._timed(joints, least_s)
 
@@ -230,6 +234,10 @@ class ArmPlanner:
         acceleration = np.abs(np.diff(q, 2, axis=0)).max() * (_SAMPLES - 1) ** 2
         duration = max(least_s, speed / self._speed, float(np.sqrt(acceleration / self._acceleration)))
         return Path(s * duration, q)
+
+
+def _shortest(turn_rad: float) -> float:
+    return float((turn_rad + np.pi) % (2 * np.pi) - np.pi)
 
 
 def _span(s: float, start: float, end: float) -> float:

@@ -1,7 +1,8 @@
-"""Scenes: which arms stand where on which CAN channel, what lies on the table, and the rig's options.
+"""Scenes: which arms stand where on which CAN channel, what lies on the table, the tasks, and the rig's options.
 
-A scene is a YAML file, packaged (`SCENES`) or one's own. Any field of its `options` can be replaced when the rig is
-started: `--set friction=0`, `RigControl.start(friction=0)`, `can.Bus(..., friction=0)`.
+A scene is a YAML file, packaged (`SCENES`) or one's own. With `extends: NAME` it takes from another one every key that
+it does not give itself. Any field of its `options` can be replaced when the rig is started: `--set friction=0`,
+`RigControl.start(friction=0)`, `can.Bus(..., friction=0)`.
 """
 
 from collections.abc import Mapping
@@ -14,12 +15,14 @@ import numpy as np
 from lerobot_robot_yam.arm.profile import load_arm, load_gripper
 from lerobot_robot_yam.arm.yaml_fields import array_field, merge, parse, read_yaml
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.rig.props import Thing, check_things
+from lerobot_robot_yam.rig.tasks import SCRIPTS, Task, check_tasks
 
 _DIRECTORY = Path(__file__).parent / "scenes"
 SCENES = tuple(sorted(path.stem for path in _DIRECTORY.glob("*.yaml")))
 DEFAULT_SCENE = "bimanual_table"
 ROLES = ("follower", "leader")
-OPERATORS = ("none", "pick_and_place")
+OPERATORS = ("none", "pick_and_place")  # and those tasks of the scene that it has a script for
 WATCHDOGS = ("limp", "damping")
 SERIALS = ("unique", "same")
 _TIMESTEPS_S = (1e-4, 0.01)
@@ -48,19 +51,6 @@ class ArmPlacement:
 
 
 @dataclass(frozen=True, eq=False)
-class Box:
-    """A box of full size `size_m` with its centre at `center_m`; `friction` is the sliding coefficient."""
-
-    name: str
-    size_m: np.ndarray = array_field(3)
-    center_m: np.ndarray = array_field(3)
-    rgba: np.ndarray = array_field(4, default=(0.7, 0.7, 0.7, 1.0))
-    friction: float = 1.0
-    yaw_rad: float = 0.0
-    mass_kg: float = 0.0  # 0: fixed
-
-
-@dataclass(frozen=True, eq=False)
 class Camera:
     """A camera at `position_m` that looks at `target_m`, in the frame of `body` ("" is the world).
 
@@ -82,12 +72,13 @@ class Options:
     arm, gripper: replace every follower's (tests of other hardware). arms: only these channels.
     friction, armature: factors on the profiles' dry friction and rotor inertia.
     latency_s: of the CAN adapter, each way. watchdog: what a motor does after its time-out, "limp" or "damping"
-    (watchdog_damping, Nm s/rad). operator: task of the scripted operator, or "none".
+    (watchdog_damping, Nm s/rad). operator: what the scripted operator does: "none", "pick_and_place" or a task of
+    the scene.
     swapped: two channels whose cables are exchanged: each arm, where it stands, is found on the other's channel.
     serials: numbers in the motors' SN registers, "unique" or "same" on every arm (then no register tells arms apart).
     stamp_temperatures: temperature bytes carry the sample's time instead, see `control.sample_age_s`.
     camera_noise: grey levels (sigma) that the cameras' sensors add. seed: of lost and garbled frames and
-    temperature noise.
+    temperature noise, and of the operator's first attempt at a task.
     event_dir: folder that keeps the event log as `rig-<name>.events.jsonl`, one JSON object a line, also after the
     rig's end; none without.
     """
@@ -112,20 +103,29 @@ class Options:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A whole scene. `places` are named points (x, y, z) m between which the operator carries the prop."""
+    """A whole scene. `places` are named points (x, y, z) m between which the operator carries the prop; `homes` where
+    its tool waits during tasks, by side.
+    """
 
     name: str
     arms: tuple[ArmPlacement, ...]
-    props: tuple[Box, ...] = ()
-    furniture: tuple[Box, ...] = ()
+    props: tuple[Thing, ...] = ()
+    furniture: tuple[Thing, ...] = ()
     cameras: tuple[Camera, ...] = ()
     places: dict[str, np.ndarray] = array_field(3, default=None)
+    homes: dict[str, np.ndarray] = array_field(3, default=None)
+    tasks: tuple[Task, ...] = ()
     options: Options = Options()
 
     @property
     def channels(self) -> tuple[str, ...]:
         """CAN channel of each arm."""
         return tuple(arm.channel for arm in self.arms)
+
+    @property
+    def things(self) -> tuple[Thing, ...]:
+        """Furniture and props."""
+        return (*self.furniture, *self.props)
 
 
 def load_scene(name: str | Path | None = None, options: Mapping[str, Any] | None = None) -> Scene:
@@ -135,12 +135,9 @@ def load_scene(name: str | Path | None = None, options: Mapping[str, Any] | None
         ConfigError: unknown scene, option or value.
     """
     name = str(name or DEFAULT_SCENE)
-    if name in SCENES:
-        document = read_yaml(_DIRECTORY / f"{name}.yaml")
-    elif name.endswith((".yaml", ".yml")):
-        document = read_yaml(Path(name))
-    else:
-        raise ConfigError(f"unknown scene '{name}'; known: {', '.join(SCENES)}, or a path to a YAML file")
+    document = _document(name, Path())
+    if "extends" in document:
+        document = {**_document(str(document.pop("extends")), Path(name).parent), **document}
     options = dict(options or {})
     for key in ("arms", "swapped"):
         if isinstance(options.get(key), str):
@@ -157,6 +154,15 @@ def load_scene(name: str | Path | None = None, options: Mapping[str, Any] | None
     return scene
 
 
+def _document(name: str, folder: Path) -> dict[str, Any]:
+    """What the file of a scene says; a path is taken from `folder`."""
+    if name in SCENES:
+        return read_yaml(_DIRECTORY / f"{name}.yaml")
+    if name.endswith((".yaml", ".yml")):
+        return read_yaml(folder / name)
+    raise ConfigError(f"unknown scene '{name}'; known: {', '.join(SCENES)}, or a path to a YAML file")
+
+
 def _check(scene: Scene) -> None:
     where, options = f"scene '{scene.name}'", scene.options
     if len(set(scene.channels)) != len(scene.channels) or not scene.arms:
@@ -164,7 +170,8 @@ def _check(scene: Scene) -> None:
     for arm in scene.arms:
         if arm.role not in ROLES:
             raise ConfigError(f"{where}: role of {arm.channel} must be one of {ROLES}, not '{arm.role}'")
-    for key, known in {"watchdog": WATCHDOGS, "operator": OPERATORS, "serials": SERIALS}.items():
+    operators = (*OPERATORS, *(task.name for task in scene.tasks if task.does in SCRIPTS))
+    for key, known in {"watchdog": WATCHDOGS, "operator": operators, "serials": SERIALS}.items():
         if getattr(options, key) not in known:
             raise ConfigError(f"{where}: option {key} must be one of {known}, not '{getattr(options, key)}'")
     if not _TIMESTEPS_S[0] <= options.timestep_s <= _TIMESTEPS_S[1]:
@@ -183,18 +190,14 @@ def _check(scene: Scene) -> None:
 
 
 def _check_things(scene: Scene) -> None:
-    """Boxes and cameras that physics and renderer can make."""
+    """Things, tasks and cameras that physics and renderer can make."""
     where = f"scene '{scene.name}'"
-    for names in (
-        [box.name for box in (*scene.props, *scene.furniture)],
-        [camera.name for camera in scene.cameras],
-    ):
-        if len(set(names)) < len(names):
-            raise ConfigError(f"{where}: boxes and cameras need names of their own, not {names}")
-    for box in (*scene.props, *scene.furniture):
-        loose = box in scene.props
-        if (box.size_m <= 0.0).any() or box.friction < 0.0 or box.mass_kg < 0.0 or (loose and box.mass_kg == 0.0):
-            raise ConfigError(f"{where}: box {box.name} needs a size, and as a prop a mass, above zero")
+    check_things(scene.props, scene.furniture, where)
+    followers = [arm.channel for arm in scene.arms if arm.role == "follower"]
+    check_tasks(scene.tasks, scene.things, followers, where)
+    names = [camera.name for camera in scene.cameras]
+    if len(set(names)) < len(names):
+        raise ConfigError(f"{where}: cameras need names of their own, not {names}")
     for camera in scene.cameras:
         if np.linalg.norm(np.cross(camera.position_m - camera.target_m, camera.up)) < 1e-9:
             raise ConfigError(f"{where}: camera {camera.name} looks nowhere, or along its own up direction")

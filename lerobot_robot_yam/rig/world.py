@@ -15,7 +15,8 @@ from lerobot_robot_yam.arm.model import Physics, build_spec
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile, load_arm, load_gripper
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.scene import ArmPlacement, Box, Camera, Scene
+from lerobot_robot_yam.rig.furnish import add_things, yaw_quat
+from lerobot_robot_yam.rig.scene import ArmPlacement, Camera, Scene
 from lerobot_robot_yam.rig.scenery import add_scenery
 
 logger = logging.getLogger(__name__)
@@ -36,38 +37,18 @@ def build_world(scene: Scene) -> mujoco.MjModel:
     """
     spec = mujoco.MjSpec()
     spec.modelname = scene.name
+    spec.compiler.degree = False
     spec.option.timestep = scene.options.timestep_s
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10.0  # held props must not creep out of the fingers
     add_scenery(spec)
-    for box in scene.furniture:
-        _add_box(spec.worldbody, box)
     for row in scene.arms:
         _attach_arm(spec, row, scene)
-    for box in scene.props:
-        body = spec.worldbody.add_body(name=box.name, pos=box.center_m, quat=yaw_quat(box.yaw_rad))
-        body.add_freejoint(name=box.name)
-        _add_box(body, box)
+    add_things(spec, scene.things)
     for camera in scene.cameras:
         _add_camera(spec, camera)
     return spec.compile()
-
-
-def yaw_quat(yaw_rad: float) -> np.ndarray:
-    """Quaternion (4,) w x y z of a turn about the vertical."""
-    return np.array([math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2)])
-
-
-def _add_box(body: mujoco.MjsBody, box: Box) -> None:
-    fixed = box.mass_kg == 0.0
-    geom = body.add_geom(name=box.name, type=mujoco.mjtGeom.mjGEOM_BOX, size=box.size_m / 2, rgba=box.rgba)
-    geom.friction = [box.friction, 0.01, 0.0001]
-    geom.condim = 4
-    if fixed:
-        geom.pos, geom.quat = box.center_m, yaw_quat(box.yaw_rad)
-    else:
-        geom.mass = box.mass_kg
 
 
 def _add_camera(spec: mujoco.MjSpec, camera: Camera) -> None:
@@ -228,6 +209,17 @@ class World:
             moved += addresses
         joints = [j for j in range(self.model.njnt) if self.model.jnt_qposadr[j] in moved]
         self.data.qvel[self.model.jnt_dofadr[joints]] = 0.0
+
+    def put(self, prop: str, position_m: np.ndarray, quat_wxyz: np.ndarray) -> None:
+        """Teleport a loose thing (3,), (4,); at rest."""
+        joint = self.data.joint(prop)
+        joint.qpos[:] = [*position_m, *(quat_wxyz / np.linalg.norm(quat_wxyz))]
+        joint.qvel[:] = 0.0
+
+    def set_joint(self, thing: str, position: float) -> None:
+        """Teleport a jointed thing to a position of its joint, m or rad; at rest."""
+        joint = self.data.joint(thing)
+        joint.qpos[:], joint.qvel[:] = position, 0.0
 
     def state_dtype(self) -> np.dtype:
         """Layout of the block that shows the world to renderers and operators."""

@@ -1,22 +1,32 @@
 """The operator's world without processes and without waiting: real physics, a short stand-in for the control loops.
 
 Leaders float on exact gravity compensation and are pulled by the rig's own force-limited hands; followers track them
-with the profile's gains, gravity feed-forward and speed limits.
+with the profile's gains, gravity feed-forward and speed limits. In a scene without leaders the hands' paths are the
+followers' targets.
 """
 
+import json
 from collections.abc import Callable
 
 import mujoco
 import numpy as np
 
-from lerobot_robot_yam.rig.guidance import Sight
+from lerobot_robot_yam.rig import commands
+from lerobot_robot_yam.rig.device import RigDevice
 from lerobot_robot_yam.rig.judge import Judge
 from lerobot_robot_yam.rig.scene import Scene
+from lerobot_robot_yam.rig.sight import Pose, Sight
+from lerobot_robot_yam.rig.task_session import TaskSession
 from lerobot_robot_yam.rig.world import HAND_KD, HAND_KP, World
 
 TICK_STEPS = 4
 LAG_TICKS = 8  # of LeRobot at 30 Hz between leader and follower
 GRIP_TORQUE_NM = 1.0  # what the force limiter lets through
+
+
+def described(scene: Scene) -> dict:
+    """The scene in the form in which a rig describes itself to its clients."""
+    return json.loads(json.dumps(commands.ask(RigDevice(scene), {"op": "scene"}), default=np.ndarray.tolist))
 
 
 class StandIn:
@@ -26,6 +36,7 @@ class StandIn:
         self.world = World(scene)
         self.prop = scene.props[0].name
         self.judge = Judge(self.prop, scene.places or {})
+        self.task = TaskSession(self.world)
         self.events: list[dict] = []
         self.energised = True
         self.following = True
@@ -64,15 +75,19 @@ class StandIn:
             self._tick()
 
     def look(self) -> Sight:
-        body = self.world.data.body(self.prop)
+        bodies = {thing.name: self.world.data.body(thing.name) for thing in self.world.scene.things}
+        jointed = [thing.name for thing in self.world.scene.furniture if thing.joint is not None]
         return Sight(
-            prop_m=body.xpos.copy(),
-            prop_quat=body.xquat.copy(),
-            leader_rad={s: self._q(f"leader_{s}") for s in self._sides},
+            things={name: Pose(body.xpos.copy(), body.xquat.copy()) for name, body in bodies.items()},
+            joints={name: float(self.world.data.joint(name).qpos[0]) for name in jointed},
+            leader_rad={s: self._q(self._led_by(s)) for s in self._sides},
             follower_rad={s: self._q(f"follower_{s}") for s in self._sides},
             opening={s: self.world.opening(f"follower_{s}") or 0.0 for s in self._sides},
             willing=self.energised,
         )
+
+    def _led_by(self, side: str) -> str:
+        return f"leader_{side}" if f"leader_{side}" in self.world.profiles else f"follower_{side}"
 
     def pull(self, side: str, times_s: np.ndarray, q_rad: np.ndarray, trigger: np.ndarray) -> None:
         self._paths[side] = (self.now(), times_s, q_rad, trigger)
@@ -97,12 +112,10 @@ class StandIn:
             self.before_tick()
         data, dt = self.world.data, TICK_STEPS * self.world.timestep_s
         for side in self._sides:
-            leader, follower = f"leader_{side}", f"follower_{side}"
-            trigger = self._pull_leader(side)
-            self._compensate_gravity(leader)
+            follower = f"follower_{side}"
             self._compensate_gravity(follower)
             history = self._history[side]
-            history.append((self._q(leader), trigger))
+            history.append(self._lead(side))
             if not self.following:
                 continue
             target, squeeze = history[max(0, len(history) - 1 - LAG_TICKS)]
@@ -120,11 +133,23 @@ class StandIn:
             data.actuator(f"{follower}/{motor.name}").ctrl = motor.kp * self._opening[side] * (opened - closed)
         self.world.step(TICK_STEPS)
         position = data.body(self.prop).xpos
-        self.events += self.judge.update(self.world.sim_s, self.world.sim_s, position)
+        self.events += self.judge.update(self.world.sim_s, self.world.sim_s, position) + self.task.update()
 
-    def _pull_leader(self, side: str) -> float:
-        path = self._paths.get(side)
-        leader, data = f"leader_{side}", self.world.data
+    def _lead(self, side: str) -> tuple[np.ndarray, float]:
+        """Where the leader is, and its trigger."""
+        leader = self._led_by(side)
+        if leader.startswith("leader"):
+            trigger = self._pull_leader(leader, side)
+            self._compensate_gravity(leader)
+            return self._q(leader), trigger
+        if side not in self._paths:
+            return self._setpoint[side], 1.0 - self._opening[side]
+        begun, times, q, triggers = self._paths[side]
+        t = self.now() - begun
+        return np.array([np.interp(t, times, column) for column in q.T]), float(np.interp(t, times, triggers))
+
+    def _pull_leader(self, leader: str, side: str) -> float:
+        path, data = self._paths.get(side), self.world.data
         for i in range(6):
             actuator = data.actuator(f"{leader}/hand_{i + 1}")
             kp, kd = (HAND_KP, HAND_KD) if path else (0.0, 0.0)

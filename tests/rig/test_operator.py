@@ -1,7 +1,9 @@
 """The scripted operator before a world that runs faster than time, and its process before a live rig."""
 
+import copy
 import time
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 
 import numpy as np
 import pytest
@@ -9,23 +11,16 @@ import pytest
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.session import ArmSession
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.control import running_rig
+from lerobot_robot_yam.rig.control import RigControl, running_rig
 from lerobot_robot_yam.rig.guidance import Interrupted
-from lerobot_robot_yam.rig.operator import SIDES, make_layout, make_planners
+from lerobot_robot_yam.rig.operator import check_arms, make_layout
+from lerobot_robot_yam.rig.operators.setup import SIDES, make_planners
 from lerobot_robot_yam.rig.pick_and_place import Layout, PickAndPlace
 from lerobot_robot_yam.rig.scene import Scene, load_scene
 
-from .stand_in import StandIn
+from .stand_in import StandIn, described
 
-
-def described(scene: Scene) -> dict:
-    """The scene in the form in which a rig describes itself to its clients."""
-    return {
-        "name": scene.name,
-        "arms": [vars(row) for row in scene.arms],
-        "places": dict(scene.places or {}),
-        "props": [vars(box) for box in scene.props],
-    }
+pytestmark = pytest.mark.alone
 
 
 @pytest.fixture(scope="module")
@@ -34,8 +29,13 @@ def scene() -> Scene:
 
 
 @pytest.fixture(scope="module")
-def planners(scene):
-    return make_planners(described(scene))
+def description(scene):
+    return described(scene)
+
+
+@pytest.fixture(scope="module")
+def planners(description):
+    return make_planners(description)
 
 
 @pytest.fixture
@@ -44,8 +44,8 @@ def world(scene):
 
 
 @pytest.fixture
-def task(scene, planners, world):
-    task = PickAndPlace(world, planners, make_layout(described(scene)))
+def task(description, planners, world):
+    task = PickAndPlace(world, planners, make_layout(description))
     task.begin()
     return task
 
@@ -82,9 +82,10 @@ def test_it_takes_the_cube_from_where_it_is(task, world, xy_m, yaw_rad):
     goal = world.world.scene.places["B"]
     for _ in range(3):
         task.step()
-        if np.linalg.norm(world.look().prop_m - goal) < 0.01:
+        found = world.look().things["cube"].position_m
+        if np.linalg.norm(found - goal) < 0.01:
             return
-    raise AssertionError(f"the cube is at {world.look().prop_m}, not at {goal}")
+    raise AssertionError(f"the cube is at {found}, not at {goal}")
 
 
 def test_a_missed_grasp_is_tried_again(task, world):
@@ -137,27 +138,28 @@ def test_switching_off_makes_it_let_go(task, world):
 
 
 @pytest.mark.parametrize("missing", ["M", "props", "leader_left"])
-def test_a_scene_that_lacks_something_is_refused_by_name(scene, missing):
-    description = described(scene)
+def test_a_scene_that_lacks_something_is_refused_by_name(description, missing):
+    description = copy.deepcopy(description)
     description["places"].pop(missing, None)
     description["arms"] = [row for row in description["arms"] if row["channel"] != missing]
     if missing == "props":
         description["props"] = []
     with pytest.raises(ConfigError, match="prop" if missing == "props" else missing):
         make_layout(description)
-        make_planners(description)
+        check_arms(description, SIDES)
 
 
-def test_the_layout_keeps_the_idle_arm_out_of_the_middle(scene):
-    layout = make_layout(described(scene))
+def test_the_layout_keeps_the_idle_arm_out_of_the_middle(description):
+    layout = make_layout(description)
     assert isinstance(layout, Layout)
     for home in layout.homes_m.values():
         assert np.linalg.norm(np.array(home[:2]) - layout.places_m["M"]) > 0.15
 
 
-def test_its_process_moves_the_cube_through_the_real_loops():
-    """The rig starts it when the arms are energised; it ends with them."""
-    with running_rig(operator="pick_and_place") as rig, ExitStack() as stack:
+@contextmanager
+def teleoperated(rig: RigControl) -> Iterator[Callable[[], None]]:
+    """All arms up, in control loops of their own; call what this gives to pass the leaders' poses on."""
+    with ExitStack() as stack:
         sim: dict = {"interface": "yam_sim", "can_options": {"rig": rig.name}}
         leaders, followers = (
             ArmSession([ArmConfig(name=side, channel=f"{role}_{side}", **sim, **kind) for side in SIDES])
@@ -169,13 +171,40 @@ def test_its_process_moves_the_cube_through_the_real_loops():
         for session in (leaders, followers):
             session.start()
             stack.callback(session.stop)
-        deadline = time.monotonic() + 60.0
-        while not (carried := [event for event in rig.events() if event["kind"] == "transfer"]):
-            assert time.monotonic() < deadline, rig.events()
+
+        def pass_on() -> None:
             for side in SIDES:
                 state = leaders[side].observe()
                 followers[side].track(state.q, 1.0 - state.trigger)
-            time.sleep(1 / 30)
-        assert carried[0]["from"]["place"] == "A" and carried[0]["lift_m"] >= 0.08
-        stack.close()  # lands the arms
+
+        yield pass_on
+
+
+def events_of(rig: RigControl, kind: str, count: int, pass_on: Callable[[], None]) -> list[dict]:
+    """The first events of a kind, while the arms are teleoperated."""
+    deadline = time.monotonic() + 60.0
+    while len(found := [event for event in rig.events() if event["kind"] == kind]) < count:
+        assert time.monotonic() < deadline, rig.events()
+        pass_on()
+        time.sleep(1 / 30)
+    return found
+
+
+def test_its_process_moves_the_cube_through_the_real_loops():
+    """The rig starts it when the arms are energised; it ends with them."""
+    with running_rig(operator="pick_and_place") as rig:
+        with teleoperated(rig) as pass_on:
+            carried, *_ = events_of(rig, "transfer", 1, pass_on)
+        assert carried["from"]["place"] == "A" and carried["lift_m"] >= 0.08
         assert not rig.state()["arms"]["leader_left"]["held"]
+
+
+def test_its_process_attempts_a_task_again_and_again_with_the_next_seed():
+    with running_rig(scene="lift_and_place", operator="lift_and_place", seed=5) as rig:
+        with teleoperated(rig) as pass_on:
+            placed = events_of(rig, "task_placed", 2, pass_on)
+        assert [event["seed"] for event in placed][:2] == [5, 6]
+        (first,) = [event for event in rig.events() if event["kind"] == "attempt"]
+        assert first.items() >= {"task": "lift_and_place", "seed": 5, "success": True, "reason": ""}.items()
+        (success,) = [event for event in rig.events() if event["kind"] == "task_success"]
+        assert success["seed"] == 5 and success["since_s"] == pytest.approx(first["since_s"], abs=0.02)

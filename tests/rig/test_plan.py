@@ -21,7 +21,7 @@ def planner(request):
 def in_front(planner: ArmPlanner, forward_m: float, left_m: float, up_m: float) -> np.ndarray:
     """A point in the world, given in the arm's own frame."""
     c, s = np.cos(planner._yaw), np.sin(planner._yaw)
-    return planner._base + np.array([c * forward_m - s * left_m, s * forward_m + c * left_m, up_m])
+    return planner.base_m + np.array([c * forward_m - s * left_m, s * forward_m + c * left_m, up_m])
 
 
 @pytest.mark.parametrize("forward_m", [0.22, 0.3, 0.42])
@@ -61,6 +61,31 @@ def test_the_fingers_meet_two_faces_of_the_cube(planner):
         quarters = (yaw - cube_yaw) / (np.pi / 2)
         assert quarters == pytest.approx(round(quarters))
         assert abs(yaw - planner.natural_yaw(point)) <= np.pi / 4 + 1e-9
+
+
+def test_the_fingers_meet_the_long_sides_of_a_bar(planner):
+    point = in_front(planner, 0.3, 0.0, 0.02)
+    for bar_yaw in np.linspace(-3, 3, 13):
+        yaw = planner.grasp_yaw(point, bar_yaw, turns=2)
+        halves = (yaw - bar_yaw) / np.pi
+        assert halves == pytest.approx(round(halves))
+        assert abs(yaw - planner.natural_yaw(point)) <= np.pi / 2 + 1e-9
+
+
+def test_a_straight_path_is_straight_and_within_limits(planner):
+    first, last = in_front(planner, 0.3, 0.1, 0.12), in_front(planner, 0.35, -0.02, 0.05)
+    yaw = planner.natural_yaw(first)
+    path = planner.straight(planner.pose(first, yaw), last, yaw + 0.5, least_s=0.7)
+    along = (last - first) / np.linalg.norm(last - first)
+    for q in path.q_rad:
+        off = planner.tool(q)[0] - first
+        assert np.linalg.norm(off - (off @ along) * along) < 5e-4
+    position, found = planner.tool(path.end_rad)
+    assert position == pytest.approx(last, abs=2e-4) and found == pytest.approx(yaw + 0.5, abs=2e-3)
+    assert path.duration_s >= 0.7
+    assert (np.abs(np.diff(path.q_rad, axis=0)) / np.diff(path.times_s)[:, None]).max() <= SPEED * 1.001
+    with pytest.raises(RigError, match="cannot reach"):
+        planner.straight(path.end_rad, in_front(planner, 0.9, 0.0, 0.1), yaw)
 
 
 def test_out_of_reach_is_said(planner):
