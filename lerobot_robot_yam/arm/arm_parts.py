@@ -25,6 +25,7 @@ _FLOOR_HALF_M = (2.0, 2.0, 0.5)  # beyond the longest arm's reach; a box, as MuJ
 _ACCURACY = (1e-10, 100)  # tolerance and iterations; MuJoCo's own leave 0.2 mm of noise in sunk cylinders
 _OPENING_STEP = 0.05  # of the gripper's stroke, 2 mm of a finger: measured openings are never still
 _FAR_M = 10.0
+_TOUCH_M = 1e-9
 _HULL = "/hull"
 _CORNERS = 12  # of the polygons that stand for circles
 
@@ -120,6 +121,23 @@ class ArmParts:
         """`distance` of many pairs, a little faster."""
         model, data, measure = self._model, self._data, mujoco.mj_geomDistance
         return [measure(model, data, first, second, _FAR_M, None) for first, second in pairs]
+
+    def distance_gradient(self, first: int, second: int, farthest_m: float) -> tuple[float, np.ndarray]:
+        """`distance` of two parts, and how it changes with the joints (N,), m/rad.
+
+        ∇d = n · (J_2 − J_1), n from the nearest point of the one to that of the other; 0 beyond `farthest_m`, and
+        where the parts just touch.
+        """
+        model, data, ends = self._model, self._data, np.zeros(6)
+        distance = mujoco.mj_geomDistance(model, data, first, second, farthest_m, ends)
+        if distance >= farthest_m or abs(distance) < _TOUCH_M:
+            return distance, np.zeros(len(self._joint_index))
+        mujoco.mj_comPos(model, data)
+        jacobians = np.zeros((2, 3, model.nv))
+        for jacobian, end, part in zip(jacobians, (ends[:3], ends[3:]), (first, second), strict=True):
+            mujoco.mj_jac(model, data, jacobian, None, end, model.geom_bodyid[part])
+        normal = (ends[3:] - ends[:3]) / distance
+        return distance, (normal @ (jacobians[1] - jacobians[0]))[self._joint_index]
 
     def things_of(self, arm: int) -> list[int]:
         """The boxes and the floor that limit this arm."""

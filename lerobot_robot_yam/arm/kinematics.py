@@ -1,0 +1,247 @@
+"""Forward and inverse kinematics of one arm: where the tool is, and which joints put it somewhere.
+
+    arm = YamKinematics("yam", "linear_4310")
+    pose = arm.fk(q)                     # (4, 4) of tcp_site in the frame of the arm's base
+    result = arm.ik(pose)                # from anywhere: many starts, within 100 ms
+    result = arm.ik(pose, near=q, attempts=1)   # in a control loop: one solve (better still: `pose_tracker`)
+
+A pose out of reach is no error: the result is the nearest one found, and says by how much it misses.
+"""
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from lerobot_robot_yam.arm.ik_clearance import SelfClearance
+from lerobot_robot_yam.arm.ik_descent import JOINTS, LEVER_M, Descent
+from lerobot_robot_yam.arm.ik_starts import Starts
+from lerobot_robot_yam.arm.model import build_spec
+from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile, load_arm, load_gripper
+from lerobot_robot_yam.arm.safety import finite_vector
+from lerobot_robot_yam.errors import ActionError, ConfigError
+
+POSITION_TOLERANCE_M, ORIENTATION_TOLERANCE_RAD = 1e-4, 1e-3
+
+_FARTHEST_M = 10.0  # a target beyond this is as good as there: no arm reaches 1 m, and squares must not overflow
+_SKEW = 1e-3  # by how much RᵀR may differ from 1: single precision and rounded text are fine
+_UNIT = np.eye(4)
+_TURN_M_PER_RAD = 0.01  # error that a solution may leave to save the arm a radian of motion,
+_ELSEWHERE_M = 0.01  # and to stay where it comes to from `near`
+
+
+@dataclass(frozen=True)
+class IkResult:
+    """What inverse kinematics came to.
+
+    Attributes:
+        q: (6,) rad, within the joint limits.
+        converged: it is within 1e-4 m and 1e-3 rad of the target, and clear.
+        clear: the arm's links keep their distance from each other; also True where that was not asked for.
+        position_error_m, orientation_error_rad: what is left.
+        attempts: descents that it took.
+    """
+
+    q: np.ndarray
+    converged: bool
+    clear: bool
+    position_error_m: float
+    orientation_error_rad: float
+    attempts: int
+
+    @property
+    def error_m(self) -> float:
+        """Both errors in one number, a radian counted as `LEVER_M`."""
+        return math.hypot(self.position_error_m, self.orientation_error_rad * LEVER_M)
+
+
+class YamKinematics:
+    """Kinematics of arm + end effector. Poses are (4, 4) homogeneous, m, in the frame of the arm's base.
+
+    Not thread-safe: each thread needs its own.
+
+    Args:
+        arm, gripper: profiles or their names.
+        site: which frame of the end effector: "tcp_site" or, where it has one, "grasp_site".
+        collision_margin_m: solutions keep the arm's links this far from each other (less where they are nearer by
+            construction), the gripper open; None: not checked, which is many times faster.
+
+    Attributes:
+        lower, upper: (6,) joint limits, rad.
+        middle: (6,) the middle of the joint ranges, rad.
+
+    Raises:
+        ConfigError: no such arm, gripper or site, or an arm without joints.
+    """
+
+    def __init__(
+        self,
+        arm: str | Path | ArmProfile,
+        gripper: str | Path | GripperProfile,
+        site: str = "tcp_site",
+        *,
+        collision_margin_m: float | None = None,
+    ):
+        arm = arm if isinstance(arm, ArmProfile) else load_arm(arm)
+        gripper = gripper if isinstance(gripper, GripperProfile) else load_gripper(gripper)
+        model = build_spec(arm, gripper, visuals=False).compile()
+        keeps = collision_margin_m is not None and arm.joint_count
+        self._set_up(model, site, SelfClearance(arm, gripper, collision_margin_m or 0.0) if keeps else None)
+
+    @classmethod
+    def of_model(cls, model: mujoco.MjModel, site: str = "tcp_site") -> "YamKinematics":
+        """Of a model as `model.build_model` makes it, its base at the origin.
+
+        Raises:
+            ConfigError: no such site, or a model without an arm.
+        """
+        self = cls.__new__(cls)
+        self._set_up(model, site, None)
+        return self
+
+    def _set_up(self, model: mujoco.MjModel, site: str, clearance: SelfClearance | None) -> None:
+        joints = [model.joint(i).name for i in range(min(JOINTS, model.njnt))]
+        if joints != [f"joint{i + 1}" for i in range(JOINTS)]:
+            raise ConfigError(f"kinematics need an arm with joint1 … joint{JOINTS} first, this model has {joints}")
+        self._site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, site)
+        if self._site < 0:
+            names = [model.site(i).name for i in range(model.nsite)]
+            raise ConfigError(f"this end effector has no site '{site}'; it has {names}")
+        self._model, self._data = model, mujoco.MjData(model)
+        self._descent, self._clearance = Descent(model, site, clearance), clearance
+        self.lower, self.upper = model.jnt_range[:JOINTS].T.copy()
+        self.middle = (self.lower + self.upper) / 2
+        self._starts: Starts | None = None
+
+    def fk(self, q: np.ndarray) -> np.ndarray:
+        """(4, 4) pose of the site at joints `q` (6,) rad, which may lie outside the limits.
+
+        Raises:
+            ActionError: wrong shape, or not finite.
+        """
+        return self._pose(finite_vector("kinematics", "q", q, JOINTS))
+
+    def ik(
+        self,
+        target: np.ndarray,
+        near: np.ndarray | None = None,
+        *,
+        attempts: int = 64,
+        budget_s: float = 0.1,
+        within_rad: float | None = None,
+    ) -> IkResult:
+        """Joints that put the site at a pose, or as near to it as was found.
+
+        Args:
+            target: (4, 4).
+            near: (6,) rad, where to start, clipped to the limits; None: from whatever suits the target. The first
+                solution found is taken, so one is near as a rule.
+            attempts: descents at most; the second and further ones start at stored poses that resemble the target.
+            budget_s: no new iteration begins after this time.
+            within_rad: no joint ends farther than this from `near`.
+
+        Returns:
+            The first solution, or the best of all attempts: of those that are clear the one with the least error,
+            where to be elsewhere than one comes to from `near` must be worth 1 cm, and 1 cm more per radian.
+
+        Raises:
+            ActionError: wrong shapes, not finite, no rotation.
+        """
+        deadline_s = time.monotonic() + budget_s
+        pose = _rigid(target)
+        lower, upper, start = self.lower, self.upper, None
+        if near is not None:
+            start = np.clip(finite_vector("kinematics", "near", near, JOINTS), lower, upper)
+            if within_rad is not None:
+                lower, upper = np.maximum(lower, start - within_rad), np.minimum(upper, start + within_rad)
+        self._descent.aim(pose)
+        best: IkResult | None = None
+        best_price = math.inf
+        for number, begin in enumerate(self._begins(pose, start, attempts), 1):
+            if best is not None and time.monotonic() > deadline_s:
+                break
+            posture = self.middle if start is None or number > 1 else start
+            q = self._descent.run(np.clip(begin, lower, upper), lower, upper, posture, deadline_s)
+            result = self._judge(q, pose, number)
+            if result.converged:
+                return result
+            away = 0.0 if start is None else float(np.abs(q - start).max())
+            elsewhere = 0.0 if start is None or number == 1 else _ELSEWHERE_M
+            price = result.error_m + _TURN_M_PER_RAD * away + elsewhere + (0.0 if result.clear else _FARTHEST_M)
+            if best is None or price < best_price:
+                best, best_price = result, price
+        if best is None:
+            raise ActionError(f"kinematics: at least one attempt is needed, not {attempts}")
+        return best
+
+    def _begins(self, pose: np.ndarray, start: np.ndarray | None, attempts: int) -> Iterator[np.ndarray]:
+        """Where to start the descents, the most promising first."""
+        if start is not None and attempts > 0:
+            attempts -= 1
+            yield start
+        if attempts > 0:
+            if self._starts is None:
+                self._starts = Starts(self._pose, self.lower, self.upper)
+            yield from self._starts.nearest(pose, attempts, start)
+
+    def _judge(self, q: np.ndarray, target: np.ndarray, attempts: int) -> IkResult:
+        position, orientation = pose_errors(self._pose(q), target)
+        near = position <= POSITION_TOLERANCE_M and orientation <= ORIENTATION_TOLERANCE_RAD
+        clear = self._clearance is None or self._clearance.kept(q)
+        return IkResult(q, near and clear, clear, position, orientation, attempts)
+
+    def _pose(self, q: np.ndarray) -> np.ndarray:
+        self._data.qpos[:JOINTS] = q
+        mujoco.mj_kinematics(self._model, self._data)
+        pose = np.eye(4)
+        pose[:3, :3] = self._data.site_xmat[self._site].reshape(3, 3)
+        pose[:3, 3] = self._data.site_xpos[self._site]
+        return pose
+
+
+def pose_errors(first: np.ndarray, second: np.ndarray) -> tuple[float, float]:
+    """How far apart two poses (4, 4) are: m, and rad.
+
+    The angle φ from |R₁ − R₂|² = 8 sin²(φ/2), which is exact for small angles too.
+    """
+    chord = float(np.linalg.norm(first[:3, :3] - second[:3, :3])) / math.sqrt(8.0)
+    return float(np.linalg.norm(first[:3, 3] - second[:3, 3])), 2.0 * math.asin(min(chord, 1.0))
+
+
+def pose_distance_m(first: np.ndarray, second: np.ndarray) -> float:
+    """Both errors in one number, a radian counted as `LEVER_M`."""
+    position, angle = pose_errors(first, second)
+    return math.hypot(position, angle * LEVER_M)
+
+
+def _rigid(target: np.ndarray) -> np.ndarray:
+    """`target` as a private (4, 4) pose, its rotation made orthonormal.
+
+    Raises:
+        ActionError: wrong shape, not finite, no rotation.
+    """
+    given = np.asarray(target)
+    if given.shape != (4, 4):
+        raise ActionError(f"kinematics: a target pose must have shape (4, 4), not {given.shape}")
+    pose = finite_vector("kinematics", "target pose", given.ravel(), 16).reshape(4, 4)
+    rotation = pose[:3, :3]
+    gram = rotation.T @ rotation
+    off = max(np.abs(gram - _UNIT[:3, :3]).max(), np.abs(pose[3] - _UNIT[3]).max())
+    if not off < _SKEW or _determinant(rotation) < 0.0:
+        raise ActionError(
+            "kinematics: a target pose must be a rotation and a translation in metres, the last row 0 0 0 1; "
+            f"this one is\n{pose}"
+        )
+    pose[:3, :3] = rotation @ (1.5 * _UNIT[:3, :3] - 0.5 * gram)  # Newton's step to the nearest rotation
+    pose[:3, 3] = np.minimum(np.maximum(pose[:3, 3], -_FARTHEST_M), _FARTHEST_M)
+    pose[3] = _UNIT[3]
+    return pose
+
+
+def _determinant(m: np.ndarray) -> float:
+    (a, b, c), (d, e, f), (g, h, i) = m.tolist()
+    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
