@@ -12,14 +12,18 @@ import numpy as np
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.port import ArmPort
-from lerobot_robot_yam.arm.safety import action_vector
+from lerobot_robot_yam.arm.safety import action_vector, refuse_degrees
 from lerobot_robot_yam.arm.session import ArmSession, Isolation
 from lerobot_robot_yam.arm.state import ArmState
+from lerobot_robot_yam.clock import Clock
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.feature_names import motor_names
 from lerobot_robot_yam.signals import end_session_on_signals, undisturbed
 
 logger = logging.getLogger(__name__)
 
 _DEFAULT_NAME = ArmConfig(channel="any").name
+_running: "list[ArmGroup]" = []  # of this process
 
 
 def arm_config(options: ArmConfig, name: str, calibration_dir: Path, ident: str | None) -> ArmConfig:
@@ -44,14 +48,14 @@ class _Side:
 
     def __init__(self, prefix: str, config: ArmConfig, session: ArmSession, start: int, handles: bool):
         self.name = config.name
+        self.prefix = prefix
         self.hardware = hardware = session.hardware(config.name)
         self.joints = hardware.joints
         self.has_gripper = hardware.has_gripper or (handles and hardware.gripper.handle_encoder)
-        self.motors = [f"{prefix}joint_{index + 1}" for index in range(self.joints)]
-        self.motors += [f"{prefix}gripper"] * self.has_gripper
+        self.motors = motor_names(prefix, config, handles)
         self.slice = slice(start, start + self.joints)
         self.gripper_index = start + self.joints if self.has_gripper else None
-        self.scaled = [True] * self.joints + [False] * self.has_gripper
+        self.is_joint = [True] * self.joints + [False] * self.has_gripper
 
 
 class ArmGroup:
@@ -67,6 +71,7 @@ class ArmGroup:
     Attributes:
         motors: names of the values in canonical order, such as `left_joint_1`.
         keys: the same with `.pos`: the action's keys.
+        is_joint: (n,) which of the values are angles; the others are grippers.
     """
 
     def __init__(
@@ -78,6 +83,7 @@ class ArmGroup:
         handles: bool = False,
     ):
         self.device = device
+        self._use_degrees, self._leads = use_degrees, handles
         self._configs = list(arms.values())
         self._session = ArmSession(self._configs, isolation)
         self.sides: list[_Side] = []
@@ -87,8 +93,10 @@ class ArmGroup:
             self.sides.append(side)
             self.motors += side.motors
         self.keys = [f"{motor}.pos" for motor in self.motors]
-        scaled = np.array([flag for side in self.sides for flag in side.scaled], dtype=bool)
-        self.scale = np.where(scaled & use_degrees, 180.0 / math.pi, 1.0)
+        self.is_joint = np.array([flag for side in self.sides for flag in side.is_joint], dtype=bool)
+        self.scale = np.where(self.is_joint & use_degrees, 180.0 / math.pi, 1.0)
+        limits = [(side.hardware.lower[: side.joints], side.hardware.upper[: side.joints]) for side in self.sides]
+        self._lower, self._upper = (np.concatenate(column) for column in zip(*limits, strict=True))
         self._undo_signals: Callable[[], None] = lambda: None
 
     def __getitem__(self, side: _Side) -> ArmPort:
@@ -118,20 +126,42 @@ class ArmGroup:
         Raises:
             YamError: what failed; nothing is energised.
         """
+        for other in _running:
+            if other._leads is not self._leads and other._use_degrees is not self._use_degrees:
+                raise ConfigError(f"{self.device} and {other.device}: one uses degrees; give both the same use_degrees")
         self._undo_signals = end_session_on_signals()
         try:
             self._session.start(search_grippers=calibrate)
         except BaseException:
             self._undo_signals()
             raise
+        _running.append(self)
         atexit.register(self.stop)  # whatever ends the interpreter, the arms land
 
     def stop(self) -> None:
         """Land all arms and let go. Idempotent; signals do not hurry it."""
-        atexit.unregister(self.stop)
+        self._leave()
         try:
             with undisturbed(f"{self.device}: landing"):
                 self._session.stop()
+        finally:
+            self._undo_signals()
+
+    def _leave(self) -> None:
+        atexit.unregister(self.stop)
+        if self in _running:
+            _running.remove(self)
+
+    @property
+    def clock(self) -> Clock:
+        """The clock by which the arms live."""
+        return self._session.clock
+
+    def discard(self) -> None:
+        """Leave a world in lock-step that is thrown away: nothing lands. Idempotent."""
+        self._leave()
+        try:
+            self._session.discard()
         finally:
             self._undo_signals()
 
@@ -168,9 +198,12 @@ class ArmGroup:
         """Values of a LeRobot action in canonical order and SI units, (n,).
 
         Raises:
-            ActionError: missing or unknown keys, values that are not finite numbers.
+            ActionError: missing or unknown keys, values that are not finite numbers, degrees instead of radians.
         """
-        return action_vector(self.device, action, self.keys) / self.scale
+        vector = action_vector(self.device, action, self.keys) / self.scale
+        if not self._use_degrees:
+            refuse_degrees(self.device, vector[self.is_joint], self._lower, self._upper)
+        return vector
 
     def action(self, vector: np.ndarray) -> dict[str, float]:
         """LeRobot's form of a vector in canonical order and SI units."""

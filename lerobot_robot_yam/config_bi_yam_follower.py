@@ -1,5 +1,6 @@
 """LeRobot config of two follower arms (`--robot.type=bi_yam_follower`)."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from lerobot.cameras.configs import CameraConfig
@@ -17,7 +18,7 @@ class BiYamFollowerConfig(RobotConfig, FollowerOptions):
     left_arm_config: FollowerArmConfig
     right_arm_config: FollowerArmConfig
 
-    def arms(self) -> dict[str, FollowerArmConfig]:
+    def arms(self) -> Mapping[str, FollowerArmConfig]:
         """The sides by prefix, in canonical order."""
         return {"left_": self.left_arm_config, "right_": self.right_arm_config}
 

@@ -16,3 +16,7 @@ class YamFollowerConfig(RobotConfig, FollowerOptions, ArmConfig):
     def __post_init__(self) -> None:
         # Not ArmConfig's checks: they come when the robot is made. The parser would hide what they say.
         RobotConfig.__post_init__(self)
+
+    def arms(self) -> dict[str, ArmConfig]:
+        """The one arm, without a prefix."""
+        return {"": self}

@@ -43,3 +43,7 @@ class RigError(YamError, RuntimeError):
 
 class EmergencyStopError(YamError, RuntimeError):
     """The emergency stop is latched: nothing is energised until it is released."""
+
+
+class PolicyServerError(YamError, ConnectionError):
+    """A policy server cannot be reached, has failed, or does not answer in time; nothing was sent to the robot."""

@@ -3,12 +3,14 @@
 In a module of its own, so that no config module needs another one (see `registration`).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
 from lerobot.cameras.configs import CameraConfig
 
 from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.feature_names import extra_keys, motors_of, position_keys, tool_keys
 
 
 @dataclass(kw_only=True)
@@ -22,7 +24,10 @@ class FollowerOptions:
         observe_temperature: also `joint_1.temp_mos`, `joint_1.temp_rotor` …, °C.
         use_degrees: joints in degrees (and degrees per second) in observations and actions; the gripper stays 0 … 1.
             Fields of this config keep their units.
-        isolation: "process" runs the control loop in a process of its own; "thread" is for debugging.
+        action_space: "joint": actions and observed positions are `joint_1.pos` …; "ee": they are the tool's pose,
+            `ee_x.pos` … in m and rad, whatever `use_degrees` says of joints (docs/end-effector.md).
+        isolation: "process" runs the control loop in a process of its own; "thread" is for debugging,
+            "lockstep" for rigs in lock-step (the environment `yam` sets it).
     """
 
     cameras: dict[str, CameraConfig] = field(default_factory=dict)
@@ -30,7 +35,29 @@ class FollowerOptions:
     observe_torque: bool = False
     observe_temperature: bool = False
     use_degrees: bool = False
-    isolation: Literal["process", "thread"] = "process"
+    action_space: Literal["joint", "ee"] = "joint"
+    isolation: Literal["process", "thread", "lockstep"] = "process"
+
+    def arms(self) -> Mapping[str, ArmConfig]:
+        """The arms by feature prefix, in canonical order."""
+        raise NotImplementedError
+
+    def all_cameras(self) -> dict[str, CameraConfig]:
+        """Every camera under the name that its images have in observations."""
+        return dict(self.cameras)
+
+    def action_keys(self) -> list[str]:
+        """Keys of an action, in canonical order.
+
+        Raises:
+            ConfigError: unknown arm or gripper.
+        """
+        return (tool_keys if self.action_space == "ee" else position_keys)(self.arms())
+
+    def state_keys(self) -> list[str]:
+        """Keys of all numbers of an observation: those of an action, then the optional ones."""
+        kinds = self.observe_velocity, self.observe_torque, self.observe_temperature
+        return self.action_keys() + extra_keys(motors_of(self.arms()), *kinds)
 
 
 @dataclass(kw_only=True)

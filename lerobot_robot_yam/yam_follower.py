@@ -11,12 +11,15 @@ from lerobot.cameras.utils import make_cameras_from_configs
 from lerobot.robots.robot import Robot
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
 
+from lerobot_robot_yam.action_space import make_action_space
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.state import ArmState
 from lerobot_robot_yam.arm_group import ArmGroup, arm_config
+from lerobot_robot_yam.clock import Clock
 from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
 from lerobot_robot_yam.errors import StaleStateError
 from lerobot_robot_yam.follower_options import FollowerOptions
+from lerobot_robot_yam.recorded_unit import check_command, recorded_name
 
 logger = logging.getLogger(__name__)
 
@@ -34,6 +37,9 @@ class FollowerBase(Robot):
         super().__init__(config)
         self.config = config
         options: FollowerOptions = config
+        self._use_degrees = options.use_degrees
+        self.name: str = recorded_name(self.name, options.use_degrees)
+        self.robot_type = self.name
         self._arms = ArmGroup(
             self.name,
             {
@@ -43,14 +49,12 @@ class FollowerBase(Robot):
             options.use_degrees,
             options.isolation,
         )
+        tools = [(side.hardware.arm, side.hardware.gripper) for side in self._arms.sides]
+        self._space = make_action_space(options.action_space, self._arms, tools)
         self._camera_configs = dict(cameras)
         self.cameras = make_cameras_from_configs(self._camera_configs)
-        motors = self._arms.motors
-        self._extra_keys = [f"{motor}.vel" for motor in motors if options.observe_velocity]
-        self._extra_keys += [f"{motor}.torque" for motor in motors if options.observe_torque]
-        for kind in ("temp_mos", "temp_rotor"):
-            self._extra_keys += [f"{motor}.{kind}" for motor in motors if options.observe_temperature]
-        self._keys = self._arms.keys + self._extra_keys
+        self._keys = options.state_keys()
+        self._extra_keys = self._keys[len(self._space.keys) :]
 
     @cached_property
     def observation_features(self) -> dict[str, type | tuple[int, int, int]]:
@@ -66,8 +70,8 @@ class FollowerBase(Robot):
 
     @cached_property
     def action_features(self) -> dict[str, type]:
-        """`joint_1.pos` … `joint_6.pos`, `gripper.pos`; of two arms with `left_`, then with `right_`."""
-        return dict.fromkeys(self._arms.keys, float)
+        """`joint_1.pos` … `joint_6.pos` (or `ee_x.pos` …), `gripper.pos`; of two arms with `left_`, then `right_`."""
+        return dict.fromkeys(self._space.keys, float)
 
     @property
     def is_connected(self) -> bool:
@@ -88,9 +92,10 @@ class FollowerBase(Robot):
                 fit (a calibration follows).
 
         Raises:
-            YamError: an arm cannot be driven.
+            YamError: an arm cannot be driven, or the command replays or rolls out what is in another unit.
             Exception: a camera cannot be opened, as its class says.
         """
+        check_command(self.name, self._use_degrees, self._arms.is_joint)
         try:
             for camera in self.cameras.values():
                 camera.connect()
@@ -99,6 +104,16 @@ class FollowerBase(Robot):
             self._close_cameras()
             raise
         logger.info("%s connected", self)
+
+    @property
+    def clock(self) -> Clock:
+        """The time in which the arms live: the computer's, or that of a rig in lock-step."""
+        return self._arms.clock
+
+    def discard(self) -> None:
+        """Leave a world in lock-step that is thrown away: nothing lands. Idempotent."""
+        self._arms.discard()
+        self._close_cameras()
 
     def disconnect(self) -> None:
         """Land the arms, then close the cameras. Idempotent; no camera can keep the arms from landing."""
@@ -136,8 +151,7 @@ class FollowerBase(Robot):
             StaleStateError: an arm or a camera has nothing fresh to say; the arms hold.
         """
         states = self._arms.observe()
-        values = _measured(states) * self._arms.scale
-        observation: dict[str, Any] = dict(zip(self._arms.keys, values.tolist(), strict=True))
+        observation: dict[str, Any] = dict(self._space.action(_measured(states)))
         if self._extra_keys:
             observation.update(zip(self._extra_keys, self._extras(states), strict=True))
         for name, camera in self.cameras.items():
@@ -183,20 +197,47 @@ class FollowerBase(Robot):
             action: a number (0-d tensors are numbers) for every key of `action_features`, no others.
 
         Returns:
-            The targets really sent, after joint limits and max_relative_target.
+            The targets really sent, after the arms' reach, joint limits and max_relative_target.
 
         Raises:
             ActionError: wrong keys or values; nothing was sent to any arm.
         """
-        vector = self._arms.vector(action)
+        return self._space.action(self.track_joints(self._space.vector(action)))
+
+    @check_if_not_connected
+    def track_joints(self, target: np.ndarray) -> np.ndarray:
+        """Give the arms a target in joint coordinates, whatever the unit of actions is.
+
+        Args:
+            target: (n,) in canonical order, rad; grippers 0 closed … 1 open.
+
+        Returns:
+            What was really sent, (n,).
+
+        Raises:
+            ActionError: not finite; nothing was sent to the arm concerned.
+        """
+        sent = target.copy()
         for side in self._arms.sides:
             index = side.gripper_index
-            gripper = None if index is None else vector[index]
-            joints, gripper = self._arms[side].track(vector[side.slice], gripper)
-            vector[side.slice] = joints
+            gripper = None if index is None else target[index]
+            sent[side.slice], gripper = self._arms[side].track(target[side.slice], gripper)
             if index is not None:
-                vector[index] = gripper
-        return self._arms.action(vector)
+                sent[index] = gripper
+        return sent
+
+    def action_for(self, joints: np.ndarray) -> dict[str, float]:
+        """The action that asks for a target in joint coordinates (n,), as `track_joints` takes it."""
+        return self._space.action(joints)
+
+    @check_if_not_connected
+    def joints(self) -> np.ndarray:
+        """Measured joints and grippers, (n,) in canonical order, rad and 0 … 1.
+
+        Raises:
+            YamError: an arm is silent or has failed.
+        """
+        return _measured(self._arms.observe())
 
 
 def _with_gripper(joints: np.ndarray, gripper: float | None) -> np.ndarray:

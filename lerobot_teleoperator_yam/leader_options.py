@@ -16,11 +16,13 @@ class LeaderArmConfig(ArmConfig):
     Attributes:
         follower_arm: profile whose joint limits the leader's action keeps, so that what LeRobot records is what the
             follower is sent; None: the same as this arm's.
+        ee_gripper: the follower's end effector; its tool's pose is the action where `action_space` is "ee".
     """
 
     gripper: str = "yam_teaching_handle"
     start: Literal["hold", "float"] = "float"
     follower_arm: str | None = None
+    ee_gripper: str = "linear_4310"
 
     def __post_init__(self) -> None:
         """No checks yet: they come when the teleoperator is made. The parser would hide what they say."""
@@ -32,8 +34,11 @@ class LeaderOptions:
 
     Attributes:
         use_degrees: joints in degrees in actions and feedback; as the follower's option of this name.
+        action_space: "joint": actions and feedback are `joint_1.pos` …; "ee": they are the pose of the *follower's*
+            tool, `ee_x.pos` …; as the follower's option of this name.
         isolation: "process" runs the control loop in a process of its own; "thread" is for debugging.
     """
 
     use_degrees: bool = False
+    action_space: Literal["joint", "ee"] = "joint"
     isolation: Literal["process", "thread"] = "process"

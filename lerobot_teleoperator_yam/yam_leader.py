@@ -9,7 +9,8 @@ import numpy as np
 from lerobot.teleoperators.teleoperator import Teleoperator
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
 
-from lerobot_robot_yam.arm.profile import load_arm
+from lerobot_robot_yam.action_space import make_action_space
+from lerobot_robot_yam.arm.profile import load_arm, load_gripper
 from lerobot_robot_yam.arm_group import ArmGroup, arm_config
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
@@ -18,6 +19,7 @@ from lerobot_teleoperator_yam.leader_options import LeaderArmConfig, LeaderOptio
 logger = logging.getLogger(__name__)
 
 _OPEN = 1.0
+_PICKED_UP = 0.05  # of the stroke: so near to the opening that feedback has left, the trigger takes over
 
 
 class LeaderBase(Teleoperator):
@@ -42,23 +44,33 @@ class LeaderBase(Teleoperator):
             options.isolation,
             handles=True,
         )
+        tools = []
         lower, upper = np.zeros(len(self._arms.keys)), np.ones(len(self._arms.keys))
         for side, arm in zip(self._arms.sides, arms.values(), strict=True):
+            follower = load_arm(arm.follower_arm or arm.arm)
+            tools.append((follower, load_gripper(arm.ee_gripper)))
             if side.joints:
-                limits = load_arm(arm.follower_arm or arm.arm).joint_limits_rad
+                limits = follower.joint_limits_rad
                 if len(limits) != side.joints:
                     raise ConfigError(
                         f"{side.name}: follower_arm {arm.follower_arm!r} has {len(limits)} joints, not {side.joints}"
                     )
                 lower[side.slice], upper[side.slice] = limits[:, 0], limits[:, 1]
         self._lower, self._upper = lower, upper
-        self._openings = [_OPEN] * len(self._arms.sides)
+        self._space = make_action_space(options.action_space, self._arms, tools)
+        self._release_grippers()
         self._follows_feedback = False
+
+    def _release_grippers(self) -> None:
+        sides = len(self._arms.sides)
+        self._openings = [_OPEN] * sides  # last ones, for while a handle is silent
+        self._triggers = [_OPEN] * sides  # the same as the triggers say it
+        self._left_by_feedback: list[float | None] = [None] * sides
 
     @cached_property
     def action_features(self) -> dict[str, type]:
-        """`joint_1.pos` … `joint_6.pos`, `gripper.pos`; of two arms with `left_`, then with `right_`."""
-        return dict.fromkeys(self._arms.keys, float)
+        """`joint_1.pos` … `joint_6.pos` (or `ee_x.pos` …), `gripper.pos`; of two arms with `left_`, then `right_`."""
+        return dict.fromkeys(self._space.keys, float)
 
     @cached_property
     def feedback_features(self) -> dict[str, type]:
@@ -81,7 +93,7 @@ class LeaderBase(Teleoperator):
         Raises:
             YamError: an arm cannot be driven.
         """
-        self._openings = [_OPEN] * len(self._arms.sides)
+        self._release_grippers()
         self._follows_feedback = False
         self._arms.start(calibrate)
         logger.info("%s connected", self)
@@ -106,8 +118,11 @@ class LeaderBase(Teleoperator):
     def get_action(self) -> dict[str, float]:
         """Where the leaders are, within the follower's limits: what is recorded is what the follower is sent.
 
+        With `action_space: ee` that is where the follower's tool would be at the leader's joints.
+
         The gripper is open (1) with the trigger released and closed (0) with it squeezed. While a handle is silent
-        its last opening stays; before the first report that is open.
+        its last opening stays; before the first report that is open. A trigger cannot be led: the opening that feedback
+        has asked for stays until the trigger has come to it, or whoever takes over would drop what the follower holds.
 
         Raises:
             MotorError: a motor has failed.
@@ -120,9 +135,18 @@ class LeaderBase(Teleoperator):
                 if state.gripper is not None:
                     self._openings[index] = state.gripper
                 elif state.trigger is not None:
-                    self._openings[index] = 1.0 - state.trigger
+                    self._openings[index] = self._pick_up(index, 1.0 - state.trigger)
                 values.append(self._openings[index])
-        return self._arms.action(np.minimum(np.maximum(values, self._lower), self._upper))
+        return self._space.action(np.minimum(np.maximum(values, self._lower), self._upper))
+
+    def _pick_up(self, index: int, trigger: float) -> float:
+        """Opening of a gripper whose trigger says `trigger`: its own once it has met, or passed, what feedback left."""
+        left, before = self._left_by_feedback[index], self._triggers[index]
+        self._triggers[index] = trigger
+        if left is not None and abs(trigger - left) > _PICKED_UP and (trigger - left) * (before - left) > 0.0:
+            return left
+        self._left_by_feedback[index] = None
+        return trigger
 
     @check_if_not_connected
     def send_feedback(self, feedback: Mapping[str, Any]) -> None:
@@ -133,10 +157,11 @@ class LeaderBase(Teleoperator):
         """
         if not self._follows_feedback:
             return
-        vector = self._arms.vector(feedback)
-        for side in self._arms.sides:
-            gripper = float(vector[side.gripper_index]) if side.hardware.has_gripper else None
-            self._arms[side].track(vector[side.slice], gripper)
+        vector = self._space.vector(feedback)
+        for index, side in enumerate(self._arms.sides):
+            gripper = None if side.gripper_index is None else min(max(float(vector[side.gripper_index]), 0.0), 1.0)
+            self._left_by_feedback[index] = gripper
+            self._arms[side].track(vector[side.slice], gripper if side.hardware.has_gripper else None)
 
     @check_if_not_connected
     def rearm(self) -> None:

@@ -5,7 +5,6 @@ No clock and no waiting in here; what each mode does to the motors is in `body`.
 
 import logging
 import math
-import time
 
 import can
 import numpy as np
@@ -29,6 +28,7 @@ logger = logging.getLogger(__name__)
 _UNHEARD_S = 0.03  # seven ticks
 _UNREACHABLE_S = 1.0  # beyond their watchdog, the motors have let go: there is nothing left to land
 _HEAT_PERIOD_S = 0.1  # metal is slow
+_FAR_RAD, _NEAR_RAD = 0.3, 0.1  # between target and set-point: held back by the speed limit, and no longer
 _SEED_RAD = 0.3  # a set-point further than this from the arm is not what holds it
 _BUS_TROUBLE = {19: Trouble.ADAPTER_GONE, 100: Trouble.LINK_DOWN, 105: Trouble.BUS_OFF}  # by errno
 _STOPS = {None: None, "top": 0, "bottom": 1}
@@ -55,6 +55,7 @@ class ArmController(ArmBody):
         self._halted = False  # by the other arm's trouble
         self._news: Trouble | None = None
         self._held_back = False  # by the workspace
+        self._behind = False  # its target, by the speed limit
         self._last_target_at = -math.inf
         self._unreachable_since: float | None = None
         self._handle_watch = HandleWatch(self.name, self.drive.encoder)
@@ -128,6 +129,7 @@ class ArmController(ArmBody):
             self._bring_up(now)
         if self.mode is Mode.TRACK and now - self._last_target_at > self.config.command_timeout_s:
             self.limited |= Limited.COMMAND_TIMEOUT
+            logger.warning("%s: no target for %g s; it holds", self.name, self.config.command_timeout_s)
             self.setpoint.stop()
             self._enter(Mode.HOLD)
         if self.mode is Mode.TRACK and now - self._heard_s() > _UNHEARD_S:
@@ -152,12 +154,20 @@ class ArmController(ArmBody):
         if self.mode not in (Mode.HOLD, Mode.TRACK) or self._halted:
             return False
         self._last_target_at = now
-        self.limited = Limited.NOTHING
+        self.limited = self._limit_speed(target)
         self.setpoint.aim(target, now, velocity)
         self.motion.gains(kp, kd)
         if self.mode is Mode.HOLD:
             self._enter(Mode.TRACK)
         return True
+
+    def _limit_speed(self, target: np.ndarray) -> Limited:
+        """Whether the speed limit keeps the arm from its target; says so once, until it has caught up."""
+        gap = float(np.abs(target - self.setpoint.q)[: self.hardware.joints].max(initial=0.0))
+        before, self._behind = self._behind, gap > (_NEAR_RAD if self._behind else _FAR_RAD)
+        if self._behind and not before:
+            logger.warning("%s: target is %.2f rad away; it follows at its speed limit", self.name, gap)
+        return Limited.SPEED if self._behind else Limited.NOTHING
 
     def request(self, request: Request, now: float) -> None:
         """Change mode as the caller asks.
@@ -280,7 +290,7 @@ class ArmController(ArmBody):
             self.drive.clear_and_enable(failed)
             before = self.setpoint.q.copy()
             self._seed_joints()
-            self.command(time.monotonic(), 0.0)
+            self.command(self.chain.clock.now(), 0.0)
             finding = self.drive.exchange(self.motion.commands)
             if finding.trouble is not None:
                 self.setpoint.seed(before)

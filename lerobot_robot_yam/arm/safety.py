@@ -1,6 +1,7 @@
 """The caller's side of the safety chain: what a target must be, and what is held back before it is sent.
 
-validate (keys, shape, finite) → joint limits → max_relative_target; the loop adds set-point speed and torque clip.
+validate (keys, shape, finite, unit) → joint limits → max_relative_target; the loop adds set-point speed and torque
+clip.
 """
 
 import logging
@@ -9,6 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from lerobot_robot_yam.arm.joints import RANGE_TOLERANCE_RAD, TURN
 from lerobot_robot_yam.arm.state import Limited
 from lerobot_robot_yam.errors import ActionError
 
@@ -64,6 +66,32 @@ def action_vector(device: str, action: Mapping[str, object], keys: Sequence[str]
             raise ActionError(f"{device}: {key} is {number}; nothing was sent")
         vector[index] = number
     return vector
+
+
+def refuse_degrees(device: str, q: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
+    """Refuse joint angles that are none in radians, but a pose of the arms in degrees.
+
+    Clamped to the joint limits, they would send the arms all the way there. A single wild value is no sign of degrees,
+    and what no pose fits is not either: these are limited like any other target.
+
+    Args:
+        device: for messages.
+        q: (n,) target of the joints.
+        lower, upper: (n,) joint limits, rad.
+
+    Raises:
+        ActionError: degrees, as it seems; nothing was sent.
+    """
+    wild = np.abs(q) > TURN
+    if np.count_nonzero(wild) < 2:
+        return
+    pose = np.radians(q)
+    if np.all((pose > lower - RANGE_TOLERANCE_RAD) & (pose < upper + RANGE_TOLERANCE_RAD)):
+        raise ActionError(
+            f"{device}: {np.count_nonzero(wild)} joints are asked for more than a whole turn (up to "
+            f"{np.abs(q).max():.1f} rad), which would be a pose in degrees; nothing was sent. Does the policy or data "
+            "set speak degrees? Then set use_degrees to true"
+        )
 
 
 def _number(value: object) -> float:

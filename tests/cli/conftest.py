@@ -21,19 +21,20 @@ class Commands:
         self.rig = rig
         self.directory = directory
 
-    def start(self, name, *arguments):
-        """Start an installed command, such as lerobot-record, or Python code (name "-c")."""
-        program = [sys.executable] if name == "-c" else []
-        program.append(name if name == "-c" else str(Path(sys.executable).parent / name))
+    def start(self, name, *arguments, stdin=subprocess.DEVNULL, cwd=ROOT):
+        """Start an installed command, such as lerobot-record, or Python's own options (name "-c", "-m")."""
+        program = [sys.executable, name] if name.startswith("-") else [str(Path(sys.executable).parent / name)]
         environment = os.environ | {"HF_LEROBOT_CALIBRATION": str(self.directory / "cal")}
+        # For plugins that live with the tests: unlike `python -m`, an installed command does not look where it is.
+        environment["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
         if self.rig is not None:
             environment["YAM_RIG"] = self.rig.name
         with open(self.directory / "output.txt", "ab") as output:
             return subprocess.Popen(
                 [*program, *arguments],
-                cwd=ROOT,
+                cwd=cwd,
                 env=environment,
-                stdin=subprocess.DEVNULL,
+                stdin=stdin,
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
@@ -93,4 +94,11 @@ def commands(tmp_path):
 def shared_commands(tmp_path_factory):
     """On a rig with the scripted operator."""
     with running_rig(operator="pick_and_place") as rig:
+        yield Commands(rig, tmp_path_factory.mktemp("cli"))
+
+
+@pytest.fixture(scope="module")
+def shared_ee_commands(tmp_path_factory):
+    """On a rig without operator, for the tests of one module."""
+    with running_rig() as rig:
         yield Commands(rig, tmp_path_factory.mktemp("cli"))

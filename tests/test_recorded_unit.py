@@ -1,0 +1,263 @@
+"""Degrees or radians: data sets and checkpoints tell, and no stock command moves an arm by the wrong one.
+
+Nothing here can move: there is no rig. `tests/cli/test_rollout.py` looks at one.
+"""
+
+import json
+import signal
+import sys
+
+import numpy as np
+import pytest
+import yaml
+from lerobot.configs import parser
+from lerobot.datasets import LeRobotDataset
+from lerobot.robots import make_robot_from_config
+from lerobot.scripts import lerobot_record, lerobot_replay, lerobot_rollout
+from lerobot.utils.feature_utils import hw_to_dataset_features
+from tqdm import tqdm
+
+from lerobot_robot_yam.arm.safety import refuse_degrees
+from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig
+from lerobot_robot_yam.errors import ActionError, ConfigError
+from lerobot_robot_yam.follower_options import FollowerArmConfig
+from lerobot_robot_yam.recorded_unit import check_command, unit_of_checkpoint, unit_of_dataset, unit_of_statistics
+from lerobot_teleoperator_yam.bi_yam_leader import BiYamLeader
+from lerobot_teleoperator_yam.config_bi_yam_leader import BiYamLeaderConfig
+from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
+from tests.cli.conftest import ROOT
+from tests.policy_plugin.checkpoints import save_scripted, statistics
+
+tqdm.monitor_interval = 0  # loading a data set shows progress bars, whose watching thread would outlive the test
+
+IS_JOINT = np.array(([True] * 6 + [False]) * 2)
+NOWHERE = {"interface": "carrier_pigeon", "channel": "none"}  # whoever opens it fails otherwise than these tests expect
+POSE_RAD = np.array([0.3, 1.2, 1.1, -0.5, 0.2, 0.3, 0.5] * 2)
+UNITS = [False, True]
+named = pytest.mark.parametrize("degrees", UNITS, ids=["radians", "degrees"])
+
+
+def robot(tmp_path, degrees):
+    arms = {f"{side}_arm_config": FollowerArmConfig(channel=side) for side in ("left", "right")}
+    return make_robot_from_config(BiYamFollowerConfig(calibration_dir=tmp_path, use_degrees=degrees, **arms))
+
+
+def write_dataset(tmp_path, degrees, robot_type=None):
+    """A data set of two frames, as lerobot-record makes it; returns its directory."""
+    device = robot(tmp_path, degrees)
+    features = hw_to_dataset_features(device.action_features, "action")
+    features |= hw_to_dataset_features(device.observation_features, "observation")
+    root = tmp_path / f"data_{degrees}_{robot_type}"
+    data = LeRobotDataset.create("local/data", 30, root=root, robot_type=robot_type or device.name, features=features)
+    pose = np.where(IS_JOINT, np.degrees(POSE_RAD), POSE_RAD) if degrees else POSE_RAD
+    for _ in range(2):
+        row = pose.astype(np.float32)
+        data.add_frame({"action": row, "observation.state": row, "task": "none"})
+    data.save_episode()
+    data.finalize()
+    return root
+
+
+# what tells
+
+
+@named
+def test_a_data_set_says_in_which_unit_it_is(tmp_path, degrees):
+    root = write_dataset(tmp_path, degrees)
+    info = json.loads((root / "meta" / "info.json").read_text())
+    assert info["robot_type"] == ("bi_yam_follower_degrees" if degrees else "bi_yam_follower")
+    assert unit_of_dataset("local/data", str(root), IS_JOINT) == ("degrees" if degrees else "radians")
+
+
+@named
+def test_a_data_set_of_another_maker_is_judged_by_its_numbers(tmp_path, degrees):
+    root = write_dataset(tmp_path, degrees, robot_type="yam_of_somebody_else")
+    assert unit_of_dataset("local/data", str(root), IS_JOINT) == ("degrees" if degrees else "radians")
+
+
+def test_a_data_set_of_ours_that_is_still_empty_goes_by_its_name(tmp_path):
+    features = hw_to_dataset_features(robot(tmp_path, False).action_features, "action")
+    data = LeRobotDataset.create("local/data", 30, root=tmp_path / "e", robot_type="yam_follower", features=features)
+    data.finalize()
+    assert unit_of_dataset("local/data", str(tmp_path / "e"), IS_JOINT) == "radians"
+
+
+@named
+def test_a_checkpoint_tells_by_the_statistics_that_training_has_left_in_it(tmp_path, degrees):
+    data = LeRobotDataset("local/data", root=write_dataset(tmp_path, degrees))
+    path = save_scripted(tmp_path / "p", "nothing", arms=2, stats=data.meta.stats)
+    assert unit_of_checkpoint(str(path), None, IS_JOINT) == ("degrees" if degrees else "radians")
+
+
+@pytest.mark.parametrize("path", ["nobody/nothing", "not a repository", "."])
+def test_what_does_not_tell_is_not_guessed(path):
+    assert unit_of_checkpoint(path, None, IS_JOINT) is None
+    assert unit_of_dataset(path, None, IS_JOINT) is None
+
+
+@pytest.mark.parametrize("kind", ["min", "max", "mean", "q01", "q99"])
+def test_any_statistic_of_any_joint_will_do_and_a_gripper_will_not(kind):
+    values = np.zeros(14)
+    for index in range(14):
+        values[:] = 0.0
+        values[index] = -90.0
+        found = unit_of_statistics({"action": {kind: values}}, IS_JOINT)
+        assert found == ("degrees" if IS_JOINT[index] else "radians")
+
+
+def test_relative_actions_are_small_in_either_unit_so_the_state_counts_too():
+    state = np.concatenate([np.full(14, 90.0), np.zeros(14)])  # positions, then velocities
+    assert (
+        unit_of_statistics({"action": {"max": np.ones(14)}, "observation.state": {"max": state}}, IS_JOINT) == "degrees"
+    )
+
+
+def test_statistics_of_something_else_tell_nothing():
+    assert unit_of_statistics({"action": {"max": np.full(7, 90.0)}}, IS_JOINT) is None
+    assert unit_of_statistics({}, IS_JOINT) is None
+
+
+# stock commands
+
+
+@pytest.fixture
+def command(tmp_path, monkeypatch):
+    """Runs a stock command in this process, on a robot whose bus does not exist; returns what it raises."""
+    monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path / "cal"))
+    monkeypatch.setattr(parser, "_config_path_args", {})  # a process is one command, except here
+    handlers = {
+        number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+    }
+
+    def run(main, document, *arguments):
+        arms = {f"{side}_arm_config": {**NOWHERE, "channel": side} for side in ("left", "right")}
+        document["robot"] = {"type": "bi_yam_follower", **arms, **document.get("robot", {})}
+        path = tmp_path / "command.yaml"
+        path.write_text(yaml.safe_dump(document | {"play_sounds": False}))
+        monkeypatch.setattr(sys, "argv", ["command", f"--config_path={path}", *arguments])
+        with pytest.raises((ValueError, OSError)) as raised:
+            main()
+        return raised.value
+
+    yield run
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+
+
+def refused(error, recorded):
+    return (
+        isinstance(error, ConfigError) and f"is in {recorded}" in str(error) and "nothing was energised" in str(error)
+    )
+
+
+def right_unit(error):
+    """It went on, to a bus that does not exist."""
+    return "carrier_pigeon" in str(error)
+
+
+@named
+@pytest.mark.parametrize("recorded", UNITS, ids=["of radians", "of degrees"])
+def test_replay(command, tmp_path, degrees, recorded):
+    dataset = {"repo_id": "local/data", "root": str(write_dataset(tmp_path, recorded)), "episode": 0}
+    error = command(lerobot_replay.main, {"robot": {"use_degrees": degrees}, "dataset": dataset})
+    assert right_unit(error) if degrees == recorded else refused(error, "degrees" if recorded else "radians")
+
+
+def test_replay_of_what_the_command_line_says_over_the_file(command, tmp_path):
+    data = {degrees: str(write_dataset(tmp_path, degrees)) for degrees in UNITS}
+    document = {"robot": {"use_degrees": True}, "dataset": {"repo_id": "local/x", "root": data[True], "episode": 0}}
+    assert refused(command(lerobot_replay.main, document, f"--dataset.root={data[False]}"), "radians")
+
+
+@named
+@pytest.mark.parametrize("recorded", UNITS, ids=["of radians", "of degrees"])
+def test_rollout(command, tmp_path, degrees, recorded):
+    path = save_scripted(tmp_path / "p", "nothing", arms=2, stats=statistics(2, recorded))
+    error = command(lerobot_rollout.main, {"robot": {"use_degrees": degrees}, "policy": {"path": str(path)}})
+    assert right_unit(error) if degrees == recorded else refused(error, "degrees" if recorded else "radians")
+
+
+@named
+@pytest.mark.parametrize("recorded", UNITS, ids=["of radians", "of degrees"])
+def test_resuming_a_rollout(command, tmp_path, degrees, recorded):
+    path = save_scripted(tmp_path / "p", "nothing", arms=2, stats=statistics(2, degrees))
+    dataset = {"repo_id": "local/rollout_data", "root": str(write_dataset(tmp_path, recorded)), "push_to_hub": False}
+    document = {"robot": {"use_degrees": degrees}, "dataset": dataset, "strategy": {"type": "sentry"}, "resume": True}
+    error = command(lerobot_rollout.main, document, f"--policy.path={path}")
+    assert right_unit(error) if degrees == recorded else refused(error, "degrees" if recorded else "radians")
+
+
+@named
+@pytest.mark.parametrize("recorded", UNITS, ids=["of radians", "of degrees"])
+def test_resuming_a_recording(command, tmp_path, degrees, recorded):
+    dataset = {"repo_id": "local/data", "root": str(write_dataset(tmp_path, recorded)), "push_to_hub": False}
+    document = {"robot": {"use_degrees": degrees}, "dataset": dataset | {"single_task": "none"}, "resume": True}
+    document["teleop"] = {"type": "bi_yam_leader", "use_degrees": degrees}
+    document["teleop"] |= {f"{side}_arm_config": {**NOWHERE, "channel": f"l_{side}"} for side in ("left", "right")}
+    error = command(lerobot_record.main, document)
+    if degrees == recorded:
+        assert right_unit(error)
+    else:  # LeRobot's own comparison comes first
+        assert "robot_type: expected" in str(error) and "bi_yam_follower_degrees" in str(error)
+
+
+def test_async_client_looks_at_the_checkpoint_that_it_names(monkeypatch, tmp_path):
+    path = save_scripted(tmp_path / "p", "nothing", arms=2, stats=statistics(2, degrees=True))
+    monkeypatch.setattr(sys, "argv", ["robot_client", f"--pretrained_name_or_path={path}"])
+    with pytest.raises(ConfigError, match="is in degrees, this robot in radians"):
+        check_command("robot", False, IS_JOINT)
+    check_command("robot", True, IS_JOINT)
+
+
+def test_an_unknown_unit_is_said(monkeypatch, caplog):
+    monkeypatch.setattr(sys, "argv", ["lerobot-rollout", "--policy.path=nobody/nothing"])
+    check_command("robot", True, IS_JOINT)
+    assert "nobody/nothing does not tell its unit; this robot is in degrees" in caplog.text
+
+
+def test_commands_without_a_recording_are_not_looked_at(monkeypatch, caplog):
+    monkeypatch.setattr(sys, "argv", ["lerobot-record", f"--config_path={ROOT / 'configs' / 'sim' / 'record.yaml'}"])
+    check_command("robot", True, IS_JOINT)
+    assert not caplog.text
+
+
+# in whatever program
+
+
+def test_a_leader_in_degrees_does_not_lead_a_follower_in_radians(rig, tmp_path):
+    fields = {"interface": "yam_sim", "can_options": {"rig": rig.name}, "gripper_stops_rad": [3.25, -3.3]}
+    arms = {f"{side}_arm_config": FollowerArmConfig(channel=f"follower_{side}", **fields) for side in ("left", "right")}
+    follower = make_robot_from_config(BiYamFollowerConfig(calibration_dir=tmp_path, **arms))
+    del fields["gripper_stops_rad"]
+    arms = {f"{side}_arm_config": LeaderArmConfig(channel=f"leader_{side}", **fields) for side in ("left", "right")}
+    leader = BiYamLeader(BiYamLeaderConfig(calibration_dir=tmp_path, use_degrees=True, **arms))
+    follower.connect()
+    try:
+        with pytest.raises(ConfigError, match="bi_yam_leader and bi_yam_follower: one uses degrees"):
+            leader.connect()
+        motors = rig.state()["arms"]["leader_left"]["motors"].values()
+        assert not leader.is_connected and not any(motor["enabled"] for motor in motors)
+    finally:
+        follower.disconnect()
+
+
+LOWER, UPPER = np.array([-2.6, 0.0, 0.0, -1.7, -1.6, -2.1]), np.array([3.1, 3.7, 3.1, 1.6, 1.6, 2.1])
+
+
+@pytest.mark.parametrize("q", [[10.0, 60.0, 50.0, -20.0, 5.0, 0.0], [0.0, 45.0, 0.0, 0.0, 0.0, -90.0]])
+def test_a_pose_in_degrees_is_refused_and_not_clamped(q):
+    with pytest.raises(ActionError, match="use_degrees"):
+        refuse_degrees("robot", np.array(q), LOWER, UPPER)
+
+
+@pytest.mark.parametrize(
+    "q",
+    [
+        [0.0, 60.0, 0.0, 0.0, 0.0, 0.0],  # one wild value
+        [1e9, 1e9, 1e9, 1e9, 1e9, 1e9],
+        [-60.0, -60.0, 50.0, 0.0, 0.0, 0.0],  # no pose in degrees either
+        [4.0, 4.7, 4.1, 2.6, 2.6, 3.1],  # a jump of 1 rad beyond the limits
+    ],
+)
+def test_what_is_no_sign_of_degrees_is_limited_as_ever(q):
+    refuse_degrees("robot", np.array(q), LOWER, UPPER)
