@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from lerobot_robot_yam import registration
 
 if TYPE_CHECKING:
+    from lerobot_robot_yam.arm.kinematics import YamKinematics as YamKinematics
     from lerobot_robot_yam.arm.yam_arm import YamArm as YamArm
     from lerobot_robot_yam.bi_yam_follower import BiYamFollower as BiYamFollower
     from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig as BiYamFollowerConfig
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "YamArm": "arm.yam_arm",
+    "YamKinematics": "arm.kinematics",
     "YamFollower": "yam_follower",
     "YamFollowerConfig": "config_yam_follower",
     "BiYamFollower": "bi_yam_follower",

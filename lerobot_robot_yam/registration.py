@@ -2,7 +2,7 @@
 
 `lerobot.robots.config` alone costs seconds and loads torch, and our own processes (control loop, virtual rig) import
 this package too. So each config module of ours is imported right after the LeRobot module that holds its registry:
-now, if that is loaded already, else by an import hook at the moment it is. Every LeRobot command loads all three.
+now, if that is loaded already, else by an import hook at the moment it is. Every LeRobot command loads those it needs.
 """
 
 import importlib
@@ -32,7 +32,12 @@ REGISTRIES: dict[str, tuple[str, dict[str, str]]] = {
             "bi_yam_leader": "lerobot_teleoperator_yam.config_bi_yam_leader",
         },
     ),
+    "lerobot.envs.configs": ("EnvConfig", {"yam": "lerobot_robot_yam.config_yam_env"}),
     "lerobot.cameras.configs": ("CameraConfig", {"yam_sim": "lerobot_robot_yam.config_yam_camera"}),
+    "lerobot.configs.policies": (
+        "PreTrainedConfig",
+        {"yam_openpi": "lerobot_robot_yam.openpi.configuration_openpi"},
+    ),
 }
 
 

@@ -7,10 +7,21 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = ("lerobot_robot_yam", "lerobot_teleoperator_yam")
-BASE = {"errors", "log_thread", "runtime", "shared_block", "realtime"}
+BASE = {"clock", "errors", "log_thread", "runtime", "shared_block", "realtime"}
 TOOLS = {"commands", "doctor"}  # console commands: above the arm, without LeRobot
 # What the rig may use of the arm: how it is built, not how it is driven.
-ARM_DESCRIPTION = {"arm.model", "arm.profile", "arm.dynamics", "arm.shapes", "arm.yaml_fields"}
+ARM_DESCRIPTION = {"arm.model", "arm.profile", "arm.dynamics", "arm.kinematics", "arm.shapes", "arm.yaml_fields"}
+# What LeRobot's face may use of the rig: its clients, not its insides.
+RIG_CLIENTS = {
+    "cameras",
+    "control",
+    "demonstrator",
+    "lockstep",
+    "lockstep_cameras",
+    "operators.setup",
+    "scene",
+    "tasks",
+}
 
 
 def layer(module):
@@ -62,7 +73,7 @@ def allowed(name, imported):
     if ours == "rig" and theirs == "arm":
         return imported.removeprefix("lerobot_robot_yam.") in ARM_DESCRIPTION
     if ours == "face" and theirs == "rig":
-        return imported in ("lerobot_robot_yam.rig.cameras", "lerobot_robot_yam.rig.scene")  # the rig's client
+        return imported.removeprefix("lerobot_robot_yam.rig.") in RIG_CLIENTS
     return theirs in below[ours]
 
 
@@ -81,4 +92,5 @@ def test_the_rule_can_fail():
     assert not allowed("lerobot_robot_yam.arm.loop", "lerobot_robot_yam.rig.world")
     assert not allowed("lerobot_robot_yam.arm.loop", "lerobot_robot_yam.yam_follower")
     assert not allowed("lerobot_robot_yam.rig.world", "lerobot_robot_yam.arm.controller")
+    assert not allowed("lerobot_robot_yam.yam_env", "lerobot_robot_yam.rig.world")
     assert not allowed("lerobot_robot_yam.errors", "lerobot_robot_yam.damiao.codec")

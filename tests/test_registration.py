@@ -11,6 +11,8 @@ TYPES = {
     "lerobot.robots": ("RobotConfig", ["yam_follower", "bi_yam_follower"]),
     "lerobot.teleoperators": ("TeleoperatorConfig", ["yam_leader", "bi_yam_leader"]),
     "lerobot.cameras": ("CameraConfig", ["yam_sim"]),
+    "lerobot.envs": ("EnvConfig", ["yam"]),
+    "lerobot.configs": ("PreTrainedConfig", ["yam_openpi"]),
 }
 CHECK = f"""
 import importlib
@@ -40,9 +42,12 @@ def test_importing_us_alone_loads_neither_lerobot_nor_torch(module):
         "import lerobot_teleoperator_yam",
         "import lerobot.robots; import lerobot_robot_yam",
         "import lerobot.cameras; import lerobot_robot_yam",
+        "import lerobot.configs; import lerobot_robot_yam",
         "import lerobot_robot_yam.config_yam_follower",
         "import lerobot_robot_yam.config_bi_yam_follower",
         "import lerobot_robot_yam.config_yam_camera",
+        "import lerobot_robot_yam.config_yam_env",
+        "import lerobot_robot_yam.openpi.configuration_openpi",
         "import lerobot_teleoperator_yam.config_yam_leader",
         "import lerobot_teleoperator_yam.config_bi_yam_leader",
         "from lerobot_robot_yam import BiYamFollower",
@@ -63,7 +68,7 @@ def test_registering_loads_nothing_heavy():
     loaded = run(
         """
         import sys
-        import lerobot.robots, lerobot.teleoperators, lerobot.cameras
+        import lerobot.robots, lerobot.teleoperators, lerobot.cameras, lerobot.configs
         before = set(sys.modules)
         import lerobot_robot_yam
         print(sorted(name for name in set(sys.modules) - before if not name.startswith("lerobot_")))

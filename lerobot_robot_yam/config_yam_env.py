@@ -1,0 +1,88 @@
+"""LeRobot config of an environment with a YAM robot in it (`lerobot-eval --env.type=yam`)."""
+
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import gymnasium as gym
+from lerobot.configs import FeatureType, PolicyFeature
+from lerobot.envs.configs import EnvConfig
+from lerobot.envs.utils import freeze_after_episode_end
+from lerobot.robots.config import RobotConfig
+from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE
+
+from lerobot_robot_yam.errors import ConfigError
+
+AGENT_POS = "agent_pos"
+
+
+@EnvConfig.register_subclass("yam")
+@dataclass
+class YamEnvConfig(EnvConfig):
+    """A connected YAM robot as a gymnasium environment.
+
+    Attributes:
+        robot: the robot, as for `lerobot-record` (`--env.robot.type=bi_yam_follower` …).
+        task: on a virtual rig, a task of its scene; elsewhere what the operator sees.
+        fps: actions a second.
+        time_limit_s: length of an episode; None: as the task says, 30 s where it does not.
+        lockstep: simulate the virtual rig in lock-step: deterministic per seed and as fast as the machine allows.
+        scene, rig_options: of a virtual rig that is started for this environment; None: the scene called as the task.
+        success: who judges, "rig" (the virtual rig), "operator" (keys: s success, f failure) or a callable
+            "module:function" that takes the robot's observation and returns True, False or None (not over yet).
+        reset_pose: joints (rad) and grippers (0 … 1) in canonical order from which episodes begin; None: the waiting
+            poses of the task's scene, else wherever the arms are.
+        render_camera: the camera of the videos; None: the robot's first, or that of the virtual rig's scene.
+        description: the task in words, for policies that read; None: as the task says.
+    """
+
+    task: str | None = "lift_and_place"
+    robot: RobotConfig | None = None
+    time_limit_s: float | None = None
+    lockstep: bool = False
+    scene: str | None = None
+    rig_options: dict[str, Any] = field(default_factory=dict)
+    success: str = "rig"
+    reset_pose: list[float] | None = None
+    render_camera: str | None = None
+    description: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.robot is None or not hasattr(self.robot, "action_keys"):
+            return  # `create_envs` says what is missing; the parser would hide it
+        self.features = {
+            ACTION: PolicyFeature(FeatureType.ACTION, (len(self.robot.action_keys()),)),
+            AGENT_POS: PolicyFeature(FeatureType.STATE, (len(self.robot.state_keys()),)),
+        }
+        self.features_map = {ACTION: ACTION, AGENT_POS: OBS_STATE}
+        for name, camera in self.robot.all_cameras().items():
+            key = f"{OBS_IMAGES}.{name}"
+            self.features[key] = PolicyFeature(FeatureType.VISUAL, (camera.height, camera.width, 3))
+            self.features_map[key] = key
+
+    @property
+    def gym_kwargs(self) -> dict[str, Any]:
+        """Not made through gymnasium's registry."""
+        return {}
+
+    def create_envs(self, n_envs: int, use_async_envs: bool = False) -> dict[str, dict[int, gym.vector.VectorEnv]]:
+        """{"yam": {0: vector environment}}; no robot is connected before its first reset.
+
+        Raises:
+            ConfigError: no robot, or several environments with one real robot.
+        """
+        from lerobot_robot_yam.yam_env import YamEnv
+
+        if self.robot is None or not hasattr(self.robot, "action_keys"):
+            raise ConfigError("env.robot: choose the robot, such as --env.robot.type=bi_yam_follower")
+        virtual = self.lockstep or all(arm.interface == "yam_sim" for arm in self.robot.arms().values())
+        if n_envs > 1 and not virtual:
+            raise ConfigError(f"{n_envs} environments, but one real robot: use --eval.batch_size=1")
+        # Gymnasium resets an environment that has ended while others still run; this one only freezes.
+        makers = [freeze_after_episode_end(partial(YamEnv, self, index, n_envs)) for index in range(n_envs)]
+        mode = gym.vector.AutoresetMode.NEXT_STEP
+        if use_async_envs and n_envs > 1:
+            vector: gym.vector.VectorEnv = gym.vector.AsyncVectorEnv(makers, context="forkserver", autoreset_mode=mode)
+        else:
+            vector = gym.vector.SyncVectorEnv(makers, autoreset_mode=mode)
+        return {self.type: {0: vector}}

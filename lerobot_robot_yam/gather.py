@@ -1,0 +1,140 @@
+"""Gather demonstrations of a virtual rig's task in lock-step, unattended, as a LeRobot data set.
+
+    yam-gather configs/train/lift_and_place_eval.yaml --root outputs/lift_and_place --episodes 100
+
+The environment is that of a `lerobot-eval` config, so that what is learnt is what is evaluated. The scripted operator
+does the task once per seed; failed attempts are dropped. Run it again and it goes on where it stopped.
+"""
+
+import argparse
+import json
+import logging
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, cast
+
+import draccus
+import numpy as np
+from lerobot.configs.eval import EvalPipelineConfig
+from lerobot.configs.video import RGBEncoderConfig
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE
+from lerobot.utils.utils import init_logging
+from tqdm import tqdm
+
+from lerobot_robot_yam.config_yam_env import AGENT_POS, YamEnvConfig
+from lerobot_robot_yam.demonstration import Frame, demonstrate
+from lerobot_robot_yam.errors import ConfigError, RigError, YamError
+from lerobot_robot_yam.yam_env import YamEnv
+
+logger = logging.getLogger(__name__)
+
+FIRST_SEED = 100_000  # far from those of evaluations, which LeRobot begins at 1000
+_SEEDS = "seeds.json"  # beside the data: which seeds were tried, and with what outcome
+_GIVE_UP = 20  # failures in a row
+_ENCODER = {"vcodec": "h264", "preset": "ultrafast", "crf": 18, "extra_options": {"x264-params": "log=-1"}}
+
+
+def features_of(config: YamEnvConfig) -> dict[str, dict[str, Any]]:
+    """The data set's features: as `lerobot-record` writes them for the environment's robot."""
+    robot = cast(Any, config.robot)
+    features: dict[str, dict[str, Any]] = {}
+    for key, names in ((ACTION, robot.action_keys()), (OBS_STATE, robot.state_keys())):
+        features[key] = {"dtype": "float32", "shape": (len(names),), "names": names}
+    for name, camera in robot.all_cameras().items():
+        shape = (camera.height, camera.width, 3)
+        features[f"{OBS_IMAGES}.{name}"] = {"dtype": "video", "shape": shape, "names": ["height", "width", "channels"]}
+    return features
+
+
+def gather(config: YamEnvConfig, root: Path, repo_id: str, episodes: int, first_seed: int) -> dict[int, bool]:
+    """Gather until the data set in `root` has enough episodes; returns which seeds succeeded, of all that were tried.
+
+    Raises:
+        RigError: the operator fails again and again.
+        YamError: what the environment raises.
+    """
+    seeds_path = root / _SEEDS
+    tried = {int(seed): won for seed, won in json.loads(seeds_path.read_text()).items()} if seeds_path.exists() else {}
+    dataset = _open(config, root, repo_id)
+    env = YamEnv(config)
+    failures = 0
+    try:
+        with tqdm(total=episodes, initial=dataset.num_episodes, unit="episode") as bar:
+            while dataset.num_episodes < episodes:
+                seed = max(tried, default=first_seed - 1) + 1
+                won = _attempt(env, seed, dataset)
+                if won:
+                    dataset.save_episode()
+                    bar.update()
+                else:
+                    dataset.clear_episode_buffer()
+                    logger.info("seed %d: the operator failed; dropped", seed)
+                tried[seed] = won
+                seeds_path.write_text(json.dumps(tried))
+                failures = 0 if won else failures + 1
+                if failures >= _GIVE_UP:
+                    raise RigError(f"the operator failed {failures} times in a row; does the scene suit its script?")
+    finally:
+        env.close()
+        dataset.finalize()
+    return tried
+
+
+def _attempt(env: YamEnv, seed: int, dataset: LeRobotDataset) -> bool:
+    frame = None
+    for frame in demonstrate(env, seed):
+        dataset.add_frame(_row(frame, env.task_description))
+    return frame is not None and frame.success
+
+
+def _row(frame: Frame, task: str) -> dict[str, Any]:
+    seen = frame.observation
+    images = {f"{OBS_IMAGES}.{name}": image for name, image in seen["pixels"].items()}
+    return {OBS_STATE: seen[AGENT_POS], ACTION: frame.action.astype(np.float32), **images, "task": task}
+
+
+def _open(config: YamEnvConfig, root: Path, repo_id: str) -> LeRobotDataset:
+    encoding: dict[str, Any] = {
+        "rgb_encoder": RGBEncoderConfig(**_ENCODER),
+        "streaming_encoding": True,
+        "encoder_threads": 1,
+    }
+    if (root / "meta" / "info.json").exists():
+        return LeRobotDataset.resume(repo_id, root, **encoding)
+    robot = cast(Any, config.robot)
+    return LeRobotDataset.create(repo_id, config.fps, features_of(config), root, robot_type=robot.type, **encoding)
+
+
+def _environment(path: Path) -> YamEnvConfig:
+    config = draccus.parse(EvalPipelineConfig, path, args=[]).env
+    if not isinstance(config, YamEnvConfig) or not config.lockstep:
+        raise ConfigError(f"{path}: yam-gather needs an environment of type yam with lockstep: true")
+    return config
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of `yam-gather`."""
+    parser = argparse.ArgumentParser(
+        prog="yam-gather", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("eval_config", type=Path, help="a config of lerobot-eval")
+    parser.add_argument("--root", type=Path, required=True, help="folder of the data set")
+    parser.add_argument("--repo-id", default="local/yam_gathered", help="name of the data set; nothing is uploaded")
+    parser.add_argument("--episodes", type=int, default=50, help="how many successful ones (default %(default)s)")
+    parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="default %(default)s")
+    options = parser.parse_args(arguments)
+    init_logging()
+    try:
+        config = _environment(options.eval_config)
+        tried = gather(config, options.root, options.repo_id, options.episodes, options.first_seed)
+    except YamError as error:
+        sys.stderr.write(f"yam-gather: {error}\n")
+        return 1
+    sys.stdout.write(f"{sum(tried.values())} of {len(tried)} attempts succeeded; the data are in {options.root}\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,148 @@
+"""What surrounds the robot of an environment: the scene that is laid out before an episode, and who judges it."""
+
+import importlib
+import logging
+import threading
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from lerobot.utils.keyboard_input import create_key_listener
+
+from lerobot_robot_yam.errors import ConfigError, RigError
+from lerobot_robot_yam.rig.control import RigOperations
+
+logger = logging.getLogger(__name__)
+
+_REMIND_S = 20.0
+
+
+class Verdict(NamedTuple):
+    """Whether the task is done, and whether the episode is over."""
+
+    success: bool = False
+    over: bool = False
+
+
+class Referee(Protocol):
+    """Lays scenes out and judges episodes."""
+
+    def arrange(self, seed: int | None) -> None:
+        """Lay the scene out for an episode; the arms are out of the way.
+
+        Raises:
+            YamError: it cannot be laid out.
+        """
+
+    def verdict(self, observation: Mapping[str, Any]) -> Verdict:
+        """How the episode stands."""
+
+    def close(self) -> None:
+        """Leave. Idempotent."""
+
+
+class RigReferee:
+    """A virtual rig's own task, laid out and judged by the rig.
+
+    Args:
+        rig: the rig.
+        task: a task of its scene.
+    """
+
+    def __init__(self, rig: RigOperations, task: str):
+        self._rig, self._task = rig, task
+
+    def arrange(self, seed: int | None) -> None:
+        if seed is None:
+            seed = int(np.random.default_rng().integers(2**31))
+        self._rig.request("task", name=self._task, seed=seed)
+
+    def verdict(self, observation: Mapping[str, Any]) -> Verdict:
+        state = self._rig.request("task_state")
+        success = bool(state["success"])
+        return Verdict(success, success or bool(state["failed"]))
+
+    def close(self) -> None:
+        pass
+
+
+class OperatorReferee:
+    """A person lays the scene out and judges, by keys: space goes on, s is success, f failure.
+
+    Args:
+        task: what the person is told.
+
+    Raises:
+        ConfigError: there is no keyboard to listen to.
+    """
+
+    def __init__(self, task: str):
+        self._task = task
+        self._key = ""
+        self._pressed = threading.Event()
+        self._listener = create_key_listener(self._press, controls_help="space go on, s success, f failure")
+        if self._listener is None:
+            raise ConfigError(
+                "env.success=operator needs a keyboard: run in a terminal, or let a callable judge (module:function)"
+            )
+
+    def _press(self, key: str) -> None:
+        if key in ("space", "s", "f"):
+            self._key = key
+            self._pressed.set()
+
+    def arrange(self, seed: int | None) -> None:
+        logger.info("lay out the scene of '%s' (seed %s), then press space", self._task, seed)
+        since_s = time.monotonic()
+        while True:
+            self._pressed.clear()
+            if self._pressed.wait(_REMIND_S) and self._key == "space":
+                break
+            logger.info("waiting for space, since %.0f s; the arms hold", time.monotonic() - since_s)
+        self._key = ""
+
+    def verdict(self, observation: Mapping[str, Any]) -> Verdict:
+        key, self._key = self._key, ""
+        return Verdict(key == "s", key in ("s", "f"))
+
+    def close(self) -> None:
+        if self._listener is not None:
+            self._listener.stop()
+            self._listener = None
+
+
+class CallableReferee:
+    """Another referee, with a callable as its judge.
+
+    Args:
+        other: lays the scene out; None: nothing has to be laid out.
+        judge: "module:function", see `YamEnvConfig.success`.
+
+    Raises:
+        ConfigError: there is no such function.
+    """
+
+    def __init__(self, other: Referee | None, judge: str):
+        self._other = other
+        module, _, name = judge.partition(":")
+        try:
+            self._judge: Callable[[Mapping[str, Any]], bool | None] = getattr(importlib.import_module(module), name)
+        except (ImportError, AttributeError, ValueError) as error:
+            raise ConfigError(
+                f"env.success: {judge!r} is not 'rig', 'operator' or module:function ({error})"
+            ) from error
+
+    def arrange(self, seed: int | None) -> None:
+        if self._other is not None:
+            self._other.arrange(seed)
+
+    def verdict(self, observation: Mapping[str, Any]) -> Verdict:
+        said = self._judge(observation)
+        if said is not None and not isinstance(said, bool | np.bool_):
+            raise RigError(f"the judge of env.success returned {said!r}; it has to be True, False or None")
+        return Verdict(bool(said), said is not None)
+
+    def close(self) -> None:
+        if self._other is not None:
+            self._other.close()

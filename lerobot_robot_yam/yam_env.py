@@ -1,0 +1,298 @@
+"""A YAM robot as a gymnasium environment, real or virtual: paced at fps, or in lock-step with a virtual rig."""
+
+import copy
+import logging
+import os
+from typing import Any, cast
+
+import gymnasium as gym
+import numpy as np
+from lerobot.robots.utils import make_robot_from_config
+
+from lerobot_robot_yam.arm.profile import load_gripper
+from lerobot_robot_yam.config_yam_env import AGENT_POS, YamEnvConfig
+from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError
+from lerobot_robot_yam.feature_names import motors_of
+from lerobot_robot_yam.in_lockstep import put_in_lockstep
+from lerobot_robot_yam.referee import CallableReferee, OperatorReferee, Referee, RigReferee
+from lerobot_robot_yam.rig.cameras import RigCamera
+from lerobot_robot_yam.rig.control import RigControl, RigOperations
+from lerobot_robot_yam.rig.lockstep import LockstepRig
+from lerobot_robot_yam.rig.lockstep_cameras import LockstepCamera
+from lerobot_robot_yam.rig.operators.setup import make_setup
+from lerobot_robot_yam.rig.scene import SCENES, load_scene
+from lerobot_robot_yam.rig.tasks import Task
+from lerobot_robot_yam.yam_follower import FollowerBase
+
+logger = logging.getLogger(__name__)
+
+_DEFAULT_TIME_LIMIT_S = 30.0
+_ARRIVED = 0.05  # rad, or of the gripper's stroke
+_REACH_TIMEOUT_S = 30.0
+_SPECTATOR_SIZE = 320, 240  # pixels
+_SETTLE_S = 0.5  # at the reset pose, before an episode begins
+
+
+class YamEnv(gym.Env):
+    """One robot. It is connected by the first reset and landed by close.
+
+    Observations: {"agent_pos": (n,) float32, "pixels": {camera: (height, width, 3) uint8}}; actions (m,): the robot's
+    action vector in canonical order and its units.
+
+    Args:
+        config: the environment.
+        index: which of `count` environments of a vector this is; virtual ones have a rig each.
+        count: how many there are.
+
+    Raises:
+        ConfigError: what the task needs is not there.
+    """
+
+    def __init__(self, config: YamEnvConfig, index: int = 0, count: int = 1):
+        self._config = config
+        self._robot_config = cast(Any, copy.deepcopy(config.robot))
+        self._virtual = config.lockstep or all(arm.interface == "yam_sim" for arm in self._robot_config.arms().values())
+        self._rig_name = f"env-{os.getpid()}-{index}" if count > 1 else None
+        self._scene = config.scene or (config.task if config.task in SCENES else None)
+        self._task = self._task_row()
+        self.task = config.task
+        self.task_description = config.description or (self._task.description if self._task else config.task or "")
+        limit_s = config.time_limit_s or (self._task.time_limit_s if self._task else _DEFAULT_TIME_LIMIT_S)
+        self._max_episode_steps = round(limit_s * config.fps)
+        self.metadata = {"render_modes": ["rgb_array"], "render_fps": config.fps}
+        self.render_mode = "rgb_array"
+        self._action_keys = self._robot_config.action_keys()
+        self._state_keys = self._robot_config.state_keys()
+        self._cameras = {
+            name: (camera.height, camera.width, 3) for name, camera in self._robot_config.all_cameras().items()
+        }
+        self.observation_space = gym.spaces.Dict(
+            {
+                AGENT_POS: gym.spaces.Box(-np.inf, np.inf, (len(self._state_keys),), np.float32),
+                "pixels": gym.spaces.Dict(
+                    {name: gym.spaces.Box(0, 255, shape, np.uint8) for name, shape in self._cameras.items()}
+                ),
+            }
+        )
+        self.action_space = gym.spaces.Box(-np.inf, np.inf, (len(self._action_keys),), np.float32)
+        self._motors = motors_of(self._robot_config.arms())
+        self._start_pose: np.ndarray | None = None
+        self._rig: RigOperations | None = None
+        self._robot: FollowerBase | None = None
+        self._referee: Referee | None = None
+        self._frame: np.ndarray | None = None
+        self._spectator: RigCamera | LockstepCamera | None = None
+        self._deadline_s = 0.0
+        self._steps = 0
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Move to the reset pose, have the scene laid out, and look.
+
+        Raises:
+            YamError: the robot or the rig fails, or the pose is not reached.
+        """
+        super().reset(seed=seed)
+        if self._config.lockstep:
+            self._restart()
+        robot, referee = self._connected()
+        self._go_to_start(robot)
+        referee.arrange(seed)
+        robot.clock.sleep(_SETTLE_S)
+        self._steps = 0
+        self._deadline_s = robot.clock.now()
+        return self._look(robot)[0], {"is_success": False}
+
+    def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
+        """Send one action, let 1 / fps pass, look and judge; the reward is 1 for success.
+
+        Raises:
+            YamError: the action is not finite or not of this robot's size (nothing moves), or the robot fails.
+        """
+        robot, referee = self._connected()
+        robot.send_action(self._named(action))
+        period_s = 1.0 / self._config.fps
+        self._deadline_s += period_s
+        late_s = robot.clock.now() - self._deadline_s
+        if late_s > period_s:
+            logger.warning("an action was %.0f ms late; is the policy slower than %d fps?", late_s * 1e3, 1 / period_s)
+            self._deadline_s = robot.clock.now()
+        else:
+            robot.clock.sleep(max(0.0, -late_s))
+        observation, seen = self._look(robot)
+        verdict = referee.verdict(seen)
+        self._steps += 1
+        cut = self._steps >= self._max_episode_steps and not verdict.over
+        return observation, float(verdict.success), verdict.over, cut, {"is_success": verdict.success}
+
+    def render(self) -> np.ndarray:
+        """The newest image of the render camera, (height, width, 3) uint8; without cameras the virtual rig's own.
+
+        Raises:
+            ConfigError: there is no camera at all.
+        """
+        if self._frame is not None:
+            return self._frame
+        if self._rig is None:
+            raise ConfigError("env.robot has no cameras: give it one, or evaluate with --eval.recording=true")
+        if self._spectator is None:
+            self._spectator = self._open_spectator(self._rig)
+        return self._spectator.latest()[0]
+
+    def _open_spectator(self, rig: RigOperations) -> RigCamera | LockstepCamera:
+        name = self._config.render_camera or load_scene(self._scene, self._config.rig_options).cameras[0].name
+        size = (*_SPECTATOR_SIZE, self._config.fps)
+        camera = LockstepCamera(rig, name, *size) if isinstance(rig, LockstepRig) else RigCamera(name, *size, rig.name)
+        camera.connect()
+        return camera
+
+    def _task_row(self) -> Task | None:
+        """The task as the scene of a virtual rig describes it."""
+        if not self._virtual or self._config.task is None:
+            return None
+        tasks = {task.name: task for task in load_scene(self._scene, self._config.rig_options).tasks}
+        if self._config.task not in tasks and self._config.success == "rig":
+            raise ConfigError(
+                f"env.task: the scene has no task '{self._config.task}'; it has {', '.join(tasks) or 'none'}"
+            )
+        return tasks.get(self._config.task)
+
+    @property
+    def sides(self) -> list[str]:
+        """Side of each arm, in canonical order, after the channels' names: `follower_left` → `left`."""
+        return [arm.channel.removeprefix("follower_") for arm in self._robot_config.arms().values()]
+
+    def lockstep_task(self) -> tuple[LockstepRig, str]:
+        """The rig in lock-step and its task, after a reset; for scripted operators.
+
+        Raises:
+            ConfigError: there is no such rig, or no task of its own.
+        """
+        if not isinstance(self._rig, LockstepRig) or self._task is None:
+            raise ConfigError("a scripted operator needs an environment in lock-step, with a task of its scene")
+        return self._rig, self._task.name
+
+    def action_of(self, joints: np.ndarray) -> np.ndarray:
+        """The action that asks for these joints (rad) and grippers (0 … 1), (n,) in canonical order."""
+        robot, _ = self._connected()
+        return np.array(list(robot.action_for(joints).values()), np.float32)
+
+    def close(self) -> None:
+        """Land the arms (in lock-step their world just ends) and let go of everything. Idempotent."""
+        robot, self._robot = self._robot, None
+        referee, self._referee = self._referee, None
+        rig, self._rig = self._rig, None
+        spectator, self._spectator = self._spectator, None
+        if spectator is not None:
+            spectator.close()
+        try:
+            if robot is not None and self._config.lockstep:
+                robot.discard()
+            elif robot is not None:
+                robot.disconnect()
+        finally:
+            if referee is not None:
+                referee.close()
+            if isinstance(rig, RigControl | LockstepRig):
+                rig.close()
+
+    def _connected(self) -> tuple[FollowerBase, Referee]:
+        """Robot and referee; they are made and connected when they are first needed, the rig before all."""
+        if self._referee is None:
+            self._referee = self._make_referee()
+        if self._robot is None:
+            robot = make_robot_from_config(self._robot_config)
+            assert isinstance(robot, FollowerBase)
+            self._robot, self._start_pose = robot, self._reset_pose()
+        if not self._robot.is_connected:
+            self._robot.connect()
+        return self._robot, self._referee
+
+    def _restart(self) -> None:
+        """A world in lock-step begins anew, so that nothing of an episode depends on earlier ones."""
+        if self._robot is not None:
+            self._robot.discard()
+        if isinstance(self._rig, LockstepRig):
+            self._rig.restart()
+
+    def _make_referee(self) -> Referee:
+        config = self._config
+        referee: Referee | None = None
+        if self._virtual:
+            self._rig = self._make_rig()
+            if config.task is not None:
+                referee = RigReferee(self._rig, config.task)
+        if config.success == "operator":
+            return OperatorReferee(config.task or "")
+        if config.success != "rig":
+            return CallableReferee(referee, config.success)
+        if referee is None:
+            raise ConfigError(
+                "env.success=rig needs a virtual rig and a task; on real arms choose operator or module:function"
+            )
+        return referee
+
+    def _make_rig(self) -> RigOperations:
+        config, arms = self._config, self._robot_config.arms()
+        if not config.lockstep:
+            for arm in arms.values():
+                if self._rig_name is not None:
+                    arm.can_options = {**arm.can_options, "rig": self._rig_name}
+            rig = next(iter(arms.values())).can_options.get("rig")
+            for camera in self._robot_config.all_cameras().values():
+                if self._rig_name is not None and camera.type == "yam_sim":
+                    camera.rig = self._rig_name
+            return RigControl(rig, self._scene, **config.rig_options)
+        options = {"arms": [arm.channel for arm in arms.values()], **config.rig_options}
+        rig_in_step = LockstepRig(self._scene, **options)
+        put_in_lockstep(self._robot_config, rig_in_step)
+        return rig_in_step
+
+    def _go_to_start(self, robot: FollowerBase) -> None:
+        """Move to the reset pose, at the loop's own speed limits."""
+        if self._start_pose is None:
+            return
+        deadline_s = robot.clock.now() + _REACH_TIMEOUT_S
+        while True:
+            robot.track_joints(self._start_pose)
+            robot.clock.sleep(1.0 / self._config.fps)
+            off = np.abs(robot.joints() - self._start_pose)
+            if off.max() < _ARRIVED:
+                return
+            if robot.clock.now() > deadline_s:
+                raise LifeCycleError(
+                    f"{self._motors[int(off.argmax())]} is not at the reset pose after {_REACH_TIMEOUT_S:.0f} s; "
+                    "is something in its way?"
+                )
+
+    def _reset_pose(self) -> np.ndarray | None:
+        """Joints and grippers from which episodes begin."""
+        if self._config.reset_pose is not None:
+            return np.array(self._config.reset_pose, float)
+        if self._task is None or self._rig is None:
+            return None
+        setup = make_setup(self._rig.scene(), self._task.name)
+        pose: list[float] = []
+        for side, arm in zip(self.sides, self._robot_config.arms().values(), strict=True):
+            pose += setup.home_rad(side).tolist()
+            pose += [1.0] * (load_gripper(arm.gripper).motor is not None)
+        return np.array(pose)
+
+    def _named(self, action: np.ndarray) -> dict[str, float]:
+        values = np.asarray(action, float).reshape(-1)
+        if len(values) != len(self._action_keys):
+            raise ActionError(
+                f"an action has {len(values)} values, the robot takes {len(self._action_keys)}: "
+                f"{', '.join(self._action_keys)}"
+            )
+        return dict(zip(self._action_keys, values.tolist(), strict=True))
+
+    def _look(self, robot: FollowerBase) -> tuple[dict[str, Any], dict[str, Any]]:
+        """What a policy sees, and all of what the robot says."""
+        seen = robot.get_observation()
+        pixels = {name: seen[name] for name in self._cameras}
+        if pixels:
+            self._frame = pixels[self._config.render_camera or next(iter(pixels))]
+        state = np.array([seen[key] for key in self._state_keys], np.float32)
+        return {AGENT_POS: state, "pixels": pixels}, seen

@@ -1,0 +1,96 @@
+"""The report of scripts/train_proof.py: what was learnt from what, and how often it succeeds."""
+
+import json
+import os
+import platform
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+import torch
+from safetensors import safe_open
+
+_Z95 = 1.96
+
+
+def wilson(successes: int, count: int) -> tuple[float, float]:
+    """95 % interval of a success rate (Wilson 1927): of few trials it is wide."""
+    rate, z = successes / count, _Z95
+    centre = (rate + z**2 / (2 * count)) / (1 + z**2 / count)
+    half = z / (1 + z**2 / count) * np.sqrt(rate * (1 - rate) / count + z**2 / (4 * count**2))
+    return float(centre - half), float(centre + half)
+
+
+def write_report(out: Path, task: str, policy: Path, seed: int) -> Path:
+    """Write report.md and its plot; returns the report's path."""
+    step = policy.resolve().parent.name
+    evaluation = json.loads((out / "eval" / step / "eval_info.json").read_text())
+    successes: Sequence[bool] = evaluation["per_task"][0]["metrics"]["successes"]
+    _plot(out / "report.png", successes, seed)
+    lines = [
+        f"# Training proof: {task}",
+        "",
+        f"**{sum(successes)} of {len(successes)} evaluation episodes succeeded "
+        f"({100 * np.mean(successes):.0f} %, 95 % interval {_interval(successes)}).**",
+        "",
+        "| | |",
+        "|---|---|",
+        *(f"| {name} | {value} |" for name, value in _facts(out, policy, step, seed, successes).items()),
+        "",
+        "![Outcome of each evaluation episode](report.png)",
+        "",
+        *_videos(evaluation, out),
+    ]
+    report = out / "report.md"
+    report.write_text("\n".join(lines) + "\n")
+    return report
+
+
+def _interval(successes: Sequence[bool]) -> str:
+    low, high = wilson(sum(successes), len(successes))
+    return f"{100 * low:.0f}–{100 * high:.0f} %"
+
+
+def _facts(out: Path, policy: Path, step: str, seed: int, successes: Sequence[bool]) -> dict[str, Any]:
+    info = json.loads((out / "data" / "meta" / "info.json").read_text())
+    tried = json.loads((out / "data" / "seeds.json").read_text())
+    config = json.loads((policy / "config.json").read_text())
+    times = json.loads((out / "times.json").read_text())
+    with safe_open(policy / "model.safetensors", "pt") as weights:
+        size = sum(int(np.prod(weights.get_slice(name).get_shape())) for name in weights.keys())
+    device = torch.cuda.get_device_name() if torch.cuda.is_available() and config["device"] == "cuda" else "CPU"
+    return {
+        "data": f"{info['total_episodes']} demonstrations, {info['total_frames']} frames at {info['fps']} fps; "
+        f"{sum(tried.values())} of {len(tried)} attempts of the operator succeeded",
+        "seeds": f"data {min(map(int, tried))}–{max(map(int, tried))}, evaluation {seed}–{seed + len(successes) - 1}",
+        "policy": f"{config['type']}, {size / 1e6:.1f} million parameters; sees {', '.join(config['input_features'])}",
+        "training": f"{int(step)} steps",
+        "machine": f"{os.cpu_count()} cores, {platform.machine()}, {device}",
+        "time": ", ".join(f"{name} {seconds / 60:.0f} min" for name, seconds in times.items()),
+    }
+
+
+def _plot(path: Path, successes: Sequence[bool], seed: int) -> None:
+    count = np.arange(1, len(successes) + 1)
+    rate = np.cumsum(successes) / count
+    bounds = np.array([wilson(int(won), int(n)) for won, n in zip(np.cumsum(successes), count, strict=True)])
+    figure, axis = plt.subplots(figsize=(7, 3), layout="constrained")
+    axis.fill_between(seed + count - 1, 100 * bounds[:, 0], 100 * bounds[:, 1], alpha=0.2, label="95 % interval")
+    axis.plot(seed + count - 1, 100 * rate, label="success rate so far")
+    axis.scatter(seed + count - 1, 100 * np.asarray(successes), s=8, color="black", label="episode")
+    axis.set(xlabel="seed", ylabel="%", ylim=(-5, 105))
+    axis.legend(loc="lower right")
+    figure.savefig(path, dpi=120)
+    plt.close(figure)
+
+
+def _videos(evaluation: dict[str, Any], out: Path) -> list[str]:
+    paths = evaluation["overall"].get("video_paths", [])
+    return (
+        ["Videos of the first episodes:", ""] + [f"- `{os.path.relpath(path, out)}`" for path in paths] if paths else []
+    )

@@ -1,0 +1,106 @@
+"""Stock lerobot-eval in lock-step: recorded actions do again what they did, whatever the number of rigs."""
+
+import json
+
+import draccus
+import numpy as np
+import pytest
+from lerobot.configs.eval import EvalPipelineConfig
+
+from lerobot_robot_yam.configs_command import config_path
+from lerobot_robot_yam.demonstration import demonstrate
+from lerobot_robot_yam.rig.tasks import SCRIPTS
+from lerobot_robot_yam.yam_env import YamEnv
+from tests.cli.conftest import Commands
+from tests.policy_plugin.checkpoints import save_replayed
+from tests.test_yam_env import two_arms
+
+pytestmark = pytest.mark.alone
+
+CONFIG = "train/lift_and_place_eval"
+SEED = 1000  # LeRobot's own
+
+
+@pytest.fixture
+def commands(tmp_path):
+    """Without a rig: in lock-step each environment has its own."""
+    return Commands(None, tmp_path)
+
+
+def environment(**fields):
+    """The shipped evaluation's, without cameras: they cost most of the time and judge nothing."""
+    config = draccus.parse(EvalPipelineConfig, config_path(CONFIG), args=[]).env
+    config.robot.cameras = {}
+    for name, value in fields.items():
+        setattr(config, name, value)
+    config.__post_init__()
+    return config
+
+
+def demonstrated(count, path):
+    """The operator's attempts from SEED on, kept as a file for the replayed policy; which of them succeeded."""
+    env = YamEnv(environment())
+    try:
+        attempts = [list(demonstrate(env, SEED + index)) for index in range(count)]
+    finally:
+        env.close()
+    np.savez(path, **{str(i): np.array([f.action for f in frames]) for i, frames in enumerate(attempts)})
+    return [frames[-1].success for frames in attempts]
+
+
+def evaluate(commands, name, policy, episodes, rigs):
+    """Successes by seed, as lerobot-eval tells them."""
+    out = commands.directory / name
+    status = commands.run(
+        "lerobot-eval",
+        f"--config_path={config_path(CONFIG)}",
+        "--env.discover_packages_path=tests.policy_plugin",
+        f"--policy.path={policy}",
+        "--env.robot.cameras={}",
+        f"--eval.n_episodes={episodes}",
+        f"--eval.batch_size={rigs}",
+        f"--output_dir={out}",
+        timeout_s=1800.0,
+    )
+    assert status == 0, commands.output()[-4000:]
+    info = json.loads((out / "eval_info.json").read_text())
+    return info["per_task"][0]["metrics"]["successes"]
+
+
+def test_replayed_actions_succeed_again_on_one_rig_and_on_two(commands):
+    outcomes = demonstrated(2, commands.directory / "actions.npz")
+    policy = save_replayed(commands.directory / "policy", arms=1, actions=str(commands.directory / "actions.npz"))
+    assert outcomes == [True, True]
+    assert evaluate(commands, "one", policy, 2, 1) == outcomes
+    assert evaluate(commands, "two", policy, 2, 2) == outcomes
+
+
+def test_doing_nothing_never_succeeds(commands):
+    policy = save_replayed(commands.directory / "policy", arms=1)
+    assert evaluate(commands, "nothing", policy, 1, 1) == [False]
+
+
+@pytest.mark.long
+@pytest.mark.timeout(3600)
+def test_fifty_episodes(commands):
+    outcomes = demonstrated(50, commands.directory / "actions.npz")
+    assert np.mean(outcomes) >= 0.95
+    policy = save_replayed(commands.directory / "policy", arms=1, actions=str(commands.directory / "actions.npz"))
+    one = evaluate(commands, "one", policy, 50, 1)
+    assert np.mean(one) >= 0.95 * np.mean(outcomes)
+    assert evaluate(commands, "again", policy, 50, 1) == one
+    assert evaluate(commands, "two", policy, 50, 2) == one
+    nothing = save_replayed(commands.directory / "nothing", arms=1)
+    assert not any(evaluate(commands, "still", nothing, 50, 2))
+
+
+@pytest.mark.long
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("task", SCRIPTS)
+def test_the_operator_masters_every_task(task, tmp_path):
+    env = YamEnv(environment(task=task, robot=two_arms(tmp_path)))
+    try:
+        outcomes = [list(demonstrate(env, seed))[-1].success for seed in range(50)]
+    finally:
+        env.close()
+    assert np.mean(outcomes) >= 0.95, [seed for seed, won in enumerate(outcomes) if not won]

@@ -1,0 +1,207 @@
+"""A robot as an environment: in lock-step, on the live rig, and what it refuses."""
+
+import os
+import pty
+import threading
+import time
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from lerobot.envs.utils import NEW_ROLLOUT_OPTION
+
+from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig
+from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
+from lerobot_robot_yam.config_yam_env import YamEnvConfig
+from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
+from lerobot_robot_yam.demonstration import demonstrate
+from lerobot_robot_yam.errors import ActionError, ConfigError, RigError
+from lerobot_robot_yam.follower_options import FollowerArmConfig
+from lerobot_robot_yam.rig.control import running_rig
+from lerobot_robot_yam.yam_env import YamEnv
+
+LOOKS = []
+
+
+def robot(tmp_path, **fields):
+    camera = YamSimCameraConfig(camera="top", width=64, height=48)
+    fields = {"cameras": {"top": camera}, "gravity_factor": [1.0] * 6, **fields}
+    return YamFollowerConfig(interface="yam_sim", channel="follower_left", calibration_dir=tmp_path, **fields)
+
+
+@pytest.fixture
+def lockstep(tmp_path):
+    env = YamEnv(YamEnvConfig(robot=robot(tmp_path), lockstep=True))
+    yield env
+    env.close()
+
+
+def attempt(env, seed):
+    """States seen, actions, and success of a demonstration."""
+    frames = list(demonstrate(env, seed))
+    return np.array([f.observation["agent_pos"] for f in frames]), np.array([f.action for f in frames]), frames[-1]
+
+
+def test_it_is_an_environment(lockstep):
+    observation, info = lockstep.reset(seed=3)
+    assert lockstep.observation_space.contains(observation)
+    assert info == {"is_success": False}
+    assert lockstep.task_description.startswith("Lift")
+    assert lockstep.metadata["render_fps"] == 30 and lockstep._max_episode_steps == 15 * 30
+    action = observation["agent_pos"]
+    assert lockstep.action_space.contains(action)
+    for _ in range(3):
+        observation, reward, terminated, truncated, info = lockstep.step(action)
+        assert lockstep.observation_space.contains(observation) and lockstep.render().shape == (48, 64, 3)
+        assert (reward, terminated, truncated, info) == (0.0, False, False, {"is_success": False})
+
+
+def test_the_operators_attempt_succeeds_and_its_actions_do_again(lockstep):
+    states, actions, last = attempt(lockstep, seed=5)
+    assert last.success
+    observation, _ = lockstep.reset(seed=5)
+    for state, action in zip(states, actions, strict=True):
+        assert np.array_equal(observation["agent_pos"], state)
+        observation, reward, terminated, _, info = lockstep.step(action)
+    assert terminated and reward == 1.0 and info["is_success"]
+
+
+def test_seeds_differ_and_time_is_up_without_success(tmp_path):
+    env = YamEnv(YamEnvConfig(robot=robot(tmp_path), lockstep=True, time_limit_s=0.5))
+    try:
+        first = env.reset(seed=1)[0]
+        second = env.reset(seed=2)[0]
+        assert np.array_equal(first["agent_pos"], second["agent_pos"])  # the arm waits at the same place
+        assert (first["pixels"]["top"] != second["pixels"]["top"]).any()
+        outcomes = [env.step(second["agent_pos"])[1:4] for _ in range(15)]
+        assert outcomes == [(0.0, False, False)] * 14 + [(0.0, False, True)]
+    finally:
+        env.close()
+
+
+@pytest.mark.parametrize(("action", "says"), [([np.nan] * 7, "joint_1"), ([0.0] * 6, "6 values, the robot takes 7")])
+def test_bad_actions_are_refused_and_nothing_moves(lockstep, action, says):
+    observation, _ = lockstep.reset(seed=3)
+    with pytest.raises(ActionError, match=says):
+        lockstep.step(np.array(action))
+    after, *_ = lockstep.step(observation["agent_pos"])
+    assert np.abs(after["agent_pos"] - observation["agent_pos"]).max() < 0.01
+
+
+def two_arms(tmp_path):
+    arms = {
+        f"{side}_arm_config": FollowerArmConfig(
+            interface="yam_sim", channel=f"follower_{side}", gravity_factor=[1.0] * 6
+        )
+        for side in ("left", "right")
+    }
+    return BiYamFollowerConfig(calibration_dir=tmp_path, **arms)
+
+
+def test_two_arms_have_two_places(tmp_path):
+    config = YamEnvConfig(robot=two_arms(tmp_path), lockstep=True, task="handover")
+    assert config.features["action"].shape == (14,)
+    env = YamEnv(config)
+    try:
+        observation, _ = env.reset(seed=0)
+        assert observation["agent_pos"].shape == (14,) and env.sides == ["left", "right"]
+        assert env.render().shape == (240, 320, 3)  # the rig's own, as the robot has none
+    finally:
+        env.close()
+
+
+def test_a_finished_environment_freezes_until_a_new_rollout(tmp_path):
+    config = YamEnvConfig(robot=robot(tmp_path, cameras={}), lockstep=True, time_limit_s=0.1)
+    (vector,) = config.create_envs(1)["yam"].values()
+    try:
+        observation, _ = vector.reset(seed=[4])
+        for _ in range(6):  # the third step ends it; gymnasium would reset it then
+            last, *_ = vector.step(observation["agent_pos"])
+        rig, _ = vector.envs[0].unwrapped.lockstep_task()
+        assert rig.restarts == 0
+        assert last["agent_pos"].shape == (1, 7)
+        vector.reset(seed=[5], options={NEW_ROLLOUT_OPTION: True})
+        assert rig.restarts == 1
+    finally:
+        vector.close()
+
+
+def judge(observation):
+    LOOKS.append(observation["joint_2.pos"])
+    return True if len(LOOKS) == 3 else None
+
+
+def test_the_live_rig_is_paced_and_a_callable_may_judge(tmp_path):
+    LOOKS.clear()
+    with running_rig(scene="lift_and_place", arms=["follower_left"]) as rig:
+        live = robot(tmp_path, can_options={"rig": rig.name}, cameras={}, gripper_stops_rad=[3.25, -3.3])
+        env = YamEnv(YamEnvConfig(robot=live, success=f"{__name__}:judge"))
+        try:
+            observation, _ = env.reset(seed=7)
+            assert rig.task_state()["seed"] == 7
+            begin = time.monotonic()
+            outcomes = [env.step(observation["agent_pos"])[2] for _ in range(3)]
+            assert outcomes == [False, False, True]
+            assert 0.09 < time.monotonic() - begin < 1.0
+        finally:
+            env.close()
+        motors = rig.state()["arms"]["follower_left"]["motors"]
+        assert not any(motor["enabled"] for motor in motors.values())
+
+
+def test_an_operator_lays_out_and_judges(tmp_path, monkeypatch):
+    terminal, stdin = pty.openpty()
+    with running_rig(arms=["follower_left"]) as rig, os.fdopen(stdin) as keyboard:
+        monkeypatch.setattr("sys.stdin", keyboard)
+        live = robot(tmp_path, can_options={"rig": rig.name}, cameras={}, gripper_stops_rad=[3.25, -3.3])
+        env = YamEnv(YamEnvConfig(robot=live, success="operator", task="Stack the cups", fps=10))
+        try:
+            presses = threading.Timer(3.0, os.write, (terminal, b" "))
+            presses.start()
+            begin = time.monotonic()
+            observation, _ = env.reset(seed=0)
+            assert time.monotonic() - begin > 2.5  # it has waited
+            assert env.task_description == "Stack the cups"
+            assert not env.step(observation["agent_pos"])[2]
+            os.write(terminal, b"s")
+            time.sleep(0.3)
+            _, reward, terminated, _, info = env.step(observation["agent_pos"])
+            assert terminated and reward == 1.0 and info["is_success"]
+        finally:
+            env.close()
+            os.close(terminal)
+
+
+def test_what_cannot_be_is_said(tmp_path):
+    with pytest.raises(ConfigError, match="choose the robot"):
+        YamEnvConfig().create_envs(1)
+    real = YamFollowerConfig(channel="can0", calibration_dir=tmp_path)
+    with pytest.raises(ConfigError, match="batch_size=1"):
+        YamEnvConfig(robot=real).create_envs(2)
+    with pytest.raises(ConfigError, match="operator or module:function"):
+        YamEnv(YamEnvConfig(robot=real)).reset()
+    with pytest.raises(ConfigError, match="no task 'juggle'"):
+        YamEnv(YamEnvConfig(robot=robot(tmp_path), task="juggle"))
+    with pytest.raises(ConfigError, match="not 'rig', 'operator' or module:function"):
+        YamEnv(YamEnvConfig(robot=real, success="nobody:knows")).reset()
+    opencv = YamSimCameraConfig(camera="attic", width=64, height=48)
+    env = YamEnv(YamEnvConfig(robot=robot(tmp_path, cameras={"attic": opencv}), lockstep=True))
+    with pytest.raises(ConfigError, match="attic"):
+        env.reset()
+    env.close()
+
+
+def test_several_on_live_rigs_have_one_each(tmp_path):
+    config = YamEnvConfig(robot=robot(tmp_path), lockstep=True)
+    makers = config.create_envs(2)["yam"][0]
+    assert isinstance(makers, gym.vector.SyncVectorEnv) and makers.num_envs == 2
+    makers.close()
+
+
+def test_an_operator_that_fails_is_an_error(lockstep):
+    observation, _ = lockstep.reset(seed=3)
+    rig, _ = lockstep.lockstep_task()
+    rig.cut_torque("follower_left")
+    with pytest.raises((RigError, Exception), match="follower"):
+        for _ in range(30):
+            lockstep.step(observation["agent_pos"])
