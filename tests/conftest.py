@@ -17,7 +17,9 @@ os.environ["HF_LEROBOT_HOME"] = str(RUNTIME / "home")
 os.environ["HF_HUB_OFFLINE"] = "1"
 os.environ.pop("YAM_RIG", None)
 os.environ.pop("HF_LEROBOT_CALIBRATION", None)
-signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it is ignored, by us and by whatever we start
+# Under nohup and in the background of a script these are ignored, by us and by whatever we start.
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 import pytest  # noqa: E402
 

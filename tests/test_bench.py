@@ -50,6 +50,7 @@ def test_percentiles_are_named_as_the_report_names_them(windows):
     assert all(math.isnan(value) for value in windows.percentiles(np.zeros(0), (50,)).values())
 
 
+@pytest.mark.long
 def test_a_short_run_reports_every_figure(tmp_path):
     report, picture = tmp_path / "bench.json", tmp_path / "bench.png"
     durations = ["--quick", "--seconds", "0.5", "--short-seconds", "0.3"]

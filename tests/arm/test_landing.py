@@ -74,10 +74,9 @@ def check_landing(rig, q, channel="follower_left", **fields):
     return moved
 
 
-@pytest.mark.parametrize("index", range(3))
-def test_landed_from_a_random_pose(index):
+def test_landed_from_a_random_pose():
     with RigControl.start(arms=["follower_left"]) as rig:
-        check_landing(rig, random_poses(3, seed=7)[index])
+        check_landing(rig, random_poses(1, seed=7)[0])
 
 
 @pytest.mark.long

@@ -127,7 +127,7 @@ def assert_asked(server):
     assert states.shape[1] == 14 and np.ptp(states[:, 1]) > 0.05  # it saw the arm move
 
 
-@pytest.mark.parametrize("engine", ["sync", "rtc"])
+@pytest.mark.parametrize("engine", ["sync", pytest.param("rtc", marks=pytest.mark.long)])
 def test_a_killed_server(commands, server, roll_out, engine):
     ahead = [f"--inference.queue_threshold={STEPS // 2}"] if engine == "rtc" else []
     rollout = roll_out(f"--inference.type={engine}", *ahead)

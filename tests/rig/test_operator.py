@@ -199,6 +199,7 @@ def test_its_process_moves_the_cube_through_the_real_loops():
         assert not rig.state()["arms"]["leader_left"]["held"]
 
 
+@pytest.mark.long
 def test_its_process_attempts_a_task_again_and_again_with_the_next_seed():
     with running_rig(scene="lift_and_place", operator="lift_and_place", seed=5) as rig:
         with teleoperated(rig) as pass_on:

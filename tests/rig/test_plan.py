@@ -34,7 +34,7 @@ def test_the_pose_puts_the_tool_there_pointing_down(planner, forward_m, left_m):
     assert position == pytest.approx(point, abs=2e-3)
     assert found == pytest.approx(yaw, abs=0.01)
     assert abs(q[5]) < 0.05  # natural: the wrist is straight
-    lower, upper = planner._model.jnt_range[:6].T
+    lower, upper = planner._kinematics.lower, planner._kinematics.upper
     assert (q >= lower - 1e-9).all() and (q <= upper + 1e-9).all()
 
 
