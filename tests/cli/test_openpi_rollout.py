@@ -1,7 +1,6 @@
 """lerobot-rollout with a policy on an openpi server, a process of its own that dies (`-m long`: ends, falls silent)."""
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -12,7 +11,9 @@ import pytest
 import yaml
 
 from tests.cli.conftest import ROOT
-from tests.openpi_server import RAISE_RAD, STEPS
+from tests.openpi.server import RAISE_RAD, STEPS
+
+pytestmark = pytest.mark.alone
 
 FPS = 15
 ARMS = ("follower_left", "follower_right")
@@ -21,13 +22,13 @@ STILL_RAD = 0.02  # what a held arm may still settle
 
 
 class Server:
-    """`tests/openpi_server.py` as a process."""
+    """`tests/openpi/server.py` as a process."""
 
     def __init__(self, directory, *arguments):
         self.log = directory / "server.jsonl"
         self.process = subprocess.Popen(
-            [sys.executable, str(ROOT / "tests" / "openpi_server.py"), f"--log={self.log}", *arguments],
-            env=os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"},
+            [sys.executable, "-m", "tests.openpi.server", f"--log={self.log}", *arguments],
+            cwd=ROOT,
             start_new_session=True,
         )
         deadline = time.monotonic() + 60.0

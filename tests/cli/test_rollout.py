@@ -17,6 +17,8 @@ from tests.cli.rolling import FOLLOWERS, FPS, Rollout, config, data_set, one_arm
 from tests.cli.test_record import BI_KEYS, KEYS
 from tests.policy_plugin.checkpoints import statistics
 
+pytestmark = pytest.mark.alone
+
 tqdm.monitor_interval = 0  # loading a data set shows progress bars, whose watching thread would outlive the test
 
 LEADERS = ("leader_left", "leader_right")

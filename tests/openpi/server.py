@@ -1,6 +1,6 @@
 """A small server that speaks openpi's protocol, for the tests; as a process of its own it waves the arms.
 
-    python tests/openpi_server.py --log FILE
+    python -m tests.openpi.server --log FILE
 
 writes a line of JSON per connection and request into FILE, the first with its port, and answers with chunks that
 raise and turn both arms in small sines.
@@ -98,6 +98,20 @@ class OpenpiServer:
     @staticmethod
     def _bytes(message):
         return wire.encode(message) if isinstance(message, dict) else message
+
+
+def zeros(steps=4, width=14, dtype=np.float64):
+    return {"actions": np.zeros((steps, width), dtype=dtype)}
+
+
+def counting(observation, number):
+    """A chunk whose actions say which one of which chunk they are, in thousandths."""
+    width = len(observation["observation/state"])
+    return {"actions": np.tile(((number * 100 + np.arange(4)) / 1000.0)[:, None], (1, width))}
+
+
+def answering(answer):
+    return lambda observation, number: answer
 
 
 STEPS, PERIOD_STEPS = 8, 45
