@@ -3,6 +3,7 @@
 In a module of its own, so that no config module needs another one (see `registration`).
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
@@ -14,7 +15,7 @@ from lerobot_robot_yam.feature_names import extra_keys, motors_of, position_keys
 
 
 @dataclass(kw_only=True)
-class FollowerOptions:
+class FollowerOptions(ABC):
     """Options of the robot as a whole.
 
     Attributes:
@@ -38,9 +39,9 @@ class FollowerOptions:
     action_space: Literal["joint", "ee"] = "joint"
     isolation: Literal["process", "thread", "lockstep"] = "process"
 
+    @abstractmethod
     def arms(self) -> Mapping[str, ArmConfig]:
         """The arms by feature prefix, in canonical order."""
-        raise NotImplementedError
 
     def all_cameras(self) -> dict[str, CameraConfig]:
         """Every camera under the name that its images have in observations."""

@@ -136,7 +136,7 @@ class Device:
         Raises:
             YamError: it does not work.
         """
-        self.device._arms._session.rearm()
+        self.device.rearm()
         if self.channels == LEADERS:
             self.device.disable_torque()
 
