@@ -13,6 +13,7 @@ from lerobot.utils.decorators import check_if_already_connected, check_if_not_co
 
 from lerobot_robot_yam.action_space import make_action_space
 from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.config_rules import check_switches
 from lerobot_robot_yam.arm.state import ArmState
 from lerobot_robot_yam.arm_group import ArmGroup, arm_config
 from lerobot_robot_yam.clock import Clock
@@ -37,6 +38,7 @@ class FollowerBase(Robot):
         super().__init__(config)
         self.config = config
         options: FollowerOptions = config
+        check_switches(self.name, options)
         self._use_degrees = options.use_degrees
         self.name: str = recorded_name(self.name, options.use_degrees)
         self.robot_type = self.name

@@ -10,6 +10,7 @@ from lerobot.teleoperators.teleoperator import Teleoperator
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
 
 from lerobot_robot_yam.action_space import make_action_space
+from lerobot_robot_yam.arm.config_rules import check_switches
 from lerobot_robot_yam.arm.profile import load_arm, load_gripper
 from lerobot_robot_yam.arm_group import ArmGroup, arm_config
 from lerobot_robot_yam.errors import ConfigError
@@ -34,6 +35,7 @@ class LeaderBase(Teleoperator):
         super().__init__(config)
         self.config = config
         options: LeaderOptions = config
+        check_switches(self.name, options)
         self._arms = ArmGroup(
             self.name,
             {

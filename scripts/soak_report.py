@@ -35,6 +35,8 @@ def table(report: Report) -> str:
         f"  set-point speed, of its limit                  {judge['largest_setpoint_speed_ratio']:.3f}",
         f"  set-point speed while landing                  {judge['largest_landing_speed_ratio']:.3f}",
         f"  joint speed by command, of 1.2 x its limit     {_largest(judge, 'speed')}",
+        f"    ({judge['speed_windows']['in contact']} of {sum(judge['speed_windows'].values())} looks not judged: "
+        "the arm touched something)",
         f"  motor torque, of its clip                      {_largest(judge, 'torque')}",
         f"  state against the truth, rad                   {_largest(judge, 'difference_rad')}",
         f"  way of a body after a cut elsewhere than landed {_largest(judge, 'moved_after_cut_m')} m",

@@ -13,7 +13,7 @@ from soak_context import Context
 
 from lerobot_robot_yam.rig.control import RigControl
 
-_SETTLE_S = 1.0  # an arm that was pushed, or that lost or got back a motor, moves by itself for so long
+_SETTLE_S = 1.0  # an arm that was pushed, struck something, lost or got back a motor, moves by itself for so long
 _COASTS_S = 3.0  # a floating arm that was let go in motion comes to rest within so long
 _SPEED_FACTOR, _SPEED_SLACK = 1.2, 0.15
 _TORQUE_FACTOR, _TORQUE_SLACK_NM = 1.05, 1.0  # between two ticks the motor's own spring goes on
@@ -54,6 +54,8 @@ class Truth:
         self._differences: list[Finding] = []
         self._cuts: dict[str, tuple[float, dict[str, Any]]] = {}  # channel → when torque was cut, and the pose before
         self._held_s: dict[str, float] = {}  # when a hand was last seen on a leader
+        self._touched_s: dict[str, float] = {}  # when an arm last touched anything
+        self._speeds = {"judged": 0, "in contact": 0}  # windows
         self._unnoticed: set[tuple[str, str, float]] = set()
         self._series: list[tuple[float, float, float]] = []
         self._largest = {"speed": 0.0, "torque": 0.0, "difference_rad": 0.0, "moved_after_cut_m": 0.0}
@@ -68,7 +70,10 @@ class Truth:
             self._rig.watch_start(channel)
             now = time.monotonic()
             by_hand = now - self._held_s.get(channel, -math.inf) < _COASTS_S
-            self._windows.append((channel, seen, now, by_hand))
+            self._touched_s[channel] = max(self._touched_s.get(channel, -math.inf), seen["touched_at_s"])
+            touched = seen["since_s"] - self._touched_s[channel] < _SETTLE_S
+            self._speeds["in contact" if touched else "judged"] += 1
+            self._windows.append((channel, seen, now, by_hand or touched))
         records = {channel: arm.read() if arm.record is None else arm.record for channel, arm in self._arms.items()}
         pose = self._rig.state(bodies=True)
         for channel, record in records.items():
@@ -106,11 +111,11 @@ class Truth:
         """What must not be, of everything since the last time."""
         found, self._differences = self._differences, []
         speed = torque = 0.0
-        for channel, seen, until_s, by_hand in self._windows:
+        for channel, seen, until_s, by_others in self._windows:
             arm = self._arms[channel]
             n = len(arm.torque_limit)
             since_s = float(seen["since_s"])
-            if not by_hand and self._context.undisturbed(channel, since_s - _SETTLE_S, until_s, _PUSHES):
+            if not by_others and self._context.undisturbed(channel, since_s - _SETTLE_S, until_s, _PUSHES):
                 allowed = _SPEED_FACTOR * arm.motor_speed_limit + _SPEED_SLACK
                 ratio = np.array(seen["max_speed_rad_s"])[:n] / allowed
                 speed = max(speed, float(ratio.max()))
@@ -189,6 +194,7 @@ class Truth:
             "largest": {
                 name: {"value": value, "where": self._at.get(name, "")} for name, value in self._largest.items()
             },
+            "speed_windows": self._speeds,
             "rig_slips": rig["slips"],
             "series": [[round(at_s - begin_s, 2), round(a, 3), round(b, 3)] for at_s, a, b in self._series],
         }

@@ -158,9 +158,13 @@ def test_our_calibration_never_meets_lerobots(tmp_path):
     assert not make_robot_from_config(named).is_calibrated
 
 
-@pytest.mark.parametrize("field, value", [("arm", "yum"), ("gripper", "claw"), ("kp", [1.0]), ("channel", "")])
-def test_bad_configs_are_refused_by_name(tmp_path, field, value):
-    with pytest.raises(ValueError, match="yum|claw|kp|channel"):
+@pytest.mark.parametrize(
+    "field, value, named",
+    [("arm", "yum", "yum"), ("gripper", "claw", "claw"), ("kp", [1.0], "kp"), ("channel", "", "channel")]
+    + [(key, None, f"{key} takes") for key in ("use_degrees", "observe_torque", "hold_integral")],
+)
+def test_bad_configs_are_refused_by_name(tmp_path, field, value, named):
+    with pytest.raises(ConfigError, match=named):
         YamFollower(YamFollowerConfig(**{"channel": "x", "calibration_dir": tmp_path, field: value}))
 
 

@@ -86,6 +86,17 @@ def check(config: "ArmConfig") -> None:
         raise _refusal(config, "ee_inertia", "a quaternion that is not zero, and moments above zero")
 
 
+def check_switches(device: str, options: Any) -> None:
+    """Refuse a switch of a device's config that is neither on nor off: LeRobot's parser lets null through.
+
+    Raises:
+        ConfigError: names the device and the field.
+    """
+    for name, hint in typing.get_type_hints(type(options)).items():
+        if hint is bool and not isinstance(value := getattr(options, name), bool):
+            raise ConfigError(f"{device}: {name} takes true or false; got {value!r}")
+
+
 def _is_dataclass(kind: Any) -> bool:
     return isinstance(kind, type) and dataclasses.is_dataclass(kind)
 

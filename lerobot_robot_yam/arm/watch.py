@@ -16,7 +16,7 @@ logger = logging.getLogger(__name__)
 _MOTOR_MISSED = 10  # a lost motor has let so many questions in a row go by: a machine that stood still has not asked
 _HANDLE_SILENT_S = 0.25
 _WINDOW_S = 0.5  # strangers are counted over so long
-_DUPLICATES = 5  # answers beyond the questions, from a motor that answers every one
+_DUPLICATES = 5  # answers beyond the questions and beyond those that merely came late
 _FOREIGN = 3  # commands of somebody else
 
 
@@ -89,8 +89,9 @@ class _Strangers:
         if now - self._since < _WINDOW_S:
             return None, ""
         chain = self._chain
-        # Late answers come when they are no longer expected; only one who answers every question has a double.
-        doubled = np.flatnonzero((chain.duplicates - self._doubled >= _DUPLICATES) & (chain.lost == self._lost))
+        # A late answer comes when it is no longer expected: each lost one explains one of those beyond the questions.
+        beyond = chain.duplicates - self._doubled - (chain.lost - self._lost)
+        doubled = np.flatnonzero(beyond >= _DUPLICATES)
         foreign = chain.foreign_commands - self._foreign
         self._note(now)
         if foreign >= _FOREIGN:

@@ -30,7 +30,7 @@ class Change(NamedTuple):
 
 
 class Watch:
-    """Records per motor the largest speed under torque and the largest torque, per arm how low the tool came.
+    """Records largest speed under torque and largest torque per motor, lowest height and last touch per arm.
 
     Args:
         world: the physics.
@@ -47,15 +47,18 @@ class Watch:
             self._rows[channel.name] = slice(len(actuators), len(actuators) + len(channel.motors))
             actuators += [motor.drive.actuator for motor in channel.motors]
         self._arm = {channel.name: index for index, channel in enumerate(channels)}
+        geom_bodies = world.model.geom_bodyid.tolist()
         self._actuators = np.array(actuators)
         self._tools = np.array([world.model.site(f"{channel.name}/tcp_site").id for channel in channels])
         self._velocities, self._forces = world.data.actuator_velocity, world.data.actuator_force
         self._heights = world.data.site_xpos[:, 2]
+        self._arm_of = np.array([self._arm.get(world.model.body(b).name.partition("/")[0], -1) for b in geom_bodies])
         count, arms = len(actuators), len(channels)
         self._enabled = np.zeros(count)  # 1 with torque, 0 without
         self._speed, self._speed_at = np.zeros(count), np.zeros(count)
         self._torque, self._torque_at = np.zeros(count), np.zeros(count)
         self._start_z, self._lowest_z = np.zeros(arms), np.full(arms, np.inf)
+        self._touched_at = np.zeros(arms)
         self._changes: dict[str, deque[Change]] = {}
         self._started_s: dict[str, float] = {}
         self._next_s = 0.0
@@ -66,6 +69,7 @@ class Watch:
         for array in (self._speed, self._speed_at, self._torque, self._torque_at):
             array[rows] = 0.0
         mujoco.mj_kinematics(self._world.model, self._world.data)
+        self._touched_at[arm] = 0.0
         self._start_z[arm] = self._lowest_z[arm] = self._heights[self._tools[arm]]
         self._changes[channel] = deque(maxlen=_CHANGES_KEPT)
         self._started_s[channel] = time.monotonic()
@@ -99,6 +103,10 @@ class Watch:
         _keep_largest(speed, self._speed, self._speed_at, now)
         _keep_largest(np.abs(self._forces[self._actuators]), self._torque, self._torque_at, now)
         np.minimum(self._lowest_z, self._heights[self._tools], out=self._lowest_z)
+        contact, count = world.data.contact, world.data.ncon
+        touching = self._arm_of[contact.geom[:count][contact.dist[:count] <= 0.0]]  # (k, 2)
+        arms = touching[touching[:, 0] != touching[:, 1]]
+        self._touched_at[arms[arms >= 0]] = now
 
     def report(self, channel: str, since: int, limit: int) -> dict[str, Any]:
         """What was recorded, see `control.RigControl.watch`; of the changes at most `limit` from number `since` on."""
@@ -113,6 +121,7 @@ class Watch:
             "max_torque_at_s": self._torque_at[rows],
             "min_tcp_z_m": self._lowest_z[arm],
             "max_tcp_drop_m": self._start_z[arm] - self._lowest_z[arm],
+            "touched_at_s": self._touched_at[arm],
             "changes": len(changes),
             "enabled_events": [(row.at_s, row.motor, row.enabled) for row in changes if row.switched],
             "fault_events": [(row.at_s, row.motor, row.fault) for row in changes if row.fault],

@@ -6,6 +6,7 @@ import can
 import numpy as np
 import pytest
 
+from lerobot_robot_yam.arm.policy import Trouble
 from lerobot_robot_yam.arm.watch import MotorWatch
 from lerobot_robot_yam.damiao.chain import MotorChain, MotorSpec
 from lerobot_robot_yam.damiao.codec import SpecialCommand
@@ -52,3 +53,19 @@ def test_a_motor_that_lets_questions_go_by_is_named(chain):
     assert list(bad) == [False, True]
     assert message.startswith("joint_6 (id 6): silent for 0.")
     assert time.monotonic() - begin > 0.09
+
+
+def test_a_doubled_motor_is_noticed_though_replies_get_lost(chain):
+    rig, motors = chain
+    watch = MotorWatch(motors)
+    rig.fault("follower_left", "joint_6", "duplicate")
+    begin = time.monotonic()
+    finding = watch.check(begin)
+    while finding.trouble is None:
+        if motors.lost[1] < (time.monotonic() - begin) * 10.0:  # several in every window
+            rig.fault("follower_left", "joint_6", "drop_next", 2)
+        motors.exchange(HOLD)
+        finding = watch.check(time.monotonic())
+        assert time.monotonic() - begin < 3.0
+    assert finding.trouble is Trouble.DUPLICATE_ID and "joint_6 (id 6)" in finding.message
+    assert motors.lost[1] > 1

@@ -78,6 +78,15 @@ def test_speed_counts_under_torque_only(desk):
     assert watch(desk)["max_speed_rad_s"][1] > 0.2  # still falling, now with torque on
 
 
+def test_a_touch_is_noticed(desk):
+    desk.device.world.set_pose(CHANNEL, np.array([0, 1.5, 1.0, 0, 0, 0]))
+    watch(desk, start=True)
+    desk.run(0.05)
+    assert watch(desk)["touched_at_s"] == 0.0
+    desk.run(2.0)  # limp, down to the table
+    assert watch(desk)["touched_at_s"] > desk.now_s - 1.0
+
+
 def test_the_height_is_the_true_one(desk):
     world = desk.device.world
     watch(desk, start=True)
