@@ -26,6 +26,7 @@ import pytest  # noqa: E402
 from lerobot_robot_yam.rig.control import RigControl, running_rig  # noqa: E402
 
 _SETTLE_S = 10.0  # a rig ends about a second after its last client, a renderer with its rig
+_WORKER = "PYTEST_XDIST_WORKER" in os.environ
 _MARK = f"YAM_RUNTIME_DIR={RUNTIME}\0".encode()
 
 
@@ -36,16 +37,47 @@ def _locked(path: Path, kind: int) -> Iterator[None]:
         yield
 
 
+def _order(item: pytest.Item) -> int:
+    """0: has the machine to itself, 1: lives by no clock, 2: the others, two of which may run at once."""
+    return 0 if item.get_closest_marker("alone") else 1 if item.get_closest_marker("untimed") else 2
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """One of several workers does what must run alone; meanwhile another does what lives by no clock."""
+    if _WORKER:
+        items.sort(key=_order)
+        for item in items:
+            order = _order(item)
+            item.add_marker(pytest.mark.xdist_group("alone" if order == 0 else f"{order}-{item.path.stem}"))
+
+
+@contextlib.contextmanager
+def _patient() -> Iterator[None]:
+    """At the lowest priority, where we may raise it again."""
+    if os.geteuid() != 0:
+        yield
+        return
+    os.setpriority(os.PRIO_PROCESS, 0, 19)
+    try:
+        yield
+    finally:
+        os.setpriority(os.PRIO_PROCESS, 0, 0)
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
-    """Several workers share the machine; a test marked `alone` has it to itself. Whoever waits first goes first."""
-    shared = item.config._tmp_path_factory.getbasetemp()
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        shared = shared.parent
+    """Several workers share the machine as the markers say. Whoever waits first goes first."""
+    if not _WORKER:
+        return (yield)
+    shared = item.config._tmp_path_factory.getbasetemp().parent
+    order = _order(item)
     with contextlib.ExitStack() as floor:
-        with _locked(shared / "turnstile", fcntl.LOCK_EX):
-            alone = item.get_closest_marker("alone") is not None
-            floor.enter_context(_locked(shared / "floor", fcntl.LOCK_EX if alone else fcntl.LOCK_SH))
+        if order == 1:
+            floor.enter_context(_patient())
+        else:
+            with _locked(shared / "turnstile", fcntl.LOCK_EX):
+                floor.enter_context(_locked(shared / "floor", fcntl.LOCK_SH if order else fcntl.LOCK_EX))
         return (yield)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.untimed
 
 SCRIPTS = Path(__file__).parent.parent / "scripts"
 
@@ -51,6 +51,7 @@ def test_percentiles_are_named_as_the_report_names_them(windows):
 
 
 @pytest.mark.long
+@pytest.mark.alone
 def test_a_short_run_reports_every_figure(tmp_path):
     report, picture = tmp_path / "bench.json", tmp_path / "bench.png"
     durations = ["--quick", "--seconds", "0.5", "--short-seconds", "0.3"]

@@ -28,6 +28,8 @@ from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
 from tests.cli.conftest import ROOT
 from tests.policy_plugin.checkpoints import save_scripted, statistics
 
+pytestmark = pytest.mark.untimed  # but for what is marked otherwise
+
 tqdm.monitor_interval = 0  # loading a data set shows progress bars, whose watching thread would outlive the test
 
 IS_JOINT = np.array(([True] * 6 + [False]) * 2)
@@ -224,6 +226,7 @@ def test_commands_without_a_recording_are_not_looked_at(monkeypatch, caplog):
 # in whatever program
 
 
+@pytest.mark.alone
 def test_a_leader_in_degrees_does_not_lead_a_follower_in_radians(rig, tmp_path):
     fields = {"interface": "yam_sim", "can_options": {"rig": rig.name}, "gripper_stops_rad": [3.25, -3.3]}
     arms = {f"{side}_arm_config": FollowerArmConfig(channel=f"follower_{side}", **fields) for side in ("left", "right")}

@@ -15,7 +15,7 @@ from lerobot_robot_yam.arm.policy import Trouble
 from lerobot_robot_yam.arm.session import ArmSession
 from lerobot_robot_yam.arm.state import STATE_DTYPE, Limited
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.untimed  # but for what is marked otherwise
 
 SCRIPTS = Path(__file__).parent.parent / "scripts"
 CHANNEL, PEER = "follower_left", "follower_right"
@@ -161,6 +161,7 @@ def test_the_schedule_depends_on_the_seed_only(soak):
     assert {i.kind for i in make(3600.0, 1)} == set(soak.schedule.KINDS)
 
 
+@pytest.mark.alone
 def test_the_monitor_sees_an_arm_fall(rig):
     """A whole judge against a real fall: torque cut in the air, by somebody who may not."""
     config = ArmConfig(
@@ -225,6 +226,7 @@ def run_soak(tmp_path, *arguments, timeout_s):
 
 
 @pytest.mark.long
+@pytest.mark.alone
 def test_a_short_soak(tmp_path):
     figures, output = run_soak(tmp_path, "--minutes", "0.1", "--pace", "4", "--seed", "3", timeout_s=200)
     assert figures["judge"]["records"] > 1000
@@ -234,6 +236,7 @@ def test_a_short_soak(tmp_path):
 
 
 @pytest.mark.long
+@pytest.mark.alone
 @pytest.mark.timeout(2400)
 def test_twenty_minutes(tmp_path):
     figures, _ = run_soak(tmp_path, "--minutes", "20", "--seed", "1", timeout_s=2300)

@@ -103,12 +103,9 @@ IN_CI = {
     ("motor-silent", "hold"),
     ("motor-silent", "land"),
     ("cable-out", "track"),
-    ("link-down", "hold"),
-    ("adapter-gone", "track"),
     ("burst-lost", "track"),
     ("duplicate-id", "track"),
     ("foreign-driver", "hold"),
-    ("handle-silent", "hold"),
     ("hot", "track"),
 }
 CASES = [

@@ -144,7 +144,7 @@ def test_a_warm_motor_presses_less_with_and_without_limiter():
     assert torques[None, 1.0] == pytest.approx(3.0)
 
 
-@pytest.mark.parametrize("limit_n", [50.0, None])
+@pytest.mark.parametrize("limit_n", [50.0, pytest.param(None, marks=pytest.mark.long)])
 def test_a_gripped_cube_is_held_with_less_torque_and_not_lost(rig, limit_n):
     channel = "follower_left"
     config = ArmConfig(

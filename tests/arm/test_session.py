@@ -29,8 +29,6 @@ from lerobot_robot_yam.errors import (
 )
 from lerobot_robot_yam.rig.control import RigControl
 
-pytestmark = pytest.mark.alone
-
 STOPS = [3.25, -3.3]
 TICK_S = 0.004
 ISOLATIONS = ["process", "thread"]

@@ -111,6 +111,7 @@ def wait_moving(rollout):
     rollout.wait_until(moving)
 
 
+@pytest.mark.long
 def test_without_a_server_the_client_gives_up_and_lands(asynchronous):
     asynchronous.start_client()
     asynchronous.end()

@@ -23,6 +23,7 @@ def raise_leaders(commands):
     assert arms["follower_left"]["q"][1] > 0.8 and arms["follower_right"]["q"][0] < -0.2
 
 
+@pytest.mark.long
 def test_teleoperate_ends_by_itself_under_the_operators_hands(shared_commands):
     commands = shared_commands
     status = commands.run("lerobot-teleoperate", "--config_path=configs/sim/teleoperate.yaml", "--teleop_time_s=8")
@@ -33,7 +34,12 @@ def test_teleoperate_ends_by_itself_under_the_operators_hands(shared_commands):
 
 
 @pytest.mark.parametrize(
-    "first, second", [(signal.SIGINT, signal.SIGINT), (signal.SIGTERM, None), (signal.SIGHUP, signal.SIGTERM)]
+    "first, second",
+    [
+        (signal.SIGINT, signal.SIGINT),
+        (signal.SIGTERM, None),
+        pytest.param(signal.SIGHUP, signal.SIGTERM, marks=pytest.mark.long),
+    ],
 )
 def test_signals_land_the_arms(commands, first, second):
     process = commands.start("lerobot-teleoperate", "--config_path=configs/sim/teleoperate.yaml", "--teleop_time_s=120")
@@ -65,7 +71,10 @@ while time.monotonic() < deadline:
 """
 
 
-@pytest.mark.parametrize("ending", ["raise RuntimeError('a bug of the caller')", "import os; os._exit(1)"])
+@pytest.mark.parametrize(
+    "ending",
+    ["raise RuntimeError('a bug of the caller')", pytest.param("import os; os._exit(1)", marks=pytest.mark.long)],
+)
 def test_a_failing_caller_lands_the_arms(commands, ending):
     process = commands.start("-c", CALLER.format(directory=str(commands.directory), ending=ending))
     commands.wait_enabled(process, "follower_left", "follower_right")
@@ -77,6 +86,7 @@ def test_a_failing_caller_lands_the_arms(commands, ending):
     commands.assert_landed()
 
 
+@pytest.mark.long
 def test_calibrate_stores_the_stops(commands):
     status = commands.run("lerobot-calibrate", "--config_path=configs/sim/calibrate.yaml")
     assert status == 0, commands.output()[-4000:]
@@ -89,8 +99,8 @@ def test_calibrate_stores_the_stops(commands):
     "argument, named",
     [
         ("--robot.left_arm_config.channel=nowhere", "nowhere"),
-        ("--robot.left_arm_config.gripper=claw", "claw"),
-        ("--robot.right_arm_config.interface=carrier_pigeon", "carrier_pigeon"),
+        pytest.param("--robot.left_arm_config.gripper=claw", "claw", marks=pytest.mark.long),
+        pytest.param("--robot.right_arm_config.interface=carrier_pigeon", "carrier_pigeon", marks=pytest.mark.long),
     ],
 )
 def test_wrong_settings_are_named_and_nothing_is_energised(commands, argument, named):

@@ -1,6 +1,6 @@
 """A recording that ends in the middle of an episode, however it ends: what was saved before stays, the arms land.
 
-The default tier runs a motor fault and SIGTERM, `-m long` every fault of the table that can strike while recording.
+The default tier runs a motor fault, `-m long` signals and every fault of the table that can strike while recording.
 """
 
 import os
@@ -210,13 +210,10 @@ def test_a_fault_ends_the_recording_with_the_name_of_the_part(recording, name):
     assert_ended_well(recording, event)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "first, second",
-    [
-        (signal.SIGTERM, None),
-        pytest.param(signal.SIGINT, signal.SIGINT, marks=pytest.mark.long),
-        pytest.param(signal.SIGHUP, signal.SIGTERM, marks=pytest.mark.long),
-    ],
+    [(signal.SIGTERM, None), (signal.SIGINT, signal.SIGINT), (signal.SIGHUP, signal.SIGTERM)],
 )
 def test_a_signal_ends_the_recording(recording, first, second):
     os.killpg(recording.process.pid, first)  # as a terminal does: the whole foreground group

@@ -27,7 +27,7 @@ SECONDS = 6.0  # a first inference can take a while
 RTC = {"type": "rtc", "queue_threshold": 8}
 INFERENCES = {"sync": {"type": "sync"}, "rtc": RTC}
 STRATEGIES = ("base", "sentry", "highlight", "episodic", "dagger")
-SHORT = {("sentry", "rtc", 1)}  # DAgger on two arms has a test of its own, below
+SHORT = {("sentry", "rtc", 1)}
 LONG = pytest.mark.long
 MATRIX = [
     pytest.param(*case, marks=[] if case in SHORT else LONG, id="-".join(map(str, case)))
@@ -124,6 +124,7 @@ def openings(rollout):
     return np.array([rollout.rig.state()["arms"][channel]["opening"] for channel in rollout.channels])
 
 
+@LONG
 def test_dagger_hands_the_arms_over_and_takes_them_back(rollout):
     for leader in LEADERS:
         rollout.rig.watch_start(leader)

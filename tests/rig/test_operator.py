@@ -20,7 +20,7 @@ from lerobot_robot_yam.rig.scene import Scene, load_scene
 
 from .stand_in import StandIn, described
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.untimed  # but for what is marked otherwise
 
 
 @pytest.fixture(scope="module")
@@ -190,6 +190,8 @@ def events_of(rig: RigControl, kind: str, count: int, pass_on: Callable[[], None
     return found
 
 
+@pytest.mark.long
+@pytest.mark.alone
 def test_its_process_moves_the_cube_through_the_real_loops():
     """The rig starts it when the arms are energised; it ends with them."""
     with running_rig(operator="pick_and_place") as rig:
@@ -200,6 +202,7 @@ def test_its_process_moves_the_cube_through_the_real_loops():
 
 
 @pytest.mark.long
+@pytest.mark.alone
 def test_its_process_attempts_a_task_again_and_again_with_the_next_seed():
     with running_rig(scene="lift_and_place", operator="lift_and_place", seed=5) as rig:
         with teleoperated(rig) as pass_on:

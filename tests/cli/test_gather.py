@@ -1,0 +1,37 @@
+"""`yam-gather`: demonstrations become a LeRobot data set, and a second run goes on where the first has ended."""
+
+import json
+
+import numpy as np
+import pytest
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+from lerobot_robot_yam.configs_command import config_path
+from tests.cli.conftest import Commands
+
+pytestmark = pytest.mark.untimed
+
+
+def test_demonstrations_are_gathered_and_more_of_them_later(tmp_path):
+    commands, root = Commands(None, tmp_path), tmp_path / "data"
+    for episodes in (1, 2):
+        arguments = [str(config_path("train/lift_and_place_eval")), f"--root={root}", f"--episodes={episodes}"]
+        assert commands.run("yam-gather", *arguments) == 0, commands.output()[-4000:]
+    assert f"the data are in {root}" in commands.output()
+    seeds = json.loads((root / "seeds.json").read_text())
+    assert sum(seeds.values()) == 2
+    data = LeRobotDataset("local/yam_gathered", root=root)
+    assert data.num_episodes == 2 and data.fps == 30
+    first, last = data[0], data[len(data) - 1]
+    assert first["action"].shape == first["observation.state"].shape == (7,)
+    for camera in ("top", "wrist_left"):
+        seen = [np.asarray(row[f"observation.images.{camera}"]) for row in (first, last)]
+        assert seen[0].shape == (3, 96, 128) and np.abs(seen[1] - seen[0]).mean() > 0.005
+
+
+def test_an_environment_in_real_time_is_refused(tmp_path):
+    config = tmp_path / "live.yaml"
+    config.write_text(config_path("train/lift_and_place_eval").read_text().replace("lockstep: true", "lockstep: false"))
+    commands = Commands(None, tmp_path)
+    assert commands.run("yam-gather", str(config), f"--root={tmp_path / 'data'}") == 1
+    assert "lockstep: true" in commands.output()
