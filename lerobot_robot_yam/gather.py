@@ -107,7 +107,12 @@ def _open(config: YamEnvConfig, root: Path, repo_id: str) -> LeRobotDataset:
     return LeRobotDataset.create(repo_id, config.fps, features_of(config), root, robot_type=robot.type, **encoding)
 
 
-def _environment(path: Path) -> YamEnvConfig:
+def environment(path: Path) -> YamEnvConfig:
+    """The environment of a `lerobot-eval` config.
+
+    Raises:
+        ConfigError: it is not ours, or not in lock-step.
+    """
     config = draccus.parse(EvalPipelineConfig, path, args=[]).env
     if not isinstance(config, YamEnvConfig) or not config.lockstep:
         raise ConfigError(f"{path}: yam-gather needs an environment of type yam with lockstep: true")
@@ -127,7 +132,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     init_logging()
     try:
-        config = _environment(options.eval_config)
+        config = environment(options.eval_config)
         tried = gather(config, options.root, options.repo_id, options.episodes, options.first_seed)
     except YamError as error:
         sys.stderr.write(f"yam-gather: {error}\n")

@@ -1,7 +1,9 @@
 """What all tests share: a runtime directory of their own, a virtual rig, and a check that nothing is left behind."""
 
 import contextlib
+import enum
 import fcntl
+import functools
 import os
 import signal
 import tempfile
@@ -22,63 +24,85 @@ signal.signal(signal.SIGHUP, signal.SIG_DFL)
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 import pytest  # noqa: E402
+from tqdm import tqdm  # noqa: E402
 
 from lerobot_robot_yam.rig.control import RigControl, running_rig  # noqa: E402
+
+tqdm.monitor_interval = 0  # LeRobot shows progress bars, whose watching thread would outlive a test
 
 _SETTLE_S = 10.0  # a rig ends about a second after its last client, a renderer with its rig
 _WORKER = "PYTEST_XDIST_WORKER" in os.environ
 _MARK = f"YAM_RUNTIME_DIR={RUNTIME}\0".encode()
 
 
-@contextlib.contextmanager
-def _locked(path: Path, kind: int) -> Iterator[None]:
-    with open(path, "w") as file:
-        fcntl.flock(file, kind)
-        yield
+class _Share(enum.IntEnum):
+    """What a test may have beside it, in the order in which they run."""
+
+    BUSY = 0
+    ALONE = 1
+    UNTIMED = 2
+    ORDINARY = 3
 
 
-def _order(item: pytest.Item) -> int:
-    """0: has the machine to itself, 1: lives by no clock, 2: the others, two of which may run at once."""
-    return 0 if item.get_closest_marker("alone") else 1 if item.get_closest_marker("untimed") else 2
+def _share(item: pytest.Item) -> _Share:
+    marked = [share for share in _Share if item.get_closest_marker(share.name.lower())]
+    return marked[0] if marked else _Share.ORDINARY
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """One of several workers does what must run alone; meanwhile another does what lives by no clock."""
+    """One of several workers does what is busy or alone; meanwhile another does what is untimed."""
     if _WORKER:
-        items.sort(key=_order)
+        items.sort(key=_share)
         for item in items:
-            order = _order(item)
-            item.add_marker(pytest.mark.xdist_group("alone" if order == 0 else f"{order}-{item.path.stem}"))
+            share = _share(item)
+            group = "busy" if share <= _Share.ALONE else f"{share.name.lower()}-{item.path.stem}"
+            item.add_marker(pytest.mark.xdist_group(group))
 
 
 @contextlib.contextmanager
 def _patient() -> Iterator[None]:
-    """At the lowest priority, where we may raise it again."""
+    """With what nobody else wants of the processors, children included; where we may take that back again."""
     if os.geteuid() != 0:
         yield
         return
-    os.setpriority(os.PRIO_PROCESS, 0, 19)
+    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
     try:
         yield
     finally:
-        os.setpriority(os.PRIO_PROCESS, 0, 0)
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
-    """Several workers share the machine as the markers say. Whoever waits first goes first."""
+@functools.cache
+def _lock(config: pytest.Config, name: str) -> int:
+    """Descriptor of a file whose lock says who may use the machine."""
+    return os.open(config._tmp_path_factory.getbasetemp().parent / name, os.O_CREAT | os.O_RDWR)
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)  # whoever waits here has not begun: no time limit runs yet
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> Iterator[None]:
+    """Several workers share the machine as the markers say; one that is busy stays so to the end of its kind."""
     if not _WORKER:
         return (yield)
-    shared = item.config._tmp_path_factory.getbasetemp().parent
-    order = _order(item)
-    with contextlib.ExitStack() as floor:
-        if order == 1:
-            floor.enter_context(_patient())
-        else:
-            with _locked(shared / "turnstile", fcntl.LOCK_EX):
-                floor.enter_context(_locked(shared / "floor", fcntl.LOCK_SH if order else fcntl.LOCK_EX))
+    share = _share(item)
+    timed, rest = _lock(item.config, "timed"), _lock(item.config, "untimed")
+    if share is _Share.UNTIMED:
+        fcntl.flock(rest, fcntl.LOCK_SH)
+        try:
+            with _patient():
+                return (yield)
+        finally:
+            fcntl.flock(rest, fcntl.LOCK_UN)
+    fcntl.flock(timed, fcntl.LOCK_SH if share is _Share.ORDINARY else fcntl.LOCK_EX)
+    if share is _Share.ALONE:
+        fcntl.flock(rest, fcntl.LOCK_EX)
+    try:
         return (yield)
+    finally:
+        following = _Share.ORDINARY if nextitem is None else _share(nextitem)
+        if following > _Share.ALONE:
+            fcntl.flock(timed, fcntl.LOCK_UN)
+            fcntl.flock(rest, fcntl.LOCK_UN)
 
 
 def _processes() -> dict[int, str]:

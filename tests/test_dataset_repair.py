@@ -16,14 +16,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lerobot.configs import RGBEncoderConfig
 from lerobot.datasets import LeRobotDataset
-from tqdm import tqdm
 
 from lerobot_robot_yam.dataset_repair import main
 from lerobot_robot_yam.repair.parquet_salvage import salvage
 
 pytestmark = pytest.mark.untimed
-
-tqdm.monitor_interval = 0  # LeRobot's writer shows progress bars, whose watching thread would outlive the test
 
 FPS, SIZE = 10, (48, 64)
 CAMERAS = ("observation.images.top", "observation.images.wrist")

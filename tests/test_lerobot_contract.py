@@ -182,7 +182,7 @@ def test_unconnected_devices_say_so(tmp_path):
 # connected: what needs a rig of its own
 
 
-@pytest.mark.alone
+@pytest.mark.busy
 def test_degrees_and_all_observations(rig, tmp_path):
     config = YamFollowerConfig(
         channel="follower_left",
@@ -214,7 +214,8 @@ def test_degrees_and_all_observations(rig, tmp_path):
     assert not any(enabled(rig, "follower_left"))
 
 
-@pytest.mark.alone
+@pytest.mark.long
+@pytest.mark.busy
 def test_calibration_is_stored_and_found_again(rig, tmp_path):
     fields = {"can_options": {"rig": rig.name}, **FIELDS}
     robot = YamFollower(YamFollowerConfig(channel="follower_left", calibration_dir=tmp_path, **fields))
@@ -238,7 +239,7 @@ def test_calibration_is_stored_and_found_again(rig, tmp_path):
 
 
 @pytest.mark.parametrize("right_channel, named", [("nowhere", "nowhere"), ("follower_right", "joint_4")])
-@pytest.mark.alone
+@pytest.mark.busy
 def test_bimanual_connect_is_all_or_nothing(rig, tmp_path, right_channel, named):
     camera = YamSimCameraConfig(camera="top", rig=rig.name)
     rig.fault("follower_right", "joint_4", "silent")
@@ -250,7 +251,7 @@ def test_bimanual_connect_is_all_or_nothing(rig, tmp_path, right_channel, named)
     assert not any(enabled(rig, "follower_left") + enabled(rig, "follower_right"))
 
 
-@pytest.mark.alone
+@pytest.mark.busy
 def test_a_missing_camera_is_noticed_before_anything_is_energised(rig, tmp_path):
     cameras = {name: YamSimCameraConfig(camera=name, rig=rig.name, width=64, height=48) for name in ("top", "attic")}
     robot = BiYamFollower(follower_config(rig.name, tmp_path, cameras=cameras))
@@ -272,7 +273,7 @@ def fresh_image(robot, camera):
             time.sleep(0.05)
 
 
-@pytest.mark.alone
+@pytest.mark.busy
 def test_a_dead_camera_does_not_keep_the_arms_from_landing(rig, tmp_path):
     camera = YamSimCameraConfig(camera="top", rig=rig.name, width=64, height=48)
     robot = BiYamFollower(follower_config(rig.name, tmp_path, cameras={"top": camera}))

@@ -15,7 +15,6 @@ from lerobot.datasets import LeRobotDataset
 from lerobot.robots import make_robot_from_config
 from lerobot.scripts import lerobot_record, lerobot_replay, lerobot_rollout
 from lerobot.utils.feature_utils import hw_to_dataset_features
-from tqdm import tqdm
 
 from lerobot_robot_yam.arm.safety import refuse_degrees
 from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig
@@ -29,8 +28,6 @@ from tests.cli.conftest import ROOT
 from tests.policy_plugin.checkpoints import save_scripted, statistics
 
 pytestmark = pytest.mark.untimed  # but for what is marked otherwise
-
-tqdm.monitor_interval = 0  # loading a data set shows progress bars, whose watching thread would outlive the test
 
 IS_JOINT = np.array(([True] * 6 + [False]) * 2)
 NOWHERE = {"interface": "carrier_pigeon", "channel": "none"}  # whoever opens it fails otherwise than these tests expect
@@ -226,7 +223,7 @@ def test_commands_without_a_recording_are_not_looked_at(monkeypatch, caplog):
 # in whatever program
 
 
-@pytest.mark.alone
+@pytest.mark.busy
 def test_a_leader_in_degrees_does_not_lead_a_follower_in_radians(rig, tmp_path):
     fields = {"interface": "yam_sim", "can_options": {"rig": rig.name}, "gripper_stops_rad": [3.25, -3.3]}
     arms = {f"{side}_arm_config": FollowerArmConfig(channel=f"follower_{side}", **fields) for side in ("left", "right")}

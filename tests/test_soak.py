@@ -161,7 +161,7 @@ def test_the_schedule_depends_on_the_seed_only(soak):
     assert {i.kind for i in make(3600.0, 1)} == set(soak.schedule.KINDS)
 
 
-@pytest.mark.alone
+@pytest.mark.busy
 def test_the_monitor_sees_an_arm_fall(rig):
     """A whole judge against a real fall: torque cut in the air, by somebody who may not."""
     config = ArmConfig(

@@ -1,11 +1,15 @@
 """Opening an arm's CAN channel, with errors that say what to check."""
 
+import logging
 from collections.abc import Sequence
 
 import can
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import BusError, YamError
+
+# LeRobot's commands open the root logger to every level, and python-can would make a record of each frame it receives.
+logging.getLogger("can.bus").setLevel(logging.INFO)
 
 _BITRATE = 1_000_000
 _ID_MASK = 0x7FF

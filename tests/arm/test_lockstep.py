@@ -89,7 +89,7 @@ def test_requests_are_answered(rig):
     session.discard()
 
 
-@pytest.mark.alone
+@pytest.mark.busy
 def test_only_a_world_of_ones_own_can_be_discarded(rig):
     session, _ = moved(rig)
     session.discard()

@@ -316,7 +316,7 @@ time.sleep(60)
 """
 
 
-@pytest.mark.parametrize("signal_number", [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize("signal_number", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
 def test_a_dead_caller_leaves_a_landed_arm(rig, signal_number):
     caller = subprocess.Popen([sys.executable, "-c", CALLER, arm_config(rig).to_json()], stdout=subprocess.PIPE)
     assert caller.stdout.readline() == b"up\n"

@@ -21,7 +21,7 @@ from lerobot_robot_yam.shared_block import SharedBlock
 
 from .rigged import sim_config, track
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.busy
 
 logger = logging.getLogger(__name__)
 

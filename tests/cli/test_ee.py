@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 import yaml
 from lerobot.datasets import LeRobotDataset
-from tqdm import tqdm
 
 from lerobot_robot_yam.feature_names import TOOL_NUMBERS
 from tests.cli.conftest import CHANNELS, ROOT
 
 logger = logging.getLogger(__name__)
 
-pytestmark = [pytest.mark.long, pytest.mark.alone, pytest.mark.timeout(900)]
-tqdm.monitor_interval = 0  # loading a data set shows progress bars, whose watching thread would outlive the test
+pytestmark = [pytest.mark.long, pytest.mark.busy, pytest.mark.timeout(900)]
 
 FPS, SECONDS = 30, 12
 KEYS = [

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.busy
 
 ARMS = ("follower_left", "follower_right", "leader_left", "leader_right")
 
@@ -95,12 +95,13 @@ def test_calibrate_stores_the_stops(commands):
     commands.assert_landed()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "argument, named",
     [
         ("--robot.left_arm_config.channel=nowhere", "nowhere"),
-        pytest.param("--robot.left_arm_config.gripper=claw", "claw", marks=pytest.mark.long),
-        pytest.param("--robot.right_arm_config.interface=carrier_pigeon", "carrier_pigeon", marks=pytest.mark.long),
+        ("--robot.left_arm_config.gripper=claw", "claw"),
+        ("--robot.right_arm_config.interface=carrier_pigeon", "carrier_pigeon"),
     ],
 )
 def test_wrong_settings_are_named_and_nothing_is_energised(commands, argument, named):

@@ -75,6 +75,7 @@ def test_replayed_actions_succeed_again_on_one_rig_and_on_two(commands):
     assert evaluate(commands, "two", policy, 2, 2) == outcomes
 
 
+@pytest.mark.long
 def test_doing_nothing_never_succeeds(commands):
     policy = save_replayed(commands.directory / "policy", arms=1)
     assert evaluate(commands, "nothing", policy, 1, 1) == [False]

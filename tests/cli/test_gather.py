@@ -7,6 +7,8 @@ import pytest
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 from lerobot_robot_yam.configs_command import config_path
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.gather import environment
 from tests.cli.conftest import Commands
 
 pytestmark = pytest.mark.untimed
@@ -32,6 +34,5 @@ def test_demonstrations_are_gathered_and_more_of_them_later(tmp_path):
 def test_an_environment_in_real_time_is_refused(tmp_path):
     config = tmp_path / "live.yaml"
     config.write_text(config_path("train/lift_and_place_eval").read_text().replace("lockstep: true", "lockstep: false"))
-    commands = Commands(None, tmp_path)
-    assert commands.run("yam-gather", str(config), f"--root={tmp_path / 'data'}") == 1
-    assert "lockstep: true" in commands.output()
+    with pytest.raises(ConfigError, match="lockstep: true"):
+        environment(config)

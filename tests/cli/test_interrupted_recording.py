@@ -13,14 +13,11 @@ from pathlib import Path
 import pytest
 import yaml
 from lerobot.datasets import LeRobotDataset
-from tqdm import tqdm
 
 from lerobot_robot_yam.dataset_repair import main as repair
 from tests.cli.conftest import CHANNELS, ROOT
 
 pytestmark = pytest.mark.alone
-
-tqdm.monitor_interval = 0  # loading a data set shows progress bars, whose watching thread would outlive the test
 
 FPS, SECONDS = 15, 3
 ATTEMPTS = 3  # a machine that is too busy may end a recording on its own: camera stale, motors silent

@@ -13,7 +13,7 @@ import yaml
 from tests.cli.conftest import ROOT
 from tests.openpi.server import RAISE_RAD, STEPS
 
-pytestmark = pytest.mark.alone
+pytestmark = [pytest.mark.long, pytest.mark.busy]
 
 FPS = 15
 ARMS = ("follower_left", "follower_right")
@@ -128,7 +128,7 @@ def assert_asked(server):
     assert states.shape[1] == 14 and np.ptp(states[:, 1]) > 0.05  # it saw the arm move
 
 
-@pytest.mark.parametrize("engine", ["sync", pytest.param("rtc", marks=pytest.mark.long)])
+@pytest.mark.parametrize("engine", ["sync", "rtc"])
 def test_a_killed_server(commands, server, roll_out, engine):
     ahead = [f"--inference.queue_threshold={STEPS // 2}"] if engine == "rtc" else []
     rollout = roll_out(f"--inference.type={engine}", *ahead)
@@ -150,7 +150,6 @@ def test_a_killed_server(commands, server, roll_out, engine):
     commands.assert_landed()
 
 
-@pytest.mark.long
 def test_a_server_drives_the_arms_to_the_end(commands, server, roll_out):
     rollout = roll_out("--duration=8", camera=True)
     rollout.watch(lambda: False)
@@ -161,7 +160,6 @@ def test_a_server_drives_the_arms_to_the_end(commands, server, roll_out):
     commands.assert_landed()
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("server", [("--silent-after=8",)], indirect=True)
 def test_a_silent_server(commands, server, roll_out):
     rollout = roll_out("--policy.response_timeout_s=4")

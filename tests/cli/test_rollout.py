@@ -11,15 +11,12 @@ import time
 import numpy as np
 import pytest
 from lerobot.datasets import LeRobotDataset
-from tqdm import tqdm
 
 from tests.cli.rolling import FOLLOWERS, FPS, Rollout, config, data_set, one_arm
 from tests.cli.test_record import BI_KEYS, KEYS
 from tests.policy_plugin.checkpoints import statistics
 
-pytestmark = pytest.mark.alone
-
-tqdm.monitor_interval = 0  # loading a data set shows progress bars, whose watching thread would outlive the test
+pytestmark = pytest.mark.busy
 
 LEADERS = ("leader_left", "leader_right")
 AMPLITUDE_RAD = 0.3
@@ -232,6 +229,7 @@ def test_two_signals_land_the_arms_too(rollout, number):
 # degrees and radians
 
 
+@LONG
 def test_a_checkpoint_in_another_unit_is_refused_before_anything_is_energised(rollout):
     rollout.begin(config("rollout"), "sines", stats=statistics(2, degrees=True))
     assert rollout.end() == 1

@@ -109,7 +109,7 @@ def test_a_prop_out_of_reach_is_put_back(task, world):
     assert task.step()
 
 
-@pytest.mark.parametrize("after_s", [0.8, 2.5])
+@pytest.mark.parametrize("after_s", [pytest.param(0.8, marks=pytest.mark.long), 2.5])
 def test_a_follower_that_stops_following_is_waited_for(task, world, after_s):
     """As between two episodes, when nobody passes the leader's pose on."""
     started = world.now()
@@ -191,7 +191,7 @@ def events_of(rig: RigControl, kind: str, count: int, pass_on: Callable[[], None
 
 
 @pytest.mark.long
-@pytest.mark.alone
+@pytest.mark.busy
 def test_its_process_moves_the_cube_through_the_real_loops():
     """The rig starts it when the arms are energised; it ends with them."""
     with running_rig(operator="pick_and_place") as rig:
@@ -202,7 +202,7 @@ def test_its_process_moves_the_cube_through_the_real_loops():
 
 
 @pytest.mark.long
-@pytest.mark.alone
+@pytest.mark.busy
 def test_its_process_attempts_a_task_again_and_again_with_the_next_seed():
     with running_rig(scene="lift_and_place", operator="lift_and_place", seed=5) as rig:
         with teleoperated(rig) as pass_on:
