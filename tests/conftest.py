@@ -1,9 +1,7 @@
 """What all tests share: a runtime directory of their own, a virtual rig, and a check that nothing is left behind."""
 
 import contextlib
-import enum
 import fcntl
-import functools
 import os
 import signal
 import tempfile
@@ -28,81 +26,59 @@ from tqdm import tqdm  # noqa: E402
 
 from lerobot_robot_yam.rig.control import RigControl, running_rig  # noqa: E402
 
+from .stillness import Stillness  # noqa: E402
+
 tqdm.monitor_interval = 0  # LeRobot shows progress bars, whose watching thread would outlive a test
 
 _SETTLE_S = 10.0  # a rig ends about a second after its last client, a renderer with its rig
 _WORKER = "PYTEST_XDIST_WORKER" in os.environ
 _MARK = f"YAM_RUNTIME_DIR={RUNTIME}\0".encode()
+_stillness = Stillness(Path(os.environ.setdefault("YAM_TEST_STILLNESS", str(RUNTIME) + "-stillness")))
+_begun = 0.0  # the present attempt at a test
 
 
-class _Share(enum.IntEnum):
-    """What a test may have beside it, in the order in which they run."""
-
-    BUSY = 0
-    ALONE = 1
-    UNTIMED = 2
-    ORDINARY = 3
+def pytest_configure(config: pytest.Config) -> None:
+    """One process for all workers."""
+    if not _WORKER:
+        config.add_cleanup(_stillness.start().kill)
 
 
-def _share(item: pytest.Item) -> _Share:
-    marked = [share for share in _Share if item.get_closest_marker(share.name.lower())]
-    return marked[0] if marked else _Share.ORDINARY
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup() -> None:
+    """What stood still before does not count."""
+    global _begun
+    _begun = time.monotonic()
+
+
+def _disturbed() -> bool:
+    return _stillness.late_s() > _begun
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """One of several workers does what is busy or alone; meanwhile another does what is untimed."""
-    if _WORKER:
-        items.sort(key=_share)
-        for item in items:
-            share = _share(item)
-            group = "busy" if share <= _Share.ALONE else f"{share.name.lower()}-{item.path.stem}"
-            item.add_marker(pytest.mark.xdist_group(group))
+    """A failure on a machine that stood still is tried again."""
+    for item in items:
+        item.add_marker(pytest.mark.flaky(reruns=2, condition=_disturbed))
 
 
 @contextlib.contextmanager
-def _patient() -> Iterator[None]:
-    """With what nobody else wants of the processors, children included; where we may take that back again."""
-    if os.geteuid() != 0:
+def _locked(path: Path, kind: int) -> Iterator[None]:
+    with open(path, "w") as file:
+        fcntl.flock(file, kind)
         yield
-        return
-    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
-    try:
-        yield
-    finally:
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
-@functools.cache
-def _lock(config: pytest.Config, name: str) -> int:
-    """Descriptor of a file whose lock says who may use the machine."""
-    return os.open(config._tmp_path_factory.getbasetemp().parent / name, os.O_CREAT | os.O_RDWR)
-
-
-@pytest.hookimpl(wrapper=True, tryfirst=True)  # whoever waits here has not begun: no time limit runs yet
-def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> Iterator[None]:
-    """Several workers share the machine as the markers say; one that is busy stays so to the end of its kind."""
-    if not _WORKER:
+@pytest.hookimpl(wrapper=True, tryfirst=True)  # no time limit runs yet for who waits here
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Several workers share the machine; a test marked `alone` has it to itself. Whoever waits first goes first."""
+    shared = item.config._tmp_path_factory.getbasetemp()
+    if _WORKER:
+        shared = shared.parent
+    with contextlib.ExitStack() as floor:
+        with _locked(shared / "turnstile", fcntl.LOCK_EX):
+            alone = item.get_closest_marker("alone") is not None
+            floor.enter_context(_locked(shared / "floor", fcntl.LOCK_EX if alone else fcntl.LOCK_SH))
         return (yield)
-    share = _share(item)
-    timed, rest = _lock(item.config, "timed"), _lock(item.config, "untimed")
-    if share is _Share.UNTIMED:
-        fcntl.flock(rest, fcntl.LOCK_SH)
-        try:
-            with _patient():
-                return (yield)
-        finally:
-            fcntl.flock(rest, fcntl.LOCK_UN)
-    fcntl.flock(timed, fcntl.LOCK_SH if share is _Share.ORDINARY else fcntl.LOCK_EX)
-    if share is _Share.ALONE:
-        fcntl.flock(rest, fcntl.LOCK_EX)
-    try:
-        return (yield)
-    finally:
-        following = _Share.ORDINARY if nextitem is None else _share(nextitem)
-        if following > _Share.ALONE:
-            fcntl.flock(timed, fcntl.LOCK_UN)
-            fcntl.flock(rest, fcntl.LOCK_UN)
 
 
 def _processes() -> dict[int, str]:
@@ -154,3 +130,5 @@ def pytest_sessionfinish() -> None:
     import shutil
 
     shutil.rmtree(RUNTIME, ignore_errors=True)
+    if not _WORKER:
+        Path(os.environ["YAM_TEST_STILLNESS"]).unlink(missing_ok=True)

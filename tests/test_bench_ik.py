@@ -12,8 +12,6 @@ import pytest
 from lerobot_robot_yam.arm.kinematics import YamKinematics
 from lerobot_robot_yam.arm.model import build_model
 
-pytestmark = pytest.mark.untimed
-
 SCRIPTS = Path(__file__).parent.parent / "scripts"
 
 

@@ -25,8 +25,6 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.gather import features_of
 from lerobot_robot_yam.rig.scene import load_scene
 
-pytestmark = pytest.mark.untimed
-
 
 class PolicylessRolloutConfig(RolloutConfig):
     """These configs leave the policy to the command line, where LeRobot's own class looks for it while it is made."""

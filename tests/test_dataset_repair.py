@@ -20,8 +20,6 @@ from lerobot.datasets import LeRobotDataset
 from lerobot_robot_yam.dataset_repair import main
 from lerobot_robot_yam.repair.parquet_salvage import salvage
 
-pytestmark = pytest.mark.untimed
-
 FPS, SIZE = 10, (48, 64)
 CAMERAS = ("observation.images.top", "observation.images.wrist")
 DEPTH = "observation.images.top_depth"

@@ -9,8 +9,6 @@ from lerobot_robot_yam.follower_options import FollowerArmConfig
 from lerobot_robot_yam.rig.tasks import SCRIPTS
 from lerobot_robot_yam.yam_env import YamEnv
 
-pytestmark = pytest.mark.untimed
-
 SEEDS = range(50)
 LEAST = 0.95
 

@@ -14,8 +14,6 @@ from lerobot_robot_yam.ee_space import Tool
 from lerobot_robot_yam.errors import ActionError
 from lerobot_robot_yam.feature_names import TOOL_NUMBERS
 
-pytestmark = pytest.mark.untimed
-
 Q = np.array([0.3, 1.2, 1.0, -1.0, 0.2, -0.3])
 EE = ["ee.x", "ee.y", "ee.z", "ee.wx", "ee.wy", "ee.wz"]
 

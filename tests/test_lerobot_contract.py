@@ -24,8 +24,6 @@ from lerobot_teleoperator_yam.config_bi_yam_leader import BiYamLeaderConfig
 from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
 
-pytestmark = pytest.mark.untimed  # but for what is marked otherwise
-
 KEYS = [*(f"joint_{n}.pos" for n in range(1, 7)), "gripper.pos"]
 BI_KEYS = [f"{side}_{key}" for side in ("left", "right") for key in KEYS]
 STOPS_RAD = [3.25, -3.3]
@@ -182,7 +180,7 @@ def test_unconnected_devices_say_so(tmp_path):
 # connected: what needs a rig of its own
 
 
-@pytest.mark.busy
+@pytest.mark.alone
 def test_degrees_and_all_observations(rig, tmp_path):
     config = YamFollowerConfig(
         channel="follower_left",
@@ -215,7 +213,7 @@ def test_degrees_and_all_observations(rig, tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.busy
+@pytest.mark.alone
 def test_calibration_is_stored_and_found_again(rig, tmp_path):
     fields = {"can_options": {"rig": rig.name}, **FIELDS}
     robot = YamFollower(YamFollowerConfig(channel="follower_left", calibration_dir=tmp_path, **fields))
@@ -239,7 +237,7 @@ def test_calibration_is_stored_and_found_again(rig, tmp_path):
 
 
 @pytest.mark.parametrize("right_channel, named", [("nowhere", "nowhere"), ("follower_right", "joint_4")])
-@pytest.mark.busy
+@pytest.mark.alone
 def test_bimanual_connect_is_all_or_nothing(rig, tmp_path, right_channel, named):
     camera = YamSimCameraConfig(camera="top", rig=rig.name)
     rig.fault("follower_right", "joint_4", "silent")
@@ -251,7 +249,7 @@ def test_bimanual_connect_is_all_or_nothing(rig, tmp_path, right_channel, named)
     assert not any(enabled(rig, "follower_left") + enabled(rig, "follower_right"))
 
 
-@pytest.mark.busy
+@pytest.mark.alone
 def test_a_missing_camera_is_noticed_before_anything_is_energised(rig, tmp_path):
     cameras = {name: YamSimCameraConfig(camera=name, rig=rig.name, width=64, height=48) for name in ("top", "attic")}
     robot = BiYamFollower(follower_config(rig.name, tmp_path, cameras=cameras))
@@ -273,7 +271,7 @@ def fresh_image(robot, camera):
             time.sleep(0.05)
 
 
-@pytest.mark.busy
+@pytest.mark.alone
 def test_a_dead_camera_does_not_keep_the_arms_from_landing(rig, tmp_path):
     camera = YamSimCameraConfig(camera="top", rig=rig.name, width=64, height=48)
     robot = BiYamFollower(follower_config(rig.name, tmp_path, cameras={"top": camera}))

@@ -14,7 +14,7 @@ from lerobot_robot_yam.rig.control import running_rig
 from lerobot_teleoperator_yam.bi_yam_leader import BiYamLeader
 from tests.test_lerobot_contract import BI_KEYS, enabled, follower_config, leader_config, settle
 
-pytestmark = pytest.mark.busy
+pytestmark = pytest.mark.alone
 
 
 @pytest.fixture(scope="module")

@@ -27,8 +27,6 @@ from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
 from tests.cli.conftest import ROOT
 from tests.policy_plugin.checkpoints import save_scripted, statistics
 
-pytestmark = pytest.mark.untimed  # but for what is marked otherwise
-
 IS_JOINT = np.array(([True] * 6 + [False]) * 2)
 NOWHERE = {"interface": "carrier_pigeon", "channel": "none"}  # whoever opens it fails otherwise than these tests expect
 POSE_RAD = np.array([0.3, 1.2, 1.1, -0.5, 0.2, 0.3, 0.5] * 2)
@@ -223,7 +221,7 @@ def test_commands_without_a_recording_are_not_looked_at(monkeypatch, caplog):
 # in whatever program
 
 
-@pytest.mark.busy
+@pytest.mark.alone
 def test_a_leader_in_degrees_does_not_lead_a_follower_in_radians(rig, tmp_path):
     fields = {"interface": "yam_sim", "can_options": {"rig": rig.name}, "gripper_stops_rad": [3.25, -3.3]}
     arms = {f"{side}_arm_config": FollowerArmConfig(channel=f"follower_{side}", **fields) for side in ("left", "right")}

@@ -7,8 +7,6 @@ import textwrap
 
 import pytest
 
-pytestmark = pytest.mark.untimed
-
 TYPES = {
     "lerobot.robots": ("RobotConfig", ["yam_follower", "bi_yam_follower"]),
     "lerobot.teleoperators": ("TeleoperatorConfig", ["yam_leader", "bi_yam_leader"]),

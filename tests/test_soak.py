@@ -15,8 +15,6 @@ from lerobot_robot_yam.arm.policy import Trouble
 from lerobot_robot_yam.arm.session import ArmSession
 from lerobot_robot_yam.arm.state import STATE_DTYPE, Limited
 
-pytestmark = pytest.mark.untimed  # but for what is marked otherwise
-
 SCRIPTS = Path(__file__).parent.parent / "scripts"
 CHANNEL, PEER = "follower_left", "follower_right"
 LIMITS = np.array([1.5] * 6 + [2.5])
@@ -161,7 +159,7 @@ def test_the_schedule_depends_on_the_seed_only(soak):
     assert {i.kind for i in make(3600.0, 1)} == set(soak.schedule.KINDS)
 
 
-@pytest.mark.busy
+@pytest.mark.alone
 def test_the_monitor_sees_an_arm_fall(rig):
     """A whole judge against a real fall: torque cut in the air, by somebody who may not."""
     config = ArmConfig(

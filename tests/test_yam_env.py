@@ -42,7 +42,6 @@ def attempt(env, seed):
     return np.array([f.observation["agent_pos"] for f in frames]), np.array([f.action for f in frames]), frames[-1]
 
 
-@pytest.mark.untimed
 def test_it_is_an_environment(lockstep):
     observation, info = lockstep.reset(seed=3)
     assert lockstep.observation_space.contains(observation)
@@ -57,7 +56,6 @@ def test_it_is_an_environment(lockstep):
         assert (reward, terminated, truncated, info) == (0.0, False, False, {"is_success": False})
 
 
-@pytest.mark.untimed
 def test_the_operators_attempt_succeeds_and_its_actions_do_again(lockstep):
     states, actions, last = attempt(lockstep, seed=5)
     assert last.success
@@ -68,7 +66,6 @@ def test_the_operators_attempt_succeeds_and_its_actions_do_again(lockstep):
     assert terminated and reward == 1.0 and info["is_success"]
 
 
-@pytest.mark.untimed
 def test_seeds_differ_and_time_is_up_without_success(tmp_path):
     env = YamEnv(YamEnvConfig(robot=robot(tmp_path), lockstep=True, time_limit_s=0.5))
     try:
@@ -83,7 +80,6 @@ def test_seeds_differ_and_time_is_up_without_success(tmp_path):
 
 
 @pytest.mark.parametrize(("action", "says"), [([np.nan] * 7, "joint_1"), ([0.0] * 6, "6 values, the robot takes 7")])
-@pytest.mark.untimed
 def test_bad_actions_are_refused_and_nothing_moves(lockstep, action, says):
     observation, _ = lockstep.reset(seed=3)
     with pytest.raises(ActionError, match=says):
@@ -102,7 +98,6 @@ def two_arms(tmp_path):
     return BiYamFollowerConfig(calibration_dir=tmp_path, **arms)
 
 
-@pytest.mark.untimed
 def test_two_arms_have_two_places(tmp_path):
     config = YamEnvConfig(robot=two_arms(tmp_path), lockstep=True, task="handover")
     assert config.features["action"].shape == (14,)
@@ -115,7 +110,6 @@ def test_two_arms_have_two_places(tmp_path):
         env.close()
 
 
-@pytest.mark.untimed
 def test_a_finished_environment_freezes_until_a_new_rollout(tmp_path):
     config = YamEnvConfig(robot=robot(tmp_path, cameras={}), lockstep=True, time_limit_s=0.1)
     (vector,) = config.create_envs(1)["yam"].values()
@@ -178,7 +172,6 @@ def test_an_operator_lays_out_and_judges(tmp_path, monkeypatch):
             os.close(terminal)
 
 
-@pytest.mark.untimed
 def test_what_cannot_be_is_said(tmp_path):
     with pytest.raises(ConfigError, match="choose the robot"):
         YamEnvConfig().create_envs(1)
@@ -205,7 +198,6 @@ def test_several_on_live_rigs_have_one_each(tmp_path):
     makers.close()
 
 
-@pytest.mark.untimed
 def test_an_operator_that_fails_is_an_error(lockstep):
     observation, _ = lockstep.reset(seed=3)
     rig, _ = lockstep.lockstep_task()

@@ -14,6 +14,7 @@ from lerobot_robot_yam.damiao.tables import Fault, fault_text
 logger = logging.getLogger(__name__)
 
 _MOTOR_MISSED = 10  # a lost motor has let so many questions in a row go by: a machine that stood still has not asked
+_CHANNEL_MISSED = 5  # of every motor: the first of them to be lost does not name the trouble
 _HANDLE_SILENT_S = 0.25
 _WINDOW_S = 0.5  # strangers are counted over so long
 _DUPLICATES = 5  # answers beyond the questions and beyond those that merely came late
@@ -44,8 +45,11 @@ class MotorWatch:
         answered = chain.stamp_s > self._stamp_s
         self._stamp_s = chain.stamp_s
         self._lost_before = np.where(answered, chain.lost, self._lost_before)
-        silent = (now - chain.stamp_s > SILENT_S) & (chain.lost - self._lost_before >= _MOTOR_MISSED)
+        missed = chain.lost - self._lost_before
+        silent = (now - chain.stamp_s > SILENT_S) & (missed >= _MOTOR_MISSED)
         bad = silent | (chain.fault != Fault.NORMAL)
+        if silent.any() and not silent.all() and (missed >= _CHANNEL_MISSED).all():
+            return Finding(bad & ~silent)  # the others have fallen silent too: soon it is the channel and not a motor
         if not bad.any():
             trouble, message = self._strangers.check(now)
             return Finding(bad, trouble, message)

@@ -9,8 +9,6 @@ from lerobot_robot_yam.arm.profile import ARMS, GRIPPERS, load_arm, load_gripper
 from lerobot_robot_yam.arm.workspace import KeepOut, WorkspaceConfig
 from lerobot_robot_yam.errors import ConfigError
 
-pytestmark = pytest.mark.untimed
-
 HOME = np.array([0.0, 1.2, 1.2, -0.5, 0.0, 0.0])
 MARGIN = 0.02
 COMBINATIONS = [(arm, gripper) for arm in ARMS for gripper in GRIPPERS]

@@ -11,8 +11,6 @@ from lerobot_robot_yam.arm.model import Load
 from lerobot_robot_yam.arm.profile import ARMS, GRIPPERS, load_gripper
 from lerobot_robot_yam.errors import ConfigError
 
-pytestmark = pytest.mark.untimed
-
 GOLDEN = Path(__file__).parents[1] / "golden"
 Q = np.array([0.3, 1.0, 1.2, -0.4, 0.5, -0.6])
 

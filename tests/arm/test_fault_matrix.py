@@ -23,7 +23,7 @@ from lerobot_robot_yam.rig.control import RigControl, running_rig
 
 from .rigged import sim_config, track
 
-pytestmark = pytest.mark.busy
+pytestmark = pytest.mark.alone
 
 LEFT, RIGHT, LEADER = "follower_left", "follower_right", "leader_left"
 AWAY = np.array([0.1, 0.9, 0.9, -0.3, 0.1, 0.1])

@@ -9,8 +9,6 @@ from lerobot_robot_yam.arm.profile import load_arm, load_gripper
 from lerobot_robot_yam.arm.setpoint import SetPoint
 from lerobot_robot_yam.arm.workspace import KeepOut, WorkspaceConfig
 
-pytestmark = pytest.mark.untimed
-
 DT = 0.004
 SPEED, ACCELERATION = 1.5, 30.0
 MARGIN = 0.02

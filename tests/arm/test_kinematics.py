@@ -19,8 +19,6 @@ from lerobot_robot_yam.arm.tool_vector import downward, pose_to_vector, vector_t
 from lerobot_robot_yam.arm.workspace import WorkspaceConfig
 from lerobot_robot_yam.errors import ActionError, ConfigError
 
-pytestmark = pytest.mark.untimed
-
 GOLDEN = json.loads((Path(__file__).parents[1] / "golden" / "fk.json").read_text())["cases"]
 GRIPPER = "linear_4310"
 SITES = ("tcp_site", "grasp_site")

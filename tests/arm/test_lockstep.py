@@ -12,8 +12,6 @@ from lerobot_robot_yam.rig.lockstep import LockstepRig
 
 from .rigged import sim_config
 
-pytestmark = pytest.mark.untimed  # but for what is marked otherwise
-
 CHANNELS = ("follower_left", "follower_right")
 GOAL = np.array([0.3, 0.8, 0.9, -0.2, 0.0, 0.1])
 
@@ -89,7 +87,7 @@ def test_requests_are_answered(rig):
     session.discard()
 
 
-@pytest.mark.busy
+@pytest.mark.alone
 def test_only_a_world_of_ones_own_can_be_discarded(rig):
     session, _ = moved(rig)
     session.discard()

@@ -8,8 +8,6 @@ from lerobot_robot_yam.arm.model import Physics, build_model, build_spec
 from lerobot_robot_yam.arm.profile import ARMS, GRIPPERS, load_arm, load_gripper
 from lerobot_robot_yam.errors import ConfigError
 
-pytestmark = pytest.mark.untimed
-
 COMBINATIONS = [(arm, gripper) for arm in ARMS for gripper in GRIPPERS]
 MOTORISED = [g for g in GRIPPERS if load_gripper(g).motor]
 

@@ -8,8 +8,6 @@ from lerobot_robot_yam.arm.profile import ARMS, GRIPPERS, NO_ARM, load_arm, load
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import ConfigError
 
-pytestmark = pytest.mark.untimed
-
 
 @pytest.mark.parametrize("name", ARMS)
 def test_arm_is_complete_and_consistent_with_its_motors(name):

@@ -21,7 +21,7 @@ from lerobot_robot_yam.shared_block import SharedBlock
 
 from .rigged import sim_config, track
 
-pytestmark = pytest.mark.busy
+pytestmark = pytest.mark.alone
 
 logger = logging.getLogger(__name__)
 

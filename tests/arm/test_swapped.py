@@ -11,7 +11,7 @@ from lerobot_robot_yam.rig.control import running_rig
 
 from .rigged import sim_config
 
-pytestmark = pytest.mark.busy
+pytestmark = pytest.mark.alone
 
 FOLLOWERS = ("follower_left", "follower_right")
 

@@ -12,7 +12,7 @@ import yaml
 from tests.cli.rolling import FOLLOWERS, FPS, Rollout, config
 from tests.policy_plugin.checkpoints import save_act
 
-pytestmark = pytest.mark.busy
+pytestmark = pytest.mark.alone
 
 HOLD_S = 0.6
 STILL_RAD_S = 0.02

@@ -14,7 +14,7 @@ from tests.cli.conftest import CHANNELS, ROOT
 
 logger = logging.getLogger(__name__)
 
-pytestmark = [pytest.mark.long, pytest.mark.busy, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.long, pytest.mark.alone, pytest.mark.timeout(900)]
 
 FPS, SECONDS = 30, 12
 KEYS = [

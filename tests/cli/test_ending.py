@@ -6,8 +6,11 @@ import time
 
 import pytest
 
-pytestmark = pytest.mark.busy
+from .conftest import CALM
 
+pytestmark = pytest.mark.alone
+
+TELEOPERATE = ["--config_path=configs/sim/teleoperate.yaml", *CALM]
 ARMS = ("follower_left", "follower_right", "leader_left", "leader_right")
 
 
@@ -26,7 +29,7 @@ def raise_leaders(commands):
 @pytest.mark.long
 def test_teleoperate_ends_by_itself_under_the_operators_hands(shared_commands):
     commands = shared_commands
-    status = commands.run("lerobot-teleoperate", "--config_path=configs/sim/teleoperate.yaml", "--teleop_time_s=8")
+    status = commands.run("lerobot-teleoperate", *TELEOPERATE, "--teleop_time_s=8")
     assert status == 0, commands.output()[-4000:]
     assert "control loop:" in commands.output()  # the statistics of every session
     assert "motor fault" not in commands.output()
@@ -42,7 +45,7 @@ def test_teleoperate_ends_by_itself_under_the_operators_hands(shared_commands):
     ],
 )
 def test_signals_land_the_arms(commands, first, second):
-    process = commands.start("lerobot-teleoperate", "--config_path=configs/sim/teleoperate.yaml", "--teleop_time_s=120")
+    process = commands.start("lerobot-teleoperate", *TELEOPERATE, "--teleop_time_s=120")
     commands.wait_enabled(process, *ARMS)
     raise_leaders(commands)
     os.killpg(process.pid, first)  # as a terminal does: the whole foreground group

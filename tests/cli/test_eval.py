@@ -15,8 +15,6 @@ from tests.cli.conftest import Commands
 from tests.policy_plugin.checkpoints import save_replayed
 from tests.test_yam_env import two_arms
 
-pytestmark = pytest.mark.untimed
-
 CONFIG = "train/lift_and_place_eval"
 SEED = 1000  # LeRobot's own
 

@@ -11,8 +11,6 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.gather import environment
 from tests.cli.conftest import Commands
 
-pytestmark = pytest.mark.untimed
-
 
 def test_demonstrations_are_gathered_and_more_of_them_later(tmp_path):
     commands, root = Commands(None, tmp_path), tmp_path / "data"

@@ -13,7 +13,7 @@ import yaml
 from tests.cli.conftest import ROOT
 from tests.openpi.server import RAISE_RAD, STEPS
 
-pytestmark = [pytest.mark.long, pytest.mark.busy]
+pytestmark = [pytest.mark.long, pytest.mark.alone]
 
 FPS = 15
 ARMS = ("follower_left", "follower_right")

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from lerobot.datasets import LeRobotDataset
 
+from .conftest import CALM
+
 pytestmark = pytest.mark.alone
 
 KEYS = [*(f"joint_{n}.pos" for n in range(1, 7)), "gripper.pos"]
@@ -22,6 +24,7 @@ def recorded(shared_commands):
     status = commands.run(
         "lerobot-record",
         "--config_path=configs/sim/record.yaml",
+        *CALM,
         f"--dataset.root={root}",
         "--dataset.no_stamp=true",
         f"--dataset.episode_time_s={SECONDS}",

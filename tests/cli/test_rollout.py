@@ -16,7 +16,7 @@ from tests.cli.rolling import FOLLOWERS, FPS, Rollout, config, data_set, one_arm
 from tests.cli.test_record import BI_KEYS, KEYS
 from tests.policy_plugin.checkpoints import statistics
 
-pytestmark = pytest.mark.busy
+pytestmark = pytest.mark.alone
 
 LEADERS = ("leader_left", "leader_right")
 AMPLITUDE_RAD = 0.3

@@ -28,8 +28,6 @@ from lerobot_robot_yam.errors import MotorError
 from .cases import finite, for_all
 from .frames import SPECS, NoisyBus, impostors, is_classic_data, messages
 
-pytestmark = pytest.mark.untimed
-
 
 def owner(message):
     """Number of the motor whose answer this is, by the book; None if it is nobody's."""

@@ -28,8 +28,6 @@ from lerobot_teleoperator_yam.yam_leader import YamLeader
 
 from .cases import documents, for_all, workspaces
 
-pytestmark = pytest.mark.untimed
-
 ONE = {YamFollowerConfig: YamFollower, YamLeaderConfig: YamLeader}
 TWO = {BiYamFollowerConfig: BiYamFollower, BiYamLeaderConfig: BiYamLeader}
 NOT_OURS = ("id", "calibration_dir", "left_arm_config", "right_arm_config")  # LeRobot makes paths of the first two

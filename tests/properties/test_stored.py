@@ -22,8 +22,6 @@ from lerobot_robot_yam.shared_block import SharedBlock
 
 from .cases import SPECIAL, documents, for_all, mutations, numbers
 
-pytestmark = pytest.mark.untimed
-
 DTYPE = np.dtype([("counter", "u8"), ("values", "f8", 6), ("text", "S9")])
 HEADER = 24  # bytes before the record: magic, sequence, size, checksum
 _FRESH = itertools.count()

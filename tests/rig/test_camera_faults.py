@@ -11,7 +11,7 @@ from lerobot_robot_yam.rig.cameras import RigCamera
 from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.yam_camera import YamSimCamera
 
-pytestmark = pytest.mark.busy
+pytestmark = pytest.mark.alone
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from lerobot_robot_yam.rig.cameras import RigCamera
 from lerobot_robot_yam.rig.control import RigControl, running_rig
 from lerobot_robot_yam.runtime import runtime_dir
 
-pytestmark = pytest.mark.busy
+pytestmark = pytest.mark.alone
 
 CAMERAS = ("top", "wrist_left", "wrist_right")
 

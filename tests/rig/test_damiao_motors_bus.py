@@ -8,7 +8,7 @@ from lerobot.motors.damiao import DamiaoMotorsBus
 
 from lerobot_robot_yam.rig.control import running_rig
 
-pytestmark = pytest.mark.busy
+pytestmark = pytest.mark.alone
 
 TYPES = ["dm4340_48v"] * 3 + ["dm4310"] * 4  # LeRobot's rows with the ranges of the arm's motors
 

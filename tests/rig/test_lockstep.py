@@ -12,8 +12,6 @@ from lerobot_robot_yam.errors import BusError, ConfigError
 from lerobot_robot_yam.rig.lockstep import BEGIN_S, LockstepRig, find_lockstep
 from lerobot_robot_yam.rig.lockstep_cameras import LockstepCamera
 
-pytestmark = pytest.mark.untimed
-
 JOINTS = [MotorSpec(f"joint_{i + 1}", i + 1, "DM4340" if i < 3 else "DM4310") for i in range(6)]
 
 

@@ -20,8 +20,6 @@ from lerobot_robot_yam.rig.scene import Scene, load_scene
 
 from .stand_in import StandIn, described
 
-pytestmark = pytest.mark.untimed  # but for what is marked otherwise
-
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
@@ -191,7 +189,7 @@ def events_of(rig: RigControl, kind: str, count: int, pass_on: Callable[[], None
 
 
 @pytest.mark.long
-@pytest.mark.busy
+@pytest.mark.alone
 def test_its_process_moves_the_cube_through_the_real_loops():
     """The rig starts it when the arms are energised; it ends with them."""
     with running_rig(operator="pick_and_place") as rig:
@@ -202,7 +200,7 @@ def test_its_process_moves_the_cube_through_the_real_loops():
 
 
 @pytest.mark.long
-@pytest.mark.busy
+@pytest.mark.alone
 def test_its_process_attempts_a_task_again_and_again_with_the_next_seed():
     with running_rig(scene="lift_and_place", operator="lift_and_place", seed=5) as rig:
         with teleoperated(rig) as pass_on:

@@ -14,8 +14,6 @@ from lerobot_robot_yam.rig.tasks import SCRIPTS
 
 from ..stand_in import StandIn, described
 
-pytestmark = pytest.mark.untimed
-
 ARMS = {"arms": ["follower_left", "follower_right"]}
 SPEED_RAD_S = 1.2
 

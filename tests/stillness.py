@@ -1,0 +1,66 @@
+"""Whether the machine stood still: a process of the highest priority that only sleeps, and notes when it wakes late.
+
+    python -m tests.stillness FILE
+
+Whoever rents out two processors now and then takes them away. Then motors time out and cameras go stale as on a machine
+that is too slow, and a test that fails has shown nothing: it is run again. On a still machine a failure is a failure.
+"""
+
+import ctypes
+import math
+import mmap
+import os
+import struct
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+PERIOD_S = 0.005
+LATE_S = 0.004  # a tick of the control loop
+PRIORITY = 90  # above everything of ours
+_STAMP = struct.Struct("d")
+_PR_SET_TIMERSLACK = 29
+
+
+class Stillness:
+    """Reads what the process writes; `late_s` is -inf where it was refused its priority, and could not tell."""
+
+    def __init__(self, path: Path):
+        self._path = path
+        self._map: mmap.mmap | None = None
+
+    def start(self) -> subprocess.Popen:
+        """Start the process."""
+        self._path.write_bytes(_STAMP.pack(-math.inf))
+        return subprocess.Popen(
+            [sys.executable, "-m", "tests.stillness", str(self._path)], cwd=Path(__file__).parent.parent
+        )
+
+    def late_s(self) -> float:
+        """Monotonic time of the last late wake."""
+        if self._map is None:
+            with open(self._path, "rb") as file:
+                self._map = mmap.mmap(file.fileno(), _STAMP.size, prot=mmap.PROT_READ)
+        return _STAMP.unpack(self._map)[0]
+
+
+def _watch(path: Path) -> None:
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    except PermissionError:
+        return
+    ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1000, 0, 0, 0)
+    with open(path, "r+b") as file:
+        stamp = mmap.mmap(file.fileno(), _STAMP.size)
+    parent = os.getppid()
+    while os.getppid() == parent:
+        due = time.monotonic() + PERIOD_S
+        time.sleep(PERIOD_S)
+        now = time.monotonic()
+        if now - due > LATE_S:
+            stamp[:] = _STAMP.pack(now)
+
+
+if __name__ == "__main__":
+    _watch(Path(sys.argv[1]))
