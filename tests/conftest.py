@@ -1,6 +1,5 @@
 """What all tests share: a runtime directory of their own, a virtual rig, and a check that nothing is left behind."""
 
-import contextlib
 import fcntl
 import os
 import signal
@@ -9,6 +8,7 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import IO
 
 # Set before anything is imported that reads them once. Unix sockets live in the runtime directory: a short path.
 RUNTIME = Path(tempfile.mkdtemp(prefix="yam-test-", dir="/dev/shm" if os.access("/dev/shm", os.W_OK) else None))
@@ -35,6 +35,7 @@ _WORKER = "PYTEST_XDIST_WORKER" in os.environ
 _MARK = f"YAM_RUNTIME_DIR={RUNTIME}\0".encode()
 _stillness = Stillness(Path(os.environ.setdefault("YAM_TEST_STILLNESS", str(RUNTIME) + "-stillness")))
 _begun = 0.0  # the present attempt at a test
+_floor: IO[str] | None = None  # the lock that says who may use the machine, while we hold it
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -61,24 +62,35 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         item.add_marker(pytest.mark.flaky(reruns=2, condition=_disturbed))
 
 
-@contextlib.contextmanager
-def _locked(path: Path, kind: int) -> Iterator[None]:
-    with open(path, "w") as file:
-        fcntl.flock(file, kind)
-        yield
+def _locked(path: Path, kind: int) -> IO[str]:
+    file = open(path, "w")
+    fcntl.flock(file, kind)
+    return file
+
+
+def _is_alone(item: pytest.Item) -> bool:
+    return item.get_closest_marker("alone") is not None
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)  # no time limit runs yet for who waits here
-def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
-    """Several workers share the machine; a test marked `alone` has it to itself. Whoever waits first goes first."""
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> Iterator[None]:
+    """Several workers share the machine; a test marked `alone` has it to itself. Whoever waits first goes first.
+
+    From one such test of a module to its next the machine is kept: the arms that they share are live in between.
+    """
+    global _floor
     shared = item.config._tmp_path_factory.getbasetemp()
     if _WORKER:
         shared = shared.parent
-    with contextlib.ExitStack() as floor:
+    if _floor is None:
         with _locked(shared / "turnstile", fcntl.LOCK_EX):
-            alone = item.get_closest_marker("alone") is not None
-            floor.enter_context(_locked(shared / "floor", fcntl.LOCK_EX if alone else fcntl.LOCK_SH))
+            _floor = _locked(shared / "floor", fcntl.LOCK_EX if _is_alone(item) else fcntl.LOCK_SH)
+    try:
         return (yield)
+    finally:
+        if not (_is_alone(item) and nextitem and nextitem.path == item.path and _is_alone(nextitem)):
+            _floor.close()
+            _floor = None
 
 
 def _processes() -> dict[int, str]:

@@ -190,6 +190,7 @@ def reach(rig, follower, side, q, **changes):
             return sent, asked, truth
 
 
+@pytest.mark.alone
 def test_observed_is_where_the_tool_is(follower, shared_rig):
     observation = follower.get_observation()
     assert list(observation) == list(follower.observation_features) == BI_KEYS
@@ -200,6 +201,7 @@ def test_observed_is_where_the_tool_is(follower, shared_rig):
         assert numbers_of(observation, side) == pytest.approx(truth, abs=0.01)
 
 
+@pytest.mark.alone
 def test_the_tool_goes_where_it_is_sent(follower, shared_rig):
     sent, asked, truth = reach(shared_rig, follower, "left", READY, **{"left_gripper.pos": 0.4})
     assert list(sent) == BI_KEYS
@@ -209,6 +211,7 @@ def test_the_tool_goes_where_it_is_sent(follower, shared_rig):
     assert shared_rig.state()["arms"]["follower_left"]["opening"] == pytest.approx(0.4, abs=0.03)
 
 
+@pytest.mark.alone
 def test_out_of_reach_goes_to_the_border_and_is_returned(follower, shared_rig):
     sent, asked, truth = reach(shared_rig, follower, "left", READY, **{"left_ee_x.pos": 0.75})
     assert sent["left_ee_x.pos"] < 0.7 and asked["left_ee_x.pos"] == 0.75
@@ -216,6 +219,7 @@ def test_out_of_reach_goes_to_the_border_and_is_returned(follower, shared_rig):
     reach(shared_rig, follower, "left", READY)
 
 
+@pytest.mark.alone
 def test_a_jump_is_approached_at_the_speed_limit(follower, shared_rig):
     reach(shared_rig, follower, "left", READY)
     shared_rig.watch_start("follower_left")
@@ -227,11 +231,13 @@ def test_a_jump_is_approached_at_the_speed_limit(follower, shared_rig):
     reach(shared_rig, follower, "left", READY)
 
 
+@pytest.mark.alone
 def test_tensors_are_numbers(follower):
     action = {key: torch.tensor(value) for key, value in follower.get_observation().items()}
     assert all(type(value) is float for value in follower.send_action(action).values())
 
 
+@pytest.mark.alone
 @pytest.mark.parametrize(
     "change",
     [
@@ -254,6 +260,7 @@ def test_bad_actions_reach_no_arm(follower, change):
     assert follower.get_observation() == pytest.approx(observation, abs=0.01)
 
 
+@pytest.mark.alone
 def test_leader_action_is_the_followers_tool(follower, leader, shared_rig):
     action = leader.get_action()
     assert list(action) == list(follower.action_features)
@@ -265,6 +272,7 @@ def test_leader_action_is_the_followers_tool(follower, leader, shared_rig):
     assert follower.send_action(action) == pytest.approx(action, abs=1e-4)  # recorded = sent
 
 
+@pytest.mark.alone
 def test_feedback_leads_the_leader(leader, shared_rig):
     q = np.array(shared_rig.state()["arms"]["leader_left"]["q"][:6])
     goal = leader.get_action()

@@ -24,11 +24,9 @@ SECONDS = 6.0  # a first inference can take a while
 RTC = {"type": "rtc", "queue_threshold": 8}
 INFERENCES = {"sync": {"type": "sync"}, "rtc": RTC}
 STRATEGIES = ("base", "sentry", "highlight", "episodic", "dagger")
-SHORT = {("sentry", "rtc", 1)}
 LONG = pytest.mark.long
 MATRIX = [
-    pytest.param(*case, marks=[] if case in SHORT else LONG, id="-".join(map(str, case)))
-    for case in itertools.product(STRATEGIES, INFERENCES, (1, 2))
+    pytest.param(*case, id="-".join(map(str, case))) for case in itertools.product(STRATEGIES, INFERENCES, (1, 2))
 ]
 
 
@@ -52,6 +50,7 @@ def records(root, episodes):
     return data
 
 
+@LONG
 @pytest.mark.parametrize("strategy, inference, rollout", MATRIX, indirect=["rollout"])
 def test_every_strategy_moves_the_arms_and_lands_them(rollout, strategy, inference):
     document = config("dagger" if strategy == "dagger" else "rollout", inference=INFERENCES[inference])
