@@ -13,6 +13,7 @@ Positions are the same numbers, m, of `site` in the frame of the arm's base; the
 steps. A pipeline that was saved with them is loaded after this import.
 """
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
@@ -67,9 +68,9 @@ class _ArmStep(ProcessorStep):
         """What makes the step anew."""
         return asdict(self)
 
+    @abstractmethod
     def convert(self, values: np.ndarray, transition: EnvTransition) -> np.ndarray:
         """(6,) values of the `target` keys from those of the `source` keys."""
-        raise NotImplementedError
 
     def __call__(self, transition: EnvTransition) -> EnvTransition:
         """Convert the action, the observation, or both: what has the arm's keys.
