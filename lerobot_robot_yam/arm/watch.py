@@ -48,8 +48,9 @@ class MotorWatch:
         missed = chain.lost - self._lost_before
         silent = (now - chain.stamp_s > SILENT_S) & (missed >= _MOTOR_MISSED)
         bad = silent | (chain.fault != Fault.NORMAL)
-        if silent.any() and not silent.all() and (missed >= _CHANNEL_MISSED).all():
-            return Finding(bad & ~silent)  # the others have fallen silent too: soon it is the channel and not a motor
+        falling = (missed >= _CHANNEL_MISSED).all() and not silent.all() and not (bad & ~silent).any()
+        if falling:  # the others have fallen silent too: within SILENT_S it is the channel, or they answer again
+            return Finding(np.zeros_like(bad))
         if not bad.any():
             trouble, message = self._strangers.check(now)
             return Finding(bad, trouble, message)

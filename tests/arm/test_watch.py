@@ -69,3 +69,20 @@ def test_a_doubled_motor_is_noticed_though_replies_get_lost(chain):
         assert time.monotonic() - begin < 3.0
     assert finding.trouble is Trouble.DUPLICATE_ID and "joint_6 (id 6)" in finding.message
     assert motors.lost[1] > 1
+
+
+def test_a_lost_cable_is_named_though_one_motor_fell_silent_first(chain):
+    rig, motors = chain
+    watch = MotorWatch(motors)
+    motors.exchange(HOLD)
+    assert watch.check(time.monotonic()).trouble is None
+    rig.fault("follower_left", "joint_6", "silent")
+    begin = time.monotonic()
+    while time.monotonic() < begin + 0.06:
+        motors.exchange(HOLD)
+        assert watch.check(time.monotonic()).trouble is None
+    rig.fault("follower_left", None, "cable_out")
+    while (finding := watch.check(time.monotonic())).trouble is None:
+        motors.exchange(HOLD)
+        assert time.monotonic() - begin < 2.0
+    assert finding.trouble is Trouble.BUS_SILENT
