@@ -16,7 +16,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from lerobot_robot_yam.rig.control import sample_age_s
+from lerobot_robot_yam.rig.thermometer import sample_age_s
 
 CHANNELS = ("follower_left", "follower_right")
 _SIDES = ("left", "right")

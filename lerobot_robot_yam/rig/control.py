@@ -18,17 +18,6 @@ from typing import Any
 from lerobot_robot_yam.errors import RigError
 from lerobot_robot_yam.rig.connection import RigConnection
 
-_STAMP_UNIT_S = 1e-4
-
-
-def sample_age_s(temp_mos: int, temp_rotor: int, now_s: float) -> float:
-    """Age of a feedback sample whose temperature bytes carry its time (option stamp_temperatures).
-
-    Unambiguous up to 6.5 s; in steps of 0.1 ms.
-    """
-    stamp = int(temp_mos) << 8 | int(temp_rotor)
-    return ((int(now_s / _STAMP_UNIT_S) - stamp) & 0xFFFF) * _STAMP_UNIT_S
-
 
 class RigOperations(ABC):
     """What can be asked of a rig, a method per operation, wherever it runs."""

@@ -76,7 +76,7 @@ class Options:
     the scene.
     swapped: two channels whose cables are exchanged: each arm, where it stands, is found on the other's channel.
     serials: numbers in the motors' SN registers, "unique" or "same" on every arm (then no register tells arms apart).
-    stamp_temperatures: temperature bytes carry the sample's time instead, see `control.sample_age_s`.
+    stamp_temperatures: temperature bytes carry the sample's time instead, see `thermometer.sample_age_s`.
     camera_noise: grey levels (sigma) that the cameras' sensors add. seed: of lost and garbled frames and
     temperature noise, and of the operator's first attempt at a task.
     event_dir: folder that keeps the event log as `rig-<name>.events.jsonl`, one JSON object a line, also after the

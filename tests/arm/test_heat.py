@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm.heat import HeatWatch, Stage, trips_c
+from lerobot_robot_yam.rig.thermometer import stamped_bytes
 
 TICK_S = 0.004
 NAMES = ["joint_1", "joint_2", "gripper"]
@@ -89,14 +90,17 @@ def test_a_motor_heating_up_is_noticed_at_once():
     assert reached == pytest.approx(75.0, abs=0.1)
 
 
-def test_bytes_that_carry_something_else_are_no_heat():
-    """A rig with `stamp_temperatures` counts tenths of milliseconds in them."""
+@pytest.mark.parametrize("period_s", [TICK_S, 0.1, 84 * 2e-4, 6 * 84 * 2e-4, 84**2 * 2e-4])
+@pytest.mark.parametrize("jitter", [0.0, 0.0003, 0.2])
+def test_stamps_in_place_of_temperatures_are_no_heat(period_s, jitter):
+    """Of a rig with `stamp_temperatures`; at some rates of reading they stand still."""
     desk = Desk()
-    jitter = np.random.default_rng(3)
-    for _ in range(15000):
-        desk.now += TICK_S * jitter.uniform(0.8, 1.2)
-        stamp = int(desk.now * 1e4)
-        heat = desk.watch.check(desk.now, np.full(3, float(stamp >> 8 & 0xFF)), np.full(3, float(stamp & 0xFF)))
+    desk.watch = HeatWatch("left", *trips_c([100.0] * 3), NAMES)
+    chance = np.random.default_rng(3)
+    for _ in range(5000):
+        desk.now += period_s * chance.uniform(1.0 - jitter, 1.0 + jitter)
+        mos, rotor = stamped_bytes(desk.now)
+        heat = desk.watch.check(desk.now, np.full(3, float(mos)), np.full(3, float(rotor)))
         assert heat.stage is Stage.NONE
 
 

@@ -12,7 +12,7 @@ from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import Fault, motor_type
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.control import sample_age_s
+from lerobot_robot_yam.rig.thermometer import sample_age_s
 
 from .desk import Desk
 
