@@ -9,6 +9,7 @@ COIL_LIMIT_C = 100.0  # our choice for every motor; the power stage's limit is r
 _REST_C = (35.5, 40.5)  # power stage, coil; these and the gains: the vendor's simulation
 _GAIN_C_PER_W = (0.5, 0.8)
 _TIME_CONSTANT_S = (20.0, 60.0)  # our estimate
+_PERIOD_S = 0.02  # of measuring; our choice
 PARTS = ("both", "mos", "rotor")
 _STAMP_UNIT_S = 2e-4
 _STAMP_DIGIT = 84  # °C: below what our heat watch calls warm, so that no stamp is ever taken for heat
@@ -55,7 +56,8 @@ class Thermometer:
         self.ramp: Ramp | None = None
         self._chance = chance
         self._warmth = [0.0, 0.0]  # above rest
-        self._read_at_s = 0.0
+        self._measured_at_s = -_PERIOD_S
+        self._measured = _REST_C
 
     def read(self, velocity_rad_s: float, torque_nm: float, sim_s: float, sample_s: float) -> tuple[int, int]:
         """Reported power stage and coil of a sample taken at monotonic time `sample_s`.
@@ -65,14 +67,9 @@ class Thermometer:
         """
         if self._stamped:
             return stamped_bytes(sample_s)
-        power = abs(velocity_rad_s * torque_nm)
-        elapsed, self._read_at_s = max(0.0, sim_s - self._read_at_s), sim_s
-        self._warmth = [
-            warmth + (gain * power - warmth) * min(elapsed / time_constant, 1.0)
-            for warmth, gain, time_constant in zip(self._warmth, _GAIN_C_PER_W, _TIME_CONSTANT_S, strict=True)
-        ]
-        noise = self._chance.random() - 0.5
-        mos, rotor = (rest + warmth + noise for rest, warmth in zip(_REST_C, self._warmth, strict=True))
+        if not 0.0 <= sim_s - self._measured_at_s < _PERIOD_S:
+            self._measure(abs(velocity_rad_s * torque_nm), sim_s)
+        mos, rotor = self._measured
         if self.held is not None:
             mos, rotor = self.held
         elif self.ramp is not None:
@@ -80,6 +77,16 @@ class Thermometer:
             mos = mos if self.ramp.part == "rotor" else warm
             rotor = rotor if self.ramp.part == "mos" else warm
         return int(mos), int(rotor)
+
+    def _measure(self, power_w: float, sim_s: float) -> None:
+        elapsed, self._measured_at_s = max(0.0, sim_s - self._measured_at_s), sim_s
+        self._warmth = [
+            warmth + (gain * power_w - warmth) * min(elapsed / time_constant, 1.0)
+            for warmth, gain, time_constant in zip(self._warmth, _GAIN_C_PER_W, _TIME_CONSTANT_S, strict=True)
+        ]
+        noise = self._chance.random() - 0.5
+        mos, rotor = (rest + warmth + noise for rest, warmth in zip(_REST_C, self._warmth, strict=True))
+        self._measured = mos, rotor
 
     def tripped(self, mos_limit_c: float, sim_s: float) -> Fault | None:
         """The fault that the motor falls into because it is too hot."""
