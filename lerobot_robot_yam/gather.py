@@ -14,6 +14,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, cast
 
+import av
+import datasets
 import draccus
 import numpy as np
 from lerobot.configs.eval import EvalPipelineConfig
@@ -33,7 +35,7 @@ logger = logging.getLogger(__name__)
 FIRST_SEED = 100_000  # far from those of evaluations, which LeRobot begins at 1000
 _SEEDS = "seeds.json"  # beside the data: which seeds were tried, and with what outcome
 _GIVE_UP = 20  # failures in a row
-_ENCODER = {"vcodec": "h264", "preset": "ultrafast", "crf": 18, "extra_options": {"x264-params": "log=-1"}}
+_ENCODER = {"vcodec": "h264", "preset": "ultrafast", "crf": 18}
 
 
 def features_of(config: YamEnvConfig) -> dict[str, dict[str, Any]]:
@@ -119,6 +121,12 @@ def environment(path: Path) -> YamEnvConfig:
     return config
 
 
+def _leave_the_bar_alone() -> None:
+    """Ours shows how far the gathering is; what libav and datasets say of every episode would tear it apart."""
+    av.logging.set_libav_level(av.logging.ERROR)
+    datasets.disable_progress_bars()
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of `yam-gather`."""
     parser = argparse.ArgumentParser(
@@ -131,6 +139,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="default %(default)s")
     options = parser.parse_args(arguments)
     init_logging()
+    _leave_the_bar_alone()
     try:
         config = environment(options.eval_config)
         tried = gather(config, options.root, options.repo_id, options.episodes, options.first_seed)
