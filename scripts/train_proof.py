@@ -1,6 +1,6 @@
 """Proof that the whole loop works: record → train → evaluate, with the stock commands, and a report with the numbers.
 
-    python scripts/train_proof.py --out outputs/lift_and_place --episodes 100 --steps 12000
+    python scripts/train_proof.py --out outputs/lift_and_place --episodes 100 --steps 6000
 
 Each step shows its own progress and is left out when it is done already: run it again after an interruption and it
 goes on. Everything ends up in --out: data, checkpoints, evaluation with videos, report.md with its plots.
@@ -77,7 +77,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, required=True, help="folder of everything")
     parser.add_argument("--task", default="lift_and_place", help="has configs/train/TASK_train.yaml and TASK_eval.yaml")
     parser.add_argument("--episodes", type=int, default=100, help="demonstrations (default %(default)s)")
-    parser.add_argument("--steps", type=int, default=12_000, help="of training (default %(default)s)")
+    parser.add_argument("--steps", type=int, default=6_000, help="of training (default %(default)s)")
     parser.add_argument("--eval-episodes", type=int, default=50, help="default %(default)s")
     parser.add_argument("--seed", type=int, default=1000, help="of the first evaluation episode (default %(default)s)")
     options, overrides = parser.parse_known_args()

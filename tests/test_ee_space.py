@@ -20,7 +20,7 @@ from lerobot_robot_yam.yam_follower import YamFollower
 from lerobot_teleoperator_yam.bi_yam_leader import BiYamLeader
 from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
 from lerobot_teleoperator_yam.yam_leader import YamLeader
-from tests.test_lerobot_contract import follower_config, leader_config, settle
+from tests.test_lerobot_contract import connected_pair, follower_config, leader_config, settle
 
 KEYS = [*(f"{name}.pos" for name in TOOL_NUMBERS), "gripper.pos"]
 BI_KEYS = [f"{side}_{key}" for side in ("left", "right") for key in KEYS]
@@ -134,15 +134,8 @@ def shared_rig():
 @pytest.fixture(scope="module")
 def pair(shared_rig, tmp_path_factory):
     directory = tmp_path_factory.mktemp("calibration")
-    follower = BiYamFollower(follower_config(shared_rig.name, directory, action_space="ee", use_degrees=True))
-    leader = BiYamLeader(leader_config(shared_rig.name, directory, action_space="ee", use_degrees=True))
-    leader.connect()
-    try:
-        follower.connect()
-        yield follower, leader
-    finally:
-        follower.disconnect()
-        leader.disconnect()
+    with connected_pair(shared_rig, directory, action_space="ee", use_degrees=True) as devices:
+        yield devices
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 """What LeRobot's loops rely on, asked of the real devices on a virtual rig."""
 
+import contextlib
 import math
 import time
 from pathlib import Path
@@ -20,6 +21,7 @@ from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
 from lerobot_robot_yam.errors import ConfigError, StaleStateError, YamError
 from lerobot_robot_yam.follower_options import FollowerArmConfig
 from lerobot_robot_yam.yam_follower import YamFollower
+from lerobot_teleoperator_yam.bi_yam_leader import BiYamLeader
 from lerobot_teleoperator_yam.config_bi_yam_leader import BiYamLeaderConfig
 from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
@@ -49,6 +51,20 @@ def leader_config(rig_name, calibration_dir, **options):
         for side in ("left", "right")
     }
     return BiYamLeaderConfig(calibration_dir=calibration_dir, **arms, **options)
+
+
+@contextlib.contextmanager
+def connected_pair(rig, calibration_dir, **options):
+    """A bimanual follower and its leader, with the same options."""
+    follower = BiYamFollower(follower_config(rig.name, calibration_dir, **options))
+    leader = BiYamLeader(leader_config(rig.name, calibration_dir, **options))
+    leader.connect()
+    try:
+        follower.connect()
+        yield follower, leader
+    finally:
+        follower.disconnect()
+        leader.disconnect()
 
 
 def enabled(rig, channel):

@@ -8,11 +8,9 @@ import pytest
 import torch
 from lerobot.utils.errors import DeviceAlreadyConnectedError
 
-from lerobot_robot_yam.bi_yam_follower import BiYamFollower
 from lerobot_robot_yam.errors import ActionError
 from lerobot_robot_yam.rig.control import running_rig
-from lerobot_teleoperator_yam.bi_yam_leader import BiYamLeader
-from tests.test_lerobot_contract import BI_KEYS, enabled, follower_config, leader_config, settle
+from tests.test_lerobot_contract import BI_KEYS, connected_pair, enabled, settle
 
 pytestmark = pytest.mark.alone
 
@@ -25,16 +23,8 @@ def shared_rig():
 
 @pytest.fixture(scope="module")
 def pair(shared_rig, tmp_path_factory):
-    directory = tmp_path_factory.mktemp("calibration")
-    leader = BiYamLeader(leader_config(shared_rig.name, directory))
-    follower = BiYamFollower(follower_config(shared_rig.name, directory))
-    leader.connect()
-    try:
-        follower.connect()
-        yield follower, leader
-    finally:
-        follower.disconnect()
-        leader.disconnect()
+    with connected_pair(shared_rig, tmp_path_factory.mktemp("calibration")) as devices:
+        yield devices
     assert not any(enabled(shared_rig, "follower_left") + enabled(shared_rig, "leader_right"))
 
 

@@ -26,7 +26,7 @@ def test_demonstrations_are_gathered_and_more_of_them_later(tmp_path):
     assert first["action"].shape == first["observation.state"].shape == (7,)
     for camera in ("top", "wrist_left"):
         seen = [np.asarray(row[f"observation.images.{camera}"]) for row in (first, last)]
-        assert seen[0].shape == (3, 96, 128) and np.abs(seen[1] - seen[0]).mean() > 0.005
+        assert seen[0].shape == (3, 48, 64) and np.abs(seen[1] - seen[0]).mean() > 0.005
 
 
 def test_an_environment_in_real_time_is_refused(tmp_path):
