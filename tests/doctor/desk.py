@@ -1,13 +1,23 @@
-"""What the doctor's tests share: recorded tools, a made-up sysfs, running the command and reading its JSON."""
+"""What the doctor's tests share: the rig's channels, recorded tools, a made-up sysfs, running the command, its JSON."""
 
 import json
 import os
 from pathlib import Path
 
+import can
+
+from lerobot_robot_yam.damiao import encoder
+from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.doctor.command import main
 
 RECORDED = Path(__file__).parent / "recorded"
 RULE = 'SUBSYSTEM=="net", ACTION=="add", '
+
+
+ARM = [MotorSpec(f"joint_{i + 1}", i + 1, kind) for i, kind in enumerate(["DM4340"] * 3 + ["DM4310"] * 3)]
+MOTORS = [*ARM, MotorSpec("gripper", 7, "DM4310")]
+FOLLOWER, LEADER = "follower_left", "leader_left"
+LEADER_ARM = f"{LEADER}:yam:yam_teaching_handle"
 
 
 def recorded(name, tool="ip"):
@@ -29,6 +39,16 @@ def replay_tools(directory, monkeypatch, name, rename=None):
         script.write_text(f"#!/bin/sh\ncat {output}\n")
         script.chmod(0o755)
     monkeypatch.setenv("PATH", f"{directory}{os.pathsep}{os.environ['PATH']}")
+
+
+def set_report_frequency(bus, hz):
+    data = encoder.encode_report_frequency(hz)
+    bus.send(can.Message(arbitration_id=encoder.REQUEST_ID, data=data, is_extended_id=False))
+
+
+def virtual(rig, *channels, samples=2):
+    arguments = ["--interface=yam_sim", f"--rig={rig.name}", f"--samples={samples}"]
+    return [*arguments, *(f"--channel={channel}" for channel in channels)]
 
 
 def examine(capsys, *arguments):

@@ -1,0 +1,133 @@
+"""What the doctor puts on the wire, and that it disturbs nobody who drives the channel."""
+
+import threading
+import time
+
+import can
+import pytest
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.state import lock_path
+from lerobot_robot_yam.arm.yam_arm import YamArm
+from lerobot_robot_yam.damiao import encoder
+from lerobot_robot_yam.damiao.chain import MotorChain
+from lerobot_robot_yam.damiao.registers import Opcode, Register
+from lerobot_robot_yam.damiao.tables import REGISTER_ID, Fault
+from lerobot_robot_yam.runtime import FileLock
+
+from .desk import FOLLOWER, LEADER, LEADER_ARM, MOTORS, examine, found, virtual
+
+HARMLESS = {Opcode.READ, Opcode.REFRESH}
+HANDLE_QUESTIONS = {encoder.OP_REPORT, encoder.OP_VERSION, encoder.OP_READ_EEPROM}
+
+
+@pytest.mark.parametrize("ill", [False, True])
+def test_nothing_but_questions_is_sent(sick, capsys, ill):
+    """Seen by the rig, and heard in full by another client of each channel."""
+    if ill:  # nor when there is something to complain about
+        sick.fault(FOLLOWER, "joint_2", "silent")
+        sick.fault(FOLLOWER, "joint_4", "nibble", int(Fault.COMMUNICATION_LOST))
+        sick.fault(FOLLOWER, "joint_5", "register", 0, register=int(Register.TIMEOUT))
+        sick.fault(LEADER, None, "handle_silent")
+    buses = [can.Bus(interface="yam_sim", channel=channel, rig=sick.name) for channel in (FOLLOWER, LEADER)]
+    heard = []
+    stop = threading.Event()
+
+    def listen(bus):
+        while not stop.is_set():
+            message = bus.recv(0.05)
+            if message is not None:
+                heard.append((message.arbitration_id, bytes(message.data)))
+
+    threads = [threading.Thread(target=listen, args=(bus,)) for bus in buses]
+    for channel in (FOLLOWER, LEADER):
+        sick.trace_start(channel)
+    for thread in threads:
+        thread.start()
+    try:
+        status, _ = examine(capsys, *virtual(sick, FOLLOWER, LEADER_ARM, samples=10))
+        time.sleep(0.2)
+    finally:
+        stop.set()
+        for thread in threads:
+            thread.join()
+        for bus in buses:
+            bus.shutdown()
+    assert status == int(ill)
+    traces = {channel: sick.trace(channel) for channel in (FOLLOWER, LEADER)}
+    assert len(traces[FOLLOWER]) > 7 * 15 and len(traces[LEADER]) > 6 * 15
+    for channel, trace in traces.items():
+        # No motor id (1 …), no 0x100 + id, no 0x200 + id: neither an enable nor any motion.
+        assert {identifier for _, _, identifier, _ in trace} <= {REGISTER_ID, encoder.REQUEST_ID}, channel
+    questions = [data for identifier, data in heard if identifier == REGISTER_ID]
+    assert len(questions) == sum(i == REGISTER_ID for trace in traces.values() for _, _, i, _ in trace)
+    assert {data[2] for data in questions} == HARMLESS
+    handle = [data for identifier, data in heard if identifier == encoder.REQUEST_ID and data[0] == 0xFF]
+    assert handle and {data[1] for data in handle} <= HANDLE_QUESTIONS
+    for channel in (FOLLOWER, LEADER):
+        assert not any(motor["enabled"] for motor in sick.state()["arms"][channel]["motors"].values())
+
+
+def follower(rig):
+    stops = [3.25, -3.3]
+    options = {"rig": rig.name}
+    return ArmConfig(name="left", channel=FOLLOWER, interface="yam_sim", can_options=options, gripper_stops_rad=stops)
+
+
+def test_a_live_session_is_watched_and_not_disturbed(rig, capsys):
+    with YamArm(follower(rig)) as arm:
+        time.sleep(0.3)
+        with can.Bus(interface="yam_sim", channel=FOLLOWER, rig=rig.name) as bus:
+            status, report = examine(capsys, *virtual(rig, FOLLOWER))
+            strangers = {m.arbitration_id for m in iter(lambda: bus.recv(0.0), None)} & {REGISTER_ID}
+        assert not strangers
+        assert status == 0, report["findings"]
+        (channel,) = report["channels"]
+        assert "watched" in channel["examined"]
+        assert report["motors"] == [] and report["latency"] == []
+        assert [row["name"] for row in report["sessions"]] == [spec.name for spec in MOTORS]
+        first = report["sessions"][0]
+        assert first["mode"] == "hold" and first["rate_hz"] > 50 and first["motor_age_ms"] < 250
+        assert first["fault"] == Fault.NORMAL and "process" in first["driver"]
+        assert found(report, "note", FOLLOWER, "is driven by process")
+        assert arm.observe().fault == (1,) * 7
+
+
+def test_a_live_session_with_a_fault(sick, capsys):
+    with YamArm(follower(sick)):
+        sick.fault(FOLLOWER, "joint_5", "nibble", int(Fault.ROTOR_OVER_TEMPERATURE), sticky=True)
+        time.sleep(0.3)
+        status, report = examine(capsys, *virtual(sick, FOLLOWER))
+        assert status == 1
+        assert found(report, "problem", "joint_5 (id 5)", "0xC coil too hot")
+        assert found(report, "problem", FOLLOWER, "is in fault")
+        sick.clear_faults(FOLLOWER)
+
+
+def test_a_held_channel_without_a_state(rig, capsys):
+    key = f"{rig.name}.{FOLLOWER}"
+    with FileLock(lock_path(key), "the test"):
+        status, report = examine(capsys, *virtual(rig, FOLLOWER))
+    assert status == 0
+    assert found(report, "note", FOLLOWER, "publishes no state")
+
+
+def test_a_foreign_driver_is_heard_and_nothing_is_sent(rig, capsys):
+    with can.Bus(interface="yam_sim", channel=FOLLOWER, rig=rig.name) as bus:
+        chain, stop = MotorChain(bus, MOTORS, channel=FOLLOWER), threading.Event()
+
+        def poll():
+            while not stop.wait(0.005):
+                chain.refresh()
+
+        thread = threading.Thread(target=poll)
+        thread.start()
+        try:
+            status, report = examine(capsys, *virtual(rig, FOLLOWER))
+        finally:
+            stop.set()
+            thread.join()
+        assert chain.foreign == {} and not chain.duplicates.any()
+    assert status == 1
+    (problem,) = found(report, "problem", FOLLOWER, "already being driven")
+    assert problem["remedy"] == "stop the program that drives this bus"

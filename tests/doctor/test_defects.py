@@ -1,0 +1,181 @@
+"""Seeded defects of arms: each is found, named, and its remedy said."""
+
+import can
+import pytest
+
+from lerobot_robot_yam.damiao import bringup
+from lerobot_robot_yam.damiao.chain import MotorChain
+from lerobot_robot_yam.damiao.codec import SpecialCommand
+from lerobot_robot_yam.damiao.registers import Register, encode_write
+from lerobot_robot_yam.damiao.tables import Fault
+from lerobot_robot_yam.errors import MotorError
+
+from .desk import FOLLOWER, LEADER, LEADER_ARM, MOTORS, examine, found, set_report_frequency, virtual
+
+DEFECTS = {
+    "missing motor": (
+        lambda rig: rig.fault(FOLLOWER, "joint_3", "silent"),
+        ("joint_3 (id 3)", "no answer", "reseat the cable between joint_2 and joint_3"),
+    ),
+    "arm without power": (
+        lambda rig: rig.fault(FOLLOWER, None, "silent"),
+        (FOLLOWER, "none of the 7 motors answers", "switch the arm's power on"),
+    ),
+    "wrong time-out": (
+        lambda rig: rig.fault(FOLLOWER, "joint_1", "register", 20000, register=int(Register.TIMEOUT)),
+        ("joint_1 (id 1)", "TIMEOUT is 20000 instead of 8000", "send 7FF#01005509401F0000, then 7FF#0100AA01"),
+    ),
+    "time-out off": (
+        lambda rig: rig.fault(FOLLOWER, "joint_1", "register", 0, register=int(Register.TIMEOUT)),
+        ("joint_1 (id 1)", "never switches itself off", "send 7FF#01005509401F0000"),
+    ),
+    "wrong range": (
+        lambda rig: rig.fault(FOLLOWER, "joint_5", "register", 12.566, register=int(Register.PMAX)),
+        ("joint_5 (id 5)", "PMAX is 12.566 instead of 12.5", "send 7FF#0500551500004841"),
+    ),
+    "wrong mode": (
+        lambda rig: rig.fault(FOLLOWER, "joint_2", "register", 2, register=int(Register.CTRL_MODE)),
+        ("joint_2 (id 2)", "CTRL_MODE is 2 instead of 1", "send 7FF#0200550A01000000"),
+    ),
+    "wrong answering id": (
+        lambda rig: rig.fault(FOLLOWER, "joint_6", "register", 0x40, register=int(Register.MST_ID)),
+        ("joint_6 (id 6)", "MST_ID is 64 instead of 22", "send 7FF#0600550716000000"),
+    ),
+    "another type": (
+        lambda rig: rig.fault(FOLLOWER, "gripper", "register", 7, register=int(Register.GR)),
+        ("gripper (id 7)", "gear ratio is 7 (DM3507) instead of 10", "--channel follower_left:ARM:GRIPPER"),
+    ),
+    "duplicate id": (
+        lambda rig: rig.fault(FOLLOWER, "joint_4", "duplicate"),
+        ("joint_4 (id 4)", "answers twice", "unplug joint_4"),
+    ),
+    "wrong id": (
+        lambda rig: rig.fault(FOLLOWER, "joint_4", "register", 9, register=int(Register.ESC_ID)),
+        ("motor id 9", "the profile does not have", "if it is joint_4: send 7FF#0900550804000000, then 7FF#04005507"),
+    ),
+    "over-temperature": (
+        lambda rig: rig.fault(FOLLOWER, "gripper", "nibble", int(Fault.ROTOR_OVER_TEMPERATURE)),
+        ("gripper (id 7)", "0xC coil too hot", "let the motor cool down"),
+    ),
+    "communication lost": (
+        lambda rig: rig.fault(FOLLOWER, "joint_1", "nibble", int(Fault.COMMUNICATION_LOST)),
+        ("joint_1 (id 1)", "0xD communication lost", "connect again"),
+    ),
+    "lost replies": (
+        lambda rig: rig.fault(FOLLOWER, "joint_2", "loss_rate", 0.4),
+        ("joint_2 (id 2)", "replies were lost", "CAN cables"),
+    ),
+    "silent handle": (
+        lambda rig: rig.fault(LEADER, None, "handle_silent"),
+        (f"{LEADER} teaching handle", "does not answer", "check the handle's cable"),
+    ),
+    "squeezed beyond its travel": (
+        lambda rig: rig.trigger(LEADER, 1.0),
+        (f"{LEADER} teaching handle", "it is squeezed, or its zero is wrong", "send 50E#FF00"),
+    ),
+}
+
+
+@pytest.mark.parametrize("defect", DEFECTS)
+def test_a_defect_is_found_and_its_remedy_named(sick, capsys, defect):
+    seed, (where, what, remedy) = DEFECTS[defect]
+    seed(sick)
+    samples = 12 if defect == "lost replies" else 0
+    channel = LEADER_ARM if where.startswith(LEADER) else FOLLOWER
+    status, report = examine(capsys, *virtual(sick, channel, samples=samples))
+    severity = "warning" if defect.startswith("squeezed") else "problem"
+    findings = found(report, severity, where, what)
+    assert len(findings) == 1, report["findings"]
+    assert remedy in findings[0]["remedy"]
+    assert status == (severity == "problem")
+    # and nothing else: one defect is not reported as several
+    others = [f for f in report["findings"] if f["severity"] == "problem" and f not in findings]
+    assert [f["where"] for f in others] == ([f"{FOLLOWER} motor joint_4 (id 4)"] if defect == "wrong id" else [])
+
+
+def test_a_handle_that_reports_by_itself(sick, capsys):
+    with can.Bus(interface="yam_sim", channel=LEADER, rig=sick.name) as bus:
+        set_report_frequency(bus, 100)
+        status, report = examine(capsys, *virtual(sick, LEADER_ARM))
+        assert status == 1
+        (problem,) = found(report, "problem", f"{LEADER} teaching handle", "by itself at 100 Hz")
+        assert problem["remedy"] == f"send 50E#FF0100 on {LEADER}"
+        assert report["handles"][0]["report_frequency_hz"] == 100
+        while bus.recv(0.0) is not None:
+            pass
+        assert bus.recv(2.0) is not None  # it was left as it is
+
+
+def test_a_motor_that_is_energised_without_a_driver(sick, capsys):
+    with can.Bus(interface="yam_sim", channel=FOLLOWER, rig=sick.name) as bus:
+        chain = MotorChain(bus, MOTORS[:1], channel=FOLLOWER)
+        chain.write_register(0, Register.TIMEOUT, 0)
+        chain.special(SpecialCommand.ENABLE)
+    _, report = examine(capsys, *virtual(sick, FOLLOWER, samples=0))
+    (problem,) = found(report, "problem", "joint_1", "energised although nobody drives it")
+    assert "hold the arm by hand" in problem["remedy"]
+
+
+def test_a_warm_motor(sick, capsys):
+    sick.fault(FOLLOWER, "joint_2", "temperatures_c", [50, 92])
+    status, report = examine(capsys, *virtual(sick, FOLLOWER, samples=0))
+    assert status == 0
+    assert found(report, "warning", "joint_2", "coil 92 °C; it switches itself off at 100 °C")
+
+
+def test_a_leader_in_place_of_a_follower(rig, capsys):
+    """Swapped cables."""
+    status, report = examine(capsys, *virtual(rig, LEADER, samples=0))
+    assert status == 1
+    (problem,) = found(report, "problem", "gripper (id 7)", "a teaching handle answers")
+    assert f"--channel {LEADER}:yam:yam_teaching_handle" in problem["remedy"]
+    _, report = examine(capsys, *virtual(rig, f"{LEADER}:yam:no_gripper", samples=0))
+    assert found(report, "problem", LEADER, "a teaching handle answers, which gripper profile no_gripper does not have")
+
+
+def test_a_follower_in_place_of_a_leader(rig, capsys):
+    status, report = examine(capsys, *virtual(rig, f"{FOLLOWER}:yam:yam_teaching_handle", samples=0))
+    assert status == 1
+    assert found(report, "problem", f"{FOLLOWER} motor id 7", "the profile does not have")
+    assert found(report, "problem", f"{FOLLOWER} teaching handle", "does not answer")
+
+
+def test_another_arm_than_the_profile_says(rig, capsys):
+    _, report = examine(capsys, *virtual(rig, f"{FOLLOWER}:big_yam", samples=0))
+    problems = found(report, "problem", "joint_1 (id 1)")
+    assert len(problems) == 1 and "gear ratio is 40" in problems[0]["what"]
+
+
+def test_a_channel_that_the_rig_does_not_have(rig, capsys):
+    status, report = examine(capsys, *virtual(rig, "nowhere"))
+    assert status == 1
+    assert found(report, "problem", "nowhere", "nowhere")
+
+
+WRONG = {
+    Register.PMAX: 6.0,
+    Register.VMAX: 5.0,
+    Register.TMAX: 7.0,
+    Register.TIMEOUT: 4000,
+    Register.CTRL_MODE: 2,
+    Register.MST_ID: 0x33,
+    Register.GR: 25.0,
+}
+
+
+@pytest.mark.parametrize("register", WRONG, ids=lambda register: register.name)
+def test_what_a_session_would_refuse_is_found(sick, capsys, register):
+    """The doctor and `bringup.verify` agree on what a motor must hold."""
+    sick.fault(FOLLOWER, "joint_4", "register", WRONG[register], register=int(register))
+    with (
+        can.Bus(interface="yam_sim", channel=FOLLOWER, rig=sick.name) as bus,
+        pytest.raises(MotorError, match="joint_4"),
+    ):
+        bringup.verify(MotorChain(bus, MOTORS, channel=FOLLOWER))
+    status, report = examine(capsys, *virtual(sick, FOLLOWER, samples=0))
+    assert status == 1
+    (problem,) = found(report, "problem", "joint_4")
+    if register is not Register.GR:  # which is built in
+        value = {Register.MST_ID: 20, Register.TIMEOUT: 8000, Register.CTRL_MODE: 1}.get(register)
+        if value is not None:
+            assert f"7FF#{encode_write(4, register, value).hex().upper()}" in problem["remedy"]
