@@ -37,6 +37,7 @@ class MotorWatch:
         self._chain = chain
         self._stamp_s = chain.stamp_s
         self._lost_before = chain.lost
+        self._none = np.zeros(len(chain), dtype=bool)
         self._strangers = _Strangers(chain)
 
     def check(self, now: float) -> Finding:
@@ -44,16 +45,20 @@ class MotorWatch:
         chain = self._chain
         answered = chain.stamp_s > self._stamp_s
         self._stamp_s = chain.stamp_s
-        self._lost_before = np.where(answered, chain.lost, self._lost_before)
-        missed = chain.lost - self._lost_before
+        well = chain.fault == Fault.NORMAL
+        if answered.all() and well.all():  # nearly always
+            self._lost_before = chain.lost
+            return Finding(self._none, *self._strangers.check(now))
+        lost = chain.lost
+        self._lost_before = np.where(answered, lost, self._lost_before)
+        missed = lost - self._lost_before
         silent = (now - chain.stamp_s > SILENT_S) & (missed >= _MOTOR_MISSED)
-        bad = silent | (chain.fault != Fault.NORMAL)
+        bad = silent | ~well
         falling = (missed >= _CHANNEL_MISSED).all() and not silent.all() and not (bad & ~silent).any()
         if falling:  # the others have fallen silent too: within SILENT_S it is the channel, or they answer again
-            return Finding(np.zeros_like(bad))
+            return Finding(self._none)
         if not bad.any():
-            trouble, message = self._strangers.check(now)
-            return Finding(bad, trouble, message)
+            return Finding(bad, *self._strangers.check(now))
         if silent.all():
             age = float((now - chain.stamp_s).min())
             return Finding(

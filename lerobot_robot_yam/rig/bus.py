@@ -125,7 +125,8 @@ class YamSimBus(can.BusABC):
         check = self._link.check_receive
         while True:
             check()
-            self._fetch(0.0)
+            if not self._arrived:  # else the next frame is here, and a look at the socket would cost more than the rest
+                self._fetch(0.0)
             now = time.monotonic()
             if self._arrived:
                 wait = self._arrived[0].stamp_s - now
