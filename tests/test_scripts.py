@@ -22,7 +22,9 @@ for _ in $(seq "$LOOPS"); do sleep 0.05; done
 """
 
 
-@pytest.mark.parametrize("script", ["scripts/run", "scripts/test", "scripts/record_sim", ".ci/run"])
+@pytest.mark.parametrize(
+    "script", ["scripts/run", "scripts/test", "scripts/record_sim", "scripts/train_proof", ".ci/run"]
+)
 def test_shell_scripts_parse_and_can_be_run(script):
     assert os.access(ROOT / script, os.X_OK)
     subprocess.run(["bash", "-n", script], cwd=ROOT, check=True)
