@@ -91,20 +91,27 @@ class SharedBlock:
             StaleStateError: no consistent record within 0.25 s: the writer died in the middle of a write.
         """
         deadline = 0.0
-        while True:
-            before = self.sequence()
-            if before == 0:
-                return None
-            if before % 2 == 0:
-                payload = bytes(self._map[_HEADER.size :])
-                crc = _CRC.unpack_from(self._map, _CRC_AT)[0]
-                if self.sequence() == before and zlib.crc32(payload) == crc:
-                    return np.frombuffer(payload, self.dtype, count=1).reshape(())
+        while self.sequence():
+            record = self.glance()
+            if record is not None:
+                return record
             now = time.monotonic()
             deadline = deadline or now + _READ_TIMEOUT_S
             if now > deadline:
                 raise StaleStateError(f"{self.path}: its writer died in the middle of a write")
             time.sleep(0)
+        return None
+
+    def glance(self) -> np.ndarray | None:
+        """The same without waiting: None also while a record is being written, for who must not be held up."""
+        before = self.sequence()
+        if before == 0 or before % 2:
+            return None
+        payload = bytes(self._map[_HEADER.size :])
+        crc = _CRC.unpack_from(self._map, _CRC_AT)[0]
+        if self.sequence() != before or zlib.crc32(payload) != crc:
+            return None
+        return np.frombuffer(payload, self.dtype, count=1).reshape(())
 
     def peek(self, at: int) -> int:
         """The unsigned 8-byte field at byte `at` of the record as it is now, without a copy of the rest."""

@@ -76,6 +76,18 @@ def test_a_writer_that_died_in_the_middle_is_said_and_not_waited_for_for_ever(tm
         reader.read()
 
 
+def test_a_glance_never_waits(tmp_path):
+    writer = SharedBlock(tmp_path / "block", DTYPE, create=True)
+    reader = SharedBlock(tmp_path / "block", DTYPE, create=False)
+    assert reader.glance() is None
+    writer.write(record(1))
+    assert reader.glance() == record(1)
+    writer._map[8] = 3  # a write is under way
+    assert reader.glance() is None
+    writer._map[8], writer._map[-1] = 4, writer._map[-1] ^ 1  # not what the checksum says
+    assert reader.glance() is None
+
+
 def test_another_layout_is_refused(tmp_path):
     SharedBlock(tmp_path / "block", DTYPE, create=True)
     with pytest.raises(StaleStateError, match="another layout"):

@@ -47,9 +47,9 @@ class ControllerBlocks:
         if self._commands is None:
             return
         sequence = self._commands.sequence()
-        if sequence == self._seen or sequence % 2:
+        if sequence == self._seen:
             return
-        command = self._commands.read()
+        command = self._commands.glance()  # a caller that is held up, or dies, in the middle holds up nobody
         if command is None:
             return
         self._seen = sequence

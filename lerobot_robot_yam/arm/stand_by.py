@@ -106,7 +106,7 @@ class StandBy:
             with contextlib.suppress(FileNotFoundError, YamError):
                 if block is None:
                     block = self._blocks[index] = SharedBlock(state_path(key), STATE_DTYPE, create=False)
-                record = block.read()
+                record = block.glance()  # who is killed in the middle of a write leaves none
                 if record is not None and record["owner_pid"] == self._pid:
                     self._records[index] = record
                     newest = max(newest, int(record["tick"]))

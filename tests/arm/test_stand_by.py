@@ -3,6 +3,7 @@
 import logging
 import os
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -84,6 +85,32 @@ def test_the_stand_by_lands_both_arms(rig, number, caplog):
     assert not any(m["enabled"] for c in channels for m in arms[c]["motors"].values())
     again = start(rig, "follower_left")  # connecting again is all that it takes
     again.stop()
+
+
+def test_killed_in_the_middle_of_a_write(rig):
+    """The state that it leaves can never be read; nobody waits for it."""
+    channel = "follower_left"
+    session = start(rig, channel)
+    path, pid = state_path(channel_key("yam_sim", channel, rig.name)), control_pid(session)
+    block = SharedBlock(path, STATE_DTYPE, create=False)
+    try:
+        stretch(session, 0.9, channel)
+        since = last_event(rig)
+        os.kill(pid, signal.SIGSTOP)
+        os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOWAIT)
+        with open(path, "r+b", buffering=0) as file:
+            os.pwrite(file.fileno(), struct.pack("<Q", block.sequence() | 1), 8)
+            os.pwrite(file.fileno(), bytes(32), 64)
+        os.kill(pid, signal.SIGKILL)
+        killed = time.monotonic()
+        while (record := block.glance()) is None or record["mode"] != Mode.LAND:
+            assert time.monotonic() < killed + 0.2
+        with pytest.raises(MotorError, match="control process has died"):
+            session[channel].observe()
+    finally:
+        block.close()
+        session.stop()
+    assert not faults(rig, since)
 
 
 def test_without_the_stand_by_the_arm_falls(rig):
