@@ -126,10 +126,10 @@ class SharedBlock:
         except FileNotFoundError:
             return False
 
-    def close(self, remove: bool = False) -> None:
-        """Unmap; the creator also removes the file, and so does a reader that outlived it and says `remove`."""
+    def close(self, remove: bool | None = None) -> None:
+        """Unmap, and remove the file; None: if this is its writer."""
         self._sequence.release()
         self._map.close()
-        if (self._owner or remove) and self.current:  # a successor may have put its own block here
+        if (self._owner if remove is None else remove) and self.current:  # a successor may have put its own block here
             with contextlib.suppress(FileNotFoundError):
                 self.path.unlink()

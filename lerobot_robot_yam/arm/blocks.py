@@ -106,8 +106,8 @@ class ControllerBlocks:
         """False once another loop has taken the arm over."""
         return self._states.peek(OWNER_AT) == self._owner
 
-    def close(self) -> None:
-        """Remove the state block, and the command block in case its caller has died."""
-        self._states.close()
+    def close(self, remove: bool) -> None:
+        """Remove the state block, or leave it to a stand-by, and the command block in case its caller has died."""
+        self._states.close(remove)
         if self._commands is not None:
             self._commands.close(remove=True)

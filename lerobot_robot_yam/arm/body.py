@@ -1,5 +1,7 @@
 """One arm with all that moves it: motors, set-point, laws, and what each mode makes of them at a tick."""
 
+import logging
+
 import can
 import numpy as np
 
@@ -14,7 +16,9 @@ from lerobot_robot_yam.arm.policy import Trouble
 from lerobot_robot_yam.arm.setpoint import SetPoint
 from lerobot_robot_yam.arm.state import Limited
 from lerobot_robot_yam.damiao.chain import MotorChain
-from lerobot_robot_yam.errors import MotorError, YamError
+from lerobot_robot_yam.errors import BusError, MotorError, YamError
+
+logger = logging.getLogger(__name__)
 
 ACCELERATION_LIMIT_RAD_S2 = 30.0  # brakes from the speed limit within 50 ms
 _GRIPPER_ACCELERATION = 60.0  # strokes/s²
@@ -76,10 +80,11 @@ class ArmBody:
             MotorError: a motor does not enable; those that did are disabled again (the arm was limp before).
         """
         check_transition(self.name, self.mode, Mode.BRING_UP)
-        self.setpoint.seed(self.q)
-        self.command(0.0, 0.0)
         try:
-            finding = self.drive.enable(self.motion.commands)
+            self.drive.enable()
+            self.setpoint.seed(self.q)  # as of now: since it was inspected, a hand may have moved a limp arm
+            self.command(0.0, 0.0)
+            finding = self.drive.exchange(self.motion.commands)
             if finding.trouble is not None:
                 raise MotorError(
                     f"{self.name} ({self.config.channel}): cannot enable {finding.message}; "
@@ -112,6 +117,7 @@ class ArmBody:
         """From state and set-point to the commands of the next `send`."""
         q, dq = self.drive.motor_q, self.drive.motor_dq
         if self.mode is Mode.FLOAT or (self.mode is Mode.STOPPED and self._floats):
+            self.setpoint.seed(self.q)  # whatever ends the floating finds it where the arm is
             self.limited &= ~(Limited.JOINT_LIMIT | Limited.TORQUE)
             self.limited |= self.motion.float_free(q, dq, dt)
         else:
@@ -128,7 +134,16 @@ class ArmBody:
 
     def _enter(self, mode: Mode) -> None:
         check_transition(self.name, self.mode, mode)
+        if mode is not Mode.TRACK:
+            self._use_gains()
         self.mode = mode
+
+    def _use_gains(self, kp: np.ndarray | None = None, kd: np.ndarray | None = None) -> None:
+        """Gains (n,) of a target, NaN or None as configured; those are taken up where a softer arm has gone to."""
+        own = self.motion.own_gains
+        self.motion.gains(kp, kd)
+        if self.motion.own_gains and not own:
+            self._seed_joints()
 
     def _seed_joints(self) -> None:
         """Start the joints again from where they are; the gripper's set-point is its grip, and is kept."""
@@ -137,15 +152,16 @@ class ArmBody:
         self.setpoint.seed(q)
 
     def _hold_here(self) -> None:
-        """Brake, or keep the measured pose of an arm that floats."""
-        if self.mode is Mode.FLOAT:
-            self.setpoint.seed(self.q)
+        """Brake; an arm that floats keeps its pose."""
         self.setpoint.stop()
         self._enter(Mode.HOLD)
 
     def _switch_off(self) -> None:
         """Cut torque. Only from a landed pose, or where the arm was limp a moment ago."""
-        self.drive.disable()
+        try:
+            self.drive.disable()
+        except BusError as error:
+            logger.error("%s: nothing reaches its motors; they let go by themselves: %s", self.name, error)
         self.mode = Mode.OFF
         self.motion.commands[:] = 0.0
 

@@ -28,6 +28,7 @@ logger = logging.getLogger(__name__)
 _UNHEARD_S = 0.03  # seven ticks
 _UNREACHABLE_S = 1.0  # beyond their watchdog, the motors have let go: there is nothing left to land
 _HEAT_PERIOD_S = 0.1  # metal is slow
+_END_AGAIN_S = 1.0
 _FAR_RAD, _NEAR_RAD = 0.3, 0.1  # between target and set-point: held back by the speed limit, and no longer
 _SEED_RAD = 0.3  # a set-point further than this from the arm is not what holds it
 _BUS_TROUBLE = {19: Trouble.ADAPTER_GONE, 100: Trouble.LINK_DOWN, 105: Trouble.BUS_OFF}  # by errno
@@ -52,6 +53,7 @@ class ArmController(ArmBody):
         super().__init__(config, bus, hardware, gravity)
         self._after_search = Mode.FLOAT if self._floats else Mode.HOLD
         self._must_land = False  # as soon as the emergency stop is released
+        self._end_again_at = -math.inf
         self._halted = False  # by the other arm's trouble
         self._news: Trouble | None = None
         self._held_back = False  # by the workspace
@@ -74,12 +76,14 @@ class ArmController(ArmBody):
         """
         self.drive.adopt(record)
         self._usable = ~self.drive.check(now).bad
-        if not self._usable.any():
+        answered, slots = np.isfinite(self.chain.stamp_s), self.hardware.slots
+        if answered.all() and not self._usable.any():
             self.mode = Mode.OFF
             return
-        before = record["setpoint"][self.hardware.slots]
-        self.setpoint.seed(np.where(np.abs(before - self.q) < _SEED_RAD, before, self.q))
+        before, q = record["setpoint"][slots], np.where(answered, self.q, record["q"][slots])
+        self.setpoint.seed(np.where(np.abs(before - q) < _SEED_RAD, before, q))
         self.land(now, Trouble.CONTROL_DEAD, "its control process has died; the stand-by lands it")
+        self.command(now, 0.0)  # or the first tick would send zeros
 
     def measure(self, now: float) -> None:
         """From the replies to the state of the arm; trouble is answered as the policy says."""
@@ -154,9 +158,9 @@ class ArmController(ArmBody):
         if self.mode not in (Mode.HOLD, Mode.TRACK) or self._halted:
             return False
         self._last_target_at = now
+        self._use_gains(kp, kd)
         self.limited = self._limit_speed(target)
         self.setpoint.aim(target, now, velocity)
-        self.motion.gains(kp, kd)
         if self.mode is Mode.HOLD:
             self._enter(Mode.TRACK)
         return True
@@ -208,17 +212,23 @@ class ArmController(ArmBody):
         if self.mode is Mode.STOPPED:
             self._must_land = True
             return
-        floating = self.mode is Mode.FLOAT
         self._enter(Mode.LAND)
         if self.gripper is not None:
             self.gripper.stop_search()
-        self.motion.gains()
-        if floating:
-            self.setpoint.seed(self.q)
         if self.hardware.joints:
             self._landing = Landing(self.name, self.hardware.rest_q, self.q[: self.hardware.joints], self.setpoint, now)
         else:
             self._switch_off()  # a gripper alone falls nowhere
+
+    def end(self, now: float) -> None:
+        """Land because nobody is there any more. Ask every tick: what faults on its way tries again."""
+        if now < self._end_again_at:
+            return
+        self._end_again_at = now + _END_AGAIN_S
+        if self.mode is Mode.FAULT:
+            self.land(now, self.trouble, self.message)
+        else:
+            self.land(now)
 
     def _suffer(self, trouble: Trouble, message: str, now: float) -> None:
         """Answer trouble as the policy says, and have the other arms told."""
@@ -228,8 +238,7 @@ class ArmController(ArmBody):
             self.land(now, trouble, message)
             return
         self.trouble, self.message = trouble, message
-        if self.mode is Mode.FLOAT or (self.mode is Mode.STOPPED and self._floats):
-            self.setpoint.seed(self.q)
+        self._must_land = False
         self.setpoint.stop()
         if self.gripper is not None:
             self.gripper.stop_search()
@@ -271,6 +280,8 @@ class ArmController(ArmBody):
             self.trouble, self.message = Trouble.INTERNAL_ERROR, f"internal error, holding: {error!r}"
             self._news = self.trouble
             self.mode = Mode.FAULT
+            self.setpoint.stop()
+            self._use_gains()
         self._landing = None
         self.motion.commands[:] = self.drive.sent
         self.motion.commands[:, laws.DQ] = 0.0
@@ -279,7 +290,7 @@ class ArmController(ArmBody):
         """Enable again what has failed, and hold the measured pose. Blocks for some ticks.
 
         Raises:
-            MotorError: a motor still does not obey; nothing has changed for the others.
+            MotorError: a motor still does not obey; those that do again hold where they are.
             LifeCycleError: this trouble needs a new connection.
         """
         if self.mode is Mode.FAULT:
@@ -290,6 +301,7 @@ class ArmController(ArmBody):
             self.drive.clear_and_enable(failed)
             before = self.setpoint.q.copy()
             self._seed_joints()
+            before[failed] = self.setpoint.q[failed]  # they have sagged meanwhile
             self.command(self.chain.clock.now(), 0.0)
             finding = self.drive.exchange(self.motion.commands)
             if finding.trouble is not None:
@@ -312,8 +324,6 @@ class ArmController(ArmBody):
             return
         if self.mode is Mode.LAND:
             self._landing, self._must_land = None, True
-        if self.mode is Mode.FLOAT:
-            self.setpoint.seed(self.q)
         self.setpoint.stop()
         if self.gripper is not None:
             self.gripper.stop_search()
@@ -322,10 +332,7 @@ class ArmController(ArmBody):
     def _resume(self, now: float) -> None:
         """The emergency stop has been released: from the measured pose."""
         self.limited &= ~Limited.EMERGENCY_STOP
-        if self._floats:
-            self.setpoint.seed(self.q)
-        else:
-            self._seed_joints()
+        self._seed_joints()
         if self.gripper is not None and self.gripper.stops is None and not self._must_land:
             self.gripper.begin()
             self._enter(Mode.BRING_UP)

@@ -17,6 +17,7 @@ from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.encoder import HandleEncoder
 from lerobot_robot_yam.damiao.quantisation import Quantiser
 from lerobot_robot_yam.damiao.registers import Register
+from lerobot_robot_yam.errors import YamError
 
 
 class ArmDrive:
@@ -78,17 +79,25 @@ class ArmDrive:
             self.gripper.adopt(*record["gripper_stops_rad"].tolist())
         self.read()
 
-    def enable(self, commands: np.ndarray) -> Finding:
-        """Enable all motors; `commands` (n, 5) hold from the first one on."""
+    def enable(self) -> None:
+        """Enable all motors, which tells where they are; they wait for a command, without torque."""
         self.chain.special(SpecialCommand.ENABLE)
-        return self.exchange(commands)
+        self.read()
 
     def clear_and_enable(self, motors: Sequence[int]) -> None:
-        """Clear the faults of these motors and enable them; they wait for a command, without torque."""
+        """Clear the faults of these motors and enable them; they wait for a command, without torque.
+
+        Raises:
+            MotorError: one is where its joint cannot be; all these are disabled again.
+        """
         self.chain.special(SpecialCommand.CLEAR, motors=motors)
         self.chain.special(SpecialCommand.ENABLE, motors=motors)
         self.read()
-        self._resolve([i for i in motors if i < self._hardware.joints])  # without power it forgets its turn
+        try:
+            self._resolve([i for i in motors if i < self._hardware.joints])  # without power it forgets its turn
+        except YamError:
+            self.chain.special(SpecialCommand.DISABLE, motors=motors)
+            raise
         self.read()
 
     def disable(self) -> None:

@@ -22,6 +22,7 @@ class EmergencyStop:
     def __init__(self) -> None:
         self._path = runtime_dir() / "emergency-stop"
         self._name = str(self._path)
+        self._unwritten = False  # latched, with no way to write it down
 
     @property
     def latched(self) -> bool:
@@ -29,7 +30,7 @@ class EmergencyStop:
         try:
             os.stat(self._name)
         except OSError:
-            return False
+            return self._unwritten
         return True
 
     def reason(self) -> str:
@@ -47,7 +48,12 @@ class EmergencyStop:
         if self.latched:
             return
         data = {"why": why, "pid": os.getpid(), "at": time.strftime("%Y-%m-%d %H:%M:%S")}
-        self._path.write_text(json.dumps(data) + "\n")
+        try:
+            self._path.write_text(json.dumps(data) + "\n")
+        except OSError as error:
+            self._unwritten = True
+            logger.error("emergency stop: %s; only a new connection releases it, as %s", why, error)
+            return
         logger.error("emergency stop: %s; release it with `yam-estop release`", why)
 
     def release(self) -> None:

@@ -15,7 +15,7 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.controller import ArmController
 from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.guard import WorkspaceGuard
-from lerobot_robot_yam.arm.lifecycle import Mode
+from lerobot_robot_yam.arm.lifecycle import ENERGISED, Mode
 from lerobot_robot_yam.arm.policy import POLICY, Response
 from lerobot_robot_yam.arm.statistics import LoopStatistics
 from lerobot_robot_yam.errors import BusError, LifeCycleError, MotorError
@@ -92,10 +92,10 @@ class ControlLoop:
         while True:
             now = clock.now()
             self.statistics.tick(now)
-            if not landing and must_land():
-                landing = True
+            landing = landing or must_land()
+            if landing:
                 for controller in self._controllers:
-                    controller.land(now)
+                    controller.end(now)
             if not all(blocks.owned for blocks in self._blocks):
                 raise LifeCycleError("another process has taken the arms over; this one leaves them alone")
             self._exchange(now)
@@ -227,14 +227,18 @@ class ControlLoop:
         on_ready()
         return True
 
-    def close(self) -> None:
-        """Log how the loop did and remove the state blocks."""
+    def close(self, stand_by: bool = False) -> None:
+        """Log how the loop did and remove the state blocks.
+
+        Args:
+            stand_by: there is one; it takes over what is still in the air, for which it needs the block.
+        """
         lost = {c.name: int(c.chain.lost.sum()) for c in self._controllers}
         logger.info("control loop: %s; lost replies %s", self.statistics.summary(), lost)
         for controller, blocks in zip(self._controllers, self._blocks, strict=True):
             if controller.mode is Mode.OFF:
                 blocks.publish(self._clock.now(), 0)  # a stand-by may still look at it
-            blocks.close()
+            blocks.close(remove=not (stand_by and controller.mode in ENERGISED))
 
 
 def guard(controllers: Sequence[ArmController]) -> WorkspaceGuard | None:
@@ -255,5 +259,12 @@ def build(configs: Sequence[ArmConfig], keys: Sequence[str], buses: Sequence) ->
     controllers = [ArmController(config, bus) for config, bus in zip(configs, buses, strict=True)]
     for controller in controllers:
         controller.inspect()
-    blocks = [ControllerBlocks(c, key) for c, key in zip(controllers, keys, strict=True)]
-    return ControlLoop(controllers, blocks, configs[0].rate_hz)
+    blocks: list[ControllerBlocks] = []
+    try:
+        for controller, key in zip(controllers, keys, strict=True):
+            blocks.append(ControllerBlocks(controller, key))
+        return ControlLoop(controllers, blocks, configs[0].rate_hz)
+    except BaseException:
+        for made in blocks:
+            made.close(remove=True)
+        raise

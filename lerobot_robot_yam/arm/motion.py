@@ -33,6 +33,7 @@ class Motion:
         self._hardware, self._gravity, self._gripper = hardware, gravity, gripper
         self.commands = np.zeros((hardware.n, 5))
         self.kp, self.kd = hardware.kp.copy(), hardware.kd.copy()
+        self.own_gains = True  # and not those of a target
         self._integral = HoldIntegral.for_stiffness(hardware.kp[: hardware.joints]) if hold_integral else None
         self._clipped = False
         self._dq_before = np.zeros(hardware.joints)
@@ -43,6 +44,7 @@ class Motion:
         hw = self._hardware
         self.kp = hw.kp if kp is None else np.where(np.isnan(kp), hw.kp, kp)
         self.kd = hw.kd if kd is None else np.where(np.isnan(kd), hw.kd, kd)
+        self.own_gains = np.array_equal(self.kp, hw.kp) and np.array_equal(self.kd, hw.kd)
 
     def float_free(self, q: np.ndarray, dq: np.ndarray, dt: float) -> Limited:
         """Gravity-compensated free motion, pushed back gently beyond the joint limits.

@@ -19,6 +19,7 @@ from lerobot_robot_yam.arm import stand_by
 from lerobot_robot_yam.arm.bus import open_bus
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.loop import ControlLoop, build
+from lerobot_robot_yam.arm.process_end import ProcessEnd
 from lerobot_robot_yam.arm.state import lock_path
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.log_thread import log_from_a_thread
@@ -60,7 +61,7 @@ def control(
         loop.run(on_ready, must_land)
     finally:
         if loop is not None:
-            loop.close()
+            loop.close(stand_by=realtime)
         for bus in buses:
             bus.shutdown()
         for lock in locks:
@@ -86,6 +87,10 @@ def main() -> int:
     signal.signal(signal.SIGTERM, request_stop)
     job = json.loads(sys.stdin.readline())
     parent = int(job["parent_pid"])
+    try:
+        parent_end = ProcessEnd(parent)
+    except FileNotFoundError:
+        return 1  # nothing has been energised
     configs, keys = [ArmConfig(**arm) for arm in job["arms"]], job["keys"]
     stand_by_pid = stand_by.spawn(configs, keys, RT_PRIORITY)
 
@@ -97,7 +102,7 @@ def main() -> int:
 
     def must_land() -> bool:
         nonlocal stop
-        if not stop and os.getppid() != parent:
+        if not stop and parent_end.reached():
             logger.warning("the process that started this one (%d) is gone: landing", parent)
             stop = True
         watch_stand_by()

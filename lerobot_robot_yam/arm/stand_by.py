@@ -26,6 +26,7 @@ from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.loop import ControlLoop
 from lerobot_robot_yam.arm.policy import HUNG_S
+from lerobot_robot_yam.arm.process_end import ProcessEnd
 from lerobot_robot_yam.arm.state import STATE_DTYPE, lock_path, state_path
 from lerobot_robot_yam.damiao.encoder import HANDLE_IDS
 from lerobot_robot_yam.errors import ChannelInUseError, YamError
@@ -37,6 +38,7 @@ from lerobot_robot_yam.shared_block import SharedBlock
 logger = logging.getLogger(__name__)
 
 _LOOK_S = 0.02
+_CLEARED_MS = 5000  # what the kernel takes at most to free the locks of the dead
 _HUNG_LOOKS = round(HUNG_S / _LOOK_S)  # looks in a row, not time: a machine that stood still has not looked
 
 
@@ -75,6 +77,9 @@ class StandBy:
     def __init__(self, configs: Sequence[ArmConfig], keys: Sequence[str], control_pid: int):
         self._configs, self._keys, self._pid = configs, keys, control_pid
         self._process = os.pidfd_open(control_pid)
+        self._end = ProcessEnd(control_pid)
+        self._poll = select.poll()
+        self._poll.register(self._process, select.POLLIN)
         self._hardware = [Hardware(config) for config in configs]
         self._gravity = [gravity_model(hardware) for hardware in self._hardware]
         self._blocks: list[SharedBlock | None] = [None] * len(keys)
@@ -83,10 +88,8 @@ class StandBy:
     def run(self, rt_priority: int) -> None:
         """Wait for the control process's end; land what it has left in the air."""
         request_realtime(rt_priority)
-        poll = select.poll()
-        poll.register(self._process, select.POLLIN)
         ticks, idle = -1, 0
-        while not poll.poll(_LOOK_S * 1e3):
+        while not (self._poll.poll(_LOOK_S * 1e3) or self._end.reached()):
             before, ticks = ticks, self._look()
             idle = idle + 1 if ticks == before and self._driving() else 0
             if idle >= _HUNG_LOOKS:
@@ -104,7 +107,7 @@ class StandBy:
         for index, key in enumerate(self._keys):
             block = self._blocks[index]
             with contextlib.suppress(FileNotFoundError, YamError):
-                if block is None:
+                if block is None or not block.current:  # there may have been one of an earlier session
                     block = self._blocks[index] = SharedBlock(state_path(key), STATE_DTYPE, create=False)
                 record = block.glance()  # who is killed in the middle of a write leaves none
                 if record is not None and record["owner_pid"] == self._pid:
@@ -142,7 +145,7 @@ class StandBy:
                 controller.adopt(record, time.monotonic())
                 blocks.append(ControllerBlocks(controller, key, adopt=record))
                 controllers.append(controller)
-            except YamError as error:  # the other arm can still be landed
+            except Exception as error:  # the other arm can still be landed
                 logger.critical("%s cannot be taken over: %s", config.name, error)
         try:
             if controllers:
@@ -155,6 +158,8 @@ class StandBy:
         finally:
             for bus in buses:
                 bus.shutdown()
+            self._poll.poll(_CLEARED_MS)
+            _take(locks)  # to remove their files
             for lock in locks:
                 lock.release()
 
@@ -163,6 +168,6 @@ def _take(locks: Sequence[FileLock]) -> bool:
     """Take the locks as soon as the kernel has taken them from the dead; False, for nobody has to be told to land."""
     for lock in locks:
         if not lock.held:
-            with contextlib.suppress(ChannelInUseError):
+            with contextlib.suppress(ChannelInUseError, OSError):  # a full disk must not end the landing
                 lock.acquire()
     return False

@@ -9,12 +9,12 @@ STOPS = [3.25, -3.3]  # of the gripper in the default scene: nothing has to be s
 
 def sim_config(rig, channel, **fields):
     """A follower that holds or a leader that floats, weighing what the model says."""
-    fields = {"gravity_factor": [1.0] * 6} | fields
+    fields = {"gravity_factor": [1.0] * 6, "interface": "yam_sim"} | fields
     if channel.startswith("leader"):
         fields = {"gripper": "yam_teaching_handle", "start": "float"} | fields
     else:
         fields = {"gripper_stops_rad": STOPS} | fields
-    return ArmConfig(name=channel, channel=channel, interface="yam_sim", can_options={"rig": rig.name}, **fields)
+    return ArmConfig(name=channel, channel=channel, can_options={"rig": rig.name}, **fields)
 
 
 def track(session, poses, seconds, gripper=0.5):

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.session import ArmSession
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError, StaleStateError
@@ -24,14 +23,7 @@ def rig():
 
 
 def config(rig, channel):
-    return ArmConfig(
-        name=channel,
-        channel=channel,
-        interface="yam_lockstep",
-        can_options={"rig": rig.name},
-        gravity_factor=[1.0] * 6,
-        gripper_stops_rad=[3.25, -3.3],
-    )
+    return sim_config(rig, channel, interface="yam_lockstep")
 
 
 def moved(rig):

@@ -1,0 +1,209 @@
+"""Whatever ends a mode finds the arm where it is: no leap to a set-point that has been left behind."""
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.arm.bus import open_bus
+from lerobot_robot_yam.arm.controller import ArmController
+from lerobot_robot_yam.arm.estop import EmergencyStop
+from lerobot_robot_yam.arm.lifecycle import Mode
+from lerobot_robot_yam.arm.loop import ControlLoop
+from lerobot_robot_yam.arm.session import ArmSession
+from lerobot_robot_yam.arm.state import STATE_DTYPE, Request, channel_key, state_path
+from lerobot_robot_yam.damiao.tables import Fault
+from lerobot_robot_yam.errors import LifeCycleError
+from lerobot_robot_yam.rig.lockstep import LockstepRig
+from lerobot_robot_yam.shared_block import SharedBlock
+
+from .rigged import sim_config
+
+CHANNEL = "follower_left"
+POSE = np.array([0.2, 1.0, 1.1, -0.3, 0.1, 0.1])
+AWAY = POSE + [0.3, -0.4, -0.3, 0.2, 0.2, 0.2]
+GENTLE_RAD_S = 0.5  # a hold that takes over at rest moves an arm by its sag only
+
+
+@pytest.fixture
+def rig():
+    rig = LockstepRig(arms=[CHANNEL])
+    yield rig
+    rig.close()
+
+
+@pytest.fixture
+def session(rig):
+    session = ArmSession([config(rig)], isolation="lockstep")
+    session.start()
+    yield session
+    session.discard()
+
+
+def config(rig):
+    return sim_config(rig, CHANNEL, interface="yam_lockstep")
+
+
+def controller_of(session):
+    return session._runner._loop._controllers[0]
+
+
+def go(session, q, seconds=1.5, **gains):
+    for _ in range(round(seconds * 30)):
+        session[CHANNEL].track(q, 0.5, **gains)
+        session.clock.sleep(1 / 30)
+
+
+def fastest(rig, session, act, seconds=0.4):
+    """Greatest joint speed in rad/s while and after `act`."""
+    rig.watch_start(CHANNEL)
+    act()
+    session.clock.sleep(seconds)
+    return max(rig.watch(CHANNEL)["max_speed_rad_s"][:6])
+
+
+def q_of(rig):
+    return np.array(rig.state()["arms"][CHANNEL]["q"][:6])
+
+
+@pytest.mark.parametrize("how", ["hold", "calibrate", "internal error", "emergency stop"])
+def test_what_ends_floating_keeps_the_arm_where_a_hand_has_left_it(rig, session, how):
+    go(session, POSE)
+    session[CHANNEL].float()
+    session.clock.sleep(0.1)
+    rig.set_pose(CHANNEL, AWAY)
+    session.clock.sleep(0.1)
+    stop = EmergencyStop()
+    act = {
+        "hold": session[CHANNEL].hold,
+        "calibrate": lambda: controller_of(session).request(Request.CALIBRATE_GRIPPER, session.clock.now()),
+        "internal error": lambda: controller_of(session).fail(RuntimeError("a test")),
+        "emergency stop": lambda: stop.latch("a test"),
+    }[how]
+    try:
+        before = q_of(rig)
+        assert fastest(rig, session, act) < GENTLE_RAD_S
+        assert np.abs(q_of(rig) - before).max() < 0.05
+    finally:
+        stop.release()
+
+
+@pytest.mark.parametrize("how", ["no more targets", "hold", "emergency stop", "land"])
+def test_soft_gains_end_with_their_targets(rig, session, how):
+    go(session, POSE)
+    go(session, POSE, 0.3, kp=np.zeros(6), kd=np.ones(6))
+    rig.set_pose(CHANNEL, AWAY)  # a hand pushes the soft arm away
+    go(session, POSE, 0.1, kp=np.zeros(6), kd=np.ones(6))
+    stop = EmergencyStop()
+    act = {
+        "no more targets": lambda: session.clock.sleep(1.0),
+        "hold": session[CHANNEL].hold,
+        "emergency stop": lambda: stop.latch("a test"),
+        "land": session[CHANNEL].land,
+    }[how]
+    try:
+        assert fastest(rig, session, act) < (GENTLE_RAD_S if how != "land" else 0.8)
+        assert controller_of(session).motion.own_gains
+        if how != "land":
+            assert np.abs(q_of(rig) - AWAY).max() < 0.1
+    finally:
+        stop.release()
+
+
+def test_a_target_without_gains_after_one_with_soft_gains_is_followed_at_the_speed_limit(rig, session):
+    go(session, POSE)
+    go(session, POSE, 0.2, kp=np.zeros(6), kd=np.ones(6))
+    rig.set_pose(CHANNEL, AWAY)
+    go(session, POSE, 0.1, kp=np.zeros(6), kd=np.ones(6))
+    limit = float(controller_of(session).hardware.speed_limit[0])
+    assert fastest(rig, session, lambda: go(session, POSE, 1.0)) < 1.3 * limit
+    assert np.abs(q_of(rig) - POSE).max() < 0.03
+
+
+def test_an_arm_that_was_moved_between_inspection_and_enabling_is_held_where_it_is(rig, monkeypatch):
+    energise = ControlLoop.start
+
+    def late(loop):
+        rig.set_pose(CHANNEL, AWAY)
+        energise(loop)
+
+    monkeypatch.setattr(ControlLoop, "start", late)
+    session = ArmSession([config(rig)], isolation="lockstep")
+    rig.set_pose(CHANNEL, POSE)
+    rig.watch_start(CHANNEL)
+    session.start()
+    session.clock.sleep(0.3)
+    fastest_rad_s, q = max(rig.watch(CHANNEL)["max_speed_rad_s"][:6]), q_of(rig)
+    session.discard()
+    assert fastest_rad_s < 1.0  # it falls while its motors are enabled one by one
+    assert np.abs(q - AWAY).max() < 0.1
+
+
+def test_a_refused_re_arm_does_not_throw_the_motors_that_came_back(rig, session):
+    go(session, POSE)
+    rig.fault(CHANNEL, "joint_2", "nibble", int(Fault.OVERLOAD))
+    rig.fault(CHANNEL, "joint_4", "nibble", int(Fault.OVERLOAD), sticky=True)
+    session.clock.sleep(1.5)
+    assert np.abs(q_of(rig) - POSE).max() > 0.3  # it has sagged
+
+    def rearm():
+        with pytest.raises(LifeCycleError, match="cannot re-arm.*joint_4"):
+            session[CHANNEL].rearm()
+
+    assert fastest(rig, session, rearm) < 1.0
+
+
+def record_of(rig):
+    block = SharedBlock(state_path(channel_key("yam_lockstep", CHANNEL, rig.name)), STATE_DTYPE, create=False)
+    try:
+        return block.read()
+    finally:
+        block.close()
+
+
+@pytest.mark.parametrize("silent", [False, True])
+def test_who_takes_over_has_its_commands_ready_and_does_not_give_up_on_silence(rig, session, silent):
+    go(session, POSE)
+    record = record_of(rig)
+    if silent:  # for a moment, as on a machine that stands still
+        rig.fault(CHANNEL, None, "silent")
+    bus = open_bus(config(rig))
+    heir = ArmController(config(rig), bus)
+    heir.adopt(record, session.clock.now())
+    assert heir.mode is Mode.LAND
+    assert (heir.motion.commands[:6, 2] > 1.0).all()  # kp, Nm/rad
+    assert np.abs(heir.setpoint.q[:6] - POSE).max() < 0.05
+    bus.shutdown()
+
+
+def test_nobody_takes_over_an_arm_that_is_limp(rig, session):
+    record = record_of(rig)
+    rig.cut_torque(CHANNEL)
+    bus = open_bus(config(rig))
+    heir = ArmController(config(rig), bus)
+    heir.adopt(record, session.clock.now())
+    assert heir.mode is Mode.OFF
+    bus.shutdown()
+
+
+def test_an_end_that_trouble_interrupts_is_reached_all_the_same(rig, session):
+    """Emergency stop, the caller leaves, a motor fails, the stop is released: nobody is there to ask again."""
+    go(session, POSE)
+    stop = EmergencyStop()
+    stop.latch("a test")
+    try:
+        session.clock.sleep(0.1)
+        session._runner._landing = True
+        session.clock.sleep(0.2)
+        rig.fault(CHANNEL, "joint_6", "nibble", int(Fault.OVERLOAD))
+        session.clock.sleep(0.3)
+        assert controller_of(session).mode is Mode.FAULT
+    finally:
+        stop.release()
+    session.clock.sleep(15.0)
+    assert not any(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())
+
+
+def test_a_stop_that_cannot_be_written_down_holds_nevertheless(tmp_path, caplog):
+    stop = EmergencyStop()
+    stop._path = tmp_path / "gone" / "emergency-stop"
+    stop.latch("a test")
+    assert stop.latched and "only a new connection releases it" in caplog.text
