@@ -4,7 +4,7 @@ import atexit
 import dataclasses
 import logging
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +66,7 @@ class ArmGroup:
         arms: configuration by feature prefix, in canonical order: {"": …} or {"left_": …, "right_": …}.
         use_degrees: joints in degrees towards LeRobot; the gripper stays 0 … 1.
         isolation: where the control loop runs, see `ArmSession`.
-        handles: a teaching handle's trigger counts as a gripper (leaders).
+        handles: of leaders, the prefixes of arms with a trigger that counts as a gripper, if they have a handle.
 
     Attributes:
         motors: names of the values in canonical order, such as `left_joint_1`.
@@ -80,16 +80,16 @@ class ArmGroup:
         arms: Mapping[str, ArmConfig],
         use_degrees: bool,
         isolation: Isolation,
-        handles: bool = False,
+        handles: Collection[str] | None = None,
     ):
         self.device = device
-        self._use_degrees, self._leads = use_degrees, handles
+        self._use_degrees, self._leads = use_degrees, handles is not None
         self._configs = list(arms.values())
         self._session = ArmSession(self._configs, isolation)
         self.sides: list[_Side] = []
         self.motors: list[str] = []
         for prefix, config in arms.items():
-            side = _Side(prefix, config, self._session, len(self.motors), handles)
+            side = _Side(prefix, config, self._session, len(self.motors), prefix in (handles or ()))
             self.sides.append(side)
             self.motors += side.motors
         self.keys = [f"{motor}.pos" for motor in self.motors]

@@ -11,6 +11,7 @@ from lerobot.utils.decorators import check_if_already_connected, check_if_not_co
 
 from lerobot_robot_yam.action_space import make_action_space
 from lerobot_robot_yam.arm.config_rules import check_switches
+from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.profile import load_arm, load_gripper
 from lerobot_robot_yam.arm_group import ArmGroup, arm_config
 from lerobot_robot_yam.errors import ConfigError
@@ -44,7 +45,7 @@ class LeaderBase(Teleoperator):
             },
             options.use_degrees,
             options.isolation,
-            handles=True,
+            handles={prefix for prefix, arm in arms.items() if load_gripper(arm.ee_gripper).motor is not None},
         )
         tools = []
         lower, upper = np.zeros(len(self._arms.keys)), np.ones(len(self._arms.keys))
@@ -61,6 +62,7 @@ class LeaderBase(Teleoperator):
         self._lower, self._upper = lower, upper
         self._space = make_action_space(options.action_space, self._arms, tools)
         self._release_grippers()
+        self._action: dict[str, float] | None = None
         self._follows_feedback = False
 
     def _release_grippers(self) -> None:
@@ -96,6 +98,7 @@ class LeaderBase(Teleoperator):
             YamError: an arm cannot be driven.
         """
         self._release_grippers()
+        self._action = None
         self._follows_feedback = False
         self._arms.start(calibrate)
         logger.info("%s connected", self)
@@ -125,13 +128,17 @@ class LeaderBase(Teleoperator):
         The gripper is open (1) with the trigger released and closed (0) with it squeezed. While a handle is silent
         its last opening stays; before the first report that is open. A trigger cannot be led: the opening that feedback
         has asked for stays until the trigger has come to it, or whoever takes over would drop what the follower holds.
+        During an emergency stop the last action stays, as the followers do.
 
         Raises:
             MotorError: a motor has failed.
             StaleStateError: an arm has nothing fresh to say.
         """
+        states = self._arms.observe()
+        if self._action is not None and any(state.mode is Mode.STOPPED for state in states):
+            return dict(self._action)
         values: list[float] = []
-        for index, state in enumerate(self._arms.observe()):
+        for index, state in enumerate(states):
             values += state.q.tolist()
             if self._arms.sides[index].has_gripper:
                 if state.gripper is not None:
@@ -139,7 +146,8 @@ class LeaderBase(Teleoperator):
                 elif state.trigger is not None:
                     self._openings[index] = self._pick_up(index, 1.0 - state.trigger)
                 values.append(self._openings[index])
-        return self._space.action(np.minimum(np.maximum(values, self._lower), self._upper))
+        self._action = self._space.action(np.minimum(np.maximum(values, self._lower), self._upper))
+        return dict(self._action)
 
     def _pick_up(self, index: int, trigger: float) -> float:
         """Opening of a gripper whose trigger says `trigger`: its own once it has met, or passed, what feedback left."""
@@ -179,6 +187,7 @@ class LeaderBase(Teleoperator):
         """Hold where the arms are; from now on they follow `send_feedback`."""
         for side in self._arms.sides:
             self._arms[side].hold()
+        self._left_by_feedback = list(self._openings)  # whoever lets go of a trigger now drops nothing
         self._follows_feedback = True
 
     @check_if_not_connected
@@ -187,6 +196,9 @@ class LeaderBase(Teleoperator):
         self._follows_feedback = False
         for side in self._arms.sides:
             self._arms[side].float()
+        for index, state in enumerate(self._arms.observe()):
+            if state.trigger is not None:
+                self._triggers[index] = 1.0 - state.trigger  # from here on it can meet or pass the gripper
 
 
 class YamLeader(LeaderBase):

@@ -25,6 +25,7 @@ from lerobot_teleoperator_yam.bi_yam_leader import BiYamLeader
 from lerobot_teleoperator_yam.config_bi_yam_leader import BiYamLeaderConfig
 from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
+from lerobot_teleoperator_yam.yam_leader import YamLeader
 
 KEYS = [*(f"joint_{n}.pos" for n in range(1, 7)), "gripper.pos"]
 BI_KEYS = [f"{side}_{key}" for side in ("left", "right") for key in KEYS]
@@ -81,6 +82,12 @@ def settle(device, action, seconds=1.5):
 
 
 # what is known before anything is connected
+
+
+def test_a_leader_has_no_gripper_key_for_a_follower_without_a_gripper(tmp_path):
+    follower = YamFollower(YamFollowerConfig(channel="x", gripper="no_gripper", calibration_dir=tmp_path))
+    leader = YamLeader(YamLeaderConfig(channel="y", ee_gripper="no_gripper", calibration_dir=tmp_path))
+    assert list(leader.action_features) == list(follower.action_features) == KEYS[:-1]
 
 
 def test_bimanual_features_are_in_canonical_order(tmp_path):

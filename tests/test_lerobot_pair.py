@@ -8,6 +8,7 @@ import pytest
 import torch
 from lerobot.utils.errors import DeviceAlreadyConnectedError
 
+from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.errors import ActionError
 from lerobot_robot_yam.rig.control import running_rig
 from tests.test_lerobot_contract import BI_KEYS, connected_pair, enabled, settle
@@ -153,3 +154,38 @@ def test_a_trigger_takes_over_where_feedback_has_left_the_gripper(leader, shared
     assert opening(0.0) == opening(0.3) == 0.4  # it is not dropped
     assert opening(0.7) == pytest.approx(0.3, abs=0.02)  # picked up
     assert opening(0.0) == 1.0
+
+
+@pytest.mark.parametrize("led", [True, False])
+def test_a_trigger_that_is_let_go_of_while_the_leader_holds_opens_nothing(leader, shared_rig, led):
+    def opening(trigger):
+        shared_rig.trigger("leader_left", trigger)
+        return settle(lambda _: leader.get_action(), None, 0.3)["left_gripper.pos"]
+
+    gripped = 0.4 if led else opening(0.6)
+    opening(1.0 if led else 0.6)
+    leader.enable_torque()
+    if led:
+        settle(leader.send_feedback, {**leader.get_action(), "left_gripper.pos": gripped}, 0.3)
+    shared_rig.trigger("leader_left", 0.0)
+    time.sleep(0.3)
+    leader.disable_torque()
+    assert leader.get_action()["left_gripper.pos"] == gripped == opening(0.0)
+    assert opening(0.7) == pytest.approx(0.3, abs=0.02)  # picked up
+    assert opening(0.0) == 1.0
+
+
+def test_during_an_emergency_stop_the_last_action_stays(leader, shared_rig):
+    """The followers hold, and what is recorded says so."""
+    stop, before = EmergencyStop(), leader.get_action()
+    stop.latch("a test")
+    try:
+        time.sleep(0.1)
+        shared_rig.trigger("leader_left", 0.8)
+        time.sleep(0.3)
+        assert leader.get_action() == before
+    finally:
+        stop.release()
+    time.sleep(0.1)
+    assert leader.get_action()["left_gripper.pos"] == pytest.approx(0.2, abs=0.02)
+    shared_rig.trigger("leader_left", 0.0)
