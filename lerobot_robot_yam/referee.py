@@ -16,6 +16,8 @@ from lerobot_robot_yam.rig.control import RigOperations
 logger = logging.getLogger(__name__)
 
 _REMIND_S = 20.0
+Judge = Callable[[Mapping[str, Any]], bool | None]
+"""From an observation to success, failure or, not yet, None."""
 
 
 class Verdict(NamedTuple):
@@ -72,13 +74,15 @@ class OperatorReferee:
 
     Args:
         task: what the person is told.
+        scene: lays the scene out instead.
 
     Raises:
         ConfigError: there is no keyboard to listen to.
     """
 
-    def __init__(self, task: str):
+    def __init__(self, task: str, scene: Referee | None = None):
         self._task = task
+        self._scene = scene
         self._key = ""
         self._pressed = threading.Event()
         self._listener = create_key_listener(self._press, controls_help="space go on, s success, f failure")
@@ -93,6 +97,10 @@ class OperatorReferee:
             self._pressed.set()
 
     def arrange(self, seed: int | None) -> None:
+        if self._scene is not None:
+            self._scene.arrange(seed)
+            self._key = ""
+            return
         logger.info("lay out the scene of '%s' (seed %s), then press space", self._task, seed)
         since_s = time.monotonic()
         while True:
@@ -112,26 +120,31 @@ class OperatorReferee:
             self._listener = None
 
 
+def find_judge(name: str) -> Judge:
+    """The callable behind "module:function", see `YamEnvConfig.success`.
+
+    Raises:
+        ConfigError: there is no such function.
+    """
+    module, _, function = name.partition(":")
+    try:
+        judge: Judge = getattr(importlib.import_module(module), function)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ConfigError(f"env.success: {name!r} is not 'rig', 'operator' or module:function ({error})") from error
+    return judge
+
+
 class CallableReferee:
     """Another referee, with a callable as its judge.
 
     Args:
         other: lays the scene out; None: nothing has to be laid out.
-        judge: "module:function", see `YamEnvConfig.success`.
-
-    Raises:
-        ConfigError: there is no such function.
+        judge: of every observation.
     """
 
-    def __init__(self, other: Referee | None, judge: str):
+    def __init__(self, other: Referee | None, judge: Judge):
         self._other = other
-        module, _, name = judge.partition(":")
-        try:
-            self._judge: Callable[[Mapping[str, Any]], bool | None] = getattr(importlib.import_module(module), name)
-        except (ImportError, AttributeError, ValueError) as error:
-            raise ConfigError(
-                f"env.success: {judge!r} is not 'rig', 'operator' or module:function ({error})"
-            ) from error
+        self._judge = judge
 
     def arrange(self, seed: int | None) -> None:
         if self._other is not None:

@@ -9,12 +9,12 @@ import gymnasium as gym
 import numpy as np
 from lerobot.robots.utils import make_robot_from_config
 
-from lerobot_robot_yam.arm.profile import load_gripper
+from lerobot_robot_yam.arm.profile import load_arm, load_gripper
 from lerobot_robot_yam.config_yam_env import AGENT_POS, YamEnvConfig
 from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError
 from lerobot_robot_yam.feature_names import motors_of
 from lerobot_robot_yam.in_lockstep import put_in_lockstep
-from lerobot_robot_yam.referee import CallableReferee, OperatorReferee, Referee, RigReferee
+from lerobot_robot_yam.referee import CallableReferee, OperatorReferee, Referee, RigReferee, find_judge
 from lerobot_robot_yam.rig.cameras import RigCamera
 from lerobot_robot_yam.rig.control import RigControl, RigOperations
 from lerobot_robot_yam.rig.lockstep import LockstepRig
@@ -76,6 +76,7 @@ class YamEnv(gym.Env):
         )
         self.action_space = gym.spaces.Box(-np.inf, np.inf, (len(self._action_keys),), np.float32)
         self._motors = motors_of(self._robot_config.arms())
+        self._check_reset_pose()
         self._start_pose: np.ndarray | None = None
         self._rig: RigOperations | None = None
         self._robot: FollowerBase | None = None
@@ -224,14 +225,25 @@ class YamEnv(gym.Env):
             if config.task is not None:
                 referee = RigReferee(self._rig, config.task)
         if config.success == "operator":
-            return OperatorReferee(config.task or "")
+            return OperatorReferee(config.task or "", referee)
         if config.success != "rig":
-            return CallableReferee(referee, config.success)
+            judge = find_judge(config.success)
+            return CallableReferee(referee or self._person(), judge)
         if referee is None:
             raise ConfigError(
                 "env.success=rig needs a virtual rig and a task; on real arms choose operator or module:function"
             )
         return referee
+
+    def _person(self) -> Referee | None:
+        """Who lays the scene out on real arms: a person at the keyboard, where there is one."""
+        if self._virtual:
+            return None
+        try:
+            return OperatorReferee(self._config.task or "")
+        except ConfigError:
+            logger.warning("no keyboard: episodes follow each other without asking; keep out of the arms' reach")
+            return None
 
     def _make_rig(self) -> RigOperations:
         config, arms = self._config, self._robot_config.arms()
@@ -263,7 +275,23 @@ class YamEnv(gym.Env):
             if robot.clock.now() > deadline_s:
                 raise LifeCycleError(
                     f"{self._motors[int(off.argmax())]} is not at the reset pose after {_REACH_TIMEOUT_S:.0f} s; "
-                    "is something in its way?"
+                    "is something in its way, or the emergency stop latched (yam-estop)?"
+                )
+
+    def _check_reset_pose(self) -> None:
+        pose = self._config.reset_pose
+        if pose is None:
+            return
+        limits: list[tuple[float, float]] = []
+        for arm in self._robot_config.arms().values():
+            limits += load_arm(arm.arm).joint_limits_rad.tolist()
+            limits += [(0.0, 1.0)] * (load_gripper(arm.gripper).motor is not None)
+        if len(pose) != len(limits):
+            raise ConfigError(f"env.reset_pose: {len(pose)} values, not {len(limits)}: {', '.join(self._motors)}")
+        for motor, value, (low, high) in zip(self._motors, pose, limits, strict=True):
+            if not low <= value <= high:
+                raise ConfigError(
+                    f"env.reset_pose: {motor} is {value:g}, outside {low:.3f} … {high:.3f} (rad; grippers 0 … 1)"
                 )
 
     def _reset_pose(self) -> np.ndarray | None:

@@ -191,6 +191,34 @@ def test_what_cannot_be_is_said(tmp_path):
     env.close()
 
 
+@pytest.mark.parametrize(
+    "pose, says",
+    [
+        ([0.1] * 6, "6 values, not 7: joint_1"),
+        ([0.1] * 14, "14 values, not 7"),
+        ([5.0, 70.0, 60.0, 0.0, 0.0, 0.0, 1.0], "joint_1 is 5, outside"),
+        ([0.1] * 6 + [float("nan")], "gripper is nan, outside 0.000 … 1.000"),
+    ],
+)
+def test_a_reset_pose_that_the_robot_cannot_take_is_refused_at_once(tmp_path, pose, says):
+    with pytest.raises(ConfigError, match=says):
+        YamEnv(YamEnvConfig(robot=robot(tmp_path), reset_pose=pose))
+
+
+def test_a_virtual_scene_is_laid_out_by_the_rig_whoever_judges(tmp_path, monkeypatch):
+    terminal, stdin = pty.openpty()
+    with running_rig(scene="lift_and_place", arms=["follower_left"]) as rig, os.fdopen(stdin) as keyboard:
+        monkeypatch.setattr("sys.stdin", keyboard)
+        live = robot(tmp_path, can_options={"rig": rig.name}, cameras={}, gripper_stops_rad=[3.25, -3.3])
+        env = YamEnv(YamEnvConfig(robot=live, success="operator"))
+        try:
+            env.reset(seed=7)  # nobody presses space
+            assert rig.task_state()["seed"] == 7
+        finally:
+            env.close()
+            os.close(terminal)
+
+
 def test_several_on_live_rigs_have_one_each(tmp_path):
     config = YamEnvConfig(robot=robot(tmp_path), lockstep=True)
     makers = config.create_envs(2)["yam"][0]
