@@ -28,6 +28,7 @@ from tqdm import tqdm
 from lerobot_robot_yam.config_yam_env import AGENT_POS, YamEnvConfig
 from lerobot_robot_yam.demonstration import Frame, demonstrate
 from lerobot_robot_yam.errors import ConfigError, RigError, YamError
+from lerobot_robot_yam.recorded_unit import recorded_name
 from lerobot_robot_yam.yam_env import YamEnv
 
 logger = logging.getLogger(__name__)
@@ -103,10 +104,23 @@ def _open(config: YamEnvConfig, root: Path, repo_id: str) -> LeRobotDataset:
         "streaming_encoding": True,
         "encoder_threads": 1,
     }
-    if (root / "meta" / "info.json").exists():
-        return LeRobotDataset.resume(repo_id, root, **encoding)
-    robot = cast(Any, config.robot)
-    return LeRobotDataset.create(repo_id, config.fps, features_of(config), root, robot_type=robot.type, **encoding)
+    robot, features = cast(Any, config.robot), features_of(config)
+    robot_type = recorded_name(robot.type, robot.use_degrees)
+    if not (root / "meta" / "info.json").exists():
+        return LeRobotDataset.create(repo_id, config.fps, features, root, robot_type=robot_type, **encoding)
+    dataset = LeRobotDataset.resume(repo_id, root, **encoding)
+    _refuse_another("fps", dataset.fps, config.fps, root)
+    _refuse_another("robot", dataset.meta.robot_type, robot_type, root)
+    for key, wanted in features.items():
+        held = dataset.features.get(key, {"names": None, "shape": ()})
+        for part in ("names", "shape"):
+            _refuse_another(f"{key} {part}", list(held[part] or ()), list(wanted[part]), root)
+    return dataset
+
+
+def _refuse_another(what: str, held: object, wanted: object, root: Path) -> None:
+    if held != wanted:
+        raise ConfigError(f"{root}: its {what} is {held}, that of the environment {wanted}; give another --root")
 
 
 def environment(path: Path) -> YamEnvConfig:

@@ -130,6 +130,8 @@ def _sources(is_joint: np.ndarray) -> dict[str, str | None]:
     path = parser.get_path_arg("policy") or _option("pretrained_name_or_path")  # the latter: async inference
     if path:
         found[f"checkpoint {path}"] = unit_of_checkpoint(path, _option("policy.pretrained_revision"), is_joint)
+    if _option("policy.type") == "yam_openpi":
+        found["policy.angle_unit"] = DEGREES if _option("policy.angle_unit") == "deg" else RADIANS
     replays = _option("dataset.episode") is not None
     repo_id = _option("dataset.repo_id")
     if repo_id and (replays or _option("resume") == "true"):

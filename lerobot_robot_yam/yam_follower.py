@@ -97,7 +97,8 @@ class FollowerBase(Robot):
             YamError: an arm cannot be driven, or the command replays or rolls out what is in another unit.
             Exception: a camera cannot be opened, as its class says.
         """
-        check_command(self.name, self._use_degrees, self._arms.is_joint)
+        if self._space.keys == self._arms.keys:  # poses of a tool have one unit
+            check_command(self.name, self._use_degrees, self._arms.is_joint)
         try:
             for camera in self.cameras.values():
                 camera.connect()

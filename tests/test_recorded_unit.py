@@ -3,6 +3,7 @@
 Nothing here can move: there is no rig. `tests/cli/test_rollout.py` looks at one.
 """
 
+import contextlib
 import json
 import signal
 import sys
@@ -204,6 +205,14 @@ def test_async_client_looks_at_the_checkpoint_that_it_names(monkeypatch, tmp_pat
     with pytest.raises(ConfigError, match="is in degrees, this robot in radians"):
         check_command("robot", False, IS_JOINT)
     check_command("robot", True, IS_JOINT)
+
+
+@pytest.mark.parametrize("unit, degrees, fits", [("deg", True, True), ("deg", False, False), ("rad", True, False)])
+def test_an_openpi_server_speaks_the_robots_unit(monkeypatch, unit, degrees, fits):
+    arguments = ["lerobot-rollout", "--policy.type=yam_openpi", f"--policy.angle_unit={unit}"]
+    monkeypatch.setattr(sys, "argv", arguments)
+    with contextlib.nullcontext() if fits else pytest.raises(ConfigError, match="policy.angle_unit is in"):
+        check_command("robot", degrees, IS_JOINT)
 
 
 def test_an_unknown_unit_is_said(monkeypatch, caplog):

@@ -8,7 +8,7 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 from lerobot_robot_yam.configs_command import config_path
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.gather import environment
+from lerobot_robot_yam.gather import _open, environment
 from tests.cli.conftest import Commands
 
 
@@ -34,3 +34,18 @@ def test_an_environment_in_real_time_is_refused(tmp_path):
     config.write_text(config_path("train/lift_and_place_eval").read_text().replace("lockstep: true", "lockstep: false"))
     with pytest.raises(ConfigError, match="lockstep: true"):
         environment(config)
+
+
+def test_another_environment_is_not_mixed_into_a_data_set(tmp_path):
+    env, root = environment(config_path("train/lift_and_place_eval")), tmp_path / "data"
+    _open(env, root, "local/gathered").finalize()
+    _open(env, root, "local/gathered").finalize()
+    env.fps = 15
+    with pytest.raises(ConfigError, match="its fps is 30, that of the environment 15"):
+        _open(env, root, "local/gathered")
+    env.fps, env.robot.use_degrees = 30, True
+    with pytest.raises(ConfigError, match="its robot is yam_follower, that of the environment yam_follower_degrees"):
+        _open(env, root, "local/gathered")
+    env.robot.use_degrees, env.robot.action_space = False, "ee"
+    with pytest.raises(ConfigError, match="its action names is"):
+        _open(env, root, "local/gathered")
