@@ -222,8 +222,8 @@ class YamEnv(gym.Env):
         referee: Referee | None = None
         if self._virtual:
             self._rig = self._make_rig()
-            if config.task is not None:
-                referee = RigReferee(self._rig, config.task)
+            if self._task is not None:
+                referee = RigReferee(self._rig, self._task.name)
         if config.success == "operator":
             return OperatorReferee(config.task or "", referee)
         if config.success != "rig":
