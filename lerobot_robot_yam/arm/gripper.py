@@ -170,7 +170,7 @@ def load_stops(path: Path, gripper: str) -> GripperStops | None:
             raise ValueError("stops are not finite")
     except FileNotFoundError:
         return None
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise GripperError(f"{path} is not a gripper calibration ({error}); delete it and calibrate again") from error
     if owner != gripper or version != _FILE_VERSION:
         raise GripperError(

@@ -107,7 +107,7 @@ def _numbers(arm: str, what: str, values: Sequence[Any], count: int) -> list[flo
     """`values` as `count` finite floats; ConfigError otherwise."""
     try:
         numbers = [float(value) for value in values]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         numbers = []
     if len(numbers) != count or not all(math.isfinite(number) for number in numbers):
         raise ConfigError(f"{arm}: workspace.{what} takes {count} finite number(s), not {values!r}")

@@ -205,7 +205,7 @@ class RigServer:
             if request.get("op") == "hand":
                 client.hands.add(request.get("channel"))
             return commands.ask(self.device, request)
-        except (ValueError, KeyError, TypeError, AttributeError, IndexError, YamError) as error:
+        except (ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError, YamError) as error:
             return error_reply(error)
 
     def _camera_fault(self, request: Mapping[str, Any]) -> dict[str, Any]:

@@ -122,9 +122,10 @@ def test_stops_survive_on_disk_and_foreign_files_are_refused(tmp_path):
     assert load_stops(path, "linear_4310") == GripperStops(CLOSED, OPEN)
     with pytest.raises(GripperError, match="crank_4310"):
         load_stops(path, "crank_4310")
-    path.write_text("{}")
-    with pytest.raises(GripperError, match="not a gripper calibration"):
-        load_stops(path, "linear_4310")
+    for damaged in ("{}", path.read_text().replace("3.25", f"1{'0' * 400}")):  # JSON knows no largest integer
+        path.write_text(damaged)
+        with pytest.raises(GripperError, match="not a gripper calibration"):
+            load_stops(path, "linear_4310")
 
 
 def gripper_axis(path, configured=None):

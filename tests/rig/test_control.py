@@ -163,6 +163,12 @@ def test_what_cannot_be_done_is_refused_by_name(rig, call, text):
     assert rig.state()["sim_s"] > 0  # and the rig lives on
 
 
+def test_a_number_beyond_any_float_does_not_end_the_rig(rig):
+    with pytest.raises(RigError, match="too large"):
+        rig.place("cube", (0, 0, 10**400))
+    assert rig.state()["sim_s"] > 0
+
+
 def test_no_event_in_time_is_an_error(rig):
     with pytest.raises(RigError, match="no event miracle"):
         rig.wait_event("miracle", 0.05)
