@@ -153,7 +153,8 @@ class LeaderBase(Teleoperator):
         """Opening of a gripper whose trigger says `trigger`: its own once it has met, or passed, what feedback left."""
         left, before = self._left_by_feedback[index], self._triggers[index]
         self._triggers[index] = trigger
-        if left is not None and abs(trigger - left) > _PICKED_UP and (trigger - left) * (before - left) > 0.0:
+        away = left is not None and abs(trigger - left) > _PICKED_UP and (trigger - left) * (before - left) > 0.0
+        if left is not None and (self._follows_feedback or away):
             return left
         self._left_by_feedback[index] = None
         return trigger

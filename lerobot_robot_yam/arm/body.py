@@ -21,6 +21,7 @@ from lerobot_robot_yam.errors import BusError, MotorError, YamError
 logger = logging.getLogger(__name__)
 
 ACCELERATION_LIMIT_RAD_S2 = 30.0  # brakes from the speed limit within 50 ms
+_LEFT_BEHIND_RAD = 0.05  # more than an arm lags with its own gains
 _GRIPPER_ACCELERATION = 60.0  # strokes/s²
 
 
@@ -143,7 +144,9 @@ class ArmBody:
         own = self.motion.own_gains
         self.motion.gains(kp, kd)
         if self.motion.own_gains and not own:
-            self._seed_joints()
+            gap = np.abs(self.setpoint.q - self.q)[: self.hardware.joints]
+            for joint in np.flatnonzero(gap > _LEFT_BEHIND_RAD):
+                self.setpoint.reseed(int(joint), float(self.q[joint]))
 
     def _seed_joints(self) -> None:
         """Start the joints again from where they are; the gripper's set-point is its grip, and is kept."""

@@ -76,12 +76,11 @@ class ArmController(ArmBody):
         """
         self.drive.adopt(record)
         self._usable = ~self.drive.check(now).bad
-        answered, slots = np.isfinite(self.chain.stamp_s), self.hardware.slots
-        if answered.all() and not self._usable.any():
+        if np.isfinite(self.chain.stamp_s).all() and not self._usable.any():  # all have answered
             self.mode = Mode.OFF
             return
-        before, q = record["setpoint"][slots], np.where(answered, self.q, record["q"][slots])
-        self.setpoint.seed(np.where(np.abs(before - q) < _SEED_RAD, before, q))
+        before = record["setpoint"][self.hardware.slots]
+        self.setpoint.seed(np.where(np.abs(before - self.q) < _SEED_RAD, before, self.q))
         self.land(now, Trouble.CONTROL_DEAD, "its control process has died; the stand-by lands it")
         self.command(now, 0.0)  # or the first tick would send zeros
 

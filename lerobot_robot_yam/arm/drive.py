@@ -77,6 +77,10 @@ class ArmDrive:
         self._map.offset_rad[:] = np.nan_to_num(record["offset_rad"][self._hardware.slots])
         if self.gripper is not None:
             self.gripper.adopt(*record["gripper_stops_rad"].tolist())
+        motor_q = np.nan_to_num(record["q"][self._hardware.slots])
+        if self.gripper is not None and self.gripper.stops is not None:
+            motor_q[-1] = self.gripper.stops.motor(float(motor_q[-1]))
+        self.chain.assume(self._map.motor(motor_q))
         self.read()
 
     def enable(self) -> None:

@@ -44,16 +44,17 @@ class EmergencyStop:
             return "unknown"
 
     def latch(self, why: str) -> None:
-        """Stop everything, until `release`. The first reason stands."""
+        """Stop everything, until `release`. The first reason stands.
+
+        Raises:
+            OSError: it cannot be written down, so nobody else hears of it. For this object it is latched for good.
+        """
         if self.latched:
             return
         data = {"why": why, "pid": os.getpid(), "at": time.strftime("%Y-%m-%d %H:%M:%S")}
-        try:
-            self._path.write_text(json.dumps(data) + "\n")
-        except OSError as error:
-            self._unwritten = True
-            logger.error("emergency stop: %s; only a new connection releases it, as %s", why, error)
-            return
+        self._unwritten = True
+        self._path.write_text(json.dumps(data) + "\n")
+        self._unwritten = False
         logger.error("emergency stop: %s; release it with `yam-estop release`", why)
 
     def release(self) -> None:

@@ -84,10 +84,14 @@ class JointMap:
         """(n,) motor angles to joint angles."""
         return (motor_rad - self.offset_rad) * self.direction
 
+    def motor(self, joint_rad: np.ndarray) -> np.ndarray:
+        """(n,) joint angles to motor angles."""
+        return joint_rad * self.direction + self.offset_rad
+
     def commands(self, joint_commands: np.ndarray) -> np.ndarray:
         """(n, 5) q, dq, kp, kd, tau from joint to motor coordinates (a copy)."""
         out = joint_commands.copy()
-        out[:, 0] = joint_commands[:, 0] * self.direction + self.offset_rad
+        out[:, 0] = self.motor(joint_commands[:, 0])
         out[:, 1] *= self.direction
         out[:, 4] *= self.direction
         return out

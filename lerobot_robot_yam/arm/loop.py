@@ -145,7 +145,10 @@ class ControlLoop:
         for controller in self._controllers:
             reason = controller.stop_reason(now)
             if reason:
-                self._stop.latch(reason)
+                try:
+                    self._stop.latch(reason)
+                except OSError as error:  # at least these arms hold
+                    logger.critical("emergency stop, until you connect again: %s (%s)", reason, error)
         return self._stop.latched
 
     def _measure(self, controller: ArmController, blocks: ControllerBlocks, deadline: float, tick: int) -> None:

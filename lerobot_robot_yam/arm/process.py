@@ -11,6 +11,8 @@ import logging
 import os
 import signal
 import sys
+import threading
+import time
 from collections.abc import Callable
 
 import can
@@ -29,6 +31,7 @@ from lerobot_robot_yam.runtime import FileLock
 logger = logging.getLogger("lerobot_robot_yam.arm.process")
 
 RT_PRIORITY = 20
+_PARENT_LOOK_S = 0.02
 
 
 def control(
@@ -94,6 +97,17 @@ def main() -> int:
     configs, keys = [ArmConfig(**arm) for arm in job["arms"]], job["keys"]
     stand_by_pid = stand_by.spawn(configs, keys, RT_PRIORITY)
 
+    orphaned = False
+
+    def watch_parent() -> None:
+        """In a thread: who looks at a dying process may get to clear its memory away, which can take a while."""
+        nonlocal orphaned
+        while not parent_end.reached():
+            time.sleep(_PARENT_LOOK_S)
+        orphaned = True
+
+    threading.Thread(target=watch_parent, name="yam-parent", daemon=True).start()
+
     def watch_stand_by() -> None:
         nonlocal stand_by_pid
         if stand_by_pid and os.waitpid(stand_by_pid, os.WNOHANG)[0]:
@@ -102,7 +116,7 @@ def main() -> int:
 
     def must_land() -> bool:
         nonlocal stop
-        if not stop and parent_end.reached():
+        if not stop and (orphaned or os.getppid() != parent):
             logger.warning("the process that started this one (%d) is gone: landing", parent)
             stop = True
         watch_stand_by()

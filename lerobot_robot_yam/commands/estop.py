@@ -21,10 +21,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--json", action="store_true", help="answer in JSON")
     options = parser.parse_args(arguments)
     stop = EmergencyStop()
-    if options.action == "latch":
-        stop.latch(options.why)
-    elif options.action == "release":
-        stop.release()
+    try:
+        if options.action == "latch":
+            stop.latch(options.why)
+        elif options.action == "release":
+            stop.release()
+    except OSError as error:
+        sys.stderr.write(f"yam-estop: NOTHING IS STOPPED OR RELEASED: {error}; use the hardware's emergency stop\n")
+        return 1
     reason = stop.reason()
     if options.json:
         sys.stdout.write(json.dumps({"latched": stop.latched, "reason": reason}) + "\n")

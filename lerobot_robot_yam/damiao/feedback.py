@@ -51,6 +51,13 @@ class FeedbackStore:
         self._temp_rotor[index] = rotor
         self._stamp[index] = stamp_s
 
+    def assume(self, position_rad: np.ndarray) -> None:
+        """Where motors that have not answered yet are taken to be until they do, (n,) in motor coordinates."""
+        for index, stamp_s in enumerate(self._stamp):
+            if stamp_s == -math.inf:
+                self._position[index] = float(position_rad[index])
+        self.publish()
+
     def restart_turns(self) -> None:
         """Forget the turns: the next reading is taken as it is."""
         self._raw = [math.nan] * len(self._types)

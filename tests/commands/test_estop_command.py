@@ -17,3 +17,10 @@ def test_latch_status_release(capsys):
     assert main(["release"]) == 0
     assert not EmergencyStop().latched
     assert main(["release"]) == 0
+
+
+def test_a_stop_that_nobody_hears_of_is_an_error(capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr("lerobot_robot_yam.arm.estop.runtime_dir", lambda: tmp_path / "gone")
+    assert main([]) == 1
+    said = capsys.readouterr()
+    assert "NOTHING IS STOPPED" in said.err and not said.out
