@@ -1,14 +1,17 @@
 """One arm with all that moves it: motors, set-point, laws, and what each mode makes of them at a tick."""
 
 import logging
+import math
 
 import can
 import numpy as np
 
+from lerobot_robot_yam.arm import laws
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.drive import ArmDrive
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.hardware import Hardware
+from lerobot_robot_yam.arm.heat import Heat
 from lerobot_robot_yam.arm.landing import Landing, Phase
 from lerobot_robot_yam.arm.lifecycle import Mode, check_transition
 from lerobot_robot_yam.arm.motion import Motion
@@ -23,6 +26,7 @@ logger = logging.getLogger(__name__)
 ACCELERATION_LIMIT_RAD_S2 = 30.0  # brakes from the speed limit within 50 ms
 _LEFT_BEHIND_RAD = 0.05  # more than an arm lags with its own gains
 _GRIPPER_ACCELERATION = 60.0  # strokes/s²
+_HEAT_PERIOD_S = 0.1  # metal is slow
 
 
 class ArmBody:
@@ -55,6 +59,8 @@ class ArmBody:
         self._floats = config.start == "float"
         self._landing: Landing | None = None
         self._bus_lost = False
+        self._heat: Heat | None = None
+        self._heat_due = -math.inf
 
     @property
     def chain(self) -> MotorChain:
@@ -153,6 +159,22 @@ class ArmBody:
         q = self.q.copy()
         q[self.hardware.joints :] = self.setpoint.q[self.hardware.joints :]
         self.setpoint.seed(q)
+
+    def _derate(self, now: float) -> Heat | None:
+        """Warm motors press and move less, but for landing. None while nobody watches their temperatures."""
+        if self.drive.heat is not None and now >= self._heat_due:
+            self._heat_due = now + _HEAT_PERIOD_S
+            self._heat = self.drive.heat.check(now, self.chain.temp_mos_c, self.chain.temp_rotor_c)
+            if self.gripper is not None:
+                self.gripper.derate(float(self._heat.level[-1]))
+            if self._landing is None:
+                self.setpoint.speed_limit[:] = self.hardware.speed_limit * self._heat.speed_scale
+        return self._heat
+
+    def _repeat(self) -> None:
+        """The last commands that went out, at rest: what our own code broke over is not to be computed again."""
+        self.motion.commands[:] = self.drive.sent
+        self.motion.commands[:, laws.DQ] = 0.0
 
     def _hold_here(self) -> None:
         """Brake; an arm that floats keeps its pose."""

@@ -9,30 +9,27 @@ import math
 import can
 import numpy as np
 
-from lerobot_robot_yam.arm import laws
 from lerobot_robot_yam.arm.body import ArmBody
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.dynamics import GravityModel
-from lerobot_robot_yam.arm.effort import EffortLimit
+from lerobot_robot_yam.arm.handle import HandleWatch
 from lerobot_robot_yam.arm.hardware import Hardware
-from lerobot_robot_yam.arm.heat import Heat, HeatWatch, Stage
+from lerobot_robot_yam.arm.heat import Stage
+from lerobot_robot_yam.arm.held_back import HeldBack
 from lerobot_robot_yam.arm.landing import Landing, Phase
 from lerobot_robot_yam.arm.lifecycle import ENERGISED, Mode, check_transition
 from lerobot_robot_yam.arm.policy import POLICY, Response, Trouble
 from lerobot_robot_yam.arm.state import Limited, Request
-from lerobot_robot_yam.arm.watch import HandleWatch, StopButton
+from lerobot_robot_yam.arm.stop_reasons import StopReasons
 from lerobot_robot_yam.errors import LifeCycleError, MotorError, YamError
 
 logger = logging.getLogger(__name__)
 
 _UNHEARD_S = 0.03  # seven ticks
 _UNREACHABLE_S = 1.0  # beyond their watchdog, the motors have let go: there is nothing left to land
-_HEAT_PERIOD_S = 0.1  # metal is slow
 _END_AGAIN_S = 1.0
-_FAR_RAD, _NEAR_RAD = 0.3, 0.1  # between target and set-point: held back by the speed limit, and no longer
 _SEED_RAD = 0.3  # a set-point further than this from the arm is not what holds it
 _BUS_TROUBLE = {19: Trouble.ADAPTER_GONE, 100: Trouble.LINK_DOWN, 105: Trouble.BUS_OFF}  # by errno
-_STOPS = {None: None, "top": 0, "bottom": 1}
 
 
 class ArmController(ArmBody):
@@ -56,17 +53,11 @@ class ArmController(ArmBody):
         self._end_again_at = -math.inf
         self._halted = False  # by the other arm's trouble
         self._news: Trouble | None = None
-        self._held_back = False  # by the workspace
-        self._behind = False  # its target, by the speed limit
+        self._held_back = HeldBack(self.name)
         self._last_target_at = -math.inf
         self._unreachable_since: float | None = None
         self._handle_watch = HandleWatch(self.name, self.drive.encoder)
-        self._stop_button = StopButton(_STOPS[config.estop_button])
-        self._heat: Heat | None = None
-        self._heat_due = -math.inf
-        self._effort, hw = None, self.hardware
-        if config.effort_limit_nm is not None and hw.joints:
-            self._effort = EffortLimit(np.array(config.effort_limit_nm), [m.name for m in hw.motors[: hw.joints]])
+        self._stop_reasons = StopReasons(config, self.hardware)
         self.handle = self._handle_watch.read(-math.inf)  # trigger, buttons, stamp
 
     def adopt(self, record: np.ndarray, now: float) -> None:
@@ -94,33 +85,16 @@ class ArmController(ArmBody):
         self._usable = ~finding.bad
         if finding.trouble is not None and self.mode not in (Mode.FAULT, Mode.LAND):
             self._suffer(finding.trouble, finding.message, now)
-        if self.drive.heat is not None:
-            self._back_off(self.drive.heat, now)
-
-    def _back_off(self, watch: HeatWatch, now: float) -> None:
-        if now >= self._heat_due:
-            self._heat_due = now + _HEAT_PERIOD_S
-            self._heat = watch.check(now, self.chain.temp_mos_c, self.chain.temp_rotor_c)
-            if self.gripper is not None:
-                self.gripper.derate(float(self._heat.level[-1]))
-            if self._landing is None:
-                self.setpoint.speed_limit[:] = self.hardware.speed_limit * self._heat.speed_scale
-        heat = self._heat
-        if heat is None or not heat.stage:
-            return
-        self.limited |= Limited.HEAT
-        if heat.stage is Stage.HOT and self.mode not in (Mode.LAND, Mode.FAULT):
-            self._suffer(Trouble.HOT, heat.message, now)
+        heat = self._derate(now)
+        if heat is not None and heat.stage:
+            self.limited |= Limited.HEAT
+            if heat.stage is Stage.HOT and self.mode not in (Mode.LAND, Mode.FAULT):
+                self._suffer(Trouble.HOT, heat.message, now)
 
     def stop_reason(self, now: float) -> str:
         """Why everything has to stop, empty when it has not: the handle's button, or too much effort."""
-        if self._stop_button.pressed(self.handle[1]):
-            return f"button of the handle of {self.name}"
-        if self._effort is not None and self.mode in ENERGISED:
-            verdict = self._effort.check(now, self.drive.tau[: self.hardware.joints])
-            if verdict is not None:
-                return f"{self.name}: {verdict}"
-        return ""
+        tau = self.drive.tau[: self.hardware.joints]
+        return self._stop_reasons.check(now, self.handle[1], tau, self.mode in ENERGISED)
 
     def decide(self, now: float, stopped: bool = False) -> None:
         """What the arm is about; `stopped`: the emergency stop is latched. Its set-point is then to be advanced."""
@@ -158,19 +132,12 @@ class ArmController(ArmBody):
             return False
         self._last_target_at = now
         self._use_gains(kp, kd)
-        self.limited = self._limit_speed(target)
+        gap = float(np.abs(target - self.setpoint.q)[: self.hardware.joints].max(initial=0.0))
+        self.limited = Limited.SPEED if self._held_back.by_speed(gap) else Limited.NOTHING
         self.setpoint.aim(target, now, velocity)
         if self.mode is Mode.HOLD:
             self._enter(Mode.TRACK)
         return True
-
-    def _limit_speed(self, target: np.ndarray) -> Limited:
-        """Whether the speed limit keeps the arm from its target; says so once, until it has caught up."""
-        gap = float(np.abs(target - self.setpoint.q)[: self.hardware.joints].max(initial=0.0))
-        before, self._behind = self._behind, gap > (_NEAR_RAD if self._behind else _FAR_RAD)
-        if self._behind and not before:
-            logger.warning("%s: target is %.2f rad away; it follows at its speed limit", self.name, gap)
-        return Limited.SPEED if self._behind else Limited.NOTHING
 
     def request(self, request: Request, now: float) -> None:
         """Change mode as the caller asks.
@@ -245,11 +212,8 @@ class ArmController(ArmBody):
 
     def held_back(self, by: str) -> None:
         """The workspace holds the set-point back, `by` names the parts; empty when it does not."""
-        if by:
+        if self._held_back.by_workspace(by):
             self.limited |= Limited.WORKSPACE
-            if not self._held_back:
-                logger.warning("%s: held back: %s", self.name, by)
-        self._held_back = bool(by)
 
     def take_news(self) -> Trouble | None:
         """Trouble that has come up since the last call."""
@@ -282,8 +246,7 @@ class ArmController(ArmBody):
             self.setpoint.stop()
             self._use_gains()
         self._landing = None
-        self.motion.commands[:] = self.drive.sent
-        self.motion.commands[:, laws.DQ] = 0.0
+        self._repeat()
 
     def _rearm(self) -> None:
         """Enable again what has failed, and hold the measured pose. Blocks for some ticks.
@@ -375,5 +338,5 @@ class ArmController(ArmBody):
             self.trouble, self.message = Trouble.OBSTRUCTED, "landing is obstructed; holding"
         if self._landing.phase is Phase.LANDED:
             self._landing = None
+            logger.info("%s: landed", self.name)
             self._switch_off()
-            logger.info("%s: landed, torque off", self.name)

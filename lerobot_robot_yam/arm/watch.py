@@ -1,6 +1,5 @@
 """Who on the channel has stopped to answer or to obey, and whether somebody else talks there."""
 
-import logging
 import math
 from dataclasses import dataclass
 
@@ -8,14 +7,10 @@ import numpy as np
 
 from lerobot_robot_yam.arm.policy import FAULT_TROUBLE, SILENT_S, Trouble
 from lerobot_robot_yam.damiao.chain import MotorChain
-from lerobot_robot_yam.damiao.encoder import HandleEncoder
 from lerobot_robot_yam.damiao.tables import Fault, fault_text
-
-logger = logging.getLogger(__name__)
 
 _MOTOR_MISSED = 10  # a lost motor has let so many questions in a row go by: a machine that stood still has not asked
 _CHANNEL_MISSED = 5  # of every motor: the first of them to be lost does not name the trouble
-_HANDLE_SILENT_S = 0.25
 _WINDOW_S = 0.5  # strangers are counted over so long
 _DUPLICATES = 5  # answers beyond the questions and beyond those that merely came late
 _FOREIGN = 3  # commands of somebody else
@@ -113,44 +108,3 @@ class _Strangers:
             names = ", ".join(f"{chain.motors[i].name} (id {chain.motors[i].can_id})" for i in doubled)
             return Trouble.DUPLICATE_ID, f"more than one answer from {names}: two motors share an id"
         return None, ""
-
-
-class HandleWatch:
-    """Freshness of a teaching handle; a silent one is said once and never reads as zero."""
-
-    def __init__(self, arm: str, encoder: HandleEncoder | None):
-        self._arm = arm
-        self._encoder = encoder
-        self._was_silent = False
-
-    def read(self, now: float) -> tuple[float, tuple[bool, bool], float]:
-        """Trigger 0 … 1 (NaN without a handle or while it is silent), buttons, stamp of the newest report."""
-        encoder = self._encoder
-        if encoder is None:
-            return math.nan, (False, False), -math.inf
-        silent = now - encoder.stamp_s > _HANDLE_SILENT_S
-        if silent and not self._was_silent:
-            logger.warning("%s: the teaching handle is silent; its trigger and buttons are unknown", self._arm)
-        self._was_silent = silent
-        if silent:
-            return math.nan, (False, False), encoder.stamp_s
-        return encoder.report.trigger, encoder.report.buttons, encoder.stamp_s
-
-
-class StopButton:
-    """A button of the handle that latches the emergency stop when it is pressed.
-
-    Args:
-        which: 0 the top one, 1 the other one, None: no button does.
-    """
-
-    def __init__(self, which: int | None):
-        self._which = which
-        self._down = True  # held down at start it means nothing until it has been released
-
-    def pressed(self, buttons: tuple[bool, bool]) -> bool:
-        """True on the tick on which it goes down."""
-        if self._which is None:
-            return False
-        before, self._down = self._down, bool(buttons[self._which])
-        return self._down and not before
