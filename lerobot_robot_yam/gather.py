@@ -150,7 +150,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--root", type=Path, required=True, help="folder of the data set")
     parser.add_argument("--repo-id", default="local/yam_gathered", help="name of the data set; nothing is uploaded")
     parser.add_argument("--episodes", type=int, default=50, help="how many successful ones (default %(default)s)")
-    parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="default %(default)s")
+    parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="of a new data set (default %(default)s)")
     options = parser.parse_args(arguments)
     init_logging()
     _leave_the_bar_alone()

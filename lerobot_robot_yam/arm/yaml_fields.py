@@ -103,7 +103,7 @@ def _array(value: Any, shape: tuple[int, ...], where: str) -> np.ndarray:
         array = array.reshape((0, *shape[1:]))
     fits = array.ndim == len(shape) and all(s in (-1, n) for s, n in zip(shape, array.shape, strict=True))
     if not fits or not (np.abs(array) <= _LARGEST).all():
-        raise ConfigError(f"{where}: expected finite numbers of shape {shape}, found {value!r}")
+        raise ConfigError(f"{where}: expected numbers of at most {_LARGEST:g} and shape {shape}, found {value!r}")
     array.setflags(write=False)
     return array
 
@@ -112,7 +112,7 @@ def _scalar(hint: Any, value: Any, where: str) -> Any:
     if hint is float and isinstance(value, int | float) and not isinstance(value, bool):
         number = float(value) if abs(value) <= _LARGEST else math.inf  # an integer may be beyond any float
         if not math.isfinite(number):
-            raise ConfigError(f"{where}: expected a finite number, found {value!r}")
+            raise ConfigError(f"{where}: expected a number of at most {_LARGEST:g}, found {value!r}")
         return number
     if hint in (int, str, bool) and type(value) is hint:
         return value
