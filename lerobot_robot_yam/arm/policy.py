@@ -263,7 +263,7 @@ POLICY: dict[Trouble, Rule] = {
         Response.GO_ON,
         "an error in the log that names the joint",
         1.0,
-        "free the way: it tries again every 3 s",
+        "free the way or take the load: it tries again every 3 s",
     ),
 }
 

@@ -8,9 +8,11 @@ import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.dynamics import GravityModel
-from lerobot_robot_yam.arm.landing import LANDING_SPEED_RAD_S
+from lerobot_robot_yam.arm.hardware import Hardware
+from lerobot_robot_yam.arm.landing import LANDING_SPEED_RAD_S, Landing, Phase
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.profile import load_arm
+from lerobot_robot_yam.arm.setpoint import SetPoint
 from lerobot_robot_yam.arm.yam_arm import YamArm
 from lerobot_robot_yam.rig.control import RigControl
 
@@ -96,6 +98,42 @@ def test_zero_is_not_a_landed_pose():
         time.sleep(1.5)
         after = rig.state()["arms"]["follower_left"]["grasp_site"]["pos"]
         assert np.linalg.norm(np.subtract(after, before)) > 2 * MOST_M
+
+
+def test_a_load_that_nobody_told_of_is_landed_with_a_sagging_wrist(caplog):
+    with RigControl.start(arms=["follower_left"]) as rig:
+        config = ArmConfig(
+            name="left",
+            channel="follower_left",
+            interface="yam_sim",
+            can_options={"rig": rig.name},
+            gravity_factor=[1.0] * 6,
+            gripper_stops_rad=[3.25, -3.3],
+        )
+        with YamArm(config, isolation="thread") as arm:
+            arm.move_to([0.0, 1.0, 1.0, 0, 0, 0], speed_rad_s=1.4)
+            rig.push("follower_left", "gripper", [0, 0, -1.0 * 9.81], 30.0)
+            arm.land()
+            assert arm._session["left"].mode() is Mode.OFF
+    assert "cannot land" not in caplog.text
+
+
+@pytest.mark.parametrize("beyond_rad", [0.0, 0.07, 0.14])
+def test_an_arm_lands_whose_base_stands_beyond_its_range(beyond_rad):
+    hardware = Hardware(ArmConfig(channel="x", name="left"))
+    joints = hardware.joints
+    q = np.append([hardware.lower[0] - beyond_rad], [1.0, 1.0, 0.0, 0.0, 0.0])
+    setpoint = SetPoint(hardware.speed_limit, np.full(hardware.n, 30.0), hardware.lower, hardware.upper)
+    setpoint.seed(np.append(q, 0.5))
+    landing = Landing("left", hardware.rest_q, q, setpoint, 0.0)
+    for tick in range(1, 2500):
+        now = tick * 0.004
+        landing.advance(q, np.zeros(joints), np.ones(joints, bool), now)
+        setpoint.advance(now, 0.004)
+        q = setpoint.q[:joints]
+        if landing.phase is Phase.LANDED:
+            break
+    assert landing.phase is Phase.LANDED
 
 
 def test_an_obstructed_landing_keeps_holding_and_says_so(caplog):
