@@ -71,7 +71,9 @@ class ArmController(ArmBody):
             self.mode = Mode.OFF
             return
         before = record["setpoint"][self.hardware.slots]
-        self.setpoint.seed(np.where(np.abs(before - self.q) < _SEED_RAD, before, self.q))
+        holds_it = np.abs(before - self.q) < _SEED_RAD
+        holds_it[self.hardware.joints :] = np.isfinite(before[self.hardware.joints :])  # its grip, however thick
+        self.setpoint.seed(np.where(holds_it, before, self.q))
         self.land(now, Trouble.CONTROL_DEAD, "its control process has died; the stand-by lands it")
         self.command(now, 0.0)  # or the first tick would send zeros
 

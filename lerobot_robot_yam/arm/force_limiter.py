@@ -7,6 +7,8 @@ Equations as published for the maker's limiter (facts: `gripper_force_limiter`),
     zero-effort = previous command − s |effort| / kp
     raw        = zero-effort + s |T| / kp
     filtered   = 0.9 filtered + 0.1 raw
+The maker's takes 1 rad for the command before its first, wherever the motor is: one tick of torque out of nowhere for a
+gripper that presses when the limiter begins. Ours takes the command that explains the measured torque.
 """
 
 import math
@@ -18,7 +20,6 @@ _WINDOW_S = 0.1
 _FILTER = 0.1
 _FRICTION_ALLOWANCE_NM = 0.3
 _LEAVE_EFFORT_NM = 0.2
-_FIRST_PREVIOUS_RAD = 1.0  # what the maker's limiter assumes was commanded before its first command
 
 
 class ForceLimiter:
@@ -39,7 +40,7 @@ class ForceLimiter:
         self._efforts: deque[tuple[float, float]] = deque()
         self._effort_sum = 0.0
         self._filtered: float | None = None
-        self._previous = _FIRST_PREVIOUS_RAD
+        self._previous: float | None = None
         self.clogged = False
 
     def torque_at(self, motor_rad: float) -> float:
@@ -74,7 +75,8 @@ class ForceLimiter:
             )
         if self.clogged:
             sign = math.copysign(1.0, target - position) * self._limiter.sign if target != position else 0.0
-            zero_effort = self._previous - sign * abs(effort) / self._kp
+            previous = position + effort / self._kp if self._previous is None else self._previous
+            zero_effort = previous - sign * abs(effort) / self._kp
             raw = zero_effort + sign * abs(self.torque_at(position)) / self._kp
             before = raw if self._filtered is None else self._filtered
             self._filtered = (1.0 - _FILTER) * before + _FILTER * raw

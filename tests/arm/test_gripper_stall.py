@@ -56,6 +56,17 @@ def test_what_is_no_stall(harmless):
     assert not squeeze.grip.stalled and set(squeeze.factors) == {1.0}
 
 
+@pytest.mark.parametrize("motor_rad", [-3.3, -1.0, 0.5, 2.4])
+@pytest.mark.parametrize("tau_nm", [-0.51, 0.51, 2.0])
+def test_a_gripper_that_is_taken_over_while_it_presses_is_not_kicked(motor_rad, tau_nm):
+    axis = GripperAxis(ArmConfig(channel="x", name="left"), load_gripper("linear_4310"), 20.0, 0.5)
+    axis.adopt(*STOPS)
+    u = (motor_rad - STOPS[0]) / (STOPS[1] - STOPS[0])
+    row = np.array([0.0, 0.0, 20.0, 0.5, 0.0])
+    axis.command(row, 100.0, max(u - 0.2, 0.0), 0.0, motor_rad, 0.0, tau_nm)
+    assert abs(20.0 * (row[0] - motor_rad) - tau_nm) < 2.6  # Nm; 50 N are 2.3 Nm at this motor
+
+
 def test_force_comes_back_when_the_command_lets_go_or_the_object_is_gone():
     for change in ({"u_set": 0.6}, {"u": 0.3, "rate": -0.5}):
         squeeze = Squeeze()

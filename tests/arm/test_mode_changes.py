@@ -176,6 +176,18 @@ def test_who_takes_over_has_its_commands_ready_and_does_not_give_up_on_silence(r
     bus.shutdown()
 
 
+def test_who_takes_over_keeps_the_grip_on_a_thick_object(rig, session):
+    go(session, POSE)
+    record = record_of(rig)
+    gripper = session[CHANNEL].hardware.slots[-1]
+    record["setpoint"][gripper] = 0.0  # closed on something that keeps the fingers half open
+    bus = open_bus(config(rig))
+    heir = ArmController(config(rig), bus)
+    heir.adopt(record, session.clock.now())
+    assert heir.q[-1] > 0.4 and heir.setpoint.q[-1] == 0.0
+    bus.shutdown()
+
+
 def test_nobody_takes_over_an_arm_that_is_limp(rig, session):
     record = record_of(rig)
     rig.cut_torque(CHANNEL)
