@@ -35,6 +35,7 @@ from lerobot_robot_yam.errors import ActionError, MotorError
 
 ENABLE_PAUSE_S = 0.003  # the vendor's driver leaves this much time before each enable
 CLEAR_REPEATS = 3  # and sends "clear error" this many times
+_NO_STATE = 0x10  # first bytes below carry no state: feedback of a disabled motor, or a register's answer
 _OUTSTANDING_MAX = 3  # requests per motor whose answers may still come; answers beyond are duplicates
 
 
@@ -307,8 +308,12 @@ class MotorChain(FeedbackStore):
         if index is None:
             self._receive_other(message)
             return
-        if self._late_registers and decode_reply(bytes(data)) is not None:
-            self._late_registers -= 1
+        if data[0] < _NO_STATE and decode_reply(bytes(data)) is not None:
+            # As feedback it would put the motor at -12.5 rad or turn it once. Nobody's joint comes below -11.7 rad.
+            if self._late_registers:
+                self._late_registers -= 1
+            else:
+                self._note_foreign(message.arbitration_id)
             return
         self.take(index, data, self._port.arrival_s(message))
         if self._awaited[index]:
@@ -331,4 +336,7 @@ class MotorChain(FeedbackStore):
             return
         if ours and can_id in self._command_ids:
             self.foreign_commands += 1
+        self._note_foreign(can_id)
+
+    def _note_foreign(self, can_id: int) -> None:
         self.foreign[can_id] = self.foreign.get(can_id, 0) + 1

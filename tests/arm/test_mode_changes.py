@@ -154,7 +154,7 @@ def test_a_refused_re_arm_does_not_throw_the_motors_that_came_back(rig, session)
 def record_of(rig):
     block = SharedBlock(state_path(channel_key("yam_lockstep", CHANNEL, rig.name)), STATE_DTYPE, create=False)
     try:
-        return block.read()
+        return block.read().copy()
     finally:
         block.close()
 

@@ -227,6 +227,26 @@ def test_requests_to_the_motors_alone_do_not_make_the_handle_look_silent(bus):
     assert handle.stamp_s > 0
 
 
+@pytest.mark.parametrize("opcode", [Opcode.READ, Opcode.WRITE])
+@pytest.mark.parametrize("between", [True, False])
+def test_the_answer_to_somebody_elses_register_question_is_no_feedback(bus, chain, opcode, between):
+    tick(chain)
+    before = chain.position_rad.copy()
+    answer = encode_reply(1, opcode, Register.PMAX, 12.5)
+    if between:
+        bus.put(0x11, answer)
+        chain.drain()
+    else:
+        chain.send(commands())
+        bus._queue.appendleft(can.Message(arbitration_id=0x11, data=answer, is_extended_id=False))
+        chain.collect(time.monotonic() + 0.01)
+    chain.publish()
+    np.testing.assert_array_equal(chain.position_rad, before)
+    assert chain.fault[0] == 1 and chain.foreign == {0x11: 1}
+    tick(chain)
+    np.testing.assert_array_equal(chain.position_rad, before)
+
+
 def test_a_silent_handle_is_counted_and_holds_up_one_tick_only(bus):
     handle = HandleEncoder()
     chain = MotorChain(bus, SPECS, channel="desk", encoder=handle)
