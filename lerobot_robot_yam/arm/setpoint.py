@@ -60,9 +60,12 @@ class SetPoint:
         low, high = _PERIOD_RANGE_S
         if low <= gap <= high:
             self._period += _PERIOD_GAIN * (gap - self._period)
-            self._target_velocity = (target - self.target) / self._period if velocity is None else velocity.copy()
+            own = (target - self.target) / self._period
         else:
-            self._target_velocity = np.zeros_like(self.q) if velocity is None else velocity.copy()
+            own = np.zeros_like(self.q)
+        # A target that is quicker than the set-point may be would take it along, away from where the target is.
+        most = self.speed_limit
+        self._target_velocity = np.minimum(np.maximum(own if velocity is None else velocity, -most), most)
         self.target = np.minimum(np.maximum(target, self._lower), self._upper)
         self._target_at = now
         self._arrive_at = now + self._period

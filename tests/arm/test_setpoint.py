@@ -48,6 +48,16 @@ def test_a_far_target_is_approached_within_the_speed_limit_and_reached():
     assert rows[:, 1].max() < 1.01
 
 
+@pytest.mark.parametrize("dq", [0.0, 1.5, 6.0, -57.0])
+def test_a_target_that_claims_a_speed_does_not_lead_the_set_point_away_from_it(dq):
+    setpoint = make()
+    for tick in range(1000):
+        if tick % 8 == 0:
+            setpoint.aim(np.array([0.2]), tick * DT, np.array([dq]))
+        setpoint.advance(tick * DT, DT)
+    assert setpoint.q[0] == pytest.approx(0.2, abs=SPEED**2 / (2 * ACCELERATION) + SPEED * DT)
+
+
 def test_seeding_outside_the_limits_does_not_jump_and_only_moves_inwards():
     setpoint = make(lower=0.0)
     setpoint.seed(np.array([-0.1]))
