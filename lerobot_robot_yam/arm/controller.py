@@ -151,11 +151,11 @@ class ArmController(ArmBody):
             self.land(now)
         elif request is Request.REARM:
             self._rearm()
+        elif self.mode is Mode.FAULT:
+            raise LifeCycleError(f"{self.name}: {self.message}; re-arm it first")
         elif request is Request.HOLD:
             if self.mode not in (Mode.HOLD, Mode.STOPPED):
                 check_transition(self.name, self.mode, Mode.HOLD)
-                if self.mode is Mode.FAULT:
-                    raise LifeCycleError(f"{self.name}: {self.message}; re-arm it first")
                 self._hold_here()
         elif request is Request.FLOAT:
             if self.mode not in (Mode.FLOAT, Mode.STOPPED):

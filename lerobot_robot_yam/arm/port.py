@@ -10,7 +10,7 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.lifecycle import Mode
-from lerobot_robot_yam.arm.safety import LimitLog, finite_vector, limit_target
+from lerobot_robot_yam.arm.safety import LimitLog, check_range, finite_vector, limit_target
 from lerobot_robot_yam.arm.state import (
     COMMAND_DTYPE,
     COMMAND_STRUCT,
@@ -26,6 +26,7 @@ from lerobot_robot_yam.arm.state import (
     state_path,
 )
 from lerobot_robot_yam.clock import SYSTEM, Clock
+from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import ChannelInUseError, GripperError, LifeCycleError, MotorError, StaleStateError
 from lerobot_robot_yam.runtime import FileLock
 from lerobot_robot_yam.shared_block import SharedBlock
@@ -51,6 +52,12 @@ class ArmPort:
         self._commands = SharedBlock(command_path(key), COMMAND_DTYPE, create=True)
         self._states: SharedBlock | None = None
         self._lower, self._upper = hardware.lower.tolist(), hardware.upper.tolist()
+        types = [motor_type(motor.type) for motor in hardware.motors[: hardware.joints]]
+        self._ranges = {
+            "dq": (-1.0, np.array([row.velocity_max_rad_s for row in types])),
+            "kp": (0.0, np.array([row.kp_max for row in types])),
+            "kd": (0.0, np.array([row.kd_max for row in types])),
+        }
         self._target_stamp_s, self._target_sequence, self._target = 0.0, 0, _UNSET
         self._options = {"dq": _UNSET, "kp": _UNSET, "kd": _UNSET}
         self._asked, self._request_sequence = Request.NONE, 0
@@ -112,7 +119,6 @@ class ArmPort:
         dq: Sequence[float] | np.ndarray | None = None,
         kp: Sequence[float] | np.ndarray | None = None,
         kd: Sequence[float] | np.ndarray | None = None,
-        state: ArmState | None = None,
     ) -> tuple[np.ndarray, float | None]:
         """Give a target; the loop moves the set-point there under its limits.
 
@@ -120,53 +126,61 @@ class ArmPort:
             q: (6,) rad.
             gripper: 0 closed … 1 open; None keeps the present set-point.
             dq: (6,) rad/s with which the target moves, if known.
-            kp, kd: (6,) gains for this target instead of the configured ones.
-            state: measured state for `max_relative_target`; read when needed.
+            kp, kd: (6,) gains for this target instead of the configured ones, Nm/rad and Nm s/rad.
 
         Returns:
-            The joints and gripper position really asked for, after the limits; those held during an emergency stop.
+            The joints and gripper position really asked for, after the limits; those held while the arm takes no
+            targets: during an emergency stop, while the other arm is in trouble, while the gripper's stops are sought.
 
         Raises:
-            ActionError: wrong shape or not finite; nothing was sent.
+            ActionError: wrong shape, not finite, or more than a motor takes; nothing was sent.
+            LifeCycleError: it floats or lands; nothing was sent.
+            YamError: it has failed or is silent, see `observe`.
         """
         hw, config, n = self.hardware, self.config, self.hardware.joints
         name, relative = config.name, config.max_relative_target
         target: list[float] = finite_vector(name, "q", q, n).tolist()
-        if self._stop.latched:  # what is held is what is asked for
-            self._limit_log.note(Limited.EMERGENCY_STOP)
-            state = self.observe()
-            return state.setpoint_q, state.gripper_setpoint
-        if state is None and (relative is not None or (hw.has_gripper and gripper is None)):
-            state = self.observe()
-        if hw.has_gripper:
-            if gripper is None:
-                assert state is not None and state.gripper_setpoint is not None
-                gripper = state.gripper_setpoint
+        options = self._checked_options(dq=dq, kp=kp, kd=kd)
+        if gripper is not None and hw.has_gripper:
             target += finite_vector(name, "gripper", [gripper], 1).tolist()
+        state = self.observe()
+        if self._stop.latched or state.mode is Mode.STOPPED:
+            self._limit_log.note(Limited.EMERGENCY_STOP)
+            return state.setpoint_q, state.gripper_setpoint
+        if state.mode is Mode.BRING_UP or Limited.PEER in state.limited:
+            return state.setpoint_q, state.gripper_setpoint
+        if state.mode not in (Mode.HOLD, Mode.TRACK):
+            raise LifeCycleError(f"{name}: takes no targets in mode {state.mode.name.lower()}; let it hold first")
+        if len(target) < hw.n:
+            assert state.gripper_setpoint is not None
+            target.append(state.gripper_setpoint)
         measured = target
-        if relative is not None and state is not None:
-            measured = [
-                *state.q.tolist(),
-                *([] if state.gripper is None else [state.gripper]),
-            ]
+        if relative is not None:
+            measured = [*state.q.tolist(), *([] if state.gripper is None else [state.gripper])]
         target, limited = limit_target(target, measured, self._lower, self._upper, relative)
         self._limit_log.note(limited)
-        unset = [math.nan] * (GRIPPER - n)
-        self._target = [*target[:n], *unset, target[-1] if hw.has_gripper else math.nan]
-        for field, value in (("dq", dq), ("kp", kp), ("kd", kd)):
-            if value is None:
-                self._options[field] = _UNSET
-            else:
-                last = 0.0 if field == "dq" else math.nan
-                self._options[field] = [
-                    *finite_vector(name, field, value, n).tolist(),
-                    *unset,
-                    last,
-                ]
+        self._target = [*target[:n], *_UNSET[: GRIPPER - n], target[-1] if hw.has_gripper else math.nan]
+        self._options = options
         self._target_stamp_s = self._clock.now()
         self._target_sequence += 1
         self._write()
         return np.array(target[:n]), target[-1] if hw.has_gripper else None
+
+    def _checked_options(self, **given: Sequence[float] | np.ndarray | None) -> dict[str, list[float]]:
+        """Speed and gains of a target as the command block holds them; the gripper has its own.
+
+        Raises:
+            ActionError: wrong shape, not finite, or more than a motor takes.
+        """
+        options, n = {}, self.hardware.joints
+        for field, value in given.items():
+            options[field] = _UNSET
+            if value is not None:
+                vector = finite_vector(self.config.name, field, value, n)
+                check_range(self.config.name, field, vector, *self._ranges[field])
+                last = 0.0 if field == "dq" else math.nan
+                options[field] = [*vector.tolist(), *_UNSET[: GRIPPER - n], last]
+        return options
 
     def _write(self) -> None:
         options = self._options

@@ -43,6 +43,27 @@ def finite_vector(arm: str, what: str, value: object, n: int) -> np.ndarray:
     return vector
 
 
+def check_range(arm: str, what: str, value: np.ndarray, low: float, high: np.ndarray) -> None:
+    """Refuse what a motor's frame cannot carry: the torque limit would reckon with it, and the motor with less.
+
+    Args:
+        arm, what: for messages.
+        value: (n,) per joint.
+        low: smallest share of `high` that is possible: 0, or -1.
+        high: (n,) largest value.
+
+    Raises:
+        ActionError: names the joint and its range.
+    """
+    outside = np.flatnonzero((value < low * high) | (value > high))
+    if len(outside):
+        i = int(outside[0])
+        raise ActionError(
+            f"{arm}: {what} of joint_{i + 1} is {value[i]:g}; its motor takes {low * high[i]:g} … {high[i]:g}; "
+            "nothing was sent"
+        )
+
+
 def action_vector(device: str, action: Mapping[str, object], keys: Sequence[str]) -> np.ndarray:
     """The values of a LeRobot action in the order of `keys`, (n,). 0-d tensors and arrays are numbers.
 
