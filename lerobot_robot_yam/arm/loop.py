@@ -48,6 +48,7 @@ class ControlLoop:
         self._stop = EmergencyStop()
         self._workspace = guard(controllers)
         self._clock = controllers[0].chain.clock
+        self._failure = ""  # of the bring-up
 
     def start(self) -> None:
         """Energise every arm, or none.
@@ -81,7 +82,7 @@ class ControlLoop:
             must_land: asked every tick; once it says True all arms land and the loop ends.
 
         Raises:
-            YamError: bring-up failed. Nothing is energised then.
+            YamError: bring-up failed. The arms have landed then.
         """
         ready = landing = False
         tick = 0
@@ -92,7 +93,7 @@ class ControlLoop:
         while True:
             now = clock.now()
             self.statistics.tick(now)
-            landing = landing or must_land()
+            landing = landing or bool(self._failure) or must_land()
             if landing:
                 for controller in self._controllers:
                     controller.end(now)
@@ -114,6 +115,8 @@ class ControlLoop:
             if not ready:
                 ready = self._bring_up(on_ready)
             if all(controller.mode in _ENDED for controller in self._controllers):
+                if self._failure:
+                    raise MotorError(self._failure)
                 return
             yield
             deadline += self._period_s
@@ -217,15 +220,11 @@ class ControlLoop:
         self._clock.sleep(max(0.0, now + self._wire_s - _WAKE_UP_S - self._clock.now()))
 
     def _bring_up(self, on_ready: Callable[[], None]) -> bool:
-        """True when all arms have left bring-up; lands them all when one failed."""
+        """True when all arms have left bring-up; when one fails they all land, since a hand may have let go by now."""
         modes = [controller.mode for controller in self._controllers]
-        if Mode.FAULT in modes:
-            failed = self._controllers[modes.index(Mode.FAULT)]
-            message = failed.message
-            for controller in self._controllers:
-                controller.abandon()
-            raise MotorError(message)
-        if Mode.BRING_UP in modes:
+        if Mode.FAULT in modes and not self._failure:
+            self._failure = self._controllers[modes.index(Mode.FAULT)].message
+        if Mode.BRING_UP in modes or self._failure:
             return False
         on_ready()
         return True

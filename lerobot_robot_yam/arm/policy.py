@@ -253,7 +253,7 @@ POLICY: dict[Trouble, Rule] = {
         "the search or the check of the stops fails",
         Response.HOLD,
         Response.HOLD,
-        "GripperError; at bring-up the arm is not energised any more",
+        "MotorError; at bring-up once the arms have landed",
         20.0,
         _REARM,
     ),

@@ -6,12 +6,13 @@ import pytest
 from lerobot_robot_yam.arm.bus import open_bus
 from lerobot_robot_yam.arm.controller import ArmController
 from lerobot_robot_yam.arm.estop import EmergencyStop
+from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.loop import ControlLoop
 from lerobot_robot_yam.arm.session import ArmSession
 from lerobot_robot_yam.arm.state import STATE_DTYPE, Request, channel_key, state_path
 from lerobot_robot_yam.damiao.tables import Fault
-from lerobot_robot_yam.errors import LifeCycleError
+from lerobot_robot_yam.errors import LifeCycleError, MotorError
 from lerobot_robot_yam.rig.lockstep import LockstepRig
 from lerobot_robot_yam.shared_block import SharedBlock
 
@@ -149,6 +150,17 @@ def test_a_refused_re_arm_does_not_throw_the_motors_that_came_back(rig, session)
             session[CHANNEL].rearm()
 
     assert fastest(rig, session, rearm) < 1.0
+
+
+def test_a_bring_up_that_fails_late_lands_what_it_has_energised(rig):
+    """Whoever has held the limp arm may have let go of it: it was energised."""
+    rig.set_pose(CHANNEL, POSE)
+    rig.fault(CHANNEL, "gripper", "stuck")
+    unknown = sim_config(rig, CHANNEL, interface="yam_lockstep", gripper_stops_rad=None)
+    session = ArmSession([unknown], isolation="lockstep")
+    with pytest.raises(MotorError, match="gripper"):
+        session.start()
+    assert np.abs(q_of(rig) - Hardware(unknown).rest_q)[1:3].max() < 0.15
 
 
 def record_of(rig):
