@@ -1,6 +1,7 @@
 """One arm or two behind a LeRobot device: names of the features, units, calibration files, connect and land."""
 
 import atexit
+import contextlib
 import dataclasses
 import logging
 import math
@@ -16,7 +17,7 @@ from lerobot_robot_yam.arm.safety import action_vector, refuse_degrees
 from lerobot_robot_yam.arm.session import ArmSession, Isolation
 from lerobot_robot_yam.arm.state import ArmState
 from lerobot_robot_yam.clock import Clock
-from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.errors import ConfigError, YamError
 from lerobot_robot_yam.feature_names import motor_names
 from lerobot_robot_yam.signals import end_session_on_signals, undisturbed
 
@@ -72,6 +73,7 @@ class ArmGroup:
         motors: names of the values in canonical order, such as `left_joint_1`.
         keys: the same with `.pos`: the action's keys.
         is_joint: (n,) which of the values are angles; the others are grippers.
+        paused: followers that hold until they get a new target, see `pause_followers`.
     """
 
     def __init__(
@@ -97,6 +99,7 @@ class ArmGroup:
         self.scale = np.where(self.is_joint & use_degrees, 180.0 / math.pi, 1.0)
         limits = [(side.hardware.lower[: side.joints], side.hardware.upper[: side.joints]) for side in self.sides]
         self._lower, self._upper = (np.concatenate(column) for column in zip(*limits, strict=True))
+        self.paused = False
         self._undo_signals: Callable[[], None] = lambda: None
 
     def __getitem__(self, side: _Side) -> ArmPort:
@@ -185,6 +188,35 @@ class ArmGroup:
             YamError: an arm still fails, or needs a new connection.
         """
         self._session.rearm()
+
+    def pause_followers(self) -> None:
+        """Have the followers of this process brake and hold until a new target comes, not the last one once more.
+
+        A leader that is held is about to be led to a follower. LeRobot, which pauses then, says that the follower
+        holds, but goes on to send its last action.
+        """
+        for other in _running:
+            if not other._leads:
+                other._hold()
+
+    def _hold(self) -> None:
+        self.paused = True
+        for side in self.sides:
+            with contextlib.suppress(YamError):  # one that has failed says so at its next observation
+                self[side].hold()
+
+    def held(self) -> np.ndarray:
+        """Set-points of all arms, (n,) in canonical order, rad; grippers 0 closed … 1 open.
+
+        Raises:
+            YamError: an arm is silent or has failed.
+        """
+        values: list[float] = []
+        for state in self.observe():
+            values += state.setpoint_q.tolist()
+            if state.gripper_setpoint is not None:
+                values.append(state.gripper_setpoint)
+        return np.array(values)
 
     def observe(self) -> list[ArmState]:
         """Fresh state of each arm.

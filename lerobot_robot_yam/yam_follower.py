@@ -55,6 +55,7 @@ class FollowerBase(Robot):
         self._space = make_action_space(options.action_space, self._arms, tools)
         self._camera_configs = dict(cameras)
         self.cameras = make_cameras_from_configs(self._camera_configs)
+        self._last_target: np.ndarray | None = None
         self._keys = options.state_keys()
         self._extra_keys = self._keys[len(self._space.keys) :]
 
@@ -215,11 +216,14 @@ class FollowerBase(Robot):
             target: (n,) in canonical order, rad; grippers 0 closed … 1 open.
 
         Returns:
-            What was really sent, (n,).
+            What was really sent, (n,); what is held, when LeRobot pauses and repeats its last action.
 
         Raises:
             ActionError: not finite; nothing was sent to the arm concerned.
         """
+        if self._arms.paused and np.array_equal(target, self._last_target):
+            return self._arms.held()
+        self._arms.paused, self._last_target = False, target.copy()
         sent = target.copy()
         for side in self._arms.sides:
             index = side.gripper_index

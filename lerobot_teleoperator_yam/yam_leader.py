@@ -185,7 +185,8 @@ class LeaderBase(Teleoperator):
 
     @check_if_not_connected
     def enable_torque(self) -> None:
-        """Hold where the arms are; from now on they follow `send_feedback`."""
+        """Hold where the arms are; from now on they follow `send_feedback`. Followers hold until a new target comes."""
+        self._arms.pause_followers()
         for side in self._arms.sides:
             self._arms[side].hold()
         self._left_by_feedback = list(self._openings)  # whoever lets go of a trigger now drops nothing

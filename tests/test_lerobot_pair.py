@@ -125,6 +125,24 @@ def test_leader_action_keeps_the_followers_limits(leader, shared_rig):
     assert min(seen) == 0.0
 
 
+def test_followers_hold_while_a_leader_is_led_whatever_lerobot_repeats(follower, leader):
+    """DAgger on a pause: the leader is held and led for 2 s, then the policy's last action is sent again and again."""
+    start = follower.get_observation()
+    lunge = {**start, "left_joint_1.pos": start["left_joint_1.pos"] + 1.5}
+    settle(follower.send_action, start, 0.3)
+    settle(follower.send_action, lunge, 0.2)
+    leader.enable_torque()
+    time.sleep(0.7)  # longer than the command time-out
+    held = follower.get_observation()["left_joint_1.pos"]
+    assert held < lunge["left_joint_1.pos"] - 0.5
+    sent = settle(follower.send_action, lunge, 0.5)
+    assert follower.get_observation()["left_joint_1.pos"] == pytest.approx(held, abs=0.02)
+    assert sent["left_joint_1.pos"] == pytest.approx(held, abs=0.02)  # what is recorded is what is done
+    leader.disable_torque()
+    settle(follower.send_action, start)
+    assert follower.get_observation()["left_joint_1.pos"] == pytest.approx(start["left_joint_1.pos"], abs=0.02)
+
+
 def test_feedback_leads_the_leader_only_while_torque_is_enabled(leader, shared_rig):
     action = leader.get_action()
     goal = {**action, "left_joint_1.pos": action["left_joint_1.pos"] + 0.3}
