@@ -7,7 +7,6 @@ import fcntl
 import os
 import re
 import stat
-import tempfile
 from pathlib import Path
 from types import TracebackType
 
@@ -16,33 +15,58 @@ from lerobot_robot_yam.errors import ChannelInUseError, ConfigError
 ENV_RUNTIME_DIR = "YAM_RUNTIME_DIR"
 ENV_RIG = "YAM_RIG"
 AUTO_RIG = "auto-"
+LOCK, STATE = "lock-", "state-"  # with a channel's key: who drives it, and what it does
+_SHARED = (Path("/dev/shm"), Path("/tmp"))  # the same for every shell, unlike XDG_RUNTIME_DIR and TMPDIR
 _RIG_NAME_MAX = 64  # it is part of a socket's path, which may have 108 bytes in all
 
 
 def runtime_dir() -> Path:
-    """Directory for sockets, locks and shared blocks; created with mode 0700.
+    """Directory for sockets, locks, shared blocks and the emergency stop; created with mode 0700.
 
-    `YAM_RUNTIME_DIR`, else a tmpfs of this user, else the temporary directory. Unix sockets live here,
-    so the path must stay short (108 bytes in all).
+    `YAM_RUNTIME_DIR`, else one of this user in /dev/shm, else in /tmp: cron, su, ssh and `docker exec` set none of
+    the session's other variables, and have to find the arms that they stop. Unix sockets live here, so the path must
+    stay short (108 bytes in all).
 
     Raises:
         ConfigError: the directory cannot be made, or belongs to somebody else.
     """
-    explicit = os.environ.get(ENV_RUNTIME_DIR)
-    if explicit:
-        path = Path(explicit)
-    else:
-        shared_memory = "/dev/shm" if os.access("/dev/shm", os.W_OK) else tempfile.gettempdir()
-        base = os.environ.get("XDG_RUNTIME_DIR") or shared_memory
-        path = Path(base) / f"yam-{os.getuid()}"
+    path = _own_path()
     try:
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
-        info = path.stat()
     except OSError as error:
         raise ConfigError(f"{path} cannot be used for sockets and locks ({error}); set {ENV_RUNTIME_DIR}") from error
-    if info.st_uid != os.getuid() or not stat.S_ISDIR(info.st_mode):
+    if not _is_directory_of(path, os.getuid()):
         raise ConfigError(f"{path} is not a directory of this user; set {ENV_RUNTIME_DIR} to one that is")
     return path
+
+
+def runtime_dirs() -> list[Path]:
+    """Runtime directories of all users of this machine, ours first, there or not.
+
+    With `YAM_RUNTIME_DIR` set it is that one alone. Anybody may put things into /dev/shm: the others are directories,
+    not links, that belong to the user whose number they carry.
+    """
+    own = _own_path()
+    if os.environ.get(ENV_RUNTIME_DIR):
+        return [own]
+    numbered = [path for base in _SHARED for path in sorted(base.glob("yam-*")) if path.name[4:].isdecimal()]
+    return [own, *(path for path in numbered if path != own and _is_directory_of(path, int(path.name[4:])))]
+
+
+def _own_path() -> Path:
+    explicit = os.environ.get(ENV_RUNTIME_DIR)
+    if explicit:
+        return Path(explicit)
+    base = next((base for base in _SHARED if os.access(base, os.W_OK)), _SHARED[-1])
+    return base / f"yam-{os.getuid()}"
+
+
+def _is_directory_of(path: Path, uid: int) -> bool:
+    try:
+        info = path.lstat()
+    except OSError:
+        return False
+    return stat.S_ISDIR(info.st_mode) and info.st_uid == uid
 
 
 def slug(name: str) -> str:
@@ -97,7 +121,7 @@ class FileLock:
             try:
                 fcntl.flock(fd, fcntl.LOCK_EX | (0 if blocking else fcntl.LOCK_NB))
             except BlockingIOError:
-                holder = os.pread(fd, 32, 0).decode(errors="replace").strip() or "unknown"
+                holder = _written_pid(fd)
                 os.close(fd)
                 raise ChannelInUseError(
                     f"{self._what} is in use by process {holder}; end that process (ps -p {holder}) and try again"
@@ -134,3 +158,39 @@ class FileLock:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.release()
+
+
+def sessions(directory: Path) -> dict[str, str]:
+    """Who drives arms by the locks and states in a runtime directory: the process, by the channel's key.
+
+    A session holds its channel's lock and publishes a state; who only asks the motors holds a lock alone.
+    """
+    found = {}
+    for lock in sorted(directory.glob(f"{LOCK}*")):
+        key = lock.name.removeprefix(LOCK)
+        holder = _lock_holder(lock)
+        if holder is not None and (directory / f"{STATE}{key}").exists():
+            found[key] = holder
+    return found
+
+
+def _lock_holder(path: Path) -> str | None:
+    """Process that holds a lock, None when nobody does."""
+    try:
+        fd = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+    except OSError:
+        return None
+    try:
+        fcntl.flock(fd, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return _written_pid(fd)
+    finally:
+        os.close(fd)
+    return None
+
+
+def _written_pid(fd: int) -> str:
+    try:
+        return str(int(os.pread(fd, 32, 0)))
+    except (OSError, ValueError):
+        return "unknown"

@@ -1,27 +1,39 @@
-"""The emergency stop of everything that this user drives on this machine: latched by anybody, released on purpose.
+"""The emergency stop of everything that one user drives on this machine: latched by anybody, released on purpose.
 
 A file is the latch: it outlives whoever made it, and looking whether it is there costs a loop 2 µs a tick.
 """
 
+import contextlib
 import json
 import logging
 import os
 import time
+from collections.abc import Iterator
+from pathlib import Path
 
 from lerobot_robot_yam.runtime import runtime_dir
 
 logger = logging.getLogger(__name__)
+
+_FILE = "emergency-stop"
+_MOST_BYTES = 65536
 
 
 class EmergencyStop:
     """The latch. While it is set followers hold, leaders float, and no arm is energised.
 
     EmergencyStop().latch("somebody shouted")
+
+    Args:
+        directory: runtime directory of those who shall hear it; None: this user's.
+
+    Raises:
+        ConfigError: this user can have no runtime directory.
     """
 
-    def __init__(self) -> None:
-        self._path = runtime_dir() / "emergency-stop"
-        self._name = str(self._path)
+    def __init__(self, directory: Path | None = None) -> None:
+        self.directory = runtime_dir() if directory is None else directory
+        self._name = str(self.directory / _FILE)
         self._unwritten = False  # latched, with no way to write it down
 
     @property
@@ -36,11 +48,14 @@ class EmergencyStop:
     def reason(self) -> str:
         """Who set it, when and why; empty when it is not set."""
         try:
-            data = json.loads(self._path.read_text())
+            with self._inside() as directory:
+                file = os.open(_FILE, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=directory)
+            with open(file, "rb") as text:
+                data = json.loads(text.read(_MOST_BYTES))
             return f"{data['why']} (process {data['pid']}, {data['at']})"
         except FileNotFoundError:
             return ""
-        except (OSError, ValueError, KeyError, TypeError):
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
             return "unknown"
 
     def latch(self, why: str) -> None:
@@ -51,12 +66,40 @@ class EmergencyStop:
         """
         if self.latched:
             return
-        data = {"why": why, "pid": os.getpid(), "at": time.strftime("%Y-%m-%d %H:%M:%S")}
         self._unwritten = True
-        self._path.write_text(json.dumps(data) + "\n")
+        with self._inside() as directory:
+            try:
+                file = os.open(_FILE, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600, dir_fd=directory)
+            except FileExistsError:
+                if not os.path.exists(self._name):  # a link to nowhere; else somebody was faster
+                    raise
+            else:
+                self._tell(file, why)
         self._unwritten = False
         logger.error("emergency stop: %s; release it with `yam-estop release`", why)
 
     def release(self) -> None:
-        """Let arms move again: each from where it is, with its next target."""
-        self._path.unlink(missing_ok=True)
+        """Let arms move again: each from where it is, with its next target.
+
+        Raises:
+            OSError: it cannot be removed.
+        """
+        with contextlib.suppress(FileNotFoundError), self._inside() as directory:
+            os.unlink(_FILE, dir_fd=directory)
+
+    @contextlib.contextmanager
+    def _inside(self) -> Iterator[int]:
+        """The directory itself: root latches in those of others, who could put a link in its place meanwhile."""
+        directory = os.open(self.directory, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+        try:
+            yield directory
+        finally:
+            os.close(directory)
+
+    @staticmethod
+    def _tell(file: int, why: str) -> None:
+        """Write the reason; what counts is that the file is there."""
+        data = {"why": why, "pid": os.getpid(), "at": time.strftime("%Y-%m-%d %H:%M:%S")}
+        with contextlib.suppress(OSError), open(file, "w") as text:
+            os.fchmod(file, 0o644)  # whom root stops shall read why
+            text.write(json.dumps(data) + "\n")

@@ -12,7 +12,7 @@ import numpy as np
 
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.policy import Trouble
-from lerobot_robot_yam.runtime import runtime_dir, slug
+from lerobot_robot_yam.runtime import LOCK, STATE, runtime_dir, slug
 
 JOINTS = 6
 SLOTS = 7
@@ -261,7 +261,7 @@ def channel_key(interface: str, channel: str, rig: str | None) -> str:
 
 def state_path(key: str) -> Path:
     """State block of a channel."""
-    return runtime_dir() / f"state-{key}"
+    return runtime_dir() / f"{STATE}{key}"
 
 
 def command_path(key: str) -> Path:
@@ -271,4 +271,4 @@ def command_path(key: str) -> Path:
 
 def lock_path(key: str) -> Path:
     """Lock of a channel."""
-    return runtime_dir() / f"lock-{key}"
+    return runtime_dir() / f"{LOCK}{key}"

@@ -1,14 +1,30 @@
 """yam-estop            latch the emergency stop: followers hold, leaders float, nothing is energised
 yam-estop release    let arms move again, each from where it is, with its next target
 yam-estop status     say whether it is latched, by whom and why; exit status 1 if it is
+
+It reaches all arms that this user drives on this machine, from whatever shell; root's reaches those of every user. It
+says which running sessions hear it. That none does is no failure, as whatever starts later is not energised either,
+but it may mean that an arm goes on moving: it is said in capitals. Exit status 1: some arms could not be reached.
 """
 
 import argparse
+import contextlib
 import json
+import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from lerobot_robot_yam.arm.estop import EmergencyStop
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.runtime import ENV_RUNTIME_DIR, runtime_dir, runtime_dirs, sessions
+
+_UNHEARD = (
+    "NO SESSION RUNS HERE THAT HEARS IT: if an arm moves, use the hardware's emergency stop. It is driven by another "
+    f'user (sudo "$(which yam-estop)"), in a container, with another {ENV_RUNTIME_DIR}, or by other software. '
+    "Latched all the same: no session energises anything\n"
+)
+_NOT = {"latch": "NOT STOPPED", "release": "NOT RELEASED", "status": "NOT KNOWN"}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -20,21 +36,82 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--why", default="yam-estop", help="what others are told")
     parser.add_argument("--json", action="store_true", help="answer in JSON")
     options = parser.parse_args(arguments)
-    stop = EmergencyStop()
-    try:
-        if options.action == "latch":
-            stop.latch(options.why)
-        elif options.action == "release":
-            stop.release()
-    except OSError as error:
-        sys.stderr.write(f"yam-estop: NOTHING IS STOPPED OR RELEASED: {error}; use the hardware's emergency stop\n")
-        return 1
-    reason = stop.reason()
+    stops = [EmergencyStop(directory) for directory in _directories(options.action)]
+    missed = _act(stops, options.action, options.why)
+    latched = [stop for stop in stops if stop.latched and stop.directory not in missed]
+    heard = [(stop.directory, key, process) for stop in latched for key, process in sessions(stop.directory).items()]
     if options.json:
-        sys.stdout.write(json.dumps({"latched": stop.latched, "reason": reason}) + "\n")
-    else:
-        sys.stdout.write(f"emergency stop latched: {reason}\n" if reason else "emergency stop not latched\n")
-    return int(options.action == "status" and stop.latched)
+        answer = {
+            "latched": bool(latched),
+            "reason": latched[0].reason() if latched else "",
+            "directories": [str(stop.directory) for stop in latched],
+            "heard_by": [{"directory": str(d), "channel": key, "process": process} for d, key, process in heard],
+            "missed": {str(directory): str(error) for directory, error in missed.items()},
+        }
+        sys.stdout.write(json.dumps(answer) + "\n")
+    elif len(missed) < len(stops):
+        _say(stops, latched, missed, [f"{key} (process {process})" for _, key, process in heard])
+    _complain(options.action, stops, missed)
+    if options.action == "status":
+        return int(bool(latched))
+    # Who releases has no need of what belongs to others; who stops has.
+    return int(bool(missed) if options.action == "latch" else stops[0].directory in missed)
+
+
+def _directories(action: str) -> list[Path]:
+    """Where to act; to stop what this user may start later, its own is made."""
+    found = runtime_dirs()
+    if os.getuid() == 0 and len(found) > 1 and not found[0].exists():
+        return found[1:]  # root drives nothing; what it leaves here nobody else could look into when they stop
+    if action == "latch":
+        with contextlib.suppress(ConfigError):  # what is wrong with it comes out when it is written to
+            runtime_dir()
+    return found
+
+
+def _act(stops: Sequence[EmergencyStop], action: str, why: str) -> dict[Path, OSError]:
+    """Latch or release all; returns those that could not be, or cannot even be looked at."""
+    missed = {}
+    for stop in stops:
+        try:
+            if action == "latch":
+                stop.latch(why)
+            elif action == "release":
+                stop.release()
+            elif stop.directory.exists():
+                os.listdir(stop.directory)
+        except OSError as error:
+            missed[stop.directory] = error
+    return missed
+
+
+def _say(
+    stops: Sequence[EmergencyStop],
+    latched: Sequence[EmergencyStop],
+    missed: Mapping[Path, OSError],
+    heard: Sequence[str],
+) -> None:
+    several = len(stops) - len(missed) > 1
+    for stop in stops:
+        if stop.directory in missed:
+            continue
+        where = f" in {stop.directory}" if several else ""
+        what = f"latched{where}: {stop.reason()}" if stop in latched else f"not latched{where}"
+        sys.stdout.write(f"emergency stop {what}\n")
+    if latched:
+        sys.stdout.write(f"heard by {', '.join(heard)}\n" if heard else _UNHEARD)
+
+
+def _complain(action: str, stops: Sequence[EmergencyStop], missed: Mapping[Path, OSError]) -> None:
+    if len(missed) == len(stops) and action != "status":
+        reasons = "; ".join(map(str, missed.values()))
+        sys.stderr.write(f"yam-estop: NOTHING IS STOPPED OR RELEASED: {reasons}; use the hardware's emergency stop\n")
+        return
+    for directory, error in missed.items():
+        sys.stderr.write(
+            f"yam-estop: {_NOT[action]}: arms that are driven by way of {directory}, if any ({error.strerror}); "
+            f'their user can, and root: sudo "$(which yam-estop)" {action}\n'
+        )
 
 
 if __name__ == "__main__":

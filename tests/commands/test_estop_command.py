@@ -1,7 +1,25 @@
-import json
+"""Stopping all arms from a command line: whom it reaches, who is said to hear it, what cannot be done."""
 
+import json
+import os
+
+import pytest
+
+from lerobot_robot_yam import runtime
 from lerobot_robot_yam.arm.estop import EmergencyStop
+from lerobot_robot_yam.arm.lifecycle import Mode
+from lerobot_robot_yam.arm.session import ArmSession
 from lerobot_robot_yam.commands.estop import main
+from lerobot_robot_yam.runtime import FileLock, runtime_dir
+from tests.arm.rigged import sim_config
+from tests.arm.test_estop import wait_mode
+
+UID = os.getuid()
+
+
+def answer(capsys, *arguments):
+    status = main([*arguments, "--json"])
+    return status, json.loads(capsys.readouterr().out)
 
 
 def test_latch_status_release(capsys):
@@ -10,8 +28,8 @@ def test_latch_status_release(capsys):
     assert EmergencyStop().latched and "a test" in EmergencyStop().reason()
     assert main(["status"]) == 1
     capsys.readouterr()
-    main(["status", "--json"])
-    assert json.loads(capsys.readouterr().out)["latched"]
+    status, said = answer(capsys, "status")
+    assert status == 1 and said["latched"] and "a test" in said["reason"]
     main(["--why", "later"])
     assert "a test" in EmergencyStop().reason()  # the first reason stands
     assert main(["release"]) == 0
@@ -19,8 +37,103 @@ def test_latch_status_release(capsys):
     assert main(["release"]) == 0
 
 
-def test_a_stop_that_nobody_hears_of_is_an_error(capsys, monkeypatch, tmp_path):
-    monkeypatch.setattr("lerobot_robot_yam.arm.estop.runtime_dir", lambda: tmp_path / "gone")
+def test_it_says_that_nobody_hears_it_and_latches_all_the_same(capsys):
+    try:
+        assert main([]) == 0
+        said = capsys.readouterr().out
+        assert "emergency stop latched" in said and "NO SESSION RUNS HERE THAT HEARS IT" in said
+        assert answer(capsys)[1]["heard_by"] == []
+        with FileLock(runtime_dir() / "lock-can9", "can9"):  # who only asks the motors
+            assert answer(capsys)[1]["heard_by"] == []
+    finally:
+        main(["release"])
+
+
+def test_it_says_which_sessions_hear_it(capsys, rig):
+    session = ArmSession([sim_config(rig, "follower_left")])
+    session.start()
+    try:
+        assert main([]) == 0
+        said = capsys.readouterr().out
+        assert f"heard by {rig.name}.follower_left (process " in said and "NO SESSION" not in said
+        wait_mode(session, "follower_left", Mode.STOPPED)
+        (one,) = answer(capsys, "status")[1]["heard_by"]
+        assert (one["channel"], one["directory"]) == (f"{rig.name}.follower_left", str(runtime_dir()))
+        assert os.path.exists(f"/proc/{one['process']}")
+    finally:
+        main(["release"])
+        session.stop()
+
+
+@pytest.fixture
+def shared(monkeypatch, tmp_path):
+    """Two places for everybody's directories; a user has one in the first, root's command finds the second's too."""
+    monkeypatch.delenv("YAM_RUNTIME_DIR")
+    places = (tmp_path / "first", tmp_path / "second")
+    for place in places:
+        place.mkdir()
+    monkeypatch.setattr(runtime, "_SHARED", places)
+    return places
+
+
+def test_it_reaches_every_directory_that_it_may_write(shared, capsys):
+    own, other = (place / f"yam-{UID}" for place in shared)
+    own.mkdir()
+    other.mkdir()
+    (other / "state-can_other").touch()
+    with FileLock(other / "lock-can_other", "can_other"):
+        assert main(["--why", "a test"]) == 0
+        assert f"heard by can_other (process {os.getpid()})" in capsys.readouterr().out
+        for directory in (own, other):
+            assert "a test" in EmergencyStop(directory).reason()
+        assert main(["status"]) == 1
+        said = capsys.readouterr().out
+        assert f"latched in {own}: a test" in said and f"latched in {other}: a test" in said
+        assert main(["release"]) == 0
+        assert "NO SESSION" not in capsys.readouterr().out
+    assert not EmergencyStop(own).latched and not EmergencyStop(other).latched
+
+
+def test_links_and_directories_of_others_are_left_alone(shared, tmp_path):
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (shared[1] / f"yam-{UID}").symlink_to(elsewhere)
+    strangers = [shared[1] / f"yam-{UID + 1}", shared[1] / "yam-data"]
+    for stranger in strangers:
+        stranger.mkdir()
+    assert main([]) == 0
+    assert not any(list(directory.iterdir()) for directory in (elsewhere, *strangers))
+
+
+@pytest.mark.skipif(UID != 0, reason="only root reaches the directories of others")
+def test_root_who_drives_nothing_leaves_nothing(shared):
+    """Everybody else would be told for ever that they cannot stop root's arms."""
+    somebodys = shared[0] / "yam-4242"
+    somebodys.mkdir()
+    os.chown(somebodys, 4242, -1)
+    assert main([]) == 0
+    assert EmergencyStop(somebodys).latched and list(shared[0].iterdir()) == [somebodys]
+    assert main(["release"]) == 0
+    assert not EmergencyStop(somebodys).latched
+
+
+def test_it_says_whom_it_could_not_stop(shared, capsys, tmp_path):
+    own, other = (place / f"yam-{UID}" for place in shared)
+    own.mkdir()
+    other.mkdir()
+    (other / "emergency-stop").symlink_to(tmp_path / "written")  # through which root would write where it is told
+    assert main([]) == 1
+    said = capsys.readouterr()
+    assert f"NOT STOPPED: arms that are driven by way of {other}" in said.err and "sudo" in said.err
+    assert EmergencyStop(own).latched and "emergency stop latched" in said.out
+    assert not (tmp_path / "written").exists()
+    assert answer(capsys)[1]["missed"].keys() == {str(other)}
+
+
+def test_a_stop_that_nobody_hears_of_is_an_error(capsys, monkeypatch):
+    monkeypatch.setenv("YAM_RUNTIME_DIR", "/dev/null/gone")
     assert main([]) == 1
     said = capsys.readouterr()
     assert "NOTHING IS STOPPED" in said.err and not said.out
+    status, said = answer(capsys)
+    assert status == 1 and not said["latched"] and "/dev/null/gone" in said["missed"]
