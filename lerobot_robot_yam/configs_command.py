@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.paths import user_path
 
 
 def configs_dir() -> Path:
@@ -67,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     actions = parser.add_subparsers(dest="action")
     actions.add_parser("list", help="list the configs with their paths (the default)")
     actions.add_parser("path", help="print the path of one config").add_argument("name", help="such as sim/record")
-    actions.add_parser("copy", help="copy all configs").add_argument("directory", type=Path)
+    actions.add_parser("copy", help="copy all configs").add_argument("directory", type=user_path)
     args = parser.parse_args(arguments)
     try:
         if args.action == "copy":

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.paths import user_path
 
 
 def _say(line: str) -> None:
@@ -81,9 +82,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog="yam-repair-dataset",
         description="Make a LeRobot data set load again whose recording was killed. The original is not changed.",
     )
-    parser.add_argument("path", type=Path, help="directory of the data set (--dataset.root of the recording)")
+    parser.add_argument("path", type=user_path, help="directory of the data set (--dataset.root of the recording)")
     parser.add_argument("--dry-run", action="store_true", help="say what can be recovered, write nothing")
-    parser.add_argument("--output", type=Path, help="directory of the repaired copy (default: PATH_repaired)")
+    parser.add_argument("--output", type=user_path, help="directory of the repaired copy (default: PATH_repaired)")
     args = parser.parse_args(arguments)
     root = args.path.resolve()
     target = (args.output or root.with_name(f"{root.name}_repaired")).resolve()

@@ -28,6 +28,7 @@ from tqdm import tqdm
 from lerobot_robot_yam.config_yam_env import AGENT_POS, YamEnvConfig
 from lerobot_robot_yam.demonstration import Frame, demonstrate
 from lerobot_robot_yam.errors import ConfigError, RigError, YamError
+from lerobot_robot_yam.paths import user_path
 from lerobot_robot_yam.recorded_unit import recorded_name
 from lerobot_robot_yam.yam_env import YamEnv
 
@@ -146,8 +147,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="yam-gather", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("eval_config", type=Path, help="a config of lerobot-eval")
-    parser.add_argument("--root", type=Path, required=True, help="folder of the data set")
+    parser.add_argument("eval_config", type=user_path, help="a config of lerobot-eval")
+    parser.add_argument("--root", type=user_path, required=True, help="folder of the data set")
     parser.add_argument("--repo-id", default="local/yam_gathered", help="name of the data set; nothing is uploaded")
     parser.add_argument("--episodes", type=int, default=50, help="how many successful ones (default %(default)s)")
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="of a new data set (default %(default)s)")

@@ -14,10 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.paths import user_path
 
 if TYPE_CHECKING:
     from lerobot_robot_yam.arm.config import ArmConfig
 
+_PATHS = ("calibration_path", "identity_path")
 _TEXT_MAX = 100  # bytes of a channel's name, which becomes part of file names
 _RATE_MAX_HZ = 1000.0
 
@@ -55,7 +57,7 @@ _NUMBERS: dict[str, tuple[int | None, Callable[[float], bool], str]] = {
 
 
 def check(config: "ArmConfig") -> None:
-    """Refuse what an arm cannot be driven with; numbers become floats, sequences of them lists.
+    """Refuse what an arm cannot be driven with; numbers become floats, sequences of them lists, paths lose their `~`.
 
     Raises:
         ConfigError: names the arm, the field, and what it takes.
@@ -79,6 +81,8 @@ def check(config: "ArmConfig") -> None:
             _check_options(config, field.name, value)
         elif str in kinds:
             _check_text(config, field.name, value)
+            if field.name in _PATHS:
+                setattr(config, field.name, str(user_path(value)))
         elif choices := [kind for kind in kinds if isinstance(kind, str)]:
             if not isinstance(value, str) or value not in choices:
                 raise _refusal(config, field.name, " or ".join(map(repr, choices)))

@@ -130,20 +130,18 @@ def check_identity(path: Path | str, found: Fingerprint, channel: str, name: str
 
     Raises:
         MotorError: it is another arm, named as far as it is bound; or nothing answers.
-        ConfigError: the file is damaged.
+        ConfigError: there is no such file, or it is damaged.
     """
     path = Path(path)
     if not found.motors:
         raise MotorError(f"{name}: nothing answers on channel {channel}; check motor power, cable and bit-rate")
     binding = Binding.load(path)
-    warnings = []
-    if binding is None:
-        warnings.append(
-            f"{name}: no arm is bound in {path}, so a swap would go unnoticed; "
-            f"bind it: yam-identify --channel {channel} --bind {path}"
+    if binding is None:  # who asks for the check must not go without it for a slip of the pen
+        raise ConfigError(
+            f"{name}: there is no arm binding {path}; correct `identity_path`, or bind the arm: "
+            f"yam-identify --channel {channel} --bind {path}"
         )
-    else:
-        warnings += _compare(binding, path, found, channel, name)
+    warnings = _compare(binding, path, found, channel, name)
     for warning in warnings:
         logger.warning(warning)
     return warnings

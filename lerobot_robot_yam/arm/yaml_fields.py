@@ -17,6 +17,7 @@ import numpy as np
 import yaml
 
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.paths import user_path
 
 _LARGEST = 1e9  # in SI units no number of an arm comes near; what does overflows in the model
 
@@ -32,7 +33,7 @@ def array_field(*shape: int, default: Any = dataclasses.MISSING) -> Any:
 def read_yaml(path: Path) -> dict[str, Any]:
     """The mapping in a YAML file. Raises ConfigError when unreadable or not a mapping."""
     try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+        document = yaml.safe_load(user_path(path).read_text(encoding="utf-8"))
     except Exception as error:  # besides OSError and YAMLError: "!!int x" is a ValueError, "!!bool x" a KeyError, …
         raise ConfigError(f"cannot read {path}: {error}") from error
     if not isinstance(document, dict):

@@ -12,7 +12,6 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.fingerprint import GRIPPER_ID, Fingerprint, read_fingerprint
@@ -30,6 +29,7 @@ from lerobot_robot_yam.commands.arm_command import (
 )
 from lerobot_robot_yam.commands.wiggle import hazard, wiggle
 from lerobot_robot_yam.errors import ConfigError, MotorError
+from lerobot_robot_yam.paths import user_path
 
 
 def describe(channel: str, found: Fingerprint) -> str:
@@ -59,9 +59,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     add_arm_arguments(parser)
     parser.add_argument("--json", action="store_true", help="print the fingerprint as JSON")
-    parser.add_argument("--bind", type=Path, metavar="PATH", help="remember this arm in the file PATH")
+    parser.add_argument("--bind", type=user_path, metavar="PATH", help="remember this arm in the file PATH")
     parser.add_argument("--force", action="store_true", help="with --bind: replace the binding of another arm")
-    parser.add_argument("--check", type=Path, metavar="PATH", help="compare with the arm bound in the file PATH")
+    parser.add_argument("--check", type=user_path, metavar="PATH", help="compare with the arm bound in the file PATH")
     parser.add_argument("--wiggle", action="store_true", help="ENERGISE the arm and turn joint 6 by 0.08 rad")
     parser.add_argument("--calibration", metavar="PATH", help="with --wiggle: the gripper's stored stops")
     parser.add_argument("--yes", action="store_true", help="with --wiggle: do not ask")
@@ -95,8 +95,6 @@ def _identify(args: argparse.Namespace) -> int:
             tell(f"note: {note}")
         tell(f"bound as {name!r} in {args.bind}")
     elif args.check:
-        if not args.check.exists():
-            raise ConfigError(f"there is no arm binding {args.check}; make it with --bind")
         warned = check_identity(args.check, found, config.channel, config.name)
         tell("this is the bound arm" + (", see the warnings" if warned else ""))
     return 0

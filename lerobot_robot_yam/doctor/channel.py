@@ -4,6 +4,7 @@ import dataclasses
 import errno
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import can
 
@@ -58,6 +59,10 @@ def examine_channel(
     config = target.config
     row = {"channel": target.channel, "arm": config.arm, "gripper": config.gripper, "examined": "asked"}
     sections.channels.rows.append(row)
+    if config.identity_path is not None and not Path(config.identity_path).exists():
+        what = f"there is no arm binding {config.identity_path} (`identity_path`): no session will start"
+        remedy = f"yam-identify --channel {target.channel} --bind {config.identity_path}"
+        sections.channels.problem(target.channel, what, remedy)
     if link is not None and not link.usable:
         row["examined"] = "not asked: its interface is not usable"
         return

@@ -12,6 +12,7 @@ from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.state import channel_key
 from lerobot_robot_yam.arm.yaml_fields import read_yaml
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.paths import user_path
 from lerobot_robot_yam.runtime import rig_name
 
 SOCKETCAN, VIRTUAL = "socketcan", "yam_sim"
@@ -113,8 +114,8 @@ def from_config(path: Path, rig: str | None) -> Plan:
         for prefix, arm in _arms(device, f"{path}, {section}").items():
             values = {"gripper": LEADER_GRIPPER, **arm} if section == "teleop" else dict(arm)
             ident = f"{prefix}{device['id']}" if device.get("id") else values.get("channel")
-            file = Path(values.get("calibration_path") or directory / "yam" / f"{ident}_gripper.json")
             target = _target(values, f"{prefix}{section}", rig)
+            file = Path(target.config.calibration_path or directory / "yam" / f"{ident}_gripper.json")
             targets.append(dataclasses.replace(target, calibration=file))
             cameras.update({f"{prefix}{name}": camera for name, camera in _cameras(arm).items() if prefix})
     if not targets:
@@ -128,7 +129,7 @@ def calibration_root() -> Path:
     cache = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
     hub = os.environ.get("HF_HOME") or f"{cache}/huggingface"
     home = os.environ.get("HF_LEROBOT_HOME") or f"{hub}/lerobot"
-    return Path(os.environ.get("HF_LEROBOT_CALIBRATION") or f"{home}/calibration").expanduser()
+    return user_path(os.environ.get("HF_LEROBOT_CALIBRATION") or f"{home}/calibration")
 
 
 def _arms(device: Mapping[str, Any], where: str) -> dict[str, Mapping[str, Any]]:

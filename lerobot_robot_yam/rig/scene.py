@@ -15,6 +15,7 @@ import numpy as np
 from lerobot_robot_yam.arm.profile import load_arm, load_gripper
 from lerobot_robot_yam.arm.yaml_fields import array_field, merge, parse, read_yaml
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.paths import user_path
 from lerobot_robot_yam.rig.props import Thing, check_things
 from lerobot_robot_yam.rig.tasks import SCRIPTS, Task, check_tasks
 
@@ -159,7 +160,7 @@ def _document(name: str, folder: Path) -> dict[str, Any]:
     if name in SCENES:
         return read_yaml(_DIRECTORY / f"{name}.yaml")
     if name.endswith((".yaml", ".yml")):
-        return read_yaml(folder / name)
+        return read_yaml(folder / user_path(name))
     raise ConfigError(f"unknown scene '{name}'; known: {', '.join(SCENES)}, or a path to a YAML file")
 
 

@@ -12,12 +12,12 @@ import json
 import logging
 import os
 import signal
-from pathlib import Path
 from typing import Any
 
 import mujoco
 
 from lerobot_robot_yam.errors import ConfigError, RigError, YamError
+from lerobot_robot_yam.paths import user_path
 from lerobot_robot_yam.realtime import request_realtime
 from lerobot_robot_yam.rig.device import RigDevice
 from lerobot_robot_yam.rig.launch import error_reply, rig_path
@@ -57,7 +57,7 @@ def main() -> None:
     try:
         device = RigDevice(load_scene(args.scene, dict(_option(item) for item in args.set)))
         if device.scene.options.event_dir is not None:
-            folder = Path(device.scene.options.event_dir).expanduser()
+            folder = user_path(device.scene.options.event_dir)
             device.events.keep(folder / rig_path(args.name, "events.jsonl").name)
         server = RigServer(args.name, device, arguments, args.owner)
     except Exception as error:

@@ -178,10 +178,10 @@ def test_a_binding_of_another_arm_is_not_overwritten_unasked(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["left.json"]
 
 
-def test_an_arm_that_is_not_bound_is_driven_with_a_warning(tmp_path, caplog):
-    (warning,) = check_identity(tmp_path / "left.json", follower(), "can0", "left")
-    assert "no arm is bound in" in warning and "yam-identify --channel can0 --bind" in warning
-    assert warning in caplog.text
+def test_a_binding_that_is_not_there_is_refused_with_the_command_that_makes_it(tmp_path):
+    path = tmp_path / "left.json"
+    with pytest.raises(ConfigError, match=f"left: .* {path}; .*`identity_path`.*yam-identify --channel can0 --bind"):
+        check_identity(path, follower(), "can0", "left")
 
 
 def test_other_files_beside_a_binding_do_not_matter(tmp_path, caplog):

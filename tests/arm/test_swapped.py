@@ -6,7 +6,7 @@ import pytest
 from lerobot_robot_yam.arm.fingerprint import read_fingerprint
 from lerobot_robot_yam.arm.identity import Binding
 from lerobot_robot_yam.arm.session import ArmSession
-from lerobot_robot_yam.errors import MotorError
+from lerobot_robot_yam.errors import ConfigError, MotorError
 from lerobot_robot_yam.rig.control import running_rig
 
 from .rigged import sim_config
@@ -40,6 +40,18 @@ def test_swapped_followers_are_named_and_not_driven(tmp_path):
         with pytest.raises(MotorError, match="(?s)follower_left.*'follower_right_arm'.*swapped"):
             bound(rig, tmp_path).start()
         assert not enabled(rig)
+
+
+def test_a_binding_that_is_not_there_is_refused_before_anything_is_energised(rig, tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    session = ArmSession([sim_config(rig, "follower_left", identity_path="~/left.json")])
+    with pytest.raises(ConfigError, match=f"follower_left: there is no arm binding {tmp_path}/left.json.*--bind"):
+        session.start()
+    assert not enabled(rig)
+    bind(rig, "follower_right", tmp_path / "left.json")  # another arm than the one that is there
+    with pytest.raises(MotorError, match="follower_left does not carry the arm bound as 'left'"):
+        session.start()
+    assert not enabled(rig)
 
 
 def test_a_leader_on_a_followers_channel_is_named_without_any_binding(rig):

@@ -85,6 +85,17 @@ def test_a_latched_emergency_stop(rig, capsys):
     assert "yam-estop release" in problem["remedy"]
 
 
+def test_a_binding_that_is_configured_and_not_there(rig, capsys, tmp_path):
+    """The first run finds it missing, with the command that makes it; the arms are examined all the same."""
+    path = tmp_path / "run.yaml"
+    arm = f"interface: yam_sim, channel: {FOLLOWER}, identity_path: {tmp_path}/arm.json"
+    path.write_text(f"robot: {{type: yam_follower, {arm}, gripper_stops_rad: [3.25, -3.3]}}\n")
+    status, report = examine(capsys, f"--config_path={path}", f"--rig={rig.name}", "--samples=0")
+    assert status == 1 and len(report["motors"]) == 7
+    (problem,) = found(report, "problem", FOLLOWER, "identity_path")
+    assert problem["remedy"] == f"yam-identify --channel {FOLLOWER} --bind {tmp_path}/arm.json"
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
