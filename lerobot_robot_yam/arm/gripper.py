@@ -5,6 +5,7 @@ within one turn only, so stored stops are never taken on trust: an angle that fi
 move towards open, with at most the calibration torque. An object between the fingers is not a stop.
 """
 
+import contextlib
 import json
 import logging
 import math
@@ -156,11 +157,11 @@ def verify_stops(arm: str, calibration: Calibration, stored: GripperStops) -> Se
     return GripperStops(stored.closed_rad, stored.open_rad, shift_rad=turns[0])
 
 
-def load_stops(path: Path, gripper: str) -> GripperStops | None:
+def load_stops(arm: str, path: Path, gripper: str) -> GripperStops | None:
     """Stored stops, or None when there is no file.
 
     Raises:
-        GripperError: the file is damaged or belongs to another gripper.
+        GripperError: the file cannot be read, is damaged or belongs to another gripper.
     """
     try:
         data = json.loads(path.read_text())
@@ -170,18 +171,28 @@ def load_stops(path: Path, gripper: str) -> GripperStops | None:
             raise ValueError("stops are not finite")
     except FileNotFoundError:
         return None
+    except OSError as error:
+        raise GripperError(
+            f"{arm}: the gripper calibration {path} cannot be read ({error}); correct `calibration_path`, or who may "
+            "read the file"
+        ) from error
     except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
-        raise GripperError(f"{path} is not a gripper calibration ({error}); delete it and calibrate again") from error
+        raise GripperError(
+            f"{arm}: {path} is not a gripper calibration ({error}); delete it and calibrate again (lerobot-calibrate)"
+        ) from error
     if owner != gripper or version != _FILE_VERSION:
         raise GripperError(
-            f"{path} was made for gripper {owner!r} (file version {version}), not {gripper!r}; delete it"
+            f"{arm}: {path} was made for gripper {owner!r} (file version {version}), not {gripper!r}; delete it"
         )
     return stops
 
 
-def save_stops(path: Path, gripper: str, stops: GripperStops) -> None:
-    """Write the stops so that a crash in the middle leaves the old file."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+def save_stops(arm: str, path: Path, gripper: str, stops: GripperStops) -> None:
+    """Write the stops so that a crash in the middle leaves the old file.
+
+    Raises:
+        GripperError: the file cannot be written.
+    """
     scratch = path.with_name(f"{path.name}.{os.getpid()}")  # two sessions may store at once
     data = {
         "version": _FILE_VERSION,
@@ -189,5 +200,14 @@ def save_stops(path: Path, gripper: str, stops: GripperStops) -> None:
         "closed_rad": stops.closed_rad,
         "open_rad": stops.open_rad,
     }
-    scratch.write_text(json.dumps(data, indent=1) + "\n")
-    scratch.replace(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        scratch.write_text(json.dumps(data, indent=1) + "\n")
+        scratch.replace(path)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            scratch.unlink(missing_ok=True)
+        raise GripperError(
+            f"{arm}: the gripper's stops cannot be stored in {path} ({error}); make room, or correct "
+            "`calibration_path` or who may write there, then calibrate again (lerobot-calibrate)"
+        ) from error

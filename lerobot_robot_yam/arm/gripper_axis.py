@@ -73,7 +73,7 @@ class GripperAxis:
             known = None
         elif known is None:
             if self._path is not None:
-                known = load_stops(self._path, self._profile.name)
+                known = load_stops(self._name, self._path, self._profile.name)
             if known is None:
                 logger.warning("%s: no gripper stops are known; searching them, keep the fingers free", self._name)
         self._anew = known is None
@@ -106,7 +106,10 @@ class GripperAxis:
                     stops.open_rad,
                 )
             if self._anew and self._path is not None:
-                save_stops(self._path, self._profile.name, stops)
+                try:
+                    save_stops(self._name, self._path, self._profile.name, stops)
+                except GripperError as error:  # the arm can be driven; who asked for a calibration looks for the file
+                    logger.error("%s", error)
             return float(found.value.shift_rad)
         except GripperError:
             self._search = None

@@ -3,11 +3,13 @@
 import logging
 import math
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.estop import EmergencyStop
+from lerobot_robot_yam.arm.gripper import load_stops
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.safety import LimitLog, check_range, finite_vector, limit_target
@@ -251,6 +253,7 @@ class ArmPort:
 
         Raises:
             MotorError: there is no gripper motor, or the search failed.
+            GripperError: they are not stored in `calibration_path`; those that were found count until the arm is off.
         """
         self._request(Request.CALIBRATE_GRIPPER)
         deadline = self._clock.now() + _CALIBRATION_TIMEOUT_S
@@ -258,6 +261,18 @@ class ArmPort:
             if self._clock.now() > deadline:
                 raise MotorError(f"{self.config.name}: the gripper calibration does not end")
             self._clock.sleep(0.02)
+        if self.config.calibration_path is not None:
+            self._check_stored(Path(self.config.calibration_path))
+
+    def _check_stored(self, path: Path) -> None:
+        """The loop goes on when it cannot store what it has found, but who calibrates does it for the file."""
+        stored = load_stops(self.config.name, path, self.hardware.gripper.name)
+        found = self._raw()["gripper_stops_rad"].tolist()
+        if stored is None or [stored.closed_rad, stored.open_rad] != found:
+            raise GripperError(
+                f"{self.config.name}: nothing was stored in {path}; the log above says why. Mend that and calibrate "
+                "again (lerobot-calibrate), or the next start searches the stops"
+            )
 
     def _request(self, request: Request) -> None:
         self._asked = request

@@ -54,7 +54,7 @@ def _check_file(path: Path, gripper: str, target: Target | None, section: Sectio
     section.rows.append(row)
     again = f"rm {path} && {_calibrate(target)}"
     try:
-        stops = load_stops(path, gripper)
+        stops = load_stops(where, path, gripper)
         if stops is None:
             row["state"] = "missing"
             what = f"no stops are stored in {path}: a session searches them when it starts, moving the fingers"
@@ -65,15 +65,12 @@ def _check_file(path: Path, gripper: str, target: Target | None, section: Sectio
         profile = load_gripper(target.config.gripper if target else gripper)
         if profile.calibration is not None:
             check_span(where, profile.calibration, stops.closed_rad, stops.open_rad)
-    except GripperError as error:
+    except (GripperError, OSError) as error:
         row["state"] = "unusable"
         section.problem(where, str(error), again)
     except ConfigError as error:
         row["state"] = "unknown"
         section.note(where, f"whether the span is plausible is unknown: {error}", "name its config with --config_path")
-    except OSError as error:
-        row["state"] = "unreadable"
-        section.problem(where, f"{path} cannot be read: {error}", again)
     else:
         row["state"] = "valid"
 

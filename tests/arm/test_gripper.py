@@ -117,15 +117,15 @@ def test_inverted_and_tiny_spans_are_refused():
 
 def test_stops_survive_on_disk_and_foreign_files_are_refused(tmp_path):
     path = tmp_path / "yam" / "left.json"
-    assert load_stops(path, "linear_4310") is None
-    save_stops(path, "linear_4310", GripperStops(CLOSED, OPEN))
-    assert load_stops(path, "linear_4310") == GripperStops(CLOSED, OPEN)
+    assert load_stops("left", path, "linear_4310") is None
+    save_stops("left", path, "linear_4310", GripperStops(CLOSED, OPEN))
+    assert load_stops("left", path, "linear_4310") == GripperStops(CLOSED, OPEN)
     with pytest.raises(GripperError, match="crank_4310"):
-        load_stops(path, "crank_4310")
+        load_stops("left", path, "crank_4310")
     for damaged in ("{}", path.read_text().replace("3.25", f"1{'0' * 400}")):  # JSON knows no largest integer
         path.write_text(damaged)
         with pytest.raises(GripperError, match="not a gripper calibration"):
-            load_stops(path, "linear_4310")
+            load_stops("left", path, "linear_4310")
 
 
 def gripper_axis(path, configured=None):
@@ -155,8 +155,8 @@ def test_only_a_search_writes_the_stops(tmp_path, caplog):
     path = tmp_path / "left.json"
     bring_up(gripper_axis(path), Fingers(0.4))
     assert "no gripper stops are known" in caplog.text
-    assert load_stops(path, "linear_4310").closed_rad == pytest.approx(CLOSED, abs=0.02)
-    save_stops(path, "linear_4310", GripperStops(CLOSED + 0.03, OPEN + 0.03))
+    assert load_stops("left", path, "linear_4310").closed_rad == pytest.approx(CLOSED, abs=0.02)
+    save_stops("left", path, "linear_4310", GripperStops(CLOSED + 0.03, OPEN + 0.03))
     stored = path.read_text()
     inode = path.stat().st_ino
     for configured in (None, [CLOSED - 0.02, OPEN - 0.02]):
@@ -185,12 +185,12 @@ def test_beginning_again_verifies_what_this_session_knows_and_searches_nothing()
 
 def test_a_search_that_fails_leaves_the_stored_stops(tmp_path):
     path = tmp_path / "left.json"
-    save_stops(path, "linear_4310", GripperStops(CLOSED, OPEN))
+    save_stops("left", path, "linear_4310", GripperStops(CLOSED, OPEN))
     axis = gripper_axis(path)
     with pytest.raises(GripperError, match="take any object out"):
         bring_up(axis, Fingers(-1.0, blocked=0.0), calibrate=True)
     assert axis.stops is None
-    assert load_stops(path, "linear_4310") == GripperStops(CLOSED, OPEN)
+    assert load_stops("left", path, "linear_4310") == GripperStops(CLOSED, OPEN)
 
 
 def test_an_explicit_calibration_replaces_a_damaged_file_and_nothing_else_does(tmp_path):
@@ -200,7 +200,29 @@ def test_an_explicit_calibration_replaces_a_damaged_file_and_nothing_else_does(t
         gripper_axis(path).begin()
     assert path.read_text() == "{}"
     bring_up(gripper_axis(path), Fingers(0.4), calibrate=True)
-    assert load_stops(path, "linear_4310").open_rad == pytest.approx(OPEN, abs=0.02)
+    assert load_stops("left", path, "linear_4310").open_rad == pytest.approx(OPEN, abs=0.02)
+
+
+def test_stops_that_cannot_be_stored_count_all_the_same(tmp_path, caplog):
+    """A full disk, a home that is read-only: only the next start has to search again."""
+    path = tmp_path / "no directory" / "left.json"
+    (tmp_path / "no directory").touch()
+    axis = gripper_axis(path)
+    bring_up(axis, Fingers(0.4), calibrate=True)
+    assert axis.stops.closed_rad == pytest.approx(CLOSED, abs=0.02)
+    assert f"left: the gripper's stops cannot be stored in {path}" in caplog.text and "File exists" in caplog.text
+
+
+def test_a_calibration_that_cannot_be_read_is_refused_by_name(tmp_path):
+    with pytest.raises(GripperError, match=f"left: the gripper calibration {tmp_path} cannot be read.*directory"):
+        gripper_axis(tmp_path).begin()
+
+
+def test_a_file_that_cannot_be_replaced_leaves_nothing_half_written(tmp_path):
+    (tmp_path / "left.json").mkdir()
+    with pytest.raises(GripperError, match="cannot be stored"):
+        save_stops("left", tmp_path / "left.json", "linear_4310", GripperStops(CLOSED, OPEN))
+    assert [path.name for path in tmp_path.iterdir()] == ["left.json"]
 
 
 def test_calibrating_against_configured_stops_says_that_these_will_count_again(tmp_path, caplog):

@@ -1,5 +1,6 @@
 """The shipped loop and driver on the virtual rig, over CAN frames, as a process and as a thread."""
 
+import contextlib
 import logging
 import os
 import signal
@@ -23,11 +24,15 @@ from lerobot_robot_yam.errors import (
     BusError,
     ChannelInUseError,
     ConfigError,
+    GripperError,
     LifeCycleError,
     MotorError,
     YamError,
 )
 from lerobot_robot_yam.rig.control import RigControl
+from lerobot_robot_yam.rig.lockstep import LockstepRig
+
+from .rigged import sim_config
 
 STOPS = [3.25, -3.3]
 TICK_S = 0.004
@@ -275,6 +280,28 @@ def test_calibration_finds_and_keeps_the_stops(rig, tmp_path):
     with YamArm(config) as arm:  # the second time they are verified only
         assert arm.observe().gripper == pytest.approx(1.0, abs=0.15)
     assert path.read_text() == first
+
+
+def test_a_calibration_that_stores_nothing_has_failed_and_the_arm_is_held(tmp_path):
+    blocked = tmp_path / "left"
+    with contextlib.closing(LockstepRig(arms=["follower_left"])) as rig:
+        config = sim_config(
+            rig, "follower_left", interface="yam_lockstep", gripper_stops_rad=None, calibration_path=f"{blocked}/g.json"
+        )
+        session = ArmSession([config], isolation="lockstep")
+        session.start(search_grippers=False)
+        port = session["follower_left"]
+        blocked.touch()  # a file where a directory has to be
+        with pytest.raises(GripperError, match="follower_left: .*left/g.json cannot be read"):
+            port.calibrate_gripper()
+        blocked.unlink()
+        port.calibrate_gripper()
+        blocked.rename(tmp_path / "lost")
+        blocked.symlink_to("/proc")  # where nobody can store anything
+        with pytest.raises(GripperError, match="follower_left: nothing was stored in .*left/g.json; the log"):
+            port.calibrate_gripper()
+        assert port.observe().mode is Mode.HOLD
+        session.discard()
 
 
 def test_a_leader_floats_and_reports_its_handle(rig):

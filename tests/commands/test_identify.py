@@ -115,7 +115,7 @@ def test_without_a_terminal_or_yes_nothing_wiggles(rig):
 
 
 def test_a_wiggle_turns_joint_6_slowly_and_nothing_else_and_lands(rig, tmp_path):
-    save_stops(tmp_path / "stops.json", "linear_4310", GripperStops(*STOPS))
+    save_stops("left", tmp_path / "stops.json", "linear_4310", GripperStops(*STOPS))
     rest = np.array(rig.state()["arms"]["follower_left"]["q"])
     process = start(rig, "--wiggle", "--yes", "--calibration", tmp_path / "stops.json")
     seen = []
@@ -137,7 +137,7 @@ def test_a_wiggle_turns_joint_6_slowly_and_nothing_else_and_lands(rig, tmp_path)
 
 @pytest.mark.long
 def test_at_a_terminal_it_wiggles_again_until_the_arm_is_named_and_binds_it(rig, tmp_path):
-    save_stops(tmp_path / "stops.json", "linear_4310", GripperStops(*STOPS))
+    save_stops("left", tmp_path / "stops.json", "linear_4310", GripperStops(*STOPS))
     ours, theirs = pty.openpty()
     try:
         process = start(
@@ -157,7 +157,7 @@ def test_at_a_terminal_it_wiggles_again_until_the_arm_is_named_and_binds_it(rig,
 
 
 def test_another_arm_than_named_moved_and_nothing_is_bound(rig, tmp_path):
-    save_stops(tmp_path / "stops.json", "linear_4310", GripperStops(*STOPS))
+    save_stops("left", tmp_path / "stops.json", "linear_4310", GripperStops(*STOPS))
     ours, theirs = pty.openpty()
     try:
         bind = ["--name", "left", "--bind", tmp_path / "b.json"]

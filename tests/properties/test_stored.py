@@ -177,7 +177,7 @@ def test_stored_stops_are_right_or_refused(directory, data):
     path = directory / "gripper.json"
     path.write_bytes(data)
     try:
-        stops = load_stops(path, "linear_4310")
+        stops = load_stops("left", path, "linear_4310")
         assert stops is not None
         assert math.isfinite(stops.closed_rad) and math.isfinite(stops.open_rad)
         next(verify_stops("left", GRIPPER.calibration, stops))
@@ -227,7 +227,7 @@ def test_an_emergency_stop_stands_whatever_its_file_says(runtime, data):
 @for_all(closed=st.floats(-20, 20), opened=st.floats(-20, 20))
 def test_stops_are_read_back_as_they_were_stored(directory, closed, opened):
     path = directory / "deeper" / "gripper.json"
-    save_stops(path, "linear_4310", GripperStops(closed, opened))
-    assert load_stops(path, "linear_4310") == GripperStops(closed, opened)
+    save_stops("left", path, "linear_4310", GripperStops(closed, opened))
+    assert load_stops("left", path, "linear_4310") == GripperStops(closed, opened)
     with pytest.raises(GripperError, match="crank_4310"):
-        load_stops(path, "crank_4310")
+        load_stops("left", path, "crank_4310")
