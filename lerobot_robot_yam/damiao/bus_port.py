@@ -23,6 +23,30 @@ def is_classic_data(message: can.Message) -> bool:
     return not (message.is_extended_id or message.is_remote_frame or message.is_error_frame)
 
 
+def _receiver(bus: can.BusABC) -> Callable[[float], can.Message | None]:
+    """What `bus.recv` does, by the monotonic clock.
+
+    python-can's own (4.6) measures its wait with `time.time`: set back by a second in the middle of it, that waits a
+    second longer, and motors that nobody commands let go after 0.4. Interfaces implement `_recv_internal`, whose wait
+    is the kernel's; one that brings a `recv` of its own is left to it.
+    """
+    if getattr(bus.recv, "__func__", None) is not can.BusABC.recv:
+        return bus.recv
+    receive, matches = bus._recv_internal, bus._matches_filters
+
+    def recv(timeout_s: float) -> can.Message | None:
+        deadline_s = time.monotonic() + timeout_s
+        while True:
+            message, filtered = receive(timeout_s)
+            if message is not None and (filtered or matches(message)):
+                return message
+            timeout_s = deadline_s - time.monotonic()
+            if timeout_s <= 0.0:
+                return None
+
+    return recv
+
+
 class BusPort:
     """Sends and receives on a bus that somebody else opened and will close.
 
@@ -33,7 +57,7 @@ class BusPort:
         self.channel = channel
         self._send_one: Callable[[can.Message], None] = bus.send
         self._send_many: Callable[[Sequence[can.Message]], Any] | None = getattr(bus, "send_many", None)
-        self._recv: Callable[[float], can.Message | None] = bus.recv
+        self._recv = _receiver(bus)
         self.clock = clock_of(bus)
         self._epoch_offset_s = 0.0
         self.synchronise()

@@ -1,0 +1,39 @@
+"""Receiving through any python-can bus: waits that a step of the computer's clock does not lengthen."""
+
+import time
+
+import can
+import pytest
+
+from lerobot_robot_yam.damiao.bus_port import BusPort, data_message
+
+WAIT_S = 0.05
+
+
+@pytest.fixture(params=["virtual", "yam_sim"])
+def bus(request):
+    options = {}
+    if request.param == "yam_sim":
+        options["rig"] = request.getfixturevalue("rig").name
+    with can.Bus(interface=request.param, channel="follower_left", **options) as bus:
+        yield bus
+
+
+def test_a_clock_that_is_set_back_does_not_hold_up_who_waits(bus, monkeypatch):
+    port = BusPort(bus, "follower_left")
+    steps = iter([0.0])
+    monkeypatch.setattr("can.bus.time", lambda: time.time() - next(steps, 5.0))  # after the wait has begun
+    begin = time.monotonic()
+    assert port.recv(WAIT_S) is None
+    assert WAIT_S <= time.monotonic() - begin < 1.0
+
+
+def test_filters_count_and_what_they_hold_back_ends_no_wait():
+    with can.Bus(interface="virtual", channel="desk") as sender:
+        with can.Bus(interface="virtual", channel="desk", can_filters=[{"can_id": 2, "can_mask": 0x7FF}]) as bus:
+            port = BusPort(bus, "desk")
+            sender.send(data_message(1, b"x"))
+            sender.send(data_message(2, b"y"))
+            message = port.recv(WAIT_S)
+            assert message is not None and message.arbitration_id == 2
+            assert port.recv(0.0) is None
