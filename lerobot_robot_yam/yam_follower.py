@@ -221,7 +221,8 @@ class FollowerBase(Robot):
         Raises:
             ActionError: not finite; nothing was sent to the arm concerned.
         """
-        if self._arms.paused and np.array_equal(target, self._last_target):
+        last = self._last_target
+        if self._arms.paused and last is not None and np.array_equal(target, last):
             return self._arms.held()
         self._arms.paused, self._last_target = False, target.copy()
         sent = target.copy()
