@@ -21,7 +21,8 @@ try:
     from lerobot_robot_yam.openpi import wire
 except ImportError as error:
     raise ConfigError(
-        f"policies on an openpi server need {error.name or error}: pip install 'lerobot_robot_yam[openpi]'"
+        f"policies on an openpi server need websockets, msgpack and pillow ({error}): pip install '.[openpi]' in the "
+        "clone of this package"
     ) from error
 
 logger = logging.getLogger(__name__)
