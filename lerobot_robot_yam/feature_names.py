@@ -1,12 +1,18 @@
 """Names of a robot's values in LeRobot's features, in the canonical order: left joints, left gripper, right ones."""
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.profile import load_arm, load_gripper
 
 TOOL_NUMBERS = ("ee_x", "ee_y", "ee_z", "ee_rx", "ee_ry", "ee_rz")
 """What stands for the joints of an arm where actions are poses of its tool, see `ee_space`."""
+
+_SPACES = {
+    "joint": re.compile(r"(.+_)?joint_\d+\.pos"),
+    "ee": re.compile(rf"(.+_)?({'|'.join(TOOL_NUMBERS)})\.pos"),
+}
 
 
 def motor_names(prefix: str, arm: ArmConfig, handles: bool = False) -> list[str]:
@@ -49,3 +55,9 @@ def extra_keys(motors: Sequence[str], velocity: bool, torque: bool, temperature:
     """Keys of the optional values of an observation, for motors by name."""
     kinds = ["vel"] * velocity + ["torque"] * torque + ["temp_mos", "temp_rotor"] * temperature
     return [f"{motor}.{kind}" for kind in kinds for motor in motors]
+
+
+def space_of(keys: Iterable[str]) -> str | None:
+    """The `action_space` that keys of an action belong to, "joint" or "ee"; None if they tell of neither or of both."""
+    found = {space for key in keys for space, pattern in _SPACES.items() if pattern.fullmatch(key)}
+    return found.pop() if len(found) == 1 else None

@@ -29,7 +29,7 @@ from lerobot_robot_yam.config_yam_env import AGENT_POS, YamEnvConfig
 from lerobot_robot_yam.demonstration import Frame, demonstrate
 from lerobot_robot_yam.errors import ConfigError, RigError, YamError
 from lerobot_robot_yam.paths import user_path
-from lerobot_robot_yam.recorded_unit import recorded_name
+from lerobot_robot_yam.recording import recorded_name
 from lerobot_robot_yam.yam_env import YamEnv
 
 logger = logging.getLogger(__name__)
@@ -106,7 +106,7 @@ def _open(config: YamEnvConfig, root: Path, repo_id: str) -> LeRobotDataset:
         "encoder_threads": 1,
     }
     robot, features = cast(Any, config.robot), features_of(config)
-    robot_type = recorded_name(robot.type, robot.use_degrees)
+    robot_type = recorded_name(robot.type, robot.use_degrees, robot.action_space)
     if not (root / "meta" / "info.json").exists():
         return LeRobotDataset.create(repo_id, config.fps, features, root, robot_type=robot_type, **encoding)
     dataset = LeRobotDataset.resume(repo_id, root, **encoding)

@@ -17,10 +17,11 @@ from lerobot_robot_yam.arm.config_rules import check_switches
 from lerobot_robot_yam.arm.state import ArmState
 from lerobot_robot_yam.arm_group import ArmGroup, arm_config
 from lerobot_robot_yam.clock import Clock
+from lerobot_robot_yam.command_check import check_command
 from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
 from lerobot_robot_yam.errors import StaleStateError
 from lerobot_robot_yam.follower_options import FollowerOptions
-from lerobot_robot_yam.recorded_unit import check_command, recorded_name
+from lerobot_robot_yam.recording import recorded_name
 
 logger = logging.getLogger(__name__)
 
@@ -40,7 +41,7 @@ class FollowerBase(Robot):
         options: FollowerOptions = config
         check_switches(self.name, options)
         self._use_degrees = options.use_degrees
-        self.name: str = recorded_name(self.name, options.use_degrees)
+        self.name: str = recorded_name(self.name, options.use_degrees, options.action_space)
         self.robot_type = self.name
         self._arms = ArmGroup(
             self.name,
@@ -95,11 +96,10 @@ class FollowerBase(Robot):
                 fit (a calibration follows).
 
         Raises:
-            YamError: an arm cannot be driven, or the command replays or rolls out what is in another unit.
+            YamError: an arm cannot be driven, or the command replays or rolls out other values or units.
             Exception: a camera cannot be opened, as its class says.
         """
-        if self._space.keys == self._arms.keys:  # poses of a tool have one unit
-            check_command(self.name, self._use_degrees, self._arms.is_joint)
+        check_command(self.name, self._space.keys, self._use_degrees)
         try:
             for camera in self.cameras.values():
                 camera.connect()

@@ -5,55 +5,32 @@ Nothing here can move: there is no rig. `tests/cli/test_rollout.py` looks at one
 
 import contextlib
 import json
-import signal
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
-import yaml
-from lerobot.configs import parser
 from lerobot.datasets import LeRobotDataset
 from lerobot.robots import make_robot_from_config
 from lerobot.scripts import lerobot_record, lerobot_replay, lerobot_rollout
 from lerobot.utils.feature_utils import hw_to_dataset_features
 
 from lerobot_robot_yam.arm.safety import refuse_degrees
+from lerobot_robot_yam.command_check import check_command
 from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig
 from lerobot_robot_yam.errors import ActionError, ConfigError
 from lerobot_robot_yam.follower_options import FollowerArmConfig
-from lerobot_robot_yam.recorded_unit import check_command, unit_of_checkpoint, unit_of_dataset, unit_of_statistics
+from lerobot_robot_yam.recorded_unit import unit_of
+from lerobot_robot_yam.recording import Recording, of_checkpoint, of_dataset
 from lerobot_teleoperator_yam.bi_yam_leader import BiYamLeader
 from lerobot_teleoperator_yam.config_bi_yam_leader import BiYamLeaderConfig
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
 from tests.cli.conftest import ROOT
 from tests.policy_plugin.checkpoints import save_scripted, statistics
+from tests.recordings import IS_JOINT, KEYS, NOWHERE, error_of, refused, robot, went_on, write_dataset
 
-IS_JOINT = np.array(([True] * 6 + [False]) * 2)
-NOWHERE = {"interface": "carrier_pigeon", "channel": "none"}  # whoever opens it fails otherwise than these tests expect
-POSE_RAD = np.array([0.3, 1.2, 1.1, -0.5, 0.2, 0.3, 0.5] * 2)
 UNITS = [False, True]
 named = pytest.mark.parametrize("degrees", UNITS, ids=["radians", "degrees"])
-
-
-def robot(tmp_path, degrees):
-    arms = {f"{side}_arm_config": FollowerArmConfig(channel=side) for side in ("left", "right")}
-    return make_robot_from_config(BiYamFollowerConfig(calibration_dir=tmp_path, use_degrees=degrees, **arms))
-
-
-def write_dataset(tmp_path, degrees, robot_type=None):
-    """A data set of two frames, as lerobot-record makes it; returns its directory."""
-    device = robot(tmp_path, degrees)
-    features = hw_to_dataset_features(device.action_features, "action")
-    features |= hw_to_dataset_features(device.observation_features, "observation")
-    root = tmp_path / f"data_{degrees}_{robot_type}"
-    data = LeRobotDataset.create("local/data", 30, root=root, robot_type=robot_type or device.name, features=features)
-    pose = np.where(IS_JOINT, np.degrees(POSE_RAD), POSE_RAD) if degrees else POSE_RAD
-    for _ in range(2):
-        row = pose.astype(np.float32)
-        data.add_frame({"action": row, "observation.state": row, "task": "none"})
-    data.save_episode()
-    data.finalize()
-    return root
 
 
 # what tells
@@ -64,33 +41,33 @@ def test_a_data_set_says_in_which_unit_it_is(tmp_path, degrees):
     root = write_dataset(tmp_path, degrees)
     info = json.loads((root / "meta" / "info.json").read_text())
     assert info["robot_type"] == ("bi_yam_follower_degrees" if degrees else "bi_yam_follower")
-    assert unit_of_dataset("local/data", str(root), IS_JOINT) == ("degrees" if degrees else "radians")
+    assert unit_of(of_dataset("local/data", str(root)), IS_JOINT) == ("degrees" if degrees else "radians")
 
 
 @named
 def test_a_data_set_of_another_maker_is_judged_by_its_numbers(tmp_path, degrees):
     root = write_dataset(tmp_path, degrees, robot_type="yam_of_somebody_else")
-    assert unit_of_dataset("local/data", str(root), IS_JOINT) == ("degrees" if degrees else "radians")
+    assert unit_of(of_dataset("local/data", str(root)), IS_JOINT) == ("degrees" if degrees else "radians")
 
 
 def test_a_data_set_of_ours_that_is_still_empty_goes_by_its_name(tmp_path):
     features = hw_to_dataset_features(robot(tmp_path, False).action_features, "action")
     data = LeRobotDataset.create("local/data", 30, root=tmp_path / "e", robot_type="yam_follower", features=features)
     data.finalize()
-    assert unit_of_dataset("local/data", str(tmp_path / "e"), IS_JOINT) == "radians"
+    assert unit_of(of_dataset("local/data", str(tmp_path / "e")), IS_JOINT) == "radians"
 
 
 @named
 def test_a_checkpoint_tells_by_the_statistics_that_training_has_left_in_it(tmp_path, degrees):
     data = LeRobotDataset("local/data", root=write_dataset(tmp_path, degrees))
     path = save_scripted(tmp_path / "p", "nothing", arms=2, stats=data.meta.stats)
-    assert unit_of_checkpoint(str(path), None, IS_JOINT) == ("degrees" if degrees else "radians")
+    assert unit_of(of_checkpoint(str(path), None), IS_JOINT) == ("degrees" if degrees else "radians")
 
 
 @pytest.mark.parametrize("path", ["nobody/nothing", "not a repository", "."])
 def test_what_does_not_tell_is_not_guessed(path):
-    assert unit_of_checkpoint(path, None, IS_JOINT) is None
-    assert unit_of_dataset(path, None, IS_JOINT) is None
+    assert unit_of(of_checkpoint(path, None), IS_JOINT) is None
+    assert unit_of(of_dataset(path, None), IS_JOINT) is None
 
 
 @pytest.mark.parametrize("kind", ["min", "max", "mean", "q01", "q99"])
@@ -99,20 +76,19 @@ def test_any_statistic_of_any_joint_will_do_and_a_gripper_will_not(kind):
     for index in range(14):
         values[:] = 0.0
         values[index] = -90.0
-        found = unit_of_statistics({"action": {kind: values}}, IS_JOINT)
+        found = unit_of(Recording("data", statistics={"action": {kind: values}}), IS_JOINT)
         assert found == ("degrees" if IS_JOINT[index] else "radians")
 
 
 def test_relative_actions_are_small_in_either_unit_so_the_state_counts_too():
     state = np.concatenate([np.full(14, 90.0), np.zeros(14)])  # positions, then velocities
-    assert (
-        unit_of_statistics({"action": {"max": np.ones(14)}, "observation.state": {"max": state}}, IS_JOINT) == "degrees"
-    )
+    held = {"action": {"max": np.ones(14)}, "observation.state": {"max": state}}
+    assert unit_of(Recording("data", statistics=held), IS_JOINT) == "degrees"
 
 
 def test_statistics_of_something_else_tell_nothing():
-    assert unit_of_statistics({"action": {"max": np.full(7, 90.0)}}, IS_JOINT) is None
-    assert unit_of_statistics({}, IS_JOINT) is None
+    assert unit_of(Recording("data", statistics={"action": {"max": np.full(7, 90.0)}}), IS_JOINT) is None
+    assert unit_of(Recording("data"), IS_JOINT) is None
 
 
 # stock commands
@@ -120,37 +96,7 @@ def test_statistics_of_something_else_tell_nothing():
 
 @pytest.fixture
 def command(tmp_path, monkeypatch):
-    """Runs a stock command in this process, on a robot whose bus does not exist; returns what it raises."""
-    monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path / "cal"))
-    monkeypatch.setattr(parser, "_config_path_args", {})  # a process is one command, except here
-    handlers = {
-        number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
-    }
-
-    def run(main, document, *arguments):
-        arms = {f"{side}_arm_config": {**NOWHERE, "channel": side} for side in ("left", "right")}
-        document["robot"] = {"type": "bi_yam_follower", **arms, **document.get("robot", {})}
-        path = tmp_path / "command.yaml"
-        path.write_text(yaml.safe_dump(document | {"play_sounds": False}))
-        monkeypatch.setattr(sys, "argv", ["command", f"--config_path={path}", *arguments])
-        with pytest.raises((ValueError, OSError)) as raised:
-            main()
-        return raised.value
-
-    yield run
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
-
-
-def refused(error, recorded):
-    return (
-        isinstance(error, ConfigError) and f"is in {recorded}" in str(error) and "nothing was energised" in str(error)
-    )
-
-
-def right_unit(error):
-    """It went on, to a bus that does not exist."""
-    return "carrier_pigeon" in str(error)
+    return partial(error_of, tmp_path, monkeypatch)
 
 
 @named
@@ -158,13 +104,13 @@ def right_unit(error):
 def test_replay(command, tmp_path, degrees, recorded):
     dataset = {"repo_id": "local/data", "root": str(write_dataset(tmp_path, recorded)), "episode": 0}
     error = command(lerobot_replay.main, {"robot": {"use_degrees": degrees}, "dataset": dataset})
-    assert right_unit(error) if degrees == recorded else refused(error, "degrees" if recorded else "radians")
+    assert went_on(error) if degrees == recorded else refused(error, "is in degrees" if recorded else "is in radians")
 
 
 def test_replay_of_what_the_command_line_says_over_the_file(command, tmp_path):
     data = {degrees: str(write_dataset(tmp_path, degrees)) for degrees in UNITS}
     document = {"robot": {"use_degrees": True}, "dataset": {"repo_id": "local/x", "root": data[True], "episode": 0}}
-    assert refused(command(lerobot_replay.main, document, f"--dataset.root={data[False]}"), "radians")
+    assert refused(command(lerobot_replay.main, document, f"--dataset.root={data[False]}"), "is in radians")
 
 
 @named
@@ -172,7 +118,7 @@ def test_replay_of_what_the_command_line_says_over_the_file(command, tmp_path):
 def test_rollout(command, tmp_path, degrees, recorded):
     path = save_scripted(tmp_path / "p", "nothing", arms=2, stats=statistics(2, recorded))
     error = command(lerobot_rollout.main, {"robot": {"use_degrees": degrees}, "policy": {"path": str(path)}})
-    assert right_unit(error) if degrees == recorded else refused(error, "degrees" if recorded else "radians")
+    assert went_on(error) if degrees == recorded else refused(error, "is in degrees" if recorded else "is in radians")
 
 
 @named
@@ -182,7 +128,7 @@ def test_resuming_a_rollout(command, tmp_path, degrees, recorded):
     dataset = {"repo_id": "local/rollout_data", "root": str(write_dataset(tmp_path, recorded)), "push_to_hub": False}
     document = {"robot": {"use_degrees": degrees}, "dataset": dataset, "strategy": {"type": "sentry"}, "resume": True}
     error = command(lerobot_rollout.main, document, f"--policy.path={path}")
-    assert right_unit(error) if degrees == recorded else refused(error, "degrees" if recorded else "radians")
+    assert went_on(error) if degrees == recorded else refused(error, "is in degrees" if recorded else "is in radians")
 
 
 @named
@@ -194,7 +140,7 @@ def test_resuming_a_recording(command, tmp_path, degrees, recorded):
     document["teleop"] |= {f"{side}_arm_config": {**NOWHERE, "channel": f"l_{side}"} for side in ("left", "right")}
     error = command(lerobot_record.main, document)
     if degrees == recorded:
-        assert right_unit(error)
+        assert went_on(error)
     else:  # LeRobot's own comparison comes first
         assert "robot_type: expected" in str(error) and "bi_yam_follower_degrees" in str(error)
 
@@ -203,8 +149,8 @@ def test_async_client_looks_at_the_checkpoint_that_it_names(monkeypatch, tmp_pat
     path = save_scripted(tmp_path / "p", "nothing", arms=2, stats=statistics(2, degrees=True))
     monkeypatch.setattr(sys, "argv", ["robot_client", f"--pretrained_name_or_path={path}"])
     with pytest.raises(ConfigError, match="is in degrees, this robot in radians"):
-        check_command("robot", False, IS_JOINT)
-    check_command("robot", True, IS_JOINT)
+        check_command("robot", KEYS["joint"], False)
+    check_command("robot", KEYS["joint"], True)
 
 
 @pytest.mark.parametrize("unit, degrees, fits", [("deg", True, True), ("deg", False, False), ("rad", True, False)])
@@ -212,18 +158,18 @@ def test_an_openpi_server_speaks_the_robots_unit(monkeypatch, unit, degrees, fit
     arguments = ["lerobot-rollout", "--policy.type=yam_openpi", f"--policy.angle_unit={unit}"]
     monkeypatch.setattr(sys, "argv", arguments)
     with contextlib.nullcontext() if fits else pytest.raises(ConfigError, match="policy.angle_unit is in"):
-        check_command("robot", degrees, IS_JOINT)
+        check_command("robot", KEYS["joint"], degrees)
 
 
 def test_an_unknown_unit_is_said(monkeypatch, caplog):
     monkeypatch.setattr(sys, "argv", ["lerobot-rollout", "--policy.path=nobody/nothing"])
-    check_command("robot", True, IS_JOINT)
+    check_command("robot", KEYS["joint"], True)
     assert "nobody/nothing does not tell its unit; this robot is in degrees" in caplog.text
 
 
 def test_commands_without_a_recording_are_not_looked_at(monkeypatch, caplog):
     monkeypatch.setattr(sys, "argv", ["lerobot-record", f"--config_path={ROOT / 'configs' / 'sim' / 'record.yaml'}"])
-    check_command("robot", True, IS_JOINT)
+    check_command("robot", KEYS["joint"], True)
     assert not caplog.text
 
 

@@ -47,5 +47,5 @@ def test_another_environment_is_not_mixed_into_a_data_set(tmp_path):
     with pytest.raises(ConfigError, match="its robot is yam_follower, that of the environment yam_follower_degrees"):
         _open(env, root, "local/gathered")
     env.robot.use_degrees, env.robot.action_space = False, "ee"
-    with pytest.raises(ConfigError, match="its action names is"):
+    with pytest.raises(ConfigError, match="its robot is yam_follower, that of the environment yam_follower_ee"):
         _open(env, root, "local/gathered")

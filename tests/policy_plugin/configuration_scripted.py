@@ -21,6 +21,7 @@ class ScriptedConfig(PreTrainedConfig):
         amplitude: largest distance from the start, in the unit of the observations.
         period_s: of the sines.
         fps, chunk_size: of `predict_action_chunk`.
+        action_feature_names: as LeRobot's pi0 keeps them of its training data.
     """
 
     behaviour: str = "sines"
@@ -30,6 +31,7 @@ class ScriptedConfig(PreTrainedConfig):
     chunk_size: int = 50
     delay_s: float = 0.8
     good_s: float = 1.5
+    action_feature_names: list[str] | None = None
     normalization_mapping: dict[str, NormalizationMode] = field(
         default_factory=lambda: {"STATE": NormalizationMode.MEAN_STD, "ACTION": NormalizationMode.MEAN_STD}
     )

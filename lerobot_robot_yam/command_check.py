@@ -1,0 +1,80 @@
+"""The look at what the running LeRobot command is going to move the arms by, before anything is energised.
+
+No stock loop tells the robot what it is about to replay, resume or roll out. So the robot looks it up where LeRobot
+itself finds the checkpoint, among the options of the command (`lerobot.configs.parser`).
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import yaml
+from lerobot.configs import parser
+
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.feature_names import space_of
+from lerobot_robot_yam.recorded_space import check_names, check_space, refuse_other_space
+from lerobot_robot_yam.recorded_unit import DEGREES, RADIANS, check_unit, unit_of
+from lerobot_robot_yam.recording import of_checkpoint, of_dataset
+
+_SERVER_SPACES = {"joint_position": "joint", "cartesian_position": "ee"}  # RoboArena's words
+
+
+def check_command(device: str, keys: Sequence[str], use_degrees: bool) -> None:
+    """Refuse what this LeRobot command is about to replay, resume or roll out if its numbers mean something else.
+
+    Args:
+        device: for messages.
+        keys: of the robot's action, in canonical order.
+        use_degrees: the robot's option.
+
+    Raises:
+        ConfigError: it is of other values, of tool poses instead of joints (or the reverse), or in the other unit.
+    """
+    space = space_of(keys)
+    recordings = []
+    replays, resumes = _option("dataset.episode") is not None, _option("resume") == "true"
+    repo_id = _option("dataset.repo_id")
+    if repo_id and (replays or resumes):
+        data = of_dataset(repo_id, _option("dataset.root"))
+        check_names(device, keys, data, in_order=resumes)
+        recordings.append(data)
+    path = parser.get_path_arg("policy") or _option("pretrained_name_or_path")  # the latter: async inference
+    if path:
+        recordings.append(of_checkpoint(path, _option("policy.pretrained_revision")))
+    if space is None:  # a gripper alone
+        return
+    is_joint = np.array([not key.endswith("gripper.pos") for key in keys])
+    for recording in recordings:
+        check_space(device, keys, recording)
+        if space == "joint":  # poses of a tool have one unit
+            check_unit(device, use_degrees, recording.what, unit_of(recording, is_joint))
+    if _option("policy.type") == "yam_openpi":
+        _check_server(device, keys, use_degrees)
+
+
+def _check_server(device: str, keys: Sequence[str], use_degrees: bool) -> None:
+    """The same for what the options of a yam_openpi policy say of its server."""
+    from lerobot_robot_yam.openpi.configuration_openpi import YamOpenpiConfig
+
+    space = _option("policy.action_space") or YamOpenpiConfig.action_space
+    refuse_other_space(device, keys, f"policy.action_space={space}", _SERVER_SPACES.get(space))
+    degrees = _option("policy.angle_unit") == "deg"
+    if space_of(keys) == "joint":
+        check_unit(device, use_degrees, "policy.angle_unit", DEGREES if degrees else RADIANS)
+    elif degrees:
+        raise ConfigError(f"{device}: tool poses are in m and rad; nothing was energised. Set policy.angle_unit to rad")
+
+
+def _option(name: str) -> str | None:
+    """A value from the command line, or from the file of `--config_path`, as text."""
+    given = parser.parse_arg(name)
+    path = parser.parse_arg("config_path")
+    if given is not None or path is None or not Path(path).is_file():
+        return given
+    value = yaml.safe_load(Path(path).read_text())  # JSON is YAML too
+    for key in name.split("."):
+        value = value.get(key) if isinstance(value, Mapping) else None
+    if isinstance(value, bool):
+        return str(value).lower()
+    return None if value is None else str(value)

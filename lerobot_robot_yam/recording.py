@@ -1,0 +1,144 @@
+"""What a data set or a checkpoint keeps of the robot that it was recorded with.
+
+LeRobot records neither units nor what the values of an action mean, but
+
+- a data set names its robot (ours by `recorded_name`) and the values of its actions;
+- some checkpoints name these values too, and all name the data set that they were trained on, which may be at hand;
+- both hold statistics of the values.
+"""
+
+import json
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from lerobot.utils.constants import ACTION, HF_LEROBOT_HOME, OBS_STATE
+
+logger = logging.getLogger(__name__)
+
+DEGREES_SUFFIX = "_degrees"
+_TOOL_SUFFIX = "_ee"
+_STATISTICS = ("min", "max", "mean", "q01", "q99")  # any of them will do
+_PIPELINES = ("policy_preprocessor.json", "policy_postprocessor.json")
+_NORMALISERS = ("normalizer_processor", "unnormalizer_processor")
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What there is to know of a data set or a checkpoint.
+
+    Attributes:
+        what: what messages call it.
+        robot_type: what its robot was called, empty where it does not say.
+        names: of the values of an action, empty where it does not say.
+        statistics: LeRobot's, by feature and kind: {"action": {"max": (n,), …}, "observation.state": …}.
+    """
+
+    what: str
+    robot_type: str = ""
+    names: tuple[str, ...] = ()
+    statistics: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    def largest(self, which: np.ndarray) -> float | None:
+        """Largest magnitude that the statistics show; None if they are of something else, or there are none.
+
+        Args:
+            which: (n,) the values of an action that count; in a state they come first.
+        """
+        n, found = len(which), []
+        for feature in (ACTION, OBS_STATE):
+            for kind in _STATISTICS:
+                values = np.ravel(self.statistics.get(feature, {}).get(kind, ()))
+                if len(values) == n or (len(values) > n and feature != ACTION):
+                    found.append(float(np.abs(values[:n][which]).max(initial=0.0)))
+        return max(found, default=None)
+
+
+def recorded_name(device: str, use_degrees: bool, action_space: str) -> str:
+    """What a robot is called in data sets, so that they tell what their numbers are.
+
+    lerobot-record itself compares these names when it resumes. Poses of a tool are in m and rad whatever `use_degrees`
+    says of joints.
+    """
+    if action_space == "ee":
+        return device + _TOOL_SUFFIX
+    return device + DEGREES_SUFFIX if use_degrees else device
+
+
+def of_dataset(repo_id: str, root: str | None) -> Recording:
+    """What a data set tells; nothing if it cannot be read.
+
+    Args:
+        repo_id, root: as LeRobot's options `dataset.repo_id` and `dataset.root`.
+    """
+    from lerobot.datasets import LeRobotDatasetMetadata
+
+    what = f"data set {root or repo_id}"
+    try:
+        meta = LeRobotDatasetMetadata(repo_id, root=root)
+    except Exception as error:  # whatever is wrong with it: LeRobot, which is about to open it, says what
+        logger.debug("%s: %s", what, error)
+        return Recording(what)
+    return Recording(what, meta.robot_type or "", _action_names(meta.features), meta.stats or {})
+
+
+def of_checkpoint(path: str, revision: str | None) -> Recording:
+    """What a checkpoint tells; nothing if it cannot be read.
+
+    Args:
+        path, revision: a directory, or a repository of the hub, as LeRobot's `policy.path`.
+    """
+    names = _json(path, "config.json", revision).get("action_feature_names") or _trained_on(path, revision)
+    return Recording(f"checkpoint {path}", names=tuple(names), statistics=_statistics(path, revision))
+
+
+def _trained_on(path: str, revision: str | None) -> tuple[str, ...]:
+    """Names in the data set that a policy was trained on, if that is on this computer."""
+    trained = _json(path, "train_config.json", revision).get("dataset") or {}
+    root = trained.get("root") or HF_LEROBOT_HOME / (trained.get("repo_id") or "")
+    return _action_names(_json(str(root), "meta/info.json", None).get("features", {})) if Path(root).is_dir() else ()
+
+
+def _action_names(features: Mapping[str, Any]) -> tuple[str, ...]:
+    names = features.get(ACTION, {}).get("names")
+    if isinstance(names, Mapping):  # of older data sets: {"motors": […]}
+        names = [name for group in names.values() for name in group]
+    return tuple(names or ())
+
+
+def _statistics(path: str, revision: str | None) -> dict[str, dict[str, np.ndarray]]:
+    """What training has left in the processors beside a policy."""
+    from safetensors.numpy import load_file
+
+    statistics: dict[str, dict[str, np.ndarray]] = {}
+    for pipeline in _PIPELINES:
+        for step in _json(path, pipeline, revision).get("steps", []):
+            state = step.get("state_file") if step.get("registry_name") in _NORMALISERS else None
+            tensors = _file(path, state, revision) if state else None
+            for key, value in load_file(tensors).items() if tensors else []:
+                feature, _, statistic = key.rpartition(".")
+                statistics.setdefault(feature, {})[statistic] = value
+    return statistics
+
+
+def _json(path: str, name: str, revision: str | None) -> dict[str, Any]:
+    """A JSON object of a checkpoint or data set, empty where there is none."""
+    file = _file(path, name, revision)
+    return json.loads(file.read_text()) if file else {}
+
+
+def _file(path: str, name: str, revision: str | None) -> Path | None:
+    """A file of a checkpoint; None where there is none, or no way to the hub."""
+    if Path(path).is_dir():
+        file = Path(path) / name
+        return file if file.is_file() else None
+    from huggingface_hub import hf_hub_download
+
+    try:
+        return Path(hf_hub_download(repo_id=path, filename=name, revision=revision))
+    except Exception as error:  # no such file, no network, no name of a repository: it tells nothing
+        logger.debug("checkpoint %s: %s", path, error)
+        return None
