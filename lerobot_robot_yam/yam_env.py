@@ -9,8 +9,9 @@ import gymnasium as gym
 import numpy as np
 from lerobot.robots.utils import make_robot_from_config
 
-from lerobot_robot_yam.arm.profile import load_arm, load_gripper
+from lerobot_robot_yam.arm.profile import load_gripper
 from lerobot_robot_yam.config_yam_env import AGENT_POS, YamEnvConfig
+from lerobot_robot_yam.env_checks import check_render_camera, check_reset_pose
 from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError
 from lerobot_robot_yam.feature_names import motors_of
 from lerobot_robot_yam.in_lockstep import put_in_lockstep
@@ -45,7 +46,7 @@ class YamEnv(gym.Env):
         count: how many there are.
 
     Raises:
-        ConfigError: what the task needs is not there.
+        ConfigError: what the task needs is not there, or an option does not fit the robot.
     """
 
     def __init__(self, config: YamEnvConfig, index: int = 0, count: int = 1):
@@ -76,7 +77,8 @@ class YamEnv(gym.Env):
         )
         self.action_space = gym.spaces.Box(-np.inf, np.inf, (len(self._action_keys),), np.float32)
         self._motors = motors_of(self._robot_config.arms())
-        self._check_reset_pose()
+        check_reset_pose(config.reset_pose, self._robot_config.arms())
+        check_render_camera(config.render_camera, list(self._cameras) or self._scene_cameras())
         self._start_pose: np.ndarray | None = None
         self._rig: RigOperations | None = None
         self._robot: FollowerBase | None = None
@@ -142,11 +144,17 @@ class YamEnv(gym.Env):
         return self._spectator.latest()[0]
 
     def _open_spectator(self, rig: RigOperations) -> RigCamera | LockstepCamera:
-        name = self._config.render_camera or load_scene(self._scene, self._config.rig_options).cameras[0].name
+        name = self._config.render_camera or self._scene_cameras()[0]
         size = (*_SPECTATOR_SIZE, self._config.fps)
         camera = LockstepCamera(rig, name, *size) if isinstance(rig, LockstepRig) else RigCamera(name, *size, rig.name)
         camera.connect()
         return camera
+
+    def _scene_cameras(self) -> list[str]:
+        """Names of the virtual rig's own cameras."""
+        if not self._virtual:
+            return []
+        return [camera.name for camera in load_scene(self._scene, self._config.rig_options).cameras]
 
     def _task_row(self) -> Task | None:
         """The task as the scene of a virtual rig describes it."""
@@ -276,22 +284,6 @@ class YamEnv(gym.Env):
                 raise LifeCycleError(
                     f"{self._motors[int(off.argmax())]} is not at the reset pose after {_REACH_TIMEOUT_S:.0f} s; "
                     "is something in its way, or the emergency stop latched (yam-estop)?"
-                )
-
-    def _check_reset_pose(self) -> None:
-        pose = self._config.reset_pose
-        if pose is None:
-            return
-        limits: list[tuple[float, float]] = []
-        for arm in self._robot_config.arms().values():
-            limits += load_arm(arm.arm).joint_limits_rad.tolist()
-            limits += [(0.0, 1.0)] * (load_gripper(arm.gripper).motor is not None)
-        if len(pose) != len(limits):
-            raise ConfigError(f"env.reset_pose: {len(pose)} values, not {len(limits)}: {', '.join(self._motors)}")
-        for motor, value, (low, high) in zip(self._motors, pose, limits, strict=True):
-            if not low <= value <= high:
-                raise ConfigError(
-                    f"env.reset_pose: {motor} is {value:g}, outside {low:.3f} … {high:.3f} (rad; grippers 0 … 1)"
                 )
 
     def _reset_pose(self) -> np.ndarray | None:

@@ -26,7 +26,8 @@ LOOKS = []
 def robot(tmp_path, **fields):
     camera = YamSimCameraConfig(camera="top", width=64, height=48)
     fields = {"cameras": {"top": camera}, "gravity_factor": [1.0] * 6, **fields}
-    return YamFollowerConfig(interface="yam_sim", channel="follower_left", calibration_dir=tmp_path, **fields)
+    where = {"interface": "yam_sim", "channel": "follower_left"}
+    return YamFollowerConfig(**{**where, "calibration_dir": tmp_path, **fields})
 
 
 @pytest.fixture
@@ -203,6 +204,20 @@ def test_what_cannot_be_is_said(tmp_path):
 def test_a_reset_pose_that_the_robot_cannot_take_is_refused_at_once(tmp_path, pose, says):
     with pytest.raises(ConfigError, match=says):
         YamEnv(YamEnvConfig(robot=robot(tmp_path), reset_pose=pose))
+
+
+@pytest.mark.parametrize(
+    "fields, says",
+    [
+        ({}, "there are top$"),
+        ({"cameras": {}}, "there are top, wrist_left, wrist_right, overview$"),  # the scene's
+        ({"cameras": {}, "interface": "socketcan"}, "there are none$"),
+    ],
+)
+def test_a_render_camera_that_is_not_there_is_refused_at_once(tmp_path, fields, says):
+    config = YamEnvConfig(robot=robot(tmp_path, **fields), render_camera="attic")
+    with pytest.raises(ConfigError, match=f"env.render_camera: there is no camera 'attic'; {says}"):
+        YamEnv(config)
 
 
 def test_a_virtual_scene_is_laid_out_by_the_rig_whoever_judges(tmp_path, monkeypatch):
