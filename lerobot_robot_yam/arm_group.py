@@ -5,7 +5,7 @@ import contextlib
 import dataclasses
 import logging
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from lerobot_robot_yam.arm.session import ArmSession, Isolation
 from lerobot_robot_yam.arm.state import ArmState
 from lerobot_robot_yam.clock import Clock
 from lerobot_robot_yam.errors import ConfigError, YamError
-from lerobot_robot_yam.feature_names import motor_names
+from lerobot_robot_yam.feature_names import motor_names, space_of
 from lerobot_robot_yam.signals import end_session_on_signals, undisturbed
 
 logger = logging.getLogger(__name__)
@@ -96,6 +96,7 @@ class ArmGroup:
             self.motors += side.motors
         self.keys = [f"{motor}.pos" for motor in self.motors]
         self.is_joint = np.array([flag for side in self.sides for flag in side.is_joint], dtype=bool)
+        self._action_keys: list[str] = []  # while the arms are driven
         self.scale = np.where(self.is_joint & use_degrees, 180.0 / math.pi, 1.0)
         limits = [(side.hardware.lower[: side.joints], side.hardware.upper[: side.joints]) for side in self.sides]
         self._lower, self._upper = (np.concatenate(column) for column in zip(*limits, strict=True))
@@ -119,19 +120,21 @@ class ArmGroup:
             if side.hardware.has_gripper
         )
 
-    def start(self, calibrate: bool) -> None:
+    def start(self, calibrate: bool, action_keys: Sequence[str]) -> None:
         """Energise all arms or none.
 
         Args:
             calibrate: False means that a calibration follows (lerobot-calibrate): the grippers' stops are left unknown
                 until then.
+            action_keys: of the device. A leader's in this process have to be a follower's.
 
         Raises:
             YamError: what failed; nothing is energised.
         """
+        self._action_keys = list(action_keys)
         for other in _running:
-            if other._leads is not self._leads and other._use_degrees is not self._use_degrees:
-                raise ConfigError(f"{self.device} and {other.device}: one uses degrees; give both the same use_degrees")
+            if other._leads is not self._leads:
+                self._check_pair(other)
         self._undo_signals = end_session_on_signals()
         try:
             self._session.start(search_grippers=calibrate)
@@ -140,6 +143,23 @@ class ArmGroup:
             raise
         _running.append(self)
         atexit.register(self.stop)  # whatever ends the interpreter, the arms land
+
+    def _check_pair(self, other: "ArmGroup") -> None:
+        """Refuse a leader and a follower whose actions do not fit: their first tick would find out, arms energised."""
+        both = f"{self.device} and {other.device}"
+        spaces = {space_of(group._action_keys) for group in (self, other)}
+        if spaces == {"joint", "ee"}:
+            raise ConfigError(f"{both}: one speaks of joints, the other of tool poses; give both the same action_space")
+        differing = sorted(set(self._action_keys) ^ set(other._action_keys))
+        if differing and all(key.endswith("gripper.pos") for key in differing):
+            raise ConfigError(
+                f"{both}: only one has {', '.join(differing)}; set ee_gripper of the leader's arm to the gripper that "
+                "the follower carries"
+            )
+        if differing:
+            raise ConfigError(f"{both}: only one has {', '.join(differing)}; drive one arm with one, or two with two")
+        if other._use_degrees is not self._use_degrees:
+            raise ConfigError(f"{both}: one uses degrees; give both the same use_degrees")
 
     def stop(self) -> None:
         """Land all arms and let go. Idempotent; signals do not hurry it."""

@@ -103,7 +103,7 @@ class FollowerBase(Robot):
         try:
             for camera in self.cameras.values():
                 camera.connect()
-            self._arms.start(calibrate)
+            self._arms.start(calibrate, self._space.keys)
         except BaseException:
             self._close_cameras()
             raise

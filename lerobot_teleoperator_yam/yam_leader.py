@@ -95,12 +95,12 @@ class LeaderBase(Teleoperator):
         """Energise all arms or none; they float, supported against gravity.
 
         Raises:
-            YamError: an arm cannot be driven.
+            YamError: an arm cannot be driven, or this process's follower takes other actions.
         """
         self._release_grippers()
         self._action = None
         self._follows_feedback = False
-        self._arms.start(calibrate)
+        self._arms.start(calibrate, self._space.keys)
         logger.info("%s connected", self)
 
     def disconnect(self) -> None:

@@ -11,20 +11,14 @@ from functools import partial
 import numpy as np
 import pytest
 from lerobot.datasets import LeRobotDataset
-from lerobot.robots import make_robot_from_config
 from lerobot.scripts import lerobot_record, lerobot_replay, lerobot_rollout
 from lerobot.utils.feature_utils import hw_to_dataset_features
 
 from lerobot_robot_yam.arm.safety import refuse_degrees
 from lerobot_robot_yam.command_check import check_command
-from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig
 from lerobot_robot_yam.errors import ActionError, ConfigError
-from lerobot_robot_yam.follower_options import FollowerArmConfig
 from lerobot_robot_yam.recorded_unit import unit_of
 from lerobot_robot_yam.recording import Recording, of_checkpoint, of_dataset
-from lerobot_teleoperator_yam.bi_yam_leader import BiYamLeader
-from lerobot_teleoperator_yam.config_bi_yam_leader import BiYamLeaderConfig
-from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
 from tests.cli.conftest import ROOT
 from tests.policy_plugin.checkpoints import save_scripted, statistics
 from tests.recordings import IS_JOINT, KEYS, NOWHERE, error_of, refused, robot, went_on, write_dataset
@@ -174,24 +168,6 @@ def test_commands_without_a_recording_are_not_looked_at(monkeypatch, caplog):
 
 
 # in whatever program
-
-
-@pytest.mark.alone
-def test_a_leader_in_degrees_does_not_lead_a_follower_in_radians(rig, tmp_path):
-    fields = {"interface": "yam_sim", "can_options": {"rig": rig.name}, "gripper_stops_rad": [3.25, -3.3]}
-    arms = {f"{side}_arm_config": FollowerArmConfig(channel=f"follower_{side}", **fields) for side in ("left", "right")}
-    follower = make_robot_from_config(BiYamFollowerConfig(calibration_dir=tmp_path, **arms))
-    del fields["gripper_stops_rad"]
-    arms = {f"{side}_arm_config": LeaderArmConfig(channel=f"leader_{side}", **fields) for side in ("left", "right")}
-    leader = BiYamLeader(BiYamLeaderConfig(calibration_dir=tmp_path, use_degrees=True, **arms))
-    follower.connect()
-    try:
-        with pytest.raises(ConfigError, match="bi_yam_leader and bi_yam_follower: one uses degrees"):
-            leader.connect()
-        motors = rig.state()["arms"]["leader_left"]["motors"].values()
-        assert not leader.is_connected and not any(motor["enabled"] for motor in motors)
-    finally:
-        follower.disconnect()
 
 
 LOWER, UPPER = np.array([-2.6, 0.0, 0.0, -1.7, -1.6, -2.1]), np.array([3.1, 3.7, 3.1, 1.6, 1.6, 2.1])
