@@ -131,13 +131,14 @@ class ArmBody:
             landing = self._landing
             fade = landing.share if landing is not None and landing.phase is Phase.FADE else None
             gripper = float(self.drive.dq[-1]), float(self.drive.tau[-1])
-            holding = self.mode in (Mode.HOLD, Mode.STOPPED) and bool(self._usable.all())
+            stopped = self.mode is Mode.STOPPED
+            holding = (stopped or self.mode is Mode.HOLD) and bool(self._usable.all())
             pressed = self.gripper is not None and self.gripper.force_limited
-            self.limited |= self.motion.follow(now, dt, q, dq, self.setpoint, gripper, holding, fade)
+            self.limited |= self.motion.follow(now, dt, q, dq, self.setpoint, gripper, holding, stopped, fade)
             if pressed and self.gripper is not None and not self.gripper.force_limited:
                 # What it has pressed on is gone: from here on at its own speed, not in one leap after the set-point.
                 self.setpoint.reseed(self.hardware.n - 1, float(self.q[-1]))
-                self.limited |= self.motion.follow(now, 0.0, q, dq, self.setpoint, gripper, holding, fade)
+                self.limited |= self.motion.follow(now, 0.0, q, dq, self.setpoint, gripper, holding, stopped, fade)
 
     def _enter(self, mode: Mode) -> None:
         check_transition(self.name, self.mode, mode)

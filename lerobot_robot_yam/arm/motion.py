@@ -72,6 +72,7 @@ class Motion:
         setpoint: SetPoint,
         gripper: tuple[float, float],
         holding: bool,
+        stopped: bool,
         fade: float | None,
     ) -> Limited:
         """Hold or track the set-point.
@@ -81,6 +82,7 @@ class Motion:
             q, dq: (n,) of the motors, gripper in rad.
             gripper: measured rate and torque of the gripper, strokes/s and Nm.
             holding: the arm holds, with all its motors; nobody gives targets.
+            stopped: the emergency stop is latched: what is made up for sag stays, since more of it would move the arm.
             fade: share of stiffness and feed-forward that is left while landing ends; None: all of it.
         """
         hw, out = self._hardware, self.commands
@@ -90,7 +92,7 @@ class Motion:
         self._follow_acceleration(dq_set[j], dt)
         tau = self._feed_forward(q)
         still = holding and bool(np.abs(dq_set[j]).max(initial=0.0) < _STILL_RAD_S)
-        tau[j] += laws.friction(dq_set[j], hw.coulomb_nm) + self._sag(q_set[j] - q[j], dt, still)
+        tau[j] += laws.friction(dq_set[j], hw.coulomb_nm) + self._sag(q_set[j] - q[j], 0.0 if stopped else dt, still)
         laws.follow(out, q_set, dq_set, self.kp, self.kd, tau)
         if fade is not None:
             laws.fade(out, fade, np.full(hw.n, _LANDING_KD))

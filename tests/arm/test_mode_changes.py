@@ -119,6 +119,22 @@ def test_a_target_without_gains_after_one_with_soft_gains_is_followed_at_the_spe
     assert np.abs(q_of(rig) - POSE).max() < 0.03
 
 
+def test_an_emergency_stop_does_not_pull_a_joint_loose_that_sticks(rig, session):
+    go(session, POSE)
+    rig.fault(CHANNEL, "joint_3", "friction_nm", 5.5)
+    go(session, POSE + [0, 0, 0.055, 0, 0, 0], 0.3)
+    stop = EmergencyStop()
+    stop.latch("a test")
+    try:
+        session.clock.sleep(0.2)
+        before = q_of(rig)
+        assert abs(before[2] - POSE[2]) < 0.03, "it is meant to stick"
+        session.clock.sleep(5.0)
+        assert np.abs(q_of(rig) - before).max() < 0.005
+    finally:
+        stop.release()
+
+
 def test_an_arm_that_was_moved_between_inspection_and_enabling_is_held_where_it_is(rig, monkeypatch):
     energise = ControlLoop.start
 
