@@ -28,7 +28,9 @@ class ControllerBlocks:
         except FileNotFoundError:
             if adopt is None:
                 raise
-        self._states = SharedBlock(state_path(key), STATE_DTYPE, create=adopt is None, adopt=adopt is not None)
+        path = state_path(key)
+        adopts = adopt is not None and path.exists()  # a log-out may have had the user's files removed
+        self._states = SharedBlock(path, STATE_DTYPE, create=not adopts, adopt=adopts)
         self._record = np.zeros((), STATE_DTYPE)
         for field in ("q", "dq", "tau", "setpoint", "motor_stamp_s", "temp_mos_c", "temp_rotor_c", "offset_rad"):
             self._record[field] = np.nan

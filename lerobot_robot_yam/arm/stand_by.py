@@ -106,9 +106,10 @@ class StandBy:
         newest = 0
         for index, key in enumerate(self._keys):
             block = self._blocks[index]
-            with contextlib.suppress(FileNotFoundError, YamError):
-                if block is None or not block.current:  # there may have been one of an earlier session
+            if block is None or not block.current:  # there may have been one of an earlier session
+                with contextlib.suppress(FileNotFoundError, YamError):  # removed by who tidies up, it still speaks
                     block = self._blocks[index] = SharedBlock(state_path(key), STATE_DTYPE, create=False)
+            if block is not None:
                 record = block.glance()  # who is killed in the middle of a write leaves none
                 if record is not None and record["owner_pid"] == self._pid:
                     self._records[index] = record
@@ -116,14 +117,8 @@ class StandBy:
         return newest
 
     def _driving(self) -> bool:
-        """Whether some arm is energised and its block has not been put away."""
-        return any(
-            record is not None
-            and block is not None
-            and block.current
-            and record["mode"] not in (Mode.OFF, Mode.OFFLINE)
-            for record, block in zip(self._records, self._blocks, strict=True)
-        )
+        """Whether some arm is energised; who puts its block away has said before that it is off."""
+        return any(record is not None and record["mode"] not in (Mode.OFF, Mode.OFFLINE) for record in self._records)
 
     def _take_over(self) -> None:
         begin = time.monotonic()

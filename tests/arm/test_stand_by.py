@@ -15,7 +15,7 @@ from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.landing import LANDING_SPEED_RAD_S
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.session import ArmSession
-from lerobot_robot_yam.arm.state import STATE_DTYPE, channel_key, state_path
+from lerobot_robot_yam.arm.state import STATE_DTYPE, channel_key, command_path, lock_path, state_path
 from lerobot_robot_yam.errors import MotorError, StaleStateError
 from lerobot_robot_yam.rig.control import running_rig, runs
 from lerobot_robot_yam.shared_block import SharedBlock
@@ -109,6 +109,27 @@ def test_killed_in_the_middle_of_a_write(rig):
             session[channel].observe()
     finally:
         block.close()
+        session.stop()
+    assert not faults(rig, since)
+
+
+def test_killed_after_its_files_were_removed(rig):
+    """By systemd's RemoveIPC, when the user of a detached session logs out."""
+    channel = "follower_left"
+    session = start(rig, channel)
+    try:
+        stretch(session, 0.9, channel)
+        since, key = last_event(rig), channel_key("yam_sim", channel, rig.name)
+        for path in (state_path(key), command_path(key), lock_path(key)):
+            path.unlink()
+        time.sleep(0.3)
+        session[channel].observe()  # and nothing has happened yet
+        os.kill(control_pid(session), signal.SIGKILL)
+        deadline = time.monotonic() + 10.0
+        while any(motor["enabled"] for motor in rig.state()["arms"][channel]["motors"].values()):
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+    finally:
         session.stop()
     assert not faults(rig, since)
 
