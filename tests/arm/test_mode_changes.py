@@ -245,8 +245,7 @@ def test_an_end_that_trouble_interrupts_is_reached_all_the_same(rig, session):
 
 
 def test_a_stop_that_cannot_be_written_down_holds_nevertheless(tmp_path):
-    stop = EmergencyStop()
-    stop._path = tmp_path / "gone" / "emergency-stop"
+    stop = EmergencyStop(tmp_path / "gone")
     with pytest.raises(OSError):  # who asked has to know
         stop.latch("a test")
     assert stop.latched
