@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -35,13 +36,13 @@ def test_a_reader_sees_nothing_before_the_first_record_and_the_newest_after(tmp_
 
 
 WRITER = """
-import sys, pathlib, numpy as np
+import itertools, sys, pathlib, numpy as np
 sys.path.insert(0, sys.argv[2])
 from tests.test_shared_block import DTYPE, record
 from lerobot_robot_yam.shared_block import SharedBlock
 writer = SharedBlock(pathlib.Path(sys.argv[1]), DTYPE, create=True)
 print("up", flush=True)
-for counter in range(1, 200_000):
+for counter in itertools.count(1):
     writer.write(record(counter))
 """
 
@@ -53,7 +54,8 @@ def test_records_are_never_torn(tmp_path, pytestconfig):
     child.stdout.readline()
     reader = SharedBlock(path, DTYPE, create=False)
     last = seen = 0
-    while child.poll() is None and seen < 20_000:
+    deadline = time.monotonic() + 20.0  # a busy machine gives a reader few turns
+    while child.poll() is None and seen < 1_000 and time.monotonic() < deadline:
         copy = reader.read()
         if copy is not None:
             assert (copy["values"] == copy["counter"]).all()

@@ -31,7 +31,7 @@ class MeddlingBus:
 
     def __init__(self, bus, meddle):
         self._bus, self._meddle = bus, meddle
-        self.recv = bus.recv
+        self.recv = lambda timeout_s: bus.recv(timeout_s)
 
     def send(self, message):
         self.send_many([message])
