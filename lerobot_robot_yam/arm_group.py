@@ -131,7 +131,7 @@ class ArmGroup:
         Raises:
             YamError: what failed; nothing is energised.
         """
-        self._action_keys = list(action_keys)
+        self._action_keys, self.paused = list(action_keys), False
         for other in _running:
             if other._leads is not self._leads:
                 self._check_pair(other)
@@ -219,7 +219,14 @@ class ArmGroup:
             if not other._leads:
                 other._hold()
 
+    @staticmethod
+    def resume_followers() -> None:
+        """They take any target again."""
+        for other in _running:
+            other.paused = False
+
     def _hold(self) -> None:
+        logger.info("%s: holds until another target comes than the last one", self.device)
         self.paused = True
         for side in self.sides:
             with contextlib.suppress(YamError):  # one that has failed says so at its next observation

@@ -56,7 +56,7 @@ class FollowerBase(Robot):
         self._space = make_action_space(options.action_space, self._arms, tools)
         self._camera_configs = dict(cameras)
         self.cameras = make_cameras_from_configs(self._camera_configs)
-        self._last_target: np.ndarray | None = None
+        self._last_action: dict[str, Any] = {}
         self._keys = options.state_keys()
         self._extra_keys = self._keys[len(self._space.keys) :]
 
@@ -201,12 +201,23 @@ class FollowerBase(Robot):
             action: a number (0-d tensors are numbers) for every key of `action_features`, no others.
 
         Returns:
-            The targets really sent, after the arms' reach, joint limits and max_relative_target.
+            The targets really sent, after the arms' reach, joint limits and max_relative_target; what is held, when
+            LeRobot pauses and repeats its last action.
 
         Raises:
             ActionError: wrong keys or values; nothing was sent to any arm.
         """
-        return self._space.action(self.track_joints(self._space.vector(action)))
+        if self._arms.paused and self._is_last(action):
+            return self._space.action(self._arms.held())
+        self._arms.paused = False
+        sent = self.track_joints(self._space.vector(action))
+        self._last_action = dict(action)
+        return self._space.action(sent)
+
+    def _is_last(self, action: Mapping[str, Any]) -> bool:
+        """As LeRobot gave it: inverse kinematics would not answer twice bit for bit the same."""
+        last = self._last_action
+        return last.keys() == action.keys() and all(np.array_equal(action[key], last[key]) for key in last)
 
     @check_if_not_connected
     def track_joints(self, target: np.ndarray) -> np.ndarray:
@@ -216,15 +227,11 @@ class FollowerBase(Robot):
             target: (n,) in canonical order, rad; grippers 0 closed … 1 open.
 
         Returns:
-            What was really sent, (n,); what is held, when LeRobot pauses and repeats its last action.
+            What was really sent, (n,).
 
         Raises:
             ActionError: not finite; nothing was sent to the arm concerned.
         """
-        last = self._last_target
-        if self._arms.paused and last is not None and np.array_equal(target, last):
-            return self._arms.held()
-        self._arms.paused, self._last_target = False, target.copy()
         sent = target.copy()
         for side in self._arms.sides:
             index = side.gripper_index

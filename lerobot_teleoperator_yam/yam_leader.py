@@ -169,6 +169,10 @@ class LeaderBase(Teleoperator):
         if not self._follows_feedback:
             return
         vector = self._space.vector(feedback)
+        if any(self._arms[side].mode() is Mode.FLOAT for side in self._arms.sides):
+            logger.warning("%s: floats since the emergency stop was released; feedback is ignored", self)
+            self._follows_feedback = False
+            return
         for index, side in enumerate(self._arms.sides):
             gripper = None if side.gripper_index is None else min(max(float(vector[side.gripper_index]), 0.0), 1.0)
             self._left_by_feedback[index] = gripper
@@ -196,6 +200,7 @@ class LeaderBase(Teleoperator):
     def disable_torque(self) -> None:
         """Float, supported against gravity; never limp. Feedback is ignored."""
         self._follows_feedback = False
+        self._arms.resume_followers()
         for side in self._arms.sides:
             self._arms[side].float()
         for index, state in enumerate(self._arms.observe()):

@@ -279,3 +279,22 @@ def test_feedback_leads_the_leader(leader, shared_rig):
         assert led == pytest.approx(q + [0.3, 0.2, 0.2, 0, 0, 0], abs=0.05)
     finally:
         leader.disable_torque()
+
+
+@pytest.mark.alone
+def test_followers_hold_while_a_leader_is_led_whatever_lerobot_repeats(follower, leader, shared_rig):
+    """Inverse kinematics answers the same pose with joints that differ in their last bits."""
+    reach(shared_rig, follower, "left", READY)
+    lunge = follower.get_observation()
+    lunge["left_ee_z.pos"] += 0.25
+    settle(follower.send_action, lunge, 0.1)
+    leader.enable_torque()
+    try:
+        time.sleep(0.7)  # longer than the command time-out
+        held = follower.get_observation()["left_ee_z.pos"]
+        assert held < lunge["left_ee_z.pos"] - 0.05
+        settle(follower.send_action, lunge, 0.5)
+        assert follower.get_observation()["left_ee_z.pos"] == pytest.approx(held, abs=0.01)
+    finally:
+        leader.disable_torque()
+        reach(shared_rig, follower, "left", READY)

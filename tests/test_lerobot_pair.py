@@ -139,8 +139,21 @@ def test_followers_hold_while_a_leader_is_led_whatever_lerobot_repeats(follower,
     assert follower.get_observation()["left_joint_1.pos"] == pytest.approx(held, abs=0.02)
     assert sent["left_joint_1.pos"] == pytest.approx(held, abs=0.02)  # what is recorded is what is done
     leader.disable_torque()
+    settle(follower.send_action, lunge)  # going on with the same action is a wish now
+    assert follower.get_observation()["left_joint_1.pos"] == pytest.approx(lunge["left_joint_1.pos"], abs=0.02)
     settle(follower.send_action, start)
-    assert follower.get_observation()["left_joint_1.pos"] == pytest.approx(start["left_joint_1.pos"], abs=0.02)
+
+
+def test_feedback_to_a_leader_that_floats_after_an_emergency_stop_is_ignored(leader):
+    action = leader.get_action()
+    leader.enable_torque()
+    stop = EmergencyStop()
+    stop.latch("a test")
+    time.sleep(0.2)
+    stop.release()
+    time.sleep(0.2)
+    leader.send_feedback(action)
+    leader.disable_torque()
 
 
 def test_feedback_leads_the_leader_only_while_torque_is_enabled(leader, shared_rig):

@@ -184,7 +184,8 @@ class ArmController(ArmBody):
         if self.gripper is not None:
             self.gripper.stop_search()
         if self.hardware.joints:
-            self._landing = Landing(self.name, self.hardware.rest_q, self.q[: self.hardware.joints], self.setpoint, now)
+            hw, q = self.hardware, self.q[: self.hardware.joints]
+            self._landing = Landing(self.name, hw.rest_q, hw.kp, q, self.setpoint, now)
         else:
             self._switch_off()  # a gripper alone falls nowhere
 

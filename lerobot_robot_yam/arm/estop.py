@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.runtime import runtime_dir
 
 logger = logging.getLogger(__name__)
@@ -32,6 +33,7 @@ class EmergencyStop:
     """
 
     def __init__(self, directory: Path | None = None) -> None:
+        self._own = directory is None
         self.directory = runtime_dir() if directory is None else directory
         self._name = str(self.directory / _FILE)
         self._unwritten = False  # latched, with no way to write it down
@@ -67,6 +69,9 @@ class EmergencyStop:
         if self.latched:
             return
         self._unwritten = True
+        if self._own:
+            with contextlib.suppress(ConfigError):
+                runtime_dir()  # a log-out may have had it removed
         with self._inside() as directory:
             try:
                 file = os.open(_FILE, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600, dir_fd=directory)

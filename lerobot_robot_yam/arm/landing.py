@@ -28,7 +28,7 @@ _WRIST = 3  # joint 4 carries the wrist
 _AT_POSE_RAD = 0.06
 _STUCK_RAD = 0.25  # set-point this far ahead of the arm: something is in the way
 _CONTACT_RAD = 0.12
-_SAG_RAD = 0.5  # of the wrist, below the set-point: 2 kg at 0.25 m on the softest wrist of the profiles
+_SAG_NM = 5.0  # of the wrist's stiffness: 2 kg at 0.25 m. What takes more is no load but something in its way
 _STUCK_S = 0.5
 _RETRY_S = 3.0
 _FADE_S = 0.25
@@ -52,12 +52,13 @@ class Landing:
     Args:
         arm: name for messages.
         rest_q: (n,) rad, resting pose of the profile.
+        kp: (n,) Nm/rad, with which the arm follows its set-point.
         setpoint: the arm's set-point; its limits are lowered for good.
         q: (n,) rad, where the arm is.
         now: monotonic s.
     """
 
-    def __init__(self, arm: str, rest_q: np.ndarray, q: np.ndarray, setpoint: SetPoint, now: float):
+    def __init__(self, arm: str, rest_q: np.ndarray, kp: np.ndarray, q: np.ndarray, setpoint: SetPoint, now: float):
         self._arm = arm
         self._setpoint = setpoint
         n = len(rest_q)
@@ -66,6 +67,7 @@ class Landing:
         self._fold = self._rest.copy()
         self._up = float(np.copysign(1.0, -rest_q[_WRIST]))  # which way the wrist is raised
         self._fold[_WRIST] += self._up * _WRIST_LIFT_RAD
+        self._sag_rad = _SAG_NM / max(float(kp[_WRIST]), 1.0)
         self._n = n
         self.phase = Phase.FOLD
         self._since = now
@@ -97,7 +99,7 @@ class Landing:
             if np.abs(way).max() < _SOFT_RAD:
                 self._setpoint.acceleration_limit[: self._n] = _SOFT_RAD_S2
             sag = self._up * (self._setpoint.q[_WRIST] - q[_WRIST])
-            if 0.0 < sag < _SAG_RAD:
+            if 0.0 < sag < self._sag_rad:
                 error[_WRIST] = 0.0
             at_pose = error.max() < _AT_POSE_RAD
             if at_pose and self._setpoint.arrived:

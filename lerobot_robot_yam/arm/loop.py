@@ -224,6 +224,7 @@ class ControlLoop:
         modes = [controller.mode for controller in self._controllers]
         if Mode.FAULT in modes and not self._failure:
             self._failure = self._controllers[modes.index(Mode.FAULT)].message
+            logger.error("bring-up failed, landing: %s", self._failure)
         if Mode.BRING_UP in modes or self._failure:
             return False
         on_ready()

@@ -100,7 +100,8 @@ class YamArm:
             (6,) what was really asked for after the limits.
 
         Raises:
-            ActionError: wrong shape or not finite; nothing was sent.
+            ActionError: wrong shape, not finite, or more than a motor takes; nothing was sent.
+            YamError: it floats, has failed or is silent; nothing was sent.
         """
         return self._session[self.config.name].track(q, gripper, dq, kp, kd)[0]
 
@@ -111,7 +112,7 @@ class YamArm:
 
         Raises:
             ActionError: wrong shape or not finite; nothing moves.
-            LifeCycleError: the pose was not reached (obstructed, or limits hold the arm back).
+            LifeCycleError: the pose was not reached (obstructed, stopped, or limits hold the arm back).
         """
         port = self._session[self.config.name]
         state = port.observe()
@@ -129,6 +130,9 @@ class YamArm:
             grip = None if gripper is None or first_grip is None else first_grip + share * (gripper - first_grip)
             asked, _ = port.track(start + share * (goal - start), grip)
             state = port.observe()
+            if state.mode not in (Mode.HOLD, Mode.TRACK):
+                mode = state.mode.name.lower()
+                raise LifeCycleError(f"{self.config.name}: pose not reached, the arm is in mode {mode}")
             if elapsed >= reach_s and bool(np.abs(state.setpoint_q - asked).max(initial=0.0) < 1e-3):
                 return state
             if elapsed > reach_s + _SETTLE_TIMEOUT_S:

@@ -125,7 +125,7 @@ def test_an_arm_lands_whose_base_stands_beyond_its_range(beyond_rad):
     q = np.append([hardware.lower[0] - beyond_rad], [1.0, 1.0, 0.0, 0.0, 0.0])
     setpoint = SetPoint(hardware.speed_limit, np.full(hardware.n, 30.0), hardware.lower, hardware.upper)
     setpoint.seed(np.append(q, 0.5))
-    landing = Landing("left", hardware.rest_q, q, setpoint, 0.0)
+    landing = Landing("left", hardware.rest_q, hardware.kp, q, setpoint, 0.0)
     for tick in range(1, 2500):
         now = tick * 0.004
         landing.advance(q, np.zeros(joints), np.ones(joints, bool), now)

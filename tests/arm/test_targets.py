@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.session import ArmSession
+from lerobot_robot_yam.arm.yam_arm import YamArm
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import ActionError, LifeCycleError, MotorError
 from lerobot_robot_yam.rig.lockstep import LockstepRig
@@ -63,6 +65,19 @@ def test_a_floating_arm_takes_no_target_and_says_so(session):
         port.track(POSE, 0.5)
     port.hold()
     port.track(POSE, 0.5)
+
+
+def test_moving_to_a_pose_does_not_succeed_during_an_emergency_stop(rig):
+    config = sim_config(rig, CHANNEL, interface="yam_lockstep")
+    with YamArm(config, isolation="lockstep") as arm:
+        stop = EmergencyStop()
+        stop.latch("a test")
+        try:
+            arm._session.clock.sleep(0.1)
+            with pytest.raises(LifeCycleError, match="not reached.*stopped"):
+                arm.move_to(POSE)
+        finally:
+            stop.release()
 
 
 @pytest.mark.parametrize("ask", ["float", "hold", "calibrate_gripper"])
