@@ -16,6 +16,8 @@ from lerobot_robot_yam.arm.setpoint import SetPoint
 from lerobot_robot_yam.arm.yam_arm import YamArm
 from lerobot_robot_yam.rig.control import RigControl
 
+from .rigged import sim_config
+
 MOST_M = 0.01
 
 
@@ -57,16 +59,7 @@ def land_and_watch(rig, arm, channel):
 
 
 def check_landing(rig, q, channel="follower_left", **fields):
-    config = ArmConfig(
-        name=channel,
-        channel=channel,
-        interface="yam_sim",
-        can_options={"rig": rig.name},
-        gravity_factor=[1.0] * 6,
-        gripper_stops_rad=[3.25, -3.3],
-        **fields,
-    )
-    with YamArm(config) as arm:
+    with YamArm(sim_config(rig, channel, **fields)) as arm:
         arm.move_to(q, gripper=0.5, speed_rad_s=1.4)
         time.sleep(0.6)  # the speed that is judged is the landing's
         moved, speed = land_and_watch(rig, arm, channel)
@@ -102,19 +95,11 @@ def test_zero_is_not_a_landed_pose():
 
 def test_a_load_that_nobody_told_of_is_landed_with_a_sagging_wrist(caplog):
     with RigControl.start(arms=["follower_left"]) as rig:
-        config = ArmConfig(
-            name="left",
-            channel="follower_left",
-            interface="yam_sim",
-            can_options={"rig": rig.name},
-            gravity_factor=[1.0] * 6,
-            gripper_stops_rad=[3.25, -3.3],
-        )
-        with YamArm(config, isolation="thread") as arm:
+        with YamArm(sim_config(rig, "follower_left"), isolation="thread") as arm:
             arm.move_to([0.0, 1.0, 1.0, 0, 0, 0], speed_rad_s=1.4)
             rig.push("follower_left", "gripper", [0, 0, -1.0 * 9.81], 30.0)
             arm.land()
-            assert arm._session["left"].mode() is Mode.OFF
+            assert arm._session["follower_left"].mode() is Mode.OFF
     assert "cannot land" not in caplog.text
 
 
@@ -138,15 +123,7 @@ def test_an_arm_lands_whose_base_stands_beyond_its_range(beyond_rad):
 
 def test_an_obstructed_landing_keeps_holding_and_says_so(caplog):
     with RigControl.start() as rig:
-        config = ArmConfig(
-            name="left",
-            channel="follower_left",
-            interface="yam_sim",
-            can_options={"rig": rig.name},
-            gravity_factor=[1.0] * 6,
-            gripper_stops_rad=[3.25, -3.3],
-        )
-        with YamArm(config, isolation="thread") as arm:
+        with YamArm(sim_config(rig, "follower_left"), isolation="thread") as arm:
             arm.move_to([0.0, 1.2, 1.0, 0, 0, 0], speed_rad_s=1.4)
             rig.push("follower_left", "link3", [70.0, 0, 60.0], 4.0)  # somebody leans against the arm
             time.sleep(0.2)

@@ -1,6 +1,5 @@
 """The shipped loop and driver on the virtual rig, over CAN frames, as a process and as a thread."""
 
-import contextlib
 import logging
 import os
 import signal
@@ -24,15 +23,11 @@ from lerobot_robot_yam.errors import (
     BusError,
     ChannelInUseError,
     ConfigError,
-    GripperError,
     LifeCycleError,
     MotorError,
     YamError,
 )
 from lerobot_robot_yam.rig.control import RigControl
-from lerobot_robot_yam.rig.lockstep import LockstepRig
-
-from .rigged import sim_config
 
 STOPS = [3.25, -3.3]
 TICK_S = 0.004
@@ -47,8 +42,6 @@ def rig():
 
 def arm_config(rig, channel="follower_left", **fields):
     options = {"gravity_factor": [1.0] * 6, "gripper_stops_rad": STOPS} | fields
-    if channel.startswith("leader"):
-        options |= {"gripper": "yam_teaching_handle", "gripper_stops_rad": None, "start": "float"}
     return ArmConfig(
         name=channel.split("_")[1], channel=channel, interface="yam_sim", can_options={"rig": rig.name}, **options
     )
@@ -269,67 +262,6 @@ def test_an_error_in_our_own_code_leaves_the_arm_held(caplog):
         assert all(enabled(own)) and np.abs(after - before).max() < 0.05
         controller.abandon()
         bus.shutdown()
-
-
-def test_calibration_finds_and_keeps_the_stops(rig, tmp_path):
-    path = tmp_path / "left_gripper.json"
-    config = arm_config(rig, gripper_stops_rad=None, calibration_path=str(path))
-    with YamArm(config):
-        assert path.exists()
-    first = path.read_text()
-    with YamArm(config) as arm:  # the second time they are verified only
-        assert arm.observe().gripper == pytest.approx(1.0, abs=0.15)
-    assert path.read_text() == first
-
-
-def test_a_calibration_that_stores_nothing_has_failed_and_the_arm_is_held(tmp_path):
-    blocked = tmp_path / "left"
-    with contextlib.closing(LockstepRig(arms=["follower_left"])) as rig:
-        config = sim_config(
-            rig, "follower_left", interface="yam_lockstep", gripper_stops_rad=None, calibration_path=f"{blocked}/g.json"
-        )
-        session = ArmSession([config], isolation="lockstep")
-        session.start(search_grippers=False)
-        port = session["follower_left"]
-        blocked.touch()  # a file where a directory has to be
-        with pytest.raises(GripperError, match="follower_left: .*left/g.json cannot be read"):
-            port.calibrate_gripper()
-        blocked.unlink()
-        port.calibrate_gripper()
-        blocked.rename(tmp_path / "lost")
-        blocked.symlink_to("/proc")  # where nobody can store anything
-        with pytest.raises(GripperError, match="follower_left: nothing was stored in .*left/g.json; the log"):
-            port.calibrate_gripper()
-        assert port.observe().mode is Mode.HOLD
-        session.discard()
-
-
-def test_a_leader_floats_and_reports_its_handle(rig):
-    with YamArm(arm_config(rig, "leader_left")) as arm:
-        assert arm.observe().mode is Mode.FLOAT
-        rig.trigger("leader_left", 0.5)
-        rig.buttons("leader_left", sync=True)
-        time.sleep(0.3)
-        state = arm.observe()
-        assert state.trigger == pytest.approx(0.5, abs=0.02)
-        assert state.buttons == (True, False)
-        rig.fault("leader_left", None, "handle_silent")
-        time.sleep(0.6)
-        assert arm.observe().trigger is None  # never a zero
-
-
-def test_the_operators_hand_lets_a_leader_go_that_works_against_it(rig):
-    """As when it lands: otherwise hand and landing would fight for ever."""
-    with YamArm(arm_config(rig, "leader_left")):
-        pose = [0.2, 1.0, 0.9, -0.3, 0.0, 0.0]
-        rig.hand("leader_left", [2.0], [pose])
-        time.sleep(2.5)
-        leader = rig.state()["arms"]["leader_left"]
-        assert leader["held"] and not leader["resists"]
-        assert np.abs(np.array(leader["q"]) - pose).max() < 0.05
-    leader = rig.state()["arms"]["leader_left"]
-    assert not leader["held"]
-    assert not any(enabled(rig, "leader_left"))
 
 
 CALLER = """
