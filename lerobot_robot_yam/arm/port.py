@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.gripper import load_stops
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.lifecycle import Mode
@@ -65,7 +64,6 @@ class ArmPort:
         self._asked, self._request_sequence = Request.NONE, 0
         self._write()
         self._limit_log = LimitLog(config.name)
-        self._stop = EmergencyStop()
 
     def attach(self) -> None:
         """Open the state block of the loop that now runs."""
@@ -146,7 +144,7 @@ class ArmPort:
         if gripper is not None and hw.has_gripper:
             target += finite_vector(name, "gripper", [gripper], 1).tolist()
         state = self.observe()
-        if self._stop.latched or state.mode is Mode.STOPPED:
+        if state.mode is Mode.STOPPED:
             self._limit_log.note(Limited.EMERGENCY_STOP)
             return state.setpoint_q, state.gripper_setpoint
         if state.mode is Mode.BRING_UP or Limited.PEER in state.limited:

@@ -139,8 +139,11 @@ def limit_target(
     A measured position may lie outside the limits; the result never does.
     """
     limited = Limited.NOTHING
-    inside = [min(max(value, low), high) for value, low, high in zip(target, lower, upper, strict=True)]
-    if any(abs(a - b) > _WORTH_SAYING for a, b in zip(inside, target, strict=True)):
+    inside = [
+        low if value < low else high if value > high else value
+        for value, low, high in zip(target, lower, upper, strict=True)
+    ]
+    if inside != target and any(abs(a - b) > _WORTH_SAYING for a, b in zip(inside, target, strict=True)):
         limited |= Limited.JOINT_LIMIT
     if max_relative is not None:
         near = [
