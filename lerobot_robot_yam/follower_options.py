@@ -11,7 +11,6 @@ from typing import Literal
 from lerobot.cameras.configs import CameraConfig
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.feature_names import extra_keys, motors_of, position_keys, tool_keys
 
 
 @dataclass(kw_only=True)
@@ -53,10 +52,14 @@ class FollowerOptions(ABC):
         Raises:
             ConfigError: unknown arm or gripper.
         """
+        from lerobot_robot_yam.feature_names import position_keys, tool_keys  # profiles cost LeRobot's start too much
+
         return (tool_keys if self.action_space == "ee" else position_keys)(self.arms())
 
     def state_keys(self) -> list[str]:
         """Keys of all numbers of an observation: those of an action, then the optional ones."""
+        from lerobot_robot_yam.feature_names import extra_keys, motors_of
+
         kinds = self.observe_velocity, self.observe_torque, self.observe_temperature
         return self.action_keys() + extra_keys(motors_of(self.arms()), *kinds)
 
