@@ -72,7 +72,8 @@ def test_registering_loads_nothing_heavy():
         import lerobot.robots, lerobot.teleoperators, lerobot.cameras, lerobot.configs
         before = set(sys.modules)
         import lerobot_robot_yam
-        print(sorted(name for name in set(sys.modules) - before if not name.startswith("lerobot_") or "profile" in name))
+        loaded = set(sys.modules) - before
+        print(sorted(name for name in loaded if not name.startswith("lerobot_") or "profile" in name))
         """
     )
     assert loaded.strip() == "[]"

@@ -11,7 +11,7 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.gripper import load_stops
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.lifecycle import Mode
-from lerobot_robot_yam.arm.safety import LimitLog, check_range, finite_vector, limit_target
+from lerobot_robot_yam.arm.safety import LimitLog, check_range, finite_number, finite_vector, limit_target
 from lerobot_robot_yam.arm.state import (
     COMMAND_DTYPE,
     COMMAND_STRUCT,
@@ -63,11 +63,13 @@ class ArmPort:
         self._options = {"dq": _UNSET, "kp": _UNSET, "kd": _UNSET}
         self._asked, self._request_sequence = Request.NONE, 0
         self._write()
+        self._newest: tuple[int, ArmState] | None = None  # that was found to be well, and its number in the block
         self._limit_log = LimitLog(config.name)
 
     def attach(self) -> None:
         """Open the state block of the loop that now runs."""
         self._states = SharedBlock(state_path(self._key), STATE_DTYPE, create=False)
+        self._newest = None
 
     def close(self) -> None:
         """Let go of the blocks; the arm is not touched."""
@@ -95,6 +97,19 @@ class ArmPort:
             GripperError: its stops are unknown, so that its position is.
             LifeCycleError: not connected.
         """
+        sequence, newest = 0 if self._states is None else self._states.sequence(), self._newest
+        if newest is None or newest[0] != sequence:  # else nothing new came since: who observes answers at once
+            newest = self._newest = (sequence, self._examined())
+        state = newest[1]
+        age = self._clock.now() - state.stamp_s
+        if age > self.config.max_state_age_s:
+            raise StaleStateError(
+                f"{self.config.name} ({self.config.channel}): newest state is {age:.2f} s old; "
+                "the control loop or a motor is silent"
+            )
+        return state
+
+    def _examined(self) -> ArmState:
         record, name = self._raw(), self.config.name
         state = decode_state(record, self.hardware.joints, self.hardware.has_gripper)
         if state.mode in _FAILED and state.message:
@@ -103,13 +118,6 @@ class ArmPort:
             raise LifeCycleError(f"{name}: the arm is off; connect again")
         if state.mode in _READY and self.hardware.has_gripper and math.isnan(record["gripper_stops_rad"][0]):
             raise GripperError(f"{name}: the gripper's stops are unknown; calibrate it (lerobot-calibrate)")
-        now = self._clock.now()
-        age = now - state.stamp_s
-        if age > self.config.max_state_age_s:
-            raise StaleStateError(
-                f"{name} ({self.config.channel}): newest state is {age:.2f} s old; "
-                "the control loop or a motor is silent"
-            )
         return state
 
     def track(
@@ -142,15 +150,16 @@ class ArmPort:
         target: list[float] = finite_vector(name, "q", q, n).tolist()
         options = self._checked_options(dq=dq, kp=kp, kd=kd)
         if gripper is not None and hw.has_gripper:
-            target += finite_vector(name, "gripper", [gripper], 1).tolist()
+            target.append(finite_number(name, "gripper", gripper))
         state = self.observe()
-        if state.mode is Mode.STOPPED:
+        mode = state.mode
+        if mode is Mode.STOPPED:
             self._limit_log.note(Limited.EMERGENCY_STOP)
             return state.setpoint_q, state.gripper_setpoint
-        if state.mode is Mode.BRING_UP or Limited.PEER in state.limited:
+        if mode is Mode.BRING_UP or Limited.PEER in state.limited:
             return state.setpoint_q, state.gripper_setpoint
-        if state.mode not in (Mode.HOLD, Mode.TRACK):
-            raise LifeCycleError(f"{name}: takes no targets in mode {state.mode.name.lower()}; let it hold first")
+        if mode not in (Mode.HOLD, Mode.TRACK):
+            raise LifeCycleError(f"{name}: takes no targets in mode {mode.name.lower()}; let it hold first")
         if len(target) < hw.n:
             assert state.gripper_setpoint is not None
             target.append(state.gripper_setpoint)

@@ -43,6 +43,21 @@ def finite_vector(arm: str, what: str, value: object, n: int) -> np.ndarray:
     return vector
 
 
+def finite_number(arm: str, what: str, value: object) -> float:
+    """`value` as a float.
+
+    Raises:
+        ActionError: no number, NaN or infinity.
+    """
+    try:
+        number = value if type(value) is float else _number(value)
+    except Exception as error:  # whatever turning it into a number raises, it is none
+        raise ActionError(f"{arm}: {what} is not a number but {type(value).__name__} ({error})") from error
+    if not math.isfinite(number):
+        raise ActionError(f"{arm}: {what} is {number}; nothing was sent")
+    return number
+
+
 def check_range(arm: str, what: str, value: np.ndarray, low: float, high: np.ndarray) -> None:
     """Refuse what a motor's frame cannot carry: the torque limit would reckon with it, and the motor with less.
 
@@ -76,17 +91,7 @@ def action_vector(device: str, action: Mapping[str, object], keys: Sequence[str]
         missing = [key for key in keys if key not in action]
         unknown = [key for key in action if key not in keys]
         raise ActionError(f"{device}: action lacks {missing or 'nothing'} and has unknown {unknown or 'nothing'}")
-    vector = np.empty(len(keys))
-    for index, key in enumerate(keys):
-        value = action[key]
-        try:
-            number = value if type(value) is float else _number(value)
-        except Exception as error:  # whatever turning it into a number raises, it is none
-            raise ActionError(f"{device}: {key} is not a number but {type(value).__name__} ({error})") from error
-        if not math.isfinite(number):
-            raise ActionError(f"{device}: {key} is {number}; nothing was sent")
-        vector[index] = number
-    return vector
+    return np.array([finite_number(device, key, action[key]) for key in keys])
 
 
 def refuse_degrees(device: str, q: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
