@@ -3,7 +3,6 @@
 Requests and answers are JSON objects; `control.RigControl` is the client with a method per operation.
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
@@ -184,7 +183,7 @@ def _buttons(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
     first, second = request["value"]
     event = handle_of(channel).press((bool(first), bool(second)))
     if event is not None:
-        channel.emit(event, time.monotonic())
+        channel.emit(event, device.clock.now())
     return {}
 
 

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from lerobot_robot_yam.arm.profile import ArmMotor, GripperMotor
+from lerobot_robot_yam.clock import SYSTEM, Clock
 from lerobot_robot_yam.rig.channel import Channel
 from lerobot_robot_yam.rig.drive import Drive
 from lerobot_robot_yam.rig.events import EventLog
@@ -21,10 +22,10 @@ _SLOW_PERIOD_S = 0.005  # of watchdogs and the judge, simulated time
 
 
 class RigDevice:
-    """Everything simulated. Owned by one thread, driven by `advance`."""
+    """Everything simulated. Owned by one thread, driven by `advance`, on whose clock it lives."""
 
-    def __init__(self, scene: Scene):
-        self.scene = scene
+    def __init__(self, scene: Scene, clock: Clock = SYSTEM):
+        self.scene, self.clock = scene, clock
         self.world = World(scene)
         self.events = EventLog()
         self.channels: dict[str, Channel] = {}
@@ -75,7 +76,7 @@ class RigDevice:
         return found
 
     def advance(self, now_s: float) -> None:
-        """Simulate up to a monotonic time."""
+        """Simulate up to a time of the clock."""
         world = self.world
         count = world.due(now_s)
         if count == 0:

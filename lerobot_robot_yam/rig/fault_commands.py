@@ -3,7 +3,6 @@
 `control.RigControl.fault` documents each kind.
 """
 
-import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -37,7 +36,7 @@ def fault(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
         if kind in _CHANNEL_KINDS:
             if motor is not None:
                 raise ConfigError(f"it is of the whole channel: name no motor, not {motor!r}")
-            _CHANNEL_KINDS[kind](channel, request["value"])
+            _CHANNEL_KINDS[kind](channel, request["value"], device.clock.now())
         elif kind in _MOTOR_KINDS:
             for one in motors_of(channel, motor):
                 _MOTOR_KINDS[kind](one, request)
@@ -53,7 +52,7 @@ def fault(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
 def clear_faults(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
     """Undo what `fault` did to a channel; registers, and the fault codes that motors are in, stay."""
     channel = channel_of(device, request)
-    channel.set_link(time.monotonic(), bus_off=False, down=False, gone=False)
+    channel.set_link(device.clock.now(), bus_off=False, down=False, gone=False)
     channel.cable_out = False
     channel.foreign = None
     channel.latency_s = device.scene.options.latency_s
@@ -65,11 +64,11 @@ def clear_faults(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
     return {}
 
 
-def _cable_out(channel: Channel, value: Any) -> None:
+def _cable_out(channel: Channel, value: Any, _: float) -> None:
     channel.cable_out = flag(value)
 
 
-def _foreign(channel: Channel, value: Any) -> None:
+def _foreign(channel: Channel, value: Any, now_s: float) -> None:
     if value is False:
         channel.foreign = None
         return
@@ -78,21 +77,21 @@ def _foreign(channel: Channel, value: Any) -> None:
     if payload not in PAYLOADS:
         raise ConfigError(f"payload must be one of {PAYLOADS}, not {payload!r}")
     rate_hz = number(fields["rate_hz"], 0.01, _RATE_MAX_HZ)
-    channel.foreign = ForeignDriver(whole(fields["id"], 0, _ID_MAX), rate_hz, payload, time.monotonic())
+    channel.foreign = ForeignDriver(whole(fields["id"], 0, _ID_MAX), rate_hz, payload, now_s)
 
 
-def _latency(channel: Channel, value: Any) -> None:
+def _latency(channel: Channel, value: Any, _: float) -> None:
     channel.latency_s = number(value, 0.0, _DELAY_MAX_S)
 
 
-def _handle_silent(channel: Channel, value: Any) -> None:
+def _handle_silent(channel: Channel, value: Any, _: float) -> None:
     handle_of(channel).silent = flag(value)
 
 
-_CHANNEL_KINDS: dict[str, Callable[[Channel, Any], None]] = {
-    "link_down": lambda channel, value: channel.set_link(time.monotonic(), down=flag(value)),
-    "adapter_gone": lambda channel, value: channel.set_link(time.monotonic(), gone=flag(value)),
-    "bus_off": lambda channel, value: channel.set_link(time.monotonic(), bus_off=flag(value)),
+_CHANNEL_KINDS: dict[str, Callable[[Channel, Any, float], None]] = {
+    "link_down": lambda channel, value, now_s: channel.set_link(now_s, down=flag(value)),
+    "adapter_gone": lambda channel, value, now_s: channel.set_link(now_s, gone=flag(value)),
+    "bus_off": lambda channel, value, now_s: channel.set_link(now_s, bus_off=flag(value)),
     "cable_out": _cable_out,
     "foreign": _foreign,
     "latency_s": _latency,

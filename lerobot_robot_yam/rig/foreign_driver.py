@@ -9,7 +9,7 @@ PAYLOADS = ("hold", "zero")
 
 @dataclass
 class ForeignDriver:
-    """Sends frames to one identifier at a rate, from `since_s` (monotonic) on.
+    """Sends frames to one identifier at a rate, from `since_s` of the rig's clock on.
 
     payload: "hold", an MIT command to stay where the motor is; "zero", eight zero bytes, which a motor reads as a
     command at the negative end of every range. Identifiers that are no motor's always get zeros.

@@ -61,7 +61,7 @@ class LockstepRig(RigOperations):
         self.scene_name = None if scene is None else str(scene)
         self.options = dict(options)
         self._scene = load_scene(self.scene_name, options)
-        self.device = RigDevice(self._scene)
+        self.device = RigDevice(self._scene, self)
         self._now_s = BEGIN_S
         self.device.world.start(BEGIN_S)
         self._record = np.zeros((), self.device.world.state_dtype())
@@ -93,7 +93,7 @@ class LockstepRig(RigOperations):
         for channel in self.device.channels.values():
             channel.clients.clear()
         self.device.events.close()
-        self.device = RigDevice(self._scene)
+        self.device = RigDevice(self._scene, self)
         self._now_s = BEGIN_S
         self.device.world.start(BEGIN_S)
         self.restarts += 1

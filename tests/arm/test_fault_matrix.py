@@ -3,8 +3,6 @@
 What is expected is read from `policy.POLICY`; a row that is changed there and not in the loop fails here.
 """
 
-import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -15,19 +13,17 @@ import pytest
 from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.policy import POLICY, Response, Trouble
-from lerobot_robot_yam.arm.session import ArmSession
 from lerobot_robot_yam.arm.state import Limited
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.rig.control import RigControl, running_rig
+from lerobot_robot_yam.rig.control import RigOperations, running_rig
+from lerobot_robot_yam.rig.lockstep import LockstepRig
 
-from .rigged import sim_config, track
-
-pytestmark = pytest.mark.alone
+from .rigged import pause, session_on, sim_config, track
 
 LEFT, RIGHT, LEADER = "follower_left", "follower_right", "leader_left"
 AWAY = np.array([0.1, 0.9, 0.9, -0.3, 0.1, 0.1])
-SLACK_S = 0.4  # the machine's, not the arm's
+SLACK_S = 0.4  # the machine's in real time, not the arm's
 MOTOR = "joint_3"
 
 
@@ -36,22 +32,22 @@ class Injected:
     """How one trouble is brought about, where, and what a refusal at bring-up says (None: it is no obstacle)."""
 
     trouble: Trouble
-    inject: Callable[[RigControl], Any]
+    inject: Callable[[RigOperations], Any]
     phases: tuple[str, ...] = ("bring_up", "hold", "track", "land")
     refused: str | None = ""
     names: str = MOTOR
     channel: str = LEFT
 
 
-def on_motor(kind: str, value: Any = True, **details: Any) -> Callable[[RigControl], Any]:
+def on_motor(kind: str, value: Any = True, **details: Any) -> Callable[[RigOperations], Any]:
     return lambda rig: rig.fault(LEFT, MOTOR, kind, value, **details)
 
 
-def on_channel(kind: str, value: Any = True, channel: str = LEFT) -> Callable[[RigControl], Any]:
+def on_channel(kind: str, value: Any = True, channel: str = LEFT) -> Callable[[RigOperations], Any]:
     return lambda rig: rig.fault(channel, None, kind, value)
 
 
-def nibble(code: Fault) -> Callable[[RigControl], Any]:
+def nibble(code: Fault) -> Callable[[RigOperations], Any]:
     return on_motor("nibble", int(code), sticky=True)
 
 
@@ -97,22 +93,23 @@ FAULTS = {
         Trouble.HOT, on_motor("temperature_ramp", {"rate_c_per_s": 0.1, "from_c": 96.0}), ("hold", "track")
     ),
 }
-IN_CI = {
-    ("over-current", "track"),
-    ("comm-loss", "bring_up"),
-    ("motor-silent", "hold"),
-    ("motor-silent", "land"),
-    ("cable-out", "track"),
-    ("burst-lost", "track"),
-    ("duplicate-id", "track"),
-    ("foreign-driver", "hold"),
-    ("hot", "track"),
+CASES = [pytest.param(fault, phase, id=f"{name}-{phase}") for name, fault in FAULTS.items() for phase in fault.phases]
+IN_LOCKSTEP = {
+    "over-current-track",
+    "comm-loss-bring_up",
+    "motor-silent-hold",
+    "motor-silent-land",
+    "cable-out-track",
+    "adapter-gone-land",
+    "reply-lost-track",
+    "burst-lost-track",
+    "wrong-id-bring_up",
+    "duplicate-id-track",
+    "foreign-driver-hold",
+    "handle-silent-hold",
+    "warm-track",
+    "hot-track",
 }
-CASES = [
-    pytest.param(FAULTS[name], phase, id=f"{name}-{phase}", marks=() if (name, phase) in IN_CI else pytest.mark.long)
-    for name, fault in FAULTS.items()
-    for phase in fault.phases
-]
 
 
 def test_the_matrix_is_wide_enough():
@@ -135,31 +132,48 @@ def test_the_matrix_is_wide_enough():
 
 
 @pytest.fixture(scope="module")
-def shared_rig():
+def live_rig():
     with running_rig() as rig:
         yield rig
 
 
+@pytest.fixture(scope="module")
+def lockstep_rig():
+    rig = LockstepRig(arms=[LEFT, RIGHT, LEADER])
+    yield rig
+    rig.close()
+
+
 @pytest.fixture
-def rig(shared_rig):
-    """The rig with nothing wrong and every arm at rest."""
-    yield shared_rig
+def live(live_rig):
+    yield live_rig
+    clean(live_rig)
+
+
+@pytest.fixture
+def lockstep(lockstep_rig):
+    yield lockstep_rig
+    clean(lockstep_rig)
+
+
+def clean(rig):
+    """Nothing is wrong any more, and every arm at rest."""
     for channel in (LEFT, RIGHT, LEADER):
-        shared_rig.clear_faults(channel)
-    rest = ArmSession([sim_config(shared_rig, LEFT)]).hardware(LEFT).rest_q.tolist()
+        rig.clear_faults(channel)
+    rest = session_on(rig, sim_config(rig, LEFT)).hardware(LEFT).rest_q.tolist()
     for channel in (LEFT, RIGHT, LEADER):
-        shared_rig.set_pose(channel, rest)
+        rig.set_pose(channel, rest)
 
 
 def enabled(rig, channel):
     return {name for name, motor in rig.state()["arms"][channel]["motors"].items() if motor["enabled"]}
 
 
-def wait_for(what, condition, timeout_s):
-    deadline = time.monotonic() + timeout_s
+def wait_for(clock, what, condition, timeout_s):
+    deadline = clock.now() + timeout_s
     while not condition():
-        assert time.monotonic() < deadline, f"not within {timeout_s:.2f} s: {what}"
-        time.sleep(0.003)
+        assert clock.now() < deadline, f"not within {timeout_s:.2f} s: {what}"
+        clock.sleep(0.003)
 
 
 def raw(session, channel):
@@ -170,15 +184,31 @@ def trouble_of(session, channel):
     return bytes(raw(session, channel)["trouble"]).rstrip(b"\0").decode()
 
 
+@pytest.mark.long
+@pytest.mark.alone
 @pytest.mark.parametrize("fault, phase", CASES)
-def test_fault(rig, fault, phase):
+def test_fault(live, fault, phase):
+    check(live, fault, phase)
+
+
+@pytest.mark.parametrize("fault, phase", [case for case in CASES if case.id in IN_LOCKSTEP])
+def test_fault_in_lockstep(lockstep, fault, phase):
+    check(lockstep, fault, phase)
+
+
+@pytest.mark.alone
+def test_fault_in_real_time(live):
+    check(live, FAULTS["motor-silent"], "track")
+
+
+def check(rig, fault, phase):
     if phase == "bring_up":
         check_bring_up(rig, fault)
         return
     peer = None if phase == "hold" or fault.channel == LEADER else RIGHT
     channels = [fault.channel, *([peer] if peer else [])]
     followers = [channel for channel in channels if channel != LEADER]
-    session = ArmSession([sim_config(rig, channel) for channel in channels])
+    session = session_on(rig, *(sim_config(rig, channel) for channel in channels))
     session.start()
     try:
         track(session, dict.fromkeys(followers, AWAY), 1.3)
@@ -198,7 +228,7 @@ def test_fault(rig, fault, phase):
 def check_bring_up(rig, fault):
     """Refused, naming the part, with nothing energised; or no obstacle."""
     fault.inject(rig)
-    session = ArmSession([sim_config(rig, fault.channel)])
+    session = session_on(rig, sim_config(rig, fault.channel))
     if fault.refused is None:
         session.start()
         session[fault.channel].observe()
@@ -207,25 +237,25 @@ def check_bring_up(rig, fault):
             session.start()
         assert fault.names in str(refusal.value) or fault.channel in str(refusal.value)
         rig.clear_faults(fault.channel)
-        time.sleep(0.05)
+        pause(rig, 0.05)
         assert not enabled(rig, fault.channel)
     session.stop()
 
 
 def check_in_session(rig, session, fault, peer):
-    rule, port = POLICY[fault.trouble], session[fault.channel]
+    rule, port, clock = POLICY[fault.trouble], session[fault.channel], session.clock
     before = rig.state()["arms"][fault.channel]["q"]
     fault.inject(rig)
     if rule.arm is Response.GO_ON:
         mode = port.mode()
-        begin = time.monotonic()
-        while time.monotonic() < begin + 1.0:
+        begin = clock.now()
+        while clock.now() < begin + 1.0:
             state = port.observe()  # never an error
-            assert time.monotonic() - state.stamp_s < 0.25
+            assert clock.now() - state.stamp_s < 0.25
             if mode is Mode.TRACK:
                 port.track(AWAY, 0.5)
             assert port.mode() is mode
-            time.sleep(0.01)
+            clock.sleep(0.01)
         if fault.trouble is Trouble.ENCODER_SILENT:
             assert state.trigger is None
         if fault.trouble is Trouble.WARM:
@@ -243,23 +273,23 @@ def check_in_session(rig, session, fault, peer):
             return True
         return False
 
-    wait_for("the caller is told", refused, rule.within_s + SLACK_S)
+    wait_for(clock, "the caller is told", refused, rule.within_s + SLACK_S)
     assert trouble_of(session, fault.channel) == expected
     if rule.arm is Response.LAND:
-        wait_for("the arm is landed", lambda: port.mode() is Mode.OFF, 12.0)
+        wait_for(clock, "the arm is landed", lambda: port.mode() is Mode.OFF, 12.0)
         assert not enabled(rig, fault.channel)
     else:
         assert port.mode() is Mode.FAULT
     if peer is not None:
         assert rule.peer is Response.HOLD
-        wait_for("the peer holds", lambda: session[peer].mode() is Mode.HOLD, SLACK_S)
+        wait_for(clock, "the peer holds", lambda: session[peer].mode() is Mode.HOLD, SLACK_S)
         state = session[peer].observe()
         assert Limited.PEER in state.limited
         session[peer].track(-AWAY, 0.0)
-        time.sleep(0.3)
+        clock.sleep(0.3)
         assert session[peer].observe().setpoint_q == pytest.approx(state.setpoint_q, abs=0.05)
     if rule.arm is Response.HOLD:
-        time.sleep(0.2)
+        clock.sleep(0.2)
         lost = set(rig.state()["arms"][fault.channel]["motors"]) - enabled(rig, fault.channel)
         assert lost <= {MOTOR}  # a silent one lets go by itself, sooner or later
         assert lost or (expected not in NIBBLES and expected is not Trouble.DISABLED)
@@ -292,23 +322,25 @@ NIBBLES = {
 
 def check_landing(rig, session, fault, channels):
     """A landing goes on with what is left, and ends."""
-    thread = threading.Thread(target=session.stop)
-    thread.start()
-    time.sleep(0.5)
+    for channel in channels:
+        session[channel].land()
+    clock = session.clock
+    clock.sleep(0.5)
     fault.inject(rig)
-    thread.join(20.0)
-    assert not thread.is_alive(), "the landing does not end"
+    begin = clock.now()
+    session.stop()
+    assert clock.now() < begin + 20.0, "the landing does not end"
     rig.clear_faults(fault.channel)
     for channel in channels:
         assert not enabled(rig, channel)
 
 
-def test_a_stale_caller_leaves_the_arm_holding_and_the_next_target_moves_it(rig, capfd):
-    session = ArmSession([sim_config(rig, LEFT), sim_config(rig, RIGHT)])
+def test_a_stale_caller_leaves_the_arm_holding_and_the_next_target_moves_it(lockstep, caplog):
+    session = session_on(lockstep, sim_config(lockstep, LEFT), sim_config(lockstep, RIGHT))
     session.start()
     try:
         track(session, {LEFT: AWAY, RIGHT: AWAY}, 0.5)
-        time.sleep(0.8)
+        session.clock.sleep(0.8)
         for channel in (LEFT, RIGHT):
             state = session[channel].observe()
             assert state.mode is Mode.HOLD and Limited.COMMAND_TIMEOUT in state.limited
@@ -316,21 +348,24 @@ def test_a_stale_caller_leaves_the_arm_holding_and_the_next_target_moves_it(rig,
         assert session[LEFT].observe().mode is Mode.TRACK
     finally:
         session.stop()
-    assert f"{LEFT}: no target for 0.5 s; it holds" in capfd.readouterr().err
+    assert f"{LEFT}: no target for 0.5 s; it holds" in caplog.text
 
 
-def test_too_much_effort_latches_the_emergency_stop(rig):
-    session = ArmSession(
-        [sim_config(rig, LEFT, effort_limit_nm=[10.0, 45.0, 45.0, 20.0, 20.0, 20.0]), sim_config(rig, RIGHT)]
+def test_too_much_effort_latches_the_emergency_stop(lockstep):
+    session = session_on(
+        lockstep,
+        sim_config(lockstep, LEFT, effort_limit_nm=[10.0, 45.0, 45.0, 20.0, 20.0, 20.0]),
+        sim_config(lockstep, RIGHT),
     )
     session.start()
+    clock = session.clock
     try:
         track(session, {LEFT: AWAY, RIGHT: AWAY}, 1.3)
-        rig.push(LEFT, "link4", [0.0, 60.0, 0.0], 1.0)
-        wait_for("latched", lambda: EmergencyStop().latched, 1.0)
+        lockstep.push(LEFT, "link4", [0.0, 60.0, 0.0], 1.0)
+        wait_for(clock, "latched", lambda: EmergencyStop().latched, 1.0)
         assert "joint_1" in EmergencyStop().reason()
-        wait_for("both stop", lambda: {session[c].mode() for c in (LEFT, RIGHT)} == {Mode.STOPPED}, SLACK_S)
-        time.sleep(1.5)  # nobody pushes any more
+        wait_for(clock, "both stop", lambda: {session[c].mode() for c in (LEFT, RIGHT)} == {Mode.STOPPED}, 0.1)
+        clock.sleep(1.5)  # nobody pushes any more
     finally:
         EmergencyStop().release()
         session.stop()
