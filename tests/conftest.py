@@ -57,9 +57,14 @@ def _disturbed() -> bool:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """A failure on a machine that stood still is tried again."""
+    """A failure on a machine that stood still is tried again. Modules that need the machine alone come first.
+
+    One after another: between others, each time one worker would wait for the other.
+    """
     for item in items:
         item.add_marker(pytest.mark.flaky(reruns=2, condition=_disturbed))
+    alone = {item.path for item in items if _is_alone(item)}
+    items.sort(key=lambda item: item.path not in alone)
 
 
 def _locked(path: Path, kind: int) -> IO[str]:

@@ -38,7 +38,7 @@ def test_importing_us_alone_loads_neither_lerobot_nor_torch(module):
 @pytest.mark.parametrize(
     "first",
     [
-        "import lerobot_robot_yam",
+        pytest.param("import lerobot_robot_yam", marks=pytest.mark.long),  # by default: the test after this one
         "import lerobot_teleoperator_yam",
         pytest.param("import lerobot.robots; import lerobot_robot_yam", marks=pytest.mark.long),
         pytest.param("import lerobot.cameras; import lerobot_robot_yam", marks=pytest.mark.long),
@@ -59,7 +59,7 @@ def test_types_are_registered_whoever_comes_first(first):
     run(f"{first}\n{CHECK}")
 
 
-def test_loading_all_of_it_leaves_no_import_hook():
+def test_types_are_registered_and_no_import_hook_is_left():
     print_hooks = "import sys; print([f for f in sys.meta_path if type(f).__module__.startswith('lerobot_robot_yam')])"
     assert run(f"import lerobot_robot_yam\n{CHECK}\n{print_hooks}").strip() == "[]"
 

@@ -22,6 +22,7 @@ from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.safety import finite_vector
 from lerobot_robot_yam.arm.session import ArmSession, Isolation
 from lerobot_robot_yam.arm.state import ArmState
+from lerobot_robot_yam.clock import Clock
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError
 
 _STREAM_S = 0.02
@@ -35,7 +36,7 @@ class YamArm:
 
     Args:
         config: the arm; or give its fields as keywords.
-        isolation: "process" or "thread", see `ArmSession`.
+        isolation: where the control loop runs, see `ArmSession`.
 
     Raises:
         ConfigError: unknown field, arm, gripper or impossible value.
@@ -73,6 +74,11 @@ class YamArm:
     def connected(self) -> bool:
         """True between `connect` and `close`."""
         return self._session.running
+
+    @property
+    def clock(self) -> Clock:
+        """The clock by which the arm lives: the computer's, or that of a rig in lock-step."""
+        return self._session.clock
 
     def observe(self) -> ArmState:
         """The newest state.
@@ -122,7 +128,7 @@ class YamArm:
             port.hold()
         first_grip = state.gripper_setpoint
         reach_s = max(math.pi / 2 * float(np.abs(goal - start).max(initial=0.0)) / speed_rad_s, 0.2)
-        clock = self._session.clock
+        clock = self.clock
         begin = clock.now()
         while True:
             elapsed = clock.now() - begin

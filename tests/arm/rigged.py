@@ -2,6 +2,7 @@
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.session import ArmSession
+from lerobot_robot_yam.arm.yam_arm import YamArm
 from lerobot_robot_yam.clock import SYSTEM
 from lerobot_robot_yam.rig.lockstep import LockstepRig
 
@@ -22,6 +23,11 @@ def sim_config(rig, channel, **fields):
 def isolation_of(rig):
     """Where the control loop of arms on that rig runs."""
     return "lockstep" if isinstance(rig, LockstepRig) else "process"
+
+
+def arm_on(rig, channel, **fields):
+    """One arm, not yet connected."""
+    return YamArm(sim_config(rig, channel, **fields), isolation=isolation_of(rig))
 
 
 def session_on(rig, *configs):

@@ -1,13 +1,13 @@
 """How well the arm is where it was asked to be, by the rig's own truth."""
 
-import time
+import contextlib
 
 import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm.profile import GRIPPERS, load_gripper
 from lerobot_robot_yam.arm.yam_arm import YamArm
-from lerobot_robot_yam.rig.control import RigControl
+from lerobot_robot_yam.rig.lockstep import LockstepRig
 from tests.arm.test_landing import random_poses
 
 CHANNEL = "follower_left"
@@ -18,21 +18,23 @@ def connect(rig, gripper="linear_4310"):
     return YamArm(
         name="left",
         channel=CHANNEL,
-        interface="yam_sim",
+        interface="yam_lockstep",
         can_options={"rig": rig.name},
         gripper=gripper,
         gripper_stops_rad=None if calibration is None else calibration.nominal_stops_rad.tolist(),
         gravity_factor=[1.0] * 6,
+        isolation="lockstep",
     )
 
 
 def hold_errors(gripper, poses, friction):
     """(k, 6) |true q − target| after settling, rad."""
     errors = []
-    with RigControl.start(arms=[CHANNEL], gripper=gripper, friction=friction) as rig, connect(rig, gripper) as arm:
+    rig = LockstepRig(arms=[CHANNEL], gripper=gripper, friction=friction)
+    with contextlib.closing(rig), connect(rig, gripper) as arm:
         for q in poses:
             arm.move_to(q, speed_rad_s=1.3)
-            time.sleep(1.5)
+            arm.clock.sleep(1.5)
             true = np.array(rig.state()["arms"][CHANNEL]["q"][:6])
             errors.append(np.abs(true - q))
     return np.array(errors)
@@ -55,13 +57,14 @@ def test_without_friction_every_gripper_holds_within_3_mrad_at_ten_poses(gripper
 def test_a_half_hertz_sweep_is_tracked_within_15_mrad_rms():
     centre = np.array([0.0, 1.2, 1.2, 0.0, 0.0, 0.0])
     errors = []
-    with RigControl.start(arms=[CHANNEL]) as rig, connect(rig) as arm:
+    rig = LockstepRig(arms=[CHANNEL])
+    with contextlib.closing(rig), connect(rig) as arm:
         arm.move_to(centre)
-        begin = time.monotonic()
-        while (t := time.monotonic() - begin) < 5.0:
+        begin = arm.clock.now()
+        while (t := arm.clock.now() - begin) < 5.0:
             arm.command(centre + 0.3 * np.sin(np.pi * t))
             state = arm.observe()
             if t > 1.0:
                 errors.append(state.q - state.setpoint_q)
-            time.sleep(1 / 60)
+            arm.clock.sleep(1 / 60)
     assert np.sqrt(np.mean(np.square(errors), axis=0)).max() <= 0.015

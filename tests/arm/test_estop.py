@@ -1,20 +1,24 @@
 """The emergency stop: latched for everything on this machine, released on purpose, no jump afterwards."""
 
-import threading
-import time
-
 import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.lifecycle import Mode
-from lerobot_robot_yam.arm.session import ArmSession
 from lerobot_robot_yam.arm.state import Limited
 from lerobot_robot_yam.errors import EmergencyStopError
+from lerobot_robot_yam.rig.lockstep import LockstepRig
 
-from .rigged import sim_config, track
+from .rigged import session_on, sim_config, track
 
 AWAY = [0.2, 1.0, 1.0, -0.3, 0.1, 0.1]
+
+
+@pytest.fixture
+def rig():
+    rig = LockstepRig(arms=["follower_left", "leader_left"])
+    yield rig
+    rig.close()
 
 
 @pytest.fixture
@@ -25,34 +29,34 @@ def stop():
 
 
 def wait_mode(session, name, mode, timeout_s=1.0):
-    deadline = time.monotonic() + timeout_s
+    deadline = session.clock.now() + timeout_s
     while session[name].observe().mode is not mode:
-        assert time.monotonic() < deadline, f"{session[name].observe().mode} instead of {mode}"
-        time.sleep(0.002)
+        assert session.clock.now() < deadline, f"{session[name].observe().mode} instead of {mode}"
+        session.clock.sleep(0.002)
 
 
 def test_followers_hold_leaders_float_and_only_a_release_ends_it(rig, stop):
-    session = ArmSession([sim_config(rig, "follower_left"), sim_config(rig, "leader_left")])
+    session = session_on(rig, sim_config(rig, "follower_left"), sim_config(rig, "leader_left"))
     session.start()
     try:
         track(session, {"follower_left": AWAY}, 1.5)
         session["leader_left"].hold()
         session["follower_left"].track([-1.0, *AWAY[1:]], 0.5)  # on its way
-        time.sleep(0.1)
+        session.clock.sleep(0.1)
         stop.latch("a test")
         wait_mode(session, "follower_left", Mode.STOPPED)
         wait_mode(session, "leader_left", Mode.STOPPED)
-        time.sleep(0.6)  # it brakes within 50 ms and settles
+        session.clock.sleep(0.6)  # it brakes within 50 ms and settles
         held = session["follower_left"].observe()
         assert Limited.EMERGENCY_STOP in held.limited
         asked, _ = session["follower_left"].track([1.0, *AWAY[1:]], 0.5)
         assert asked == pytest.approx(held.setpoint_q)  # what would be recorded is what is done
-        time.sleep(0.3)
+        session.clock.sleep(0.3)
         assert session["follower_left"].observe().q == pytest.approx(held.q, abs=2e-3)
 
         rig.push("leader_left", "link3", [0.0, 15.0, 0.0], 0.5)  # a floating arm gives way
         before = session["leader_left"].observe().q
-        time.sleep(0.6)
+        session.clock.sleep(0.6)
         assert np.abs(session["leader_left"].observe().q - before).max() > 0.05
 
         stop.release()
@@ -69,7 +73,7 @@ def test_followers_hold_leaders_float_and_only_a_release_ends_it(rig, stop):
 
 def test_nothing_is_energised_while_it_is_latched(rig, stop):
     stop.latch("somebody shouted")
-    session = ArmSession([sim_config(rig, "follower_left")])
+    session = session_on(rig, sim_config(rig, "follower_left"))
     with pytest.raises(EmergencyStopError, match=r"somebody shouted.*yam-estop release"):
         session.start()
     assert not any(m["enabled"] for m in rig.state()["arms"]["follower_left"]["motors"].values())
@@ -79,30 +83,28 @@ def test_nothing_is_energised_while_it_is_latched(rig, stop):
 
 
 def test_a_landing_is_interrupted_and_goes_on_after_the_release(rig, stop):
-    session = ArmSession([sim_config(rig, "follower_left")])
+    session = session_on(rig, sim_config(rig, "follower_left"))
     session.start()
     track(session, {"follower_left": AWAY}, 2.0)
-    thread = threading.Thread(target=session.stop)
-    thread.start()
-    time.sleep(0.5)
+    session["follower_left"].land()
+    session.clock.sleep(0.5)
     stop.latch("a hand in the way")
-    time.sleep(0.6)
+    session.clock.sleep(0.6)
     held = rig.state()["arms"]["follower_left"]
     assert all(m["enabled"] for m in held["motors"].values()) and held["q"][1] > 0.3
-    time.sleep(0.5)
+    session.clock.sleep(0.5)
     assert rig.state()["arms"]["follower_left"]["q"] == pytest.approx(held["q"], abs=5e-3)
     stop.release()
-    thread.join(20)
-    assert not thread.is_alive()
+    session.stop()
     assert not any(m["enabled"] for m in rig.state()["arms"]["follower_left"]["motors"].values())
 
 
 def test_a_button_of_the_handle_latches_it(rig, stop):
-    session = ArmSession([sim_config(rig, "leader_left", estop_button="bottom")])
+    session = session_on(rig, sim_config(rig, "leader_left", estop_button="bottom"))
     session.start()
     try:
         rig.buttons("leader_left", sync=True)
-        time.sleep(0.2)
+        session.clock.sleep(0.2)
         assert not stop.latched  # the other one
         rig.buttons("leader_left", record=True)
         wait_mode(session, "leader_left", Mode.STOPPED)

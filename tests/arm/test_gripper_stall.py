@@ -1,6 +1,6 @@
 """A gripper that presses on something for long eases off and keeps it: the law, then the shipped driver on the rig."""
 
-import time
+import contextlib
 
 import mujoco
 import numpy as np
@@ -10,10 +10,11 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.grip_force import HOLD_SHARE, GripForce
 from lerobot_robot_yam.arm.gripper_axis import GripperAxis
 from lerobot_robot_yam.arm.profile import load_gripper
-from lerobot_robot_yam.arm.yam_arm import YamArm
+from lerobot_robot_yam.rig.lockstep import LockstepRig
+
+from .rigged import STOPS, arm_on
 
 TICK_S = 0.004
-STOPS = [3.25, -3.3]
 
 
 class Squeeze:
@@ -156,42 +157,34 @@ def test_a_warm_motor_presses_less_with_and_without_limiter():
 
 
 @pytest.mark.parametrize("limit_n", [50.0, pytest.param(None, marks=pytest.mark.long)])
-def test_a_gripped_cube_is_held_with_less_torque_and_not_lost(rig, limit_n):
+def test_a_gripped_cube_is_held_with_less_torque_and_not_lost(limit_n):
     channel = "follower_left"
-    config = ArmConfig(
-        name="left",
-        channel=channel,
-        interface="yam_sim",
-        can_options={"rig": rig.name},
-        gravity_factor=[1.0] * 6,
-        gripper_stops_rad=STOPS,
-        gripper_force_limit_n=limit_n,
-    )
+    rig = LockstepRig(arms=[channel])
 
     def cube_from_grasp():
         state = rig.state()
         return np.subtract(state["props"]["cube"]["pos"], state["arms"][channel]["grasp_site"]["pos"])
 
-    with YamArm(config) as arm:
+    with contextlib.closing(rig), arm_on(rig, channel, gripper_force_limit_n=limit_n) as arm:
         pose = arm.move_to([0.0, 1.0, 1.0, 0.0, 0.0, 0.0], gripper=1.0).setpoint_q
         quat = np.empty(4)
         mujoco.mju_mat2Quat(quat, np.array(rig.state()["arms"][channel]["grasp_site"]["mat"]))
-        deadline = time.monotonic() + 10.0
+        deadline = arm.clock.now() + 10.0
         pressing = 0
         while pressing < 10:  # fingers that are slow to start press on nothing for a moment
-            assert time.monotonic() < deadline, "the fingers never met the cube"
+            assert arm.clock.now() < deadline, "the fingers never met the cube"
             rig.place("cube", rig.state()["arms"][channel]["grasp_site"]["pos"], quat)  # a hand holds it there
             arm.command(pose, gripper=0.0)
             state = arm.observe()
             meets = state.gripper_tau_nm > 0.6 and abs(state.gripper_rate) < 0.1  # closing is positive of this motor
             pressing = pressing + 1 if meets else 0
-            time.sleep(0.01)
+            arm.clock.sleep(0.01)
         start = rig.state()["sim_s"]
         samples = []
         while not samples or samples[-1][0] < 3.0:
             arm.command(pose, gripper=0.0)
             samples.append((rig.state()["sim_s"] - start, abs(arm.observe().gripper_tau_nm or 0.0)))
-            time.sleep(0.01)
+            arm.clock.sleep(0.01)
         times, torques = np.array(samples).T
         first = np.median(torques[(times > 0.4) & (times < 0.8)])
         last = np.median(torques[times > 2.5])

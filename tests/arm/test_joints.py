@@ -1,3 +1,6 @@
+"""Joint angles and motor angles: which turn a motor is on, and that no reading puts a joint where it is not."""
+
+import contextlib
 import math
 
 import numpy as np
@@ -11,7 +14,7 @@ from lerobot_robot_yam.arm.lifecycle import TRANSITIONS, Mode, check_transition
 from lerobot_robot_yam.arm.profile import ARMS, load_arm
 from lerobot_robot_yam.arm.yam_arm import YamArm
 from lerobot_robot_yam.errors import LifeCycleError, MotorError
-from lerobot_robot_yam.rig.control import running_rig
+from lerobot_robot_yam.rig.lockstep import LockstepRig
 
 EXAMPLES = settings(max_examples=300, deadline=None)
 JOINTS = [
@@ -112,10 +115,11 @@ def fields(rig, arm):
     return {
         "name": "left",
         "channel": "only",
-        "interface": "yam_sim",
+        "interface": "yam_lockstep",
         "can_options": {"rig": rig.name},
         "arm": arm,
         "gripper": "no_gripper",
+        "isolation": "lockstep",
     }
 
 
@@ -123,7 +127,8 @@ def fields(rig, arm):
 def test_the_shipped_driver_finds_the_turn_of_every_motor_and_moves_from_there(tmp_path, arm):
     turns = np.array([1, -1, 1, -1, 1, -1])
     start = load_arm(arm).rest_q("no_gripper") + [0.4, 0, 0, 0, 0.3, -0.5]
-    with running_rig(scene=scene(tmp_path, arm, turns * TURN, start)) as rig, YamArm(**fields(rig, arm)) as left:
+    rig = LockstepRig(scene(tmp_path, arm, turns * TURN, start))
+    with contextlib.closing(rig), YamArm(**fields(rig, arm)) as left:
         assert np.abs(left.observe().q - rig.state()["arms"]["only"]["q"]).max() < 0.01
         goal = left.observe().setpoint_q + [-0.2, 0.4, 0.4, 0.3, -0.2, 0.2]
         left.move_to(goal)
@@ -141,7 +146,7 @@ def test_the_shipped_driver_finds_the_turn_of_every_motor_and_moves_from_there(t
 )
 def test_the_shipped_driver_energises_nothing_on_an_unclear_turn(tmp_path, offset, message):
     rest = load_arm("yam").rest_q("no_gripper")
-    with running_rig(scene=scene(tmp_path, "yam", [offset, 0, 0, 0, 0, 0], rest)) as rig:
+    with contextlib.closing(LockstepRig(scene(tmp_path, "yam", [offset, 0, 0, 0, 0, 0], rest))) as rig:
         with pytest.raises(MotorError, match=message):
             YamArm(**fields(rig, "yam")).connect()
         assert not [event for event in rig.events() if event["kind"] == "motor_enabled"]

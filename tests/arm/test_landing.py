@@ -1,7 +1,6 @@
 """Landed means: cutting torque then moves no body by more than 1 cm. From random end poses, by the rig's truth."""
 
-import threading
-import time
+import contextlib
 
 import numpy as np
 import pytest
@@ -13,12 +12,19 @@ from lerobot_robot_yam.arm.landing import LANDING_SPEED_RAD_S, Landing, Phase
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.profile import load_arm
 from lerobot_robot_yam.arm.setpoint import SetPoint
-from lerobot_robot_yam.arm.yam_arm import YamArm
 from lerobot_robot_yam.rig.control import RigControl
+from lerobot_robot_yam.rig.lockstep import LockstepRig
 
-from .rigged import sim_config
+from .rigged import arm_on
 
 MOST_M = 0.01
+CHANNEL = "follower_left"
+
+
+@pytest.fixture
+def rig():
+    with contextlib.closing(LockstepRig(arms=[CHANNEL])) as rig:
+        yield rig
 
 
 def random_poses(n, seed, arm="yam", gripper="linear_4310"):
@@ -40,8 +46,7 @@ def random_poses(n, seed, arm="yam", gripper="linear_4310"):
 def land_and_watch(rig, arm, channel):
     """Land; returns how far any body moved after torque was cut, m, and the landing's greatest joint speed, rad/s."""
     last_held, held_speeds = None, []
-    thread = threading.Thread(target=arm.land)
-    thread.start()
+    arm._session[channel].land()
     while True:
         state = rig.state(bodies=True)
         motors = state["arms"][channel]["motors"].values()
@@ -50,18 +55,17 @@ def land_and_watch(rig, arm, channel):
             break
         last_held = bodies
         held_speeds.append(np.abs(state["arms"][channel]["dq"]).max())
-        time.sleep(0.01)
-    thread.join()
-    time.sleep(1.5)
+        arm.clock.sleep(0.01)
+    arm.clock.sleep(1.5)
     after = rig.state(bodies=True)["bodies"]
     moved = max(float(np.linalg.norm(np.subtract(after[name], pos))) for name, pos in last_held.items())
     return moved, max(held_speeds)
 
 
-def check_landing(rig, q, channel="follower_left", **fields):
-    with YamArm(sim_config(rig, channel, **fields)) as arm:
+def check_landing(rig, q, channel=CHANNEL, **fields):
+    with arm_on(rig, channel, **fields) as arm:
         arm.move_to(q, gripper=0.5, speed_rad_s=1.4)
-        time.sleep(0.6)  # the speed that is judged is the landing's
+        arm.clock.sleep(0.6)  # the speed that is judged is the landing's
         moved, speed = land_and_watch(rig, arm, channel)
         assert arm._session[channel].mode() is Mode.OFF
     assert moved <= MOST_M
@@ -69,37 +73,34 @@ def check_landing(rig, q, channel="follower_left", **fields):
     return moved
 
 
-def test_landed_from_a_random_pose():
-    with RigControl.start(arms=["follower_left"]) as rig:
-        check_landing(rig, random_poses(1, seed=7)[0])
+def test_landed_from_a_random_pose(rig):
+    check_landing(rig, random_poses(1, seed=7)[0])
 
 
 @pytest.mark.long
 def test_landed_from_twenty_random_poses():
     moved = []
-    with RigControl.start(arms=["follower_left"]) as rig:
+    with RigControl.start(arms=[CHANNEL]) as rig:
         for q in random_poses(20, seed=11):
             moved.append(check_landing(rig, q))
     assert len(moved) == 20
 
 
-def test_zero_is_not_a_landed_pose():
+def test_zero_is_not_a_landed_pose(rig):
     """The reason for all this: an arm left at zero drops its wrist when torque is cut."""
-    with RigControl.start(arms=["follower_left"]) as rig:
-        rig.set_pose("follower_left", [0.0] * 6)
-        before = rig.state()["arms"]["follower_left"]["grasp_site"]["pos"]
-        time.sleep(1.5)
-        after = rig.state()["arms"]["follower_left"]["grasp_site"]["pos"]
-        assert np.linalg.norm(np.subtract(after, before)) > 2 * MOST_M
+    rig.set_pose(CHANNEL, [0.0] * 6)
+    before = rig.state()["arms"][CHANNEL]["grasp_site"]["pos"]
+    rig.sleep(1.5)
+    after = rig.state()["arms"][CHANNEL]["grasp_site"]["pos"]
+    assert np.linalg.norm(np.subtract(after, before)) > 2 * MOST_M
 
 
-def test_a_load_that_nobody_told_of_is_landed_with_a_sagging_wrist(caplog):
-    with RigControl.start(arms=["follower_left"]) as rig:
-        with YamArm(sim_config(rig, "follower_left"), isolation="thread") as arm:
-            arm.move_to([0.0, 1.0, 1.0, 0, 0, 0], speed_rad_s=1.4)
-            rig.push("follower_left", "gripper", [0, 0, -1.0 * 9.81], 30.0)
-            arm.land()
-            assert arm._session["follower_left"].mode() is Mode.OFF
+def test_a_load_that_nobody_told_of_is_landed_with_a_sagging_wrist(rig, caplog):
+    with arm_on(rig, CHANNEL) as arm:
+        arm.move_to([0.0, 1.0, 1.0, 0, 0, 0], speed_rad_s=1.4)
+        rig.push(CHANNEL, "gripper", [0, 0, -1.0 * 9.81], 30.0)
+        arm.land()
+        assert arm._session[CHANNEL].mode() is Mode.OFF
     assert "cannot land" not in caplog.text
 
 
@@ -121,19 +122,17 @@ def test_an_arm_lands_whose_base_stands_beyond_its_range(beyond_rad):
     assert landing.phase is Phase.LANDED
 
 
-def test_an_obstructed_landing_keeps_holding_and_says_so(caplog):
-    with RigControl.start() as rig:
-        with YamArm(sim_config(rig, "follower_left"), isolation="thread") as arm:
-            arm.move_to([0.0, 1.2, 1.0, 0, 0, 0], speed_rad_s=1.4)
-            rig.push("follower_left", "link3", [70.0, 0, 60.0], 4.0)  # somebody leans against the arm
-            time.sleep(0.2)
-            moved = threading.Thread(target=arm.land)
-            moved.start()
-            deadline = time.monotonic() + 3.5
-            while "obstructed" not in caplog.text and time.monotonic() < deadline:
-                time.sleep(0.05)
-            assert any(motor["enabled"] for motor in rig.state()["arms"]["follower_left"]["motors"].values())
-            assert "obstructed" in caplog.text
-            moved.join(timeout=30)  # once the way is free it lands by itself
-            assert not moved.is_alive()
-        assert not any(motor["enabled"] for motor in rig.state()["arms"]["follower_left"]["motors"].values())
+def test_an_obstructed_landing_keeps_holding_and_says_so(rig, caplog):
+    with arm_on(rig, CHANNEL) as arm:
+        arm.move_to([0.0, 1.2, 1.0, 0, 0, 0], speed_rad_s=1.4)
+        rig.push(CHANNEL, "link3", [70.0, 0, 60.0], 4.0)  # somebody leans against the arm
+        arm.clock.sleep(0.2)
+        begin = arm.clock.now()
+        arm._session[CHANNEL].land()
+        while "obstructed" not in caplog.text and arm.clock.now() < begin + 3.5:
+            arm.clock.sleep(0.05)
+        assert any(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())
+        assert "obstructed" in caplog.text
+        arm.land()  # once the way is free it ends by itself
+        assert arm.clock.now() < begin + 30.0
+    assert not any(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())

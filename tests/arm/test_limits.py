@@ -1,6 +1,5 @@
 """Limits beyond the joint limits, through the shipped loop: soft wall, sag, workspace, heat."""
 
-import time
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +8,20 @@ import pytest
 from lerobot_robot_yam.arm import profile
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.profile import load_arm
-from lerobot_robot_yam.arm.session import ArmSession
 from lerobot_robot_yam.arm.state import Limited
 from lerobot_robot_yam.arm.workspace import KeepOut, WorkspaceConfig
+from lerobot_robot_yam.rig.lockstep import LockstepRig
 
-from .rigged import sim_config, track
+from .rigged import session_on, sim_config, track
 
 LEFT, RIGHT, LEADER = "follower_left", "follower_right", "leader_left"
+
+
+@pytest.fixture
+def rig():
+    rig = LockstepRig(arms=[LEFT, RIGHT, LEADER])
+    yield rig
+    rig.close()
 
 
 @pytest.fixture
@@ -23,14 +29,14 @@ def running(rig):
     sessions = []
 
     def start(*configs):
-        session = ArmSession(configs)
+        session = session_on(rig, *configs)
         session.start()
         sessions.append(session)
         return session
 
     yield start
     for session in sessions:
-        session.stop()
+        session.discard()
 
 
 def test_an_arm_that_is_pushed_beyond_a_limit_is_pushed_back_and_the_session_goes_on(rig, running, tmp_path):
@@ -48,13 +54,13 @@ def test_an_arm_that_is_pushed_beyond_a_limit_is_pushed_back_and_the_session_goe
     sideways = 8.0 * np.array([-np.sin(1.0), np.cos(1.0), 0.0])
     rig.push(LEADER, "link5", sideways, 1.0)
     farthest = 0.0
-    deadline = time.monotonic() + 1.0
-    while time.monotonic() < deadline:
+    deadline = session.clock.now() + 1.0
+    while session.clock.now() < deadline:
         farthest = max(farthest, session[LEADER].observe().q[0] - 1.0)
-        time.sleep(0.01)
+        session.clock.sleep(0.01)
     assert 0.02 < farthest < 0.5
     assert Limited.JOINT_LIMIT in session[LEADER].observe().limited
-    time.sleep(2.0)
+    session.clock.sleep(2.0)
     state = session[LEADER].observe()
     assert state.mode is Mode.FLOAT
     assert state.q[0] - 1.0 < min(0.05, farthest)
@@ -70,7 +76,7 @@ def test_what_the_gravity_model_misses_is_made_up_for_while_holding(rig, running
     track(session, {LEFT: goal}, 1.5)
     session[LEFT].hold()
     rig.fault(LEFT, "joint_3", "torque_bias_nm", -2.4)  # 30 mrad of sag at 80 Nm/rad
-    time.sleep(5.0)
+    session.clock.sleep(5.0)
     error = abs(rig.state()["arms"][LEFT]["q"][2] - session[LEFT].observe().setpoint_q[2])
     assert least_rad <= error <= most_rad
 
@@ -109,13 +115,13 @@ def test_a_warm_motor_halves_the_speed(rig, running):
     session = running(sim_config(rig, LEFT))
     track(session, {LEFT: [0.0, 0.8, 0.8, 0.0, 0.0, 0.0]}, 1.5)
     rig.fault(LEFT, "joint_3", "temperatures_c", [90, 60])
-    time.sleep(0.8)
+    session.clock.sleep(0.8)
     speeds = []
-    begin = time.monotonic()
+    begin = session.clock.now()
     last = session[LEFT].observe()
-    while time.monotonic() < begin + 0.8:
+    while session.clock.now() < begin + 0.8:
         session[LEFT].track([1.5, 0.8, 0.8, 0.0, 0.0, 0.0], 0.5)
-        time.sleep(0.1)
+        session.clock.sleep(0.1)
         state = session[LEFT].observe()
         speeds.append((state.setpoint_q[0] - last.setpoint_q[0]) / (state.stamp_s - last.stamp_s))
         last = state

@@ -1,5 +1,6 @@
 """The shipped loop and driver on the virtual rig, over CAN frames, as a process and as a thread."""
 
+import dataclasses
 import logging
 import os
 import signal
@@ -28,8 +29,10 @@ from lerobot_robot_yam.errors import (
     YamError,
 )
 from lerobot_robot_yam.rig.control import RigControl
+from lerobot_robot_yam.rig.lockstep import LockstepRig
 
-STOPS = [3.25, -3.3]
+from .rigged import isolation_of, sim_config
+
 TICK_S = 0.004
 ISOLATIONS = ["process", "thread"]
 
@@ -40,11 +43,25 @@ def rig():
         yield control
 
 
+@pytest.fixture
+def lockstep():
+    rig = LockstepRig(arms=["follower_left", "follower_right"])
+    yield rig
+    rig.close()
+
+
+@pytest.fixture(params=["lockstep", pytest.param("live", marks=pytest.mark.long)])
+def any_rig(request):
+    """In lock-step, and in real time."""
+    return request.getfixturevalue({"live": "rig"}.get(request.param, request.param))
+
+
 def arm_config(rig, channel="follower_left", **fields):
-    options = {"gravity_factor": [1.0] * 6, "gripper_stops_rad": STOPS} | fields
-    return ArmConfig(
-        name=channel.split("_")[1], channel=channel, interface="yam_sim", can_options={"rig": rig.name}, **options
-    )
+    return dataclasses.replace(sim_config(rig, channel, **fields), name=channel.split("_")[1])
+
+
+def arm_on(rig, **fields):
+    return YamArm(arm_config(rig, **fields), isolation=isolation_of(rig))
 
 
 def enabled(rig, channel="follower_left"):
@@ -80,21 +97,18 @@ def test_an_arm_comes_up_tracks_and_lands(rig, isolation, caplog):
         assert any("period p50" in record.message for record in caplog.records)
 
 
-@pytest.mark.parametrize("isolation", ISOLATIONS)
-def test_set_point_steps_stay_within_speed_limit_times_tick(rig, isolation):
-    """Seen on the wire: the positions in the frames that the motors receive."""
-    with YamArm(arm_config(rig, speed_limit_rad_s=1.0), isolation=isolation) as arm:
-        rig.request("trace", channel="follower_left", start=True)
+def test_set_point_steps_stay_within_speed_limit_times_tick(any_rig):
+    with arm_on(any_rig, speed_limit_rad_s=1.0) as arm:
         for _ in range(20):
             arm.command([1.0, 1.2, 1.2, 0.5, 0.5, 0.5])
-            time.sleep(0.03)
+            arm.clock.sleep(0.03)
         seen = []
-        begin = time.monotonic()
-        while time.monotonic() - begin < 1.0:
+        begin = arm.clock.now()
+        while arm.clock.now() - begin < 1.0:
             arm.command([-1.0, 0.2, 0.2, -0.5, -0.5, -0.5])
             state = arm.observe()
             seen.append((state.stamp_s, state.setpoint_q, state.limited))
-            time.sleep(0.005)
+            arm.clock.sleep(0.005)
         speeds = [
             np.abs(b[1] - a[1]).max() / (b[0] - a[0]) for a, b in zip(seen, seen[8:], strict=False) if b[0] > a[0]
         ]
@@ -103,37 +117,37 @@ def test_set_point_steps_stay_within_speed_limit_times_tick(rig, isolation):
         assert any(Limited.SPEED in limited for *_, limited in seen)
 
 
-def test_a_caller_that_falls_silent_leaves_the_arm_holding(rig):
-    with YamArm(arm_config(rig, command_timeout_s=0.2)) as arm:
+def test_a_caller_that_falls_silent_leaves_the_arm_holding(any_rig):
+    with arm_on(any_rig, command_timeout_s=0.2) as arm:
         arm.move_to([0.2, 0.8, 0.8, 0, 0, 0])
         arm.command([1.5, 0.8, 0.8, 0, 0, 0])
-        time.sleep(0.6)
+        arm.clock.sleep(0.6)
         state = arm.observe()
         assert state.mode is Mode.HOLD
         assert Limited.COMMAND_TIMEOUT in state.limited
         stopped_at = state.setpoint_q[0]
         assert 0.25 < stopped_at < 0.7  # went on for 0.2 s at 1.5 rad/s at most, then braked
-        time.sleep(0.3)
+        arm.clock.sleep(0.3)
         assert arm.observe().setpoint_q[0] == pytest.approx(stopped_at, abs=1e-3)
         arm.command([1.5, 0.8, 0.8, 0, 0, 0])  # it resumes without a jump
-        time.sleep(0.02)
+        arm.clock.sleep(0.02)
         assert abs(arm.observe().setpoint_q[0] - stopped_at) < 0.05
 
 
-def test_floating_carries_the_weight_and_holding_takes_over_where_the_arm_is(rig):
-    with YamArm(arm_config(rig)) as arm:
+def test_floating_carries_the_weight_and_holding_takes_over_where_the_arm_is(any_rig):
+    with arm_on(any_rig) as arm:
         arm.move_to([0.0, 1.0, 1.0, 0, 0, 0])
         arm.float()
-        time.sleep(0.5)
+        arm.clock.sleep(0.5)
         before = arm.observe().q
-        time.sleep(1.0)
+        arm.clock.sleep(1.0)
         assert np.abs(arm.observe().q - before).max() < 0.03  # does not fall
-        rig.push("follower_left", "link6", [0, 12, 0], 0.6)
-        time.sleep(0.8)
+        any_rig.push("follower_left", "link6", [0, 12, 0], 0.6)
+        arm.clock.sleep(0.8)
         moved = arm.observe().q
         assert abs(moved[0] - before[0]) > 0.05  # and is free to move
         arm.hold()
-        time.sleep(0.3)
+        arm.clock.sleep(0.3)
         assert np.abs(arm.observe().q - moved).max() < 0.15
         assert arm.observe().mode is Mode.HOLD
 
@@ -169,30 +183,35 @@ def rig_arm():
         yield arm
 
 
+BAD_MOTORS = {
+    "silent": ({"motor": "joint_4"}, r"follower_right: no answer from 1 of 7 motors: joint_4 \(id 4\)"),
+    "duplicate": ({"motor": "joint_2"}, "more than one answer from joint_2"),
+    "register TMAX": (
+        {"motor": "joint_1", "register": int(Register.TMAX), "value": 10.0},
+        "motor joint_1 .* TMAX is 10 instead of 28 Nm",
+    ),
+    "register TIMEOUT": (
+        {"motor": "gripper", "register": int(Register.TIMEOUT), "value": 0},
+        "motor gripper .* TIMEOUT is 0 instead of 8000",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", BAD_MOTORS)
+def test_one_bad_motor_keeps_both_arms_limp(any_rig, kind):
+    bad_motor_keeps_both_arms_limp(any_rig, kind, isolation_of(any_rig))
+
+
 @pytest.mark.parametrize("isolation", ISOLATIONS)
-@pytest.mark.parametrize(
-    ("kind", "details", "error", "message"),
-    [
-        ("silent", {"motor": "joint_4"}, MotorError, r"follower_right: no answer from 1 of 7 motors: joint_4 \(id 4\)"),
-        ("duplicate", {"motor": "joint_2"}, MotorError, "more than one answer from joint_2"),
-        (
-            "register",
-            {"motor": "joint_1", "register": int(Register.TMAX), "value": 10.0},
-            MotorError,
-            "motor joint_1 .* TMAX is 10 instead of 28 Nm",
-        ),
-        (
-            "register",
-            {"motor": "gripper", "register": int(Register.TIMEOUT), "value": 0},
-            MotorError,
-            "motor gripper .* TIMEOUT is 0 instead of 8000",
-        ),
-    ],
-)
-def test_one_bad_motor_keeps_both_arms_limp(rig, isolation, kind, details, error, message):
-    rig.fault("follower_right", kind=kind, **details)
+def test_one_silent_motor_keeps_both_arms_limp(rig, isolation):
+    bad_motor_keeps_both_arms_limp(rig, "silent", isolation)
+
+
+def bad_motor_keeps_both_arms_limp(rig, kind, isolation):
+    details, message = BAD_MOTORS[kind]
+    rig.fault("follower_right", kind=kind.split()[0], **details)
     session = ArmSession([arm_config(rig), arm_config(rig, "follower_right")], isolation)
-    with pytest.raises(error, match=message):
+    with pytest.raises(MotorError, match=message):
         session.start()
     assert not any(enabled(rig)) and not any(enabled(rig, "follower_right"))
     assert not session.running
@@ -211,26 +230,26 @@ def test_one_bad_motor_keeps_both_arms_limp(rig, isolation, kind, details, error
         ({"speed_limit_rad_s": 0.0}, ConfigError, "above zero"),
     ],
 )
-def test_what_does_not_exist_is_refused_by_name(rig, change, error, message):
+def test_what_does_not_exist_is_refused_by_name(lockstep, change, error, message):
     with pytest.raises(error, match=message):
-        fields = {"channel": "follower_left", "interface": "yam_sim", "can_options": {"rig": rig.name}} | change
-        ArmSession([ArmConfig(name="left", **fields)]).start()
-    assert not any(enabled(rig))
+        fields = {"channel": "follower_left", "interface": "yam_lockstep", "can_options": {"rig": lockstep.name}}
+        ArmSession([ArmConfig(name="left", **fields | change)], "lockstep").start()
+    assert not any(enabled(lockstep))
 
 
-def test_a_motor_fault_is_named_and_the_rest_holds(rig):
-    with YamArm(arm_config(rig)) as arm:
+def test_a_motor_fault_is_named_and_the_rest_holds(any_rig):
+    with arm_on(any_rig) as arm:
         arm.move_to([0.0, 0.8, 0.8, 0, 0, 0])
-        rig.fault("follower_left", "joint_6", "nibble", 0xC)
+        any_rig.fault("follower_left", "joint_6", "nibble", 0xC)
         with pytest.raises(MotorError, match=r"left \(follower_left\): joint_6 \(id 6\): 0xC coil too hot"):
             for _ in range(100):
                 arm.observe()
-                time.sleep(0.01)
-        before = rig.state()["arms"]["follower_left"]["q"]
-        time.sleep(0.5)
-        after = rig.state()["arms"]["follower_left"]["q"]
+                arm.clock.sleep(0.01)
+        before = any_rig.state()["arms"]["follower_left"]["q"]
+        arm.clock.sleep(0.5)
+        after = any_rig.state()["arms"]["follower_left"]["q"]
         assert np.abs(np.array(after) - before)[:3].max() < 0.01
-    assert not any(enabled(rig))
+    assert not any(enabled(any_rig))
 
 
 def test_an_error_in_our_own_code_leaves_the_arm_held(caplog):
@@ -305,11 +324,11 @@ def test_a_lost_adapter_is_said_and_ends_cleanly(rig):
     assert time.monotonic() - begin < 30
 
 
-def test_a_session_that_does_not_run_says_so(rig):
-    session = ArmSession([arm_config(rig)])
+def test_a_session_that_does_not_run_says_so(lockstep):
+    session = ArmSession([arm_config(lockstep)])
     with pytest.raises(LifeCycleError, match="left: not connected"):
         session["left"]
     with pytest.raises(ConfigError, match="no arm is called 'middle'"):
         session["middle"]
     with pytest.raises(ConfigError, match="different names and channels"):
-        ArmSession([arm_config(rig), arm_config(rig)])
+        ArmSession([arm_config(lockstep), arm_config(lockstep)])

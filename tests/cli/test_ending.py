@@ -40,7 +40,7 @@ def test_teleoperate_ends_by_itself_under_the_operators_hands(shared_commands):
     "first, second",
     [
         (signal.SIGINT, signal.SIGINT),
-        (signal.SIGTERM, None),
+        pytest.param(signal.SIGTERM, None, marks=pytest.mark.long),  # of a robot alone: tests/test_signals.py
         pytest.param(signal.SIGHUP, signal.SIGTERM, marks=pytest.mark.long),
     ],
 )
