@@ -33,8 +33,10 @@ tqdm.monitor_interval = 0  # LeRobot shows progress bars, whose watching thread 
 _SETTLE_S = 10.0  # a rig ends about a second after its last client, a renderer with its rig
 _WORKER = "PYTEST_XDIST_WORKER" in os.environ
 _MARK = f"YAM_RUNTIME_DIR={RUNTIME}\0".encode()
+_ELDERS = frozenset(os.listdir("/proc"))  # they ran before any test did
 _stillness = Stillness(Path(os.environ.setdefault("YAM_TEST_STILLNESS", str(RUNTIME) + "-stillness")))
 _begun = 0.0  # the present attempt at a test
+_leaked = False  # it left something behind: the next attempt would take that for what was there before
 _floor: IO[str] | None = None  # the lock that says who may use the machine, while we hold it
 
 
@@ -47,12 +49,12 @@ def pytest_configure(config: pytest.Config) -> None:
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup() -> None:
     """What stood still before does not count."""
-    global _begun
-    _begun = time.monotonic()
+    global _begun, _leaked
+    _begun, _leaked = time.monotonic(), False
 
 
 def _disturbed() -> bool:
-    return _stillness.late_s() > _begun
+    return not _leaked and _stillness.late_s() > _begun
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -101,12 +103,11 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
 def _processes() -> dict[int, str]:
     """Command lines of all processes that were started, however indirectly, by these tests."""
     found = {}
-    for entry in Path("/proc").iterdir():
-        if not entry.name.isdigit() or int(entry.name) == os.getpid():
-            continue
+    for name in set(os.listdir("/proc")) - _ELDERS:
+        entry = Path("/proc", name)
         try:
-            if _MARK in (entry / "environ").read_bytes():
-                found[int(entry.name)] = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+            if name.isdigit() and _MARK in (entry / "environ").read_bytes():
+                found[int(name)] = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
         except OSError:
             continue  # ended meanwhile, or somebody else's
     return {pid: line for pid, line in found.items() if "multiprocessing.resource_tracker" not in line}
@@ -114,17 +115,22 @@ def _processes() -> dict[int, str]:
 
 def _left() -> dict[str, set[str]]:
     """Everything that could be left behind, by kind."""
-    files = {str(p.relative_to(RUNTIME)) for p in RUNTIME.rglob("*")} if RUNTIME.is_dir() else set()
+    files: set[str] = set()
+    for directory, below, names in os.walk(RUNTIME):
+        if directory == str(RUNTIME):
+            below[:] = [name for name in below if name != "home"]  # LeRobot's, full of data sets
+        files |= {os.path.relpath(os.path.join(directory, name), RUNTIME) for name in (*below, *names)}
     return {
         "processes": {f"{pid} {line}" for pid, line in _processes().items()},
         "threads": {f"{t.name} {t.ident}" for t in threading.enumerate()},
-        "files": {name for name in files if name.partition("/")[0] != "home"},
+        "files": files,
     }
 
 
 @pytest.fixture(autouse=True)
 def nothing_left_behind() -> Iterator[None]:
     """Fails a test after which a process, thread, socket, lock or shared block exists that did not before."""
+    global _leaked
     before = _left()
     yield
     deadline = time.monotonic() + _SETTLE_S
@@ -134,6 +140,7 @@ def nothing_left_behind() -> Iterator[None]:
             break
         time.sleep(0.05)
     (RUNTIME / "emergency-stop").unlink(missing_ok=True)  # of a test that has failed: no other shall fail of it
+    _leaked = bool(extra)
     assert not extra, f"left behind: {extra}"
 
 
