@@ -1,7 +1,6 @@
 """Any action is refused by name, or comes back within the limits; and the arm never jumps."""
 
 import math
-import time
 from decimal import Decimal
 from fractions import Fraction
 
@@ -15,8 +14,9 @@ from lerobot_robot_yam.arm.state import Limited
 from lerobot_robot_yam.bi_yam_follower import BiYamFollower
 from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig
 from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
-from lerobot_robot_yam.errors import ActionError, MotorError, StaleStateError
+from lerobot_robot_yam.errors import ActionError
 from lerobot_robot_yam.follower_options import FollowerArmConfig
+from lerobot_robot_yam.rig.lockstep import LockstepRig
 from lerobot_robot_yam.yam_follower import YamFollower
 
 from .cases import SPECIAL, finite, for_all, junk, numbers
@@ -127,33 +127,30 @@ def test_a_limited_target_is_within_the_limits(rows, relative):
         assert all(abs(a - b) <= 0.011 for a, b in zip(limited_target, target, strict=True))
 
 
-# connected
+# connected, in lock-step
 
 
 def lead(robot, action, seconds=2.0):
     """Lead the robot somewhere and let it come to rest."""
-    deadline = time.monotonic() + seconds
-    while time.monotonic() < deadline:
+    clock = robot._arms.clock
+    deadline = clock.now() + seconds
+    while clock.now() < deadline:
         robot.send_action(action)
-        time.sleep(0.02)
+        clock.sleep(0.02)
 
 
 class Watcher:
     """Set-points of all arms, and how far they may have moved since they were last looked at."""
 
     def __init__(self, robot):
+        self._clock = robot._arms.clock
         self._sides = [(robot._arms[side], side.hardware) for side in robot._arms.sides]
         self._seen = [None] * len(self._sides)
         self.checked = 0
 
     def check(self):
         for index, (port, hardware) in enumerate(self._sides):
-            try:
-                state = port.observe()
-            except (StaleStateError, MotorError):  # documented: the machine was busy with something else
-                self._seen[index] = None
-                continue
-            now = time.monotonic()
+            state, now = port.observe(), self._clock.now()
             assert np.isfinite(state.q).all() and np.isfinite(state.setpoint_q).all()
             setpoint = np.append(state.setpoint_q, [] if state.gripper is None else [state.gripper_setpoint])
             before = self._seen[index]
@@ -179,22 +176,29 @@ def check_action(robot, watcher, action):
         sent = robot.send_action(action)
     except ActionError as error:
         assert robot.name in str(error)
-    except (StaleStateError, MotorError):  # of an arm whose measured position `max_relative_target` needs
-        pass
     else:
         assert list(sent) == list(robot.action_features)
         assert all(type(value) is float and math.isfinite(value) for value in sent.values())
         vector = np.array(list(sent.values()))
         assert np.all((vector >= lower - 1e-9) & (vector <= upper + 1e-9))
+    robot._arms.clock.sleep(TICK_S)
     watcher.check()
 
 
 @pytest.fixture
+def rig():
+    rig = LockstepRig(arms=["follower_left", "follower_right"])
+    yield rig
+    rig.close()
+
+
+@pytest.fixture
 def pair(rig, tmp_path):
-    fields = {"interface": "yam_sim", "can_options": {"rig": rig.name}, "gripper_stops_rad": STOPS_RAD}
+    fields = {"interface": "yam_lockstep", "can_options": {"rig": rig.name}, "gripper_stops_rad": STOPS_RAD}
     robot = BiYamFollower(
         BiYamFollowerConfig(
             calibration_dir=tmp_path,
+            isolation="lockstep",
             left_arm_config=FollowerArmConfig(channel="follower_left", **fields),
             right_arm_config=FollowerArmConfig(channel="follower_right", max_relative_target=0.3, **fields),
         )
@@ -207,10 +211,11 @@ def single(rig, tmp_path):
     robot = YamFollower(
         YamFollowerConfig(
             channel="follower_left",
-            interface="yam_sim",
+            interface="yam_lockstep",
             can_options={"rig": rig.name},
             gripper_stops_rad=STOPS_RAD,
             calibration_dir=tmp_path,
+            isolation="lockstep",
             use_degrees=True,
         )
     )
