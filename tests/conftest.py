@@ -33,7 +33,7 @@ tqdm.monitor_interval = 0  # LeRobot shows progress bars, whose watching thread 
 _SETTLE_S = 10.0  # a rig ends about a second after its last client, a renderer with its rig
 _WORKER = "PYTEST_XDIST_WORKER" in os.environ
 _MARK = f"YAM_RUNTIME_DIR={RUNTIME}\0".encode()
-_ELDERS = frozenset(os.listdir("/proc"))  # they ran before any test did
+_elders = set(os.listdir("/proc"))  # they ran before any test did
 _stillness = Stillness(Path(os.environ.setdefault("YAM_TEST_STILLNESS", str(RUNTIME) + "-stillness")))
 _begun = 0.0  # the present attempt at a test
 _leaked = False  # it left something behind: the next attempt would take that for what was there before
@@ -61,7 +61,7 @@ def _disturbed() -> bool:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """A failure on a machine that stood still is tried again. Modules that need the machine alone come first.
 
-    One after another: between others, each time one worker would wait for the other.
+    One after another (with --no-loadscope-reorder): between others, each time one worker would wait for the other.
     """
     for item in items:
         item.add_marker(pytest.mark.flaky(reruns=2, condition=_disturbed))
@@ -102,8 +102,9 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
 
 def _processes() -> dict[int, str]:
     """Command lines of all processes that were started, however indirectly, by these tests."""
-    found = {}
-    for name in set(os.listdir("/proc")) - _ELDERS:
+    found, running = {}, set(os.listdir("/proc"))
+    _elders.intersection_update(running)  # the number of one that has ended may be given again
+    for name in running - _elders:
         entry = Path("/proc", name)
         try:
             if name.isdigit() and _MARK in (entry / "environ").read_bytes():

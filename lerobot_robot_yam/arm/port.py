@@ -97,8 +97,11 @@ class ArmPort:
             GripperError: its stops are unknown, so that its position is.
             LifeCycleError: not connected.
         """
-        sequence, newest = 0 if self._states is None else self._states.sequence(), self._newest
-        if newest is None or newest[0] != sequence:  # else nothing new came since: who observes answers at once
+        states, newest = self._states, self._newest
+        if states is None:
+            raise LifeCycleError(f"{self.config.name}: not connected")
+        sequence = states.sequence()  # before the record: that may be newer than its number, never older
+        if newest is None or newest[0] != sequence:  # who observes answers within one tick: it is not read twice
             newest = self._newest = (sequence, self._examined())
         state = newest[1]
         age = self._clock.now() - state.stamp_s

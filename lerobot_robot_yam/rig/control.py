@@ -75,22 +75,6 @@ class RigOperations(ABC):
             found += chunk
             since = chunk[-1]["number"] + 1
 
-    def wait_event(self, kind: str, timeout_s: float, since: int = 0, **details: Any) -> dict[str, Any]:
-        """The first event of that kind and details from number `since` on; waits for it.
-
-        Raises:
-            RigError: none within timeout_s.
-        """
-        deadline = time.monotonic() + timeout_s
-        while True:
-            for event in self.events(since):
-                since = event["number"] + 1
-                if event["kind"] == kind and all(event.get(k) == v for k, v in details.items()):
-                    return event
-            if time.monotonic() > deadline:
-                raise RigError(f"rig {self.name}: no event {kind} {details} within {timeout_s} s")
-            time.sleep(0.02)
-
     def trace_start(self, channel: str) -> None:
         """From now on record every frame that clients send to the channel."""
         self.request("trace", channel=channel, start=True)
@@ -237,6 +221,22 @@ class RigOperations(ABC):
 
 class RigControl(RigConnection, RigOperations):
     """A connection to a rig's control channel, with a method per operation; opened as `RigConnection` says."""
+
+    def wait_event(self, kind: str, timeout_s: float, since: int = 0, **details: Any) -> dict[str, Any]:
+        """The first event of that kind and details from number `since` on; waits for it.
+
+        Raises:
+            RigError: none within timeout_s.
+        """
+        deadline = time.monotonic() + timeout_s
+        while True:
+            for event in self.events(since):
+                since = event["number"] + 1
+                if event["kind"] == kind and all(event.get(k) == v for k, v in details.items()):
+                    return event
+            if time.monotonic() > deadline:
+                raise RigError(f"rig {self.name}: no event {kind} {details} within {timeout_s} s")
+            time.sleep(0.02)
 
 
 @contextlib.contextmanager

@@ -22,12 +22,17 @@ _SLOW_PERIOD_S = 0.005  # of watchdogs and the judge, simulated time
 
 
 class RigDevice:
-    """Everything simulated. Owned by one thread, driven by `advance`, on whose clock it lives."""
+    """Everything simulated. Owned by one thread, driven by `advance`.
+
+    Args:
+        scene: what there is.
+        clock: by which `advance` is called, and events and faults are stamped.
+    """
 
     def __init__(self, scene: Scene, clock: Clock = SYSTEM):
         self.scene, self.clock = scene, clock
         self.world = World(scene)
-        self.events = EventLog()
+        self.events = EventLog(clock)
         self.channels: dict[str, Channel] = {}
         self.hands: dict[str, Hand] = {}
         for index, row in enumerate(scene.arms):
@@ -44,7 +49,7 @@ class RigDevice:
         self._prop_bodies = {name: self.world.model.body(name).id for name in self.judges}
         self._pushes: dict[int, float] = {}  # body → simulated time of the end
         self._all_motors = [motor for channel in self.channels.values() for motor in channel.motors]
-        self.watch = Watch(self.world, list(self.channels.values()))
+        self.watch = Watch(self.world, list(self.channels.values()), clock)
         self._advanced_s = 0.0
         self._next_slow_s = 0.0
 

@@ -1,4 +1,4 @@
-"""What happened on the rig, in order, with simulated and monotonic times."""
+"""What happened on the rig, in order, with simulated times and those of its clock."""
 
 import json
 import time
@@ -6,6 +6,7 @@ from collections import deque
 from pathlib import Path
 from typing import Any, TextIO
 
+from lerobot_robot_yam.clock import Clock
 from lerobot_robot_yam.errors import ConfigError
 
 _KEPT = 20_000
@@ -14,7 +15,8 @@ _KEPT = 20_000
 class EventLog:
     """Numbered events; the oldest are forgotten."""
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
         self._events: deque[dict[str, Any]] = deque(maxlen=_KEPT)
         self._next = 0
         self.sim_s = 0.0
@@ -41,7 +43,7 @@ class EventLog:
 
     def add(self, kind: str, **details: Any) -> None:
         """Log an event of `kind`; `details` must be representable in JSON."""
-        event = {"number": self._next, "sim_s": round(self.sim_s, 4), "monotonic_s": time.monotonic(), "kind": kind}
+        event = {"number": self._next, "sim_s": round(self.sim_s, 4), "monotonic_s": self._clock.now(), "kind": kind}
         event |= details
         self._events.append(event)
         if self._file is not None:

@@ -4,7 +4,6 @@ Off by default. While it is on for any channel, every advance of the physics (at
 looked at, in one pass over all motors.
 """
 
-import time
 from collections import deque
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -12,6 +11,7 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
+from lerobot_robot_yam.clock import Clock
 from lerobot_robot_yam.rig.channel import Channel
 from lerobot_robot_yam.rig.world import World
 
@@ -20,7 +20,7 @@ _CHANGES_KEPT = 50_000
 
 
 class Change(NamedTuple):
-    """Something a motor reported of itself, at a monotonic time."""
+    """Something a motor reported of itself, at a time of the rig's clock."""
 
     at_s: float
     motor: str
@@ -35,10 +35,11 @@ class Watch:
     Args:
         world: the physics.
         channels: all channels, in the order of the scene.
+        clock: the rig's.
     """
 
-    def __init__(self, world: World, channels: Sequence[Channel]):
-        self._world = world
+    def __init__(self, world: World, channels: Sequence[Channel], clock: Clock):
+        self._world, self._clock = world, clock
         self.on: set[str] = set()
         self._motors = {channel.name: [motor.name for motor in channel.motors] for channel in channels}
         self._rows: dict[str, slice] = {}  # of each channel's motors in the arrays
@@ -72,7 +73,7 @@ class Watch:
         self._touched_at[arm] = 0.0
         self._start_z[arm] = self._lowest_z[arm] = self._heights[self._tools[arm]]
         self._changes[channel] = deque(maxlen=_CHANGES_KEPT)
-        self._started_s[channel] = time.monotonic()
+        self._started_s[channel] = self._clock.now()
         self.on.add(channel)
 
     def knows(self, channel: str) -> bool:
@@ -89,7 +90,7 @@ class Watch:
         before, now = bool(self._enabled[row]), kind == "motor_enabled"
         self._enabled[row] = now
         if channel in self.on:
-            self._changes[channel].append(Change(time.monotonic(), motor, before != now, now, fault))
+            self._changes[channel].append(Change(self._clock.now(), motor, before != now, now, fault))
 
     def sample(self) -> None:
         """Look at the present state. Hot: 500 times a second while on."""

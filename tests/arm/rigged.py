@@ -1,12 +1,40 @@
-"""Arms of a virtual rig, configured as what they are; in lock-step with a rig that is."""
+"""Virtual rigs, live or in lock-step, and arms on them, configured as what they are."""
+
+import contextlib
+
+import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.session import ArmSession
 from lerobot_robot_yam.arm.yam_arm import YamArm
 from lerobot_robot_yam.clock import SYSTEM
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.rig.lockstep import LockstepRig
 
+LIVE = pytest.param("live", marks=[pytest.mark.long, pytest.mark.alone])
 STOPS = [3.25, -3.3]  # of the gripper in the default scene: nothing has to be searched
+
+
+@contextlib.contextmanager
+def rig_of(kind, **options):
+    """A rig, "lockstep" or "live", with these options of its scene."""
+    if kind == "live":
+        with running_rig(**options) as rig:
+            yield rig
+    else:
+        with contextlib.closing(LockstepRig(**options)) as rig:
+            yield rig
+
+
+def either_rig(*arms):
+    """A fixture: a rig in lock-step, and in the long tier also a live one."""
+
+    @pytest.fixture(params=["lockstep", LIVE])
+    def rig(request):
+        with rig_of(request.param, arms=list(arms)) as rig:
+            yield rig
+
+    return rig
 
 
 def sim_config(rig, channel, **fields):

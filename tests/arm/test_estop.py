@@ -1,5 +1,7 @@
 """The emergency stop: latched for everything on this machine, released on purpose, no jump afterwards."""
 
+import threading
+
 import numpy as np
 import pytest
 
@@ -7,18 +9,13 @@ from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.state import Limited
 from lerobot_robot_yam.errors import EmergencyStopError
-from lerobot_robot_yam.rig.lockstep import LockstepRig
 
-from .rigged import session_on, sim_config, track
+from .rigged import either_rig, isolation_of, session_on, sim_config, track
 
 AWAY = [0.2, 1.0, 1.0, -0.3, 0.1, 0.1]
 
 
-@pytest.fixture
-def rig():
-    rig = LockstepRig(arms=["follower_left", "leader_left"])
-    yield rig
-    rig.close()
+rig = either_rig("follower_left", "leader_left")
 
 
 @pytest.fixture
@@ -82,21 +79,54 @@ def test_nothing_is_energised_while_it_is_latched(rig, stop):
     session.stop()
 
 
-def test_a_landing_is_interrupted_and_goes_on_after_the_release(rig, stop):
+@pytest.mark.parametrize("begin", ["asked to land", "the session ends"])
+def test_a_landing_is_interrupted_and_goes_on_after_the_release(rig, stop, begin):
     session = session_on(rig, sim_config(rig, "follower_left"))
     session.start()
+    clock = session.clock
     track(session, {"follower_left": AWAY}, 2.0)
-    session["follower_left"].land()
-    session.clock.sleep(0.5)
+    ending = threading.Thread(target=session.stop)
+    if begin == "asked to land":
+        session["follower_left"].land()
+    elif isolation_of(rig) == "lockstep":
+        session._runner._landing = True  # what `stop` does first; its time would pass nowhere else
+    else:
+        ending.start()
+    clock.sleep(0.5)
     stop.latch("a hand in the way")
-    session.clock.sleep(0.6)
+    clock.sleep(0.6)
     held = rig.state()["arms"]["follower_left"]
     assert all(m["enabled"] for m in held["motors"].values()) and held["q"][1] > 0.3
-    session.clock.sleep(0.5)
+    clock.sleep(0.5)
     assert rig.state()["arms"]["follower_left"]["q"] == pytest.approx(held["q"], abs=5e-3)
     stop.release()
-    session.stop()
+    if ending.ident is None:
+        session.stop()
+    else:
+        ending.join(20)
+        assert not ending.is_alive()
     assert not any(m["enabled"] for m in rig.state()["arms"]["follower_left"]["motors"].values())
+
+
+def test_a_target_between_the_stop_and_the_next_tick_moves_nothing(rig, stop):
+    session = session_on(rig, sim_config(rig, "follower_left"))
+    session.start()
+    try:
+        track(session, {"follower_left": AWAY}, 1.5)
+        session["follower_left"].hold()
+        session.clock.sleep(0.3)
+        before = session["follower_left"].observe().q
+        stop.latch("a test")
+        session["follower_left"].track([-1.0, *AWAY[1:]], 0.5)
+        session.clock.sleep(0.3)
+        assert session["follower_left"].observe().q == pytest.approx(before, abs=5e-3)
+        stop.release()
+        wait_mode(session, "follower_left", Mode.HOLD)
+        session.clock.sleep(0.3)
+        assert session["follower_left"].observe().q == pytest.approx(before, abs=5e-3)
+    finally:
+        stop.release()
+        session.stop()
 
 
 def test_a_button_of_the_handle_latches_it(rig, stop):

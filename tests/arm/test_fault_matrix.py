@@ -19,11 +19,11 @@ from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.rig.control import RigOperations, running_rig
 from lerobot_robot_yam.rig.lockstep import LockstepRig
 
-from .rigged import pause, session_on, sim_config, track
+from .rigged import LIVE, isolation_of, pause, session_on, sim_config, track
 
 LEFT, RIGHT, LEADER = "follower_left", "follower_right", "leader_left"
 AWAY = np.array([0.1, 0.9, 0.9, -0.3, 0.1, 0.1])
-SLACK_S = 0.4  # the machine's in real time, not the arm's
+SLACK_S = {"lockstep": 0.01, "process": 0.4}  # two ticks; on a live rig the machine's
 MOTOR = "joint_3"
 
 
@@ -113,7 +113,7 @@ IN_LOCKSTEP = {
 
 
 def test_the_matrix_is_wide_enough():
-    assert len(CASES) >= 60
+    assert len(CASES) >= 60 and {case.id for case in CASES} >= IN_LOCKSTEP
     elsewhere = {  # test_stand_by, test_session, test_estop, test_landing, cli/test_interrupted_recording, below
         Trouble.CONTROL_DEAD,
         Trouble.CONTROL_HUNG,
@@ -154,6 +154,11 @@ def live(live_rig):
 def lockstep(lockstep_rig):
     yield lockstep_rig
     clean(lockstep_rig)
+
+
+@pytest.fixture(params=["lockstep", LIVE])
+def either(request):
+    return request.getfixturevalue(request.param)
 
 
 def clean(rig):
@@ -243,6 +248,7 @@ def check_bring_up(rig, fault):
 
 
 def check_in_session(rig, session, fault, peer):
+    slack_s = SLACK_S[isolation_of(rig)]
     rule, port, clock = POLICY[fault.trouble], session[fault.channel], session.clock
     before = rig.state()["arms"][fault.channel]["q"]
     fault.inject(rig)
@@ -273,7 +279,7 @@ def check_in_session(rig, session, fault, peer):
             return True
         return False
 
-    wait_for(clock, "the caller is told", refused, rule.within_s + SLACK_S)
+    wait_for(clock, "the caller is told", refused, rule.within_s + slack_s)
     assert trouble_of(session, fault.channel) == expected
     if rule.arm is Response.LAND:
         wait_for(clock, "the arm is landed", lambda: port.mode() is Mode.OFF, 12.0)
@@ -282,7 +288,7 @@ def check_in_session(rig, session, fault, peer):
         assert port.mode() is Mode.FAULT
     if peer is not None:
         assert rule.peer is Response.HOLD
-        wait_for(clock, "the peer holds", lambda: session[peer].mode() is Mode.HOLD, SLACK_S)
+        wait_for(clock, "the peer holds", lambda: session[peer].mode() is Mode.HOLD, slack_s)
         state = session[peer].observe()
         assert Limited.PEER in state.limited
         session[peer].track(-AWAY, 0.0)
@@ -335,8 +341,8 @@ def check_landing(rig, session, fault, channels):
         assert not enabled(rig, channel)
 
 
-def test_a_stale_caller_leaves_the_arm_holding_and_the_next_target_moves_it(lockstep, caplog):
-    session = session_on(lockstep, sim_config(lockstep, LEFT), sim_config(lockstep, RIGHT))
+def test_a_stale_caller_leaves_the_arm_holding_and_the_next_target_moves_it(either, caplog, capfd):
+    session = session_on(either, sim_config(either, LEFT), sim_config(either, RIGHT))
     session.start()
     try:
         track(session, {LEFT: AWAY, RIGHT: AWAY}, 0.5)
@@ -348,23 +354,28 @@ def test_a_stale_caller_leaves_the_arm_holding_and_the_next_target_moves_it(lock
         assert session[LEFT].observe().mode is Mode.TRACK
     finally:
         session.stop()
-    assert f"{LEFT}: no target for 0.5 s; it holds" in caplog.text
+    assert f"{LEFT}: no target for 0.5 s; it holds" in caplog.text + capfd.readouterr().err
 
 
-def test_too_much_effort_latches_the_emergency_stop(lockstep):
+def test_too_much_effort_latches_the_emergency_stop(either):
     session = session_on(
-        lockstep,
-        sim_config(lockstep, LEFT, effort_limit_nm=[10.0, 45.0, 45.0, 20.0, 20.0, 20.0]),
-        sim_config(lockstep, RIGHT),
+        either,
+        sim_config(either, LEFT, effort_limit_nm=[10.0, 45.0, 45.0, 20.0, 20.0, 20.0]),
+        sim_config(either, RIGHT),
     )
     session.start()
     clock = session.clock
     try:
         track(session, {LEFT: AWAY, RIGHT: AWAY}, 1.3)
-        lockstep.push(LEFT, "link4", [0.0, 60.0, 0.0], 1.0)
+        either.push(LEFT, "link4", [0.0, 60.0, 0.0], 1.0)
         wait_for(clock, "latched", lambda: EmergencyStop().latched, 1.0)
         assert "joint_1" in EmergencyStop().reason()
-        wait_for(clock, "both stop", lambda: {session[c].mode() for c in (LEFT, RIGHT)} == {Mode.STOPPED}, 0.1)
+        wait_for(
+            clock,
+            "both stop",
+            lambda: {session[c].mode() for c in (LEFT, RIGHT)} == {Mode.STOPPED},
+            SLACK_S[isolation_of(either)],
+        )
         clock.sleep(1.5)  # nobody pushes any more
     finally:
         EmergencyStop().release()

@@ -1,7 +1,5 @@
 """A gripper that presses on something for long eases off and keeps it: the law, then the shipped driver on the rig."""
 
-import contextlib
-
 import mujoco
 import numpy as np
 import pytest
@@ -10,9 +8,8 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.grip_force import HOLD_SHARE, GripForce
 from lerobot_robot_yam.arm.gripper_axis import GripperAxis
 from lerobot_robot_yam.arm.profile import load_gripper
-from lerobot_robot_yam.rig.lockstep import LockstepRig
 
-from .rigged import STOPS, arm_on
+from .rigged import LIVE, STOPS, arm_on, rig_of
 
 TICK_S = 0.004
 
@@ -156,16 +153,16 @@ def test_a_warm_motor_presses_less_with_and_without_limiter():
     assert torques[None, 1.0] == pytest.approx(3.0)
 
 
+@pytest.mark.parametrize("kind", ["lockstep", LIVE])
 @pytest.mark.parametrize("limit_n", [50.0, pytest.param(None, marks=pytest.mark.long)])
-def test_a_gripped_cube_is_held_with_less_torque_and_not_lost(limit_n):
+def test_a_gripped_cube_is_held_with_less_torque_and_not_lost(limit_n, kind):
     channel = "follower_left"
-    rig = LockstepRig(arms=[channel])
 
     def cube_from_grasp():
         state = rig.state()
         return np.subtract(state["props"]["cube"]["pos"], state["arms"][channel]["grasp_site"]["pos"])
 
-    with contextlib.closing(rig), arm_on(rig, channel, gripper_force_limit_n=limit_n) as arm:
+    with rig_of(kind, arms=[channel]) as rig, arm_on(rig, channel, gripper_force_limit_n=limit_n) as arm:
         pose = arm.move_to([0.0, 1.0, 1.0, 0.0, 0.0, 0.0], gripper=1.0).setpoint_q
         quat = np.empty(4)
         mujoco.mju_mat2Quat(quat, np.array(rig.state()["arms"][channel]["grasp_site"]["mat"]))

@@ -1,7 +1,5 @@
 """Landed means: cutting torque then moves no body by more than 1 cm. From random end poses, by the rig's truth."""
 
-import contextlib
-
 import numpy as np
 import pytest
 
@@ -13,18 +11,14 @@ from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.profile import load_arm
 from lerobot_robot_yam.arm.setpoint import SetPoint
 from lerobot_robot_yam.rig.control import RigControl
-from lerobot_robot_yam.rig.lockstep import LockstepRig
 
-from .rigged import arm_on
+from .rigged import arm_on, either_rig
 
 MOST_M = 0.01
 CHANNEL = "follower_left"
 
 
-@pytest.fixture
-def rig():
-    with contextlib.closing(LockstepRig(arms=[CHANNEL])) as rig:
-        yield rig
+rig = either_rig(CHANNEL)
 
 
 def random_poses(n, seed, arm="yam", gripper="linear_4310"):

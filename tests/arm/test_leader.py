@@ -4,16 +4,10 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm.lifecycle import Mode
-from lerobot_robot_yam.rig.lockstep import LockstepRig
 
-from .rigged import arm_on
+from .rigged import arm_on, either_rig
 
-
-@pytest.fixture
-def rig():
-    rig = LockstepRig(arms=["leader_left"])
-    yield rig
-    rig.close()
+rig = either_rig("leader_left")
 
 
 def test_a_leader_floats_and_reports_its_handle(rig):

@@ -10,18 +10,13 @@ from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.profile import load_arm
 from lerobot_robot_yam.arm.state import Limited
 from lerobot_robot_yam.arm.workspace import KeepOut, WorkspaceConfig
-from lerobot_robot_yam.rig.lockstep import LockstepRig
 
-from .rigged import session_on, sim_config, track
+from .rigged import either_rig, session_on, sim_config, track
 
 LEFT, RIGHT, LEADER = "follower_left", "follower_right", "leader_left"
 
 
-@pytest.fixture
-def rig():
-    rig = LockstepRig(arms=[LEFT, RIGHT, LEADER])
-    yield rig
-    rig.close()
+rig = either_rig(LEFT, RIGHT, LEADER)
 
 
 @pytest.fixture
@@ -36,7 +31,7 @@ def running(rig):
 
     yield start
     for session in sessions:
-        session.discard()
+        session.stop()
 
 
 def test_an_arm_that_is_pushed_beyond_a_limit_is_pushed_back_and_the_session_goes_on(rig, running, tmp_path):

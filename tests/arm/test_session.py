@@ -12,7 +12,6 @@ import can
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.controller import ArmController
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.session import ArmSession
@@ -29,39 +28,33 @@ from lerobot_robot_yam.errors import (
     YamError,
 )
 from lerobot_robot_yam.rig.control import RigControl
-from lerobot_robot_yam.rig.lockstep import LockstepRig
 
-from .rigged import isolation_of, sim_config
+from .rigged import rig_of, sim_config
 
 TICK_S = 0.004
 ISOLATIONS = ["process", "thread"]
+in_a_process = pytest.mark.parametrize("isolation", ["process"])
+
+
+@pytest.fixture(params=["lockstep", *(pytest.param(kind, marks=pytest.mark.long) for kind in ISOLATIONS)])
+def isolation(request):
+    """Where the loop runs, of tests that do not say so."""
+    return request.param
 
 
 @pytest.fixture
-def rig():
-    with RigControl.start() as control:
-        yield control
-
-
-@pytest.fixture
-def lockstep():
-    rig = LockstepRig(arms=["follower_left", "follower_right"])
-    yield rig
-    rig.close()
-
-
-@pytest.fixture(params=["lockstep", pytest.param("live", marks=pytest.mark.long)])
-def any_rig(request):
-    """In lock-step, and in real time."""
-    return request.getfixturevalue({"live": "rig"}.get(request.param, request.param))
+def rig(isolation):
+    arms = ["follower_left", "follower_right"]
+    with rig_of("lockstep" if isolation == "lockstep" else "live", arms=arms) as rig:
+        yield rig
 
 
 def arm_config(rig, channel="follower_left", **fields):
     return dataclasses.replace(sim_config(rig, channel, **fields), name=channel.split("_")[1])
 
 
-def arm_on(rig, **fields):
-    return YamArm(arm_config(rig, **fields), isolation=isolation_of(rig))
+def arm_of(rig, isolation, **fields):
+    return YamArm(arm_config(rig, **fields), isolation=isolation)
 
 
 def enabled(rig, channel="follower_left"):
@@ -97,8 +90,8 @@ def test_an_arm_comes_up_tracks_and_lands(rig, isolation, caplog):
         assert any("period p50" in record.message for record in caplog.records)
 
 
-def test_set_point_steps_stay_within_speed_limit_times_tick(any_rig):
-    with arm_on(any_rig, speed_limit_rad_s=1.0) as arm:
+def test_set_point_steps_stay_within_speed_limit_times_tick(rig, isolation):
+    with arm_of(rig, isolation, speed_limit_rad_s=1.0) as arm:
         for _ in range(20):
             arm.command([1.0, 1.2, 1.2, 0.5, 0.5, 0.5])
             arm.clock.sleep(0.03)
@@ -117,8 +110,8 @@ def test_set_point_steps_stay_within_speed_limit_times_tick(any_rig):
         assert any(Limited.SPEED in limited for *_, limited in seen)
 
 
-def test_a_caller_that_falls_silent_leaves_the_arm_holding(any_rig):
-    with arm_on(any_rig, command_timeout_s=0.2) as arm:
+def test_a_caller_that_falls_silent_leaves_the_arm_holding(rig, isolation):
+    with arm_of(rig, isolation, command_timeout_s=0.2) as arm:
         arm.move_to([0.2, 0.8, 0.8, 0, 0, 0])
         arm.command([1.5, 0.8, 0.8, 0, 0, 0])
         arm.clock.sleep(0.6)
@@ -134,15 +127,15 @@ def test_a_caller_that_falls_silent_leaves_the_arm_holding(any_rig):
         assert abs(arm.observe().setpoint_q[0] - stopped_at) < 0.05
 
 
-def test_floating_carries_the_weight_and_holding_takes_over_where_the_arm_is(any_rig):
-    with arm_on(any_rig) as arm:
+def test_floating_carries_the_weight_and_holding_takes_over_where_the_arm_is(rig, isolation):
+    with arm_of(rig, isolation) as arm:
         arm.move_to([0.0, 1.0, 1.0, 0, 0, 0])
         arm.float()
         arm.clock.sleep(0.5)
         before = arm.observe().q
         arm.clock.sleep(1.0)
         assert np.abs(arm.observe().q - before).max() < 0.03  # does not fall
-        any_rig.push("follower_left", "link6", [0, 12, 0], 0.6)
+        rig.push("follower_left", "link6", [0, 12, 0], 0.6)
         arm.clock.sleep(0.8)
         moved = arm.observe().q
         assert abs(moved[0] - before[0]) > 0.05  # and is free to move
@@ -198,16 +191,16 @@ BAD_MOTORS = {
 
 
 @pytest.mark.parametrize("kind", BAD_MOTORS)
-def test_one_bad_motor_keeps_both_arms_limp(any_rig, kind):
-    bad_motor_keeps_both_arms_limp(any_rig, kind, isolation_of(any_rig))
+def test_one_bad_motor_keeps_both_arms_limp(rig, isolation, kind):
+    bad_motor_keeps_both_arms_limp(rig, isolation, kind)
 
 
 @pytest.mark.parametrize("isolation", ISOLATIONS)
 def test_one_silent_motor_keeps_both_arms_limp(rig, isolation):
-    bad_motor_keeps_both_arms_limp(rig, "silent", isolation)
+    bad_motor_keeps_both_arms_limp(rig, isolation, "silent")
 
 
-def bad_motor_keeps_both_arms_limp(rig, kind, isolation):
+def bad_motor_keeps_both_arms_limp(rig, isolation, kind):
     details, message = BAD_MOTORS[kind]
     rig.fault("follower_right", kind=kind.split()[0], **details)
     session = ArmSession([arm_config(rig), arm_config(rig, "follower_right")], isolation)
@@ -230,26 +223,25 @@ def bad_motor_keeps_both_arms_limp(rig, kind, isolation):
         ({"speed_limit_rad_s": 0.0}, ConfigError, "above zero"),
     ],
 )
-def test_what_does_not_exist_is_refused_by_name(lockstep, change, error, message):
+def test_what_does_not_exist_is_refused_by_name(rig, isolation, change, error, message):
     with pytest.raises(error, match=message):
-        fields = {"channel": "follower_left", "interface": "yam_lockstep", "can_options": {"rig": lockstep.name}}
-        ArmSession([ArmConfig(name="left", **fields | change)], "lockstep").start()
-    assert not any(enabled(lockstep))
+        ArmSession([dataclasses.replace(arm_config(rig), **change)], isolation).start()
+    assert not any(enabled(rig))
 
 
-def test_a_motor_fault_is_named_and_the_rest_holds(any_rig):
-    with arm_on(any_rig) as arm:
+def test_a_motor_fault_is_named_and_the_rest_holds(rig, isolation):
+    with arm_of(rig, isolation) as arm:
         arm.move_to([0.0, 0.8, 0.8, 0, 0, 0])
-        any_rig.fault("follower_left", "joint_6", "nibble", 0xC)
+        rig.fault("follower_left", "joint_6", "nibble", 0xC)
         with pytest.raises(MotorError, match=r"left \(follower_left\): joint_6 \(id 6\): 0xC coil too hot"):
             for _ in range(100):
                 arm.observe()
                 arm.clock.sleep(0.01)
-        before = any_rig.state()["arms"]["follower_left"]["q"]
+        before = rig.state()["arms"]["follower_left"]["q"]
         arm.clock.sleep(0.5)
-        after = any_rig.state()["arms"]["follower_left"]["q"]
+        after = rig.state()["arms"]["follower_left"]["q"]
         assert np.abs(np.array(after) - before)[:3].max() < 0.01
-    assert not any(enabled(any_rig))
+    assert not any(enabled(rig))
 
 
 def test_an_error_in_our_own_code_leaves_the_arm_held(caplog):
@@ -294,6 +286,7 @@ time.sleep(60)
 """
 
 
+@in_a_process
 @pytest.mark.parametrize("signal_number", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
 def test_a_dead_caller_leaves_a_landed_arm(rig, signal_number):
     caller = subprocess.Popen([sys.executable, "-c", CALLER, arm_config(rig).to_json()], stdout=subprocess.PIPE)
@@ -312,23 +305,24 @@ def test_a_dead_caller_leaves_a_landed_arm(rig, signal_number):
     assert np.abs(np.array(after) - before).max() < 0.005  # it lies
 
 
-def test_a_lost_adapter_is_said_and_ends_cleanly(rig):
-    arm = YamArm(arm_config(rig)).connect()
+def test_a_lost_adapter_is_said_and_ends_cleanly(rig, isolation):
+    arm = arm_of(rig, isolation).connect()
+    clock = arm.clock
     rig.fault("follower_left", None, "bus_off")
     with pytest.raises(YamError, match="left"):
         for _ in range(200):
             arm.observe()
-            time.sleep(0.01)
-    begin = time.monotonic()
+            clock.sleep(0.01)
+    begin = clock.now()
     arm.close()
-    assert time.monotonic() - begin < 30
+    assert clock.now() - begin < 30
 
 
-def test_a_session_that_does_not_run_says_so(lockstep):
-    session = ArmSession([arm_config(lockstep)])
+def test_a_session_that_does_not_run_says_so(rig):
+    session = ArmSession([arm_config(rig)])
     with pytest.raises(LifeCycleError, match="left: not connected"):
         session["left"]
     with pytest.raises(ConfigError, match="no arm is called 'middle'"):
         session["middle"]
     with pytest.raises(ConfigError, match="different names and channels"):
-        ArmSession([arm_config(lockstep), arm_config(lockstep)])
+        ArmSession([arm_config(rig), arm_config(rig)])
