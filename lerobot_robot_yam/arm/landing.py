@@ -31,9 +31,9 @@ _CONTACT_RAD = 0.12
 _SAG_NM = 5.0  # of the wrist's stiffness: 2 kg at 0.25 m. What takes more is no load but something in its way
 _STUCK_S = 0.5
 _RETRY_S = 3.0
-_FADE_S = 0.2
+_FADE_S = 0.15
 _STILL_RAD_S = 0.03
-_STILL_S = 0.08
+_STILL_S = 0.06
 
 
 class Phase(Enum):
