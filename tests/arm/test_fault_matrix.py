@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.policy import POLICY, Response, Trouble
 from lerobot_robot_yam.arm.state import Limited
@@ -19,7 +18,7 @@ from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.rig.control import RigOperations, running_rig
 from lerobot_robot_yam.rig.lockstep import LockstepRig
 
-from .rigged import LIVE, isolation_of, pause, session_on, sim_config, track
+from .rigged import isolation_of, pause, session_on, sim_config, track
 
 LEFT, RIGHT, LEADER = "follower_left", "follower_right", "leader_left"
 AWAY = np.array([0.1, 0.9, 0.9, -0.3, 0.1, 0.1])
@@ -114,7 +113,7 @@ IN_LOCKSTEP = {
 
 def test_the_matrix_is_wide_enough():
     assert len(CASES) >= 60 and {case.id for case in CASES} >= IN_LOCKSTEP
-    elsewhere = {  # test_stand_by, test_session, test_estop, test_landing, cli/test_interrupted_recording, below
+    elsewhere = {  # test_{stand_by,session,two_arms,estop,landing}, cli/test_interrupted_recording
         Trouble.CONTROL_DEAD,
         Trouble.CONTROL_HUNG,
         Trouble.STAND_BY_DEAD,
@@ -154,11 +153,6 @@ def live(live_rig):
 def lockstep(lockstep_rig):
     yield lockstep_rig
     clean(lockstep_rig)
-
-
-@pytest.fixture(params=["lockstep", LIVE])
-def either(request):
-    return request.getfixturevalue(request.param)
 
 
 def clean(rig):
@@ -339,44 +333,3 @@ def check_landing(rig, session, fault, channels):
     rig.clear_faults(fault.channel)
     for channel in channels:
         assert not enabled(rig, channel)
-
-
-def test_a_stale_caller_leaves_the_arm_holding_and_the_next_target_moves_it(either, caplog, capfd):
-    session = session_on(either, sim_config(either, LEFT), sim_config(either, RIGHT))
-    session.start()
-    try:
-        track(session, {LEFT: AWAY, RIGHT: AWAY}, 0.5)
-        session.clock.sleep(0.8)
-        for channel in (LEFT, RIGHT):
-            state = session[channel].observe()
-            assert state.mode is Mode.HOLD and Limited.COMMAND_TIMEOUT in state.limited
-        track(session, {LEFT: AWAY, RIGHT: AWAY}, 0.2)
-        assert session[LEFT].observe().mode is Mode.TRACK
-    finally:
-        session.stop()
-    assert f"{LEFT}: no target for 0.5 s; it holds" in caplog.text + capfd.readouterr().err
-
-
-def test_too_much_effort_latches_the_emergency_stop(either):
-    session = session_on(
-        either,
-        sim_config(either, LEFT, effort_limit_nm=[10.0, 45.0, 45.0, 20.0, 20.0, 20.0]),
-        sim_config(either, RIGHT),
-    )
-    session.start()
-    clock = session.clock
-    try:
-        track(session, {LEFT: AWAY, RIGHT: AWAY}, 1.3)
-        either.push(LEFT, "link4", [0.0, 60.0, 0.0], 1.0)
-        wait_for(clock, "latched", lambda: EmergencyStop().latched, 1.0)
-        assert "joint_1" in EmergencyStop().reason()
-        wait_for(
-            clock,
-            "both stop",
-            lambda: {session[c].mode() for c in (LEFT, RIGHT)} == {Mode.STOPPED},
-            SLACK_S[isolation_of(either)],
-        )
-        clock.sleep(1.5)  # nobody pushes any more
-    finally:
-        EmergencyStop().release()
-        session.stop()

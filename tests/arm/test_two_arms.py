@@ -1,0 +1,51 @@
+"""Two arms of one session: what stops one stops both, and both wait for a caller that has fallen silent."""
+
+from lerobot_robot_yam.arm.estop import EmergencyStop
+from lerobot_robot_yam.arm.lifecycle import Mode
+from lerobot_robot_yam.arm.state import Limited
+
+from .rigged import either_rig, isolation_of, session_on, sim_config, track
+from .test_fault_matrix import AWAY, LEFT, RIGHT, SLACK_S, wait_for
+
+rig = either_rig(LEFT, RIGHT)
+
+
+def test_a_stale_caller_leaves_the_arm_holding_and_the_next_target_moves_it(rig, caplog, capfd):
+    session = session_on(rig, sim_config(rig, LEFT), sim_config(rig, RIGHT))
+    session.start()
+    try:
+        track(session, {LEFT: AWAY, RIGHT: AWAY}, 0.5)
+        session.clock.sleep(0.8)
+        for channel in (LEFT, RIGHT):
+            state = session[channel].observe()
+            assert state.mode is Mode.HOLD and Limited.COMMAND_TIMEOUT in state.limited
+        track(session, {LEFT: AWAY, RIGHT: AWAY}, 0.2)
+        assert session[LEFT].observe().mode is Mode.TRACK
+    finally:
+        session.stop()
+    assert f"{LEFT}: no target for 0.5 s; it holds" in caplog.text + capfd.readouterr().err
+
+
+def test_too_much_effort_latches_the_emergency_stop(rig):
+    session = session_on(
+        rig,
+        sim_config(rig, LEFT, effort_limit_nm=[10.0, 45.0, 45.0, 20.0, 20.0, 20.0]),
+        sim_config(rig, RIGHT),
+    )
+    session.start()
+    clock = session.clock
+    try:
+        track(session, {LEFT: AWAY, RIGHT: AWAY}, 1.3)
+        rig.push(LEFT, "link4", [0.0, 60.0, 0.0], 1.0)
+        wait_for(clock, "latched", lambda: EmergencyStop().latched, 1.0)
+        assert "joint_1" in EmergencyStop().reason()
+        wait_for(
+            clock,
+            "both stop",
+            lambda: {session[c].mode() for c in (LEFT, RIGHT)} == {Mode.STOPPED},
+            SLACK_S[isolation_of(rig)],
+        )
+        clock.sleep(1.5)  # nobody pushes any more
+    finally:
+        EmergencyStop().release()
+        session.stop()
