@@ -12,7 +12,7 @@ from lerobot_robot_yam.arm.profile import load_arm
 from lerobot_robot_yam.arm.setpoint import SetPoint
 from lerobot_robot_yam.rig.control import RigControl
 
-from .rigged import arm_on, either_rig
+from .rigged import arm_on, either_rig, pause
 
 MOST_M = 0.01
 CHANNEL = "follower_left"
@@ -84,18 +84,18 @@ def test_zero_is_not_a_landed_pose(rig):
     """The reason for all this: an arm left at zero drops its wrist when torque is cut."""
     rig.set_pose(CHANNEL, [0.0] * 6)
     before = rig.state()["arms"][CHANNEL]["grasp_site"]["pos"]
-    rig.sleep(1.5)
+    pause(rig, 1.5)
     after = rig.state()["arms"][CHANNEL]["grasp_site"]["pos"]
     assert np.linalg.norm(np.subtract(after, before)) > 2 * MOST_M
 
 
-def test_a_load_that_nobody_told_of_is_landed_with_a_sagging_wrist(rig, caplog):
+def test_a_load_that_nobody_told_of_is_landed_with_a_sagging_wrist(rig, caplog, capfd):
     with arm_on(rig, CHANNEL) as arm:
         arm.move_to([0.0, 1.0, 1.0, 0, 0, 0], speed_rad_s=1.4)
         rig.push(CHANNEL, "gripper", [0, 0, -1.0 * 9.81], 30.0)
         arm.land()
         assert arm._session[CHANNEL].mode() is Mode.OFF
-    assert "cannot land" not in caplog.text
+    assert "cannot land" not in caplog.text + capfd.readouterr().err
 
 
 @pytest.mark.parametrize("beyond_rad", [0.0, 0.07, 0.14])
@@ -116,17 +116,19 @@ def test_an_arm_lands_whose_base_stands_beyond_its_range(beyond_rad):
     assert landing.phase is Phase.LANDED
 
 
-def test_an_obstructed_landing_keeps_holding_and_says_so(rig, caplog):
+def test_an_obstructed_landing_keeps_holding_and_says_so(rig, caplog, capfd):
     with arm_on(rig, CHANNEL) as arm:
         arm.move_to([0.0, 1.2, 1.0, 0, 0, 0], speed_rad_s=1.4)
         rig.push(CHANNEL, "link3", [70.0, 0, 60.0], 4.0)  # somebody leans against the arm
         arm.clock.sleep(0.2)
         begin = arm.clock.now()
         arm._session[CHANNEL].land()
-        while "obstructed" not in caplog.text and arm.clock.now() < begin + 3.5:
+        said = ""
+        while "obstructed" not in said and arm.clock.now() < begin + 3.5:
             arm.clock.sleep(0.05)
+            said += caplog.text + capfd.readouterr().err  # of a loop in this process, or in its own
         assert any(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())
-        assert "obstructed" in caplog.text
+        assert "obstructed" in said
         arm.land()  # once the way is free it ends by itself
         assert arm.clock.now() < begin + 30.0
     assert not any(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())
