@@ -20,6 +20,7 @@ _REST_TOLERANCE_RAD = 0.15  # rest lies on a limit of joints 2 and 3; measured v
 _GRAVITY_FACTOR_MAX = 10.0  # far beyond what any model is wrong by
 _LEAST = 1e-9  # smaller divisors are zero for our purposes
 _ROUNDING = 1e-6  # of published moments
+_FINGER_TRAVEL_M = (1e-3, 1.0)  # the makers' are 0.040 to 0.048; the gearing, its square in the inertia, divides by it
 _FORCE_MAPS = ("linear", "crank")
 
 
@@ -71,8 +72,9 @@ def check_gripper(gripper: "GripperProfile", where: str) -> None:
     missing = [key for key, part in parts.items() if part is None]
     if len(missing) not in (0, len(parts)) or bool(fingers) == bool(missing):
         raise ConfigError(f"{where}: fingers, {', '.join(parts)} come together or not at all; {missing} missing")
-    if not 0 <= len(fingers) <= 2 or (travel is not None and travel[0] >= travel[1]):
-        raise ConfigError(f"{where}: one or two fingers move over a range, not {fingers} over {travel}")
+    least, most = _FINGER_TRAVEL_M
+    if not 0 <= len(fingers) <= 2 or (travel is not None and not least <= travel[1] - travel[0] <= most):
+        raise ConfigError(f"{where}: one or two fingers move over {least:g} to {most:g} m, not {fingers} over {travel}")
     if motor is None or calibration is None:
         return
     _check_motors([motor], where)

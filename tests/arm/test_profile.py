@@ -95,6 +95,12 @@ def test_bad_overrides_are_named(overrides, complaint):
         load_arm("yam", overrides)
 
 
+@pytest.mark.parametrize("travel_m", [[0.0, 5e-240], [0.04, 0.0], [0.0, 2.0]])
+def test_fingers_that_hardly_move_are_refused(travel_m):
+    with pytest.raises(ConfigError, match=r"fingers move over 0\.001 to 1 m"):
+        load_gripper("linear_4310", {"finger_range_m": travel_m})
+
+
 def test_arrays_are_read_only():
     with pytest.raises(ValueError, match="read-only"):
         load_arm("yam").kp[0] = 0.0
