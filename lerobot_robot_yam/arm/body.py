@@ -24,6 +24,7 @@ from lerobot_robot_yam.errors import BusError, MotorError, YamError
 logger = logging.getLogger(__name__)
 
 ACCELERATION_LIMIT_RAD_S2 = 30.0  # brakes from the speed limit within 50 ms
+_END_DECELERATION_RAD_S2 = 5.0  # arms overshoot what is harder by centimetres, and joints end on mechanical stops
 _LEFT_BEHIND_RAD = 0.05  # more than an arm lags with its own gains
 _GRIPPER_ACCELERATION = 60.0  # strokes/s²
 _HEAT_PERIOD_S = 0.1  # metal is slow
@@ -49,6 +50,7 @@ class ArmBody:
             np.append(np.full(hw.joints, ACCELERATION_LIMIT_RAD_S2), [_GRIPPER_ACCELERATION] * hw.has_gripper),
             hw.lower,
             hw.upper,
+            np.append(np.full(hw.joints, _END_DECELERATION_RAD_S2), [_GRIPPER_ACCELERATION] * hw.has_gripper),
         )
         self.mode = Mode.OFFLINE
         self.trouble: Trouble | None = None

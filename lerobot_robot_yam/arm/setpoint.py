@@ -2,7 +2,8 @@
 
 Callers send targets at 30–60 Hz; the loop runs at 250 Hz. Each new target is reached after about one caller period,
 in a straight line per joint, so the arm sees ramps and not steps, and the ramp's slope is given to the motors as dq*
-(without it, kd alone makes these gains lag by 60–150 ms). Speed and acceleration are limited always; nothing jumps.
+(without it, kd alone makes these gains lag by 60–150 ms). Speed and acceleration are limited always, and
+the ends of the range are approached slowly; nothing jumps.
 """
 
 import math
@@ -21,12 +22,21 @@ class SetPoint:
         speed_limit: (n,) largest |dq*|, unit/s.
         acceleration_limit: (n,) largest |d dq*/dt|, unit/s².
         lower, upper: (n,) range that the set-point never leaves; seeded outside, it only moves inwards.
+        end_deceleration: (n,) with which it comes to rest at an end of the range, unit/s². None: as above.
     """
 
-    def __init__(self, speed_limit: np.ndarray, acceleration_limit: np.ndarray, lower: np.ndarray, upper: np.ndarray):
+    def __init__(
+        self,
+        speed_limit: np.ndarray,
+        acceleration_limit: np.ndarray,
+        lower: np.ndarray,
+        upper: np.ndarray,
+        end_deceleration: np.ndarray | None = None,
+    ):
         self.speed_limit = np.array(speed_limit, dtype=float)
         self.acceleration_limit = np.array(acceleration_limit, dtype=float)
         self._lower, self._upper = lower, upper
+        self._end_deceleration = self.acceleration_limit if end_deceleration is None else end_deceleration
         n = len(self.speed_limit)
         self.q: np.ndarray = np.zeros(n)
         self.dq: np.ndarray = np.zeros(n)
@@ -87,11 +97,12 @@ class SetPoint:
             self._target_velocity[:] = 0.0
         gap = self.target - self.q
         left = max(self._arrive_at - now, dt)
-        room = np.sqrt(2.0 * self.acceleration_limit * np.abs(gap))
-        # One tick is the resolution: without the floor the last steps would shrink for ever.
-        room = np.maximum(np.minimum(room, np.abs(gap) / dt), 0.0)
+        room = _brakes_within(np.abs(gap), self.acceleration_limit, dt)
         wanted = np.minimum(np.maximum(gap / left, self._target_velocity - room), self._target_velocity + room)
         wanted = np.minimum(np.maximum(wanted, -self.speed_limit), self.speed_limit)
+        # A moving target takes the set-point to the end of the range at full speed; the joint's stop is there.
+        wanted = np.maximum(wanted, -_brakes_within(self.q - self._lower, self._end_deceleration, dt))
+        wanted = np.minimum(wanted, _brakes_within(self._upper - self.q, self._end_deceleration, dt))
         step = self.acceleration_limit * dt
         self.dq += np.minimum(np.maximum(wanted - self.dq, -step), step)
         q = self.q + self.dq * dt
@@ -102,3 +113,10 @@ class SetPoint:
     def arrived(self) -> bool:
         """True when the set-point rests on its target."""
         return bool(np.all(np.abs(self.target - self.q) < 1e-4) and np.all(np.abs(self.dq) < 1e-2))
+
+
+def _brakes_within(way: np.ndarray, deceleration: np.ndarray, dt: float) -> np.ndarray:
+    """The speed (n,) from which `way` (n,) suffices to come to rest, sqrt(2 a way); 0 where none is left."""
+    way = np.maximum(way, 0.0)
+    # One tick is the resolution: without the floor the last steps would shrink for ever.
+    return np.minimum(np.sqrt(2.0 * deceleration * way), way / dt)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm import profile
+from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.profile import load_arm
 from lerobot_robot_yam.arm.state import Limited
@@ -59,6 +60,21 @@ def test_an_arm_that_is_pushed_beyond_a_limit_is_pushed_back_and_the_session_goe
     state = session[LEADER].observe()
     assert state.mode is Mode.FLOAT
     assert state.q[0] - 1.0 < min(0.05, farthest)
+
+
+@pytest.mark.parametrize("seed", [0, 4])
+def test_targets_that_jump_at_odd_times_do_not_drive_an_arm_into_its_stops(rig, running, seed):
+    """From rest, where two joints lie on their stops: struck at full speed, these throw the wrist."""
+    session = running(sim_config(rig, LEFT, rate_hz=125))
+    rest = session[LEFT].observe().setpoint_q
+    gaps_s = np.maximum(np.random.default_rng(seed).exponential(1 / 30, 90), 1e-3)
+    rig.watch_start(LEFT)
+    for step, gap_s in enumerate(gaps_s):
+        session[LEFT].track(rest + step % 2, 0.5)
+        session.clock.sleep(gap_s)
+    speed = np.array(rig.watch(LEFT)["max_speed_rad_s"][:6])
+    assert np.all(speed > 1.0)
+    assert np.all(speed < 1.3 * Hardware(sim_config(rig, LEFT)).speed_limit[:6]), speed
 
 
 @pytest.mark.parametrize(

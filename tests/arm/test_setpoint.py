@@ -7,8 +7,12 @@ DT = 0.004
 SPEED, ACCELERATION = 1.5, 30.0
 
 
+END = 5.0
+
+
 def make(n=1, lower=-3.0, upper=3.0):
-    return SetPoint(np.full(n, SPEED), np.full(n, ACCELERATION), np.full(n, lower), np.full(n, upper))
+    limits = [np.full(n, limit) for limit in (SPEED, ACCELERATION, lower, upper, END)]
+    return SetPoint(*limits)
 
 
 def run(setpoint, seconds, start=0.0, target=None, fps=30):
@@ -67,6 +71,16 @@ def test_seeding_outside_the_limits_does_not_jump_and_only_moves_inwards():
     assert rows[:, 1].min() >= -0.1
     assert np.diff(rows[:, 1]).min() > -2e-3  # no way back out but for the overshoot of braking
     assert rows[-1, 1] == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("towards", [-1.0, 1.0])
+def test_a_moving_target_does_not_take_it_to_the_end_of_its_range_at_full_speed(towards):
+    setpoint = make(lower=-1.0, upper=1.0)
+    rows = run(setpoint, 1.5, target=lambda t: towards * 3.0 * t)  # on and on, beyond the end
+    left, speed = 1.0 - towards * rows[:, 1], towards * rows[:, 2]
+    assert speed.max() == pytest.approx(SPEED)
+    assert np.all(speed <= np.sqrt(2 * END * np.maximum(left, 0.0)) + ACCELERATION * DT)
+    assert rows[-1, 1] == pytest.approx(towards, abs=1e-3) and abs(rows[-1, 2]) < 0.02
 
 
 def test_a_stream_that_ends_comes_to_rest_near_its_last_target():
