@@ -19,12 +19,12 @@ from pathlib import Path
 PERIOD_S = 0.005
 LATE_S = 0.004  # a tick of the control loop
 PRIORITY = 90  # above everything of ours
-_STAMP = struct.Struct("d")
+_STAMP = struct.Struct("dd")  # of the last late wake; late in all, s
 _PR_SET_TIMERSLACK = 29
 
 
 class Stillness:
-    """Reads what the process writes; `late_s` is -inf where it was refused its priority, and could not tell."""
+    """Reads what the process writes; `late_s` is -inf and `lost_s` 0 where it was refused its priority."""
 
     def __init__(self, path: Path):
         self._path = path
@@ -32,17 +32,24 @@ class Stillness:
 
     def start(self) -> subprocess.Popen:
         """Start the process."""
-        self._path.write_bytes(_STAMP.pack(-math.inf))
+        self._path.write_bytes(_STAMP.pack(-math.inf, 0.0))
         return subprocess.Popen(
             [sys.executable, "-m", "tests.stillness", str(self._path)], cwd=Path(__file__).parent.parent
         )
 
     def late_s(self) -> float:
         """Monotonic time of the last late wake."""
+        return self._read()[0]
+
+    def lost_s(self) -> float:
+        """How late it has woken so far, all late wakes together."""
+        return self._read()[1]
+
+    def _read(self) -> tuple[float, float]:
         if self._map is None:
             with open(self._path, "rb") as file:
                 self._map = mmap.mmap(file.fileno(), _STAMP.size, prot=mmap.PROT_READ)
-        return _STAMP.unpack(self._map)[0]
+        return _STAMP.unpack(self._map)
 
 
 def _watch(path: Path) -> None:
@@ -53,13 +60,14 @@ def _watch(path: Path) -> None:
     except (PermissionError, FileNotFoundError):  # not for us to ask for; the tests have ended already
         return
     ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1000, 0, 0, 0)
-    parent = os.getppid()
+    parent, lost = os.getppid(), 0.0
     while os.getppid() == parent:
         due = time.monotonic() + PERIOD_S
         time.sleep(PERIOD_S)
         now = time.monotonic()
         if now - due > LATE_S:
-            stamp[:] = _STAMP.pack(now)
+            lost += now - due
+            stamp[:] = _STAMP.pack(now, lost)
 
 
 if __name__ == "__main__":
