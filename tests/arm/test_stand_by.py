@@ -273,6 +273,7 @@ def measured(killed, rig, count, rng):
             rows.append(row)
             continue
         spoilt += 1
+        logger.info("%s: number %d was spoilt, something stood still", killed.__name__, len(rows) + spoilt)
         assert spoilt <= 2 + count // 5, "the machine is too busy for this test"
     return rows
 
