@@ -160,9 +160,9 @@ class StandBy:
 
 
 def _take(locks: Sequence[FileLock]) -> bool:
-    """Take the locks as soon as the kernel has taken them from the dead; False, for nobody has to be told to land."""
+    """Take the locks as soon as the kernel has taken them from the dead; True: land, and again if a fault ends it."""
     for lock in locks:
         if not lock.held:
             with contextlib.suppress(ChannelInUseError, OSError):  # a full disk must not end the landing
                 lock.acquire()
-    return False
+    return True

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.landing import LANDING_SPEED_RAD_S
 from lerobot_robot_yam.arm.lifecycle import Mode
@@ -88,6 +89,33 @@ def test_the_stand_by_lands_both_arms(rig, number, caplog):
     assert not any(m["enabled"] for c in channels for m in arms[c]["motors"].values())
     again = start(rig, "follower_left")  # connecting again is all that it takes
     again.stop()
+
+
+def test_a_fault_during_an_emergency_stop_does_not_end_the_landing_for_good(rig):
+    """Nobody is left who could ask for it again."""
+    channel, stop = "follower_left", EmergencyStop()
+    session = start(rig, channel)
+    try:
+        stretch(session, 0.9, channel)
+        os.kill(control_pid(session), signal.SIGKILL)
+        wait_mode(session[channel], Mode.LAND)
+        stop.latch("a test")
+        wait_mode(session[channel], Mode.STOPPED)
+        rig.fault(channel, "joint_1", "nibble", 0xE)
+        wait_mode(session[channel], Mode.FAULT)
+        stop.release()
+        wait_mode(session[channel], Mode.OFF, 10.0)
+    finally:
+        stop.release()
+        session.stop()
+    assert not any(motor["enabled"] for motor in rig.state()["arms"][channel]["motors"].values())
+
+
+def wait_mode(arm, mode, timeout_s=1.0):
+    deadline = time.monotonic() + timeout_s
+    while arm.mode() is not mode:
+        assert time.monotonic() < deadline, f"{arm.mode()} instead of {mode}"
+        time.sleep(0.005)
 
 
 def test_killed_in_the_middle_of_a_write(rig):
