@@ -302,7 +302,8 @@ class ArmController(ArmBody):
             self.gripper.begin()
             self._enter(Mode.BRING_UP)
             return
-        self._enter(Mode.FLOAT if self._floats and not self._must_land else Mode.HOLD)
+        floats = self._floats and not (self._must_land or self._halted)
+        self._enter(Mode.FLOAT if floats else Mode.HOLD)
         if self._must_land:
             self._must_land = False
             self.land(now, self.trouble, self.message)
@@ -321,7 +322,7 @@ class ArmController(ArmBody):
                 return
             self.drive.shift_gripper(shift)
             self.setpoint.reseed(self.hardware.n - 1, float(self.q[-1]))
-        self._enter(self._after_search)
+        self._enter(Mode.HOLD if self._halted else self._after_search)
 
     def _advance_landing(self, now: float) -> None:
         assert self._landing is not None

@@ -68,6 +68,26 @@ def test_followers_hold_leaders_float_and_only_a_release_ends_it(rig, stop):
         session.stop()
 
 
+def test_a_leader_whose_peer_failed_meanwhile_holds_after_the_release(rig, stop):
+    session = session_on(rig, sim_config(rig, "follower_left"), sim_config(rig, "leader_left"))
+    session.start()
+    try:
+        wait_mode(session, "leader_left", Mode.FLOAT)
+        stop.latch("a test")
+        wait_mode(session, "leader_left", Mode.STOPPED)
+        rig.fault("follower_left", "joint_2", "silent")
+        session.clock.sleep(0.5)
+        assert session["follower_left"].mode() is Mode.FAULT
+        stop.release()
+        wait_mode(session, "leader_left", Mode.HOLD)
+        session.clock.sleep(0.2)
+        assert session["leader_left"].mode() is Mode.HOLD
+    finally:
+        rig.clear_faults("follower_left")
+        stop.release()
+        session.stop()
+
+
 def test_nothing_is_energised_while_it_is_latched(rig, stop):
     stop.latch("somebody shouted")
     session = session_on(rig, sim_config(rig, "follower_left"))
