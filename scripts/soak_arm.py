@@ -29,7 +29,7 @@ class Arm:
         self.motor_speed_limit = np.array(job["motor_speed_limit"])
         self.torque_limit = np.array(job["torque_limit"])
         self.rest_q = np.array(job["rest_q"])
-        self.check = SetPointCheck(channel, np.array(job["speed_limit"]))
+        self.check = SetPointCheck(channel, np.array(job["speed_limit"]), job["role"] == "leader")
         self.record: Any = None
         self.records = 0
         self._history: deque[Any] = deque(maxlen=_KEPT)

@@ -15,9 +15,9 @@ from lerobot_robot_yam.arm.state import GRIPPER, Limited
 
 READY = frozenset({Mode.HOLD, Mode.TRACK, Mode.FLOAT})
 MOVES = frozenset({Mode.TRACK, Mode.FLOAT})  # of its own will or its caller's
-_WINDOW_S = 0.1  # over which a speed is taken
+_WINDOW_S = 0.2  # over which a speed is taken
 _TICK_S = 0.008  # how far a record's stamp may be from the tick that moved its set-point: one tick, and a late one
-_JITTER_S = 0.004  # between a record's stamp and the clock that its tick went by
+_JITTER_S = 0.012  # between a record's stamp and the clock that its tick went by: no tick moves farther
 _SMALL = 2e-3  # rad or strokes
 _AT_MEASURED = 0.03  # rad or strokes: a set-point so near to the measured pose has been seeded from it
 _SETTLED_S = 0.15  # an arm that begins to land brakes from full speed first
@@ -51,15 +51,17 @@ class SetPointCheck:
     A jump is allowed where the set-point is seeded from the measured pose on purpose: when the arm's mode changes
     (re-arm, end of an emergency stop, floating to holding), when another process takes the arm over, where a landing
     gives way to what it has met, and of the gripper when its force limiter lets go. It then has to lie on the measured
-    pose.
+    pose. That of a floating arm follows the arm and moves nothing.
 
     Args:
         channel: the arm's.
         limits: (7,) rad/s, the gripper's in strokes/s.
+        floats: it floats while it is stopped, too.
     """
 
-    def __init__(self, channel: str, limits: np.ndarray):
+    def __init__(self, channel: str, limits: np.ndarray, floats: bool = False):
         self._channel, self._limits = channel, limits
+        self._floating = {Mode.FLOAT, Mode.STOPPED} if floats else {Mode.FLOAT}
         self._limits_landing = limits.copy()
         self._limits_landing[:GRIPPER] = np.minimum(limits[:GRIPPER], LANDING_SPEED_RAD_S)
         self._window: deque[tuple[float, float, np.ndarray]] = deque()  # stamp before, stamp, set-point
@@ -86,7 +88,7 @@ class SetPointCheck:
             self._landing_since = None
         elif self._landing_since is None:
             self._landing_since = now
-        if before is None or mode in (Mode.OFFLINE, Mode.OFF):
+        if before is None or mode in (Mode.OFFLINE, Mode.OFF) or {mode, mode_of(before)} <= self._floating:
             self._window.clear()
             return []
         earlier, self._earlier_s = self._earlier_s, float(before["stamp_s"])

@@ -16,7 +16,7 @@ from lerobot_robot_yam.rig.control import RigControl
 _SETTLE_S = 1.0  # an arm that was pushed, struck something, lost or got back a motor, moves by itself for so long
 _COASTS_S = 3.0  # a floating arm that was let go in motion comes to rest within so long
 _SPEED_FACTOR, _SPEED_SLACK = 1.2, 0.15
-_TORQUE_FACTOR, _TORQUE_SLACK_NM = 1.05, 1.0  # between two ticks the motor's own spring goes on
+_TORQUE_FACTOR, _TORQUE_SLACK_NM = 1.05, 1.0  # between two ticks a motor goes on by itself; a blow is sooner there
 _NOTICED_S = 0.3  # a motor without torque has been noticed by then
 _LANDED_RAD = 0.1  # joints 2 to 4 so near to the resting pose: landed
 _CARRYING = slice(1, 4)  # joints 2 to 4 carry weight
@@ -50,7 +50,7 @@ class Truth:
     def __init__(self, rig: RigControl, arms: Mapping[str, Arm], context: Context):
         self._rig, self._arms, self._context = rig, arms, context
         self._poses: deque[dict[str, Any]] = deque(maxlen=10)
-        self._windows: list[tuple[str, dict[str, Any], float, bool]] = []
+        self._windows: list[tuple[str, dict[str, Any], float, bool, bool]] = []
         self._differences: list[Finding] = []
         self._cuts: dict[str, tuple[float, dict[str, Any]]] = {}  # channel → when torque was cut, and the pose before
         self._held_s: dict[str, float] = {}  # when a hand was last seen on a leader
@@ -73,7 +73,7 @@ class Truth:
             self._touched_s[channel] = max(self._touched_s.get(channel, -math.inf), seen["touched_at_s"])
             touched = seen["since_s"] - self._touched_s[channel] < _SETTLE_S
             self._speeds["in contact" if touched else "judged"] += 1
-            self._windows.append((channel, seen, now, by_hand or touched))
+            self._windows.append((channel, seen, now, by_hand, touched))
         records = {channel: arm.read() if arm.record is None else arm.record for channel, arm in self._arms.items()}
         pose = self._rig.state(bodies=True)
         for channel, record in records.items():
@@ -111,11 +111,12 @@ class Truth:
         """What must not be, of everything since the last time."""
         found, self._differences = self._differences, []
         speed = torque = 0.0
-        for channel, seen, until_s, by_others in self._windows:
+        for channel, seen, until_s, by_hand, touched in self._windows:
             arm = self._arms[channel]
             n = len(arm.torque_limit)
             since_s = float(seen["since_s"])
-            if not by_others and self._context.undisturbed(channel, since_s - _SETTLE_S, until_s, _PUSHES):
+            undisturbed = self._context.undisturbed(channel, since_s - _SETTLE_S, until_s, _PUSHES)
+            if undisturbed and not (by_hand or touched):
                 allowed = _SPEED_FACTOR * arm.motor_speed_limit + _SPEED_SLACK
                 ratio = np.array(seen["max_speed_rad_s"])[:n] / allowed
                 speed = max(speed, float(ratio.max()))
@@ -124,7 +125,7 @@ class Truth:
                 if ratio.max() > 1.0:
                     what = f"{seen['motors'][i]} at {seen['max_speed_rad_s'][i]:.2f} rad/s, allowed {allowed[i]:.2f}"
                     found.append(Finding("joint speed", seen["max_speed_at_s"][i], channel, what))
-            if not self._disturbed_link(channel, since_s - 0.1, until_s):
+            if not touched and not self._happened(_STALE_COMMANDS | _PUSHES, channel, since_s - 0.1, until_s):
                 allowed = _TORQUE_FACTOR * arm.torque_limit + _TORQUE_SLACK_NM
                 ratio = np.array(seen["max_torque_nm"])[:n] / allowed
                 torque = max(torque, float(ratio.max()))
@@ -140,9 +141,9 @@ class Truth:
         self._windows.clear()
         return found + self._judge_cuts() + self._judge_notice()
 
-    def _disturbed_link(self, channel: str, since_s: float, until_s: float) -> bool:
+    def _happened(self, kinds: frozenset[str], channel: str, since_s: float, until_s: float) -> bool:
         causes = self._context.arms[channel].causes
-        return any(c.kind in _STALE_COMMANDS and c.start_s < until_s and c.end_s > since_s for c in causes)
+        return any(c.kind in kinds and c.start_s < until_s and c.end_s > since_s for c in causes)
 
     def _judge_cuts(self) -> list[Finding]:
         """Torque that was cut by command: from the landed pose, or where nothing moves afterwards."""

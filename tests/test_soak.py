@@ -94,6 +94,16 @@ def test_jumps(soak, mode, target, q, jumps):
     assert sum(check.seeds.values()) == (not jumps)
 
 
+def test_the_set_point_of_a_floating_arm_follows_the_arm(soak):
+    def moved(mode):
+        return [*ramp(0.0, 50, mode), *(record(50 + tick, np.full(7, 0.5), mode) for tick in range(50))]
+
+    assert not findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), moved(Mode.FLOAT))
+    stopped = moved(Mode.STOPPED)
+    assert not findings(soak.checks.SetPointCheck(CHANNEL, LIMITS, floats=True), stopped)
+    assert findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), stopped)
+
+
 def test_the_gripper_may_start_again_from_where_its_force_limiter_held_it(soak):
     there = np.array([0.0] * 6 + [0.2])
     rows = [*ramp(0.0, 50), record(50, there)]
