@@ -125,7 +125,8 @@ class Truth:
                 if ratio.max() > 1.0:
                     what = f"{seen['motors'][i]} at {seen['max_speed_rad_s'][i]:.2f} rad/s, allowed {allowed[i]:.2f}"
                     found.append(Finding("joint speed", seen["max_speed_at_s"][i], channel, what))
-            if not touched and not self._happened(_STALE_COMMANDS | _PUSHES, channel, since_s - 0.1, until_s):
+            pushed = self._happened(_PUSHES, channel, since_s - _SETTLE_S, until_s)
+            if not (touched or pushed or self._happened(_STALE_COMMANDS, channel, since_s - 0.1, until_s)):
                 allowed = _TORQUE_FACTOR * arm.torque_limit + _TORQUE_SLACK_NM
                 ratio = np.array(seen["max_torque_nm"])[:n] / allowed
                 torque = max(torque, float(ratio.max()))

@@ -22,6 +22,7 @@ from lerobot_robot_yam.damiao.encoder import (
 from lerobot_robot_yam.damiao.feedback import FeedbackStore
 from lerobot_robot_yam.damiao.handle_check import prepare_handle
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
+from lerobot_robot_yam.damiao.registers import decode_reply
 from lerobot_robot_yam.damiao.tables import MOTOR_TYPES
 from lerobot_robot_yam.errors import MotorError
 
@@ -33,6 +34,8 @@ def owner(message):
     """Number of the motor whose answer this is, by the book; None if it is nobody's."""
     if not is_classic_data(message) or len(message.data) != 8:
         return None
+    if message.data[0] < 0x10 and decode_reply(bytes(message.data)) is not None:
+        return None  # a register's answer, for somebody who has asked
     for index, spec in enumerate(SPECS):
         if message.arbitration_id == spec.feedback_id and message.data[0] & 0xF == spec.can_id & 0xF:
             return index
