@@ -55,7 +55,7 @@ class Context:
         self._stalls: list[tuple[float, float]] = []
 
     def stalled(self, start_s: float, end_s: float) -> None:
-        """The machine stood still: not even the monitor, which does next to nothing, has run."""
+        """The machine, or one of its processors, stood still: what does next to nothing there has not run."""
         self._stalls.append((start_s, end_s))
 
     @property

@@ -13,6 +13,7 @@ from typing import Any
 from soak_arm import Arm
 from soak_checks import Finding, PolicyCheck
 from soak_context import Context, cpu_times, steal_share
+from soak_stalls import ProcessorWatch
 from soak_truth import Truth
 
 from lerobot_robot_yam.arm.policy import Trouble
@@ -21,7 +22,6 @@ from lerobot_robot_yam.rig.control import RigControl
 
 _PERIOD_S = 0.004
 _RIG_PERIOD_S = 0.2
-_STALL_S = 0.05  # waking up, a look and a few questions to the rig have taken so long: the machine stood still
 # Nobody but the machine is to blame for these when it has stood still; the others are judged by their own stamps.
 _EXCUSABLE = frozenset(
     {
@@ -50,31 +50,24 @@ class Monitor:
         self._news: list[tuple[float, str, Trouble]] = []
         self._violations = self._excused = 0
         self._begin_s = time.monotonic()
+        self._processors = ProcessorWatch(self._context.stalled)
 
     def run(self) -> None:
         """Until standard input ends."""
         next_rig_s, ticks = time.monotonic(), cpu_times()
         while True:
-            before_s = time.monotonic()
             if select.select([sys.stdin], [], [], _PERIOD_S)[0] and not sys.stdin.readline():
                 break
             self._look()
-            before_s = self._note_stall(before_s)  # before anything is judged
             if time.monotonic() >= next_rig_s:
                 next_rig_s = time.monotonic() + _RIG_PERIOD_S
                 self._ask_rig()
-                self._note_stall(before_s)
         self._ask_rig()
         self._say(summary=self._summary(steal_share(ticks, cpu_times())))
+        self._processors.close()
         for arm in self._arms.values():
             arm.close()
         self._rig.close()
-
-    def _note_stall(self, since_s: float) -> float:
-        now = time.monotonic()
-        if now - since_s > _STALL_S:
-            self._context.stalled(since_s, now)
-        return now
 
     def _look(self) -> None:
         for channel, arm in self._arms.items():
