@@ -52,6 +52,8 @@ class ArmController(ArmBody):
         self._must_land = False  # as soon as the emergency stop is released
         self._end_again_at = -math.inf
         self._halted = False  # by the other arm's trouble
+        self._halted_afloat = False
+        self._stopped = False  # the emergency stop is latched
         self._news: Trouble | None = None
         self._held_back = HeldBack(self.name)
         self._last_target_at = -math.inf
@@ -100,6 +102,7 @@ class ArmController(ArmBody):
 
     def decide(self, now: float, stopped: bool = False) -> None:
         """What the arm is about; `stopped`: the emergency stop is latched. Its set-point is then to be advanced."""
+        self._stopped = stopped
         if stopped:
             self._stop()
         elif self.mode is Mode.STOPPED:
@@ -191,10 +194,10 @@ class ArmController(ArmBody):
 
     def end(self, now: float) -> None:
         """Land because nobody is there any more. Ask every tick: what faults on its way tries again."""
-        if now < self._end_again_at:
+        if now < self._end_again_at or (self.mode is Mode.FAULT and self._stopped):
             return
         self._end_again_at = now + _END_AGAIN_S
-        if self.mode is Mode.FAULT:
+        if self.mode is Mode.FAULT or self._must_land:
             self.land(now, self.trouble, self.message)
         else:
             self.land(now)
@@ -227,6 +230,7 @@ class ArmController(ArmBody):
         """The other arm is in trouble: hold, and take no targets until re-armed."""
         if self.mode in (Mode.HOLD, Mode.TRACK, Mode.FLOAT, Mode.STOPPED, Mode.BRING_UP):
             logger.warning("%s: holds: %s", self.name, why)
+            self._halted_afloat |= self._floats and self.mode in (Mode.FLOAT, Mode.STOPPED)
             self._halted = True
             self.limited |= Limited.PEER
             if self.mode in (Mode.TRACK, Mode.FLOAT):
@@ -278,8 +282,10 @@ class ArmController(ArmBody):
                 self._enter(Mode.BRING_UP)
             else:
                 self._enter(Mode.FLOAT if self._floats else Mode.HOLD)
+        if self._halted_afloat and self.mode is Mode.HOLD:
+            self._enter(Mode.FLOAT)
         logger.warning("%s: re-armed", self.name)
-        self._halted = False
+        self._halted = self._halted_afloat = False
         self.trouble, self.message, self.limited = None, "", Limited.NOTHING
 
     def _stop(self) -> None:

@@ -82,6 +82,10 @@ def test_a_leader_whose_peer_failed_meanwhile_holds_after_the_release(rig, stop)
         wait_mode(session, "leader_left", Mode.HOLD)
         session.clock.sleep(0.2)
         assert session["leader_left"].mode() is Mode.HOLD
+        rig.clear_faults("follower_left")
+        for channel in ("follower_left", "leader_left"):
+            session[channel].rearm()
+        wait_mode(session, "leader_left", Mode.FLOAT)  # as it did before
     finally:
         rig.clear_faults("follower_left")
         stop.release()

@@ -101,6 +101,8 @@ def test_a_fault_during_an_emergency_stop_does_not_end_the_landing_for_good(rig)
         wait_mode(session[channel], Mode.LAND)
         stop.latch("a test")
         wait_mode(session[channel], Mode.STOPPED)
+        time.sleep(1.5)
+        assert "control process has died" in session[channel].observe().message  # that remains what is told
         rig.fault(channel, "joint_1", "nibble", 0xE)
         wait_mode(session[channel], Mode.FAULT)
         stop.release()
