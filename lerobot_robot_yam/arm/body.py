@@ -26,6 +26,7 @@ logger = logging.getLogger(__name__)
 ACCELERATION_LIMIT_RAD_S2 = 30.0  # brakes from the speed limit within 50 ms
 _END_DECELERATION_RAD_S2 = 5.0  # arms overshoot what is harder by centimetres, and joints end on mechanical stops
 _LEFT_BEHIND_RAD = 0.05  # more than an arm lags with its own gains
+_ENABLE_TICKS = 20  # in which a motor has to say that it is enabled: an answer may get lost
 _GRIPPER_ACCELERATION = 60.0  # strokes/s²
 _HEAT_PERIOD_S = 0.1  # metal is slow
 
@@ -93,8 +94,11 @@ class ArmBody:
             self.drive.enable()
             self.setpoint.seed(self.q)  # as of now: since it was inspected, a hand may have moved a limp arm
             self.command(0.0, 0.0)
-            finding = self.drive.exchange(self.motion.commands)
-            if finding.trouble is not None:
+            for _ in range(_ENABLE_TICKS):
+                finding = self.drive.exchange(self.motion.commands)
+                if finding.trouble is None:
+                    break
+            else:
                 raise MotorError(
                     f"{self.name} ({self.config.channel}): cannot enable {finding.message}; "
                     "power-cycle the arm or look at its motors"
