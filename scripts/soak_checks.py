@@ -88,10 +88,10 @@ class SetPointCheck:
             self._landing_since = None
         elif self._landing_since is None:
             self._landing_since = now
+        earlier, self._earlier_s = self._earlier_s, -math.inf if before is None else float(before["stamp_s"])
         if before is None or mode in (Mode.OFFLINE, Mode.OFF) or {mode, mode_of(before)} <= self._floating:
             self._window.clear()
             return []
-        earlier, self._earlier_s = self._earlier_s, float(before["stamp_s"])
         if not math.isfinite(earlier) or earlier > self._earlier_s:
             earlier = self._earlier_s - _TICK_S
         moved = np.abs(setpoint - before["setpoint"])

@@ -50,7 +50,7 @@ class Monitor:
         self._news: list[tuple[float, str, Trouble]] = []
         self._violations = self._excused = 0
         self._begin_s = time.monotonic()
-        self._processors = ProcessorWatch(self._context.stalled)
+        self._processors = ProcessorWatch()
 
     def run(self) -> None:
         """Until standard input ends."""
@@ -83,6 +83,8 @@ class Monitor:
                 self._news.append((float(record["stamp_s"]), channel, news))
 
     def _ask_rig(self) -> None:
+        for since_s, until_s in self._processors.news():
+            self._context.stalled(since_s, until_s)
         self._truth.look()
         for event in self._rig.events(self._next_event):
             self._next_event = event["number"] + 1

@@ -1,10 +1,11 @@
 """Whether a processor stood still: whoever rents it out now and then takes one away, and all that runs on it waits."""
 
 import contextlib
+import multiprocessing
 import os
-import threading
 import time
-from collections.abc import Callable
+from collections.abc import Iterator
+from multiprocessing.connection import Connection
 
 _PERIOD_S = 0.01
 _PRIORITY = 90  # above everything of ours
@@ -12,35 +13,36 @@ _STALL_S = 0.05
 
 
 class ProcessorWatch:
-    """A thread for each processor that sleeps there, and tells when it wakes late.
+    """A process for each processor sleeps there, and tells when it wakes late; where it may not come first, nothing."""
 
-    Args:
-        tell: called with (since, until), monotonic s, from those threads.
-    """
-
-    def __init__(self, tell: Callable[[float, float], None]):
-        self._tell = tell
-        self._ended = threading.Event()
-        self._threads = [
-            threading.Thread(target=self._run, args=(cpu,), name=f"stalls-{cpu}", daemon=True)
-            for cpu in os.sched_getaffinity(0)
+    def __init__(self) -> None:
+        self._telling, told = multiprocessing.Pipe(duplex=False)
+        self._processes = [
+            multiprocessing.Process(target=_watch, args=(cpu, os.getpid(), told), daemon=True)
+            for cpu in sorted(os.sched_getaffinity(0))
         ]
-        for thread in self._threads:
-            thread.start()
+        for process in self._processes:
+            process.start()
 
-    def _run(self, cpu: int) -> None:
-        os.sched_setaffinity(0, {cpu})  # 0: this thread
-        with contextlib.suppress(PermissionError):
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
-        while not self._ended.is_set():
+    def news(self) -> Iterator[tuple[float, float]]:
+        """(since, until) of what stood still since the last call, monotonic s."""
+        while self._telling.poll():
+            yield self._telling.recv()
+
+    def close(self) -> None:
+        """End the processes."""
+        for process in self._processes:
+            process.kill()
+            process.join()
+
+
+def _watch(cpu: int, parent: int, told: Connection) -> None:
+    os.sched_setaffinity(0, {cpu})
+    with contextlib.suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
+        while os.getppid() == parent:
             before = time.monotonic()
             time.sleep(_PERIOD_S)
             now = time.monotonic()
             if now - before > _STALL_S:
-                self._tell(before, now)
-
-    def close(self) -> None:
-        """End the threads."""
-        self._ended.set()
-        for thread in self._threads:
-            thread.join()
+                told.send((before, now))

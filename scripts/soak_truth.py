@@ -11,11 +11,13 @@ from soak_arm import Arm
 from soak_checks import READY, Finding, mode_of
 from soak_context import Context
 
+from lerobot_robot_yam.arm.state import GRIPPER
 from lerobot_robot_yam.rig.control import RigControl
 
 _SETTLE_S = 1.0  # an arm that was pushed, struck something, lost or got back a motor, moves by itself for so long
 _COASTS_S = 3.0  # a floating arm that was let go in motion comes to rest within so long
 _SPEED_FACTOR, _SPEED_SLACK = 1.2, 0.15
+_GRIPPER_SPEED_FACTOR = 1.4  # it weighs next to nothing: what a late tick makes of its ramp, it overshoots
 _TORQUE_FACTOR, _TORQUE_SLACK_NM = 1.05, 1.0  # between two ticks a motor goes on by itself; a blow is sooner there
 _NOTICED_S = 0.3  # a motor without torque has been noticed by then
 _LANDED_RAD = 0.1  # joints 2 to 4 so near to the resting pose: landed
@@ -117,7 +119,7 @@ class Truth:
             since_s = float(seen["since_s"])
             undisturbed = self._context.undisturbed(channel, since_s - _SETTLE_S, until_s, _PUSHES)
             if undisturbed and not (by_hand or touched):
-                allowed = _SPEED_FACTOR * arm.motor_speed_limit + _SPEED_SLACK
+                allowed = self._factors(n) * arm.motor_speed_limit + _SPEED_SLACK
                 ratio = np.array(seen["max_speed_rad_s"])[:n] / allowed
                 speed = max(speed, float(ratio.max()))
                 i = int(ratio.argmax())
@@ -126,7 +128,7 @@ class Truth:
                     what = f"{seen['motors'][i]} at {seen['max_speed_rad_s'][i]:.2f} rad/s, allowed {allowed[i]:.2f}"
                     found.append(Finding("joint speed", seen["max_speed_at_s"][i], channel, what))
             pushed = self._happened(_PUSHES, channel, since_s - _SETTLE_S, until_s)
-            if not (touched or pushed or self._happened(_STALE_COMMANDS, channel, since_s - 0.1, until_s)):
+            if not (pushed or self._happened(_STALE_COMMANDS, channel, since_s - 0.1, until_s)):
                 allowed = _TORQUE_FACTOR * arm.torque_limit + _TORQUE_SLACK_NM
                 ratio = np.array(seen["max_torque_nm"])[:n] / allowed
                 torque = max(torque, float(ratio.max()))
@@ -141,6 +143,12 @@ class Truth:
             self._series.append((self._windows[-1][2], speed, torque))
         self._windows.clear()
         return found + self._judge_cuts() + self._judge_notice()
+
+    @staticmethod
+    def _factors(n: int) -> np.ndarray:
+        factors = np.full(n, _SPEED_FACTOR)
+        factors[GRIPPER:] = _GRIPPER_SPEED_FACTOR
+        return factors
 
     def _happened(self, kinds: frozenset[str], channel: str, since_s: float, until_s: float) -> bool:
         causes = self._context.arms[channel].causes

@@ -102,6 +102,8 @@ def test_the_set_point_of_a_floating_arm_follows_the_arm(soak):
     stopped = moved(Mode.STOPPED)
     assert not findings(soak.checks.SetPointCheck(CHANNEL, LIMITS, floats=True), stopped)
     assert findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), stopped)
+    held = [*moved(Mode.FLOAT), record(100, np.full(7, 1.0), Mode.HOLD, q=np.full(7, 0.5))]
+    assert findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), held)  # beside the arm
 
 
 def test_the_gripper_may_start_again_from_where_its_force_limiter_held_it(soak):
