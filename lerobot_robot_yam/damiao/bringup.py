@@ -28,6 +28,7 @@ from lerobot_robot_yam.errors import BusError, ChannelInUseError, ConfigError, M
 logger = logging.getLogger(__name__)
 
 LISTEN_S = 0.05
+_MOST_LATE_FRAMES = 1_000  # more than a bus carries while one listens
 _PRESENCE_ATTEMPTS = 3
 _DUPLICATE_WAIT_S = 0.01
 _RELATIVE_TOLERANCE = 1e-4  # of float registers: a float32 on the motor's side, rounded constants on ours
@@ -68,7 +69,10 @@ def listen(bus: can.BusABC, seconds: float, ids: Collection[int], channel: str =
     deadline = clock.now() + seconds
     try:
         # What has arrived by the deadline counts even if we were not running then; a flood does not keep us for ever.
-        while (remaining := deadline - clock.now()) > -seconds:
+        late = 0
+        while late < _MOST_LATE_FRAMES:
+            remaining = deadline - clock.now()
+            late += remaining <= 0.0
             message = bus.recv(max(remaining, 0.0))
             if message is None and remaining <= 0.0:
                 break
