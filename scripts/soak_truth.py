@@ -52,7 +52,7 @@ class Truth:
     def __init__(self, rig: RigControl, arms: Mapping[str, Arm], context: Context):
         self._rig, self._arms, self._context = rig, arms, context
         self._poses: deque[dict[str, Any]] = deque(maxlen=10)
-        self._windows: list[tuple[str, dict[str, Any], float, bool, bool]] = []
+        self._windows: list[tuple[str, dict[str, Any], float, bool]] = []
         self._differences: list[Finding] = []
         self._cuts: dict[str, tuple[float, dict[str, Any]]] = {}  # channel → when torque was cut, and the pose before
         self._held_s: dict[str, float] = {}  # when a hand was last seen on a leader
@@ -75,7 +75,7 @@ class Truth:
             self._touched_s[channel] = max(self._touched_s.get(channel, -math.inf), seen["touched_at_s"])
             touched = seen["since_s"] - self._touched_s[channel] < _SETTLE_S
             self._speeds["in contact" if touched else "judged"] += 1
-            self._windows.append((channel, seen, now, by_hand, touched))
+            self._windows.append((channel, seen, now, by_hand or touched))
         records = {channel: arm.read() if arm.record is None else arm.record for channel, arm in self._arms.items()}
         pose = self._rig.state(bodies=True)
         for channel, record in records.items():
@@ -113,12 +113,11 @@ class Truth:
         """What must not be, of everything since the last time."""
         found, self._differences = self._differences, []
         speed = torque = 0.0
-        for channel, seen, until_s, by_hand, touched in self._windows:
+        for channel, seen, until_s, by_others in self._windows:
             arm = self._arms[channel]
             n = len(arm.torque_limit)
             since_s = float(seen["since_s"])
-            undisturbed = self._context.undisturbed(channel, since_s - _SETTLE_S, until_s, _PUSHES)
-            if undisturbed and not (by_hand or touched):
+            if not by_others and self._context.undisturbed(channel, since_s - _SETTLE_S, until_s, _PUSHES):
                 allowed = self._factors(n) * arm.motor_speed_limit + _SPEED_SLACK
                 ratio = np.array(seen["max_speed_rad_s"])[:n] / allowed
                 speed = max(speed, float(ratio.max()))

@@ -197,10 +197,7 @@ class ArmController(ArmBody):
         if now < self._end_again_at or (self.mode is Mode.FAULT and self._stopped):
             return
         self._end_again_at = now + _END_AGAIN_S
-        if self.mode is Mode.FAULT or self._must_land:
-            self.land(now, self.trouble, self.message)
-        else:
-            self.land(now)
+        self.land(now, self.trouble, self.message)
 
     def _suffer(self, trouble: Trouble, message: str, now: float) -> None:
         """Answer trouble as the policy says, and have the other arms told."""

@@ -2,8 +2,8 @@
 
 Callers send targets at 30–60 Hz; the loop runs at 250 Hz. Each new target is reached after about one caller period,
 in a straight line per joint, so the arm sees ramps and not steps, and the ramp's slope is given to the motors as dq*
-(without it, kd alone makes these gains lag by 60–150 ms). Speed and acceleration are limited always, and
-the ends of the range are approached slowly; nothing jumps.
+(without it, kd alone makes these gains lag by 60–150 ms). Speed and acceleration are limited always, the
+ends of the range are approached slowly, and nothing jumps.
 """
 
 import math
