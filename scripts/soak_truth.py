@@ -11,6 +11,7 @@ from soak_arm import Arm
 from soak_checks import READY, Finding, mode_of
 from soak_context import Context
 
+from lerobot_robot_yam.arm.policy import STALE_OVERSHOOT_RAD_S
 from lerobot_robot_yam.arm.state import GRIPPER
 from lerobot_robot_yam.rig.control import RigControl
 
@@ -26,6 +27,7 @@ _FALL_M, _FALL_S = 0.01, 1.0  # nothing moves farther than this after torque was
 _TRUTH_RAD, _TRUTH_RAD_PER_S = 0.02, 3.0  # what a state may differ from the truth, and per second of its age
 _FRESH_S = 0.25
 _PUSHES = frozenset({"push"})
+_HUNG = frozenset({"stop_control"})
 _STALE_COMMANDS = frozenset(  # meanwhile motors act on what they were told last
     {
         "cable_out_briefly",
@@ -119,6 +121,8 @@ class Truth:
             since_s = float(seen["since_s"])
             if not by_others and self._context.undisturbed(channel, since_s - _SETTLE_S, until_s, _PUSHES):
                 allowed = self._factors(n) * arm.motor_speed_limit + _SPEED_SLACK
+                if self._happened(_HUNG, channel, since_s - _SETTLE_S, until_s):
+                    allowed[:GRIPPER] += STALE_OVERSHOOT_RAD_S
                 ratio = np.array(seen["max_speed_rad_s"])[:n] / allowed
                 speed = max(speed, float(ratio.max()))
                 i = int(ratio.argmax())

@@ -93,6 +93,7 @@ TICK_S = 0.01  # one tick of the loop and one of its caller's reads, rounded up
 SILENT_S = 0.1  # a motor that has not answered for so long is lost: a quarter of its own watchdog
 HEAT_S = 0.6  # a temperature is believed once it has been steady for half a second
 HUNG_S = 0.14  # a loop that has not ticked for so long is replaced: a third of the motors' watchdog
+STALE_OVERSHOOT_RAD_S = 1.6  # beyond its speed limit, of a joint whose last command gave it an acceleration: a·√(I/kp)
 
 
 def _motor_fault(code: Fault) -> Rule:
@@ -299,6 +300,9 @@ def document() -> str:
         "",
         "When power fails, or control process and stand-by are both killed, nobody commands the motors: 0.4 s later",
         "their own watchdog ends torque and the arm falls. Only mechanics can help then.",
+        "",
+        "Until somebody commands them again, motors go on with what they were told last. A joint whose last command",
+        f"accelerated it exceeds its speed limit by up to {STALE_OVERSHOOT_RAD_S} rad/s (arm stretched out).",
     ]
     return "\n".join(lines) + "\n"
 

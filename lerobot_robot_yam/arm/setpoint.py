@@ -22,7 +22,7 @@ class SetPoint:
         speed_limit: (n,) largest |dq*|, unit/s.
         acceleration_limit: (n,) largest |d dq*/dt|, unit/s².
         lower, upper: (n,) range that the set-point never leaves; seeded outside, it only moves inwards.
-        end_deceleration: (n,) with which it comes to rest at an end of the range, unit/s². None: as above.
+        end_deceleration: (n,) with which it comes to rest at an end of the range, unit/s².
     """
 
     def __init__(
@@ -31,12 +31,12 @@ class SetPoint:
         acceleration_limit: np.ndarray,
         lower: np.ndarray,
         upper: np.ndarray,
-        end_deceleration: np.ndarray | None = None,
+        end_deceleration: np.ndarray,
     ):
         self.speed_limit = np.array(speed_limit, dtype=float)
         self.acceleration_limit = np.array(acceleration_limit, dtype=float)
         self._lower, self._upper = lower, upper
-        self._end_deceleration = self.acceleration_limit if end_deceleration is None else end_deceleration
+        self._end_deceleration = end_deceleration
         n = len(self.speed_limit)
         self.q: np.ndarray = np.zeros(n)
         self.dq: np.ndarray = np.zeros(n)

@@ -10,7 +10,7 @@ from lerobot_robot_yam.arm.setpoint import SetPoint
 from lerobot_robot_yam.arm.workspace import KeepOut, WorkspaceConfig
 
 DT = 0.004
-SPEED, ACCELERATION = 1.5, 30.0
+SPEED, ACCELERATION, END = 1.5, 30.0, 5.0
 MARGIN = 0.02
 HOME = np.array([0.0, 1.2, 1.2, -0.5, 0.0, 0.0])
 TO_THE_RIGHT, TO_THE_LEFT = HOME + [-1.4, 0, 0, 0, 0, 0], HOME + [1.4, 0, 0, 0, 0, 0]
@@ -39,6 +39,7 @@ class Rig:
                 np.append(np.full(6, ACCELERATION), 60.0),
                 np.append(lower, 0.0),
                 np.append(upper, 1.0),
+                np.append(np.full(6, END), 60.0),
             )
             for _ in names
         ]

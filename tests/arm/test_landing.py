@@ -103,7 +103,8 @@ def test_an_arm_lands_whose_base_stands_beyond_its_range(beyond_rad):
     hardware = Hardware(ArmConfig(channel="x", name="left"))
     joints = hardware.joints
     q = np.append([hardware.lower[0] - beyond_rad], [1.0, 1.0, 0.0, 0.0, 0.0])
-    setpoint = SetPoint(hardware.speed_limit, np.full(hardware.n, 30.0), hardware.lower, hardware.upper)
+    most, end = np.full(hardware.n, 30.0), np.full(hardware.n, 5.0)  # rad/s²
+    setpoint = SetPoint(hardware.speed_limit, most, hardware.lower, hardware.upper, end)
     setpoint.seed(np.append(q, 0.5))
     landing = Landing("left", hardware.rest_q, hardware.kp, q, setpoint, 0.0)
     for tick in range(1, 2500):

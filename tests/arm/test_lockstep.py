@@ -3,13 +3,16 @@
 import numpy as np
 import pytest
 
+from lerobot_robot_yam.arm.body import ArmBody
+from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.lifecycle import Mode
+from lerobot_robot_yam.arm.policy import HUNG_S, STALE_OVERSHOOT_RAD_S
 from lerobot_robot_yam.arm.session import ArmSession
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError, StaleStateError
 from lerobot_robot_yam.rig.control import running_rig
-from lerobot_robot_yam.rig.lockstep import LockstepRig
+from lerobot_robot_yam.rig.lockstep import LockstepBus, LockstepRig
 
-from .rigged import sim_config
+from .rigged import sim_config, track
 
 CHANNELS = ("follower_left", "follower_right")
 GOAL = np.array([0.3, 0.8, 0.9, -0.2, 0.0, 0.1])
@@ -65,6 +68,30 @@ def test_a_state_is_fresh_while_nobody_sleeps_and_motors_let_go_when_the_loop_do
     rig.sleep(1.0)  # time that the loop does not get: to it the world has leapt
     with pytest.raises(StaleStateError):
         session["follower_left"].observe()
+    session.discard()
+
+
+def test_motors_have_a_few_ticks_to_say_that_they_are_enabled(rig):
+    with LockstepBus(CHANNELS[0], rig=rig.name) as bus:
+        body = ArmBody(config(rig, CHANNELS[0]), bus, None, None)
+        body.inspect()
+        rig.fault(CHANNELS[0], "joint_5", "drop_next", 4)
+        body.energise()
+        assert all(motor["enabled"] for motor in rig.state()["arms"][CHANNELS[0]]["motors"].values())
+        body.abandon()
+
+
+def test_a_loop_that_hangs_while_its_arm_sets_out_leaves_it_a_bounded_speed(rig):
+    """Motors go on with what they were told last, the feed-forward of an acceleration among it."""
+    session = ArmSession([config(rig, CHANNELS[0])], isolation="lockstep")
+    session.start()
+    track(session, {CHANNELS[0]: [0.0, 1.0, 2.2, 0.0, 0.0, 0.0]}, 2.2)
+    track(session, {CHANNELS[0]: [0.0, 2.2, 0.8, 0.8, 0.0, 0.0]}, 0.04)
+    rig.watch_start(CHANNELS[0])
+    rig.sleep(HUNG_S + 0.03)  # until the stand-by commands
+    speed = np.array(rig.watch(CHANNELS[0])["max_speed_rad_s"][:6])
+    assert speed.max() > 2.0  # it does set out, and the worst of it is seen
+    assert np.all(speed < Hardware(config(rig, CHANNELS[0])).speed_limit[:6] + STALE_OVERSHOOT_RAD_S), speed
     session.discard()
 
 

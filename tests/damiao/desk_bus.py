@@ -31,6 +31,7 @@ class DeskBus(can.BusABC):
         self.silent: set[int] = set()
         self.doubled: set[int] = set()
         self.late: set[int] = set()
+        self.stall_s = 0.0  # whoever receives the next frame does not run for so long
         self.sent: list[can.Message] = []
         self._held: list[can.Message] = []
         self._queue: deque[can.Message] = deque()
@@ -58,6 +59,8 @@ class DeskBus(can.BusABC):
             self._answer(spec, self._feedback(spec))
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        stall_s, self.stall_s = self.stall_s, 0.0
+        time.sleep(stall_s)
         if not self._queue:
             if timeout:
                 time.sleep(timeout)

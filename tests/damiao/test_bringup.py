@@ -99,6 +99,14 @@ def test_a_foreign_driver_is_heard(bus, can_id):
     assert not bus.sent
 
 
+def test_a_foreign_driver_is_heard_by_a_listener_that_did_not_run(bus):
+    bus.put(0x123, bytes(8))
+    bus.put(1, bytes(8))
+    bus.stall_s = 0.02  # several times as long as it meant to listen
+    with pytest.raises(ChannelInUseError, match="0x1 "):
+        bringup.listen(bus, 0.005, IDS, "can9")
+
+
 @pytest.mark.parametrize("can_id", [3, 0x50F, 0x123])
 def test_other_devices_may_talk(bus, can_id):
     bus.put(can_id, bytes(8))
