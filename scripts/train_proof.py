@@ -26,11 +26,13 @@ def run(out: Path, name: str, *command: str) -> None:
     """
     begin = time.monotonic()
     program = Path(sys.executable).parent / command[0]
-    status = subprocess.run([str(program), *command[1:]], cwd=ROOT).returncode
-    path = out / "times.json"
-    times = json.loads(path.read_text()) if path.exists() else {}
-    times[name] = times.get(name, 0.0) + time.monotonic() - begin
-    path.write_text(json.dumps(times))
+    try:
+        status = subprocess.run([str(program), *command[1:]], cwd=ROOT).returncode
+    finally:  # Ctrl-C: what it has done so far counts
+        path = out / "times.json"
+        times = json.loads(path.read_text()) if path.exists() else {}
+        times[name] = times.get(name, 0.0) + time.monotonic() - begin
+        path.write_text(json.dumps(times))
     if status:
         raise SystemExit(f"{command[0]} failed with status {status}; run this again to go on from here")
 
