@@ -33,7 +33,7 @@ def check_command(device: str, keys: Sequence[str], use_degrees: bool) -> None:
     """
     space = space_of(keys)
     recordings = []
-    replays, resumes = _option("dataset.episode") is not None, _option("resume") == "true"
+    replays, resumes = _option("dataset.episode") is not None, _flag("resume")
     repo_id = _option("dataset.repo_id")
     if repo_id and (replays or resumes):
         data = of_dataset(repo_id, _option("dataset.root"))
@@ -58,12 +58,17 @@ def _check_server(device: str, keys: Sequence[str], use_degrees: bool) -> None:
     from lerobot_robot_yam.openpi.configuration_openpi import YamOpenpiConfig
 
     space = _option("policy.action_space") or YamOpenpiConfig.action_space
-    refuse_other_space(device, keys, f"policy.action_space={space}", _SERVER_SPACES.get(space))
+    refuse_other_space(device, keys, f"policy.action_space={space}", _SERVER_SPACES[space])
     degrees = _option("policy.angle_unit") == "deg"
     if space_of(keys) == "joint":
         check_unit(device, use_degrees, "policy.angle_unit", DEGREES if degrees else RADIANS)
     elif degrees:
         raise ConfigError(f"{device}: tool poses are in m and rad; nothing was energised. Set policy.angle_unit to rad")
+
+
+def _flag(name: str) -> bool:
+    """A truth value, in any of YAML's words for it, as LeRobot's parser takes them."""
+    return yaml.safe_load(_option(name) or "") is True
 
 
 def _option(name: str) -> str | None:

@@ -85,6 +85,15 @@ def test_resuming_a_rollout(command, tmp_path, space, recorded):
     assert fits_or_is_refused(error, space, recorded)
 
 
+@pytest.mark.parametrize("resume", ["True", "yes", "on"])
+def test_resuming_in_any_of_the_parsers_words(command, tmp_path, resume):
+    path = save_scripted(tmp_path / "p", "nothing", arms=2, action_feature_names=KEYS["joint"])
+    dataset = {"repo_id": "local/rollout_data", "root": str(write_dataset(tmp_path, space="ee")), "push_to_hub": False}
+    document = {"dataset": dataset, "strategy": {"type": "sentry"}}
+    error = command(lerobot_rollout.main, document, f"--policy.path={path}", f"--resume={resume}")
+    assert fits_or_is_refused(error, "joint", "ee")
+
+
 @in_both
 @of_both
 def test_resuming_a_recording(command, tmp_path, space, recorded):
@@ -169,10 +178,15 @@ def test_a_checkpoint_that_does_not_tell_is_warned_of(tmp_path, monkeypatch, cap
         (["--policy.action_space=cartesian_position"], "ee", None),
         (["--policy.action_space=cartesian_position"], "joint", "of tool poses, this robot takes joint positions"),
         (["--policy.action_space=cartesian_position", "--policy.angle_unit=deg"], "ee", "policy.angle_unit to rad"),
-        (["--policy.action_space=of_my_own"], "ee", None),
     ],
 )
 def test_an_openpi_server_speaks_the_robots_space(monkeypatch, arguments, space, refusal):
     monkeypatch.setattr(sys, "argv", ["lerobot-rollout", "--policy.type=yam_openpi", *arguments])
     with pytest.raises(ConfigError, match=refusal) if refusal else contextlib.nullcontext():
         check_command("robot", KEYS[space], False)
+
+
+def test_what_no_arm_can_be_driven_by_cannot_be_asked_for(command, capsys):
+    with pytest.raises(SystemExit):
+        command(lerobot_rollout.main, {}, "--policy.type=yam_openpi", "--policy.action_space=joint_velocity")
+    assert "invalid choice: 'joint_velocity'" in capsys.readouterr().err

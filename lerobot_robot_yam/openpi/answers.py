@@ -1,12 +1,12 @@
 """What an openpi server says of itself, and its actions: checked before anything of it reaches an arm."""
 
 import math
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from lerobot_robot_yam.errors import ActionError, ConfigError
-from lerobot_robot_yam.openpi.configuration_openpi import YamOpenpiConfig
+from lerobot_robot_yam.openpi.configuration_openpi import ActionSpace, YamOpenpiConfig
 
 # No joint of these arms turns further than 3.2 rad either way, so a larger number is an angle in degrees.
 _LARGEST_RAD = 2.0 * math.pi
@@ -24,6 +24,12 @@ def check_metadata(config: YamOpenpiConfig, metadata: dict[str, Any]) -> None:
     ours: dict[str, Any] = {"angle_unit": config.angle_unit, "action_space": config.action_space}
     if config.action_dim is not None:
         ours["action_dim"] = config.action_dim
+    space = metadata.get("action_space", config.action_space)
+    if space not in get_args(ActionSpace):
+        raise ConfigError(
+            f"the {config.server} says that its action_space is {space!r}; these arms can be driven by "
+            f"{' or '.join(get_args(ActionSpace))}"
+        )
     for key, value in ours.items():
         if key in metadata and metadata[key] != value:
             raise ConfigError(

@@ -8,6 +8,7 @@ from lerobot.configs.policies import PreTrainedConfig
 
 from lerobot_robot_yam.errors import ConfigError
 
+ActionSpace = Literal["joint_position", "cartesian_position"]
 _NOT_TRAINED = "a yam_openpi policy runs on its server and is trained there; lerobot-train has nothing to train"
 
 
@@ -55,7 +56,7 @@ class YamOpenpiConfig(PreTrainedConfig):
     n_action_steps: int | None = None
     action_dim: int | None = None
     angle_unit: Literal["rad", "deg"] = "rad"
-    action_space: str = "joint_position"
+    action_space: ActionSpace = "joint_position"
     connect_timeout_s: float = 10.0
     first_response_timeout_s: float = 120.0
     response_timeout_s: float = 10.0

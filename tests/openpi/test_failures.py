@@ -158,7 +158,9 @@ def test_degrees_do_not_reach_a_server_of_radians(made):
     "metadata, fields, named",
     [
         ({"angle_unit": "deg"}, {}, "its angle_unit is 'deg', --policy.angle_unit is 'rad'"),
-        ({"action_space": "joint_velocity"}, {}, "joint_velocity"),
+        ({"action_space": "joint_velocity"}, {}, "'joint_velocity'; these arms can be driven by joint_position or"),
+        ({"action_space": "joint_velocity"}, {"action_space": "joint_velocity"}, "these arms can be driven by"),
+        ({"action_space": "cartesian_position"}, {}, "--policy.action_space is 'joint_position'"),
         ({"action_dim": 8}, {"action_dim": 14}, "its action_dim is 8"),
         ({"image_resolution": [180, 320]}, {}, r"--policy.image_size=\[180, 320\]"),
         ({"action_horizon": 16}, {"n_action_steps": 20}, "plans 16"),
