@@ -30,6 +30,8 @@ from lerobot_robot_yam.demonstration import Frame, demonstrate
 from lerobot_robot_yam.errors import ConfigError, RigError, YamError
 from lerobot_robot_yam.paths import user_path
 from lerobot_robot_yam.recording import recorded_name
+from lerobot_robot_yam.repair.inspection import inspect
+from lerobot_robot_yam.signals import finished_first
 from lerobot_robot_yam.yam_env import YamEnv
 
 logger = logging.getLogger(__name__)
@@ -69,14 +71,15 @@ def gather(config: YamEnvConfig, root: Path, repo_id: str, episodes: int, first_
             while dataset.num_episodes < episodes:
                 seed = max(tried, default=first_seed - 1) + 1
                 won = _attempt(env, seed, dataset)
-                if won:
-                    dataset.save_episode()
-                    bar.update()
-                else:
-                    dataset.clear_episode_buffer()
-                    logger.info("seed %d: the operator failed; dropped", seed)
-                tried[seed] = won
-                seeds_path.write_text(json.dumps(tried))
+                with finished_first("saving the episode"):
+                    if won:
+                        dataset.save_episode()
+                        bar.update()
+                    else:
+                        dataset.clear_episode_buffer()
+                        logger.info("seed %d: the operator failed; dropped", seed)
+                    tried[seed] = won
+                    seeds_path.write_text(json.dumps(tried))
                 failures = 0 if won else failures + 1
                 if failures >= _GIVE_UP:
                     raise RigError(f"the operator failed {failures} times in a row; does the scene suit its script?")
@@ -109,6 +112,7 @@ def _open(config: YamEnvConfig, root: Path, repo_id: str) -> LeRobotDataset:
     robot_type = recorded_name(robot.type, robot.use_degrees, robot.action_space)
     if not (root / "meta" / "info.json").exists():
         return LeRobotDataset.create(repo_id, config.fps, features, root, robot_type=robot_type, **encoding)
+    _refuse_broken(root)
     dataset = LeRobotDataset.resume(repo_id, root, **encoding)
     _refuse_another("fps", dataset.fps, config.fps, root)
     _refuse_another("robot", dataset.meta.robot_type, robot_type, root)
@@ -117,6 +121,19 @@ def _open(config: YamEnvConfig, root: Path, repo_id: str) -> LeRobotDataset:
         for part in ("names", "shape"):
             _refuse_another(f"{key} {part}", list(held[part] or ()), list(wanted[part]), root)
     return dataset
+
+
+def _refuse_broken(root: Path) -> None:
+    """LeRobot would count the rows of an episode twice whose saving was cut short, and shift all that follow."""
+    if not any((root / "data").glob("*/*.parquet")):
+        return
+    findings = inspect(root, lambda episodes: ())  # without decoding the videos
+    wrong = [*findings.problems, *(f"episode {e.number}: {e.lost}" for e in findings.episodes if e.lost)]
+    if wrong:
+        raise ConfigError(
+            f"{root}: gathering was killed while it saved ({wrong[0]}); `yam-repair-dataset {root}` makes a data set "
+            "of it that can be gone on with"
+        )
 
 
 def _refuse_another(what: str, held: object, wanted: object, root: Path) -> None:
@@ -161,6 +178,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except YamError as error:
         sys.stderr.write(f"yam-gather: {error}\n")
         return 1
+    except KeyboardInterrupt:
+        sys.stderr.write("yam-gather: interrupted; run it again to go on\n")
+        return 130
     sys.stdout.write(f"{sum(tried.values())} of {len(tried)} attempts succeeded; the data are in {options.root}\n")
     return 0
 

@@ -59,13 +59,40 @@ def undisturbed(what: str) -> Iterator[None]:
 
     Does nothing outside the main thread, where no handler can be set (and none runs).
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
 
     def answer(number: int, frame: FrameType | None) -> None:
         logger.warning("%s; the arms have no brakes, so this cannot be cut short", what)
 
+    with _answered(answer):
+        yield
+
+
+@contextmanager
+def finished_first(what: str) -> Iterator[None]:
+    """SIGINT, SIGTERM and SIGHUP that come inside the block raise KeyboardInterrupt at its end.
+
+    Does nothing outside the main thread, where no handler can be set (and none runs).
+
+    Raises:
+        KeyboardInterrupt: one came.
+    """
+    came: list[str] = []
+
+    def answer(number: int, frame: FrameType | None) -> None:
+        logger.info("%s first", what)
+        came.append(signal.Signals(number).name)
+
+    with _answered(answer):
+        yield
+    if came:
+        raise KeyboardInterrupt(f"ended by {came[0]}")
+
+
+@contextmanager
+def _answered(answer: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, *_ENDING)}
     for number in before:
         signal.signal(number, answer)

@@ -8,7 +8,7 @@ import time
 import pytest
 
 from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
-from lerobot_robot_yam.signals import end_session_on_signals, undisturbed
+from lerobot_robot_yam.signals import end_session_on_signals, finished_first, undisturbed
 from lerobot_robot_yam.yam_follower import YamFollower
 
 ENDING = [signal.SIGTERM, signal.SIGHUP]
@@ -71,6 +71,15 @@ def test_nothing_disturbs_a_landing(number, caplog):
         raise_and_wait(number)
     assert "landing" in caplog.text
     assert signal.getsignal(number) is before
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, *ENDING])
+def test_what_has_to_be_finished_is_and_then_the_session_ends(number):
+    before, finished = signal.getsignal(number), False
+    with pytest.raises(KeyboardInterrupt), finished_first("saving"):
+        raise_and_wait(number)
+        finished = True
+    assert finished and signal.getsignal(number) is before
 
 
 def test_other_threads_leave_handlers_alone():

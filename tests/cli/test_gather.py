@@ -1,6 +1,7 @@
 """`yam-gather`: demonstrations become a LeRobot data set, and a second run goes on where the first has ended."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -27,6 +28,24 @@ def test_demonstrations_are_gathered_and_more_of_them_later(tmp_path):
     for camera in ("top", "wrist_left"):
         seen = [np.asarray(row[f"observation.images.{camera}"]) for row in (first, last)]
         assert seen[0].shape == (3, 48, 64) and np.abs(seen[1] - seen[0]).mean() > 0.005
+
+
+def test_a_run_that_was_killed_while_it_saved_is_not_gone_on_with(tmp_path):
+    """Rows that no metadata count: LeRobot would shift the actions of every episode that follows."""
+    env, root = environment(config_path("train/lift_and_place_eval")), tmp_path / "data"
+    env.robot.cameras = {}
+    for _ in range(2):
+        shutil.copytree(root / "meta", tmp_path / "meta", dirs_exist_ok=True) if root.exists() else None
+        data = _open(env, root, "local/gathered")
+        for _ in range(3):
+            data.add_frame({"action": np.zeros(7, "f4"), "observation.state": np.zeros(7, "f4"), "task": "none"})
+        data.save_episode()
+        data.finalize()
+    _open(env, root, "local/gathered").finalize()
+    shutil.rmtree(root / "meta")
+    shutil.copytree(tmp_path / "meta", root / "meta")
+    with pytest.raises(ConfigError, match=f"yam-repair-dataset {root}"):
+        _open(env, root, "local/gathered")
 
 
 def test_an_environment_in_real_time_is_refused(tmp_path):
