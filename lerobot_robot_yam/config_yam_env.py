@@ -1,5 +1,6 @@
 """LeRobot config of an environment with a YAM robot in it (`lerobot-eval --env.type=yam`)."""
 
+import contextlib
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -48,17 +49,24 @@ class YamEnvConfig(EnvConfig):
     description: str | None = None
 
     def __post_init__(self) -> None:
+        with contextlib.suppress(ConfigError):  # `create_envs` says what is wrong; the parser would hide it
+            self._describe()
+
+    def _describe(self) -> Any:
+        """Fill in the features; returns the robot's config."""
         if self.robot is None or not hasattr(self.robot, "action_keys"):
-            return  # `create_envs` says what is missing; the parser would hide it
+            raise ConfigError("env.robot: choose the robot, such as --env.robot.type=bi_yam_follower")
+        action_keys, state_keys, cameras = self.robot.action_keys(), self.robot.state_keys(), self.robot.all_cameras()
         self.features = {
-            ACTION: PolicyFeature(FeatureType.ACTION, (len(self.robot.action_keys()),)),
-            AGENT_POS: PolicyFeature(FeatureType.STATE, (len(self.robot.state_keys()),)),
+            ACTION: PolicyFeature(FeatureType.ACTION, (len(action_keys),)),
+            AGENT_POS: PolicyFeature(FeatureType.STATE, (len(state_keys),)),
         }
         self.features_map = {ACTION: ACTION, AGENT_POS: OBS_STATE}
-        for name, camera in self.robot.all_cameras().items():
+        for name, camera in cameras.items():
             key = f"{OBS_IMAGES}.{name}"
             self.features[key] = PolicyFeature(FeatureType.VISUAL, (camera.height, camera.width, 3))
             self.features_map[key] = key
+        return self.robot
 
     @property
     def gym_kwargs(self) -> dict[str, Any]:
@@ -69,13 +77,12 @@ class YamEnvConfig(EnvConfig):
         """{"yam": {0: vector environment}}; no robot is connected before its first reset.
 
         Raises:
-            ConfigError: no robot, or several environments with one real robot.
+            ConfigError: no robot, one that cannot be, or several environments with one real robot.
         """
         from lerobot_robot_yam.yam_env import YamEnv
 
-        if self.robot is None or not hasattr(self.robot, "action_keys"):
-            raise ConfigError("env.robot: choose the robot, such as --env.robot.type=bi_yam_follower")
-        virtual = self.lockstep or all(arm.interface == "yam_sim" for arm in self.robot.arms().values())
+        robot = self._describe()
+        virtual = self.lockstep or all(arm.interface == "yam_sim" for arm in robot.arms().values())
         if n_envs > 1 and not virtual:
             raise ConfigError(f"{n_envs} environments, but one real robot: use --eval.batch_size=1")
         # Gymnasium resets an environment that has ended while others still run; this one only freezes.

@@ -50,15 +50,16 @@ class RigReferee:
     Args:
         rig: the rig.
         task: a task of its scene.
+        time_limit_s: simulated time after which it has failed; None: as the task says.
     """
 
-    def __init__(self, rig: RigOperations, task: str):
-        self._rig, self._task = rig, task
+    def __init__(self, rig: RigOperations, task: str, time_limit_s: float | None = None):
+        self._rig, self._task, self._time_limit_s = rig, task, time_limit_s
 
     def arrange(self, seed: int | None) -> None:
         if seed is None:
             seed = int(np.random.default_rng().integers(2**31))
-        self._rig.request("task", name=self._task, seed=seed)
+        self._rig.task(self._task, seed, self._time_limit_s)
 
     def verdict(self, observation: Mapping[str, Any]) -> Verdict:
         state = self._rig.request("task_state")

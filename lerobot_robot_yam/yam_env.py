@@ -231,7 +231,9 @@ class YamEnv(gym.Env):
         if self._virtual:
             self._rig = self._make_rig()
             if self._task is not None:
-                referee = RigReferee(self._rig, self._task.name)
+                # From the layout on; it is the number of steps that ends an episode whose length is configured.
+                limit_s = config.time_limit_s and config.time_limit_s + 2.0 * _SETTLE_S
+                referee = RigReferee(self._rig, self._task.name, limit_s)
         if config.success == "operator":
             return OperatorReferee(config.task or "", referee)
         if config.success != "rig":

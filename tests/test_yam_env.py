@@ -5,15 +5,18 @@ import pty
 import threading
 import time
 
+import draccus
 import gymnasium as gym
 import numpy as np
 import pytest
+from lerobot.configs.eval import EvalPipelineConfig
 from lerobot.envs.utils import NEW_ROLLOUT_OPTION
 
 from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
 from lerobot_robot_yam.config_yam_env import YamEnvConfig
 from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
+from lerobot_robot_yam.configs_command import config_path
 from lerobot_robot_yam.demonstration import demonstrate
 from lerobot_robot_yam.errors import ActionError, ConfigError, RigError
 from lerobot_robot_yam.follower_options import FollowerArmConfig
@@ -125,6 +128,27 @@ def test_a_finished_environment_freezes_until_a_new_rollout(tmp_path):
         assert rig.restarts == 1
     finally:
         vector.close()
+
+
+def test_a_robot_that_cannot_be_is_told_by_its_own_error_not_the_parsers(tmp_path):
+    path = tmp_path / "eval.yaml"
+    path.write_text(config_path("train/lift_and_place_eval").read_text().replace("linear_4310", "linear_4130"))
+    config = draccus.parse(EvalPipelineConfig, path, args=[]).env
+    with pytest.raises(ConfigError, match="linear_4130"):
+        config.create_envs(1)
+
+
+@pytest.mark.parametrize("limit_s", [1.0, 16.0])
+def test_an_episode_is_as_long_as_configured_whatever_the_task_says(tmp_path, limit_s):
+    env = YamEnv(YamEnvConfig(robot=robot(tmp_path, cameras={}), lockstep=True, time_limit_s=limit_s, fps=5))
+    try:
+        observation, _ = env.reset(seed=4)
+        for _ in range(round(5 * limit_s)):
+            *_, over, cut, _ = env.step(observation["agent_pos"])
+            assert not over
+        assert cut
+    finally:
+        env.close()
 
 
 def judge(observation):

@@ -13,7 +13,7 @@ import numpy as np
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig import fault_commands
 from lerobot_robot_yam.rig.device import RigDevice
-from lerobot_robot_yam.rig.lookup import body_of, channel_of, handle_of, vector, whole
+from lerobot_robot_yam.rig.lookup import body_of, channel_of, handle_of, number, vector, whole
 
 _EVENTS_PER_ANSWER = 200
 _TRACE_PER_ANSWER = 1000
@@ -142,7 +142,9 @@ def _place(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
 
 @_operation
 def _task(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
-    device.set_task(str(request["name"]), whole(request["seed"], 0, _SEED_MAX))
+    limit_s = request.get("time_limit_s")
+    seed = whole(request["seed"], 0, _SEED_MAX)
+    device.set_task(str(request["name"]), seed, None if limit_s is None else number(limit_s, 0.0))
     return {}
 
 

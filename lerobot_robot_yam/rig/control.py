@@ -126,13 +126,15 @@ class RigOperations(ABC):
         """Put a prop somewhere, at rest."""
         self.request("place", prop=prop, pos=pos, quat=quat)
 
-    def task(self, name: str, seed: int) -> None:
+    def task(self, name: str, seed: int, time_limit_s: float | None = None) -> None:
         """Begin an attempt at a task of the scene: its things are strewn by the seed, at rest; the arms stay.
+
+        `time_limit_s`: simulated time after which it has failed; None: as the task says.
 
         Raises:
             ConfigError: the scene has no such task.
         """
-        self.request("task", name=name, seed=seed)
+        self.request("task", name=name, seed=seed, time_limit_s=time_limit_s)
 
     def set_pose(self, channel: str, q: Sequence[float] | None = None, opening: float | None = None) -> None:
         """Teleport an arm (n,) and its gripper (0 closed … 1 open), at rest."""

@@ -124,9 +124,9 @@ class RigDevice:
     def _any_enabled(self, channel: str) -> bool:
         return any(motor.enabled for motor in self.channels[channel].motors)
 
-    def set_task(self, name: str, seed: int) -> None:
+    def set_task(self, name: str, seed: int, time_limit_s: float | None) -> None:
         """Begin an attempt at a task of the scene, see `TaskSession.place`."""
-        self.task.place(name, seed)
+        self.task.place(name, seed, time_limit_s)
         for judge in self.judges.values():
             judge.reset()
         self.events.add("task_placed", task=name, seed=seed)

@@ -40,6 +40,7 @@ class TaskJudge:
         task: what to judge by.
         arms: channels of the arms.
         begin: the world as it was strewn.
+        time_limit_s: in place of the task's, if not None.
 
     Attributes:
         stage: stages reached so far.
@@ -47,8 +48,9 @@ class TaskJudge:
         reason: why it failed.
     """
 
-    def __init__(self, task: Task, arms: frozenset[str], begin: View):
+    def __init__(self, task: Task, arms: frozenset[str], begin: View, time_limit_s: float | None = None):
         self._task, self._arms = task, arms
+        self._time_limit_s = task.time_limit_s if time_limit_s is None else time_limit_s
         self._begin_s = begin.sim_s
         self._heights = {name: float(begin.frames[name][0][2]) for name in begin.speeds}
         self._met_since_s: float | None = None
@@ -67,8 +69,8 @@ class TaskJudge:
         since_s = view.sim_s - self._begin_s
         if fallen := [name for name in self._heights if view.frames[name][0][2] < FALL_M]:
             return [self._fail(f"the {fallen[0]} fell off the table", since_s)]
-        if since_s > self._task.time_limit_s:
-            text = f"the time limit of {self._task.time_limit_s:g} s has passed"
+        if since_s > self._time_limit_s:
+            text = f"the time limit of {self._time_limit_s:g} s has passed"
             return [self._fail(f"{text}; {self.stage} of {len(self._task.success)} stages were reached", since_s)]
         stage = self._task.success[self.stage]
         if stage.airborne and view.touching[stage.prop] - self._arms:

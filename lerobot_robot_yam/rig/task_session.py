@@ -39,8 +39,10 @@ class TaskSession:
         self._seed = 0
         self._begin_s = self._decided_s = 0.0
 
-    def place(self, task_name: str, seed: int) -> None:
+    def place(self, task_name: str, seed: int, time_limit_s: float | None = None) -> None:
         """Begin an attempt: every thing where `seed` has it, at rest. The arms stay as they are.
+
+        `time_limit_s`: in place of the task's own, if not None.
 
         Raises:
             ConfigError: the scene has no such task.
@@ -66,7 +68,7 @@ class TaskSession:
         mujoco.mj_forward(world.model, world.data)
         world.refresh()
         self._task, self._seed, self._begin_s = task, seed, world.sim_s
-        self._judge = TaskJudge(task, self._arms, self._view())
+        self._judge = TaskJudge(task, self._arms, self._view(), time_limit_s)
 
     def update(self) -> list[dict[str, Any]]:
         """Look at the world; returns what was decided, as `TaskJudge.update` does, each with the seed."""

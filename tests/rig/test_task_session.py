@@ -91,6 +91,15 @@ def test_doing_nothing_fails_when_time_is_over(rig):
         assert event.items() >= {"task": "lift_and_place", **details}.items()
 
 
+@pytest.mark.parametrize("limit_s", [1.0, 16.0])
+def test_an_attempt_may_have_a_time_limit_of_its_own(rig, limit_s):
+    rig.task("lift_and_place", seed=3, time_limit_s=limit_s)
+    rig.sleep(limit_s - 0.1)
+    assert not rig.task_state()["failed"]
+    rig.sleep(0.2)
+    assert f"time limit of {limit_s:g} s" in rig.task_state()["reason"]
+
+
 def test_a_new_attempt_forgets_the_old_one(rig):
     rig.task("lift_and_place", seed=0)
     first = rig.state()["props"]["cube"]["pos"]
