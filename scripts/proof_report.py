@@ -26,10 +26,10 @@ def wilson(successes: int, count: int) -> tuple[float, float]:
     return float(centre - half), float(centre + half)
 
 
-def write_report(out: Path, task: str, policy: Path, seed: int) -> Path:
-    """Write report.md and its plot; returns the report's path."""
+def write_report(out: Path, task: str, policy: Path, done: Path, seed: int) -> Path:
+    """Write report.md and its plot, of the evaluation in `done` that began at `seed`; returns the report's path."""
     step = policy.resolve().parent.name
-    evaluation = json.loads((out / "eval" / step / "eval_info.json").read_text())
+    evaluation = json.loads((done / "eval_info.json").read_text())
     successes: Sequence[bool] = evaluation["per_task"][0]["metrics"]["successes"]
     _plot(out / "report.png", successes, seed)
     lines = [

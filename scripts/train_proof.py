@@ -7,6 +7,7 @@ goes on. Everything ends up in --out: data, checkpoints, evaluation with videos,
 """
 
 import argparse
+import importlib.util
 import json
 import subprocess
 import sys
@@ -42,6 +43,8 @@ def gather(out: Path, task: str, episodes: int) -> None:
     info = out / "data" / "meta" / "info.json"
     if info.exists() and json.loads(info.read_text())["total_episodes"] >= episodes:
         return
+    if (out / "train").exists():
+        raise SystemExit(f"{out / 'train'} was trained on fewer demonstrations than {episodes}; give another --out")
     config = f"configs/train/{task}_eval.yaml"
     data = ("--root", str(out / "data"), "--repo-id", f"local/{task}", "--episodes", str(episodes))
     run(out, "gather", "yam-gather", config, *data)
@@ -63,14 +66,15 @@ def train(out: Path, task: str, steps: int, overrides: list[str]) -> Path:
     return last / "pretrained_model"
 
 
-def evaluate(out: Path, task: str, policy: Path, episodes: int, seed: int) -> None:
-    """Evaluate, unless that has been done for this checkpoint."""
-    step = policy.resolve().parent.name
-    if (out / "eval" / step / "eval_info.json").exists():
-        return
+def evaluate(out: Path, task: str, policy: Path, episodes: int, seed: int) -> Path:
+    """Evaluate, unless that has been done for this checkpoint and these seeds; returns the folder of the outcome."""
+    done = out / "eval" / f"{policy.resolve().parent.name}-seeds-{seed}-{seed + episodes - 1}"
+    if (done / "eval_info.json").exists():
+        return done
     config = (f"--config_path=configs/train/{task}_eval.yaml", f"--policy.path={policy}", f"--seed={seed}")
-    where = (f"--eval.n_episodes={episodes}", f"--output_dir={out / 'eval' / step}")
+    where = (f"--eval.n_episodes={episodes}", f"--output_dir={done}")
     run(out, "evaluate", "lerobot-eval", *config, *where)
+    return done
 
 
 def main() -> int:
@@ -83,12 +87,14 @@ def main() -> int:
     parser.add_argument("--eval-episodes", type=int, default=50, help="default %(default)s")
     parser.add_argument("--seed", type=int, default=1000, help="of the first evaluation episode (default %(default)s)")
     options, overrides = parser.parse_known_args()
+    if importlib.util.find_spec("accelerate") is None:
+        raise SystemExit("lerobot-train needs accelerate: pip install '.[train]'")
     out = options.out.resolve()
     out.mkdir(parents=True, exist_ok=True)
     gather(out, options.task, options.episodes)
     policy = train(out, options.task, options.steps, overrides)
-    evaluate(out, options.task, policy, options.eval_episodes, options.seed)
-    report = write_report(out, options.task, policy, options.seed)
+    done = evaluate(out, options.task, policy, options.eval_episodes, options.seed)
+    report = write_report(out, options.task, policy, done, options.seed)
     print(f"the report is {report}")
     return 0
 
