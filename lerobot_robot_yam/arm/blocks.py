@@ -86,6 +86,7 @@ class ControllerBlocks:
         record["dq"][slots] = drive.dq
         record["tau"][slots] = drive.tau
         record["setpoint"][slots] = c.setpoint.q
+        record["own_gains"] = c.motion.own_gains
         record["motor_stamp_s"][slots] = chain.stamp_s
         record["temp_mos_c"][slots] = chain.temp_mos_c
         record["temp_rotor_c"][slots] = chain.temp_rotor_c
@@ -96,8 +97,8 @@ class ControllerBlocks:
         if not self._ended:  # the handle of an arm that is off is not asked any more
             record["trigger"], record["buttons"], record["handle_stamp_s"] = c.handle
         record["offset_rad"][slots] = drive.offset_rad
-        if c.gripper is not None and c.gripper.stops is not None:
-            record["gripper_stops_rad"] = c.gripper.stops.closed_rad, c.gripper.stops.open_rad
+        stops = None if c.gripper is None else c.gripper.stops
+        record["gripper_stops_rad"] = np.nan if stops is None else (stops.closed_rad, stops.open_rad)
         record["gripper_blocked"] = c.gripper is not None and c.gripper.stalled
         record["trouble"] = (c.trouble or "").encode()
         record["message"] = c.message.encode()[:400]

@@ -112,7 +112,7 @@ class GripperAxis:
                     logger.error("%s", error)
             return float(found.value.shift_rad)
         except GripperError:
-            self._search = None
+            self.stop_search()
             raise
         return None
 

@@ -262,15 +262,20 @@ class ArmPort:
         """Search the gripper's stops anew and wait until they are found and stored.
 
         Raises:
-            MotorError: there is no gripper motor, or the search failed.
+            MotorError: there is no gripper motor, the search failed, or the arm was stopped or landed meanwhile.
+            LifeCycleError: not from the present mode.
             GripperError: they are not stored in `calibration_path`; those that were found count until the arm is off.
         """
         self._request(Request.CALIBRATE_GRIPPER)
         deadline = self._clock.now() + _CALIBRATION_TIMEOUT_S
-        while self.observe().mode is Mode.BRING_UP:
+        while (mode := self.observe().mode) is Mode.BRING_UP:
             if self._clock.now() > deadline:
                 raise MotorError(f"{self.config.name}: the gripper calibration does not end")
             self._clock.sleep(0.02)
+        if mode in (Mode.STOPPED, Mode.LAND, Mode.OFF):
+            raise MotorError(
+                f"{self.config.name}: the gripper calibration was cut short ({mode.name.lower()}); calibrate again"
+            )
         if self.config.calibration_path is not None:
             self._check_stored(Path(self.config.calibration_path))
 

@@ -4,14 +4,40 @@ import contextlib
 
 import pytest
 
+from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.session import ArmSession
+from lerobot_robot_yam.arm.state import Request
 from lerobot_robot_yam.arm.yam_arm import YamArm
-from lerobot_robot_yam.errors import GripperError
+from lerobot_robot_yam.errors import GripperError, LifeCycleError, MotorError
 from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.rig.lockstep import LockstepRig
 
-from .rigged import sim_config
+from .rigged import session_on, sim_config, track
+
+LEFT, RIGHT = "follower_left", "follower_right"
+AWAY = [0.2, 1.0, 1.0, -0.3, 0.1, 0.1]
+
+
+@pytest.fixture
+def rig():
+    with contextlib.closing(LockstepRig(arms=[LEFT, RIGHT])) as rig:
+        yield rig
+
+
+@pytest.fixture
+def session(rig):
+    session = session_on(rig, sim_config(rig, LEFT), sim_config(rig, RIGHT))
+    session.start()
+    yield session
+    session.discard()
+
+
+@pytest.fixture
+def stop():
+    stop = EmergencyStop()
+    yield stop
+    stop.release()
 
 
 def test_calibration_finds_and_keeps_the_stops(tmp_path):
@@ -46,3 +72,52 @@ def test_a_calibration_that_stores_nothing_has_failed_and_the_arm_is_held(tmp_pa
             port.calibrate_gripper()
         assert port.observe().mode is Mode.HOLD
         session.discard()
+
+
+def test_a_calibration_is_refused_while_stopped_and_the_grip_is_kept(session, stop):
+    port = session[LEFT]
+    track(session, {LEFT: AWAY}, 1.0, gripper=0.4)
+    stop.latch("a test")
+    session.clock.sleep(0.1)
+    before = port.observe().gripper
+    with pytest.raises(LifeCycleError, match="yam-estop release"):
+        port.calibrate_gripper()
+    session.clock.sleep(0.3)
+    assert port.observe().mode is Mode.STOPPED and port.observe().gripper == pytest.approx(before, abs=0.01)
+
+
+def test_a_calibration_that_is_stopped_has_failed(session, stop):
+    port = session[LEFT]
+    controller = session._runner._loop._controllers[0]
+    advance = controller.gripper.advance
+
+    begin_s = session.clock.now()
+
+    def stopped_after_a_second(now, motor_rad):
+        if now - begin_s > 1.0:
+            stop.latch("a test")
+        return advance(now, motor_rad)
+
+    controller.gripper.advance = stopped_after_a_second
+    with pytest.raises(MotorError, match="calibration was cut short"):
+        port.calibrate_gripper()
+
+
+def test_a_search_that_fails_leaves_the_fingers_still_and_has_the_peer_hold(rig, session):
+    track(session, {LEFT: AWAY, RIGHT: AWAY}, 1.0)
+    rig.fault(LEFT, "gripper", "stuck")
+    with pytest.raises(MotorError, match="gripper does not move"):
+        session[LEFT].calibrate_gripper()
+    session.clock.sleep(0.1)
+    rig.watch_start(LEFT)
+    track(session, {RIGHT: [-0.2, *AWAY[1:]]}, 1.0)
+    assert rig.watch(LEFT)["max_torque_nm"][-1] < 0.1
+    assert session[RIGHT].observe().mode is Mode.HOLD  # and takes no targets
+    assert session[RIGHT].observe().q[0] == pytest.approx(AWAY[0], abs=0.02)
+
+
+def test_stops_that_are_being_searched_are_not_published(session):
+    session[LEFT]._request(Request.CALIBRATE_GRIPPER)
+    session.clock.sleep(0.1)
+    assert session[LEFT].mode() is Mode.BRING_UP
+    assert all(value != value for value in session[LEFT]._raw()["gripper_stops_rad"])
