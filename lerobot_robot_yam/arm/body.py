@@ -25,7 +25,7 @@ logger = logging.getLogger(__name__)
 
 ACCELERATION_LIMIT_RAD_S2 = 30.0  # brakes from the speed limit within 50 ms
 _END_DECELERATION_RAD_S2 = 5.0  # arms overshoot what is harder by centimetres, and joints end on mechanical stops
-_LEFT_BEHIND_RAD = 0.05  # more than an arm lags with its own gains
+LEFT_BEHIND_RAD = 0.05  # more than an arm lags with its own gains
 _ENABLE_TICKS = 20  # in which a motor has to say that it is enabled: an answer may get lost
 _GRIPPER_ACCELERATION = 60.0  # strokes/s²
 _HEAT_PERIOD_S = 0.1  # metal is slow
@@ -87,7 +87,8 @@ class ArmBody:
         """Enable the motors, holding the measured pose from the first command on.
 
         Raises:
-            MotorError: a motor does not enable; those that did are disabled again (the arm was limp before).
+            MotorError: a motor does not enable, or somebody else is on the channel; those that did are disabled again
+                (the arm was limp before).
         """
         check_transition(self.name, self.mode, Mode.BRING_UP)
         try:
@@ -96,13 +97,15 @@ class ArmBody:
             self.command(0.0, 0.0)
             for _ in range(_ENABLE_TICKS):
                 finding = self.drive.exchange(self.motion.commands)
-                if finding.trouble is None:
+                if not finding.bad.any():
                     break
-            else:
+            if finding.bad.any():
                 raise MotorError(
                     f"{self.name} ({self.config.channel}): cannot enable {finding.message}; "
                     "power-cycle the arm or look at its motors"
                 )
+            if finding.trouble is not None:  # somebody else is on the channel
+                raise MotorError(f"{self.name} ({self.config.channel}): {finding.message}")
         except YamError:
             self._switch_off()
             raise
@@ -158,7 +161,7 @@ class ArmBody:
         self.motion.gains(kp, kd)
         if self.motion.own_gains and not own:
             gap = np.abs(self.setpoint.q - self.q)[: self.hardware.joints]
-            for joint in np.flatnonzero(gap > _LEFT_BEHIND_RAD):
+            for joint in np.flatnonzero(gap > LEFT_BEHIND_RAD):
                 self.setpoint.reseed(int(joint), float(self.q[joint]))
 
     def _seed_joints(self) -> None:

@@ -9,7 +9,7 @@ import math
 import can
 import numpy as np
 
-from lerobot_robot_yam.arm.body import ArmBody
+from lerobot_robot_yam.arm.body import LEFT_BEHIND_RAD, ArmBody
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.handle import HandleWatch
@@ -29,6 +29,7 @@ _UNHEARD_S = 0.03  # seven ticks
 _UNREACHABLE_S = 1.0  # beyond their watchdog, the motors have let go: there is nothing left to land
 _END_AGAIN_S = 1.0
 _SEED_RAD = 0.3  # a set-point further than this from the arm is not what holds it
+_RELEASE_FIRST = "the emergency stop is latched: look at the arms, then `yam-estop release`"
 _BUS_TROUBLE = {19: Trouble.ADAPTER_GONE, 100: Trouble.LINK_DOWN, 105: Trouble.BUS_OFF}  # by errno
 
 
@@ -73,7 +74,7 @@ class ArmController(ArmBody):
             self.mode = Mode.OFF
             return
         before = record["setpoint"][self.hardware.slots]
-        holds_it = np.abs(before - self.q) < _SEED_RAD
+        holds_it = np.abs(before - self.q) < (_SEED_RAD if record["own_gains"] else LEFT_BEHIND_RAD)
         holds_it[self.hardware.joints :] = np.isfinite(before[self.hardware.joints :])  # its grip, however thick
         self.setpoint.seed(np.where(holds_it, before, self.q))
         self.land(now, Trouble.CONTROL_DEAD, "its control process has died; the stand-by lands it")
@@ -92,7 +93,7 @@ class ArmController(ArmBody):
         heat = self._derate(now)
         if heat is not None and heat.stage:
             self.limited |= Limited.HEAT
-            if heat.stage is Stage.HOT and self.mode not in (Mode.LAND, Mode.FAULT):
+            if heat.stage is Stage.HOT and self.mode not in (Mode.LAND, Mode.FAULT) and not self._must_land:
                 self._suffer(Trouble.HOT, heat.message, now)
 
     def stop_reason(self, now: float) -> str:
@@ -151,6 +152,8 @@ class ArmController(ArmBody):
             YamError: not from the present mode, or it cannot be done.
         """
         if request is Request.LAND:
+            if self.mode is Mode.FAULT and self._stopped:
+                raise LifeCycleError(f"{self.name}: {self.message}; {_RELEASE_FIRST}")
             self.land(now)
         elif request is Request.REARM:
             self._rearm()
@@ -166,6 +169,8 @@ class ArmController(ArmBody):
         elif request is Request.CALIBRATE_GRIPPER:
             if self.gripper is None:
                 raise MotorError(f"{self.name}: {self.hardware.gripper.name} has no motor to calibrate")
+            if self._stopped:
+                raise LifeCycleError(f"{self.name}: the fingers keep what they hold; {_RELEASE_FIRST}")
             before = Mode.FLOAT if self.mode is Mode.FLOAT else Mode.HOLD
             self._enter(Mode.BRING_UP)
             self._after_search = before
@@ -259,6 +264,9 @@ class ArmController(ArmBody):
             MotorError: a motor still does not obey; those that do again hold where they are.
             LifeCycleError: this trouble needs a new connection.
         """
+        if self.mode is Mode.LAND or self._must_land:
+            why = self.message or "it has been told to land"
+            raise LifeCycleError(f"{self.name}: {why}; let it land, then connect again")
         if self.mode is Mode.FAULT:
             assert self.trouble is not None
             if not POLICY[self.trouble].in_place:
@@ -317,9 +325,7 @@ class ArmController(ArmBody):
             try:
                 shift = self.gripper.advance(now, float(self.drive.motor_q[-1]))
             except YamError as error:
-                self.trouble, self.message = Trouble.GRIPPER, str(error)
-                logger.error("%s", error)
-                self._enter(Mode.FAULT)
+                self._suffer(Trouble.GRIPPER, str(error), now)
                 return
             if shift is None:
                 return

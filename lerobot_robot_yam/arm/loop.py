@@ -37,16 +37,23 @@ class ControlLoop:
         controllers: inspected, not yet energised.
         blocks: in the same order.
         rate_hz: ticks per second; 0 runs as fast as the wire allows.
+        workspace: of arms that are to be driven; what only lands them needs none.
     """
 
-    def __init__(self, controllers: Sequence[ArmController], blocks: Sequence[ControllerBlocks], rate_hz: float):
+    def __init__(
+        self,
+        controllers: Sequence[ArmController],
+        blocks: Sequence[ControllerBlocks],
+        rate_hz: float,
+        workspace: WorkspaceGuard | None = None,
+    ):
         self._controllers = controllers
         self._blocks = blocks
         self._period_s = 1.0 / rate_hz if rate_hz > 0 else 0.0
         self._wire_s = max(c.chain.expected_wire_s for c in controllers)
         self.statistics = LoopStatistics(self._period_s)
         self._stop = EmergencyStop()
-        self._workspace = guard(controllers)
+        self._workspace = workspace
         self._clock = controllers[0].chain.clock
         self._failure = ""  # of the bring-up
 
@@ -205,11 +212,9 @@ class ControlLoop:
         active = [c for c in self._controllers if c.mode not in _ENDED]
         for controller in active:
             try:
-                controller.send()
+                _send(controller)
             except BusError as error:
                 controller.lose_bus(error, now)
-            except Exception as error:  # a command that cannot be packed: the next tick sends the last good one
-                controller.fail(error)
         self._clock.sleep(max(0.0, now + self._wire_s - _EARLY_S - self._clock.now()))
         for controller in active:
             if controller.mode not in _ENDED:
@@ -244,6 +249,16 @@ class ControlLoop:
             blocks.close(remove=not (stand_by and controller.mode in ENERGISED))
 
 
+def _send(controller: ArmController) -> None:
+    try:
+        controller.send()
+    except BusError:
+        raise
+    except Exception as error:  # a command that cannot be packed: the last good one instead
+        controller.fail(error)
+        controller.send()
+
+
 def guard(controllers: Sequence[ArmController]) -> WorkspaceGuard | None:
     """What keeps these arms clear of things and each other; None when nothing is forbidden."""
     if not any(c.config.workspace.limits_anything for c in controllers):
@@ -266,7 +281,7 @@ def build(configs: Sequence[ArmConfig], keys: Sequence[str], buses: Sequence) ->
     try:
         for controller, key in zip(controllers, keys, strict=True):
             blocks.append(ControllerBlocks(controller, key))
-        return ControlLoop(controllers, blocks, configs[0].rate_hz)
+        return ControlLoop(controllers, blocks, configs[0].rate_hz, guard(controllers))
     except BaseException:
         for made in blocks:
             made.close(remove=True)

@@ -58,6 +58,7 @@ STATE_DTYPE = np.dtype(
         ("dq", "f8", SLOTS),
         ("tau", "f8", SLOTS),
         ("setpoint", "f8", SLOTS),
+        ("own_gains", "u1"),  # held to it with its own gains, not with softer ones of a target
         ("motor_stamp_s", "f8", SLOTS),
         ("temp_mos_c", "f4", SLOTS),
         ("temp_rotor_c", "f4", SLOTS),

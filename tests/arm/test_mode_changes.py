@@ -1,5 +1,6 @@
 """Whatever ends a mode finds the arm where it is: no leap to a set-point that has been left behind."""
 
+import can
 import numpy as np
 import pytest
 
@@ -9,8 +10,10 @@ from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.loop import ControlLoop
+from lerobot_robot_yam.arm.policy import Trouble
 from lerobot_robot_yam.arm.session import ArmSession
 from lerobot_robot_yam.arm.state import STATE_DTYPE, Request, channel_key, state_path
+from lerobot_robot_yam.damiao.codec import encode_mit
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import LifeCycleError, MotorError
 from lerobot_robot_yam.rig.lockstep import LockstepRig
@@ -204,6 +207,20 @@ def test_who_takes_over_has_its_commands_ready_and_does_not_give_up_on_silence(r
     bus.shutdown()
 
 
+def test_who_takes_over_from_soft_gains_holds_the_arm_where_a_hand_keeps_it(rig, session):
+    """Its own gains would throw it at a set-point that it never was to hold."""
+    soft = {"kp": np.full(6, 1.0), "kd": np.ones(6)}
+    go(session, POSE)
+    go(session, POSE, 0.2, **soft)
+    rig.set_pose(CHANNEL, POSE + 0.2)
+    go(session, POSE, 0.1, **soft)
+    bus = open_bus(config(rig))
+    heir = ArmController(config(rig), bus)
+    heir.adopt(record_of(rig), session.clock.now())
+    assert np.abs(heir.setpoint.q[:6] - q_of(rig)).max() < 0.05
+    bus.shutdown()
+
+
 def test_who_takes_over_keeps_the_grip_on_a_thick_object(rig, session):
     go(session, POSE)
     record = record_of(rig)
@@ -249,3 +266,72 @@ def test_a_stop_that_cannot_be_written_down_holds_nevertheless(tmp_path):
     with pytest.raises(OSError):  # who asked has to know
         stop.latch("a test")
     assert stop.latched
+
+
+def test_commands_that_cannot_be_sent_are_replaced_by_the_last_good_ones(rig, session):
+    """Motors that hear nothing for 0.4 s let go."""
+    go(session, POSE)
+    controller_of(session).setpoint.q[1] = np.nan
+    session.clock.sleep(1.5)
+    assert controller_of(session).mode is Mode.FAULT
+    assert all(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())
+    assert np.abs(q_of(rig) - POSE).max() < 0.05
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_an_arm_that_has_to_land_is_not_talked_out_of_it(session, stopped):
+    go(session, POSE)
+    stop = EmergencyStop()
+    try:
+        if stopped:
+            stop.latch("a test")
+            session.clock.sleep(0.1)
+        controller_of(session).land(session.clock.now(), Trouble.HOT, "joint_2 is hot")
+        with pytest.raises(LifeCycleError, match="joint_2 is hot; let it land"):
+            session[CHANNEL].rearm()
+    finally:
+        stop.release()
+    session.clock.sleep(8.0)
+    assert session[CHANNEL].mode() is Mode.OFF
+
+
+def test_landing_is_refused_where_it_would_be_forgotten(rig, session):
+    go(session, POSE)
+    stop = EmergencyStop()
+    rig.fault(CHANNEL, "joint_6", "nibble", int(Fault.OVERLOAD))
+    session.clock.sleep(0.1)
+    try:
+        stop.latch("a test")
+        session.clock.sleep(0.1)
+        with pytest.raises(LifeCycleError, match="yam-estop release"):
+            session[CHANNEL].land()
+    finally:
+        stop.release()
+    session.clock.sleep(0.1)
+    session[CHANNEL].land()
+    assert session[CHANNEL].mode() is Mode.LAND
+
+
+def test_heat_during_an_emergency_stop_is_said_once(rig, session, caplog):
+    go(session, POSE)
+    stop = EmergencyStop()
+    stop.latch("a test")
+    try:
+        rig.fault(CHANNEL, "joint_2", "temperatures_c", [60, 118])
+        session.clock.sleep(2.0)
+    finally:
+        stop.release()
+    assert caplog.text.count("motor about to trip") == 1
+
+
+def test_somebody_else_who_speaks_before_the_motors_are_enabled_is_not_enabled_against(rig):
+    mine, other = open_bus(config(rig)), open_bus(config(rig))
+    controller = ArmController(config(rig), mine)
+    controller.inspect()
+    for _ in range(5):
+        other.send(can.Message(arbitration_id=1, data=encode_mit("DM4340", 0, 0, 0, 0, 0), is_extended_id=False))
+    with pytest.raises(MotorError, match="another driver commands"):
+        controller.energise()
+    assert not any(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())
+    for bus in (mine, other):
+        bus.shutdown()
