@@ -27,6 +27,7 @@ ACCELERATION_LIMIT_RAD_S2 = 30.0  # brakes from the speed limit within 50 ms
 _END_DECELERATION_RAD_S2 = 5.0  # arms overshoot what is harder by centimetres, and joints end on mechanical stops
 LEFT_BEHIND_RAD = 0.05  # more than an arm lags with its own gains
 _ENABLE_TICKS = 20  # in which a motor has to say that it is enabled: an answer may get lost
+_UNREACHABLE_S = 1.0  # beyond their watchdog, the motors have let go: there is nothing left to land
 _GRIPPER_ACCELERATION = 60.0  # strokes/s²
 _HEAT_PERIOD_S = 0.1  # metal is slow
 
@@ -61,6 +62,7 @@ class ArmBody:
         self._usable = np.ones(hw.n, dtype=bool)
         self._floats = config.start == "float"
         self._landing: Landing | None = None
+        self._unreachable_since: float | None = None
         self._bus_lost = False
         self._heat: Heat | None = None
         self._heat_due = -math.inf
@@ -185,6 +187,28 @@ class ArmBody:
         """The last commands that went out, at rest: what our own code broke over is not to be computed again."""
         self.motion.commands[:] = self.drive.sent
         self.motion.commands[:, laws.DQ] = 0.0
+
+    def _advance_landing(self, now: float) -> None:
+        """Move its set-point on; cuts torque where that moves nothing."""
+        assert self._landing is not None
+        joints = self.hardware.joints
+        if self._bus_lost or not self._usable.any():
+            self._unreachable_since = self._unreachable_since or now
+            if now - self._unreachable_since > _UNREACHABLE_S:
+                self.message = self.message or "nothing reaches the arm; its motors have let go by themselves"
+                logger.error("%s: cannot be landed: %s", self.name, self.message)
+                self._landing, self.mode = None, Mode.OFF
+                return
+        else:
+            self._unreachable_since = None
+        before = self._landing.phase
+        self._landing.advance(self.q[:joints], self.drive.dq[:joints], self._usable[:joints], now)
+        if self._landing.phase is Phase.OBSTRUCTED and before is not Phase.OBSTRUCTED:
+            self.trouble, self.message = Trouble.OBSTRUCTED, "landing is obstructed; holding"
+        if self._landing.phase is Phase.LANDED:
+            self._landing = None
+            logger.info("%s: landed", self.name)
+            self._switch_off()
 
     def _hold_here(self) -> None:
         """Brake; an arm that floats keeps its pose."""

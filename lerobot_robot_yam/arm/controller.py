@@ -16,7 +16,7 @@ from lerobot_robot_yam.arm.handle import HandleWatch
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.heat import Stage
 from lerobot_robot_yam.arm.held_back import HeldBack
-from lerobot_robot_yam.arm.landing import Landing, Phase
+from lerobot_robot_yam.arm.landing import Landing
 from lerobot_robot_yam.arm.lifecycle import ENERGISED, Mode, check_transition
 from lerobot_robot_yam.arm.policy import POLICY, Response, Trouble
 from lerobot_robot_yam.arm.state import Limited, Request
@@ -26,7 +26,6 @@ from lerobot_robot_yam.errors import LifeCycleError, MotorError, YamError
 logger = logging.getLogger(__name__)
 
 _UNHEARD_S = 0.03  # seven ticks
-_UNREACHABLE_S = 1.0  # beyond their watchdog, the motors have let go: there is nothing left to land
 _END_AGAIN_S = 1.0
 _SEED_RAD = 0.3  # a set-point further than this from the arm is not what holds it
 _RELEASE_FIRST = "the emergency stop is latched: look at the arms, then `yam-estop release`"
@@ -58,7 +57,6 @@ class ArmController(ArmBody):
         self._news: Trouble | None = None
         self._held_back = HeldBack(self.name)
         self._last_target_at = -math.inf
-        self._unreachable_since: float | None = None
         self._handle_watch = HandleWatch(self.name, self.drive.encoder)
         self._stop_reasons = StopReasons(config, self.hardware)
         self.handle = self._handle_watch.read(-math.inf)  # trigger, buttons, stamp
@@ -332,24 +330,3 @@ class ArmController(ArmBody):
             self.drive.shift_gripper(shift)
             self.setpoint.reseed(self.hardware.n - 1, float(self.q[-1]))
         self._enter(Mode.HOLD if self._halted else self._after_search)
-
-    def _advance_landing(self, now: float) -> None:
-        assert self._landing is not None
-        joints = self.hardware.joints
-        if self._bus_lost or not self._usable.any():
-            self._unreachable_since = self._unreachable_since or now
-            if now - self._unreachable_since > _UNREACHABLE_S:
-                self.message = self.message or "nothing reaches the arm; its motors have let go by themselves"
-                logger.error("%s: cannot be landed: %s", self.name, self.message)
-                self._landing, self.mode = None, Mode.OFF
-                return
-        else:
-            self._unreachable_since = None
-        before = self._landing.phase
-        self._landing.advance(self.q[:joints], self.drive.dq[:joints], self._usable[:joints], now)
-        if self._landing.phase is Phase.OBSTRUCTED and before is not Phase.OBSTRUCTED:
-            self.trouble, self.message = Trouble.OBSTRUCTED, "landing is obstructed; holding"
-        if self._landing.phase is Phase.LANDED:
-            self._landing = None
-            logger.info("%s: landed", self.name)
-            self._switch_off()
