@@ -1,6 +1,7 @@
 """Landing: bring the arm down under control to where cutting torque moves nothing.
 
-    fold    straight joint line to the folded pose with the wrist raised, at LANDING_SPEED at most
+    fold    straight joint line to the folded pose with the wrist raised, at LANDING_SPEED at most; an arm that lies
+            already stays
     lower   the wrist down to its resting place, stopping at contact
     fade    stiffness and feed-forward to nothing under full damping; whatever is still unsupported sinks slowly
     still   wait until nothing moves; only then may torque be cut
@@ -69,13 +70,14 @@ class Landing:
         self._fold[_WRIST] += self._up * _WRIST_LIFT_RAD
         self._sag_rad = _SAG_NM / max(float(kp[_WRIST]), 1.0)
         self._n = n
-        self.phase = Phase.FOLD
+        lies = bool(np.abs(q - self._rest).max() < _AT_POSE_RAD)
+        self.phase = Phase.LOWER if lies else Phase.FOLD
         self._since = now
         self._speed = np.zeros(n)
         self._stuck_since: float | None = None
         self._still_since: float | None = None
         self.share = 1.0
-        self._begin_move(self._fold, now)
+        self._begin_move(self._rest if lies else self._fold, now)
 
     def _begin_move(self, goal: np.ndarray, now: float) -> None:
         """Straight line: every joint arrives at the same time."""

@@ -98,6 +98,18 @@ def test_a_load_that_nobody_told_of_is_landed_with_a_sagging_wrist(rig, caplog, 
     assert "cannot land" not in caplog.text + capfd.readouterr().err
 
 
+def test_an_arm_that_lies_already_stays_where_it_is(rig):
+    with arm_on(rig, CHANNEL) as arm:
+        before = np.array(rig.state()["arms"][CHANNEL]["q"])
+        arm.clock.sleep(0.3)
+        arm._session[CHANNEL].land()
+        farthest = 0.0
+        while arm._session[CHANNEL].mode() is not Mode.OFF:
+            farthest = max(farthest, np.abs(np.array(rig.state()["arms"][CHANNEL]["q"]) - before).max())
+            arm.clock.sleep(0.01)
+    assert farthest < 0.03
+
+
 @pytest.mark.parametrize("beyond_rad", [0.0, 0.07, 0.14])
 def test_an_arm_lands_whose_base_stands_beyond_its_range(beyond_rad):
     hardware = Hardware(ArmConfig(channel="x", name="left"))
