@@ -51,9 +51,10 @@ def repair(root: Path, target: Path, dry_run: bool = False) -> int:
 
     findings = inspect(root, lambda episodes: _bar(episodes, "looking at episodes"))
     kept, lost = findings.kept, [episode for episode in findings.episodes if episode.lost]
-    for problem in findings.problems:
+    problems = [*findings.problems, *findings.leftovers]
+    for problem in problems:
         _say(f"  {problem}")
-    if not findings.problems and not lost:
+    if not problems and not lost:
         if not dry_run:
             verify(root, lambda episodes: _bar(episodes, "loading episodes"))
         _say(f"{root}: healthy, {len(kept)} episodes")

@@ -31,6 +31,7 @@ _DEFAULT_TIME_LIMIT_S = 30.0
 _ARRIVED = 0.05  # rad, or of the gripper's stroke
 _REACH_TIMEOUT_S = 30.0
 _SPECTATOR_SIZE = 320, 240  # pixels
+_ENDLESS_S = 86_400.0
 _SETTLE_S = 0.5  # at the reset pose, before an episode begins
 
 
@@ -231,8 +232,7 @@ class YamEnv(gym.Env):
         if self._virtual:
             self._rig = self._make_rig()
             if self._task is not None:
-                # From the layout on; it is the number of steps that ends an episode whose length is configured.
-                limit_s = config.time_limit_s and config.time_limit_s + 2.0 * _SETTLE_S
+                limit_s = _ENDLESS_S if config.time_limit_s else None  # then it is the number of steps that ends it
                 referee = RigReferee(self._rig, self._task.name, limit_s)
         if config.success == "operator":
             return OperatorReferee(config.task or "", referee)

@@ -27,9 +27,13 @@ def run(out: Path, name: str, *command: str) -> None:
     """
     begin = time.monotonic()
     program = Path(sys.executable).parent / command[0]
+    process = subprocess.Popen([str(program), *command[1:]], cwd=ROOT)
     try:
-        status = subprocess.run([str(program), *command[1:]], cwd=ROOT).returncode
-    finally:  # Ctrl-C: what it has done so far counts
+        status = process.wait()
+    except KeyboardInterrupt:
+        process.wait()  # it has been interrupted too, and finishes what must be whole
+        raise
+    finally:  # what it has done so far counts
         path = out / "times.json"
         times = json.loads(path.read_text()) if path.exists() else {}
         times[name] = times.get(name, 0.0) + time.monotonic() - begin

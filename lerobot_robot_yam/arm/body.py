@@ -19,7 +19,7 @@ from lerobot_robot_yam.arm.policy import Trouble
 from lerobot_robot_yam.arm.setpoint import SetPoint
 from lerobot_robot_yam.arm.state import Limited
 from lerobot_robot_yam.damiao.chain import MotorChain
-from lerobot_robot_yam.errors import BusError, MotorError, YamError
+from lerobot_robot_yam.errors import BusError, ChannelInUseError, MotorError, YamError
 
 logger = logging.getLogger(__name__)
 
@@ -89,10 +89,16 @@ class ArmBody:
         """Enable the motors, holding the measured pose from the first command on.
 
         Raises:
-            MotorError: a motor does not enable, or somebody else is on the channel; those that did are disabled again
-                (the arm was limp before).
+            ChannelInUseError: somebody else commands these motors; nothing was sent.
+            MotorError: a motor does not enable, or somebody else appears meanwhile; those that were enabled are
+                disabled again (the arm was limp before).
         """
         check_transition(self.name, self.mode, Mode.BRING_UP)
+        self.chain.drain()
+        if self.chain.foreign_commands:  # since it was listened to; they hold the arm perhaps
+            raise ChannelInUseError(
+                f"{self.name}: another driver commands the motors on {self.config.channel}; stop it and try again"
+            )
         try:
             self.drive.enable()
             self.setpoint.seed(self.q)  # as of now: since it was inspected, a hand may have moved a limp arm

@@ -158,11 +158,15 @@ class ArmController(ArmBody):
         elif self.mode is Mode.FAULT:
             raise LifeCycleError(f"{self.name}: {self.message}; re-arm it first")
         elif request is Request.HOLD:
-            if self.mode not in (Mode.HOLD, Mode.STOPPED):
+            if self.mode is Mode.BRING_UP:
+                self._after_search = Mode.HOLD
+            elif self.mode not in (Mode.HOLD, Mode.STOPPED):
                 check_transition(self.name, self.mode, Mode.HOLD)
                 self._hold_here()
         elif request is Request.FLOAT:
-            if self.mode not in (Mode.FLOAT, Mode.STOPPED):
+            if self.mode is Mode.BRING_UP:
+                self._after_search = Mode.FLOAT
+            elif self.mode not in (Mode.FLOAT, Mode.STOPPED):
                 self._enter(Mode.FLOAT)
         elif request is Request.CALIBRATE_GRIPPER:
             if self.gripper is None:
@@ -252,6 +256,8 @@ class ArmController(ArmBody):
             self.mode = Mode.FAULT
             self.setpoint.stop()
             self._use_gains()
+            if self.gripper is not None:
+                self.gripper.stop_search()
         self._landing = None
         self._repeat()
 

@@ -226,7 +226,11 @@ class ArmPort:
         self._request(Request.FLOAT)
 
     def land(self) -> None:
-        """Begin to land; `mode()` becomes OFF when torque has been cut."""
+        """Begin to land; `mode()` becomes OFF when torque has been cut.
+
+        Raises:
+            LifeCycleError: the arm has failed and the emergency stop is latched.
+        """
         self._request(Request.LAND)
 
     def rearm(self) -> None:

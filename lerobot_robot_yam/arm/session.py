@@ -12,7 +12,7 @@ from lerobot_robot_yam.arm.port import ArmPort
 from lerobot_robot_yam.arm.runners import ProcessRunner, Runner, ThreadRunner, wait_patiently
 from lerobot_robot_yam.arm.state import channel_key
 from lerobot_robot_yam.clock import SYSTEM, Clock
-from lerobot_robot_yam.errors import ConfigError, LifeCycleError
+from lerobot_robot_yam.errors import ConfigError, LifeCycleError, YamError
 from lerobot_robot_yam.runtime import rig_name
 
 logger = logging.getLogger(__name__)
@@ -175,9 +175,19 @@ class ArmSession:
             port.rearm()
 
     def land(self) -> None:
-        """Land every arm and wait until torque is off; the session still has to be stopped."""
+        """Land every arm and wait until torque is off; the session still has to be stopped.
+
+        Raises:
+            LifeCycleError: an arm does not land, or has failed and the emergency stop is latched; the others land.
+        """
+        refused: list[YamError] = []
         for port in self._ports.values():
-            port.land()
+            try:
+                port.land()
+            except YamError as error:
+                refused.append(error)
+        if refused:
+            raise refused[0]
         clock = self.clock
         deadline = clock.now() + _LAND_TIMEOUT_S
         while any(port.mode() is not Mode.OFF for port in self._ports.values()):

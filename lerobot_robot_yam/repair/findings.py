@@ -51,6 +51,7 @@ class Findings:
     stats: dict[str, dict[str, np.ndarray]]  # of all episodes together; empty where they cannot be read
     episodes: list[Episode] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
+    leftovers: list[str] = field(default_factory=list)  # what nobody reads, in words
 
     @property
     def kept(self) -> list[Episode]:

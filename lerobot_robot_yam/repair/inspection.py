@@ -63,9 +63,9 @@ def inspect(root: Path, progress: Progress = iter) -> Findings:
             f"{len(kept)} with {sum(episode.length for episode in kept)}"
         )
     if (root / "images").is_dir():
-        findings.problems.append("images: frames that no video was made of; they stay there")
+        findings.leftovers.append("images: frames that no video was made of; they stay there")
     for path in sorted(root.glob("tmp*")):
-        findings.problems.append(f"{path.name}: left by the episode that was being recorded; its rows were in memory")
+        findings.leftovers.append(f"{path.name}: left by the episode that was being recorded; its rows were in memory")
     return findings
 
 

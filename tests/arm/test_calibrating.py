@@ -121,3 +121,14 @@ def test_stops_that_are_being_searched_are_not_published(session):
     session.clock.sleep(0.1)
     assert session[LEFT].mode() is Mode.BRING_UP
     assert all(value != value for value in session[LEFT]._raw()["gripper_stops_rad"])
+
+
+@pytest.mark.parametrize("how", ["hold", "float"])
+def test_holding_or_floating_waits_for_the_end_of_a_search(session, how):
+    port = session[LEFT]
+    port._request(Request.CALIBRATE_GRIPPER)
+    session.clock.sleep(0.1)
+    getattr(port, how)()
+    assert port.mode() is Mode.BRING_UP
+    session.clock.sleep(10.0)
+    assert port.observe().mode is (Mode.HOLD if how == "hold" else Mode.FLOAT)  # and its stops are known

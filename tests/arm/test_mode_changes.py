@@ -15,7 +15,7 @@ from lerobot_robot_yam.arm.session import ArmSession
 from lerobot_robot_yam.arm.state import STATE_DTYPE, Request, channel_key, state_path
 from lerobot_robot_yam.damiao.codec import encode_mit
 from lerobot_robot_yam.damiao.tables import Fault
-from lerobot_robot_yam.errors import LifeCycleError, MotorError
+from lerobot_robot_yam.errors import ChannelInUseError, LifeCycleError, MotorError
 from lerobot_robot_yam.rig.lockstep import LockstepRig
 from lerobot_robot_yam.shared_block import SharedBlock
 
@@ -304,7 +304,7 @@ def test_landing_is_refused_where_it_would_be_forgotten(rig, session):
         stop.latch("a test")
         session.clock.sleep(0.1)
         with pytest.raises(LifeCycleError, match="yam-estop release"):
-            session[CHANNEL].land()
+            session.land()
     finally:
         stop.release()
     session.clock.sleep(0.1)
@@ -324,13 +324,27 @@ def test_heat_during_an_emergency_stop_is_said_once(rig, session, caplog):
     assert caplog.text.count("motor about to trip") == 1
 
 
-def test_somebody_else_who_speaks_before_the_motors_are_enabled_is_not_enabled_against(rig):
+@pytest.mark.parametrize("meanwhile, error", [(False, ChannelInUseError), (True, MotorError)])
+def test_nothing_is_enabled_against_somebody_else(rig, meanwhile, error):
     mine, other = open_bus(config(rig)), open_bus(config(rig))
     controller = ArmController(config(rig), mine)
     controller.inspect()
-    for _ in range(5):
-        other.send(can.Message(arbitration_id=1, data=encode_mit("DM4340", 0, 0, 0, 0, 0), is_extended_id=False))
-    with pytest.raises(MotorError, match="another driver commands"):
+    enable = controller.drive.enable
+
+    def speak():
+        for _ in range(5):
+            other.send(can.Message(arbitration_id=1, data=encode_mit("DM4340", 0, 0, 0, 0, 0), is_extended_id=False))
+        rig.sleep(0.01)
+
+    def enable_late():
+        speak()
+        enable()
+
+    if meanwhile:
+        controller.drive.enable = enable_late
+    else:
+        speak()
+    with pytest.raises(error, match="another driver commands"):
         controller.energise()
     assert not any(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())
     for bus in (mine, other):

@@ -41,6 +41,7 @@ def test_a_run_that_was_killed_while_it_saved_is_not_gone_on_with(tmp_path):
             data.add_frame({"action": np.zeros(7, "f4"), "observation.state": np.zeros(7, "f4"), "task": "none"})
         data.save_episode()
         data.finalize()
+    (root / "tmpabcd").mkdir()  # of a run that was killed before it saved: nothing is wrong with the data
     _open(env, root, "local/gathered").finalize()
     shutil.rmtree(root / "meta")
     shutil.copytree(tmp_path / "meta", root / "meta")
