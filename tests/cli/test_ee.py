@@ -32,7 +32,7 @@ class Watch:
     """Where the followers' tools really are, in the frames of their bases, over time."""
 
     def __init__(self, rig):
-        self.rig, self.rows = rig, {side: [] for side in START}
+        self.rig, self.rows, self.began = rig, {side: [] for side in START}, 0
         self.bases = {row["channel"]: row for row in rig.scene()["arms"]}
 
     def look(self):
@@ -81,9 +81,11 @@ def recorded(shared_ee_commands):
         times = STILL_S + LEG_S * np.arange(4)
         for side, q in START.items():
             commands.rig.hand(f"leader_{side}", times.tolist(), [q, *WAY[side]])
-        watch, end = Watch(commands.rig), time.monotonic() + SECONDS
-        while time.monotonic() < end and process.poll() is None:
+        watch, begin_s = Watch(commands.rig), time.monotonic()
+        while time.monotonic() < begin_s + SECONDS and process.poll() is None:
             watch.look()
+            if time.monotonic() < begin_s + STILL_S - 1.0:  # the followers come to the start from their rest
+                watch.began = len(watch.rows["left"])
         assert commands.finish(process, START_S) == 0, commands.output()[-4000:]
     finally:
         process.kill()
@@ -122,7 +124,7 @@ def test_replay_brings_the_tools_back(recorded):
     assert commands.finish(process) == 0, commands.output()[-4000:]
     actions = np.stack(data.hf_dataset.with_format("numpy")["action"])
     for index, side in enumerate(START):
-        path, before = watch.path(side), watched.path(side)
+        path, before = watch.path(side), watched.path(side)[watched.began :]
         begin, end = before[0], before[-1]
         first = int(np.argmax(np.linalg.norm(path - begin, axis=1) < ERROR_M))  # from rest, it comes to the start
         last = int(np.linalg.norm(path - end, axis=1).argmin())
