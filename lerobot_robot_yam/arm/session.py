@@ -169,9 +169,9 @@ class ArmSession:
         """Enable again what has failed, and let all arms of the session take targets again.
 
         Raises:
-            LifeCycleError: an arm still fails, or needs a new connection.
+            LifeCycleError: an arm still fails, or needs a new connection; those that hold because of it go on holding.
         """
-        for port in self._ports.values():
+        for port in sorted(self._ports.values(), key=lambda port: port.mode() is not Mode.FAULT):
             port.rearm()
 
     def land(self) -> None:

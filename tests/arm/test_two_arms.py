@@ -1,8 +1,12 @@
 """Two arms of one session: what stops one stops both, and both wait for a caller that has fallen silent."""
 
+import pytest
+
 from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.state import Limited
+from lerobot_robot_yam.damiao.tables import Fault
+from lerobot_robot_yam.errors import LifeCycleError
 
 from .rigged import either_rig, isolation_of, session_on, sim_config, track
 from .test_fault_matrix import AWAY, LEFT, RIGHT, SLACK_S, wait_for
@@ -48,4 +52,22 @@ def test_too_much_effort_latches_the_emergency_stop(rig):
         clock.sleep(1.5)  # nobody pushes any more
     finally:
         EmergencyStop().release()
+        session.stop()
+
+
+def test_an_arm_that_holds_because_of_the_other_is_released_with_it_and_not_before(rig):
+    session = session_on(rig, sim_config(rig, LEFT), sim_config(rig, RIGHT))
+    session.start()
+    try:
+        rig.fault(RIGHT, "joint_6", "nibble", int(Fault.OVERLOAD), sticky=True)
+        wait_for(session.clock, "it is noticed", lambda: session[RIGHT].mode() is Mode.FAULT, 1.0)
+        with pytest.raises(LifeCycleError, match="cannot re-arm.*joint_6"):
+            session.rearm()
+        track(session, {LEFT: AWAY}, 0.2)
+        assert session[LEFT].mode() is Mode.HOLD  # it takes no targets
+        rig.clear_faults(RIGHT)
+        session.rearm()
+        track(session, {LEFT: AWAY, RIGHT: AWAY}, 0.2)
+        assert {session[channel].mode() for channel in (LEFT, RIGHT)} == {Mode.TRACK}
+    finally:
         session.stop()
