@@ -116,5 +116,5 @@ def test_without_a_server_the_client_gives_up_and_lands(asynchronous):
     asynchronous.start_client()
     asynchronous.end()
     assert "Failed to connect to policy server" in asynchronous.commands.output()
-    asynchronous.assert_moved(-1.0, at_most_rad=0.03)
+    asynchronous.assert_moved(-1.0, at_most_rad=0.05)  # limp, the wrist settles
     asynchronous.assert_ended_well()

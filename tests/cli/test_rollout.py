@@ -208,7 +208,7 @@ def test_no_policy_moves_an_arm_faster_than_its_limits(rollout, inference, behav
     assert says in rollout.commands.output(), rollout.commands.output()[-4000:]
     rollout.assert_ended_well()
     if behaviour in ("nothing", "short"):
-        rollout.assert_moved(-1.0, at_most_rad=0.03)
+        rollout.assert_moved(-1.0, at_most_rad=0.05)  # limp, the wrist settles
     else:
         rollout.assert_moved(0.05)
 
