@@ -31,7 +31,7 @@ _DEFAULT_TIME_LIMIT_S = 30.0
 _ARRIVED = 0.05  # rad, or of the gripper's stroke
 _REACH_TIMEOUT_S = 30.0
 _SPECTATOR_SIZE = 320, 240  # pixels
-_ENDLESS_S = 86_400.0
+_ENDLESS_S = 86_400.0  # a day: no time limit of the rig's own
 _SETTLE_S = 0.5  # at the reset pose, before an episode begins
 
 

@@ -215,6 +215,8 @@ class ControlLoop:
                 _send(controller)
             except BusError as error:
                 controller.lose_bus(error, now)
+            except Exception as error:  # not even that: the other arms are to be held
+                controller.fail(error)
         self._clock.sleep(max(0.0, now + self._wire_s - _EARLY_S - self._clock.now()))
         for controller in active:
             if controller.mode not in _ENDED:

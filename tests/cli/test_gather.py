@@ -35,7 +35,8 @@ def test_a_run_that_was_killed_while_it_saved_is_not_gone_on_with(tmp_path):
     env, root = environment(config_path("train/lift_and_place_eval")), tmp_path / "data"
     env.robot.cameras = {}
     for _ in range(2):
-        shutil.copytree(root / "meta", tmp_path / "meta", dirs_exist_ok=True) if root.exists() else None
+        if root.exists():
+            shutil.copytree(root / "meta", tmp_path / "meta")
         data = _open(env, root, "local/gathered")
         for _ in range(3):
             data.add_frame({"action": np.zeros(7, "f4"), "observation.state": np.zeros(7, "f4"), "task": "none"})
