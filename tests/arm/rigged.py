@@ -68,11 +68,11 @@ def pause(rig, seconds):
     (rig if isinstance(rig, LockstepRig) else SYSTEM).sleep(seconds)
 
 
-def track(session, poses, seconds, gripper=0.5):
-    """Stream one pose (6,) per arm."""
+def track(session, poses, seconds, gripper=0.5, **gains):
+    """Stream one pose (6,) per arm, maybe with kp and kd."""
     clock = session.clock
     deadline = clock.now() + seconds
     while clock.now() < deadline:
         for name, pose in poses.items():
-            session[name].track(pose, gripper)
+            session[name].track(pose, gripper, **gains)
         clock.sleep(0.02)

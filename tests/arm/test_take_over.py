@@ -1,0 +1,99 @@
+"""Who takes an arm over from a loop that has died knows what that knew, and moves nothing by it."""
+
+import contextlib
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.arm.bus import open_bus
+from lerobot_robot_yam.arm.controller import ArmController
+from lerobot_robot_yam.arm.lifecycle import Mode
+from lerobot_robot_yam.arm.state import STATE_DTYPE, channel_key, state_path
+from lerobot_robot_yam.rig.lockstep import LockstepRig
+from lerobot_robot_yam.shared_block import SharedBlock
+
+from .rigged import session_on, sim_config, track
+
+CHANNEL = "follower_left"
+POSE = np.array([0.2, 1.0, 1.1, -0.3, 0.1, 0.1])
+
+
+@pytest.fixture
+def rig():
+    rig = LockstepRig(arms=[CHANNEL])
+    yield rig
+    rig.close()
+
+
+@pytest.fixture
+def session(rig):
+    session = session_on(rig, sim_config(rig, CHANNEL))
+    session.start()
+    yield session
+    session.discard()
+
+
+@pytest.fixture
+def heir_of(rig):
+    """Makes a controller that takes over from a record."""
+    with contextlib.ExitStack() as opened:
+
+        def heir_of(record):
+            config = sim_config(rig, CHANNEL)
+            bus = open_bus(config)
+            opened.callback(bus.shutdown)
+            heir = ArmController(config, bus)
+            heir.adopt(record, rig.now())
+            return heir
+
+        yield heir_of
+
+
+def record_of(rig):
+    """What the loop has published last."""
+    block = SharedBlock(state_path(channel_key("yam_lockstep", CHANNEL, rig.name)), STATE_DTYPE, create=False)
+    try:
+        return block.read().copy()
+    finally:
+        block.close()
+
+
+@pytest.mark.parametrize("silent", [False, True])
+def test_who_takes_over_has_its_commands_ready_and_does_not_give_up_on_silence(rig, heir_of, session, silent):
+    track(session, {CHANNEL: POSE}, 1.5)
+    record = record_of(rig)
+    if silent:  # for a moment, as on a machine that stands still
+        rig.fault(CHANNEL, None, "silent")
+    heir = heir_of(record)
+    assert heir.mode is Mode.LAND
+    assert (heir.motion.commands[:6, 2] > 1.0).all()  # kp, Nm/rad
+    assert np.abs(heir.setpoint.q[:6] - POSE).max() < 0.05
+    assert np.abs(heir.motion.commands[:6, 0] - POSE).max() < 0.05  # what it sends, after the torque clip
+    assert np.abs(heir.motion.commands[:6, 4]).max() < 10.0  # Nm
+
+
+def test_who_takes_over_from_soft_gains_holds_the_arm_where_a_hand_keeps_it(rig, heir_of, session):
+    """Its own gains would throw it at a set-point that it never was to hold."""
+    soft = {"kp": np.full(6, 1.0), "kd": np.ones(6)}
+    track(session, {CHANNEL: POSE}, 1.5)
+    track(session, {CHANNEL: POSE}, 0.2, **soft)
+    rig.set_pose(CHANNEL, POSE + 0.2)
+    track(session, {CHANNEL: POSE}, 0.1, **soft)
+    heir = heir_of(record_of(rig))
+    assert np.abs(heir.setpoint.q[:6] - rig.state()["arms"][CHANNEL]["q"][:6]).max() < 0.05
+
+
+def test_who_takes_over_keeps_the_grip_on_a_thick_object(rig, heir_of, session):
+    track(session, {CHANNEL: POSE}, 1.5)
+    record = record_of(rig)
+    gripper = session[CHANNEL].hardware.slots[-1]
+    record["setpoint"][gripper] = 0.0  # closed on something that keeps the fingers half open
+    heir = heir_of(record)
+    assert heir.q[-1] > 0.4 and heir.setpoint.q[-1] == 0.0
+
+
+def test_nobody_takes_over_an_arm_that_is_limp(rig, heir_of, session):
+    record = record_of(rig)
+    rig.cut_torque(CHANNEL)
+    heir = heir_of(record)
+    assert heir.mode is Mode.OFF
