@@ -27,6 +27,7 @@ logger = logging.getLogger(__name__)
 
 _UNHEARD_S = 0.03  # seven ticks
 _END_AGAIN_S = 1.0
+_REARM_TICKS = 8  # in which a motor has to say that it is enabled: an answer may get lost
 _SEED_RAD = 0.3  # a set-point further than this from the arm is not what holds it
 _RELEASE_FIRST = "the emergency stop is latched: look at the arms, then `yam-estop release`"
 _BUS_TROUBLE = {19: Trouble.ADAPTER_GONE, 100: Trouble.LINK_DOWN, 105: Trouble.BUS_OFF}  # by errno
@@ -36,7 +37,7 @@ class ArmController(ArmBody):
     """Drives the motors of one channel.
 
     Bring-up: `inspect` (energises nothing), `energise`, then ticks: `send`, `collect`, `measure`,
-    `decide`, (the set-point advances,) `command`.
+    `decide`, (the set-point advances,) `command`; see `loop` for what else the order may be.
 
     Args:
         config: the arm.
@@ -281,7 +282,10 @@ class ArmController(ArmBody):
             self._seed_joints()
             before[failed] = self.setpoint.q[failed]  # they have sagged meanwhile
             self.command(self.chain.clock.now(), 0.0)
-            finding = self.drive.exchange(self.motion.commands)
+            for _ in range(_REARM_TICKS):
+                finding = self.drive.exchange(self.motion.commands)
+                if finding.trouble is None:
+                    break
             if finding.trouble is not None:
                 self.setpoint.seed(before)
                 raise MotorError(f"{self.name} ({self.config.channel}): cannot re-arm: {finding.message}")

@@ -19,6 +19,8 @@ from lerobot_robot_yam.damiao.quantisation import Quantiser
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.errors import YamError
 
+_SOON_S = 0.02  # motors answer within a few ms, and meanwhile nobody commands the other arm
+
 
 class ArmDrive:
     """Motors of one channel in joint coordinates, n motors, the gripper's last.
@@ -94,20 +96,20 @@ class ArmDrive:
         Raises:
             MotorError: one is where its joint cannot be; all these are disabled again.
         """
-        self.chain.special(SpecialCommand.CLEAR, motors=motors)
-        self.chain.special(SpecialCommand.ENABLE, motors=motors)
+        self.chain.special(SpecialCommand.CLEAR, _SOON_S, motors)
+        self.chain.special(SpecialCommand.ENABLE, _SOON_S, motors)
         self.read()
         try:
             self._resolve([i for i in motors if i < self._hardware.joints])  # without power it forgets its turn
         except YamError:
-            self.chain.special(SpecialCommand.DISABLE, motors=motors)
+            self.chain.special(SpecialCommand.DISABLE, _SOON_S, motors)
             raise
         self.read()
 
     def disable(self) -> None:
         """Cut torque."""
         for _ in range(3):
-            if all(self.chain.special(SpecialCommand.DISABLE, timeout_s=0.02)):
+            if all(self.chain.special(SpecialCommand.DISABLE, _SOON_S)):
                 break
 
     def send(self, commands: np.ndarray) -> None:

@@ -41,11 +41,7 @@ class EmergencyStop:
     @property
     def latched(self) -> bool:
         """Whether the stop is set."""
-        try:
-            os.stat(self._name)
-        except OSError:
-            return self._unwritten
-        return True
+        return os.access(self._name, os.F_OK) or self._unwritten
 
     def reason(self) -> str:
         """Who set it, when and why; empty when it is not set."""

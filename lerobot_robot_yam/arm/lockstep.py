@@ -5,9 +5,10 @@ from collections.abc import Iterator
 
 import can
 
+from lerobot_robot_yam.arm.build import build
 from lerobot_robot_yam.arm.bus import open_bus
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.arm.loop import ControlLoop, build
+from lerobot_robot_yam.arm.loop import ControlLoop
 from lerobot_robot_yam.clock import SYSTEM, Clock, clock_of
 from lerobot_robot_yam.errors import YamError
 

@@ -2,16 +2,17 @@
 
     send all → sleep while the wire works → collect and publish each → laws → sleep until the next deadline
 
-Deadlines are absolute; after an overrun the loop starts anew from now: no burst, no drift.
+Deadlines are absolute; after an overrun the loop starts anew from now: no burst, no drift. At rates that leave no time
+for laws beside the wire, they work on the tick before while the wire works:
+
+    send all → publish each → laws → sleep while the wire works → collect
 """
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from lerobot_robot_yam.arm.arm_parts import GuardedArm
 from lerobot_robot_yam.arm.blocks import ControllerBlocks
-from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.controller import ArmController
 from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.guard import WorkspaceGuard
@@ -26,6 +27,8 @@ _STRAGGLER_S = 0.0008  # how long beyond the expected wire time a reply is waite
 _EARLY_S = 0.0002  # before the wire is through: what has come is decoded while the last frames travel
 _WAKE_UP_S = 0.00006  # what a sleep takes longer than asked, typically
 _ENDED = (Mode.OFF, Mode.OFFLINE)
+_LAWS_S = 0.0008  # states, laws and packing of two arms take half of it where nothing else runs
+_BREATH_S = 0.0001  # for the rest of the computer: a real-time process that never sleeps is stopped for 50 ms at a time
 _MOST_DT_S = 0.012  # after a pause the set-points go on from where they were, not in one leap
 _GUARDED = (Mode.HOLD, Mode.TRACK)  # a landing ends where the arm touches itself
 
@@ -51,11 +54,15 @@ class ControlLoop:
         self._blocks = blocks
         self._period_s = 1.0 / rate_hz if rate_hz > 0 else 0.0
         self._wire_s = max(c.chain.expected_wire_s for c in controllers)
+        self._beside_wire = self._period_s < self._wire_s + _LAWS_S
         self.statistics = LoopStatistics(self._period_s)
         self._stop = EmergencyStop()
         self._workspace = workspace
         self._clock = controllers[0].chain.clock
         self._failure = ""  # of the bring-up
+        self._ready = False  # every arm has left bring-up
+        self._tick = 0
+        self._last = 0.0  # when the laws were asked last
 
     def start(self) -> None:
         """Energise every arm, or none.
@@ -91,12 +98,11 @@ class ControlLoop:
         Raises:
             YamError: bring-up failed. The arms have landed then.
         """
-        ready = landing = False
-        tick = 0
+        landing = False
         clock = self._clock
-        last = deadline = clock.now()
+        self._last = deadline = clock.now()
         for blocks in self._blocks:
-            blocks.publish(last, tick)
+            blocks.publish(deadline, 0)
         while True:
             now = clock.now()
             self.statistics.tick(now)
@@ -106,21 +112,16 @@ class ControlLoop:
                     controller.end(now)
             if not all(blocks.owned for blocks in self._blocks):
                 raise LifeCycleError("another process has taken the arms over; this one leaves them alone")
-            self._exchange(now)
-            tick += 1
-            for controller, blocks in zip(self._controllers, self._blocks, strict=True):
-                self._guard(controller, self._measure, blocks, now + self._wire_s + _STRAGGLER_S, tick)
-            self._tell_peers()
-            now = clock.now()
-            dt, last = min(now - last, _MOST_DT_S), now
-            stopped = self._stopped(now)
-            for controller, blocks in zip(self._controllers, self._blocks, strict=True):
-                self._guard(controller, self._decide, blocks, now, stopped)
-            self._advance(now, dt)
-            for controller, blocks in zip(self._controllers, self._blocks, strict=True):
-                self._guard(controller, self._command, blocks, now, dt, tick)
-            if not ready:
-                ready = self._bring_up(on_ready)
+            self._send_all(now)
+            latest = now + self._wire_s + _STRAGGLER_S
+            if self._beside_wire:
+                self._think(on_ready, None)
+                self._await_wire(now)
+                for controller in self._active():
+                    self._guard(controller, self._collect, latest)
+            else:
+                self._await_wire(now)
+                self._think(on_ready, latest)
             if all(controller.mode in _ENDED for controller in self._controllers):
                 if self._failure:
                     raise MotorError(self._failure)
@@ -133,6 +134,29 @@ class ControlLoop:
             else:
                 self.statistics.overruns += self._period_s > 0
                 deadline = now
+
+    def _think(self, on_ready: Callable[[], None], collect_until: float | None) -> None:
+        """From replies to states for the callers, and commands for the next `_send_all`.
+
+        Args:
+            on_ready: see `ticks`.
+            collect_until: how long a reply may take; None: they have been collected.
+        """
+        self._tick += 1
+        arms = list(zip(self._controllers, self._blocks, strict=True))
+        for controller, blocks in arms:
+            self._guard(controller, self._measure, blocks, collect_until, self._tick)
+        self._tell_peers()
+        now = self._clock.now()
+        dt, self._last = min(now - self._last, _MOST_DT_S), now
+        stopped = self._stopped(now)
+        for controller, blocks in arms:
+            self._guard(controller, self._decide, blocks, now, stopped)
+        self._advance(now, dt)
+        for controller, blocks in arms:
+            self._guard(controller, self._command, blocks, now, dt, self._tick)
+        if not self._ready:
+            self._ready = self._bring_up(on_ready)
 
     def _guard(self, controller: ArmController, work: Callable[..., None], *arguments: Any) -> None:
         """Whatever goes wrong with an arm: one that nobody commands falls."""
@@ -161,14 +185,20 @@ class ControlLoop:
                     logger.critical("emergency stop, until you connect again: %s (%s)", reason, error)
         return self._stop.latched
 
-    def _measure(self, controller: ArmController, blocks: ControllerBlocks, deadline: float, tick: int) -> None:
+    def _collect(self, controller: ArmController, until: float) -> None:
+        try:
+            controller.collect(until)
+        except BusError as error:
+            controller.lose_bus(error, self._clock.now())
+
+    def _measure(
+        self, controller: ArmController, blocks: ControllerBlocks, collect_until: float | None, tick: int
+    ) -> None:
         """Publish an arm's state as soon as it is complete: a sample ages."""
         if controller.mode not in _ENDED:
-            try:
-                controller.collect(deadline)
-                controller.measure(self._clock.now())
-            except BusError as error:
-                controller.lose_bus(error, self._clock.now())
+            if collect_until is not None:
+                self._collect(controller, collect_until)
+            controller.measure(self._clock.now())
         blocks.publish(self._clock.now(), tick)
 
     @staticmethod
@@ -207,24 +237,28 @@ class ControlLoop:
         if controller.mode is not blocks.published_mode:
             blocks.publish(now, tick)  # who waits for it looks at once, and of the end there is no next tick
 
-    def _exchange(self, now: float) -> None:
-        """Send to all arms; come back when the wire should be through, most replies decoded already."""
-        active = [c for c in self._controllers if c.mode not in _ENDED]
-        for controller in active:
+    def _active(self) -> list[ArmController]:
+        return [controller for controller in self._controllers if controller.mode not in _ENDED]
+
+    def _send_all(self, now: float) -> None:
+        for controller in self._active():
             try:
                 _send(controller)
             except BusError as error:
                 controller.lose_bus(error, now)
             except Exception as error:  # not even that: the other arms are to be held
                 controller.fail(error)
-        self._clock.sleep(max(0.0, now + self._wire_s - _EARLY_S - self._clock.now()))
-        for controller in active:
-            if controller.mode not in _ENDED:
-                try:
-                    controller.chain.drain()
-                except BusError as error:
-                    controller.lose_bus(error, now)
-        self._clock.sleep(max(0.0, now + self._wire_s - _WAKE_UP_S - self._clock.now()))
+
+    def _await_wire(self, sent_s: float) -> None:
+        """Come back when the wire should be through with what was sent, most replies decoded already."""
+        through_s = sent_s + self._wire_s
+        self._clock.sleep(max(_BREATH_S, through_s - _EARLY_S - self._clock.now()))
+        for controller in self._active():
+            try:
+                controller.chain.drain()
+            except BusError as error:
+                controller.lose_bus(error, sent_s)
+        self._clock.sleep(max(0.0, through_s - _WAKE_UP_S - self._clock.now()))
 
     def _bring_up(self, on_ready: Callable[[], None]) -> bool:
         """True when all arms have left bring-up; when one fails they all land, since a hand may have let go by now."""
@@ -259,32 +293,3 @@ def _send(controller: ArmController) -> None:
     except Exception as error:  # a command that cannot be packed: the last good one instead
         controller.fail(error)
         controller.send()
-
-
-def guard(controllers: Sequence[ArmController]) -> WorkspaceGuard | None:
-    """What keeps these arms clear of things and each other; None when nothing is forbidden."""
-    if not any(c.config.workspace.limits_anything for c in controllers):
-        return None
-    return WorkspaceGuard(
-        [GuardedArm(c.name, c.hardware.arm, c.hardware.gripper, c.config.workspace) for c in controllers]
-    )
-
-
-def build(configs: Sequence[ArmConfig], keys: Sequence[str], buses: Sequence) -> ControlLoop:
-    """Controllers on open buses, inspected: everything that can be refused without torque is refused here.
-
-    Raises:
-        YamError: names the part that is not as configured.
-    """
-    controllers = [ArmController(config, bus) for config, bus in zip(configs, buses, strict=True)]
-    for controller in controllers:
-        controller.inspect()
-    blocks: list[ControllerBlocks] = []
-    try:
-        for controller, key in zip(controllers, keys, strict=True):
-            blocks.append(ControllerBlocks(controller, key))
-        return ControlLoop(controllers, blocks, configs[0].rate_hz, guard(controllers))
-    except BaseException:
-        for made in blocks:
-            made.close(remove=True)
-        raise

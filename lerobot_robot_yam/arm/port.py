@@ -310,4 +310,4 @@ class ArmPort:
                 raise StaleStateError(f"{self.config.name}: the control loop does not answer")
             self._clock.sleep(0.001)
         if state["request_refused"]:
-            raise LifeCycleError(bytes(state["refusal"]).decode(errors="replace"))
+            raise LifeCycleError(bytes(state["refusal"]).rstrip(b"\0").decode(errors="replace"))

@@ -18,9 +18,10 @@ from collections.abc import Callable
 import can
 
 from lerobot_robot_yam.arm import stand_by
+from lerobot_robot_yam.arm.build import build
 from lerobot_robot_yam.arm.bus import open_bus
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.arm.loop import ControlLoop, build
+from lerobot_robot_yam.arm.loop import ControlLoop
 from lerobot_robot_yam.arm.process_end import ProcessEnd
 from lerobot_robot_yam.arm.state import lock_path
 from lerobot_robot_yam.errors import YamError

@@ -38,13 +38,13 @@ class MotorWatch:
     def check(self, now: float) -> Finding:
         """State of every motor; the message names each in trouble with its reason."""
         chain = self._chain
-        answered = chain.stamp_s > self._stamp_s
-        self._stamp_s = chain.stamp_s
-        well = chain.fault == Fault.NORMAL
-        if answered.all() and well.all():  # nearly always
-            self._lost_before = chain.lost
-            return Finding(self._none, *self._strangers.check(now))
+        stamp_before, self._stamp_s = self._stamp_s, chain.stamp_s
         lost = chain.lost
+        if chain.all_answered and chain.all_normal:  # nearly always
+            self._lost_before = lost
+            return Finding(self._none, *self._strangers.check(now))
+        answered = chain.stamp_s > stamp_before
+        well = chain.fault == Fault.NORMAL
         self._lost_before = np.where(answered, lost, self._lost_before)
         missed = lost - self._lost_before
         silent = (now - chain.stamp_s > SILENT_S) & (missed >= _MOTOR_MISSED)

@@ -35,7 +35,7 @@ def _receiver(bus: can.BusABC) -> Callable[[float], can.Message | None]:
     receive, matches = bus._recv_internal, bus._matches_filters
 
     def recv(timeout_s: float) -> can.Message | None:
-        deadline_s = time.monotonic() + timeout_s
+        deadline_s = time.monotonic() + timeout_s if timeout_s > 0.0 else 0.0  # most calls only look
         while True:
             message, filtered = receive(timeout_s)
             if message is not None and (filtered or matches(message)):

@@ -46,6 +46,7 @@ class MotorChain(FeedbackStore):
         position_rad (multi-turn: unwrapped from the first reading), velocity_rad_s, torque_nm,
         temp_mos_c, temp_rotor_c, stamp_s (the clock's time of arrival, -inf before the first reply),
         fault (int, see `tables.Fault`), lost (int, replies that missed their tick, in total).
+    In short: `all_answered` (the last `send` that was collected) and `all_normal` (no fault, all enabled).
 
     Counters: `duplicates` (answers beyond those asked for, the mark of two motors with one id),
     `foreign_commands` (frames that another driver sent to our motors), `foreign` (identifier -> count of
@@ -87,6 +88,7 @@ class MotorChain(FeedbackStore):
         self._handle_awaited = False
         self._handle_answered = True
         self._late_registers = 0  # register replies that were given up on and may still come
+        self._sent = self.all_answered = False
         self.foreign_commands = 0
         self.foreign: dict[int, int] = {}
         self.error_frames = 0
@@ -131,6 +133,7 @@ class MotorChain(FeedbackStore):
         for message, kind, row in zip(self._messages, self._types, commands.tolist(), strict=False):
             message.data = encode_mit(kind, *row)
         self._begin(range(count), handle=self.encoder is not None)
+        self._sent = True
         self._port.send(self._messages)
 
     def collect(self, deadline_s: float) -> bool:
@@ -141,9 +144,12 @@ class MotorChain(FeedbackStore):
         Raises:
             BusError: the channel is gone.
         """
+        asked, self._sent = self._sent, False
         silent = self._collect(deadline_s)
         for i in silent:
             self._lost[i] += 1
+        if asked:
+            self.all_answered = not silent
         return not silent
 
     def exchange(self, commands: np.ndarray, timeout_s: float | None = None) -> bool:
@@ -163,12 +169,16 @@ class MotorChain(FeedbackStore):
     ) -> list[bool]:
         """Send a special command to motors (by index; default all), and say who of all answered within `timeout_s`.
 
+        What the last `send` still waits for is collected first.
+
         ENABLE makes motors obey; ZERO moves their origin, so multi-turn counting starts anew.
         """
         if command is SpecialCommand.ZERO:
             self.restart_turns()
         repeats = CLEAR_REPEATS if command is SpecialCommand.CLEAR else 1
         chosen = range(len(self.motors)) if motors is None else motors
+        if self._waiting:  # for answers to commands, which are none to this
+            self.collect(self.clock.now() + 2 * self.expected_wire_s)
         self._begin(chosen, repeats=repeats)
         for spec in (self.motors[i] for i in chosen):
             if command is SpecialCommand.ENABLE:

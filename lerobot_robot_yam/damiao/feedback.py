@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lerobot_robot_yam.damiao.codec import decode_feedback
-from lerobot_robot_yam.damiao.tables import motor_type
+from lerobot_robot_yam.damiao.tables import Fault, motor_type
 
 
 class FeedbackStore:
@@ -29,7 +29,8 @@ class FeedbackStore:
         self._temp_mos = [0.0] * count
         self._temp_rotor = [0.0] * count
         self._stamp = [-math.inf] * count
-        self._fault = [0] * count
+        self._fault: list[int] = [Fault.DISABLED] * count
+        self._normal: list[int] = [Fault.NORMAL] * count
         self.publish()
 
     def take(self, index: int, data: bytes, stamp_s: float) -> None:
@@ -69,3 +70,4 @@ class FeedbackStore:
         self.position_rad, self.velocity_rad_s, self.torque_nm = state[0], state[1], state[2]
         self.temp_mos_c, self.temp_rotor_c, self.stamp_s = state[3], state[4], state[5]
         self.fault = np.array(self._fault)
+        self.all_normal = self._fault == self._normal

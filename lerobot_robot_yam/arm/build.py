@@ -1,0 +1,39 @@
+"""From configs and open buses to a control loop."""
+
+from collections.abc import Sequence
+
+from lerobot_robot_yam.arm.arm_parts import GuardedArm
+from lerobot_robot_yam.arm.blocks import ControllerBlocks
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.controller import ArmController
+from lerobot_robot_yam.arm.guard import WorkspaceGuard
+from lerobot_robot_yam.arm.loop import ControlLoop
+
+
+def _workspace_guard(controllers: Sequence[ArmController]) -> WorkspaceGuard | None:
+    """What keeps these arms clear of things and each other; None when nothing is forbidden."""
+    if not any(c.config.workspace.limits_anything for c in controllers):
+        return None
+    return WorkspaceGuard(
+        [GuardedArm(c.name, c.hardware.arm, c.hardware.gripper, c.config.workspace) for c in controllers]
+    )
+
+
+def build(configs: Sequence[ArmConfig], keys: Sequence[str], buses: Sequence) -> ControlLoop:
+    """Controllers on open buses, inspected: everything that can be refused without torque is refused here.
+
+    Raises:
+        YamError: names the part that is not as configured.
+    """
+    controllers = [ArmController(config, bus) for config, bus in zip(configs, buses, strict=True)]
+    for controller in controllers:
+        controller.inspect()
+    blocks: list[ControllerBlocks] = []
+    try:
+        for controller, key in zip(controllers, keys, strict=True):
+            blocks.append(ControllerBlocks(controller, key))
+        return ControlLoop(controllers, blocks, configs[0].rate_hz, _workspace_guard(controllers))
+    except BaseException:
+        for made in blocks:
+            made.close(remove=True)
+        raise
