@@ -26,6 +26,9 @@ logger = logging.getLogger(__name__)
 ACCELERATION_LIMIT_RAD_S2 = 30.0  # brakes from the speed limit within 50 ms
 _END_DECELERATION_RAD_S2 = 5.0  # arms overshoot what is harder by centimetres, and joints end on mechanical stops
 LEFT_BEHIND_RAD = 0.05  # more than an arm lags with its own gains
+_FREE_RAD = 0.1  # farther behind its set-point, and yet faster than this share of its speed limit: it has come free
+_FREE_SPEED = 1.1
+_TOLD_S = 0.1  # a caller that looks 30 times a second is told
 _ENABLE_TICKS = 20  # in which a motor has to say that it is enabled: an answer may get lost
 _UNREACHABLE_S = 1.0  # beyond their watchdog, the motors have let go: there is nothing left to land
 _GRIPPER_ACCELERATION = 60.0  # strokes/s²
@@ -66,6 +69,7 @@ class ArmBody:
         self._bus_lost = False
         self._heat: Heat | None = None
         self._heat_due = -math.inf
+        self._came_free_s = -math.inf
 
     @property
     def chain(self) -> MotorChain:
@@ -145,6 +149,7 @@ class ArmBody:
             self.limited &= ~(Limited.JOINT_LIMIT | Limited.TORQUE)
             self.limited |= self.motion.float_free(q, dq, dt)
         else:
+            self._catch(now)
             landing = self._landing
             fade = landing.share if landing is not None and landing.phase is Phase.FADE else None
             gripper = float(self.drive.dq[-1]), float(self.drive.tau[-1])
@@ -156,6 +161,23 @@ class ArmBody:
                 # What it has pressed on is gone: from here on at its own speed, not in one leap after the set-point.
                 self.setpoint.reseed(self.hardware.n - 1, float(self.q[-1]))
                 self.limited |= self.motion.follow(now, 0.0, q, dq, self.setpoint, gripper, holding, stopped, fade)
+            if now - self._came_free_s < _TOLD_S:  # a target meanwhile tells anew what limits it
+                self.limited |= Limited.CAME_FREE
+            elif self.limited & Limited.CAME_FREE:  # while an arm holds, no target comes to take it back
+                self.limited &= ~Limited.CAME_FREE
+
+    def _catch(self, now: float) -> None:
+        """A joint that comes free of what has blocked it must not spring to where its set-point has gone meanwhile."""
+        hw = self.hardware
+        dq = self.drive.motor_dq[: hw.joints]
+        fast = np.abs(dq) > _FREE_SPEED * hw.speed_limit[: hw.joints]
+        if self._landing is not None or not fast.any():  # nearly always
+            return
+        gap = (self.setpoint.q - self.drive.motor_q)[: hw.joints]
+        for joint in np.flatnonzero(fast & (gap * dq > 0.0) & (np.abs(gap) > _FREE_RAD)):
+            logger.warning("%s: %s came free at %.1f rad/s; caught", self.name, hw.motors[joint].name, dq[joint])
+            self.setpoint.fall_back(int(joint), float(self.q[joint]))
+            self._came_free_s = now
 
     def _enter(self, mode: Mode) -> None:
         check_transition(self.name, self.mode, mode)

@@ -20,7 +20,7 @@ from lerobot_robot_yam.arm.setpoint import SetPoint
 logger = logging.getLogger(__name__)
 
 LANDING_SPEED_RAD_S = 0.6  # no joint lands faster
-_COMMANDED_RAD_S = 0.54  # arms answer with up to 10 % more where their weight is overcompensated
+_COMMANDED_RAD_S = 0.52  # arms answer with up to 12 % more where their weight is overcompensated
 _RAMP_S = 0.12  # to that speed; a quicker start overshoots
 _WRIST_LIFT_RAD = 0.35  # how far above its resting place the wrist stays while the arm folds
 _SOFT_RAD = 0.3  # from here on the fold slows down: some joints end on their mechanical stops

@@ -34,10 +34,12 @@ class SetPoint:
         end_deceleration: np.ndarray,
     ):
         self.speed_limit = np.array(speed_limit, dtype=float)
-        self.acceleration_limit = np.array(acceleration_limit, dtype=float)
+        # What it can brake for: the target, the lower and the upper end. In one array, as numpy's calls are what costs.
+        self._decelerations = np.array((acceleration_limit, end_deceleration, end_deceleration), dtype=float)
+        self.acceleration_limit = self._decelerations[0]
         self._lower, self._upper = lower, upper
-        self._end_deceleration = end_deceleration
         n = len(self.speed_limit)
+        self._ways = np.zeros((3, n))
         self.q: np.ndarray = np.zeros(n)
         self.dq: np.ndarray = np.zeros(n)
         self.target: np.ndarray = np.zeros(n)
@@ -59,6 +61,10 @@ class SetPoint:
         """Start one coordinate again, at rest, from its measured value."""
         self.q[index] = self.target[index] = value
         self.dq[index] = self._target_velocity[index] = 0.0
+
+    def fall_back(self, index: int, value: float) -> None:
+        """As `reseed`, but its target stays: it goes there from its measured value."""
+        self.q[index], self.dq[index] = value, 0.0
 
     def aim(self, target: np.ndarray, now: float, velocity: np.ndarray | None = None) -> None:
         """Take a new target (n,), to be reached within about one caller period if the limits allow it.
@@ -88,21 +94,26 @@ class SetPoint:
         self._arrive_at = -math.inf
 
     def advance(self, now: float, dt: float) -> None:
-        """Move `q` and `dq` on by one tick of `dt` seconds.
+        """Move `q` and `dq` on by one tick of `dt` seconds, if any.
 
         v = (target − q) / time left, within the speed from which the remaining way still allows to slow down to the
         target's own speed: |v − v_target| ≤ sqrt(2 a |target − q|).
         """
+        if dt <= 0.0:
+            return
         if now - self._target_at > _STREAM_GAP * self._period:
             self._target_velocity[:] = 0.0
         gap = self.target - self.q
         left = max(self._arrive_at - now, dt)
-        room = _brakes_within(np.abs(gap), self.acceleration_limit, dt)
+        to_target, to_lower, to_upper = self._ways
+        np.abs(gap, out=to_target)
+        np.subtract(self.q, self._lower, out=to_lower)
+        np.subtract(self._upper, self.q, out=to_upper)
+        room, down, up = _brakes_within(self._ways, self._decelerations, dt)
         wanted = np.minimum(np.maximum(gap / left, self._target_velocity - room), self._target_velocity + room)
-        wanted = np.minimum(np.maximum(wanted, -self.speed_limit), self.speed_limit)
         # A moving target takes the set-point to the end of the range at full speed; the joint's stop is there.
-        wanted = np.maximum(wanted, -_brakes_within(self.q - self._lower, self._end_deceleration, dt))
-        wanted = np.minimum(wanted, _brakes_within(self._upper - self.q, self._end_deceleration, dt))
+        down, up = np.minimum(self.speed_limit, down), np.minimum(self.speed_limit, up)
+        wanted = np.minimum(np.maximum(wanted, -down), up)
         step = self.acceleration_limit * dt
         self.dq += np.minimum(np.maximum(wanted - self.dq, -step), step)
         q = self.q + self.dq * dt
@@ -115,8 +126,8 @@ class SetPoint:
         return bool(np.all(np.abs(self.target - self.q) < 1e-4) and np.all(np.abs(self.dq) < 1e-2))
 
 
-def _brakes_within(way: np.ndarray, deceleration: np.ndarray, dt: float) -> np.ndarray:
-    """The speed (n,) from which `way` (n,) suffices to come to rest, sqrt(2 a way); 0 where none is left."""
-    way = np.maximum(way, 0.0)
+def _brakes_within(ways: np.ndarray, decelerations: np.ndarray, dt: float) -> np.ndarray:
+    """The speeds from which `ways` suffice to come to rest, sqrt(2 a way); 0 where none is left. All (3, n)."""
+    ways = np.maximum(ways, 0.0)
     # One tick is the resolution: without the floor the last steps would shrink for ever.
-    return np.minimum(np.sqrt(2.0 * deceleration * way), way / dt)
+    return np.minimum(np.sqrt(2.0 * decelerations * ways), ways / dt)

@@ -33,6 +33,7 @@ class Limited(IntFlag):
     PEER = 128  # the other arm is in trouble
     WORKSPACE = 256
     HEAT = 512
+    CAME_FREE = 1024  # a joint sprang forward and was caught
 
 
 class Request(IntEnum):

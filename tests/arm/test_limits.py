@@ -139,3 +139,35 @@ def test_a_warm_motor_halves_the_speed(rig, running):
     limit = session.hardware(LEFT).speed_limit[0]
     assert max(speeds) < 0.6 * limit
     assert Limited.HEAT in state.limited
+
+
+@pytest.mark.parametrize("after", ["track", "hold"])
+def test_a_joint_that_comes_free_does_not_spring_to_where_its_set_point_has_gone(rig, running, after):
+    session = running(sim_config(rig, LEFT))
+    near, far = [0.0, 1.0, 1.2, 0.0, 0.0, 0.0], [0.6, 1.0, 1.2, 0.0, 0.0, 0.0]
+    track(session, {LEFT: near}, 1.5)
+    rig.fault(LEFT, "joint_1", "stuck")
+    track(session, {LEFT: far}, 1.0)
+    if after == "hold":
+        session[LEFT].hold()
+    rig.watch_start(LEFT)
+    rig.fault(LEFT, "joint_1", "stuck", False)
+    told = False
+    for _ in range(30):  # as often as a caller looks
+        if after == "track":
+            session[LEFT].track(far, 0.5)
+        session.clock.sleep(1 / 30)
+        state = session[LEFT].observe()
+        told |= Limited.CAME_FREE in state.limited
+    assert told and rig.watch(LEFT)["max_speed_rad_s"][0] < 2.9  # the limit is 1.5; else 6.3
+    assert abs(state.q[0] - state.setpoint_q[0]) < 0.02
+    assert after == "hold" or abs(state.q[0] - far[0]) < 0.02
+
+
+def test_a_wrist_that_hooks_onto_its_own_arm_does_not_throw_it(rig, running):
+    session = running(sim_config(rig, LEFT))
+    goal = [0.3, 0.8, 0.9, -0.2, 0.0, 0.1]
+    rig.watch_start(LEFT)
+    track(session, {LEFT: goal}, 2.5)  # straight from rest: the wrist is in the way of the forearm
+    assert max(rig.watch(LEFT)["max_speed_rad_s"][:6]) < 3.0  # else 6.5
+    assert np.abs(session[LEFT].observe().q - goal).max() < 0.02

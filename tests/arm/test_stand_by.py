@@ -96,7 +96,7 @@ def test_a_fault_during_an_emergency_stop_does_not_end_the_landing_for_good(rig)
     channel, stop = "follower_left", EmergencyStop()
     session = start(rig, channel)
     try:
-        stretch(session, 0.9, channel)
+        stretch(session, 1.5, channel)
         os.kill(control_pid(session), signal.SIGKILL)
         wait_mode(session[channel], Mode.LAND)
         stop.latch("a test")
@@ -127,7 +127,7 @@ def test_killed_in_the_middle_of_a_write(rig):
     path, pid = state_path(channel_key("yam_sim", channel, rig.name)), control_pid(session)
     block = SharedBlock(path, STATE_DTYPE, create=False)
     try:
-        stretch(session, 0.9, channel)
+        stretch(session, 1.5, channel)
         since = last_event(rig)
         os.kill(pid, signal.SIGSTOP)
         os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOWAIT)
@@ -151,7 +151,7 @@ def test_killed_after_its_files_were_removed(rig):
     channel = "follower_left"
     session = start(rig, channel)
     try:
-        stretch(session, 0.9, channel)
+        stretch(session, 1.5, channel)
         since, key = last_event(rig), channel_key("yam_sim", channel, rig.name)
         for path in (state_path(key), command_path(key), lock_path(key)):
             path.unlink()
@@ -252,7 +252,7 @@ def landing_after_kill(rig, channel, pid, rng):
 def killed_control_process(rig, channel, rng):
     session = start(rig, channel)
     try:
-        stretch(session, 0.9, channel)
+        stretch(session, 1.5, channel)
         return landing_after_kill(rig, channel, control_pid(session), rng)
     finally:
         session.stop()
