@@ -20,14 +20,15 @@ class Arm:
 
     Args:
         channel: its CAN channel.
-        job: role; key of its blocks; speed_limit (7,) of the set-point; motor_speed_limit and torque_limit (n,) rad/s
-            and Nm at the motors, gripper last; rest_q (6,) rad; peer, the channel of the robot's other arm.
+        job: role; key of its blocks; speed_limit (7,) of the set-point; motor_speed_limit, torque_limit and kp (n,)
+            rad/s, Nm and Nm/rad at the motors, gripper last; rest_q (6,) rad; peer, channel of the robot's other arm.
     """
 
     def __init__(self, channel: str, job: dict[str, Any]):
         self.channel, self.role, self.peer = channel, job["role"], job["peer"]
         self.motor_speed_limit = np.array(job["motor_speed_limit"])
         self.torque_limit = np.array(job["torque_limit"])
+        self.kp = np.array(job["kp"])
         self.rest_q = np.array(job["rest_q"])
         self.check = SetPointCheck(channel, np.array(job["speed_limit"]), job["role"] == "leader")
         self.record: Any = None

@@ -50,8 +50,8 @@ class SetPointCheck:
 
     A jump is allowed where the set-point is seeded from the measured pose on purpose: when the arm's mode changes
     (re-arm, end of an emergency stop, floating to holding), when another process takes the arm over, where a landing
-    gives way to what it has met, and of the gripper when its force limiter lets go. It then has to lie on the measured
-    pose. That of a floating arm follows the arm and moves nothing.
+    gives way to what it has met, where a joint has come free, and of the gripper when its force limiter lets go. It
+    then has to lie on the measured pose. That of a floating arm follows the arm and moves nothing.
 
     Args:
         channel: the arm's.
@@ -106,11 +106,16 @@ class SetPointCheck:
     def _judge_jump(self, record: Any, before: Any, moved: np.ndarray, jumped: np.ndarray, now: float) -> list[Finding]:
         old, new = mode_of(before), mode_of(record)
         measured = np.minimum(np.abs(record["setpoint"] - record["q"]), np.abs(record["setpoint"] - before["q"]))
-        seeded = bool((measured[jumped] < _AT_MEASURED).all())
+        moving = np.nan_to_num(np.abs(record["dq"])) * _JITTER_S
+        seeded = bool((measured < _AT_MEASURED + moving)[jumped].all())
         taken_over = record["owner_pid"] != before["owner_pid"]
         let_go = not jumped[:GRIPPER].any() and bool(int(before["limited"]) & Limited.GRIPPER_FORCE)
+        caught = bool(int(record["limited"]) & Limited.CAME_FREE)
         if seeded and let_go:
             self.seeds["gripper, as its force limiter lets go"] += 1
+            return []
+        if seeded and caught:
+            self.seeds["a joint that came free"] += 1
             return []
         if seeded and (old is not new or taken_over or new in (Mode.LAND, Mode.BRING_UP)):
             self.seeds[f"{old.name} → {new.name}"] += 1

@@ -81,6 +81,8 @@ class Context:
                 for cause in arm.causes:
                     if cause.number == event["injection"]:
                         cause.end_s = at_s
+        elif kind == "slipped":  # the rig itself did not run: its motors were silent
+            self.stalled(at_s - float(event["seconds"]), at_s)
         elif kind == "session":
             for channel in event["channels"]:
                 self.arms[channel].session, self.arms[channel].session_s = event["what"], at_s

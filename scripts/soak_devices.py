@@ -92,6 +92,7 @@ class Device:
                 "speed_limit": speed.tolist(),
                 "motor_speed_limit": motor_speed.tolist(),
                 "torque_limit": hardware.torque_limit_nm.tolist(),
+                "kp": hardware.kp.tolist(),
                 "rest_q": hardware.rest_q.tolist(),
             }
         return found

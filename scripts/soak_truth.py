@@ -11,7 +11,7 @@ from soak_arm import Arm
 from soak_checks import READY, Finding, mode_of
 from soak_context import Context
 
-from lerobot_robot_yam.arm.policy import STALE_OVERSHOOT_RAD_S
+from lerobot_robot_yam.arm.policy import stale_overshoot_rad_s
 from lerobot_robot_yam.arm.state import GRIPPER
 from lerobot_robot_yam.rig.control import RigControl
 
@@ -19,6 +19,8 @@ _SETTLE_S = 1.0  # an arm that was pushed, struck something, lost or got back a 
 _COASTS_S = 3.0  # a floating arm that was let go in motion comes to rest within so long
 _SPEED_FACTOR, _SPEED_SLACK = 1.2, 0.15
 _GRIPPER_SPEED_FACTOR = 1.4  # it weighs next to nothing: what a late tick makes of its ramp, it overshoots
+_PUNCTUAL_S = 0.008  # a command is obeyed for a tick and the way over the wire
+_CUT_OFF_S = 0.02  # its ramp has gone on meanwhile, and it weighs next to nothing: it leaps to where that is
 _TORQUE_FACTOR, _TORQUE_SLACK_NM = 1.05, 1.0  # between two ticks a motor goes on by itself; a blow is sooner there
 _NOTICED_S = 0.3  # a motor without torque has been noticed by then
 _LANDED_RAD = 0.1  # joints 2 to 4 so near to the resting pose: landed
@@ -27,7 +29,6 @@ _FALL_M, _FALL_S = 0.01, 1.0  # nothing moves farther than this after torque was
 _TRUTH_RAD, _TRUTH_RAD_PER_S = 0.02, 3.0  # what a state may differ from the truth, and per second of its age
 _FRESH_S = 0.25
 _PUSHES = frozenset({"push"})
-_HUNG = frozenset({"stop_control"})
 _STALE_COMMANDS = frozenset(  # meanwhile motors act on what they were told last
     {
         "cable_out_briefly",
@@ -59,6 +60,7 @@ class Truth:
         self._cuts: dict[str, tuple[float, dict[str, Any]]] = {}  # channel → when torque was cut, and the pose before
         self._held_s: dict[str, float] = {}  # when a hand was last seen on a leader
         self._touched_s: dict[str, float] = {}  # when an arm last touched anything
+        self._age_s: dict[str, np.ndarray] = {}  # of the oldest command obeyed in the window before
         self._speeds = {"judged": 0, "in contact": 0}  # windows
         self._unnoticed: set[tuple[str, str, float]] = set()
         self._series: list[tuple[float, float, float]] = []
@@ -119,10 +121,13 @@ class Truth:
             arm = self._arms[channel]
             n = len(arm.torque_limit)
             since_s = float(seen["since_s"])
+            age_s = np.array(seen["max_command_age_s"])[:n]
+            late_s = np.maximum(np.maximum(age_s, self._age_s.get(channel, age_s)) - _PUNCTUAL_S, 0.0)[:GRIPPER]
+            self._age_s[channel] = age_s
             if not by_others and self._context.undisturbed(channel, since_s - _SETTLE_S, until_s, _PUSHES):
                 allowed = self._factors(n) * arm.motor_speed_limit + _SPEED_SLACK
-                if self._happened(_HUNG, channel, since_s - _SETTLE_S, until_s):
-                    allowed[:GRIPPER] += STALE_OVERSHOOT_RAD_S
+                allowed[:GRIPPER] += [stale_overshoot_rad_s(float(late)) for late in late_s]
+                allowed[GRIPPER:][age_s[GRIPPER:] > _CUT_OFF_S] = math.inf
                 ratio = np.array(seen["max_speed_rad_s"])[:n] / allowed
                 speed = max(speed, float(ratio.max()))
                 i = int(ratio.argmax())
@@ -133,6 +138,7 @@ class Truth:
             pushed = self._happened(_PUSHES, channel, since_s - _SETTLE_S, until_s)
             if not (pushed or self._happened(_STALE_COMMANDS, channel, since_s - 0.1, until_s)):
                 allowed = _TORQUE_FACTOR * arm.torque_limit + _TORQUE_SLACK_NM
+                allowed[:GRIPPER] += arm.kp[:GRIPPER] * arm.motor_speed_limit[:GRIPPER] * late_s
                 ratio = np.array(seen["max_torque_nm"])[:n] / allowed
                 torque = max(torque, float(ratio.max()))
                 i = int(ratio.argmax())

@@ -114,6 +114,16 @@ def test_the_gripper_may_start_again_from_where_its_force_limiter_held_it(soak):
     assert not findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), rows)
 
 
+def test_a_joint_that_came_free_may_start_again_from_where_it_is(soak):
+    there = record(50, np.full(7, 0.5), q=np.full(7, 0.54))
+    there["dq"] = 3.0
+    assert findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), [*ramp(0.0, 50), there])
+    there["limited"] = Limited.CAME_FREE
+    assert not findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), [*ramp(0.0, 50), there])
+    there["dq"] = 0.0  # then it is beside the arm
+    assert findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), [*ramp(0.0, 50), there])
+
+
 def test_an_arm_in_trouble_and_its_peer_do_as_the_policy_says(soak):
     def looked(mode, peer_mode, trouble=Trouble.OVER_CURRENT):
         check = soak.checks.PolicyCheck({CHANNEL: PEER})
@@ -192,6 +202,7 @@ def test_the_monitor_sees_an_arm_fall(rig):
             "speed_limit": LIMITS.tolist(),
             "motor_speed_limit": [1.5] * 6 + [16.4],
             "torque_limit": hardware.torque_limit_nm.tolist(),
+            "kp": hardware.kp.tolist(),
             "rest_q": hardware.rest_q.tolist(),
         }
         for channel, other in ((CHANNEL, PEER), (PEER, CHANNEL))

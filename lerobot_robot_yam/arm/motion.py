@@ -7,12 +7,12 @@ from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.gripper_axis import GripperAxis
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.hold_integral import HoldIntegral
+from lerobot_robot_yam.arm.policy import MOST_RAD_S2
 from lerobot_robot_yam.arm.setpoint import SetPoint
 from lerobot_robot_yam.arm.state import Limited
 
 _STILL_RAD_S = 1e-3
 _WORTH_SAYING_RAD = 0.01  # rest lies on a limit for some joints
-_MOST_RAD_S2 = 30.0
 _SMOOTH_S = 0.012  # three ticks
 _LANDING_KD = 5.0  # Nm s/rad, the most that the motors take: what is still unsupported sinks slowly
 
@@ -61,7 +61,7 @@ class Motion:
         laws.float_free(out, q, hw.idle_kd, tau)
         wall = laws.soft_wall(out[j], q[j], dq[j], hw.lower[j], hw.upper[j], hw.kp[j], hw.kd[j], hw.torque_limit_nm[j])
         beyond = Limited.JOINT_LIMIT if wall > _WORTH_SAYING_RAD else Limited.NOTHING
-        return beyond | self._clip(q, dq)
+        return beyond | Limited.TORQUE if self._clip(q, dq) else beyond
 
     def follow(
         self,
@@ -101,7 +101,7 @@ class Motion:
             self._gripper.command(out[-1], now, u, u_rate, float(q[-1]), *gripper)
             if self._gripper.force_limited:
                 limited |= Limited.GRIPPER_FORCE
-        return limited | self._clip(q, dq)
+        return limited | Limited.TORQUE if self._clip(q, dq) else limited
 
     def _sag(self, error: np.ndarray, dt: float, holding: bool) -> np.ndarray | float:
         return 0.0 if self._integral is None else self._integral.advance(error, dt, holding, self._clipped)
@@ -109,7 +109,7 @@ class Motion:
     def _follow_acceleration(self, dq_set: np.ndarray, dt: float) -> None:
         """Acceleration of the set-point, smoothed: new targets change it in steps that an arm must not feel."""
         if dt > 0.0:
-            wanted = np.minimum(np.maximum((dq_set - self._dq_before) / dt, -_MOST_RAD_S2), _MOST_RAD_S2)
+            wanted = np.minimum(np.maximum((dq_set - self._dq_before) / dt, -MOST_RAD_S2), MOST_RAD_S2)
             self._ddq += (wanted - self._ddq) * min(dt / _SMOOTH_S, 1.0)
         self._dq_before[:] = dq_set
 
@@ -125,6 +125,6 @@ class Motion:
             tau[: hw.joints] = weight * hw.arm.gravity_factor + inertia + hw.arm.armature_kg_m2 * self._ddq
         return tau
 
-    def _clip(self, q: np.ndarray, dq: np.ndarray) -> Limited:
+    def _clip(self, q: np.ndarray, dq: np.ndarray) -> bool:
         self._clipped = laws.clip_torque(self.commands, q, dq, self._hardware.torque_limit_nm)
-        return Limited.TORQUE if self._clipped else Limited.NOTHING
+        return self._clipped

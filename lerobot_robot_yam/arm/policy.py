@@ -93,7 +93,13 @@ TICK_S = 0.01  # one tick of the loop and one of its caller's reads, rounded up
 SILENT_S = 0.1  # a motor that has not answered for so long is lost: a quarter of its own watchdog
 HEAT_S = 0.6  # a temperature is believed once it has been steady for half a second
 HUNG_S = 0.14  # a loop that has not ticked for so long is replaced: a third of the motors' watchdog
+MOST_RAD_S2 = 30.0  # largest acceleration that is fed forward
 STALE_OVERSHOOT_RAD_S = 1.6  # beyond its speed limit, of a joint whose last command gave it an acceleration: a·√(I/kp)
+
+
+def stale_overshoot_rad_s(late_s: float) -> float:
+    """What a command that is obeyed `late_s` too long can add to a joint's speed, rad/s: it goes on accelerating."""
+    return min(MOST_RAD_S2 * max(late_s, 0.0), STALE_OVERSHOOT_RAD_S)
 
 
 def _motor_fault(code: Fault) -> Rule:
@@ -302,7 +308,8 @@ def document() -> str:
         "their own watchdog ends torque and the arm falls. Only mechanics can help then.",
         "",
         "Until somebody commands them again, motors go on with what they were told last. A joint whose last command",
-        f"accelerated it exceeds its speed limit by up to {STALE_OVERSHOOT_RAD_S} rad/s (arm stretched out).",
+        f"accelerated it exceeds its speed limit by up to {STALE_OVERSHOOT_RAD_S} rad/s (arm stretched out); after a",
+        f"tick that is late by 10 ms, by up to {stale_overshoot_rad_s(0.01):g} rad/s.",
     ]
     return "\n".join(lines) + "\n"
 

@@ -100,8 +100,9 @@ class RigOperations(ABC):
         Returns:
             since_s (monotonic); motors: n names, gripper last; max_speed_rad_s (n), of motors while enabled, and
             max_torque_nm (n), magnitudes at the joint (gripper: at the motor), each with the monotonic time of the
-            largest, max_speed_at_s and max_torque_at_s (0 before the first); min_tcp_z_m; max_tcp_drop_m, below its
-            height at the start; touched_at_s: last contact with anything but itself (0 without);
+            largest, max_speed_at_s and max_torque_at_s (0 before the first); max_command_age_s (n): the longest that
+            an enabled motor acted on one command, simulated time; min_tcp_z_m; max_tcp_drop_m, below its height at the
+            start; touched_at_s: last contact with anything but itself (0 without);
             enabled_events: (monotonic_s, motor, enabled) of every change;
             fault_events: (monotonic_s, motor, fault code).
 

@@ -83,7 +83,10 @@ class RigDevice:
     def advance(self, now_s: float) -> None:
         """Simulate up to a time of the clock."""
         world = self.world
+        slips = world.slips
         count = world.due(now_s)
+        if world.slips != slips:
+            self.events.add("slipped", seconds=world.slipped_s)
         if count == 0:
             return
         for name, hand in self.hands.items():

@@ -74,7 +74,7 @@ class SimMotor:
         self._row = motor_type(kind)
         options = world.scene.options
         self.thermometer = Thermometer(random.Random(options.seed * 1000 + can_id), options.stamp_temperatures)
-        self._last_command_s = 0.0
+        self.last_command_s = 0.0  # simulated time
         self._goal: tuple[float, float] | None = None  # position-velocity mode: target and its speed limit
         self._reference = 0.0
         self._registers = factory_registers(can_id, kind, serial)
@@ -107,7 +107,7 @@ class SimMotor:
         if self.faults.silent:
             return None
         special = codec.decode_special(data)
-        self._last_command_s = self._world.sim_s
+        self.last_command_s = self._world.sim_s
         if special is not None:
             self._special(special)
         elif len(data) == 8 and self.fault == Fault.NORMAL:
@@ -182,7 +182,7 @@ class SimMotor:
             hot = self.thermometer.tripped(self._registers[Register.OT_VALUE], sim_s)
             if hot is not None:
                 self.fail(hot)
-        if self.fault == Fault.NORMAL and 0.0 < self._timeout_s < sim_s - self._last_command_s:
+        if self.fault == Fault.NORMAL and 0.0 < self._timeout_s < sim_s - self.last_command_s:
             self.fail(Fault.COMMUNICATION_LOST)
         if self.bias_nm:
             self.set_bias(self.bias_nm)

@@ -30,7 +30,7 @@ class Change(NamedTuple):
 
 
 class Watch:
-    """Records largest speed under torque and largest torque per motor, lowest height and last touch per arm.
+    """Records largest speed under torque, torque and age of a command per motor, lowest height and last touch per arm.
 
     Args:
         world: the physics.
@@ -43,6 +43,7 @@ class Watch:
         self.on: set[str] = set()
         self._motors = {channel.name: [motor.name for motor in channel.motors] for channel in channels}
         self._rows: dict[str, slice] = {}  # of each channel's motors in the arrays
+        self._all_motors = [motor for channel in channels for motor in channel.motors]
         actuators: list[int] = []
         for channel in channels:
             self._rows[channel.name] = slice(len(actuators), len(actuators) + len(channel.motors))
@@ -58,6 +59,7 @@ class Watch:
         self._enabled = np.zeros(count)  # 1 with torque, 0 without
         self._speed, self._speed_at = np.zeros(count), np.zeros(count)
         self._torque, self._torque_at = np.zeros(count), np.zeros(count)
+        self._age = np.zeros(count)
         self._start_z, self._lowest_z = np.zeros(arms), np.full(arms, np.inf)
         self._touched_at = np.zeros(arms)
         self._changes: dict[str, deque[Change]] = {}
@@ -67,7 +69,7 @@ class Watch:
     def start(self, channel: str) -> None:
         """Record a channel, from now on and anew."""
         rows, arm = self._rows[channel], self._arm[channel]
-        for array in (self._speed, self._speed_at, self._torque, self._torque_at):
+        for array in (self._speed, self._speed_at, self._torque, self._torque_at, self._age):
             array[rows] = 0.0
         mujoco.mj_kinematics(self._world.model, self._world.data)
         self._touched_at[arm] = 0.0
@@ -103,6 +105,9 @@ class Watch:
         speed *= self._enabled
         _keep_largest(speed, self._speed, self._speed_at, now)
         _keep_largest(np.abs(self._forces[self._actuators]), self._torque, self._torque_at, now)
+        age = world.sim_s - np.array([motor.last_command_s for motor in self._all_motors])
+        age *= self._enabled
+        np.maximum(self._age, age, out=self._age)
         np.minimum(self._lowest_z, self._heights[self._tools], out=self._lowest_z)
         contact, count = world.data.contact, world.data.ncon
         touching = self._arm_of[contact.geom[:count][contact.dist[:count] <= 0.0]]  # (k, 2)
@@ -120,6 +125,7 @@ class Watch:
             "max_speed_at_s": self._speed_at[rows],
             "max_torque_nm": self._torque[rows],
             "max_torque_at_s": self._torque_at[rows],
+            "max_command_age_s": self._age[rows],
             "min_tcp_z_m": self._lowest_z[arm],
             "max_tcp_drop_m": self._start_z[arm] - self._lowest_z[arm],
             "touched_at_s": self._touched_at[arm],

@@ -124,6 +124,7 @@ class World:
         mujoco.mj_forward(self.model, self.data)
         self.steps = 0
         self.slips = 0
+        self.slipped_s = 0.0  # how far, the last time
         self._slip_told_s = -math.inf
         self._anchor_s = 0.0  # monotonic time of simulated time 0
         self.refresh()
@@ -148,6 +149,7 @@ class World:
         if behind > _SLIP_S:
             self._anchor_s += behind
             self.slips += 1
+            self.slipped_s = behind
             if now_s - self._slip_told_s > _SLIP_TELL_S:
                 self._slip_told_s = now_s
                 logger.warning(

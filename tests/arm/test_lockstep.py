@@ -6,9 +6,10 @@ import pytest
 from lerobot_robot_yam.arm.body import ArmBody
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.lifecycle import Mode
-from lerobot_robot_yam.arm.policy import HUNG_S, STALE_OVERSHOOT_RAD_S
+from lerobot_robot_yam.arm.policy import HUNG_S, STALE_OVERSHOOT_RAD_S, stale_overshoot_rad_s
 from lerobot_robot_yam.arm.session import ArmSession
-from lerobot_robot_yam.errors import ConfigError, LifeCycleError, StaleStateError
+from lerobot_robot_yam.damiao.codec import SpecialCommand
+from lerobot_robot_yam.errors import ConfigError, LifeCycleError, MotorError, StaleStateError
 from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.rig.lockstep import LockstepBus, LockstepRig
 
@@ -92,6 +93,89 @@ def test_a_loop_that_hangs_while_its_arm_sets_out_leaves_it_a_bounded_speed(rig)
     speed = np.array(rig.watch(CHANNELS[0])["max_speed_rad_s"][:6])
     assert speed.max() > 2.0  # it does set out, and the worst of it is seen
     assert np.all(speed < Hardware(config(rig, CHANNELS[0])).speed_limit[:6] + STALE_OVERSHOOT_RAD_S), speed
+    session.discard()
+
+
+def test_a_late_tick_adds_no_more_speed_than_its_command_accelerates(rig):
+    rng = np.random.default_rng(0)
+    session = ArmSession([config(rig, CHANNELS[0])], isolation="lockstep")
+    session.start()
+    near = np.array([0.3, 1.2, 1.2, 0.4, 0.3, 0.5])
+    track(session, {CHANNELS[0]: near}, 2.0)
+    rig.watch_start(CHANNELS[0])
+    for frame in range(90):
+        far = near + rng.uniform(-3.3, 3.3, 6)
+        session[CHANNELS[0]].track(far if frame // 30 == 1 else near, 0.5)
+        for _ in range(6):
+            session.clock.sleep(0.004)
+            rig.sleep(rng.uniform(0.002, 0.026) if rng.random() < 0.25 else 0.0)
+    seen = rig.watch(CHANNELS[0])
+    allowed = 1.3 * Hardware(config(rig, CHANNELS[0])).speed_limit[:6]
+    late = [stale_overshoot_rad_s(age_s - 0.008) for age_s in seen["max_command_age_s"][:6]]
+    speed = np.array(seen["max_speed_rad_s"][:6])
+    assert (speed > allowed).any()  # late ticks do matter
+    assert np.all(speed < allowed + late), (speed, late)
+    session.discard()
+
+
+def test_answers_to_commands_are_none_to_what_follows_them(rig):
+    """At rates at which the wire is never free, torque would seem cut that is not."""
+    with LockstepBus(CHANNELS[0], rig=rig.name) as bus:
+        body = ArmBody(config(rig, CHANNELS[0]), bus, None, None)
+        body.inspect()
+        body.energise()
+        body.chain.send(np.zeros((7, 5)))
+        rig.fault(CHANNELS[0], None, "silent")
+        assert not any(body.chain.special(SpecialCommand.DISABLE))
+        rig.fault(CHANNELS[0], None, "silent", False)
+        assert all(body.chain.special(SpecialCommand.DISABLE))
+        body.abandon()
+
+
+@pytest.mark.parametrize("rate_hz", [499.0, 0.0])
+def test_at_rates_that_fill_the_wire_the_laws_work_beside_it(rig, rate_hz, monkeypatch):
+    command = ArmBody.command
+
+    def slow_command(body, now, dt):  # here, thinking takes no time
+        rig.sleep(0.0005)
+        command(body, now, dt)
+
+    monkeypatch.setattr(ArmBody, "command", slow_command)
+    configs = [sim_config(rig, channel, rate_hz=rate_hz) for channel in CHANNELS]
+    session = ArmSession(configs, isolation="lockstep")
+    session.start()
+    track(session, dict.fromkeys(CHANNELS, [0.0, 1.2, 1.2, 0.0, 0.0, 0.0]), 1.5)
+    for channel in CHANNELS:
+        rig.watch_start(channel)
+    statistics = session._runner._loop.statistics
+    before, ticks = rig.now(), statistics.cycles
+    track(session, dict.fromkeys(CHANNELS, GOAL), 1.5)
+    took_s, ticks = rig.now() - before, statistics.cycles - ticks
+    assert ticks / took_s > 480.0
+    for channel in CHANNELS:
+        state = session[channel].observe()
+        assert np.abs(state.q - GOAL).max() < 0.02
+        assert max(rig.watch(channel)["max_speed_rad_s"][:6]) < 1.95
+    session.stop()
+    arms = rig.state()["arms"]
+    assert not any(motor["enabled"] for channel in CHANNELS for motor in arms[channel]["motors"].values())
+    for channel in CHANNELS:
+        assert np.abs(np.array(arms[channel]["q"][1:4]) - Hardware(configs[0]).rest_q[1:4]).max() < 0.1
+
+
+def test_a_motor_that_is_silent_stays_so_while_an_arm_is_re_armed_in_vain(rig):
+    """At a rate at which it is asked to re-arm while replies are under way."""
+    session = ArmSession([sim_config(rig, CHANNELS[0], rate_hz=499.0)], isolation="lockstep")
+    session.start()
+    track(session, {CHANNELS[0]: GOAL}, 0.5)
+    rig.fault(CHANNELS[0], "joint_4", "silent")
+    session.clock.sleep(0.3)
+    for _ in range(3):
+        with pytest.raises(LifeCycleError, match="cannot re-arm: joint_4") as refusal:
+            session[CHANNELS[0]].rearm()
+        assert "\0" not in str(refusal.value)
+        with pytest.raises(MotorError, match="joint_4"):
+            session[CHANNELS[0]].observe()
     session.discard()
 
 

@@ -64,6 +64,19 @@ def test_a_short_peak_between_two_looks_of_a_client_is_not_missed(desk):
     assert watch(desk)["max_speed_rad_s"][5] > 1.0
 
 
+def test_the_longest_that_a_motor_acts_on_one_command_is_kept(desk):
+    watch(desk, start=True)
+    desk.run(0.1)
+    assert not np.any(watch(desk)["max_command_age_s"])  # it is not enabled
+    desk.special(WRIST, SpecialCommand.ENABLE)
+    for pause_s in (0.004, 0.03, 0.004):
+        desk.mit(WRIST, kd=0.05)
+        desk.run(pause_s)
+    age = watch(desk)["max_command_age_s"]
+    assert age[5] == pytest.approx(0.03, abs=0.005)
+    assert not np.any(np.delete(age, 5))
+
+
 def test_speed_counts_under_torque_only(desk):
     desk.device.world.set_pose(CHANNEL, np.array([0, 1.5, 1.0, 0, 0, 0]))
     watch(desk, start=True)
