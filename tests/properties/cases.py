@@ -98,6 +98,7 @@ def junk() -> st.SearchStrategy[Any]:
     )
 
 
+@functools.cache
 def workspaces() -> st.SearchStrategy[Any]:
     """A workspace as a YAML file says it, with anything in place of some of its numbers."""
     point = st.lists(st.floats(-1, 1), min_size=3, max_size=3) | st.lists(st.floats(), max_size=4) | documents()
@@ -118,6 +119,7 @@ def workspaces() -> st.SearchStrategy[Any]:
     )
 
 
+@functools.cache
 def documents() -> st.SearchStrategy[Any]:
     """What a YAML or JSON file may hold: scalars, lists and mappings, nested."""
     scalars = st.one_of(
@@ -129,6 +131,7 @@ def documents() -> st.SearchStrategy[Any]:
     )
 
 
+@functools.cache
 def replacements() -> st.SearchStrategy[Any]:
     """What may stand in a file in place of something else."""
     return st.one_of(st.sampled_from(SPECIAL), numbers(), st.floats(-10, 10), st.integers(-2, 9), documents())

@@ -4,6 +4,7 @@ draccus names the field of what it cannot parse; everything that only we can kno
 made.
 """
 
+import functools
 import typing
 
 import draccus
@@ -50,6 +51,7 @@ CHOICES = {
 }
 
 
+@functools.cache  # to make strategies takes longer than to draw from them
 def values(key, hint):
     """Something for one field: of its type, whatever the number is, or now and then anything that YAML can hold."""
     odd = st.sampled_from([0.0, -1.0, 1e308, 5e-324, float("nan"), float("inf"), 10**400])
@@ -80,10 +82,15 @@ def values(key, hint):
     return st.sampled_from([typed] * 8 + [st.none(), documents()]).flatmap(lambda chosen: chosen)
 
 
+@functools.cache
+def hints_of(cls):
+    return {name: hint for name, hint in typing.get_type_hints(cls).items() if name in cls.__dataclass_fields__}
+
+
 @st.composite
 def mappings(draw, cls):
     """A config of `cls` as a YAML file says it: the needed fields and a few others, now and then an unknown one."""
-    hints = {name: hint for name, hint in typing.get_type_hints(cls).items() if name in cls.__dataclass_fields__}
+    hints = hints_of(cls)
     known = [name for name in hints if name not in NOT_OURS]
     keys = draw(st.lists(st.sampled_from(known), max_size=3, unique=True))
     mapping = {"channel": "can0"} if "channel" in known else {}

@@ -1,5 +1,6 @@
 """A rig without process and without waiting: the simulated device in this process, its time moved by the test."""
 
+import functools
 import socket
 from typing import Any
 
@@ -9,15 +10,21 @@ from lerobot_robot_yam.rig import wire
 from lerobot_robot_yam.rig.channel import Channel
 from lerobot_robot_yam.rig.device import RigDevice
 from lerobot_robot_yam.rig.motors import SimMotor
-from lerobot_robot_yam.rig.scene import load_scene
+from lerobot_robot_yam.rig.scene import Scene, load_scene
 from lerobot_robot_yam.rig.wire import Frame
+
+
+@functools.cache
+def _scene(channel: str, **options: Any) -> Scene:
+    """Read once: that takes most of the time that a desk takes."""
+    return load_scene(options={"arms": [channel], **options})
 
 
 class Desk:
     """One arm of the scene, one client on its channel."""
 
     def __init__(self, channel: str = "follower_left", **options: Any):
-        self.device = RigDevice(load_scene(options={"arms": [channel], **options}))
+        self.device = RigDevice(_scene(channel, **options))
         self.channel: Channel = self.device.channels[channel]
         self.now_s = 100.0
         self.device.world.start(self.now_s)
