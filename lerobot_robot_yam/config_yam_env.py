@@ -33,7 +33,7 @@ class YamEnvConfig(EnvConfig):
             "module:function" that takes the robot's observation and returns True, False or None (not over yet).
         reset_pose: joints (rad) and grippers (0 … 1) in canonical order from which episodes begin; None: the waiting
             poses of the task's scene, else wherever the arms are.
-        render_camera: the camera of the videos; None: the robot's first, or that of the virtual rig's scene.
+        render_camera: the camera of the videos, one of the robot's or of the virtual rig's scene; None: the first.
         description: the task in words, for policies that read; None: as the task says.
     """
 

@@ -1,6 +1,6 @@
 """Gather demonstrations of a virtual rig's task in lock-step, unattended, as a LeRobot data set.
 
-    yam-gather configs/train/lift_and_place_eval.yaml --root outputs/lift_and_place/data --episodes 100
+    yam-gather configs/train/lift_and_place_eval.yaml --root outputs/lift_and_place/data --episodes 200
 
 The environment is that of a `lerobot-eval` config, so that what is learnt is what is evaluated. The scripted operator
 does the task once per seed; failed attempts are dropped. Run it again and it goes on where it stopped.

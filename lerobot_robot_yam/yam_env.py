@@ -79,7 +79,7 @@ class YamEnv(gym.Env):
         self.action_space = gym.spaces.Box(-np.inf, np.inf, (len(self._action_keys),), np.float32)
         self._motors = motors_of(self._robot_config.arms())
         check_reset_pose(config.reset_pose, self._robot_config.arms())
-        check_render_camera(config.render_camera, list(self._cameras) or self._scene_cameras())
+        check_render_camera(config.render_camera, list(dict.fromkeys([*self._cameras, *self._scene_cameras()])))
         self._start_pose: np.ndarray | None = None
         self._rig: RigOperations | None = None
         self._robot: FollowerBase | None = None
@@ -131,7 +131,7 @@ class YamEnv(gym.Env):
         return observation, float(verdict.success), verdict.over, cut, {"is_success": verdict.success}
 
     def render(self) -> np.ndarray:
-        """The newest image of the render camera, (height, width, 3) uint8; without cameras the virtual rig's own.
+        """The newest image of the render camera, (height, width, 3) uint8: one of the robot's or of the virtual rig.
 
         Raises:
             ConfigError: there is no camera at all.
@@ -314,7 +314,6 @@ class YamEnv(gym.Env):
         """What a policy sees, and all of what the robot says."""
         seen = robot.get_observation()
         pixels = {name: seen[name] for name in self._cameras}
-        if pixels:
-            self._frame = pixels[self._config.render_camera or next(iter(pixels))]
+        self._frame = pixels.get(self._config.render_camera or next(iter(pixels), ""))
         state = np.array([seen[key] for key in self._state_keys], np.float32)
         return {AGENT_POS: state, "pixels": pixels}, seen

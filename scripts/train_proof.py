@@ -1,6 +1,6 @@
 """Proof that the whole loop works: record → train → evaluate, with the stock commands, and a report with the numbers.
 
-    python scripts/train_proof.py --out outputs/lift_and_place --episodes 100 --steps 6000
+    python scripts/train_proof.py --out outputs/lift_and_place --episodes 200 --steps 4000
 
 Each step shows its own progress and is left out when it is done already: run it again after an interruption and it
 goes on. Everything ends up in --out: data, checkpoints, evaluation with videos, report.md with its plots.
@@ -57,16 +57,17 @@ def gather(out: Path, task: str, episodes: int) -> None:
 def train(out: Path, task: str, steps: int, overrides: list[str]) -> Path:
     """Train, or go on training; returns the last checkpoint's policy."""
     last = out / "train" / "checkpoints" / "last"
+    whole = (f"--steps={steps}", f"--scheduler.num_decay_steps={steps}")
     trained = json.loads((last / "training_state" / "training_step.json").read_text())["step"] if last.exists() else 0
     if trained < steps:
         if last.exists():
             resumed = ("--resume=true", f"--config_path={last / 'pretrained_model' / 'train_config.json'}")
-            run(out, "train", "lerobot-train", *resumed, f"--steps={steps}", *overrides)
+            run(out, "train", "lerobot-train", *resumed, *whole, *overrides)
         else:
             data = (f"--dataset.root={out / 'data'}", f"--dataset.repo_id=local/{task}")
             config = f"--config_path=configs/train/{task}_train.yaml"
             new = (config, *data, f"--output_dir={out / 'train'}")
-            run(out, "train", "lerobot-train", *new, f"--steps={steps}", *overrides)
+            run(out, "train", "lerobot-train", *new, *whole, *overrides)
     return last / "pretrained_model"
 
 
@@ -86,8 +87,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True, help="folder of everything")
     parser.add_argument("--task", default="lift_and_place", help="has configs/train/TASK_train.yaml and TASK_eval.yaml")
-    parser.add_argument("--episodes", type=int, default=100, help="demonstrations (default %(default)s)")
-    parser.add_argument("--steps", type=int, default=6_000, help="of training (default %(default)s)")
+    parser.add_argument("--episodes", type=int, default=200, help="demonstrations (default %(default)s)")
+    parser.add_argument("--steps", type=int, default=4_000, help="of training (default %(default)s)")
     parser.add_argument("--eval-episodes", type=int, default=50, help="default %(default)s")
     parser.add_argument("--seed", type=int, default=1000, help="of the first evaluation episode (default %(default)s)")
     options, overrides = parser.parse_known_args()

@@ -25,9 +25,9 @@ def test_demonstrations_are_gathered_and_more_of_them_later(tmp_path):
     assert data.num_episodes == 2 and data.fps == 30
     first, last = data[0], data[len(data) - 1]
     assert first["action"].shape == first["observation.state"].shape == (7,)
-    for camera in ("top", "wrist_left"):
-        seen = [np.asarray(row[f"observation.images.{camera}"]) for row in (first, last)]
-        assert seen[0].shape == (3, 48, 64) and np.abs(seen[1] - seen[0]).mean() > 0.005
+    for name, camera in environment(config_path("train/lift_and_place_eval")).robot.cameras.items():
+        seen = [np.asarray(row[f"observation.images.{name}"]) for row in (first, last)]
+        assert seen[0].shape == (3, camera.height, camera.width) and np.abs(seen[1] - seen[0]).mean() > 0.005
 
 
 def test_a_run_that_was_killed_while_it_saved_is_not_gone_on_with(tmp_path):
