@@ -21,6 +21,7 @@ from lerobot_robot_yam.rig.frames import frame_dtype, frame_path
 from lerobot_robot_yam.shared_block import SharedBlock
 
 _POLL_S = 0.002
+_MAX_AGE_S = 0.5
 
 
 class RigCamera:
@@ -105,7 +106,7 @@ class RigCamera:
             self._end = reply
             launch.raise_remote(reply)
 
-    def latest(self, max_age_s: float = 0.5) -> tuple[np.ndarray, float]:
+    def latest(self, max_age_s: float = _MAX_AGE_S) -> tuple[np.ndarray, float]:
         """The newest frame, without waiting.
 
         Returns:
@@ -131,11 +132,12 @@ class RigCamera:
         """The next frame that no call has returned yet; as `latest` otherwise.
 
         Raises:
-            StaleStateError: none came within timeout_s.
+            StaleStateError: none came within timeout_s; one left over from before the renderer stopped does not count.
             RigError: not connected, or the rig or its renderer has ended.
         """
         block = self._connected()
         deadline = time.monotonic() + timeout_s
+        max_age_s = _MAX_AGE_S + 1.0 / self.fps
         sequence = None
         while True:
             if block.sequence() != sequence:
@@ -143,7 +145,8 @@ class RigCamera:
                 record = block.read()
                 if record is not None and int(record["number"]) > self._seen:
                     self._seen = int(record["number"])
-                    return record["rgb"], float(record["stamp_s"])
+                    if time.monotonic() - float(record["stamp_s"]) < max_age_s:
+                        return record["rgb"], float(record["stamp_s"])
             if time.monotonic() > deadline:
                 self._hear()
                 raise StaleStateError(

@@ -114,8 +114,9 @@ def test_a_stopped_renderer_means_stale_and_a_dead_one_an_error():
 def _stop_and_kill(rig: RigControl) -> None:
     with RigCamera("top", 64, 48, 30, rig=rig.name) as camera:
         (pid,) = renderer_pids(rig)
+        time.sleep(0.1)  # frames that nobody reads: afterwards they are old, not new
         os.kill(pid, signal.SIGSTOP)
-        time.sleep(0.4)
+        time.sleep(0.6)
         with pytest.raises(StaleStateError, match="camera top"):
             camera.latest(max_age_s=0.3)
         os.kill(pid, signal.SIGKILL)
