@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _PATHS = ("calibration_path", "identity_path")
 _TEXT_MAX = 100  # bytes of a channel's name, which becomes part of file names
+_RATE_MIN_HZ = 100.0  # the motors' watchdog, and the stand-by's, want to hear more often than that of a slow loop
 _RATE_MAX_HZ = 1000.0
 
 
@@ -52,7 +53,11 @@ _NUMBERS: dict[str, tuple[int | None, Callable[[float], bool], str]] = {
         (None, _above_zero, "a number above zero"),
     ),
     **dict.fromkeys(("gripper_kp", "gripper_kd", "payload_mass_kg"), (None, _not_below_zero, "a number from zero up")),
-    "rate_hz": (None, lambda x: 0.0 <= x <= _RATE_MAX_HZ, f"a rate within 0 … {_RATE_MAX_HZ:g}"),
+    "rate_hz": (
+        None,
+        lambda x: x == 0.0 or _RATE_MIN_HZ <= x <= _RATE_MAX_HZ,
+        f"a rate within {_RATE_MIN_HZ:g} … {_RATE_MAX_HZ:g}, or 0 for as fast as the wire allows",
+    ),
 }
 
 

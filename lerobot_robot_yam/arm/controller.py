@@ -92,13 +92,16 @@ class ArmController(ArmBody):
         heat = self._derate(now)
         if heat is not None and heat.stage:
             self.limited |= Limited.HEAT
-            if heat.stage is Stage.HOT and self.mode not in (Mode.LAND, Mode.FAULT) and not self._must_land:
+            if heat.stage is Stage.HOT and self.mode is Mode.FAULT:
+                self.end(now)  # while the others of its motors still obey
+            elif heat.stage is Stage.HOT and self.mode is not Mode.LAND and not self._must_land:
                 self._suffer(Trouble.HOT, heat.message, now)
 
     def stop_reason(self, now: float) -> str:
         """Why everything has to stop, empty when it has not: the handle's button, or too much effort."""
         tau = self.drive.tau[: self.hardware.joints]
-        return self._stop_reasons.check(now, self.handle[1], tau, self.mode in ENERGISED)
+        works = self.mode in ENERGISED and self.mode is not Mode.STOPPED
+        return self._stop_reasons.check(now, self.handle[1], tau, works)
 
     def decide(self, now: float, stopped: bool = False) -> None:
         """What the arm is about; `stopped`: the emergency stop is latched. Its set-point is then to be advanced."""
@@ -274,6 +277,8 @@ class ArmController(ArmBody):
             raise LifeCycleError(f"{self.name}: {why}; let it land, then connect again")
         if self.mode is Mode.FAULT:
             assert self.trouble is not None
+            if self._stopped:
+                raise LifeCycleError(f"{self.name}: {self.message}; {_RELEASE_FIRST}")
             if not POLICY[self.trouble].in_place:
                 raise LifeCycleError(f"{self.name}: {self.message}; {POLICY[self.trouble].rearm}")
             failed = np.flatnonzero(~self._usable).tolist()
@@ -312,6 +317,7 @@ class ArmController(ArmBody):
         if self.gripper is not None:
             self.gripper.stop_search()
         self._enter(Mode.STOPPED)
+        self._press_less()
 
     def _resume(self, now: float) -> None:
         """The emergency stop has been released: from the measured pose."""

@@ -17,9 +17,11 @@ from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.encoder import HandleEncoder
 from lerobot_robot_yam.damiao.quantisation import Quantiser
 from lerobot_robot_yam.damiao.registers import Register
-from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.errors import MotorError, YamError
 
-_SOON_S = 0.02  # motors answer within a few ms, and meanwhile nobody commands the other arm
+_ANSWER_S = 0.006  # motors answer within a few ms
+_ASK_AGAIN = 8  # an answer may get lost
+_SOON_S = 0.02  # meanwhile nobody commands the other arm
 
 
 class ArmDrive:
@@ -87,19 +89,36 @@ class ArmDrive:
 
     def enable(self) -> None:
         """Enable all motors, which tells where they are; they wait for a command, without torque."""
-        self.chain.special(SpecialCommand.ENABLE)
+        self._enable(range(len(self.chain)))
+
+    def _enable(self, motors: Sequence[int]) -> None:
+        """Enable motors, and hear where they are: what was known of limp ones may be long ago.
+
+        Raises:
+            MotorError: one does not answer.
+        """
+        answered: Sequence[bool] | np.ndarray = self.chain.special(SpecialCommand.ENABLE, _ANSWER_S, motors)
+        for _ in range(_ASK_AGAIN):
+            if all(answered):
+                break
+            answered = np.logical_or(answered, self.chain.refresh(_ANSWER_S))
         self.read()
+        silent = [self.chain.motors[i] for i in np.flatnonzero(np.logical_not(answered))]
+        if silent:
+            names = ", ".join(f"{motor.name} (id {motor.can_id})" for motor in silent)
+            raise MotorError(
+                f"{self._config.name} ({self._config.channel}): cannot enable {names}: no answer; check power and cable"
+            )
 
     def clear_and_enable(self, motors: Sequence[int]) -> None:
         """Clear the faults of these motors and enable them; they wait for a command, without torque.
 
         Raises:
-            MotorError: one is where its joint cannot be; all these are disabled again.
+            MotorError: one does not answer, or is where its joint cannot be; all these are disabled again.
         """
         self.chain.special(SpecialCommand.CLEAR, _SOON_S, motors)
-        self.chain.special(SpecialCommand.ENABLE, _SOON_S, motors)
-        self.read()
         try:
+            self._enable(motors)
             self._resolve([i for i in motors if i < self._hardware.joints])  # without power it forgets its turn
         except YamError:
             self.chain.special(SpecialCommand.DISABLE, _SOON_S, motors)

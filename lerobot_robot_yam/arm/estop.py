@@ -37,11 +37,27 @@ class EmergencyStop:
         self.directory = runtime_dir() if directory is None else directory
         self._name = str(self.directory / _FILE)
         self._unwritten = False  # latched, with no way to write it down
+        self._home: int | None = None  # the directory in which it was seen, by its number: /dev/shm gives none twice
 
     @property
     def latched(self) -> bool:
         """Whether the stop is set."""
-        return os.access(self._name, os.F_OK) or self._unwritten
+        if os.access(self._name, os.F_OK):
+            if self._home is None:
+                self._home = self._directory_number()
+            return True
+        if self._home is not None:
+            if self._home != self._directory_number():
+                logger.critical("%s is gone (by a log-out?): stopped until you connect again", self.directory)
+                self._unwritten = True
+            self._home = None
+        return self._unwritten
+
+    def _directory_number(self) -> int:
+        try:
+            return os.stat(self.directory).st_ino
+        except OSError:
+            return 0
 
     def reason(self) -> str:
         """Who set it, when and why; empty when it is not set."""

@@ -296,6 +296,7 @@ class ArmPort:
     def _request(self, request: Request) -> None:
         self._asked = request
         self._request_sequence += 1
+        self._target_stamp_s = -math.inf  # what the loop has not looked at yet came before this
         self._write()
         deadline = self._clock.now() + _REQUEST_TIMEOUT_S
         while True:

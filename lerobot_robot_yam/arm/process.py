@@ -111,7 +111,11 @@ def main() -> int:
 
     def watch_stand_by() -> None:
         nonlocal stand_by_pid
-        if stand_by_pid and os.waitpid(stand_by_pid, os.WNOHANG)[0]:
+        try:
+            ended = bool(stand_by_pid) and os.waitpid(stand_by_pid, os.WNOHANG)[0] != 0
+        except ChildProcessError:  # who started us ignores SIGCHLD, and so do we: the kernel keeps no ended children
+            ended = True
+        if ended:
             stand_by_pid = 0
             logger.warning("the stand-by has died: should this process be killed, the arms will fall; connect again")
 

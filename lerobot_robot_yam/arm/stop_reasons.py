@@ -25,12 +25,15 @@ class StopReasons:
             names = [motor.name for motor in hardware.motors[: hardware.joints]]
             self._effort = EffortLimit(np.array(config.effort_limit_nm), names)
 
-    def check(self, now: float, buttons: tuple[bool, bool], tau_nm: np.ndarray, energised: bool) -> str:
-        """Why everything has to stop, empty when it has not. `tau_nm` (joints,), measured."""
+    def check(self, now: float, buttons: tuple[bool, bool], tau_nm: np.ndarray, works: bool) -> str:
+        """Why everything has to stop, empty when it has not. `tau_nm` (joints,), measured.
+
+        works: whether its effort is to be limited now.
+        """
         if self._button.pressed(buttons):
             return f"button of the handle of {self._arm}"
-        if self._effort is not None and energised:
-            verdict = self._effort.check(now, tau_nm)
+        if self._effort is not None:
+            verdict = self._effort.check(now, tau_nm if works else np.zeros_like(tau_nm))
             if verdict is not None:
                 return f"{self._arm}: {verdict}"
         return ""

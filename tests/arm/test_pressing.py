@@ -1,0 +1,122 @@
+"""An arm that something blocks: what stops it lets it press less, and what frees it is not thrown at."""
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.arm.estop import EmergencyStop
+from lerobot_robot_yam.arm.lifecycle import Mode
+from lerobot_robot_yam.arm.session import ArmSession
+from lerobot_robot_yam.arm.state import Limited
+from lerobot_robot_yam.rig.lockstep import LockstepRig
+
+from .rigged import sim_config, track
+
+CHANNEL = "follower_left"
+NEAR = [0.0, 1.0, 1.2, 0.0, 0.0, 0.0]
+FAR = [0.6, 1.0, 1.2, 0.0, 0.0, 0.0]
+
+
+@pytest.fixture
+def rig():
+    rig = LockstepRig(arms=[CHANNEL])
+    yield rig
+    rig.close()
+
+
+@pytest.fixture
+def running(rig):
+    sessions = []
+
+    def start(**changes):
+        session = ArmSession([sim_config(rig, CHANNEL, interface="yam_lockstep", **changes)], isolation="lockstep")
+        session.start()
+        sessions.append(session)
+        return session
+
+    yield start
+    EmergencyStop().release()
+    for session in sessions:
+        session.discard()
+
+
+def press(rig, session, seconds=1.0):
+    """Wind joint_1 up against something."""
+    track(session, {CHANNEL: NEAR}, 1.5)
+    rig.fault(CHANNEL, "joint_1", "stuck")
+    track(session, {CHANNEL: FAR}, seconds)
+
+
+def pull_nm(session):
+    """Of joint_1's stiffness."""
+    state = session[CHANNEL].observe()
+    return 80.0 * abs(state.setpoint_q[0] - state.q[0])
+
+
+def fastest(rig):
+    return max(rig.watch(CHANNEL)["max_speed_rad_s"][:6])
+
+
+def test_an_emergency_stop_ends_the_pressing(rig, running):
+    session = running()
+    press(rig, session)
+    assert pull_nm(session) > 20.0
+    EmergencyStop().latch("somebody is in there")
+    session.clock.sleep(0.1)
+    assert session[CHANNEL].mode() is Mode.STOPPED and pull_nm(session) < 5.2
+    assert abs(session[CHANNEL].observe().tau_nm[0]) < 6.0
+
+
+def test_what_the_effort_limit_has_stopped_can_be_released_while_it_is_still_blocked(rig, running):
+    session = running(effort_limit_nm=[10.0, 45.0, 45.0, 20.0, 20.0, 20.0])
+    press(rig, session)
+    assert session[CHANNEL].mode() is Mode.STOPPED and "joint_1" in EmergencyStop().reason()
+    assert pull_nm(session) < 5.2
+    EmergencyStop().release()
+    session.clock.sleep(0.5)
+    assert not EmergencyStop().latched and session[CHANNEL].mode() is Mode.HOLD
+    assert pull_nm(session) < 1.0  # from the measured pose
+
+
+def test_a_landing_that_was_obstructed_does_not_spring_when_the_way_is_freed(rig, running):
+    session = running()
+    track(session, {CHANNEL: NEAR}, 1.5)
+    rig.fault(CHANNEL, "joint_2", "stuck")
+    session[CHANNEL].land()
+    session.clock.sleep(1.0)  # it presses for half a second before it gives way
+    assert 80.0 * abs(np.subtract(session[CHANNEL].observe().setpoint_q, session[CHANNEL].observe().q)[1]) > 15.0
+    rig.watch_start(CHANNEL)
+    rig.fault(CHANNEL, "joint_2", "stuck", False)
+    session.clock.sleep(6.0)
+    assert fastest(rig) < 2.5  # else 3.5
+    assert session[CHANNEL].mode() is Mode.OFF
+
+
+@pytest.mark.parametrize(
+    "gain", [{"kp": [60.0, 60.0, 60.0, 8.0, 8.0, 8.0]}, {"kd": [4.0, 4.0, 4.0, 1.0, 1.0, 1.0]}, {}]
+)
+def test_stiffer_gains_take_a_soft_arm_up_where_it_has_gone_to(rig, running, gain):
+    session = running()
+    track(session, {CHANNEL: NEAR}, 1.5)
+    soft = {"kp": np.zeros(6), "kd": np.ones(6)}
+    track(session, {CHANNEL: NEAR}, 0.2, **soft)
+    rig.set_pose(CHANNEL, [0.4, *NEAR[1:]])  # a hand pushes it away
+    track(session, {CHANNEL: NEAR}, 0.1, **soft)
+    rig.watch_start(CHANNEL)
+    for _ in range(30):
+        session[CHANNEL].track(NEAR, 0.5, **gain)
+        session.clock.sleep(1 / 30)
+        assert Limited.CAME_FREE not in session[CHANNEL].observe().limited
+    assert fastest(rig) < 1.95  # the limit is 1.5
+    assert abs(session[CHANNEL].observe().q[0]) < 0.03
+
+
+def test_a_soft_arm_that_lags_is_not_taken_for_one_that_came_free(rig, running):
+    session = running(speed_limit_rad_s=[0.5] * 6)
+    soft = {"kp": np.full(6, 6.0), "kd": np.full(6, 0.5)}
+    low, high = [0.0, 1.0, 1.2, 0.6, 0.0, 0.0], [0.6, 1.8, 0.8, -1.0, 0.5, 0.5]
+    track(session, {CHANNEL: low}, 4.0)
+    for pose in (high, low, high):
+        for _ in range(120):
+            session[CHANNEL].track(pose, 0.5, **soft)
+            session.clock.sleep(1 / 30)
+            assert Limited.CAME_FREE not in session[CHANNEL].observe().limited
