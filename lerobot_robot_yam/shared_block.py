@@ -90,13 +90,14 @@ class SharedBlock:
         Raises:
             StaleStateError: no consistent record within 0.25 s: the writer died in the middle of a write.
         """
-        deadline = 0.0
-        while self.sequence():
+        deadline, stuck = 0.0, 0
+        while sequence := self.sequence():
             record = self.glance()
             if record is not None:
                 return record
             now = time.monotonic()
-            deadline = deadline or now + _READ_TIMEOUT_S
+            if sequence != stuck:  # whoever writes on is alive: it is we who were held up
+                deadline, stuck = now + _READ_TIMEOUT_S, sequence
             if now > deadline:
                 raise StaleStateError(f"{self.path}: its writer died in the middle of a write")
             time.sleep(0)

@@ -5,8 +5,9 @@ from collections import deque
 from typing import Any
 
 import numpy as np
-from soak_checks import SetPointCheck, mode_of
+from soak_checks import GRIPPER, SetPointCheck, mode_of
 
+from lerobot_robot_yam.arm.body import PRESS_NM
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.state import STATE_DTYPE, state_path
 from lerobot_robot_yam.errors import YamError
@@ -30,7 +31,9 @@ class Arm:
         self.torque_limit = np.array(job["torque_limit"])
         self.kp = np.array(job["kp"])
         self.rest_q = np.array(job["rest_q"])
-        self.check = SetPointCheck(channel, np.array(job["speed_limit"]), job["role"] == "leader")
+        press_rad = np.zeros(GRIPPER + 1)
+        press_rad[:GRIPPER] = PRESS_NM / np.maximum(self.kp[:GRIPPER], 1.0)
+        self.check = SetPointCheck(channel, np.array(job["speed_limit"]), job["role"] == "leader", press_rad)
         self.record: Any = None
         self.records = 0
         self._history: deque[Any] = deque(maxlen=_KEPT)

@@ -51,16 +51,18 @@ class SetPointCheck:
     A jump is allowed where the set-point is seeded from the measured pose on purpose: when the arm's mode changes
     (re-arm, end of an emergency stop, floating to holding), when another process takes the arm over, where a landing
     gives way to what it has met, where a joint has come free, and of the gripper when its force limiter lets go. It
-    then has to lie on the measured pose. That of a floating arm follows the arm and moves nothing.
+    then has to lie on the measured pose, or as near to it as what an emergency stop holds presses. That of a floating
+    arm follows the arm and moves nothing.
 
     Args:
         channel: the arm's.
         limits: (7,) rad/s, the gripper's in strokes/s.
         floats: it floats while it is stopped, too.
+        press_rad: (7,) how far what is stopped may stay ahead of the arm.
     """
 
-    def __init__(self, channel: str, limits: np.ndarray, floats: bool = False):
-        self._channel, self._limits = channel, limits
+    def __init__(self, channel: str, limits: np.ndarray, floats: bool = False, press_rad: np.ndarray | float = 0.0):
+        self._channel, self._limits, self._press_rad = channel, limits, press_rad
         self._floating = {Mode.FLOAT, Mode.STOPPED} if floats else {Mode.FLOAT}
         self._limits_landing = limits.copy()
         self._limits_landing[:GRIPPER] = np.minimum(limits[:GRIPPER], LANDING_SPEED_RAD_S)
@@ -107,7 +109,8 @@ class SetPointCheck:
         old, new = mode_of(before), mode_of(record)
         measured = np.minimum(np.abs(record["setpoint"] - record["q"]), np.abs(record["setpoint"] - before["q"]))
         moving = np.nan_to_num(np.abs(record["dq"])) * _JITTER_S
-        seeded = bool((measured < _AT_MEASURED + moving)[jumped].all())
+        near = _AT_MEASURED + moving + (self._press_rad if new is Mode.STOPPED else 0.0)
+        seeded = bool((measured < near)[jumped].all())
         taken_over = record["owner_pid"] != before["owner_pid"]
         let_go = not jumped[:GRIPPER].any() and bool(int(before["limited"]) & Limited.GRIPPER_FORCE)
         caught = bool(int(record["limited"]) & Limited.CAME_FREE)

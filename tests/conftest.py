@@ -64,6 +64,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     One after another (with --no-loadscope-reorder): between others, each time one worker would wait for the other.
     """
     for item in items:
+        if item.path.parent.name == "cli" and item.get_closest_marker("timeout") is None:
+            item.add_marker(pytest.mark.timeout(900))  # of all tries together
         if item.path.parent.name != "properties":  # these ask nothing of the machine, and draw other cases next time
             item.add_marker(pytest.mark.flaky(reruns=2, condition=_disturbed))
     alone = {item.path for item in items if _is_alone(item)}

@@ -12,12 +12,12 @@ import pytest
 ROOT = Path(__file__).parent.parent
 STAND_IN = """#!/usr/bin/env bash
 # In place of lerobot-record: says what it was asked, begins a data set, waits to be ended.
+trap 'echo ended; exit 3' TERM
 for argument in "$@"; do
   echo "given $argument"
   case "$argument" in --dataset.root=*) root=${argument#*=} ;; esac
 done
 mkdir -p "$root/meta" && echo '{}' >"$root/meta/info.json"
-trap 'echo ended; exit 3' TERM
 for _ in $(seq "$LOOPS"); do sleep 0.05; done
 """
 

@@ -51,21 +51,23 @@ def test_records_are_never_torn(tmp_path, pytestconfig):
     """A writer in another process at full speed, a reader that checks every copy."""
     path = tmp_path / "block"
     child = subprocess.Popen([sys.executable, "-c", WRITER, path, pytestconfig.rootpath], stdout=subprocess.PIPE)
-    child.stdout.readline()
-    reader = SharedBlock(path, DTYPE, create=False)
-    last = seen = 0
-    deadline = time.monotonic() + 20.0  # a busy machine gives a reader few turns
-    while child.poll() is None and seen < 1_000 and time.monotonic() < deadline:
-        copy = reader.read()
-        if copy is not None:
-            assert (copy["values"] == copy["counter"]).all()
-            assert copy["counter"] >= last
-            seen += copy["counter"] > last
-            last = copy["counter"]
-    child.kill()
-    child.wait()
-    child.stdout.close()
-    reader.close()
+    try:
+        child.stdout.readline()
+        reader = SharedBlock(path, DTYPE, create=False)
+        last = seen = 0
+        deadline = time.monotonic() + 20.0  # a busy machine gives a reader few turns
+        while child.poll() is None and seen < 1_000 and time.monotonic() < deadline:
+            copy = reader.read()
+            if copy is not None:
+                assert (copy["values"] == copy["counter"]).all()
+                assert copy["counter"] >= last
+                seen += copy["counter"] > last
+                last = copy["counter"]
+        reader.close()
+    finally:
+        child.kill()
+        child.wait()
+        child.stdout.close()
     assert seen > 100
 
 

@@ -121,6 +121,9 @@ def test_a_joint_that_came_free_may_start_again_from_where_it_is(soak):
     there["limited"] = Limited.CAME_FREE
     assert not findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), [*ramp(0.0, 50), there])
     there["dq"] = 0.0  # then it is beside the arm
+    there["limited"], there["mode"] = 0, Mode.STOPPED
+    assert not findings(soak.checks.SetPointCheck(CHANNEL, LIMITS, press_rad=0.04), [*ramp(0.0, 50), there])
+    there["limited"], there["mode"] = Limited.CAME_FREE, Mode.TRACK
     assert findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), [*ramp(0.0, 50), there])
 
 

@@ -183,11 +183,20 @@ def test_an_operator_lays_out_and_judges(tmp_path, monkeypatch):
         live = robot(tmp_path, can_options={"rig": rig.name}, cameras={}, gripper_stops_rad=[3.25, -3.3])
         env = YamEnv(YamEnvConfig(robot=live, success="operator", task="Stack the cups", fps=10))
         try:
-            presses = threading.Timer(3.0, os.write, (terminal, b" "))
-            presses.start()
+            laid_out = threading.Event()
+
+            def lay_out():
+                time.sleep(3.0)
+                while not laid_out.wait(0.5):  # what comes before it asks does not count
+                    os.write(terminal, b" ")
+
+            operator = threading.Thread(target=lay_out)
+            operator.start()
             begin = time.monotonic()
             observation, _ = env.reset(seed=0)
             assert time.monotonic() - begin > 2.5  # it has waited
+            laid_out.set()
+            operator.join()
             assert env.task_description == "Stack the cups"
             assert not env.step(observation["agent_pos"])[2]
             os.write(terminal, b"s")

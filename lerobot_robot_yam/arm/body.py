@@ -26,11 +26,10 @@ logger = logging.getLogger(__name__)
 ACCELERATION_LIMIT_RAD_S2 = 30.0  # brakes from the speed limit within 50 ms
 _END_DECELERATION_RAD_S2 = 5.0  # arms overshoot what is harder by centimetres, and joints end on mechanical stops
 LEFT_BEHIND_RAD = 0.05  # more than an arm lags with its own gains
-_FREE_RAD = 0.1  # farther behind its set-point, yet faster than this share of its limit and closing in: it came free
+_FREE_RAD = 0.1  # farther behind its set-point, and yet faster than this share of its speed limit: it has come free
 _FREE_SPEED = 1.1
-_CLOSING_RAD_S = 0.4  # more than a load that hangs on a soft wrist makes it lag and catch up
 _JUST_NOW_S = 0.02
-_PRESS_NM = 5.0  # of stiffness, with which a stopped joint presses on: 1 kg at 0.5 m that the model does not know
+PRESS_NM = 5.0  # of stiffness, with which a stopped joint presses on: 1 kg at 0.5 m that the model does not know
 _TOLD_S = 0.1  # a caller that looks 30 times a second is told
 _ENABLE_TICKS = 20  # in which a motor has to say that it is enabled: an answer may get lost
 _UNREACHABLE_S = 1.0  # beyond their watchdog, the motors have let go: there is nothing left to land
@@ -178,9 +177,8 @@ class ArmBody:
         if not fast.any() or (self._landing is not None and self._landing.phase is Phase.FADE):  # nearly always
             return
         gap = (self.setpoint.q - self.drive.motor_q)[: hw.joints]
-        closes = np.sign(gap) * (dq - self.setpoint.dq[: hw.joints]) > _CLOSING_RAD_S
         heard = now - self.chain.stamp_s[: hw.joints] < _JUST_NOW_S
-        for joint in np.flatnonzero(fast & (np.abs(gap) > _FREE_RAD) & closes & heard):
+        for joint in np.flatnonzero(fast & (gap * dq > 0.0) & (np.abs(gap) > _FREE_RAD) & heard):
             logger.warning("%s: %s came free at %.1f rad/s; caught", self.name, hw.motors[joint].name, dq[joint])
             self.setpoint.fall_back(int(joint), float(self.q[joint]))
             self._came_free_s = now
@@ -205,7 +203,7 @@ class ArmBody:
         """Who stops everything may be in the arm's way: what is left of its pull carries a load, and hurts nobody."""
         joints = self.hardware.joints
         gap = (self.setpoint.q - self.q)[:joints]
-        most = _PRESS_NM / np.maximum(self.hardware.kp[:joints], 1.0)
+        most = PRESS_NM / np.maximum(self.hardware.kp[:joints], 1.0)
         for joint in np.flatnonzero(np.abs(gap) > most):
             self.setpoint.reseed(int(joint), float(self.q[joint] + np.copysign(most[joint], gap[joint])))
 

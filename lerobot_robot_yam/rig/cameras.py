@@ -116,8 +116,7 @@ class RigCamera:
             StaleStateError: it is older than max_age_s.
             RigError: not connected, or the rig or its renderer has ended.
         """
-        block = self._connected()
-        record = block.read()
+        record = self._read(self._connected())
         age = float("inf") if record is None else time.monotonic() - float(record["stamp_s"])
         if record is None or age > max_age_s:
             self._hear()
@@ -142,7 +141,7 @@ class RigCamera:
         while True:
             if block.sequence() != sequence:
                 sequence = block.sequence()
-                record = block.read()
+                record = self._read(block)
                 if record is not None and int(record["number"]) > self._seen:
                     self._seen = int(record["number"])
                     if time.monotonic() - float(record["stamp_s"]) < max_age_s:
@@ -153,6 +152,13 @@ class RigCamera:
                     f"camera {self.camera}: no new frame within {timeout_s * 1e3:.0f} ms; is the machine overloaded?"
                 )
             time.sleep(_POLL_S)
+
+    def _read(self, block: SharedBlock) -> np.ndarray | None:
+        try:
+            return block.read()
+        except StaleStateError as error:
+            self._hear()
+            raise StaleStateError(f"camera {self.camera}: its renderer stopped in the middle of a picture") from error
 
     def _connected(self) -> SharedBlock:
         if self._block is None:

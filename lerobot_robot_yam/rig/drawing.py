@@ -60,7 +60,9 @@ class Drawing:
         self._stalled_until_s: dict[str, float] = {}
 
     def open(self, settings: Settings) -> None:
-        """Start drawing a camera; its block exists when this returns."""
+        """Start drawing a camera; its block exists when this returns. Does nothing where it is drawn already."""
+        if settings in self._views:  # a second client asked before the first was answered
+            return
         name, width, height, fps = settings
         self._painter.reserve(width, height)
         dtype = frame_dtype(width, height)

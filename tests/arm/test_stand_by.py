@@ -137,7 +137,7 @@ def test_killed_in_the_middle_of_a_write(rig):
         os.kill(pid, signal.SIGKILL)
         killed = time.monotonic()
         while (record := block.glance()) is None or record["mode"] != Mode.LAND:
-            assert time.monotonic() < killed + 0.2
+            assert time.monotonic() < killed + 1.0
         with pytest.raises(MotorError, match="control process has died"):
             session[channel].observe()
     finally:

@@ -1,8 +1,5 @@
 """Silence is a motor's fault only if it was asked."""
 
-import time
-
-import can
 import numpy as np
 import pytest
 
@@ -10,32 +7,32 @@ from lerobot_robot_yam.arm.policy import Trouble
 from lerobot_robot_yam.arm.watch import MotorWatch
 from lerobot_robot_yam.damiao.chain import MotorChain, MotorSpec
 from lerobot_robot_yam.damiao.codec import SpecialCommand
-from lerobot_robot_yam.rig.control import running_rig
+from lerobot_robot_yam.rig.lockstep import LockstepBus, LockstepRig
 
 HOLD = np.zeros((2, 5))
 
 
 @pytest.fixture
 def chain():
-    with running_rig(arms=["follower_left"]) as rig:
-        bus = can.Bus(interface="yam_sim", channel="follower_left", rig=rig.name)
+    rig = LockstepRig(arms=["follower_left"])
+    with LockstepBus("follower_left", rig=rig.name) as bus:
         specs = [MotorSpec("joint_5", 5, "DM4310"), MotorSpec("joint_6", 6, "DM4310")]
         chain = MotorChain(bus, specs, channel="follower_left")
         chain.special(SpecialCommand.ENABLE)
         yield rig, chain
         chain.special(SpecialCommand.DISABLE)
-        bus.shutdown()
+    rig.close()
 
 
 def test_a_loop_that_stood_still_does_not_blame_its_motors(chain):
-    _, motors = chain
+    rig, motors = chain
     watch = MotorWatch(motors)
     motors.exchange(HOLD)
-    assert watch.check(time.monotonic()).trouble is None
-    time.sleep(0.25)  # nobody asked
-    assert watch.check(time.monotonic()).trouble is None
+    assert watch.check(rig.now()).trouble is None
+    rig.sleep(0.25)  # nobody asked
+    assert watch.check(rig.now()).trouble is None
     motors.exchange(HOLD)
-    assert watch.check(time.monotonic()).trouble is None
+    assert watch.check(rig.now()).trouble is None
 
 
 def test_a_motor_that_lets_questions_go_by_is_named(chain):
@@ -43,30 +40,30 @@ def test_a_motor_that_lets_questions_go_by_is_named(chain):
     watch = MotorWatch(motors)
     motors.exchange(HOLD)
     rig.fault("follower_left", "joint_6", "silent")
-    begin = time.monotonic()
+    begin = rig.now()
     message = ""
     while not message:
         motors.exchange(HOLD)
-        finding = watch.check(time.monotonic())
+        finding = watch.check(rig.now())
         bad, message = finding.bad, finding.message
-        assert time.monotonic() - begin < 2.0
+        assert rig.now() - begin < 2.0
     assert list(bad) == [False, True]
     assert message.startswith("joint_6 (id 6): silent for 0.")
-    assert time.monotonic() - begin > 0.09
+    assert rig.now() - begin > 0.09
 
 
 def test_a_doubled_motor_is_noticed_though_replies_get_lost(chain):
     rig, motors = chain
     watch = MotorWatch(motors)
     rig.fault("follower_left", "joint_6", "duplicate")
-    begin = time.monotonic()
+    begin = rig.now()
     finding = watch.check(begin)
     while finding.trouble is None:
-        if motors.lost[1] < (time.monotonic() - begin) * 10.0:  # several in every window
+        if motors.lost[1] < (rig.now() - begin) * 10.0:  # several in every window
             rig.fault("follower_left", "joint_6", "drop_next", 2)
         motors.exchange(HOLD)
-        finding = watch.check(time.monotonic())
-        assert time.monotonic() - begin < 3.0
+        finding = watch.check(rig.now())
+        assert rig.now() - begin < 3.0
     assert finding.trouble is Trouble.DUPLICATE_ID and "joint_6 (id 6)" in finding.message
     assert motors.lost[1] > 1
 
@@ -75,14 +72,14 @@ def test_a_lost_cable_is_named_though_one_motor_fell_silent_first(chain):
     rig, motors = chain
     watch = MotorWatch(motors)
     motors.exchange(HOLD)
-    assert watch.check(time.monotonic()).trouble is None
+    assert watch.check(rig.now()).trouble is None
     rig.fault("follower_left", "joint_6", "silent")
-    begin = time.monotonic()
-    while time.monotonic() < begin + 0.06:
+    begin = rig.now()
+    while rig.now() < begin + 0.06:
         motors.exchange(HOLD)
-        assert watch.check(time.monotonic()).trouble is None
+        assert watch.check(rig.now()).trouble is None
     rig.fault("follower_left", None, "cable_out")
-    while (finding := watch.check(time.monotonic())).trouble is None:
+    while (finding := watch.check(rig.now())).trouble is None:
         motors.exchange(HOLD)
-        assert time.monotonic() - begin < 2.0
+        assert rig.now() - begin < 2.0
     assert finding.trouble is Trouble.BUS_SILENT

@@ -20,10 +20,14 @@ def raise_leaders(commands):
         pose = [turn, 1.2, 1.1, -0.5, 0.2, 0.3]
         commands.rig.hand(f"leader_{side}", [2.0], [pose])
     time.sleep(3.0)
+    deadline = time.monotonic() + 30.0
+    arms = commands.rig.state()["arms"]
+    while arms["follower_left"]["q"][1] < 0.8 or arms["follower_right"]["q"][0] > -0.2:
+        assert time.monotonic() < deadline, arms
+        time.sleep(0.1)
+        arms = commands.rig.state()["arms"]
     for side in ("left", "right"):
         commands.rig.release(f"leader_{side}")
-    arms = commands.rig.state()["arms"]
-    assert arms["follower_left"]["q"][1] > 0.8 and arms["follower_right"]["q"][0] < -0.2
 
 
 @pytest.mark.long

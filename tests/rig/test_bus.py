@@ -30,7 +30,7 @@ def bus(rig):
 def test_a_request_is_answered_after_its_time_on_the_wire(bus):
     before = time.monotonic()
     bus.send(REFRESH[0])
-    answer = bus.recv(1.0)
+    answer = bus.recv(5.0)
     assert time.monotonic() - before >= 2 * 130e-6
     assert (answer.arbitration_id, answer.dlc, answer.channel) == (0x11, 8, CHANNEL)
     assert before + 2 * 130e-6 <= answer.timestamp <= time.monotonic()
@@ -39,7 +39,7 @@ def test_a_request_is_answered_after_its_time_on_the_wire(bus):
 
 def test_a_tick_sent_at_once_is_answered_in_order(bus):
     bus.send_many(REFRESH)
-    answers = [bus.recv(1.0) for _ in REFRESH]
+    answers = [bus.recv(5.0) for _ in REFRESH]
     assert [a.arbitration_id for a in answers] == [0x10 + i for i in range(1, 8)]
     stamps = [a.timestamp for a in answers]
     assert all(later - sooner >= 129e-6 for sooner, later in zip(stamps, stamps[1:], strict=False))
@@ -62,8 +62,8 @@ def test_a_frame_under_way_is_not_received_early(bus):
 def test_clients_hear_each_other_but_not_themselves(rig, bus):
     with can.Bus(interface="yam_sim", channel=CHANNEL, rig=rig.name) as other:
         bus.send(REFRESH[2])
-        assert bus.recv(1.0).arbitration_id == 0x13
-        heard = [other.recv(1.0), other.recv(1.0)]
+        assert bus.recv(5.0).arbitration_id == 0x13
+        heard = [other.recv(5.0), other.recv(5.0)]
         assert [m.arbitration_id for m in heard] == [0x7FF, 0x13]
         assert bytes(heard[0].data) == bytes(REFRESH[2].data)
         assert bus.recv(0.01) is None
@@ -72,7 +72,7 @@ def test_clients_hear_each_other_but_not_themselves(rig, bus):
 def test_channels_are_separate(rig, bus):
     with can.Bus(interface="yam_sim", channel="follower_right", rig=rig.name) as other:
         bus.send(REFRESH[0])
-        assert bus.recv(1.0) is not None
+        assert bus.recv(5.0) is not None
         assert other.recv(0.02) is None
 
 
@@ -80,7 +80,7 @@ def test_filters_apply(rig):
     filters = [{"can_id": 0x15, "can_mask": 0x7FF}]
     with can.Bus(interface="yam_sim", channel=CHANNEL, rig=rig.name, can_filters=filters) as bus:
         bus.send_many(REFRESH)
-        assert bus.recv(1.0).arbitration_id == 0x15
+        assert bus.recv(5.0).arbitration_id == 0x15
         assert bus.recv(0.01) is None
 
 
@@ -93,10 +93,10 @@ def test_extended_and_remote_frames_reach_no_motor(bus):
 def test_a_leader_has_a_handle_and_no_gripper_motor(rig):
     with can.Bus(interface="yam_sim", channel="leader_right", rig=rig.name) as bus:
         bus.send_many(REFRESH)
-        assert [bus.recv(1.0).arbitration_id for _ in range(6)] == [0x11, 0x12, 0x13, 0x14, 0x15, 0x16]
+        assert [bus.recv(5.0).arbitration_id for _ in range(6)] == [0x11, 0x12, 0x13, 0x14, 0x15, 0x16]
         assert bus.recv(0.01) is None
         bus.send(message(encoder.REQUEST_ID, encoder.encode_report_request()))
-        answer = bus.recv(1.0)
+        answer = bus.recv(5.0)
         assert answer.arbitration_id == encoder.REPORT_ID
         assert encoder.decode_report(bytes(answer.data)).trigger == 0.0
 
@@ -105,7 +105,7 @@ def test_a_notifier_delivers(bus):
     reader = can.BufferedReader()
     notifier = can.Notifier(bus, [reader], timeout=0.05)
     bus.send(REFRESH[3])
-    assert reader.get_message(1.0).arbitration_id == 0x14
+    assert reader.get_message(5.0).arbitration_id == 0x14
     notifier.stop()
 
 

@@ -1,5 +1,6 @@
 """Rendered cameras, through the processes that a user has: a rig, its renderer, a client."""
 
+import contextlib
 import os
 import signal
 import time
@@ -10,7 +11,7 @@ import pytest
 
 from lerobot_robot_yam.errors import ConfigError, RigError, StaleStateError
 from lerobot_robot_yam.rig.cameras import RigCamera
-from lerobot_robot_yam.rig.control import RigControl, running_rig
+from lerobot_robot_yam.rig.control import RigControl, running_rig, runs
 from lerobot_robot_yam.runtime import runtime_dir
 
 pytestmark = pytest.mark.alone
@@ -26,8 +27,12 @@ def rig():
 
 def renderer_pids(rig: RigControl) -> list[int]:
     """Children of the rig's server that draw."""
-    children = Path(f"/proc/{rig.pid}/task/{rig.pid}/children").read_text().split()
-    return [int(p) for p in children if b"rig.renderer" in Path(f"/proc/{p}/cmdline").read_bytes()]
+    found = []
+    for child in Path(f"/proc/{rig.pid}/task/{rig.pid}/children").read_text().split():
+        with contextlib.suppress(OSError):  # it has ended meanwhile
+            if b"rig.renderer" in Path(f"/proc/{child}/cmdline").read_bytes():
+                found.append(int(child))
+    return found
 
 
 def wait_until(condition, timeout_s: float = 10.0) -> None:
@@ -142,7 +147,7 @@ def test_nothing_is_left_behind():
         pids = renderer_pids(rig)
         assert len(pids) == 1
         camera.close()
-    wait_until(lambda: not Path(f"/proc/{pids[0]}").exists())
+    wait_until(lambda: not runs(pids[0]))
     assert not list(runtime_dir().glob(f"rig-{rig.name}.*"))
 
 
@@ -151,7 +156,7 @@ def test_nothing_is_left_when_the_rig_is_killed():
     with RigCamera("top", 64, 48, 30, rig=rig.name) as camera:
         (pid,) = renderer_pids(rig)
         os.kill(rig.pid, signal.SIGKILL)
-        wait_until(lambda: not Path(f"/proc/{pid}").exists())
+        wait_until(lambda: not runs(pid))
         with pytest.raises((RigError, StaleStateError)):
             while True:
                 camera.wait_new(0.5)

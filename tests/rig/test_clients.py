@@ -17,7 +17,7 @@ def bus(rig):
 
 def tick(bus):
     bus.send_many(REFRESH)
-    return [bus.recv(1.0).arbitration_id for _ in REFRESH]
+    return [bus.recv(5.0).arbitration_id for _ in REFRESH]
 
 
 def test_a_new_client_hears_nothing_from_before_it_came(rig, bus):
@@ -31,10 +31,10 @@ def test_a_new_client_hears_nothing_from_before_it_came(rig, bus):
             # The rig may take the last packet in before or after it lets the new client in, but only as a whole.
             assert len(heard) in (0, 14)
             assert tick(bus)  # what came before it is gone for good
-            echoes = [late.recv(1.0).arbitration_id for _ in range(14)]
+            echoes = [late.recv(5.0).arbitration_id for _ in range(14)]
             assert echoes == [0x7FF] * 7 + [0x10 + i for i in range(1, 8)]
             assert late.recv(0.02) is None
-        assert early.recv(1.0).arbitration_id == 0x7FF
+        assert early.recv(5.0).arbitration_id == 0x7FF
 
 
 def test_a_client_that_idles_loses_frames_and_holds_nobody_up(rig, bus):
@@ -51,7 +51,7 @@ def test_a_client_that_idles_loses_frames_and_holds_nobody_up(rig, bus):
             kept += 1
         assert kept % 14 == 0 and 0 < kept < 14 * ticks  # whole packets, the oldest ones
         tick(bus)
-        assert [idle.recv(1.0).arbitration_id for _ in range(7)] == [0x7FF] * 7  # and it hears again
+        assert [idle.recv(5.0).arbitration_id for _ in range(7)] == [0x7FF] * 7  # and it hears again
         rig.fault(CHANNEL, None, "link_down")
         with pytest.raises(can.CanOperationError, match="Network is down"):
             idle.recv(0)

@@ -25,7 +25,7 @@ def enable(rig, channel, motors):
         for can_id in motors:
             data = SpecialCommand.ENABLE.value
             bus.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
-            assert bus.recv(1.0).arbitration_id == can_id + 16
+            assert bus.recv(5.0).arbitration_id == can_id + 16
 
 
 def test_simulated_time_follows_real_time(rig):
@@ -82,7 +82,7 @@ def test_events_tell_what_motors_did(rig):
     event = rig.wait_event("motor_fault", 5.0, since=since, channel="follower_left")  # nobody feeds its watchdog
     assert (event["motor"], event["fault"]) == ("joint_4", Fault.COMMUNICATION_LOST)
     enabled = rig.wait_event("motor_enabled", 1.0, since=since)
-    assert event["sim_s"] - enabled["sim_s"] == pytest.approx(0.4, abs=0.02)
+    assert 0.39 < event["sim_s"] - enabled["sim_s"] < 0.47  # a rig that was held up makes several steps at once
     rig.log("note", text="seen")
     assert rig.wait_event("note", 1.0, since=since)["text"] == "seen"
 
@@ -96,10 +96,10 @@ def test_faults_reach_the_bus_and_can_be_cleared(rig):
             assert bus.recv(0.05) is None, kind
             rig.clear_faults("follower_left")
             bus.send(request)
-            assert bus.recv(1.0) is not None, kind
+            assert bus.recv(5.0) is not None, kind
         rig.fault("follower_left", "joint_2", "nibble", int(Fault.OVERLOAD))
         bus.send(request)
-        assert bus.recv(1.0).data[0] >> 4 == Fault.OVERLOAD
+        assert bus.recv(5.0).data[0] >> 4 == Fault.OVERLOAD
     rig.fault("follower_left", "joint_3", "register", 6.0, register=21)
 
 
@@ -109,7 +109,7 @@ def test_handle_inputs_reach_the_bus(rig):
     with can.Bus(interface="yam_sim", channel="leader_left", rig=rig.name) as bus:
         data = encoder.encode_report_request()
         bus.send(can.Message(arbitration_id=encoder.REQUEST_ID, data=data, is_extended_id=False))
-        report = encoder.decode_report(bytes(bus.recv(1.0).data))
+        report = encoder.decode_report(bytes(bus.recv(5.0).data))
     assert report.trigger == pytest.approx(0.75, abs=2e-3)
     assert report.buttons == (True, False)
     rig.buttons("leader_left")
@@ -133,7 +133,7 @@ def test_a_trace_has_every_frame_a_client_sent(rig):
         for can_id in (3, 4):
             data = (can_id, 0, 0xCC, 0, 0, 0, 0, 0)
             bus.send(can.Message(arbitration_id=0x7FF, data=data, is_extended_id=False))
-            bus.recv(1.0)
+            bus.recv(5.0)
     trace = rig.trace("follower_right")
     assert [(ident, first) for _, _, ident, first in trace] == [(0x7FF, 3), (0x7FF, 4)]
     assert all(sent <= arrived for sent, arrived, _, _ in trace)

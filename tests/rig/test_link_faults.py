@@ -38,7 +38,7 @@ def answers(bus):
     while bus.recv(0) is not None:
         pass
     bus.send(refresh())
-    return bus.recv(1.0) is not None
+    return bus.recv(5.0) is not None
 
 
 @contextlib.contextmanager
@@ -119,9 +119,10 @@ def test_the_driver_calls_a_link_that_is_down_a_bus_error(rig, bus):
 
 def test_motors_lose_their_driver_while_the_link_is_down(rig, bus):
     chain = chain_on(bus)
-    rig.fault(CHANNEL, "joint_6", "register", 400, register=9)  # a watchdog of 20 ms
+    rig.fault(CHANNEL, "joint_6", "register", 2000, register=9)  # a watchdog of 100 ms
     since = len(rig.events())
     bus.send(enable(6))
+    assert bus.recv(5.0) is not None  # it has heard it
     rig.fault(CHANNEL, None, "link_down")
     assert rig.wait_event("motor_fault", 5.0, since, motor="joint_6")["fault"] == 0xD
     rig.fault(CHANNEL, None, "link_down", False)
@@ -162,7 +163,7 @@ def test_an_adapter_can_come_back_down(rig):
 
 def test_bus_off_is_told_once_and_fills_the_queue(rig, bus):
     rig.fault(CHANNEL, None, "bus_off")
-    told = bus.recv(1.0)
+    told = bus.recv(5.0)
     assert (told.is_error_frame, told.arbitration_id, told.dlc) == (True, 0x40, 8)
     for _ in range(10):
         bus.send(enable(1))
@@ -176,7 +177,7 @@ def test_bus_off_is_told_once_and_fills_the_queue(rig, bus):
     assert not motor(rig)["enabled"]  # what was queued has not come out either
     rig.fault(CHANNEL, None, "bus_off")
     bus.send(refresh())  # and the queue is empty again
-    assert bus.recv(1.0).is_error_frame
+    assert bus.recv(5.0).is_error_frame
 
 
 def test_taking_the_link_down_and_up_ends_bus_off(rig, bus):

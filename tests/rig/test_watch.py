@@ -159,4 +159,4 @@ def _blink(rig: RigControl, times: int) -> None:
                     [can.Message(arbitration_id=i, data=command.value, is_extended_id=False) for i in range(1, 8)]
                 )
                 for _ in range(7):
-                    assert bus.recv(1.0) is not None
+                    assert bus.recv(5.0) is not None
