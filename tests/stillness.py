@@ -44,7 +44,7 @@ class Stillness:
         return self._read()[0]
 
     def lost_s(self) -> float:
-        """How late it has woken so far, all late wakes together, on the processor where that is longest."""
+        """How late it has woken so far, all late wakes on all processors together."""
         return self._read()[1]
 
     def _read(self) -> tuple[float, float]:
@@ -52,7 +52,7 @@ class Stillness:
             with open(self._path, "rb") as file:
                 self._map = mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ)
         late, lost = zip(*_STAMP.iter_unpack(self._map), strict=True)
-        return max(late), max(lost)
+        return max(late), sum(lost)
 
 
 def _watch(path: Path) -> None:

@@ -123,6 +123,7 @@ def test_a_joint_that_came_free_may_start_again_from_where_it_is(soak):
     there["dq"] = 0.0  # then it is beside the arm
     there["limited"], there["mode"] = 0, Mode.STOPPED
     assert not findings(soak.checks.SetPointCheck(CHANNEL, LIMITS, press_rad=0.04), [*ramp(0.0, 50), there])
+    assert findings(soak.checks.SetPointCheck(CHANNEL, LIMITS, press_rad=0.01), [*ramp(0.0, 50), there])
     there["limited"], there["mode"] = Limited.CAME_FREE, Mode.TRACK
     assert findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), [*ramp(0.0, 50), there])
 

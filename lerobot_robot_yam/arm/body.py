@@ -29,7 +29,7 @@ LEFT_BEHIND_RAD = 0.05  # more than an arm lags with its own gains
 _FREE_RAD = 0.1  # farther behind its set-point, and yet faster than this share of its speed limit: it has come free
 _FREE_SPEED = 1.1
 _JUST_NOW_S = 0.02
-PRESS_NM = 5.0  # of stiffness, with which a stopped joint presses on: 1 kg at 0.5 m that the model does not know
+PRESS_NM = 5.0  # with which a stopped joint presses on: 1 kg at 0.5 m that the model does not know
 _TOLD_S = 0.1  # a caller that looks 30 times a second is told
 _ENABLE_TICKS = 20  # in which a motor has to say that it is enabled: an answer may get lost
 _UNREACHABLE_S = 1.0  # beyond their watchdog, the motors have let go: there is nothing left to land
@@ -190,22 +190,30 @@ class ArmBody:
         self.mode = mode
 
     def _use_gains(self, kp: np.ndarray | None = None, kd: np.ndarray | None = None) -> None:
-        """Gains (n,) of a target, NaN or None as configured; stiffer ones start from where a softer arm has gone to."""
+        """Gains (n,) of a target, NaN or None as configured: a softer arm may have been left behind.
+
+        Stiffer ones pull no harder than it was pulled before, but for what an arm lags with its own.
+        """
         before = self.motion.kp
         self.motion.gains(kp, kd)
         joints = slice(self.hardware.joints)
-        stiffness, own = self.motion.kp[joints], self.hardware.kp[joints]
-        pull = stiffness * np.abs(self.setpoint.q - self.q)[joints]
-        for joint in np.flatnonzero((stiffness > before[joints]) & (pull > own * LEFT_BEHIND_RAD)):
-            self.setpoint.reseed(int(joint), float(self.q[joint]))
+        gap, kp_before, kp_now = (self.setpoint.q - self.q)[joints], before[joints], self.motion.kp[joints]
+        lags = self.hardware.kp[joints] * LEFT_BEHIND_RAD
+        for joint in np.flatnonzero((kp_now > kp_before) & (kp_now * np.abs(gap) > lags)):
+            keeps = float(self.q[joint] + gap[joint] * kp_before[joint] / kp_now[joint])
+            if kp is None:
+                self.setpoint.reseed(int(joint), keeps)
+            else:  # its target follows at once
+                self.setpoint.q[joint] = keeps
 
     def _press_less(self) -> None:
         """Who stops everything may be in the arm's way: what is left of its pull carries a load, and hurts nobody."""
         joints = self.hardware.joints
+        kp, sag = np.maximum(self.hardware.kp[:joints], 1.0), self.motion.sag_nm
         gap = (self.setpoint.q - self.q)[:joints]
-        most = PRESS_NM / np.maximum(self.hardware.kp[:joints], 1.0)
-        for joint in np.flatnonzero(np.abs(gap) > most):
-            self.setpoint.reseed(int(joint), float(self.q[joint] + np.copysign(most[joint], gap[joint])))
+        least = np.minimum(np.maximum(gap, (-PRESS_NM - sag) / kp), (PRESS_NM - sag) / kp)
+        for joint in np.flatnonzero(least != gap):
+            self.setpoint.reseed(int(joint), float(self.q[joint] + least[joint]))
 
     def _seed_joints(self) -> None:
         """Start the joints again from where they are; the gripper's set-point is its grip, and is kept."""

@@ -100,7 +100,7 @@ class ArmController(ArmBody):
     def stop_reason(self, now: float) -> str:
         """Why everything has to stop, empty when it has not: the handle's button, or too much effort."""
         tau = self.drive.tau[: self.hardware.joints]
-        works = self.mode in ENERGISED and self.mode is not Mode.STOPPED
+        works = self.mode in ENERGISED and self.mode not in (Mode.STOPPED, Mode.FAULT)
         return self._stop_reasons.check(now, self.handle[1], tau, works)
 
     def decide(self, now: float, stopped: bool = False) -> None:
@@ -282,10 +282,12 @@ class ArmController(ArmBody):
             if not POLICY[self.trouble].in_place:
                 raise LifeCycleError(f"{self.name}: {self.message}; {POLICY[self.trouble].rearm}")
             failed = np.flatnonzero(~self._usable).tolist()
-            self.drive.clear_and_enable(failed)
+            again = self.drive.clear_and_enable(failed)
             before = self.setpoint.q.copy()
             self._seed_joints()
-            before[failed] = self.setpoint.q[failed]  # they have sagged meanwhile
+            before[again] = self.setpoint.q[again]  # they have sagged meanwhile
+            for joint in set(failed) - set(again):  # nobody knows where it is; perhaps it still holds
+                self.setpoint.reseed(joint, before[joint])
             self.command(self.chain.clock.now(), 0.0)
             for _ in range(_REARM_TICKS):
                 finding = self.drive.exchange(self.motion.commands)
@@ -308,7 +310,10 @@ class ArmController(ArmBody):
 
     def _stop(self) -> None:
         """The emergency stop is latched."""
+        latched_now = not self.limited & Limited.EMERGENCY_STOP
         self.limited |= Limited.EMERGENCY_STOP
+        if self.mode is Mode.FAULT and latched_now:
+            self._press_less()
         if self.mode in (Mode.STOPPED, Mode.FAULT, Mode.OFF, Mode.OFFLINE):
             return
         if self.mode is Mode.LAND:

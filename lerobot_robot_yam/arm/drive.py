@@ -11,6 +11,7 @@ from lerobot_robot_yam.arm.gripper_axis import GripperAxis
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.heat import HeatWatch, trips_c
 from lerobot_robot_yam.arm.joints import JointMap, resolve_turn
+from lerobot_robot_yam.arm.policy import SILENT_S
 from lerobot_robot_yam.arm.watch import Finding, MotorWatch
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand
@@ -19,9 +20,9 @@ from lerobot_robot_yam.damiao.quantisation import Quantiser
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.errors import MotorError, YamError
 
-_ANSWER_S = 0.006  # motors answer within a few ms
-_ASK_AGAIN = 8  # an answer may get lost
-_SOON_S = 0.02  # meanwhile nobody commands the other arm
+_ANSWER_S = 0.006  # motors answer within a few ms, and meanwhile nobody commands the other arm
+_ASK_AGAIN = 5  # an answer may get lost
+_SOON_S = 0.02
 
 
 class ArmDrive:
@@ -88,16 +89,12 @@ class ArmDrive:
         self.read()
 
     def enable(self) -> None:
-        """Enable all motors, which tells where they are; they wait for a command, without torque."""
-        self._enable(range(len(self.chain)))
-
-    def _enable(self, motors: Sequence[int]) -> None:
-        """Enable motors, and hear where they are: what was known of limp ones may be long ago.
+        """Enable all motors, and hear where they are by now; they wait for a command, without torque.
 
         Raises:
             MotorError: one does not answer.
         """
-        answered: Sequence[bool] | np.ndarray = self.chain.special(SpecialCommand.ENABLE, _ANSWER_S, motors)
+        answered: Sequence[bool] | np.ndarray = self.chain.special(SpecialCommand.ENABLE, _ANSWER_S)
         for _ in range(_ASK_AGAIN):
             if all(answered):
                 break
@@ -110,20 +107,31 @@ class ArmDrive:
                 f"{self._config.name} ({self._config.channel}): cannot enable {names}: no answer; check power and cable"
             )
 
-    def clear_and_enable(self, motors: Sequence[int]) -> None:
+    def clear_and_enable(self, motors: Sequence[int]) -> list[int]:
         """Clear the faults of these motors and enable them; they wait for a command, without torque.
 
+        Nothing is sent to one that has not been heard for long: it may still hold its joint. Returns the others.
+
         Raises:
-            MotorError: one does not answer, or is where its joint cannot be; all these are disabled again.
+            MotorError: one is where its joint cannot be; all these are disabled again.
         """
-        self.chain.special(SpecialCommand.CLEAR, _SOON_S, motors)
+        chain = self.chain
+        asked_s = chain.clock.now()
+        for _ in range(_ASK_AGAIN):
+            if (chain.stamp_s[motors] > asked_s).all():
+                break
+            chain.refresh(_ANSWER_S)
+        heard = [i for i in motors if chain.clock.now() - chain.stamp_s[i] < SILENT_S]
+        chain.special(SpecialCommand.CLEAR, _ANSWER_S, heard)
+        chain.special(SpecialCommand.ENABLE, _ANSWER_S, heard)
+        self.read()
         try:
-            self._enable(motors)
-            self._resolve([i for i in motors if i < self._hardware.joints])  # without power it forgets its turn
+            self._resolve([i for i in heard if i < self._hardware.joints])  # without power it forgets its turn
         except YamError:
-            self.chain.special(SpecialCommand.DISABLE, _SOON_S, motors)
+            chain.special(SpecialCommand.DISABLE, _ANSWER_S, heard)
             raise
         self.read()
+        return heard
 
     def disable(self) -> None:
         """Cut torque."""

@@ -44,13 +44,13 @@ class EmergencyStop:
         """Whether the stop is set."""
         if os.access(self._name, os.F_OK):
             if self._home is None:
-                self._home = self._directory_number()
+                self._home, self._unwritten = self._directory_number(), False
             return True
-        if self._home is not None:
-            if self._home != self._directory_number():
-                logger.critical("%s is gone (by a log-out?): stopped until you connect again", self.directory)
-                self._unwritten = True
-            self._home = None
+        home, self._home = self._home, None
+        if home is not None and home != self._directory_number():
+            with contextlib.suppress(OSError):  # then it stands for this object alone
+                self.latch(f"{self.directory} was removed with the stop in it, by a log-out perhaps")
+            return True
         return self._unwritten
 
     def _directory_number(self) -> int:

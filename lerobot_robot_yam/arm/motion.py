@@ -46,6 +46,11 @@ class Motion:
         self.kd = hw.kd if kd is None else np.where(np.isnan(kd), hw.kd, kd)
         self.own_gains = np.array_equal(self.kp, hw.kp) and np.array_equal(self.kd, hw.kd)
 
+    @property
+    def sag_nm(self) -> np.ndarray:
+        """(joints,) with which it carries what gravity models miss."""
+        return np.zeros(self._hardware.joints) if self._integral is None else self._integral.tau
+
     def float_free(self, q: np.ndarray, dq: np.ndarray, dt: float) -> Limited:
         """Gravity-compensated free motion, pushed back gently beyond the joint limits.
 

@@ -171,7 +171,7 @@ def test_a_motor_that_is_silent_stays_so_while_an_arm_is_re_armed_in_vain(rig):
     rig.fault(CHANNELS[0], "joint_4", "silent")
     session.clock.sleep(0.3)
     for _ in range(3):
-        with pytest.raises(LifeCycleError, match="cannot enable joint_4") as refusal:
+        with pytest.raises(LifeCycleError, match="cannot re-arm: joint_4") as refusal:
             session[CHANNELS[0]].rearm()
         assert "\0" not in str(refusal.value)
         with pytest.raises(MotorError, match="joint_4"):

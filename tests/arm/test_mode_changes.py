@@ -221,6 +221,23 @@ def test_an_arm_in_trouble_lands_before_another_of_its_motors_trips_for_heat(rig
     assert np.abs(q_of(rig) - controller_of(session).hardware.rest_q)[1:3].max() < 0.1
 
 
+def test_a_motor_that_came_back_holds_though_another_one_stays_silent(rig, session):
+    go(session, POSE)
+    rig.fault(CHANNEL, "joint_2", "nibble", int(Fault.OVERLOAD))
+    rig.fault(CHANNEL, "joint_6", "silent")
+    session.clock.sleep(0.3)
+    rig.trace_start(CHANNEL)
+    with pytest.raises(LifeCycleError, match="cannot re-arm.*joint_6"):
+        session[CHANNEL].rearm()
+    said = [first for _, _, ident, first in rig.trace(CHANNEL) if ident == 6]
+    assert said and 0xFF not in said  # as special commands begin: whoever is silent may hold its joint
+    session.clock.sleep(0.2)
+    before = q_of(rig)
+    session.clock.sleep(1.0)
+    assert rig.state()["arms"][CHANNEL]["motors"]["joint_2"]["enabled"]
+    assert abs(q_of(rig) - before)[1] < 0.02
+
+
 def test_a_re_arm_survives_answers_that_get_lost(rig, session):
     go(session, POSE)
     rig.fault(CHANNEL, "joint_4", "nibble", int(Fault.OVERLOAD))
@@ -278,7 +295,9 @@ def test_a_stop_whose_file_a_log_out_removes_stays(tmp_path):
     assert loops.latched
     directory.rename(tmp_path / "removed")
     directory.mkdir()
-    assert loops.latched
+    assert loops.latched and other.latched and "log-out" in other.reason()
+    other.release()
+    assert not loops.latched
 
 
 def test_commands_that_cannot_be_sent_are_replaced_by_the_last_good_ones(rig, session):

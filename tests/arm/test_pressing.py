@@ -7,6 +7,7 @@ from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.session import ArmSession
 from lerobot_robot_yam.arm.state import Limited
+from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.rig.lockstep import LockstepRig
 
 from .rigged import sim_config, track
@@ -47,9 +48,9 @@ def press(rig, session, seconds=1.0):
 
 
 def pull_nm(session):
-    """Of joint_1's stiffness."""
-    state = session[CHANNEL].observe()
-    return 80.0 * abs(state.setpoint_q[0] - state.q[0])
+    """Of joint_1's stiffness; an arm in trouble cannot be observed."""
+    state = session[CHANNEL]._raw()
+    return 80.0 * abs(float(state["setpoint"][0] - state["q"][0]))
 
 
 def fastest(rig):
@@ -64,6 +65,35 @@ def test_an_emergency_stop_ends_the_pressing(rig, running):
     session.clock.sleep(0.1)
     assert session[CHANNEL].mode() is Mode.STOPPED and pull_nm(session) < 5.2
     assert abs(session[CHANNEL].observe().tau_nm[0]) < 6.0
+
+
+def test_an_emergency_stop_counts_what_a_hold_has_added(rig, running):
+    session = running()
+    track(session, {CHANNEL: NEAR}, 1.5)
+    rig.fault(CHANNEL, "joint_1", "stuck")
+    track(session, {CHANNEL: [0.08, *NEAR[1:]]}, 0.5)
+    session[CHANNEL].hold()
+    session.clock.sleep(3.0)
+    assert abs(session[CHANNEL].observe().tau_nm[0]) > 8.0
+    EmergencyStop().latch("somebody is in there")
+    session.clock.sleep(0.1)
+    assert abs(session[CHANNEL].observe().tau_nm[0]) < 5.5
+
+
+def test_an_arm_in_trouble_is_no_exception(rig, running):
+    """Nor is it locked up: it was stopped for an effort that it went on making."""
+    session = running(effort_limit_nm=[30.0, 45.0, 45.0, 20.0, 20.0, 20.0])
+    press(rig, session)
+    rig.fault(CHANNEL, "joint_6", "nibble", int(Fault.OVERLOAD))
+    session.clock.sleep(0.2)
+    assert session[CHANNEL].mode() is Mode.FAULT and pull_nm(session) > 20.0
+    EmergencyStop().latch("somebody is in there")
+    session.clock.sleep(0.2)
+    assert pull_nm(session) < 5.2
+    EmergencyStop().release()
+    session.clock.sleep(0.1)
+    session[CHANNEL].rearm()
+    assert session[CHANNEL].mode() is Mode.HOLD
 
 
 def test_what_the_effort_limit_has_stopped_can_be_released_while_it_is_still_blocked(rig, running):
@@ -108,3 +138,15 @@ def test_stiffer_gains_take_a_soft_arm_up_where_it_has_gone_to(rig, running, gai
         assert Limited.CAME_FREE not in session[CHANNEL].observe().limited
     assert fastest(rig) < 1.95  # the limit is 1.5
     assert abs(session[CHANNEL].observe().q[0]) < 0.03
+
+
+def test_gains_that_vary_do_not_shake_an_arm_that_carries_something(rig, running):
+    session = running()
+    track(session, {CHANNEL: NEAR}, 1.5)
+    rig.push(CHANNEL, "link3", [0.0, 0.0, -40.0], 100.0)  # 4 kg that the model does not know
+    track(session, {CHANNEL: NEAR}, 1.5, kp=np.full(6, 60.0))
+    rig.watch_start(CHANNEL)
+    for frame in range(60):
+        session[CHANNEL].track(NEAR, 0.5, kp=np.full(6, 60.0 + 2.0 * (frame % 2)))
+        session.clock.sleep(1 / 30)
+    assert fastest(rig) < 0.15
