@@ -37,6 +37,30 @@ def either_rig(*arms):
     return rig
 
 
+def lockstep_rig(*arms):
+    """A fixture: a rig in lock-step."""
+
+    @pytest.fixture
+    def rig():
+        with rig_of("lockstep", arms=list(arms)) as rig:
+            yield rig
+
+    return rig
+
+
+def running_arm(channel):
+    """A fixture: a session of one arm of the rig, under way."""
+
+    @pytest.fixture
+    def session(rig):
+        session = session_on(rig, sim_config(rig, channel))
+        session.start()
+        yield session
+        session.discard()
+
+    return session
+
+
 def sim_config(rig, channel, **fields):
     """A follower that holds or a leader that floats, weighing what the model says."""
     interface = "yam_lockstep" if isinstance(rig, LockstepRig) else "yam_sim"

@@ -16,9 +16,8 @@ from lerobot_robot_yam.arm.state import Request
 from lerobot_robot_yam.damiao.codec import encode_mit
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import ChannelInUseError, LifeCycleError, MotorError
-from lerobot_robot_yam.rig.lockstep import LockstepRig
 
-from .rigged import sim_config, track
+from .rigged import lockstep_rig, running_arm, sim_config, track
 
 CHANNEL = "follower_left"
 POSE = np.array([0.2, 1.0, 1.1, -0.3, 0.1, 0.1])
@@ -26,19 +25,8 @@ AWAY = POSE + [0.3, -0.4, -0.3, 0.2, 0.2, 0.2]
 GENTLE_RAD_S = 0.5  # a hold that takes over at rest moves an arm by its sag only
 
 
-@pytest.fixture
-def rig():
-    rig = LockstepRig(arms=[CHANNEL])
-    yield rig
-    rig.close()
-
-
-@pytest.fixture
-def session(rig):
-    session = ArmSession([config(rig)], isolation="lockstep")
-    session.start()
-    yield session
-    session.discard()
+rig = lockstep_rig(CHANNEL)
+session = running_arm(CHANNEL)
 
 
 def config(rig):
@@ -169,38 +157,6 @@ def test_a_motor_of_which_nobody_knows_where_it_is_is_not_enabled(rig):
     assert not any(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())
 
 
-def test_a_refused_re_arm_does_not_throw_the_motors_that_came_back(rig, session):
-    go(session, POSE)
-    rig.fault(CHANNEL, "joint_2", "nibble", int(Fault.OVERLOAD))
-    rig.fault(CHANNEL, "joint_4", "nibble", int(Fault.OVERLOAD), sticky=True)
-    session.clock.sleep(1.5)
-    assert np.abs(q_of(rig) - POSE).max() > 0.3  # it has sagged
-
-    def rearm():
-        with pytest.raises(LifeCycleError, match="cannot re-arm.*joint_4"):
-            session[CHANNEL].rearm()
-
-    assert fastest(rig, session, rearm) < 1.0
-
-
-def test_nothing_is_re_armed_while_the_emergency_stop_is_latched(rig, session):
-    go(session, POSE)
-    rig.fault(CHANNEL, "joint_6", "nibble", int(Fault.OVERLOAD))
-    session.clock.sleep(0.1)
-    stop = EmergencyStop()
-    stop.latch("a hand in the way")
-    try:
-        session.clock.sleep(0.1)
-        with pytest.raises(LifeCycleError, match="yam-estop release"):
-            session[CHANNEL].rearm()
-        assert not rig.state()["arms"][CHANNEL]["motors"]["joint_6"]["enabled"]
-    finally:
-        stop.release()
-    session.clock.sleep(0.1)
-    session[CHANNEL].rearm()
-    assert session[CHANNEL].mode() is Mode.HOLD
-
-
 def test_a_hold_is_not_undone_by_the_target_before_it(session):
     go(session, POSE)
     session[CHANNEL].track(AWAY, 0.5)  # the loop has not looked at it yet
@@ -219,32 +175,6 @@ def test_an_arm_in_trouble_lands_before_another_of_its_motors_trips_for_heat(rig
     session.clock.sleep(12.0)
     assert session[CHANNEL].mode() is Mode.OFF
     assert np.abs(q_of(rig) - controller_of(session).hardware.rest_q)[1:3].max() < 0.1
-
-
-def test_a_motor_that_came_back_holds_though_another_one_stays_silent(rig, session):
-    go(session, POSE)
-    rig.fault(CHANNEL, "joint_2", "nibble", int(Fault.OVERLOAD))
-    rig.fault(CHANNEL, "joint_6", "silent")
-    session.clock.sleep(0.3)
-    rig.trace_start(CHANNEL)
-    with pytest.raises(LifeCycleError, match="cannot re-arm.*joint_6"):
-        session[CHANNEL].rearm()
-    said = [first for _, _, ident, first in rig.trace(CHANNEL) if ident == 6]
-    assert said and 0xFF not in said  # as special commands begin: whoever is silent may hold its joint
-    session.clock.sleep(0.2)
-    before = q_of(rig)
-    session.clock.sleep(1.0)
-    assert rig.state()["arms"][CHANNEL]["motors"]["joint_2"]["enabled"]
-    assert abs(q_of(rig) - before)[1] < 0.02
-
-
-def test_a_re_arm_survives_answers_that_get_lost(rig, session):
-    go(session, POSE)
-    rig.fault(CHANNEL, "joint_4", "nibble", int(Fault.OVERLOAD))
-    session.clock.sleep(0.1)
-    rig.fault(CHANNEL, "joint_4", "drop_next", 8)  # three to CLEAR, one to ENABLE, and more
-    session[CHANNEL].rearm()
-    assert session[CHANNEL].mode() is Mode.HOLD
 
 
 def test_a_bring_up_that_fails_late_lands_what_it_has_energised(rig):

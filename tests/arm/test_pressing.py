@@ -5,23 +5,17 @@ import pytest
 
 from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.lifecycle import Mode
-from lerobot_robot_yam.arm.session import ArmSession
 from lerobot_robot_yam.arm.state import Limited
 from lerobot_robot_yam.damiao.tables import Fault
-from lerobot_robot_yam.rig.lockstep import LockstepRig
 
-from .rigged import sim_config, track
+from .rigged import lockstep_rig, session_on, sim_config, track
 
 CHANNEL = "follower_left"
 NEAR = [0.0, 1.0, 1.2, 0.0, 0.0, 0.0]
 FAR = [0.6, 1.0, 1.2, 0.0, 0.0, 0.0]
 
 
-@pytest.fixture
-def rig():
-    rig = LockstepRig(arms=[CHANNEL])
-    yield rig
-    rig.close()
+rig = lockstep_rig(CHANNEL)
 
 
 @pytest.fixture
@@ -29,7 +23,7 @@ def running(rig):
     sessions = []
 
     def start(**changes):
-        session = ArmSession([sim_config(rig, CHANNEL, interface="yam_lockstep", **changes)], isolation="lockstep")
+        session = session_on(rig, sim_config(rig, CHANNEL, **changes))
         session.start()
         sessions.append(session)
         return session

@@ -9,28 +9,16 @@ from lerobot_robot_yam.arm.bus import open_bus
 from lerobot_robot_yam.arm.controller import ArmController
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.state import STATE_DTYPE, channel_key, state_path
-from lerobot_robot_yam.rig.lockstep import LockstepRig
 from lerobot_robot_yam.shared_block import SharedBlock
 
-from .rigged import session_on, sim_config, track
+from .rigged import lockstep_rig, running_arm, sim_config, track
 
 CHANNEL = "follower_left"
 POSE = np.array([0.2, 1.0, 1.1, -0.3, 0.1, 0.1])
 
 
-@pytest.fixture
-def rig():
-    rig = LockstepRig(arms=[CHANNEL])
-    yield rig
-    rig.close()
-
-
-@pytest.fixture
-def session(rig):
-    session = session_on(rig, sim_config(rig, CHANNEL))
-    session.start()
-    yield session
-    session.discard()
+rig = lockstep_rig(CHANNEL)
+session = running_arm(CHANNEL)
 
 
 @pytest.fixture

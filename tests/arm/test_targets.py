@@ -5,31 +5,18 @@ import pytest
 
 from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.lifecycle import Mode
-from lerobot_robot_yam.arm.session import ArmSession
 from lerobot_robot_yam.arm.yam_arm import YamArm
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import ActionError, LifeCycleError, MotorError
-from lerobot_robot_yam.rig.lockstep import LockstepRig
 
-from .rigged import sim_config
+from .rigged import lockstep_rig, running_arm, sim_config
 
 CHANNEL = "follower_left"
 POSE = np.array([0.2, 1.0, 1.1, -0.3, 0.1, 0.1])
 
 
-@pytest.fixture
-def rig():
-    rig = LockstepRig(arms=[CHANNEL])
-    yield rig
-    rig.close()
-
-
-@pytest.fixture
-def session(rig):
-    session = ArmSession([sim_config(rig, CHANNEL, interface="yam_lockstep")], isolation="lockstep")
-    session.start()
-    yield session
-    session.discard()
+rig = lockstep_rig(CHANNEL)
+session = running_arm(CHANNEL)
 
 
 @pytest.mark.parametrize(

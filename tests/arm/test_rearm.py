@@ -1,0 +1,82 @@
+"""Re-arming: what failed is enabled again where it is by now, and nothing else is disturbed."""
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.arm.estop import EmergencyStop
+from lerobot_robot_yam.arm.lifecycle import Mode
+from lerobot_robot_yam.damiao.tables import Fault
+from lerobot_robot_yam.errors import LifeCycleError
+
+from .rigged import lockstep_rig, running_arm, track
+
+CHANNEL = "follower_left"
+POSE = np.array([0.2, 1.0, 1.1, -0.3, 0.1, 0.1])
+
+rig = lockstep_rig(CHANNEL)
+session = running_arm(CHANNEL)
+
+
+def go(session, q):
+    track(session, {CHANNEL: q}, 1.5)
+
+
+def q_of(rig):
+    return np.array(rig.state()["arms"][CHANNEL]["q"][:6])
+
+
+def test_a_refused_re_arm_does_not_throw_the_motors_that_came_back(rig, session):
+    go(session, POSE)
+    rig.fault(CHANNEL, "joint_2", "nibble", int(Fault.OVERLOAD))
+    rig.fault(CHANNEL, "joint_4", "nibble", int(Fault.OVERLOAD), sticky=True)
+    session.clock.sleep(1.5)
+    assert np.abs(q_of(rig) - POSE).max() > 0.3  # it has sagged
+    rig.watch_start(CHANNEL)
+    with pytest.raises(LifeCycleError, match="cannot re-arm.*joint_4"):
+        session[CHANNEL].rearm()
+    session.clock.sleep(0.4)
+    assert max(rig.watch(CHANNEL)["max_speed_rad_s"][:6]) < 1.0
+
+
+def test_nothing_is_re_armed_while_the_emergency_stop_is_latched(rig, session):
+    go(session, POSE)
+    rig.fault(CHANNEL, "joint_6", "nibble", int(Fault.OVERLOAD))
+    session.clock.sleep(0.1)
+    stop = EmergencyStop()
+    stop.latch("a hand in the way")
+    try:
+        session.clock.sleep(0.1)
+        with pytest.raises(LifeCycleError, match="yam-estop release"):
+            session[CHANNEL].rearm()
+        assert not rig.state()["arms"][CHANNEL]["motors"]["joint_6"]["enabled"]
+    finally:
+        stop.release()
+    session.clock.sleep(0.1)
+    session[CHANNEL].rearm()
+    assert session[CHANNEL].mode() is Mode.HOLD
+
+
+def test_a_motor_that_came_back_holds_though_another_one_stays_silent(rig, session):
+    go(session, POSE)
+    rig.fault(CHANNEL, "joint_2", "nibble", int(Fault.OVERLOAD))
+    rig.fault(CHANNEL, "joint_6", "silent")
+    session.clock.sleep(0.3)
+    rig.trace_start(CHANNEL)
+    with pytest.raises(LifeCycleError, match="cannot re-arm.*joint_6"):
+        session[CHANNEL].rearm()
+    said = [first for _, _, ident, first in rig.trace(CHANNEL) if ident == 6]
+    assert said and 0xFF not in said  # as special commands begin: whoever is silent may hold its joint
+    session.clock.sleep(0.2)
+    before = q_of(rig)
+    session.clock.sleep(1.0)
+    assert rig.state()["arms"][CHANNEL]["motors"]["joint_2"]["enabled"]
+    assert abs(q_of(rig) - before)[1] < 0.02
+
+
+def test_a_re_arm_survives_answers_that_get_lost(rig, session):
+    go(session, POSE)
+    rig.fault(CHANNEL, "joint_4", "nibble", int(Fault.OVERLOAD))
+    session.clock.sleep(0.1)
+    rig.fault(CHANNEL, "joint_4", "drop_next", 8)  # three to CLEAR, one to ENABLE, and more
+    session[CHANNEL].rearm()
+    assert session[CHANNEL].mode() is Mode.HOLD
