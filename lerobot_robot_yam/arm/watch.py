@@ -78,24 +78,21 @@ class _Strangers:
 
     def __init__(self, chain: MotorChain):
         self._chain = chain
-        self._since = -math.inf
+        self._since, self._lost = -math.inf, chain.lost
         self._note(0.0)
 
     def _note(self, now: float) -> None:
         chain = self._chain
-        self._since, self._lost, self._doubled, self._foreign = (
-            now,
-            chain.lost,
-            chain.duplicates,
-            chain.foreign_commands,
-        )
+        self._since, self._lost_before, self._lost = now, self._lost, chain.lost
+        self._doubled, self._foreign = chain.duplicates, chain.foreign_commands
 
     def check(self, now: float) -> tuple[Trouble | None, str]:
         if now - self._since < _WINDOW_S:
             return None, ""
         chain = self._chain
-        # A late answer comes when it is no longer expected: each lost one explains one of those beyond the questions.
-        beyond = chain.duplicates - self._doubled - (chain.lost - self._lost)
+        # A late answer comes when it is no longer expected: each lost one explains one of those beyond the questions,
+        # also where it was given up in the window before.
+        beyond = chain.duplicates - self._doubled - (chain.lost - self._lost_before)
         doubled = np.flatnonzero(beyond >= _DUPLICATES)
         foreign = chain.foreign_commands - self._foreign
         self._note(now)

@@ -83,3 +83,25 @@ def test_a_lost_cable_is_named_though_one_motor_fell_silent_first(chain):
         motors.exchange(HOLD)
         assert rig.now() - begin < 2.0
     assert finding.trouble is Trouble.BUS_SILENT
+
+
+@pytest.mark.parametrize("begun_s", [0.3, 0.46, 0.48])
+def test_answers_that_come_late_are_no_second_motors(chain, begun_s):
+    """Whenever it was: those that were given up may have been so in the window before."""
+    rig, motors = chain
+    watch, since_s = MotorWatch(motors), rig.now()
+    while watch.check(rig.now()) and rig.now() < since_s + 0.6:  # its windows begin at some time
+        motors.exchange(HOLD)
+    since_s = watch._strangers._since
+    while rig.now() < since_s + begun_s:
+        motors.exchange(HOLD)
+        watch.check(rig.now())
+    receive = motors._port.recv
+    motors._port.recv = rig.sleep  # the wire is held up
+    for _ in range(20):
+        motors.exchange(HOLD)
+        watch.check(rig.now())
+    motors._port.recv = receive
+    while rig.now() < since_s + 1.2:
+        motors.exchange(HOLD)
+        assert watch.check(rig.now()).trouble is None
