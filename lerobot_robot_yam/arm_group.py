@@ -13,6 +13,7 @@ import numpy as np
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.port import ArmPort
+from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 from lerobot_robot_yam.arm.safety import action_vector, refuse_degrees
 from lerobot_robot_yam.arm.session import ArmSession, Isolation
 from lerobot_robot_yam.arm.state import ArmState
@@ -97,6 +98,7 @@ class ArmGroup:
         self.keys = [f"{motor}.pos" for motor in self.motors]
         self.is_joint = np.array([flag for side in self.sides for flag in side.is_joint], dtype=bool)
         self._action_keys: list[str] = []  # while the arms are driven
+        self._models: list[tuple[ArmProfile, GripperProfile]] = []
         self.scale = np.where(self.is_joint & use_degrees, 180.0 / math.pi, 1.0)
         limits = [(side.hardware.lower[: side.joints], side.hardware.upper[: side.joints]) for side in self.sides]
         self._lower, self._upper = (np.concatenate(column) for column in zip(*limits, strict=True))
@@ -120,18 +122,21 @@ class ArmGroup:
             if side.hardware.has_gripper
         )
 
-    def start(self, calibrate: bool, action_keys: Sequence[str]) -> None:
+    def start(
+        self, calibrate: bool, action_keys: Sequence[str], models: Sequence[tuple[ArmProfile, GripperProfile]]
+    ) -> None:
         """Energise all arms or none.
 
         Args:
             calibrate: False means that a calibration follows (lerobot-calibrate): the grippers' stops are left unknown
                 until then.
             action_keys: of the device. A leader's in this process have to be a follower's.
+            models: arm and end effector that its actions speak of, in canonical order. These, too.
 
         Raises:
             YamError: what failed; nothing is energised.
         """
-        self._action_keys, self.paused = list(action_keys), False
+        self._action_keys, self._models, self.paused = list(action_keys), list(models), False
         for other in _running:
             if other._leads is not self._leads:
                 self._check_pair(other)
@@ -160,6 +165,15 @@ class ArmGroup:
             raise ConfigError(f"{both}: only one has {', '.join(differing)}; drive one arm with one, or two with two")
         if other._use_degrees is not self._use_degrees:
             raise ConfigError(f"{both}: one uses degrees; give both the same use_degrees")
+        for (arm, gripper), (other_arm, other_gripper) in zip(self._models, other._models, strict=True):
+            same = np.array_equal(arm.joint_limits_rad, other_arm.joint_limits_rad)
+            if "ee" in spaces:
+                same = (arm.name, gripper.name) == (other_arm.name, other_gripper.name)
+            if not same:  # what is recorded would not be what is done
+                raise ConfigError(
+                    f"{both}: one speaks of {arm.name} with {gripper.name}, the other of {other_arm.name} with "
+                    f"{other_gripper.name}; set follower_arm and ee_gripper of the leader's arm to what the follower is"
+                )
 
     def stop(self) -> None:
         """Land all arms and let go. Idempotent; signals do not hurry it."""

@@ -6,6 +6,7 @@ itself finds the checkpoint, among the options of the command (`lerobot.configs.
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -15,7 +16,7 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.feature_names import space_of
 from lerobot_robot_yam.recorded_space import check_names, check_space, refuse_other_space
 from lerobot_robot_yam.recorded_unit import DEGREES, RADIANS, check_unit, unit_of
-from lerobot_robot_yam.recording import of_checkpoint, of_dataset
+from lerobot_robot_yam.recording import config_of, of_checkpoint, of_dataset
 
 _SERVER_SPACES = {"joint_position": "joint", "cartesian_position": "ee"}  # RoboArena's words
 
@@ -49,17 +50,18 @@ def check_command(device: str, keys: Sequence[str], use_degrees: bool) -> None:
         check_space(device, keys, recording)
         if space == "joint":  # poses of a tool have one unit
             check_unit(device, use_degrees, recording.what, unit_of(recording, is_joint))
-    if _option("policy.type") == "yam_openpi":
-        _check_server(device, keys, use_degrees)
+    saved = config_of(path, _option("policy.pretrained_revision")) if path else {}
+    if (_option("policy.type") or saved.get("type")) == "yam_openpi":
+        _check_server(device, keys, use_degrees, saved)
 
 
-def _check_server(device: str, keys: Sequence[str], use_degrees: bool) -> None:
-    """The same for what the options of a yam_openpi policy say of its server."""
+def _check_server(device: str, keys: Sequence[str], use_degrees: bool, saved: Mapping[str, Any]) -> None:
+    """The same for what the options of a yam_openpi policy, or its saved config, say of its server."""
     from lerobot_robot_yam.openpi.configuration_openpi import YamOpenpiConfig
 
-    space = _option("policy.action_space") or YamOpenpiConfig.action_space
+    space = _option("policy.action_space") or saved.get("action_space") or YamOpenpiConfig.action_space
     refuse_other_space(device, keys, f"policy.action_space={space}", _SERVER_SPACES[space])
-    degrees = _option("policy.angle_unit") == "deg"
+    degrees = (_option("policy.angle_unit") or saved.get("angle_unit")) == "deg"
     if space_of(keys) == "joint":
         check_unit(device, use_degrees, "policy.angle_unit", DEGREES if degrees else RADIANS)
     elif degrees:

@@ -10,7 +10,7 @@ from lerobot_robot_yam.yam_env import YamEnv
 
 
 class Frame(NamedTuple):
-    """One step: the observation before it, the action (m,), and whether it brought success."""
+    """One step: the observation before it, the action (m,) really sent, and whether it brought success."""
 
     observation: dict[str, Any]
     action: np.ndarray
@@ -35,6 +35,6 @@ def demonstrate(env: YamEnv, seed: int) -> Iterator[Frame]:
             before = observation
             observation, _, terminated, truncated, info = env.step(action)
             over = terminated or truncated
-            yield Frame(before, action, bool(info["is_success"]))
+            yield Frame(before, env.sent, bool(info["is_success"]))
     finally:
         operator.close()

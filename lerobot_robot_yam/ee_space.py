@@ -111,14 +111,16 @@ class Tool:
     def follow(self, pose: np.ndarray, setpoint: np.ndarray) -> np.ndarray:
         """Joints (6,) rad for a pose (4, 4), or for the pose nearest to it that the arm reaches.
 
-        A path begins at the arm's set-point (6,) rad, with whatever solution is near it, and goes on from its own
-        solutions: they say which branch it is on, which an arm that lags behind does not.
+        A path begins at the arm's set-point (6,) rad and goes on from its own solutions: they say which branch it is
+        on, which an arm that lags behind does not. Only for a pose that is far from there any solution will do.
 
         Raises:
             ActionError: no pose.
         """
-        if self._before is None or pose_distance_m(self._before, pose) > _JUMP_M:
+        begins = self._before is None or pose_distance_m(self._before, pose) > _JUMP_M
+        if begins:
             self._tracker.restart(setpoint)
+        if begins and pose_distance_m(self._kinematics.fk(setpoint), pose) > _JUMP_M:
             result = self._tracker.solve(pose, attempts=_SEARCHES)
         else:
             result = self._tracker.solve(pose, attempts=_ATTEMPTS, within_rad=_REACH_RAD)

@@ -124,6 +124,11 @@ def _statistics(path: str, revision: str | None) -> dict[str, dict[str, np.ndarr
     return statistics
 
 
+def config_of(path: str, revision: str | None) -> dict[str, Any]:
+    """The saved config of a policy, empty where there is none."""
+    return _json(path, "config.json", revision)
+
+
 def _json(path: str, name: str, revision: str | None) -> dict[str, Any]:
     """A JSON object of a checkpoint or data set, empty where there is none."""
     file = _file(path, name, revision)

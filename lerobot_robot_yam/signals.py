@@ -94,11 +94,11 @@ def _answered(answer: Callable[[int, FrameType | None], None]) -> Iterator[None]
         yield
         return
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, *_ENDING)}
-    for number in before:
-        signal.signal(number, answer)
     try:
+        for number in before:
+            signal.signal(number, answer)
         yield
     finally:
-        for number, handler in before.items():
+        for number, handler in reversed(before.items()):  # SIGINT last: from then on it may interrupt this, too
             if handler is not None:  # None: not set from Python, cannot be put back
                 signal.signal(number, handler)

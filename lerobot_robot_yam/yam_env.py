@@ -2,6 +2,7 @@
 
 import copy
 import logging
+import math
 import os
 from typing import Any, cast
 
@@ -30,6 +31,7 @@ logger = logging.getLogger(__name__)
 _DEFAULT_TIME_LIMIT_S = 30.0
 _ARRIVED = 0.05  # rad, or of the gripper's stroke
 _REACH_TIMEOUT_S = 30.0
+_GRIP_S = 2.0  # joints that are there wait so long for grippers: these may have closed on something
 _SPECTATOR_SIZE = 320, 240  # pixels
 _ENDLESS_S = 86_400.0  # a day: no time limit of the rig's own
 _SETTLE_S = 0.5  # at the reset pose, before an episode begins
@@ -78,9 +80,11 @@ class YamEnv(gym.Env):
         )
         self.action_space = gym.spaces.Box(-np.inf, np.inf, (len(self._action_keys),), np.float32)
         self._motors = motors_of(self._robot_config.arms())
+        self._is_joint = np.array([not motor.endswith("gripper") for motor in self._motors])
         check_reset_pose(config.reset_pose, self._robot_config.arms())
         check_render_camera(config.render_camera, list(dict.fromkeys([*self._cameras, *self._scene_cameras()])))
         self._start_pose: np.ndarray | None = None
+        self.sent = np.zeros(len(self._action_keys))  # the last action, as the robot has taken it
         self._rig: RigOperations | None = None
         self._robot: FollowerBase | None = None
         self._referee: Referee | None = None
@@ -115,7 +119,8 @@ class YamEnv(gym.Env):
             YamError: the action is not finite or not of this robot's size (nothing moves), or the robot fails.
         """
         robot, referee = self._connected()
-        robot.send_action(self._named(action))
+        sent = robot.send_action(self._named(action))
+        self.sent = np.array([sent[key] for key in self._action_keys])
         period_s = 1.0 / self._config.fps
         self._deadline_s += period_s
         late_s = robot.clock.now() - self._deadline_s
@@ -276,13 +281,15 @@ class YamEnv(gym.Env):
         if self._start_pose is None:
             return
         deadline_s = robot.clock.now() + _REACH_TIMEOUT_S
+        there_s = math.inf
         while True:
             robot.track_joints(self._start_pose)
             robot.clock.sleep(1.0 / self._config.fps)
-            off = np.abs(robot.joints() - self._start_pose)
-            if off.max() < _ARRIVED:
+            now, off = robot.clock.now(), np.abs(robot.joints() - self._start_pose)
+            there_s = min(there_s, now) if off[self._is_joint].max(initial=0.0) < _ARRIVED else math.inf
+            if off.max() < _ARRIVED or now - there_s > _GRIP_S:
                 return
-            if robot.clock.now() > deadline_s:
+            if now > deadline_s:
                 raise LifeCycleError(
                     f"{self._motors[int(off.argmax())]} is not at the reset pose after {_REACH_TIMEOUT_S:.0f} s; "
                     "is something in its way, or the emergency stop latched (yam-estop)?"

@@ -52,8 +52,8 @@ class FollowerBase(Robot):
             options.use_degrees,
             options.isolation,
         )
-        tools = [(side.hardware.arm, side.hardware.gripper) for side in self._arms.sides]
-        self._space = make_action_space(options.action_space, self._arms, tools)
+        self._models = [(side.hardware.arm, side.hardware.gripper) for side in self._arms.sides]
+        self._space = make_action_space(options.action_space, self._arms, self._models)
         self._camera_configs = dict(cameras)
         self.cameras = make_cameras_from_configs(self._camera_configs)
         self._last_action: dict[str, Any] = {}
@@ -103,7 +103,7 @@ class FollowerBase(Robot):
         try:
             for camera in self.cameras.values():
                 camera.connect()
-            self._arms.start(calibrate, self._space.keys)
+            self._arms.start(calibrate, self._space.keys, self._models)
         except BaseException:
             self._close_cameras()
             raise

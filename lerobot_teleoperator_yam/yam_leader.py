@@ -60,6 +60,7 @@ class LeaderBase(Teleoperator):
                     )
                 lower[side.slice], upper[side.slice] = limits[:, 0], limits[:, 1]
         self._lower, self._upper = lower, upper
+        self._models = tools
         self._space = make_action_space(options.action_space, self._arms, tools)
         self._release_grippers()
         self._action: dict[str, float] | None = None
@@ -100,7 +101,7 @@ class LeaderBase(Teleoperator):
         self._release_grippers()
         self._action = None
         self._follows_feedback = False
-        self._arms.start(calibrate, self._space.keys)
+        self._arms.start(calibrate, self._space.keys, self._models)
         logger.info("%s connected", self)
 
     def disconnect(self) -> None:

@@ -35,6 +35,7 @@ def test_leaders_that_do_not_fit_the_follower_stay_limp(rig, tmp_path):
             (single(action_space="ee"), "joints, the other of tool poses; give both the same action_space"),
             (single(ee_gripper="no_gripper"), "only one has gripper.pos; set ee_gripper of the leader's arm"),
             (double, "drive one arm with one, or two with two"),
+            (single(follower_arm="big_yam"), "big_yam with .*set follower_arm and ee_gripper"),
         ]:
             with pytest.raises(ConfigError, match=says):
                 device.connect()
@@ -49,6 +50,8 @@ def test_a_leader_that_fits_is_energised_and_a_follower_that_does_not_is_not(rig
     try:
         with pytest.raises(ConfigError, match="yam_follower and yam_leader: one speaks of joints"):
             follower(rig, tmp_path).connect()
+        with pytest.raises(ConfigError, match="linear_4310, the other of yam with crank_4310|crank_4310, the other"):
+            follower(rig, tmp_path, action_space="ee", gripper="crank_4310").connect()
         assert any(enabled(rig, "leader_left")) and not any(enabled(rig, "follower_left"))
     finally:
         device.disconnect()

@@ -186,6 +186,14 @@ def test_an_openpi_server_speaks_the_robots_space(monkeypatch, arguments, space,
         check_command("robot", KEYS[space], False)
 
 
+def test_a_saved_openpi_policy_is_no_exception(monkeypatch, tmp_path):
+    (tmp_path / "config.json").write_text('{"type": "yam_openpi", "action_space": "cartesian_position"}')
+    monkeypatch.setattr(sys, "argv", ["lerobot-rollout", f"--policy.path={tmp_path}"])
+    check_command("robot", KEYS["ee"], False)
+    with pytest.raises(ConfigError, match="of tool poses, this robot takes joint positions"):
+        check_command("robot", KEYS["joint"], False)
+
+
 def test_what_no_arm_can_be_driven_by_cannot_be_asked_for(command, capsys):
     with pytest.raises(SystemExit):
         command(lerobot_rollout.main, {}, "--policy.type=yam_openpi", "--policy.action_space=joint_velocity")

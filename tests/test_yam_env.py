@@ -70,6 +70,30 @@ def test_the_operators_attempt_succeeds_and_its_actions_do_again(lockstep):
     assert terminated and reward == 1.0 and info["is_success"]
 
 
+def test_a_demonstration_keeps_what_was_sent(tmp_path):
+    env = YamEnv(YamEnvConfig(robot=robot(tmp_path, max_relative_target=0.02), lockstep=True, time_limit_s=1.0))
+    try:
+        states, actions, _ = attempt(env, seed=5)
+        assert np.abs(actions - states)[:, :6].max() < 0.021
+    finally:
+        env.close()
+
+
+def test_a_gripper_that_holds_something_keeps_no_episode_from_beginning(tmp_path):
+    pose = [0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0]
+    env = YamEnv(YamEnvConfig(robot=robot(tmp_path), lockstep=True, reset_pose=pose))
+    try:
+        env.reset(seed=1)
+        for _ in range(30):
+            observation = env.step(np.array([0.2, *pose[1:6], 0.6]))[0]
+        assert observation["agent_pos"][6] > 0.5
+        env._rig.fault("follower_left", "gripper", "stuck")  # a live rig's gripper keeps what it has closed on
+        env._go_to_start(env._robot)
+        assert np.abs(env._robot.joints() - pose)[:6].max() < 0.06
+    finally:
+        env.close()
+
+
 def test_seeds_differ_and_time_is_up_without_success(tmp_path):
     env = YamEnv(YamEnvConfig(robot=robot(tmp_path), lockstep=True, time_limit_s=0.5, render_camera="overview"))
     try:

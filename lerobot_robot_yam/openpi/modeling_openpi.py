@@ -11,7 +11,7 @@ from lerobot.policies.pretrained import PreTrainedPolicy
 from lerobot.policies.rtc import RTCProcessor
 from lerobot.utils.constants import OBS_STATE
 
-from lerobot_robot_yam.errors import ActionError, ConfigError
+from lerobot_robot_yam.errors import ActionError, ConfigError, PolicyServerError
 from lerobot_robot_yam.openpi.answers import action_chunk, check_metadata, check_state
 from lerobot_robot_yam.openpi.configuration_openpi import YamOpenpiConfig
 from lerobot_robot_yam.openpi.connection import ServerConnection
@@ -51,6 +51,8 @@ class YamOpenpiPolicy(PreTrainedPolicy):
         self._hang_up = weakref.finalize(self, self._server.close)  # also when the interpreter ends
         self._queue: deque[torch.Tensor] = deque()
         self._rtc: RTCProcessor | None = None
+        self._episode, self._asked = 0, False
+        self._outdated = False  # LeRobot's engine for real-time chunking asks first with what it saw before a reset
 
     @classmethod
     def from_pretrained(
@@ -68,6 +70,8 @@ class YamOpenpiPolicy(PreTrainedPolicy):
     def reset(self) -> None:
         """Forget the rest of the chunk; the next action comes from a new one."""
         self._queue.clear()
+        self._outdated = self._rtc is not None and self._asked
+        self._episode += 1
 
     def select_action(self, batch: dict[str, Any], **_: Any) -> torch.Tensor:
         """The next action, (B, n); asks the server when the last chunk is used up.
@@ -95,13 +99,20 @@ class YamOpenpiPolicy(PreTrainedPolicy):
             prev_chunk_left_over: the running chunk's actions from now on, (k, n), padded with zeros.
 
         Raises:
-            PolicyServerError: the server failed, is gone, or does not answer in time.
+            PolicyServerError: the server failed, is gone, or does not answer in time; with real-time chunking also
+                where the question, or the answer, is of the episode before. LeRobot asks again then.
             ActionError: its actions cannot be used.
             ConfigError: the robot does not observe what the server is to be sent.
         """
         if OBS_STATE not in batch:
             raise ConfigError(f"there is no {OBS_STATE} to send; the robot has to observe its positions")
+        if self._outdated:
+            self._outdated = False
+            raise PolicyServerError("a new episode has begun; its first observation is waited for")
+        self._asked, episode = True, self._episode
         rows = [self._ask(batch, row) for row in range(len(batch[OBS_STATE]))]
+        if self._rtc is not None and episode != self._episode:
+            raise PolicyServerError(f"the {self.config.server} has answered for an episode that is over")
         if len({len(row) for row in rows}) > 1:
             raise ActionError(f"the {self.config.server} plans unlike numbers of steps: {[len(row) for row in rows]}")
         chunk = torch.stack(rows)

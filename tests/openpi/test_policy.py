@@ -9,7 +9,7 @@ from lerobot.envs.configs import PushtEnv
 from lerobot.policies import make_policy, make_pre_post_processors
 from lerobot.policies.rtc import RTCConfig
 
-from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.errors import ConfigError, PolicyServerError
 from lerobot_robot_yam.openpi.configuration_openpi import YamOpenpiConfig
 from lerobot_robot_yam.openpi.images import resize_with_pad
 from tests.openpi.conftest import batch_of
@@ -164,6 +164,30 @@ def test_rtc_passes_softly_from_chunk_to_chunk(made, enabled):
         assert (steps >= -1e-6).all() and steps.max() < 0.2
     else:  # LeRobot appends the chunk to the running one then
         assert torch.equal(values, torch.ones(20))
+
+
+def test_rtc_waits_for_the_first_observation_of_an_episode(made):
+    """LeRobot's engine goes on with what it saw before the reset."""
+    _, policy = made(answering({"actions": np.full((6, 14), 1.0)}))
+    policy.config.rtc_config = RTCConfig(execution_horizon=10)
+    policy.init_rtc_processor()
+    batch = batch_of(policy)[0]
+    policy.reset()
+    policy.predict_action_chunk(batch)  # nothing was seen before
+    policy.reset()
+    with pytest.raises(PolicyServerError, match="a new episode has begun"):
+        policy.predict_action_chunk(batch)
+    assert policy.predict_action_chunk(batch).shape == (1, 6, 14)
+
+    ask = policy._ask
+
+    def ask_late(*arguments):
+        policy.reset()
+        return ask(*arguments)
+
+    policy._ask = ask_late
+    with pytest.raises(PolicyServerError, match="an episode that is over"):
+        policy.predict_action_chunk(batch)
 
 
 def test_rtc_with_nothing_left_of_the_running_chunk(made):
