@@ -22,7 +22,7 @@ from lerobot_robot_yam.errors import MotorError, YamError
 
 _ANSWER_S = 0.006  # motors answer within a few ms, and meanwhile nobody commands the other arm
 _ASK_AGAIN = 5  # an answer may get lost
-_SOON_S = 0.02
+_SOON_S = 0.02  # where nobody is waiting
 
 
 class ArmDrive:
@@ -94,11 +94,11 @@ class ArmDrive:
         Raises:
             MotorError: one does not answer.
         """
-        answered: Sequence[bool] | np.ndarray = self.chain.special(SpecialCommand.ENABLE, _ANSWER_S)
+        answered: Sequence[bool] | np.ndarray = self.chain.special(SpecialCommand.ENABLE, _SOON_S)
         for _ in range(_ASK_AGAIN):
             if all(answered):
                 break
-            answered = np.logical_or(answered, self.chain.refresh(_ANSWER_S))
+            answered = np.logical_or(answered, self.chain.refresh(_SOON_S))
         self.read()
         silent = [self.chain.motors[i] for i in np.flatnonzero(np.logical_not(answered))]
         if silent:
