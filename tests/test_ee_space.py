@@ -85,20 +85,6 @@ def test_a_path_begins_at_the_set_point_and_keeps_its_own_side(tool, kinematics)
     assert tool.joints(numbers, both[0]) == pytest.approx(both[1], abs=0.01)
 
 
-def test_a_pause_does_not_turn_the_arm_round(tool):
-    """The pose is not quite to be had on this side, but it is on the other."""
-    q = np.array([2.6, 0.36, 1.01, 1.03, -0.69, -1.36])
-    numbers = tool.numbers(q)
-    for _ in range(2):
-        tool.begin()
-        near = tool.joints(numbers + [0.0, 0.0, 0.03, 0.0, 0.0, 0.0], q)
-        assert np.abs(near - q).max() < 0.71
-        edge = tool._kinematics.upper.copy()
-        edge[3:] = q[3:]
-        tool.begin()
-        assert np.abs(tool.joints(tool.numbers(edge) + [0.0, 0.02, 0.0, 0.0, 0.05, 0.0], edge) - edge).max() < 0.71
-
-
 def test_a_jump_begins_a_new_path(tool):
     tool.joints(tool.numbers(np.array(READY)), np.array(READY))
     far = np.array([-1.0, 1.5, 1.5, -0.5, 0.5, 0.5])

@@ -70,15 +70,6 @@ def test_the_operators_attempt_succeeds_and_its_actions_do_again(lockstep):
     assert terminated and reward == 1.0 and info["is_success"]
 
 
-def test_a_demonstration_keeps_what_was_sent(tmp_path):
-    env = YamEnv(YamEnvConfig(robot=robot(tmp_path, max_relative_target=0.02), lockstep=True, time_limit_s=1.0))
-    try:
-        states, actions, _ = attempt(env, seed=5)
-        assert np.abs(actions - states)[:, :6].max() < 0.021
-    finally:
-        env.close()
-
-
 def test_a_gripper_that_holds_something_keeps_no_episode_from_beginning(tmp_path):
     pose = [0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0]
     env = YamEnv(YamEnvConfig(robot=robot(tmp_path), lockstep=True, reset_pose=pose))
