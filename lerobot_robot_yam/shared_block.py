@@ -20,6 +20,7 @@ _HEADER = struct.Struct("<QQII")  # magic, sequence, payload size, crc32 of payl
 _MAGIC = 0x59414D424C4B3031  # "YAMBLK01"
 _CRC = struct.Struct("<I")
 _FIELD = struct.Struct("<Q")
+_FLOAT = struct.Struct("<d")
 _SEQUENCE_AT, _CRC_AT = slice(8, 16), 20
 _READ_TIMEOUT_S = 0.25
 
@@ -117,6 +118,11 @@ class SharedBlock:
     def peek(self, at: int) -> int:
         """The unsigned 8-byte field at byte `at` of the record as it is now, without a copy of the rest."""
         value: int = _FIELD.unpack_from(self._map, _HEADER.size + at)[0]
+        return value
+
+    def peek_float(self, at: int) -> float:
+        """The same of a field that holds a float."""
+        value: float = _FLOAT.unpack_from(self._map, _HEADER.size + at)[0]
         return value
 
     @property

@@ -238,7 +238,7 @@ class Subject:
         return {"rounds": rounds}
 
     def work(self, seconds: float, rate_hz: float, ages: bool = True, send: bool = True) -> dict[str, Any]:
-        """Get and send at a rate. Rows: monotonic s, get + send ms, age of the sample when get returned, ms."""
+        """Get and send at a rate. Rows: monotonic s when get returned, get + send ms, age of the sample then, ms."""
         driver, rows = self._driver, []
         deadline = time.monotonic()
         end = deadline + seconds
@@ -249,7 +249,7 @@ class Subject:
             resumed = time.monotonic()
             if send:
                 driver.send(got)
-            rows.append((begin, (time.monotonic() - resumed + between - begin) * 1e3, age_s * 1e3))
+            rows.append((between, (time.monotonic() - resumed + between - begin) * 1e3, age_s * 1e3))
             now = time.monotonic()
             deadline = max(deadline + 1.0 / rate_hz, now)
             if deadline > now:

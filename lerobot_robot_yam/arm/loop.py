@@ -222,7 +222,7 @@ class ControlLoop:
 
     def _advance_guarded(self, workspace: WorkspaceGuard, now: float, dt: float) -> None:
         controllers = self._controllers
-        known = [c.hardware.has_gripper and c.mode is not Mode.BRING_UP for c in controllers]
+        known = [c.gripper is not None and c.gripper.stops is not None for c in controllers]
         workspace.open_grippers([float(c.q[-1]) if k else 1.0 for c, k in zip(controllers, known, strict=True)])
         guarded = [controller.mode in _GUARDED for controller in controllers]
         setpoints, measured = [c.setpoint for c in controllers], [c.q for c in controllers]

@@ -7,21 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
+from lerobot_robot_yam.arm.command_writer import CommandWriter
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.gripper import load_stops
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.safety import LimitLog, check_range, finite_number, finite_vector, limit_target
 from lerobot_robot_yam.arm.state import (
-    COMMAND_DTYPE,
-    COMMAND_STRUCT,
-    GRIPPER,
-    SLOTS,
+    PUBLISHED_AT,
     STATE_DTYPE,
     ArmState,
     Limited,
     Request,
-    command_path,
     decode_state,
     lock_path,
     state_path,
@@ -35,11 +32,16 @@ from lerobot_robot_yam.shared_block import SharedBlock
 logger = logging.getLogger(__name__)
 
 _REQUEST_TIMEOUT_S = 1.0
-_CALIBRATION_TIMEOUT_S = 20.0
+_SEARCH_TIMEOUT_S = 20.0
 _FAILED = (Mode.FAULT, Mode.LAND, Mode.OFF)  # with a message: not because the caller has asked for it
-_READY = (Mode.HOLD, Mode.TRACK, Mode.FLOAT)
+_WITHOUT_STOPS = {
+    Mode.BRING_UP: "they are being sought; wait",
+    Mode.STOPPED: "they are sought when the emergency stop is released (yam-estop release)",
+}
 _ORPHAN_S = 1.0
-_UNSET = [math.nan] * SLOTS
+_NEARLY_S = 0.0008  # a state that comes so soon is worth waiting for: the one before it is a whole tick older
+_LATE_S = 0.0006  # how long it is waited for beyond
+_GLANCE_S = 0.00005
 
 
 class ArmPort:
@@ -50,8 +52,9 @@ class ArmPort:
         self.hardware = hardware
         self._key = key
         self._clock = clock
-        self._commands = SharedBlock(command_path(key), COMMAND_DTYPE, create=True)
+        self._commands = CommandWriter(key)
         self._states: SharedBlock | None = None
+        self._period_s = 1.0 / config.rate_hz if config.rate_hz > 0 and clock is SYSTEM else 0.0
         self._lower, self._upper = hardware.lower.tolist(), hardware.upper.tolist()
         types = [motor_type(motor.type) for motor in hardware.motors[: hardware.joints]]
         self._ranges = {
@@ -59,10 +62,6 @@ class ArmPort:
             "kp": (0.0, np.array([row.kp_max for row in types])),
             "kd": (0.0, np.array([row.kd_max for row in types])),
         }
-        self._target_stamp_s, self._target_sequence, self._target = 0.0, 0, _UNSET
-        self._options = {"dq": _UNSET, "kp": _UNSET, "kd": _UNSET}
-        self._asked, self._request_sequence = Request.NONE, 0
-        self._write()
         self._newest: tuple[int, ArmState] | None = None  # that was found to be well, and its number in the block
         self._limit_log = LimitLog(config.name)
 
@@ -89,7 +88,7 @@ class ArmPort:
         return Mode(int(self._raw()["mode"]))
 
     def observe(self) -> ArmState:
-        """The newest state of the arm.
+        """The newest state of the arm; one that comes within 0.8 ms is waited for.
 
         Raises:
             MotorError: a motor has a fault; names it.
@@ -97,6 +96,19 @@ class ArmPort:
             GripperError: its stops are unknown, so that its position is.
             LifeCycleError: not connected.
         """
+        if self._period_s and self._states is not None:
+            self._await_due(self._states)
+        return self._newest_state()
+
+    def _await_due(self, states: SharedBlock) -> None:
+        """Let a tick that is just about to end end; one that is late is not waited for."""
+        sequence = states.sequence()
+        due = states.peek_float(PUBLISHED_AT) + self._period_s
+        if due - _NEARLY_S < self._clock.now():
+            while states.sequence() == sequence and self._clock.now() < due + _LATE_S:
+                self._clock.sleep(_GLANCE_S)
+
+    def _newest_state(self) -> ArmState:
         states, newest = self._states, self._newest
         if states is None:
             raise LifeCycleError(f"{self.config.name}: not connected")
@@ -114,13 +126,18 @@ class ArmPort:
 
     def _examined(self) -> ArmState:
         record, name = self._raw(), self.config.name
-        state = decode_state(record, self.hardware.joints, self.hardware.has_gripper)
-        if state.mode in _FAILED and state.message:
-            raise MotorError(f"{name} ({self.config.channel}): {state.message}")
+        state = self._decoded(record)
         if state.mode is Mode.OFF:
             raise LifeCycleError(f"{name}: the arm is off; connect again")
-        if state.mode in _READY and self.hardware.has_gripper and math.isnan(record["gripper_stops_rad"][0]):
-            raise GripperError(f"{name}: the gripper's stops are unknown; calibrate it (lerobot-calibrate)")
+        if self.hardware.has_gripper and math.isnan(record["gripper_stops_rad"][0]):
+            why = _WITHOUT_STOPS.get(state.mode, "calibrate it (lerobot-calibrate)")
+            raise GripperError(f"{name}: the gripper's stops are unknown, and so is its position; {why}")
+        return state
+
+    def _decoded(self, record: np.ndarray) -> ArmState:
+        state = decode_state(record, self.hardware.joints, self.hardware.has_gripper)
+        if state.mode in _FAILED and state.message:
+            raise MotorError(f"{self.config.name} ({self.config.channel}): {state.message}")
         return state
 
     def track(
@@ -141,7 +158,7 @@ class ArmPort:
 
         Returns:
             The joints and gripper position really asked for, after the limits; those held while the arm takes no
-            targets: during an emergency stop, while the other arm is in trouble, while the gripper's stops are sought.
+            targets: during an emergency stop, while the other arm is in trouble.
 
         Raises:
             ActionError: wrong shape, not finite, or more than a motor takes; nothing was sent.
@@ -154,12 +171,12 @@ class ArmPort:
         options = self._checked_options(dq=dq, kp=kp, kd=kd)
         if gripper is not None and hw.has_gripper:
             target.append(finite_number(name, "gripper", gripper))
-        state = self.observe()
+        state = self._newest_state()
         mode = state.mode
         if mode is Mode.STOPPED:
             self._limit_log.note(Limited.EMERGENCY_STOP)
             return state.setpoint_q, state.gripper_setpoint
-        if mode is Mode.BRING_UP or Limited.PEER in state.limited:
+        if Limited.PEER in state.limited:
             return state.setpoint_q, state.gripper_setpoint
         if mode not in (Mode.HOLD, Mode.TRACK):
             raise LifeCycleError(f"{name}: takes no targets in mode {mode.name.lower()}; let it hold first")
@@ -171,43 +188,21 @@ class ArmPort:
             measured = [*state.q.tolist(), *([] if state.gripper is None else [state.gripper])]
         target, limited = limit_target(target, measured, self._lower, self._upper, relative)
         self._limit_log.note(limited)
-        self._target = [*target[:n], *_UNSET[: GRIPPER - n], target[-1] if hw.has_gripper else math.nan]
-        self._options = options
-        self._target_stamp_s = self._clock.now()
-        self._target_sequence += 1
-        self._write()
+        self._commands.aim(self._clock.now(), target, n, options)
         return np.array(target[:n]), target[-1] if hw.has_gripper else None
 
-    def _checked_options(self, **given: Sequence[float] | np.ndarray | None) -> dict[str, list[float]]:
-        """Speed and gains of a target as the command block holds them; the gripper has its own.
+    def _checked_options(self, **given: Sequence[float] | np.ndarray | None) -> dict[str, np.ndarray]:
+        """Speed and gains of a target, as far as they are given, (n,) each.
 
         Raises:
             ActionError: wrong shape, not finite, or more than a motor takes.
         """
-        options, n = {}, self.hardware.joints
+        options = {}
         for field, value in given.items():
-            options[field] = _UNSET
             if value is not None:
-                vector = finite_vector(self.config.name, field, value, n)
-                check_range(self.config.name, field, vector, *self._ranges[field])
-                last = 0.0 if field == "dq" else math.nan
-                options[field] = [*vector.tolist(), *_UNSET[: GRIPPER - n], last]
+                options[field] = finite_vector(self.config.name, field, value, self.hardware.joints)
+                check_range(self.config.name, field, options[field], *self._ranges[field])
         return options
-
-    def _write(self) -> None:
-        options = self._options
-        self._commands.write_bytes(
-            COMMAND_STRUCT.pack(
-                self._target_stamp_s,
-                self._target_sequence,
-                *self._target,
-                *options["dq"],
-                *options["kp"],
-                *options["kd"],
-                self._asked,
-                self._request_sequence,
-            )
-        )
 
     def hold(self) -> None:
         """Keep the present set-point, or the measured pose when floating.
@@ -234,12 +229,26 @@ class ArmPort:
         self._request(Request.LAND)
 
     def rearm(self) -> None:
-        """Enable again what has failed, and hold the measured pose. Look at the arm first.
+        """Enable again what has failed, and hold the measured pose; see `await_gripper`. Look at the arm first.
 
         Raises:
             LifeCycleError: it still fails, or needs a new connection; the message says which.
         """
         self._request(Request.REARM)
+
+    def await_gripper(self) -> Mode:
+        """Wait until nobody seeks the gripper's stops any more; the mode the arm is in then.
+
+        Raises:
+            MotorError: the search failed, or does not end.
+        """
+        deadline = self._clock.now() + _SEARCH_TIMEOUT_S
+        while (mode := self.mode()) is Mode.BRING_UP:
+            if self._clock.now() > deadline:
+                raise MotorError(f"{self.config.name}: the search for the gripper's stops does not end")
+            self._clock.sleep(0.02)
+        self._decoded(self._raw())
+        return mode
 
     @property
     def done(self) -> bool:
@@ -271,11 +280,7 @@ class ArmPort:
             GripperError: they are not stored in `calibration_path`; those that were found count until the arm is off.
         """
         self._request(Request.CALIBRATE_GRIPPER)
-        deadline = self._clock.now() + _CALIBRATION_TIMEOUT_S
-        while (mode := self.observe().mode) is Mode.BRING_UP:
-            if self._clock.now() > deadline:
-                raise MotorError(f"{self.config.name}: the gripper calibration does not end")
-            self._clock.sleep(0.02)
+        mode = self.await_gripper()
         if mode in (Mode.STOPPED, Mode.LAND, Mode.OFF):
             raise MotorError(
                 f"{self.config.name}: the gripper calibration was cut short ({mode.name.lower()}); calibrate again"
@@ -294,14 +299,11 @@ class ArmPort:
             )
 
     def _request(self, request: Request) -> None:
-        self._asked = request
-        self._request_sequence += 1
-        self._target_stamp_s = -math.inf  # what the loop has not looked at yet came before this
-        self._write()
+        number = self._commands.request(request)
         deadline = self._clock.now() + _REQUEST_TIMEOUT_S
         while True:
             state = self._raw()
-            if state["request_sequence"] == self._request_sequence:
+            if state["request_sequence"] == number:
                 break
             if Mode(int(state["mode"])) is Mode.OFF:
                 if request is Request.LAND:

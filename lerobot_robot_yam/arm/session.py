@@ -168,11 +168,16 @@ class ArmSession:
     def rearm(self) -> None:
         """Enable again what has failed, and let all arms of the session take targets again.
 
+        Waits while a gripper's stops are sought: a motor that was without power has forgotten its turns.
+
         Raises:
             LifeCycleError: an arm still fails, or needs a new connection; those that hold because of it go on holding.
+            MotorError: a gripper's stops are not found.
         """
         for port in sorted(self._ports.values(), key=lambda port: port.mode() is not Mode.FAULT):
             port.rearm()
+        for port in self._ports.values():
+            port.await_gripper()
 
     def land(self) -> None:
         """Land every arm and wait until torque is off; the session still has to be stopped.

@@ -116,6 +116,7 @@ def packed(dtype: np.dtype) -> tuple[struct.Struct, dict[str, int]]:
 
 _STATE, _AT = packed(STATE_DTYPE)
 OWNER_AT = STATE_DTYPE.fields["owner_pid"][1]  # type: ignore[index]
+PUBLISHED_AT = STATE_DTYPE.fields["stamp_s"][1]  # type: ignore[index]
 _MODES = {int(mode): mode for mode in Mode}
 COMMAND_STRUCT, _ = packed(COMMAND_DTYPE)
 

@@ -121,6 +121,23 @@ def test_stops_that_are_being_searched_are_not_published(session):
     session.clock.sleep(0.1)
     assert session[LEFT].mode() is Mode.BRING_UP
     assert all(value != value for value in session[LEFT]._raw()["gripper_stops_rad"])
+    with pytest.raises(GripperError, match="being sought"):
+        session[LEFT].observe()
+
+
+def test_where_fingers_with_unknown_stops_are_is_not_said_during_an_emergency_stop_either(rig, session, stop):
+    port = session[LEFT]
+    port._request(Request.CALIBRATE_GRIPPER)
+    session.clock.sleep(0.5)
+    stop.latch("a test")
+    session.clock.sleep(0.1)
+    assert port.mode() is Mode.STOPPED
+    with pytest.raises(GripperError, match="yam-estop release"):
+        port.observe()
+    stop.release()
+    session.clock.sleep(0.1)
+    assert port.await_gripper() is Mode.HOLD
+    assert port.observe().gripper == pytest.approx(rig.state()["arms"][LEFT]["opening"], abs=0.02)
 
 
 @pytest.mark.parametrize("how", ["hold", "float"])

@@ -80,3 +80,13 @@ def test_a_re_arm_survives_answers_that_get_lost(rig, session):
     rig.fault(CHANNEL, "joint_4", "drop_next", 8)  # three to CLEAR, one to ENABLE, and more
     session[CHANNEL].rearm()
     assert session[CHANNEL].mode() is Mode.HOLD
+
+
+def test_a_re_arm_ends_when_the_gripper_knows_where_it_is(rig, session):
+    track(session, {CHANNEL: POSE}, 1.5, gripper=0.01)  # there the motor could be on either of two turns
+    rig.fault(CHANNEL, "gripper", "nibble", int(Fault.OVERLOAD))
+    session.clock.sleep(0.1)
+    session.rearm()
+    state = session[CHANNEL].observe()
+    assert state.mode is Mode.HOLD
+    assert state.gripper == pytest.approx(rig.state()["arms"][CHANNEL]["opening"], abs=0.02)

@@ -110,6 +110,18 @@ def test_set_point_steps_stay_within_speed_limit_times_tick(rig, isolation):
         assert any(Limited.SPEED in limited for *_, limited in seen)
 
 
+@in_a_process
+def test_who_looks_just_before_a_new_state_gets_the_new_one(rig, isolation):
+    newer, tries = 0, 40
+    with arm_of(rig, isolation, rate_hz=100.0) as arm:
+        port = arm._session["left"]
+        for _ in range(tries):
+            before = port._raw()
+            time.sleep(max(0.0, float(before["stamp_s"]) + 0.0093 - time.monotonic()))
+            newer += arm.observe().stamp_s > before["motor_stamp_s"].max()
+    assert newer > tries / 2
+
+
 def test_a_caller_that_falls_silent_leaves_the_arm_holding(rig, isolation):
     with arm_of(rig, isolation, command_timeout_s=0.2) as arm:
         arm.move_to([0.2, 0.8, 0.8, 0, 0, 0])

@@ -1,0 +1,58 @@
+"""What a caller tells the control loop: targets and requests, written into a command block."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from lerobot_robot_yam.arm.state import COMMAND_DTYPE, COMMAND_STRUCT, GRIPPER, SLOTS, Request, command_path
+from lerobot_robot_yam.shared_block import SharedBlock
+
+_UNSET = [math.nan] * SLOTS
+_GRIPPER_OPTIONS = {"dq": 0.0, "kp": math.nan, "kd": math.nan}  # it has its own
+
+
+class CommandWriter:
+    """The command block of one arm; `key` names it. One thread writes."""
+
+    def __init__(self, key: str):
+        self._block = SharedBlock(command_path(key), COMMAND_DTYPE, create=True)
+        self._stamp_s, self._number, self._target = 0.0, 0, _UNSET
+        self._options = [_UNSET] * len(_GRIPPER_OPTIONS)
+        self._asked, self._requests = Request.NONE, 0
+        self._write()
+
+    def close(self) -> None:
+        """Let go of the block."""
+        self._block.close()
+
+    def aim(self, stamp_s: float, target: Sequence[float], joints: int, options: Mapping[str, np.ndarray]) -> None:
+        """Write a target given at `stamp_s` (the clock's time).
+
+        Args:
+            target: joints in rad; behind them the gripper, 0 closed … 1 open, where there is one.
+            joints: how many, 6 or 0.
+            options: dq (rad/s), kp (Nm/rad), kd (Nm s/rad) of the joints, those that are given.
+        """
+        gap = _UNSET[: GRIPPER - joints]
+        gripper = target[-1] if len(target) > joints else math.nan
+        self._target = [*target[:joints], *gap, gripper]
+        self._options = [
+            [*options[field].tolist(), *gap, last] if field in options else _UNSET
+            for field, last in _GRIPPER_OPTIONS.items()
+        ]
+        self._stamp_s = stamp_s
+        self._number += 1
+        self._write()
+
+    def request(self, request: Request) -> int:
+        """Write a request, and return its number; a target the loop has not looked at yet is void."""
+        self._asked = request
+        self._requests += 1
+        self._stamp_s = -math.inf
+        self._write()
+        return self._requests
+
+    def _write(self) -> None:
+        values = [self._stamp_s, self._number, *self._target, *(value for row in self._options for value in row)]
+        self._block.write_bytes(COMMAND_STRUCT.pack(*values, self._asked, self._requests))
