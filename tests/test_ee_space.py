@@ -85,6 +85,12 @@ def test_a_path_begins_at_the_set_point_and_keeps_its_own_side(tool, kinematics)
     assert tool.joints(numbers, both[0]) == pytest.approx(both[1], abs=0.01)
 
 
+def test_a_path_that_begins_beside_the_tool_does_not_turn_the_arm_round(tool, kinematics):
+    setpoint = np.array([0.59, 0.39, 2.26, 1.19, 0.23, -2.07])  # the wrist all but at its limit
+    beyond = kinematics.fk(setpoint - [0, 0, 0, 0, 0, 0.4])  # in reach, but of the arm turned by half a turn
+    assert np.abs(tool.follow(beyond, setpoint) - setpoint).max() < 0.7
+
+
 def test_a_jump_begins_a_new_path(tool):
     tool.joints(tool.numbers(np.array(READY)), np.array(READY))
     far = np.array([-1.0, 1.5, 1.5, -0.5, 0.5, 0.5])

@@ -1,5 +1,7 @@
 """A robot as an environment: in lock-step, on the live rig, and what it refuses."""
 
+import contextlib
+import itertools
 import os
 import pty
 import threading
@@ -68,6 +70,14 @@ def test_the_operators_attempt_succeeds_and_its_actions_do_again(lockstep):
         assert np.array_equal(observation["agent_pos"], state)
         observation, reward, terminated, _, info = lockstep.step(action)
     assert terminated and reward == 1.0 and info["is_success"]
+
+
+def test_a_demonstration_keeps_what_was_sent_not_what_was_asked_for(tmp_path):
+    config = YamEnvConfig(robot=robot(tmp_path, max_relative_target=0.03), lockstep=True)
+    with contextlib.closing(YamEnv(config)) as env:
+        frames = list(itertools.islice(demonstrate(env, seed=0), 60))
+    far = [np.abs(frame.action - frame.observation["agent_pos"])[:6].max() for frame in frames]
+    assert 0.02 < max(far) < 0.031
 
 
 def test_a_gripper_that_holds_something_keeps_no_episode_from_beginning(tmp_path):
