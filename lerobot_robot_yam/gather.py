@@ -71,15 +71,15 @@ def gather(config: YamEnvConfig, root: Path, repo_id: str, episodes: int, first_
             while dataset.num_episodes < episodes:
                 seed = max(tried, default=first_seed - 1) + 1
                 won = _attempt(env, seed, dataset)
+                tried[seed] = won
                 with finished_first("saving the episode"):
+                    _note(seeds_path, tried)  # before it is saved: whoever goes on must not do the same seed again
                     if won:
                         dataset.save_episode()
                         bar.update()
                     else:
                         dataset.clear_episode_buffer()
                         logger.info("seed %d: the operator failed; dropped", seed)
-                    tried[seed] = won
-                    seeds_path.write_text(json.dumps(tried))
                 failures = 0 if won else failures + 1
                 if failures >= _GIVE_UP:
                     raise RigError(f"the operator failed {failures} times in a row; does the scene suit its script?")
@@ -87,6 +87,13 @@ def gather(config: YamEnvConfig, root: Path, repo_id: str, episodes: int, first_
         env.close()
         dataset.finalize()
     return tried
+
+
+def _note(path: Path, tried: dict[int, bool]) -> None:
+    """All at once: a file cut short could not be read again."""
+    new = path.with_suffix(".new")
+    new.write_text(json.dumps(tried))
+    new.replace(path)
 
 
 def _attempt(env: YamEnv, seed: int, dataset: LeRobotDataset) -> bool:

@@ -1,5 +1,6 @@
 """A YAM robot as a gymnasium environment, real or virtual: paced at fps, or in lock-step with a virtual rig."""
 
+import contextlib
 import copy
 import logging
 import math
@@ -68,7 +69,9 @@ class YamEnv(gym.Env):
         self._action_keys = self._robot_config.action_keys()
         self._state_keys = self._robot_config.state_keys()
         self._cameras = {
-            name: (camera.height, camera.width, 3) for name, camera in self._robot_config.all_cameras().items()
+            name: (camera.height, camera.width, 3)
+            for name, camera in self._robot_config.all_cameras().items()
+            if getattr(camera, "use_rgb", True)
         }
         self.observation_space = gym.spaces.Dict(
             {
@@ -85,7 +88,7 @@ class YamEnv(gym.Env):
         check_render_camera(config.render_camera, list(dict.fromkeys([*self._cameras, *self._scene_cameras()])))
         self._start_pose: np.ndarray | None = None
         self.sent = np.zeros(len(self._action_keys))  # the last action, as the robot has taken it
-        self._rig: RigOperations | None = None
+        self._rig: RigControl | LockstepRig | None = None
         self._robot: FollowerBase | None = None
         self._referee: Referee | None = None
         self._frame: np.ndarray | None = None
@@ -199,18 +202,12 @@ class YamEnv(gym.Env):
         referee, self._referee = self._referee, None
         rig, self._rig = self._rig, None
         spectator, self._spectator = self._spectator, None
-        if spectator is not None:
-            spectator.close()
-        try:
-            if robot is not None and self._config.lockstep:
-                robot.discard()
-            elif robot is not None:
-                robot.disconnect()
-        finally:
-            if referee is not None:
-                referee.close()
-            if isinstance(rig, RigControl | LockstepRig):
-                rig.close()
+        with contextlib.ExitStack() as rest:  # what comes last here is done first: the arms land before all else
+            for part in (rig, referee, spectator):
+                if part is not None:
+                    rest.callback(part.close)
+            if robot is not None:
+                rest.callback(robot.discard if self._config.lockstep else robot.disconnect)
 
     def _connected(self) -> tuple[FollowerBase, Referee]:
         """Robot and referee; they are made and connected when they are first needed, the rig before all."""
@@ -237,8 +234,7 @@ class YamEnv(gym.Env):
         if self._virtual:
             self._rig = self._make_rig()
             if self._task is not None:
-                limit_s = _ENDLESS_S if config.time_limit_s else None  # then it is the number of steps that ends it
-                referee = RigReferee(self._rig, self._task.name, limit_s)
+                referee = RigReferee(self._rig, self._task.name, _ENDLESS_S)  # it is the number of steps that ends it
         if config.success == "operator":
             return OperatorReferee(config.task or "", referee)
         if config.success != "rig":
@@ -260,7 +256,7 @@ class YamEnv(gym.Env):
             logger.warning("no keyboard: episodes follow each other without asking; keep out of the arms' reach")
             return None
 
-    def _make_rig(self) -> RigOperations:
+    def _make_rig(self) -> RigControl | LockstepRig:
         config, arms = self._config, self._robot_config.arms()
         if not config.lockstep:
             for arm in arms.values():

@@ -3,6 +3,7 @@
 import json
 import os
 import platform
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -31,7 +32,8 @@ def write_report(out: Path, task: str, policy: Path, done: Path, seed: int) -> P
     step = policy.resolve().parent.name
     evaluation = json.loads((done / "eval_info.json").read_text())
     successes: Sequence[bool] = evaluation["per_task"][0]["metrics"]["successes"]
-    _plot(out / "report.png", successes, seed)
+    _plot_outcomes(out / "report.png", successes, seed)
+    _plot_loss(out / "loss.png", (out / "train.log").read_text(errors="replace"))
     lines = [
         f"# Training proof: {task}",
         "",
@@ -43,6 +45,8 @@ def write_report(out: Path, task: str, policy: Path, done: Path, seed: int) -> P
         *(f"| {name} | {value} |" for name, value in _facts(out, policy, step, seed, successes).items()),
         "",
         "![Outcome of each evaluation episode](report.png)",
+        "",
+        "![Loss of the training](loss.png)",
         "",
         *_videos(evaluation, out),
     ]
@@ -75,7 +79,17 @@ def _facts(out: Path, policy: Path, step: str, seed: int, successes: Sequence[bo
     }
 
 
-def _plot(path: Path, successes: Sequence[bool], seed: int) -> None:
+def _plot_loss(path: Path, log: str) -> None:
+    """As lerobot-train has logged it, against passes over the data, which it gives more precisely than steps."""
+    logged = re.findall(r"epch:([\d.]+) loss:([\d.]+)", log)
+    figure, axis = plt.subplots(figsize=(7, 3), layout="constrained")
+    axis.plot([float(epoch) for epoch, _ in logged], [float(loss) for _, loss in logged])
+    axis.set(xlabel="passes over the data", ylabel="loss", yscale="log")
+    figure.savefig(path, dpi=120)
+    plt.close(figure)
+
+
+def _plot_outcomes(path: Path, successes: Sequence[bool], seed: int) -> None:
     count = np.arange(1, len(successes) + 1)
     rate = np.cumsum(successes) / count
     bounds = np.array([wilson(int(won), int(n)) for won, n in zip(np.cumsum(successes), count, strict=True)])

@@ -9,6 +9,7 @@ goes on. Everything ends up in --out: data, checkpoints, evaluation with videos,
 import argparse
 import importlib.util
 import json
+import shutil
 import subprocess
 import sys
 import time
@@ -17,21 +18,24 @@ from pathlib import Path
 from proof_report import write_report
 
 ROOT = Path(__file__).parent.parent
+STEP = Path("training_state", "training_step.json")
 
 
 def run(out: Path, name: str, *command: str) -> None:
-    """Run a command, its output on the terminal; adds the time that it took to times.json.
+    """Run a command, its output on the terminal and in NAME.log; adds the time that it took to times.json.
 
     Raises:
         SystemExit: it failed.
     """
     begin = time.monotonic()
     program = Path(sys.executable).parent / command[0]
-    process = subprocess.Popen([str(program), *command[1:]], cwd=ROOT)
+    process = subprocess.Popen([str(program), *command[1:]], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     try:
+        copy_output(process, out / f"{name}.log")
         status = process.wait()
     except KeyboardInterrupt:
-        process.wait()  # it has been interrupted too, and finishes what must be whole
+        copy_output(process, out / f"{name}.log")  # it has been interrupted too, and finishes what must be whole
+        process.wait()
         raise
     finally:  # what it has done so far counts
         path = out / "times.json"
@@ -42,12 +46,22 @@ def run(out: Path, name: str, *command: str) -> None:
         raise SystemExit(f"{command[0]} failed with status {status}; run this again to go on from here")
 
 
+def copy_output(process: subprocess.Popen[bytes], log: Path) -> None:
+    """As it comes, progress bars too, until the process has ended."""
+    assert process.stdout is not None
+    with log.open("ab") as file:
+        while text := process.stdout.read1():  # type: ignore[attr-defined]
+            sys.stderr.buffer.write(text)
+            sys.stderr.flush()
+            file.write(text)
+
+
 def gather(out: Path, task: str, episodes: int) -> None:
     """Demonstrations, until there are enough."""
     info = out / "data" / "meta" / "info.json"
     if info.exists() and json.loads(info.read_text())["total_episodes"] >= episodes:
         return
-    if (out / "train").exists():
+    if newest_checkpoint(out) is not None:
         raise SystemExit(f"{out / 'train'} was trained on fewer demonstrations than {episodes}; give another --out")
     config = f"configs/train/{task}_eval.yaml"
     data = ("--root", str(out / "data"), "--repo-id", f"local/{task}", "--episodes", str(episodes))
@@ -56,19 +70,25 @@ def gather(out: Path, task: str, episodes: int) -> None:
 
 def train(out: Path, task: str, steps: int, overrides: list[str]) -> Path:
     """Train, or go on training; returns the last checkpoint's policy."""
-    last = out / "train" / "checkpoints" / "last"
+    last = newest_checkpoint(out)
     whole = (f"--steps={steps}", f"--scheduler.num_decay_steps={steps}")
-    trained = json.loads((last / "training_state" / "training_step.json").read_text())["step"] if last.exists() else 0
-    if trained < steps:
-        if last.exists():
-            resumed = ("--resume=true", f"--config_path={last / 'pretrained_model' / 'train_config.json'}")
-            run(out, "train", "lerobot-train", *resumed, *whole, *overrides)
-        else:
-            data = (f"--dataset.root={out / 'data'}", f"--dataset.repo_id=local/{task}")
-            config = f"--config_path=configs/train/{task}_train.yaml"
-            new = (config, *data, f"--output_dir={out / 'train'}")
-            run(out, "train", "lerobot-train", *new, *whole, *overrides)
+    if last is None:
+        shutil.rmtree(out / "train", ignore_errors=True)  # ended before its first checkpoint; LeRobot wants it gone
+        data = (f"--dataset.root={out / 'data'}", f"--dataset.repo_id=local/{task}")
+        config = f"--config_path=configs/train/{task}_train.yaml"
+        run(out, "train", "lerobot-train", config, *data, f"--output_dir={out / 'train'}", *whole, *overrides)
+    elif json.loads((last / STEP).read_text())["step"] < steps:
+        resumed = ("--resume=true", f"--config_path={last / 'pretrained_model' / 'train_config.json'}")
+        run(out, "train", "lerobot-train", *resumed, *whole, *overrides)
+    last = newest_checkpoint(out)
+    if last is None:
+        raise SystemExit(f"lerobot-train has left no checkpoint in {out / 'train'}")
     return last / "pretrained_model"
+
+
+def newest_checkpoint(out: Path) -> Path | None:
+    """The newest whole one; LeRobot writes the step last but for its link `last`, which is missing for a moment."""
+    return max((step.parent.parent for step in out.glob(f"train/checkpoints/[0-9]*/{STEP}")), default=None)
 
 
 def evaluate(out: Path, task: str, policy: Path, episodes: int, seed: int) -> Path:

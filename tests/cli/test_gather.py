@@ -8,8 +8,8 @@ import pytest
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 from lerobot_robot_yam.configs_command import config_path
-from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.gather import _open, environment
+from lerobot_robot_yam.errors import ConfigError, RigError
+from lerobot_robot_yam.gather import _open, environment, gather
 from tests.cli.conftest import Commands
 
 
@@ -28,6 +28,15 @@ def test_demonstrations_are_gathered_and_more_of_them_later(tmp_path):
     for name, camera in environment(config_path("train/lift_and_place_eval")).robot.cameras.items():
         seen = [np.asarray(row[f"observation.images.{name}"]) for row in (first, last)]
         assert seen[0].shape == (3, camera.height, camera.width) and np.abs(seen[1] - seen[0]).mean() > 0.005
+
+
+def test_attempts_that_fail_are_dropped_and_many_in_a_row_are_an_error(tmp_path):
+    env, root = environment(config_path("train/lift_and_place_eval")), tmp_path / "data"
+    env.robot.cameras, env.time_limit_s = {}, 0.2  # no operator is so fast
+    with pytest.raises(RigError, match="failed 20 times in a row"):
+        gather(env, root, "local/gathered", 1, 7)
+    assert json.loads((root / "seeds.json").read_text()) == {str(seed): False for seed in range(7, 27)}
+    assert json.loads((root / "meta" / "info.json").read_text())["total_frames"] == 0
 
 
 def test_a_run_that_was_killed_while_it_saved_is_not_gone_on_with(tmp_path):
