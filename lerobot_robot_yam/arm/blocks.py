@@ -72,15 +72,19 @@ class ControllerBlocks:
             if now - command["target_stamp_s"] <= controller.config.command_timeout_s:
                 controller.aim(command["q"][slots], now, velocity, command["kp"][slots], command["kd"][slots])
 
-    def publish(self, now: float, tick: int) -> None:
-        """Write the arm's state as of this tick; that of an arm which is off is written once, then it stands."""
+    def publish(self, now: float, tick: int, mode: Mode | None = None) -> None:
+        """Write the arm's state as of this tick; that of an arm which is off is written once, then it stands.
+
+        Args:
+            mode: to say instead of the arm's own.
+        """
         if self._ended:
             return
         c, record, slots = self._controller, self._record, self._slots
         chain, drive = c.chain, c.drive
         record["stamp_s"] = now
         record["tick"] = self._first_tick + tick
-        record["mode"] = c.mode
+        record["mode"] = c.mode if mode is None else mode
         record["limited"] = c.limited
         record["q"][slots] = drive.q
         record["dq"][slots] = drive.dq

@@ -2,6 +2,7 @@
 
 import logging
 import math
+from collections.abc import Callable
 
 import can
 import numpy as np
@@ -19,7 +20,7 @@ from lerobot_robot_yam.arm.policy import Trouble
 from lerobot_robot_yam.arm.setpoint import SetPoint
 from lerobot_robot_yam.arm.state import Limited
 from lerobot_robot_yam.damiao.chain import MotorChain
-from lerobot_robot_yam.errors import BusError, ChannelInUseError, MotorError, YamError
+from lerobot_robot_yam.errors import BusError, ChannelInUseError, MotorError
 
 logger = logging.getLogger(__name__)
 
@@ -91,8 +92,11 @@ class ArmBody:
         """
         self.drive.inspect()
 
-    def energise(self) -> None:
+    def energise(self, meanwhile: Callable[[], None] = lambda: None) -> None:
         """Enable the motors, holding the measured pose from the first command on.
+
+        Args:
+            meanwhile: called every 20 ms or so.
 
         Raises:
             ChannelInUseError: somebody else commands these motors; nothing was sent.
@@ -106,8 +110,9 @@ class ArmBody:
                 f"{self.name}: another driver commands the motors on {self.config.channel}; stop it and try again"
             )
         try:
-            self.drive.enable()
+            self.drive.enable(meanwhile)
             for _ in range(_ENABLE_TICKS):
+                meanwhile()
                 self.setpoint.seed(self.q)  # as of now: since it was inspected, a hand may have moved a limp arm
                 self.command(0.0, 0.0)
                 finding = self.drive.exchange(self.motion.commands)
@@ -121,7 +126,8 @@ class ArmBody:
                 )
             if finding.trouble is not None:  # somebody else is on the channel
                 raise MotorError(f"{self.name} ({self.config.channel}): {finding.message}")
-        except YamError:
+        except BaseException:
+            meanwhile()
             self._switch_off()
             raise
         self.mode = Mode.BRING_UP
@@ -267,7 +273,10 @@ class ArmBody:
     def _switch_off(self) -> None:
         """Cut torque. Only from a landed pose, or where the arm was limp a moment ago."""
         try:
-            self.drive.disable()
+            silent = self.drive.disable()
+            if silent:
+                names = ", ".join(silent)
+                logger.error("%s: %s did not say that they are off; their watchdogs switch them off", self.name, names)
         except BusError as error:
             logger.error("%s: nothing reaches its motors; they let go by themselves: %s", self.name, error)
         self.mode = Mode.OFF

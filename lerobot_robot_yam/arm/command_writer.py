@@ -1,6 +1,7 @@
 """What a caller tells the control loop: targets and requests, written into a command block."""
 
 import math
+import threading
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -13,9 +14,10 @@ _GRIPPER_OPTIONS = {"dq": 0.0, "kp": math.nan, "kd": math.nan}  # it has its own
 
 
 class CommandWriter:
-    """The command block of one arm; `key` names it. One thread writes."""
+    """The command block of one arm; `key` names it. Any thread may write: who re-arms is often not who streams."""
 
     def __init__(self, key: str):
+        self._lock = threading.Lock()
         self._block = SharedBlock(command_path(key), COMMAND_DTYPE, create=True)
         self._stamp_s, self._number, self._target = 0.0, 0, _UNSET
         self._options = [_UNSET] * len(_GRIPPER_OPTIONS)
@@ -36,22 +38,24 @@ class CommandWriter:
         """
         gap = _UNSET[: GRIPPER - joints]
         gripper = target[-1] if len(target) > joints else math.nan
-        self._target = [*target[:joints], *gap, gripper]
-        self._options = [
+        rows = [
             [*options[field].tolist(), *gap, last] if field in options else _UNSET
             for field, last in _GRIPPER_OPTIONS.items()
         ]
-        self._stamp_s = stamp_s
-        self._number += 1
-        self._write()
+        with self._lock:
+            self._target, self._options = [*target[:joints], *gap, gripper], rows
+            self._stamp_s = stamp_s
+            self._number += 1
+            self._write()
 
     def request(self, request: Request) -> int:
         """Write a request, and return its number; a target the loop has not looked at yet is void."""
-        self._asked = request
-        self._requests += 1
-        self._stamp_s = -math.inf
-        self._write()
-        return self._requests
+        with self._lock:
+            self._asked = request
+            self._requests += 1
+            self._stamp_s = -math.inf
+            self._write()
+            return self._requests
 
     def _write(self) -> None:
         values = [self._stamp_s, self._number, *self._target, *(value for row in self._options for value in row)]

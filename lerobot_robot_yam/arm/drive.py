@@ -1,6 +1,6 @@
 """The motors of one arm as joints: bring-up checks, commands out, positions in. No life cycle, no laws."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import can
 import numpy as np
@@ -88,8 +88,11 @@ class ArmDrive:
         self.chain.assume(self._map.motor(motor_q))
         self.read()
 
-    def enable(self) -> None:
+    def enable(self, meanwhile: Callable[[], None] = lambda: None) -> None:
         """Enable all motors, and hear where they are by now; they wait for a command, without torque.
+
+        Args:
+            meanwhile: called between questions.
 
         Raises:
             MotorError: one does not answer.
@@ -98,6 +101,7 @@ class ArmDrive:
         for _ in range(_ASK_AGAIN):
             if all(answered):
                 break
+            meanwhile()
             answered = np.logical_or(answered, self.chain.refresh(_SOON_S))
         self.read()
         silent = [self.chain.motors[i] for i in np.flatnonzero(np.logical_not(answered))]
@@ -133,11 +137,14 @@ class ArmDrive:
         self.read()
         return heard
 
-    def disable(self) -> None:
-        """Cut torque."""
+    def disable(self) -> list[str]:
+        """Cut torque. Returns the motors that have not confirmed it."""
+        confirmed = np.zeros(len(self.chain), dtype=bool)
         for _ in range(3):
-            if all(self.chain.special(SpecialCommand.DISABLE, _SOON_S)):
+            confirmed |= self.chain.special(SpecialCommand.DISABLE, _SOON_S)
+            if confirmed.all():
                 break
+        return [self.chain.motors[i].name for i in np.flatnonzero(~confirmed)]
 
     def send(self, commands: np.ndarray) -> None:
         """Put commands (n, 5) on the wire.

@@ -1,6 +1,7 @@
 """The gripper's part of an arm: search for its stops, normalised coordinate, force-limited command."""
 
 import logging
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,8 @@ from lerobot_robot_yam.arm.profile import GripperProfile
 from lerobot_robot_yam.errors import GripperError
 
 logger = logging.getLogger(__name__)
+
+STORING = "yam-gripper-stops"  # name of the thread that writes them
 
 
 class GripperAxis:
@@ -106,15 +109,20 @@ class GripperAxis:
                     stops.open_rad,
                 )
             if self._anew and self._path is not None:
-                try:
-                    save_stops(self._name, self._path, self._profile.name, stops)
-                except GripperError as error:  # the arm can be driven; who asked for a calibration looks for the file
-                    logger.error("%s", error)
+                store = threading.Thread(target=self._store, args=(self._path, stops), name=STORING, daemon=True)
+                store.start()
             return float(found.value.shift_rad)
         except GripperError:
             self.stop_search()
             raise
         return None
+
+    def _store(self, path: Path, stops: GripperStops) -> None:
+        """In a thread: a file system can take longer than motors wait for commands."""
+        try:
+            save_stops(self._name, path, self._profile.name, stops)
+        except GripperError as error:  # the arm can be driven; who asked for a calibration looks for the file
+            logger.error("%s", error)
 
     def adopt(self, closed_rad: float, open_rad: float) -> None:
         """Take over stops that another loop has verified; NaN: there are none, the motor is kept still."""

@@ -30,6 +30,10 @@ _ENDED = (Mode.OFF, Mode.OFFLINE)
 _LAWS_S = 0.0008  # states, laws and packing of two arms take half of it where nothing else runs
 _BREATH_S = 0.0001  # for the rest of the computer: a real-time process that never sleeps is stopped for 50 ms at a time
 _MOST_DT_S = 0.012  # after a pause the set-points go on from where they were, not in one leap
+_STOPPED_EARLY = (
+    "the emergency stop was latched while the arms came up; they land when it is released: look at them, then "
+    "`yam-estop release`, and connect again"
+)
 _GUARDED = (Mode.HOLD, Mode.TRACK)  # a landing ends where the arm touches itself
 
 
@@ -70,15 +74,26 @@ class ControlLoop:
         Raises:
             YamError: names what failed.
         """
-        energised: list[ArmController] = []
+        begun: list[tuple[ArmController, ControllerBlocks]] = []
+
+        def meanwhile() -> None:
+            """Those that are up are held, and a stand-by knows of them and of the next one, however long it takes."""
+            self._tick += 1
+            for controller, blocks in begun:
+                if controller.mode is Mode.BRING_UP:
+                    controller.send()
+                blocks.publish(self._clock.now(), self._tick, Mode.BRING_UP)
+
         try:
             for controller, blocks in zip(self._controllers, self._blocks, strict=True):
-                blocks.publish(self._clock.now(), 0)  # a stand-by has to know the arm before it is energised
-                controller.energise()
-                energised.append(controller)
+                controller.setpoint.seed(controller.q)
+                begun.append((controller, blocks))
+                meanwhile()
+                controller.energise(meanwhile)
         except BaseException:
-            for controller in energised:  # they were limp a moment ago and have not moved
+            for controller, blocks in begun:  # they were limp a moment ago and have not moved
                 controller.abandon()
+                blocks.publish(self._clock.now(), self._tick)
             raise
 
     def run(self, on_ready: Callable[[], None] = lambda: None, must_land: Callable[[], bool] = lambda: False) -> None:
@@ -102,7 +117,7 @@ class ControlLoop:
         clock = self._clock
         self._last = deadline = clock.now()
         for blocks in self._blocks:
-            blocks.publish(deadline, 0)
+            blocks.publish(deadline, self._tick)
         while True:
             now = clock.now()
             self.statistics.tick(now)
@@ -263,9 +278,13 @@ class ControlLoop:
     def _bring_up(self, on_ready: Callable[[], None]) -> bool:
         """True when all arms have left bring-up; when one fails they all land, since a hand may have let go by now."""
         modes = [controller.mode for controller in self._controllers]
-        if Mode.FAULT in modes and not self._failure:
-            self._failure = self._controllers[modes.index(Mode.FAULT)].message
-            logger.error("bring-up failed, landing: %s", self._failure)
+        if not self._failure:
+            if Mode.FAULT in modes:
+                self._failure = self._controllers[modes.index(Mode.FAULT)].message
+            elif Mode.STOPPED in modes:
+                self._failure = _STOPPED_EARLY
+            if self._failure:
+                logger.error("bring-up failed, landing: %s", self._failure)
         if Mode.BRING_UP in modes or self._failure:
             return False
         on_ready()

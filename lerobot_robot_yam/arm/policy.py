@@ -89,6 +89,7 @@ class Rule:
 _REARM = "`rearm()` once the cause is gone, or connect again"
 _RECONNECT = "connect again"
 _MOTOR_ERROR = "MotorError that names motor and cause"
+PARENT_S = 0.03  # it is looked for every 20 ms
 TICK_S = 0.01  # one tick of the loop and one of its caller's reads, rounded up
 SILENT_S = 0.1  # a motor that has not answered for so long is lost: a quarter of its own watchdog
 HEAT_S = 0.6  # a temperature is believed once it has been steady for half a second
@@ -198,7 +199,7 @@ POLICY: dict[Trouble, Rule] = {
         "`yam-estop`, `EmergencyStop().latch()`, or the handle button of `estop_button`",
         Response.STOP,
         Response.STOP,
-        "observations go on; actions are answered with the pose that is held",
+        "observations go on (unless a gripper's stops are unknown); actions are answered with the pose held",
         TICK_S,
         "`yam-estop release`; motion resumes from the measured pose",
     ),
@@ -211,7 +212,7 @@ POLICY: dict[Trouble, Rule] = {
         "not needed: the next target",
     ),
     Trouble.CALLER_DEAD: Rule(
-        "its process is gone (exception, signal, kill -9)", Response.LAND, Response.LAND, "—", TICK_S, _RECONNECT
+        "its process is gone (exception, signal, kill -9)", Response.LAND, Response.LAND, "—", PARENT_S, _RECONNECT
     ),
     Trouble.CAMERA_DEAD: Rule(
         "a camera has no new image",

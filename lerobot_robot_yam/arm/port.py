@@ -1,7 +1,9 @@
 """The caller's handle on one arm: its state block to read, its command block to write."""
 
+import contextlib
 import logging
 import math
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -33,6 +35,7 @@ logger = logging.getLogger(__name__)
 
 _REQUEST_TIMEOUT_S = 1.0
 _SEARCH_TIMEOUT_S = 20.0
+_STORE_TIMEOUT_S = 2.0  # of a disk that other things write to
 _FAILED = (Mode.FAULT, Mode.LAND, Mode.OFF)  # with a message: not because the caller has asked for it
 _WITHOUT_STOPS = {
     Mode.BRING_UP: "they are being sought; wait",
@@ -116,13 +119,16 @@ class ArmPort:
         if newest is None or newest[0] != sequence:  # who observes answers within one tick: it is not read twice
             newest = self._newest = (sequence, self._examined())
         state = newest[1]
-        age = self._clock.now() - state.stamp_s
+        self._check_age(state.stamp_s)
+        return state
+
+    def _check_age(self, stamp_s: float) -> None:
+        age = self._clock.now() - stamp_s
         if age > self.config.max_state_age_s:
             raise StaleStateError(
                 f"{self.config.name} ({self.config.channel}): newest state is {age:.2f} s old; "
                 "the control loop or a motor is silent"
             )
-        return state
 
     def _examined(self) -> ArmState:
         record, name = self._raw(), self.config.name
@@ -236,19 +242,25 @@ class ArmPort:
         """
         self._request(Request.REARM)
 
-    def await_gripper(self) -> Mode:
-        """Wait until nobody seeks the gripper's stops any more; the mode the arm is in then.
+    def await_gripper(self) -> None:
+        """Wait until nobody seeks the gripper's stops any more.
 
         Raises:
-            MotorError: the search failed, or does not end.
+            MotorError: they are unknown still: the search has failed, was cut short, or does not end.
+            StaleStateError: the control loop is silent.
         """
-        deadline = self._clock.now() + _SEARCH_TIMEOUT_S
-        while (mode := self.mode()) is Mode.BRING_UP:
+        name, deadline = self.config.name, self._clock.now() + _SEARCH_TIMEOUT_S
+        while Mode(int((record := self._raw())["mode"])) is Mode.BRING_UP:
+            self._check_age(float(record["stamp_s"]))
             if self._clock.now() > deadline:
-                raise MotorError(f"{self.config.name}: the search for the gripper's stops does not end")
+                raise MotorError(f"{name}: the search for the gripper's stops does not end")
             self._clock.sleep(0.02)
-        self._decoded(self._raw())
-        return mode
+        state = self._decoded(record)
+        if self.hardware.has_gripper and math.isnan(record["gripper_stops_rad"][0]):
+            raise MotorError(
+                f"{name}: the search for the gripper's stops was cut short ({state.mode.name.lower()}); "
+                "calibrate it (lerobot-calibrate)"
+            )
 
     @property
     def done(self) -> bool:
@@ -280,23 +292,26 @@ class ArmPort:
             GripperError: they are not stored in `calibration_path`; those that were found count until the arm is off.
         """
         self._request(Request.CALIBRATE_GRIPPER)
-        mode = self.await_gripper()
-        if mode in (Mode.STOPPED, Mode.LAND, Mode.OFF):
-            raise MotorError(
-                f"{self.config.name}: the gripper calibration was cut short ({mode.name.lower()}); calibrate again"
-            )
+        self.await_gripper()
         if self.config.calibration_path is not None:
             self._check_stored(Path(self.config.calibration_path))
 
     def _check_stored(self, path: Path) -> None:
         """The loop goes on when it cannot store what it has found, but who calibrates does it for the file."""
-        stored = load_stops(self.config.name, path, self.hardware.gripper.name)
         found = self._raw()["gripper_stops_rad"].tolist()
-        if stored is None or [stored.closed_rad, stored.open_rad] != found:
-            raise GripperError(
-                f"{self.config.name}: nothing was stored in {path}; the log above says why. Mend that and calibrate "
-                "again (lerobot-calibrate), or the next start searches the stops"
-            )
+        deadline = time.monotonic() + _STORE_TIMEOUT_S
+        while True:
+            last = time.monotonic() > deadline
+            with contextlib.nullcontext() if last else contextlib.suppress(GripperError):  # what was there before
+                stored = load_stops(self.config.name, path, self.hardware.gripper.name)
+                if stored is not None and [stored.closed_rad, stored.open_rad] == found:
+                    return
+            if last:
+                raise GripperError(
+                    f"{self.config.name}: nothing was stored in {path}; the log above says why. Mend that and "
+                    "calibrate again (lerobot-calibrate), or the next start searches the stops"
+                )
+            time.sleep(0.02)
 
     def _request(self, request: Request) -> None:
         number = self._commands.request(request)

@@ -121,8 +121,7 @@ def _state(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
         },
     }
     if request.get("bodies"):
-        names = [world.model.body(i).name for i in range(1, world.model.nbody)]
-        answer["bodies"] = {name: world.data.body(name).xpos for name in names}
+        answer["bodies"] = world.bodies()
     return answer
 
 

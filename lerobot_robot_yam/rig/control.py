@@ -66,7 +66,10 @@ class RigOperations(ABC):
         return self.request("stats")
 
     def events(self, since: int = 0) -> list[dict[str, Any]]:
-        """All events from number `since` on, each with number, sim_s, monotonic_s, kind and details."""
+        """All events from number `since` on, each with number, sim_s, monotonic_s, kind and details.
+
+        Of motor_disabled: channel, motor, and where the arm's bodies are at that moment, as in `state`.
+        """
         found: list[dict[str, Any]] = []
         while True:
             chunk = self.request("events", since=since)["events"]

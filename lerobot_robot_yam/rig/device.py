@@ -61,7 +61,8 @@ class RigDevice:
         zeros = np.zeros(len(motors)) if row.zero_offset_rad is None else row.zero_offset_rad
 
         def log(kind: str, **details: Any) -> None:
-            self.events.add(kind, channel=row.channel, **details)
+            where = {"bodies": self.world.bodies(f"{row.channel}/")} if kind == "motor_disabled" else {}
+            self.events.add(kind, channel=row.channel, **details, **where)
             self.watch.note(row.channel, kind, **details)
 
         found = []

@@ -175,6 +175,11 @@ class World:
         arm, _ = self.profiles[channel]
         return [int(self.model.joint(f"{channel}/joint{i + 1}").qposadr[0]) for i in range(arm.joint_count)]
 
+    def bodies(self, of: str = "") -> dict[str, list[float]]:
+        """Position of each body whose name begins so, (3,) m."""
+        names = [self.model.body(i).name for i in range(1, self.model.nbody)]
+        return {name: self.data.body(name).xpos.tolist() for name in names if name.startswith(of)}
+
     def finger_addresses(self, channel: str) -> list[int]:
         """Positions of the fingers' joints in qpos."""
         _, gripper = self.profiles[channel]

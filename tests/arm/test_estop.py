@@ -1,6 +1,7 @@
 """The emergency stop: latched for everything on this machine, released on purpose, no jump afterwards."""
 
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -8,7 +9,8 @@ import pytest
 from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.state import Limited
-from lerobot_robot_yam.errors import EmergencyStopError
+from lerobot_robot_yam.errors import EmergencyStopError, MotorError
+from lerobot_robot_yam.rig.control import running_rig
 
 from .rigged import either_rig, isolation_of, session_on, sim_config, track
 
@@ -101,6 +103,34 @@ def test_nothing_is_energised_while_it_is_latched(rig, stop):
     stop.release()
     session.start()
     session.stop()
+
+
+def test_a_stop_while_the_arms_come_up_ends_the_start_and_they_land_when_it_is_released(stop):
+    with running_rig(arms=["follower_left"]) as live:
+        session = session_on(live, sim_config(live, "follower_left", gripper_stops_rad=None))  # to be sought: seconds
+        raised = []
+
+        def begin():
+            try:
+                session.start()
+            except MotorError as error:
+                raised.append(str(error))
+
+        def on():
+            return [m["enabled"] for m in live.state()["arms"]["follower_left"]["motors"].values()]
+
+        starting = threading.Thread(target=begin)
+        starting.start()
+        while not all(on()):
+            time.sleep(0.01)
+        time.sleep(0.3)
+        stop.latch("a test")
+        time.sleep(0.5)
+        assert starting.is_alive() and all(on())  # held
+        stop.release()
+        starting.join(20.0)
+        assert len(raised) == 1 and "latched while the arms came up" in raised[0]
+        assert not any(on())
 
 
 @pytest.mark.parametrize("begin", ["asked to land", "the session ends"])

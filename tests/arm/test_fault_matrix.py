@@ -10,14 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.lifecycle import Mode
-from lerobot_robot_yam.arm.policy import POLICY, Response, Trouble
+from lerobot_robot_yam.arm.policy import POLICY, Response, Trouble, stale_overshoot_rad_s
 from lerobot_robot_yam.arm.state import Limited
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.rig.control import RigOperations, running_rig
 from lerobot_robot_yam.rig.lockstep import LockstepRig
 
+from ..landed import MOST_M, moved_after_cut_m
 from .rigged import isolation_of, pause, session_on, sim_config, track
 
 LEFT, RIGHT, LEADER = "follower_left", "follower_right", "leader_left"
@@ -213,6 +215,8 @@ def check(rig, fault, phase):
         track(session, dict.fromkeys(followers, AWAY), 1.3)
         for channel in followers if phase == "hold" else []:
             session[channel].hold()
+        for channel in channels:
+            rig.watch_start(channel)
         if phase == "land":
             check_landing(rig, session, fault, channels)
         else:
@@ -220,8 +224,25 @@ def check(rig, fault, phase):
     finally:
         rig.clear_faults(fault.channel)
         session.stop()
+    pause(rig, 0.5)
     for channel in channels:
         assert not enabled(rig, channel)
+        assert moved_after_cut_m(rig, channel) < MOST_M
+        check_extremes(rig, channel)
+
+
+def check_extremes(rig, channel):
+    """No motor was stronger than its clip; nor faster than its limit and what a late command may add, unless a dead
+    joint of its arm fell."""
+    seen, hardware = rig.watch(channel), Hardware(sim_config(rig, channel))
+    n = hardware.joints
+    late_s = np.maximum(np.array(seen["max_command_age_s"][:n]) - 0.008, 0.0)
+    clip = 1.05 * hardware.torque_limit_nm[:n] + 1.0 + hardware.kp[:n] * hardware.speed_limit[:n] * late_s
+    assert np.all(seen["max_torque_nm"][:n] < clip), seen
+    dead = [e for e in rig.events() if e["kind"] == "motor_fault" and e["channel"] == channel]
+    if not dead or dead[-1]["monotonic_s"] < seen["since_s"]:
+        allowed = 1.3 * hardware.speed_limit[:n] + [stale_overshoot_rad_s(float(age_s)) for age_s in late_s]
+        assert np.all(seen["max_speed_rad_s"][:n] < allowed), seen
 
 
 def check_bring_up(rig, fault):
@@ -298,6 +319,8 @@ def check_in_session(rig, session, fault, peer):
         assert np.abs(np.subtract(after, before))[others].max() < 0.25
     rig.clear_faults(fault.channel)
     if rule.in_place:
+        clock.sleep(1.0)  # what falls has fallen
+        rig.watch_start(fault.channel)
         session.rearm()
         assert port.observe().mode is Mode.HOLD and not trouble_of(session, fault.channel)
         track(session, dict.fromkeys([fault.channel, *([peer] if peer else [])], AWAY), 0.3)

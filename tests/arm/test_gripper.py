@@ -1,6 +1,8 @@
 """Search and verification of the stops against a small model of a gripper: a motor between two walls."""
 
 import json
+import os
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +11,7 @@ import pytest
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.force_limiter import ForceLimiter
 from lerobot_robot_yam.arm.gripper import GripperStops, find_stops, load_stops, save_stops, verify_stops
-from lerobot_robot_yam.arm.gripper_axis import GripperAxis
+from lerobot_robot_yam.arm.gripper_axis import STORING, GripperAxis
 from lerobot_robot_yam.arm.joints import TURN
 from lerobot_robot_yam.arm.profile import load_gripper
 from lerobot_robot_yam.errors import GripperError
@@ -134,7 +136,15 @@ def gripper_axis(path, configured=None):
 
 
 def bring_up(axis, fingers, calibrate=False):
-    """As the control loop does it; returns the shift."""
+    """As the control loop does it, and until what was found is stored; returns the shift."""
+    shift = found_by(axis, fingers, calibrate)
+    for thread in threading.enumerate():
+        if thread.name == STORING:
+            thread.join()
+    return shift
+
+
+def found_by(axis, fingers, calibrate=False):
     axis.begin(calibrate)
 
     def send(at):
@@ -211,6 +221,16 @@ def test_stops_that_cannot_be_stored_count_all_the_same(tmp_path, caplog):
     bring_up(axis, Fingers(0.4), calibrate=True)
     assert axis.stops.closed_rad == pytest.approx(CLOSED, abs=0.02)
     assert f"left: the gripper's stops cannot be stored in {path}" in caplog.text and "File exists" in caplog.text
+
+
+def test_a_disk_that_hangs_does_not_hold_the_loop_up(tmp_path):
+    path = tmp_path / "left.json"
+    hangs = path.with_name(f"{path.name}.{os.getpid()}")
+    os.mkfifo(hangs)
+    axis = gripper_axis(path)
+    found_by(axis, Fingers(0.4), calibrate=True)
+    assert axis.stops is not None and not path.exists()
+    assert json.loads(hangs.read_text())["gripper"] == "linear_4310"
 
 
 def test_a_calibration_that_cannot_be_read_is_refused_by_name(tmp_path):

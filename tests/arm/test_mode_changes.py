@@ -298,9 +298,9 @@ def test_nothing_is_enabled_against_somebody_else(rig, meanwhile, error):
             other.send(can.Message(arbitration_id=1, data=encode_mit("DM4340", 0, 0, 0, 0, 0), is_extended_id=False))
         rig.sleep(0.01)
 
-    def enable_late():
+    def enable_late(tell):
         speak()
-        enable()
+        enable(tell)
 
     if meanwhile:
         controller.drive.enable = enable_late

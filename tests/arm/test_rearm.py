@@ -5,10 +5,11 @@ import pytest
 
 from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.lifecycle import Mode
+from lerobot_robot_yam.arm.policy import HUNG_S
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import LifeCycleError
 
-from .rigged import lockstep_rig, running_arm, track
+from .rigged import lockstep_rig, rig_of, running_arm, session_on, sim_config, track
 
 CHANNEL = "follower_left"
 POSE = np.array([0.2, 1.0, 1.1, -0.3, 0.1, 0.1])
@@ -90,3 +91,17 @@ def test_a_re_arm_ends_when_the_gripper_knows_where_it_is(rig, session):
     state = session[CHANNEL].observe()
     assert state.mode is Mode.HOLD
     assert state.gripper == pytest.approx(rig.state()["arms"][CHANNEL]["opening"], abs=0.02)
+
+
+def test_while_a_whole_arm_is_re_armed_its_peer_goes_on_being_commanded(tmp_path):
+    channels = (CHANNEL, "follower_right")
+    with rig_of("lockstep", arms=list(channels)) as rig:
+        session = session_on(rig, *(sim_config(rig, channel) for channel in channels))
+        session.start()
+        for motor in rig.state()["arms"][CHANNEL]["motors"]:
+            rig.fault(CHANNEL, motor, "nibble", int(Fault.UNDER_VOLTAGE))
+        session.clock.sleep(0.1)
+        rig.watch_start(channels[1])
+        session.rearm()
+        assert max(rig.watch(channels[1])["max_command_age_s"]) < HUNG_S / 2
+        session.discard()

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from lerobot_robot_yam.rig.control import running_rig
+from tests.landed import MOST_M, moved_after_cut_m
 
 ROOT = Path(__file__).parent.parent.parent
 CHANNELS = ("follower_left", "follower_right", "leader_left", "leader_right")
@@ -76,16 +77,13 @@ class Commands:
             time.sleep(0.1)
 
     def assert_landed(self):
-        """No motor is on, and nothing falls: cut torque moves no body by more than 1 cm."""
+        """No motor is on, and cutting torque has moved no body by more than 1 cm."""
         arms = self.rig.state()["arms"]
         on = [(c, name) for c in CHANNELS for name, motor in arms[c]["motors"].items() if motor["enabled"]]
         assert not on, f"still enabled: {on}\n{self.output()[-4000:]}"
-        before = self.rig.state(bodies=True)["bodies"]
         time.sleep(1.5)
-        after = self.rig.state(bodies=True)["bodies"]
-        for body, position in before.items():
-            moved = sum((a - b) ** 2 for a, b in zip(position, after[body], strict=True)) ** 0.5
-            assert moved < 0.01, f"{body} moved {moved:.3f} m after torque was cut"
+        for channel in CHANNELS:
+            assert moved_after_cut_m(self.rig, channel) < MOST_M, f"{channel} fell\n{self.output()[-4000:]}"
 
 
 @pytest.fixture
