@@ -64,10 +64,11 @@ class Injector(threading.Thread):
         self.lossy()
 
     def lossy(self) -> None:
-        """Every motor loses `LOSS_RATE` of its answers, from now on."""
+        """`LOSS_RATE` of all frames get lost, either way, from now on."""
         with self._lock:
             for channel in CHANNELS:
                 self._rig.fault(channel, None, "loss_rate", LOSS_RATE)
+                self._rig.fault(channel, None, "command_loss_rate", LOSS_RATE)
 
     def begin(self, now_s: float) -> None:
         """The schedule's time 0 is now."""

@@ -13,9 +13,11 @@ from typing import Any
 from soak_arm import Arm
 from soak_checks import Finding, PolicyCheck
 from soak_context import Context, cpu_times, steal_share
+from soak_obedience import ObedienceCheck
 from soak_stalls import ProcessorWatch
 from soak_truth import Truth
 
+from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.policy import Trouble
 from lerobot_robot_yam.realtime import request_realtime
 from lerobot_robot_yam.rig.control import RigControl
@@ -32,6 +34,8 @@ _EXCUSABLE = frozenset(
         "joint speed",
         "torque clip",
         "the state is true",
+        "an emergency stop stops",
+        "a silent caller's arm holds",
     }
 )
 
@@ -46,6 +50,9 @@ class Monitor:
         self._rig = RigControl(job["rig"], hold=False)
         self._truth = Truth(self._rig, self._arms, self._context)
         self._policy = PolicyCheck({channel: arm.peer for channel, arm in self._arms.items()})
+        self._obedience = {channel: ObedienceCheck(channel) for channel in self._arms}
+        self._stop = EmergencyStop()
+        self._stopped_since_s: float | None = None
         self._next_event = 0
         self._news: list[tuple[float, str, Trouble]] = []
         self._violations = self._excused = 0
@@ -70,10 +77,17 @@ class Monitor:
         self._rig.close()
 
     def _look(self) -> None:
-        for channel, arm in self._arms.items():
-            record = arm.read()
+        records = {channel: arm.read() for channel, arm in self._arms.items()}
+        if not self._stop.latched:  # later than what has been read: it was latched then, too
+            self._stopped_since_s = None
+        elif self._stopped_since_s is None:
+            self._stopped_since_s = time.monotonic()
+        for channel, record in records.items():
             if record is None:
                 continue
+            arm = self._arms[channel]
+            for finding in self._obedience[channel].look(record, self._stopped_since_s):
+                self._report(finding)
             for finding in arm.check.look(record):
                 self._report(finding)
             findings, news = self._policy.look(channel, record, self._arms[arm.peer].record)
@@ -140,6 +154,10 @@ class Monitor:
             "largest_landing_speed_ratio": max(arm.check.largest_landing_ratio for arm in arms),
             "seeds": seeds,
             "outcomes": [[trouble, mode, count] for (trouble, mode), count in sorted(self._policy.outcomes.items())],
+            "obeyed": {
+                "records in an emergency stop": sum(check.stops for check in self._obedience.values()),
+                "records of a silent caller's arm": sum(check.silences for check in self._obedience.values()),
+            },
             "limited": dict(sorted(self._policy.limited.items())),
             **self._truth.summary(self._begin_s),
         }

@@ -1,5 +1,6 @@
 """What all tests share: a runtime directory of their own, a virtual rig, and a check that nothing is left behind."""
 
+import contextlib
 import fcntl
 import os
 import signal
@@ -127,8 +128,27 @@ def _left() -> dict[str, set[str]]:
     return {
         "processes": {f"{pid} {line}" for pid, line in _processes().items()},
         "threads": {f"{t.name} {t.ident}" for t in threading.enumerate()},
+        "sockets": _sockets(),
         "files": files,
     }
+
+
+def _sockets() -> set[str]:
+    found = set()
+    for entry in os.scandir("/proc/self/fd"):
+        with contextlib.suppress(OSError):  # of this very look
+            found.add(os.readlink(entry.path))
+    return {target for target in found if target.startswith("socket:")}
+
+
+def _what_is_new(before: dict[str, set[str]]) -> dict[str, set[str]]:
+    """What is there that was not before, once it has had time to go."""
+    deadline = time.monotonic() + _SETTLE_S
+    while True:
+        extra = {kind: names - before[kind] for kind, names in _left().items() if names - before[kind]}
+        if not extra or time.monotonic() > deadline:
+            return extra
+        time.sleep(0.05)
 
 
 @pytest.fixture(autouse=True)
@@ -137,14 +157,18 @@ def nothing_left_behind() -> Iterator[None]:
     global _leaked
     before = _left()
     yield
-    deadline = time.monotonic() + _SETTLE_S
-    while True:
-        extra = {kind: names - before[kind] for kind, names in _left().items() if names - before[kind]}
-        if not extra or time.monotonic() > deadline:
-            break
-        time.sleep(0.05)
+    extra = _what_is_new(before)
     (RUNTIME / "emergency-stop").unlink(missing_ok=True)  # of a test that has failed: no other shall fail of it
     _leaked = bool(extra)
+    assert not extra, f"left behind: {extra}"
+
+
+@pytest.fixture(autouse=True, scope="module")
+def nothing_left_behind_by_a_module() -> Iterator[None]:
+    """The same of what the tests of a module share, which is there before the first of them and after the last."""
+    before = _left()
+    yield
+    extra = _what_is_new(before)
     assert not extra, f"left behind: {extra}"
 
 

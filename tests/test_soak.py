@@ -27,10 +27,11 @@ def soak(monkeypatch):
     monkeypatch.syspath_prepend(str(SCRIPTS))
     import soak_checks
     import soak_context
+    import soak_obedience
     import soak_schedule
 
     class Modules:
-        checks, context, schedule = soak_checks, soak_context, soak_schedule
+        checks, context, schedule, obedience = soak_checks, soak_context, soak_schedule, soak_obedience
 
     return Modules
 
@@ -175,6 +176,17 @@ def test_trouble_needs_a_cause(soak):
     assert not context.explained(CHANNEL, 15.0)
 
 
+@pytest.mark.parametrize(
+    ("mode", "stopped_s", "wrong"),
+    [(Mode.STOPPED, 101.0, ""), (Mode.HOLD, 101.0, "stops"), (Mode.HOLD, None, ""), (Mode.TRACK, None, "silent")],
+)
+def test_arms_obey_an_emergency_stop_and_silence(soak, mode, stopped_s, wrong):
+    check = soak.obedience.ObedienceCheck(CHANNEL)
+    found = [f for tick in range(0, 500, 5) for f in check.look(record(tick, np.zeros(7), mode), stopped_s)]
+    assert [wrong in finding.invariant for finding in found] == [True] * bool(wrong)  # said once
+    assert check.stops > 0 if mode is Mode.STOPPED else check.stops == 0
+
+
 def test_the_schedule_depends_on_the_seed_only(soak):
     make = soak.schedule.make_schedule
     assert make(300.0, 1) == make(300.0, 1) != make(300.0, 2)
@@ -265,4 +277,6 @@ def test_a_short_soak(tmp_path):
 @pytest.mark.timeout(2400)
 def test_twenty_minutes(tmp_path):
     figures, _ = run_soak(tmp_path, "--minutes", "20", "--seed", "1", timeout_s=2300)
-    assert figures["injected"]["motor_fault"] >= 38
+    least = {"motor_fault": 38, "lost_replies": 400, "camera_stall": 25, "caller_stall": 35, "emergency_stop": 10}
+    assert {kind: figures["injected"][kind] for kind in least if figures["injected"][kind] < least[kind]} == {}
+    assert all(figures["judge"]["obeyed"].values())

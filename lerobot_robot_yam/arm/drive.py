@@ -1,6 +1,6 @@
 """The motors of one arm as joints: bring-up checks, commands out, positions in. No life cycle, no laws."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import can
 import numpy as np
@@ -18,10 +18,11 @@ from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.encoder import HandleEncoder
 from lerobot_robot_yam.damiao.quantisation import Quantiser
 from lerobot_robot_yam.damiao.registers import Register
+from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import MotorError, YamError
 
 _ANSWER_S = 0.006  # motors answer within a few ms, and meanwhile nobody commands the other arm
-_ASK_AGAIN = 5  # an answer may get lost
+_ASK_AGAIN = 5  # a question or its answer may get lost
 _SOON_S = 0.02  # where nobody is waiting
 
 
@@ -97,19 +98,27 @@ class ArmDrive:
         Raises:
             MotorError: one does not answer.
         """
-        answered: Sequence[bool] | np.ndarray = self.chain.special(SpecialCommand.ENABLE, _SOON_S)
-        for _ in range(_ASK_AGAIN):
-            if all(answered):
-                break
-            meanwhile()
-            answered = np.logical_or(answered, self.chain.refresh(_SOON_S))
+        silent = [self.chain.motors[i] for i in self._enable(range(len(self.chain)), _SOON_S, meanwhile)]
         self.read()
-        silent = [self.chain.motors[i] for i in np.flatnonzero(np.logical_not(answered))]
         if silent:
             names = ", ".join(f"{motor.name} (id {motor.can_id})" for motor in silent)
             raise MotorError(
                 f"{self._config.name} ({self._config.channel}): cannot enable {names}: no answer; check power and cable"
             )
+
+    def _enable(
+        self, motors: Iterable[int], timeout_s: float, meanwhile: Callable[[], None] = lambda: None
+    ) -> list[int]:
+        """ENABLE, again where it or its answer has got lost; returns the motors that have not answered."""
+        off, silent = list(motors), []
+        for _ in range(_ASK_AGAIN):
+            answered = self.chain.special(SpecialCommand.ENABLE, timeout_s, off)
+            silent = [i for i in off if not answered[i]]
+            off = [i for i in off if not answered[i] or self.chain.fault[i] == Fault.DISABLED]
+            if not off:
+                break
+            meanwhile()
+        return silent
 
     def clear_and_enable(self, motors: Sequence[int]) -> list[int]:
         """Clear the faults of these motors and enable them; they wait for a command, without torque.
@@ -127,7 +136,7 @@ class ArmDrive:
             chain.refresh(_ANSWER_S)
         heard = [i for i in motors if chain.clock.now() - chain.stamp_s[i] < SILENT_S]
         chain.special(SpecialCommand.CLEAR, _ANSWER_S, heard)
-        chain.special(SpecialCommand.ENABLE, _ANSWER_S, heard)
+        self._enable(heard, _ANSWER_S)
         self.read()
         try:
             self._resolve([i for i in heard if i < self._hardware.joints])  # without power it forgets its turn

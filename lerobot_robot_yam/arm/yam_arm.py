@@ -134,16 +134,19 @@ class YamArm:
             elapsed = clock.now() - begin
             share = 0.5 - 0.5 * math.cos(math.pi * min(elapsed / reach_s, 1.0))
             grip = None if gripper is None or first_grip is None else first_grip + share * (gripper - first_grip)
-            asked, _ = port.track(start + share * (goal - start), grip)
+            asked, asked_grip = port.track(start + share * (goal - start), grip)
             state = port.observe()
             if state.mode not in (Mode.HOLD, Mode.TRACK):
                 mode = state.mode.name.lower()
                 raise LifeCycleError(f"{self.config.name}: pose not reached, the arm is in mode {mode}")
-            if elapsed >= reach_s and bool(np.abs(state.setpoint_q - asked).max(initial=0.0) < 1e-3):
+            behind = np.abs(state.setpoint_q - asked)
+            if asked_grip is not None and state.gripper_setpoint is not None:
+                behind = np.append(behind, abs(state.gripper_setpoint - asked_grip))
+            if elapsed >= reach_s and bool(behind.max(initial=0.0) < 1e-3):
                 return state
             if elapsed > reach_s + _SETTLE_TIMEOUT_S:
-                behind = int(np.abs(state.setpoint_q - asked).argmax()) + 1
-                raise LifeCycleError(f"{self.config.name}: pose not reached, joint_{behind} is held back")
+                name = self._session.hardware(self.config.name).motors[int(behind.argmax())].name
+                raise LifeCycleError(f"{self.config.name}: pose not reached, {name} is held back")
             clock.sleep(_STREAM_S)
 
     def hold(self) -> None:

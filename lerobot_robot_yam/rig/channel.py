@@ -154,6 +154,8 @@ class Channel:
         entry = self._by_id.get(frame.id)
         if entry is not None:
             motor, offset = entry
+            if motor.faults.unheard(self._random):
+                return ()
             answer = motor.command(offset, frame.data, at_s)
         elif frame.id == REGISTER_ID:
             motor_id = int.from_bytes(frame.data[:2], "little")
@@ -161,6 +163,8 @@ class Channel:
             if entry is None or entry[1]:
                 return ()
             motor = entry[0]
+            if motor.faults.unheard(self._random):
+                return ()
             answer = motor.request(frame.data, at_s)
             if motor.can_id != motor_id:
                 self.identifiers_changed()

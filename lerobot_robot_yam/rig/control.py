@@ -154,6 +154,7 @@ class RigOperations(ABC):
         Of one motor (name or CAN id) or, with None, of every motor of the channel:
             "silent" (bool): neither obeys nor answers.
             "drop_next" (answers), "loss_rate" (0 … 1), "delay_s" (s): answers are lost or late.
+            "command_loss_rate" (0 … 1): it hears so many frames not.
             "duplicate" (bool): every answer comes twice, as if two motors had one identifier.
             "wrong_id" (identifier, or False): answers come under it; the registers know nothing of it.
             "corrupt_rate" (0 … 1; all_bytes=True): so many answers have random contents; motor number and fault

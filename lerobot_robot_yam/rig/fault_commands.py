@@ -111,6 +111,10 @@ def _loss_rate(motor: SimMotor, request: _Request) -> None:
     motor.faults.loss_rate = number(request["value"], 0.0, 1.0)
 
 
+def _command_loss_rate(motor: SimMotor, request: _Request) -> None:
+    motor.faults.command_loss_rate = number(request["value"], 0.0, 1.0)
+
+
 def _delay(motor: SimMotor, request: _Request) -> None:
     motor.faults.delay_s = number(request["value"], 0.0, _DELAY_MAX_S)
 
@@ -173,6 +177,7 @@ _MOTOR_KINDS: dict[str, Callable[[SimMotor, _Request], None]] = {
     "silent": _silent,
     "drop_next": _drop_next,
     "loss_rate": _loss_rate,
+    "command_loss_rate": _command_loss_rate,
     "delay_s": _delay,
     "duplicate": _duplicate,
     "wrong_id": _wrong_id,

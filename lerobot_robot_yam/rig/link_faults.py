@@ -14,6 +14,7 @@ class LinkFaults:
     silent: bool = False  # neither obeys nor answers, as if unpowered
     drop_next: int = 0  # so many answers are lost
     loss_rate: float = 0.0  # share of answers lost
+    command_loss_rate: float = 0.0  # share of commands and requests that the motor does not hear
     delay_s: float = 0.0  # answers come so much late
     duplicate: bool = False  # a second motor has the same identifiers and answers too
     wrong_id: int | None = None  # answers come under this identifier; the registers know nothing of it
@@ -30,6 +31,10 @@ class LinkFaults:
             or self.corrupt_rate
             or self.wrong_id is not None
         )
+
+    def unheard(self, chance: random.Random) -> bool:
+        """Whether the frame that comes now is lost on its way to the motor."""
+        return self.command_loss_rate > 0.0 and chance.random() < self.command_loss_rate
 
     def spoil(self, answer: Frame, chance: random.Random) -> Sequence[Frame]:
         """What remains of an answer; `delay_s` is for the caller to heed."""

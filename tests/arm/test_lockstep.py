@@ -163,6 +163,22 @@ def test_at_rates_that_fill_the_wire_the_laws_work_beside_it(rig, rate_hz, monke
         assert np.abs(np.array(arms[channel]["q"][1:4]) - Hardware(configs[0]).rest_q[1:4]).max() < 0.1
 
 
+def test_a_slow_loop_is_said_once_and_its_arm_goes_on(rig, monkeypatch, caplog):
+    command = ArmBody.command
+
+    def slow_command(body, now, dt):
+        rig.sleep(0.005)
+        command(body, now, dt)
+
+    session, _ = moved(rig)
+    assert "control loop is slow" not in caplog.text
+    monkeypatch.setattr(ArmBody, "command", slow_command)
+    track(session, dict.fromkeys(CHANNELS, [0.0, 1.2, 1.2, 0.0, 0.0, 0.0]), 3.5)
+    assert caplog.text.count("control loop is slow") == 1
+    assert session[CHANNELS[0]].observe().q[1] == pytest.approx(1.2, abs=0.03)
+    session.discard()
+
+
 def test_a_motor_that_is_silent_stays_so_while_an_arm_is_re_armed_in_vain(rig):
     """At a rate at which it is asked to re-arm while replies are under way."""
     session = ArmSession([sim_config(rig, CHANNELS[0], rate_hz=499.0)], isolation="lockstep")

@@ -18,12 +18,14 @@ from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.landing import LANDING_SPEED_RAD_S
 from lerobot_robot_yam.arm.lifecycle import Mode
+from lerobot_robot_yam.arm.policy import stale_overshoot_rad_s
 from lerobot_robot_yam.arm.session import ArmSession
 from lerobot_robot_yam.arm.state import STATE_DTYPE, channel_key, command_path, lock_path, state_path
 from lerobot_robot_yam.errors import MotorError, StaleStateError, YamError
 from lerobot_robot_yam.rig.control import running_rig, runs
 from lerobot_robot_yam.shared_block import SharedBlock
 
+from ..landed import MOST_M, moved_after_cut_m
 from ..stillness import Stillness
 from .rigged import sim_config, track
 
@@ -204,7 +206,7 @@ def test_killed_after_its_files_were_removed(rig):
     assert not faults(rig, since)
 
 
-def test_without_the_stand_by_the_arm_falls(rig):
+def test_without_the_stand_by_the_arm_falls(rig, capfd):
     """What it is there for, and that the test above can fail."""
     session = start(rig, "follower_left")
     stretch(session, 1.5, "follower_left")
@@ -212,6 +214,7 @@ def test_without_the_stand_by_the_arm_falls(rig):
     os.kill(stand_by_pid(session), signal.SIGKILL)
     time.sleep(0.1)
     session["follower_left"].observe()  # nothing depends on it
+    assert "the stand-by has died" in capfd.readouterr().err
     before = rig.state()["arms"]["follower_left"]["grasp_site"]["pos"][2]
     os.kill(control_pid(session), signal.SIGKILL)
     time.sleep(1.0)
@@ -329,6 +332,33 @@ def test_killed_at_100_random_ticks(killed):
     rng = np.random.default_rng(5)
     with running_rig(arms=["follower_left"]) as rig:
         check_landing(killed, measured(killed, rig, 100, rng))
+
+
+@pytest.mark.parametrize("tries", [1, pytest.param(30, marks=pytest.mark.long)])
+def test_killed_in_motion(rig, tries):
+    """It brakes and lands, no faster than on its way but for what the last command adds until somebody acts."""
+    channel, rng = "follower_left", np.random.default_rng(7)
+    limits = Hardware(sim_config(rig, channel)).speed_limit[:6]
+    for _ in range(tries):
+        session = ArmSession([sim_config(rig, channel)])
+        session.start()
+        try:
+            stretch(session, 1.5, channel)
+            track(session, {channel: [-0.8, 0.9, 1.6, 0.3, 0.4, -0.5]}, rng.uniform(0.05, 0.6))
+            since, killed = last_event(rig), time.monotonic()
+            rig.watch_start(channel)
+            os.kill(control_pid(session), signal.SIGKILL)
+            wait_mode(session[channel], Mode.LAND)
+            began_s = time.monotonic() - killed
+            wait_mode(session[channel], Mode.OFF, 15.0)
+        finally:
+            session.stop()
+        seen = rig.watch(channel)
+        assert not faults(rig, since) and began_s <= 0.1
+        late_s = np.maximum(np.array(seen["max_command_age_s"][:6]) - 0.008, 0.0)
+        allowed = 1.3 * limits + [stale_overshoot_rad_s(float(age_s)) for age_s in late_s]
+        assert np.all(seen["max_speed_rad_s"][:6] < allowed), seen
+        assert moved_after_cut_m(rig, channel) < MOST_M
 
 
 def measured(killed, rig, count, rng):

@@ -40,6 +40,15 @@ def test_teleoperate_ends_by_itself_under_the_operators_hands(shared_commands):
     commands.assert_landed()
 
 
+@pytest.mark.long
+def test_teleoperate_runs_at_60_hz(shared_commands):
+    commands = shared_commands
+    status = commands.run("lerobot-teleoperate", TELEOPERATE[0], "--fps=60", "--teleop_time_s=20")
+    assert status == 0, commands.output()[-4000:]
+    assert commands.output().count("Teleop loop time") >= 0.95 * 20 * 60
+    commands.assert_landed()
+
+
 @pytest.mark.parametrize(
     "first, second",
     [

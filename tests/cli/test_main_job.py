@@ -12,8 +12,10 @@ import pytest
 from lerobot.datasets import LeRobotDataset
 
 from lerobot_robot_yam.rig.control import running_rig
+from tests.arm.rigged import sim_config
 from tests.cli.conftest import Commands
-from tests.cli.test_record import BI_KEYS, CAMERAS
+from tests.cli.test_record import BI_KEYS, CAMERAS, MOVES, motion
+from tests.set_points import SetPointWatch
 
 pytestmark = [pytest.mark.long, pytest.mark.alone, pytest.mark.timeout(900)]
 
@@ -89,6 +91,7 @@ def test_videos_show_27_distinct_frames_a_second(job, camera):
             ]
         distinct = sum(not np.array_equal(a, b) for a, b in itertools.pairwise(frames))
         assert distinct >= 27 * len(frames) / 30
+        assert np.median(motion(frames)) > MOVES
 
 
 def test_each_episode_holds_a_full_cycle_of_the_task(job):
@@ -112,13 +115,15 @@ def test_replays_put_the_cube_where_the_recording_put_it(job, tmp_path):
         directory.mkdir()
         with running_rig() as rig:
             replay = Commands(rig, directory)
-            status = replay.run(
-                "lerobot-replay",
-                "--config_path=configs/sim/replay.yaml",
-                f"--dataset.repo_id={data.repo_id}",
-                f"--dataset.root={data.root}",
-                "--dataset.episode=0",
-            )
+            with SetPointWatch(rig.name, [sim_config(rig, c) for c in ("follower_left", "follower_right")]) as watch:
+                status = replay.run(
+                    "lerobot-replay",
+                    "--config_path=configs/sim/replay.yaml",
+                    f"--dataset.repo_id={data.repo_id}",
+                    f"--dataset.root={data.root}",
+                    "--dataset.episode=0",
+                )
+            assert watch.findings == [] and all(0.1 < ratio <= 1.0 for ratio in watch.ratios.values())
             assert status == 0, replay.output()[-4000:]
             time.sleep(0.5)
             carried = [e for e in rig.events() if e["kind"] == "transfer"]

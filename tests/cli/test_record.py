@@ -7,14 +7,18 @@ import numpy as np
 import pytest
 from lerobot.datasets import LeRobotDataset
 
+from ..arm.rigged import sim_config
+from ..set_points import SetPointWatch
 from .conftest import CALM
 
 pytestmark = pytest.mark.alone
 
 KEYS = [*(f"joint_{n}.pos" for n in range(1, 7)), "gripper.pos"]
 BI_KEYS = [f"{side}_{key}" for side in ("left", "right") for key in KEYS]
+FOLLOWERS = ("follower_left", "follower_right")
 CAMERAS = ("top", "wrist_left", "wrist_right")
 SECONDS, EPISODES = 8, 2
+MOVES = 5.0  # of 255: noise alone changes a patch by less than 1
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +75,13 @@ def test_videos_decode_and_move(recorded, camera):
     assert all(frame.std() > 10 for frame in frames[:: data.fps])  # a picture, not a colour
     changed = sum(not np.array_equal(a, b) for a, b in itertools.pairwise(frames))
     assert changed > 0.5 * len(frames)
+    assert np.median(motion(frames)) > MOVES
+
+
+def motion(frames):
+    """The most that a patch of 16 × 16 pixels changes within half a second, again and again: noise does not count."""
+    small = [frame.reshape(15, 16, 20, 16, 3).mean(axis=(1, 3)) for frame in frames[::15]]
+    return [np.abs(after - before).max() for before, after in itertools.pairwise(small)]
 
 
 def test_recording_lands_its_arms(recorded):
@@ -86,13 +97,15 @@ def test_replay_follows_the_recording(recorded):
         f"--dataset.root={data.root}",
         "--dataset.episode=1",
     )
-    commands.wait_enabled(process, "follower_left", "follower_right")
     last = np.zeros(0)
-    while process.poll() is None:
-        arms = commands.rig.state()["arms"]
-        if commands.enabled("follower_left", "follower_right"):
-            tracked = [np.append(arms[c]["q"][:6], arms[c]["opening"]) for c in ("follower_left", "follower_right")]
-            last = np.append(last, np.concatenate(tracked))
+    with SetPointWatch(commands.rig.name, [sim_config(commands.rig, c) for c in FOLLOWERS]) as watch:
+        commands.wait_enabled(process, *FOLLOWERS)
+        while process.poll() is None:
+            arms = commands.rig.state()["arms"]
+            if commands.enabled(*FOLLOWERS):
+                tracked = [np.append(arms[c]["q"][:6], arms[c]["opening"]) for c in FOLLOWERS]
+                last = np.append(last, np.concatenate(tracked))
+    assert watch.findings == [] and all(0.1 < ratio <= 1.0 for ratio in watch.ratios.values())
     assert commands.finish(process) == 0, commands.output()[-4000:]
     seen = last.reshape(-1, 14)
     goal = np.array(data.hf_dataset.with_format("numpy")[len(data) - 1]["action"])

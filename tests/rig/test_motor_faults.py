@@ -221,6 +221,7 @@ def test_clearing_ends_every_fault_of_its_motors(desk):
         "silent": True,
         "drop_next": 5,
         "loss_rate": 1.0,
+        "command_loss_rate": 1.0,
         "delay_s": 1.0,
         "duplicate": True,
         "wrong_id": 0x77,

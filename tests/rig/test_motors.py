@@ -286,6 +286,10 @@ def test_injected_faults(desk):
     answered = sum(len(desk.send(enable)) for _ in range(200))
     assert 60 < answered < 140
     faults.loss_rate = 0.0
+    faults.command_loss_rate = 1.0
+    desk.send((WRIST, SpecialCommand.DISABLE.value))
+    faults.command_loss_rate = 0.0
+    assert desk.motor(WRIST).enabled  # it has not heard it
     desk.motor(WRIST).thermometer.held = (66, 77)
     feedback = desk.special(WRIST, SpecialCommand.ENABLE)
     assert (feedback.temp_mos, feedback.temp_rotor) == (66, 77)
