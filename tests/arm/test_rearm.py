@@ -9,7 +9,7 @@ from lerobot_robot_yam.arm.policy import HUNG_S
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import LifeCycleError
 
-from .rigged import lockstep_rig, rig_of, running_arm, session_on, sim_config, track
+from .rigged import lockstep_rig, pause, rig_of, running_arm, session_on, sim_config, track
 
 CHANNEL = "follower_left"
 POSE = np.array([0.2, 1.0, 1.1, -0.3, 0.1, 0.1])
@@ -117,6 +117,7 @@ def test_an_arm_comes_up_and_comes_back_on_a_wire_that_loses_frames_either_way(r
         session.rearm()
         assert all(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())
     session.discard()
-    for _ in range(5):
+    for _ in range(20):
+        pause(rig, 0.5)  # until the motors have noticed
         session.start()
         session.discard()
