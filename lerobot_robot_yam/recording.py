@@ -91,15 +91,16 @@ def of_checkpoint(path: str, revision: str | None) -> Recording:
     Args:
         path, revision: a directory, or a repository of the hub, as LeRobot's `policy.path`.
     """
-    names = _json(path, "config.json", revision).get("action_feature_names") or _trained_on(path, revision)
-    return Recording(f"checkpoint {path}", names=tuple(names), statistics=_statistics(path, revision))
+    data = _trained_on(path, revision)
+    names = _json(path, "config.json", revision).get("action_feature_names") or _action_names(data.get("features", {}))
+    return Recording(f"checkpoint {path}", data.get("robot_type") or "", tuple(names), _statistics(path, revision))
 
 
-def _trained_on(path: str, revision: str | None) -> tuple[str, ...]:
-    """Names in the data set that a policy was trained on, if that is on this computer."""
+def _trained_on(path: str, revision: str | None) -> dict[str, Any]:
+    """LeRobot's description of the data set that a policy was trained on, empty if that is not on this computer."""
     trained = _json(path, "train_config.json", revision).get("dataset") or {}
     root = trained.get("root") or HF_LEROBOT_HOME / (trained.get("repo_id") or "")
-    return _action_names(_json(str(root), "meta/info.json", None).get("features", {})) if Path(root).is_dir() else ()
+    return _json(str(root), "meta/info.json", None) if Path(root).is_dir() else {}
 
 
 def _action_names(features: Mapping[str, Any]) -> tuple[str, ...]:

@@ -51,6 +51,14 @@ def test_a_data_set_of_ours_that_is_still_empty_goes_by_its_name(tmp_path):
     assert unit_of(of_dataset("local/data", str(tmp_path / "e")), IS_JOINT) == "radians"
 
 
+def test_a_checkpoint_goes_by_the_name_in_the_data_that_it_was_trained_on_where_these_are_at_hand(tmp_path):
+    path = save_scripted(tmp_path / "p", "nothing", arms=2)  # its joints hardly left zero: they may be in either
+    assert unit_of(of_checkpoint(str(path), None), IS_JOINT) == "radians"
+    root = write_dataset(tmp_path, True)
+    (path / "train_config.json").write_text(json.dumps({"dataset": {"repo_id": "local/data", "root": str(root)}}))
+    assert unit_of(of_checkpoint(str(path), None), IS_JOINT) == "degrees"
+
+
 @named
 def test_a_checkpoint_tells_by_the_statistics_that_training_has_left_in_it(tmp_path, degrees):
     data = LeRobotDataset("local/data", root=write_dataset(tmp_path, degrees))

@@ -294,10 +294,14 @@ def test_a_virtual_scene_is_laid_out_by_the_rig_whoever_judges(tmp_path, monkeyp
 
 
 def test_several_on_live_rigs_have_one_each(tmp_path):
-    config = YamEnvConfig(robot=robot(tmp_path), lockstep=True)
-    makers = config.create_envs(2)["yam"][0]
-    assert isinstance(makers, gym.vector.SyncVectorEnv) and makers.num_envs == 2
-    makers.close()
+    envs = YamEnvConfig(robot=robot(tmp_path, cameras={}, gripper_stops_rad=[3.25, -3.3])).create_envs(2)["yam"][0]
+    try:
+        assert isinstance(envs, gym.vector.SyncVectorEnv) and envs.num_envs == 2
+        envs.reset(seed=[11, 12])
+        rigs = [env.unwrapped._rig for env in envs.envs]
+        assert rigs[0].name != rigs[1].name and [rig.task_state()["seed"] for rig in rigs] == [11, 12]
+    finally:
+        envs.close()
 
 
 def test_an_operator_that_fails_is_an_error(lockstep):
