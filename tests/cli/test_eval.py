@@ -35,14 +35,19 @@ def environment(**fields):
     return config
 
 
-def demonstrated(count, path):
-    """The operator's attempts from SEED on, kept as a file for the replayed policy; which of them succeeded."""
+def demonstrated(count, path, off_rad=0.0):
+    """The operator's attempts from SEED on, kept as a file for the replayed policy; which of them succeeded.
+
+    off_rad: spread of an offset that spoils an episode's actions.
+    """
+    rng = np.random.default_rng(0)
     env = YamEnv(environment())
     try:
         attempts = [list(demonstrate(env, SEED + index)) for index in range(count)]
     finally:
         env.close()
-    np.savez(path, **{str(i): np.array([f.action for f in frames]) for i, frames in enumerate(attempts)})
+    off = [np.append(rng.normal(0.0, off_rad, 6), 0.0).astype(np.float32) for _ in attempts]
+    np.savez(path, **{str(i): np.array([f.action + off[i] for f in frames]) for i, frames in enumerate(attempts)})
     return [frames[-1].success for frames in attempts]
 
 
@@ -70,6 +75,18 @@ def test_what_succeeded_on_one_rig_succeeds_again_on_two_side_by_side(commands):
     policy = save_replayed(commands.directory / "policy", arms=1, actions=str(commands.directory / "actions.npz"))
     assert outcomes == [True, True]
     assert evaluate(commands, "two", policy, 2, 2) == outcomes
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1800)
+def test_what_succeeds_now_and_then_does_so_on_the_same_seeds(commands):
+    actions = commands.directory / "actions.npz"
+    demonstrated(12, actions, off_rad=0.04)
+    policy = save_replayed(commands.directory / "policy", arms=1, actions=str(actions))
+    one = evaluate(commands, "one", policy, 12, 1)
+    assert 2 <= sum(one) <= 10
+    assert evaluate(commands, "again", policy, 12, 1) == one
+    assert evaluate(commands, "two", policy, 12, 2) == one
 
 
 @pytest.mark.long

@@ -1,6 +1,6 @@
 """lerobot-rollout on the virtual rig: every strategy with both inference engines, on two arms and on one.
 
-What each of them does to the arms is judged by the rig. The default tier runs three, `-m long` all of them.
+What each of them does to the arms is judged by the rig. The default tier runs one, `-m long` all of them.
 """
 
 import itertools
@@ -15,11 +15,13 @@ from lerobot.datasets import LeRobotDataset
 from tests.cli.rolling import FOLLOWERS, FPS, Rollout, config, data_set, one_arm
 from tests.cli.test_record import BI_KEYS, KEYS
 from tests.policy_plugin.checkpoints import statistics
+from tests.recordings import KEYS as ACTION_KEYS
 
 pytestmark = pytest.mark.alone
 
 LEADERS = ("leader_left", "leader_right")
 AMPLITUDE_RAD = 0.3
+TOOL_KEYS = ACTION_KEYS["ee"]
 SECONDS = 6.0  # a first inference can take a while
 RTC = {"type": "rtc", "queue_threshold": 8}
 INFERENCES = {"sync": {"type": "sync"}, "rtc": RTC}
@@ -247,3 +249,21 @@ def test_a_policy_in_degrees_moves_a_robot_in_degrees(rollout):
     assert rollout.end() == 0, rollout.commands.output()[-4000:]
     rollout.assert_moved(0.15, at_most_rad=0.5)
     rollout.assert_ended_well()
+
+
+# tool poses
+
+
+@LONG
+def test_a_policy_of_tool_poses_moves_the_tools(rollout):
+    document = config("rollout", duration=SECONDS, strategy={"type": "sentry"}, dataset=data_set(rollout.root))
+    document["robot"]["action_space"] = "ee"
+    near = {key: {kind: row.clamp(max=1.0) for kind, row in rows.items()} for key, rows in statistics(2).items()}
+    rollout.begin(document, "sines", amplitude=0.06, stats=near, action_feature_names=list(TOOL_KEYS))
+    assert rollout.end() == 0, rollout.commands.output()[-4000:]
+    rollout.assert_moved(0.05)
+    rollout.assert_ended_well()
+    data = LeRobotDataset("local/rollout_test", root=rollout.root)
+    assert list(data.features["action"]["names"]) == list(TOOL_KEYS)
+    seen = np.stack(data.hf_dataset.with_format("numpy")["observation.state"])
+    assert 0.03 < np.ptp(seen, axis=0)[:3].max() < 0.12  # m: there and back
