@@ -6,6 +6,7 @@ client has left.
 
 import contextlib
 import json
+import logging
 import os
 import select
 import socket
@@ -19,8 +20,11 @@ from typing import Any
 from lerobot_robot_yam.errors import BusError, ConfigError, RigError, YamError
 from lerobot_robot_yam.runtime import AUTO_RIG, FileLock, rig_name, runtime_dir, slug
 
+logger = logging.getLogger(__name__)
+
 _START_TIMEOUT_S = 60.0
 _HELLO_TIMEOUT_S = 10.0
+_said: set[tuple[str, str]] = set()  # options of which it has been said that they have no effect
 MAX_PACKET = 1 << 17  # bytes; no packet of either side is longer
 
 # Run by the process we wait for: it leaves at once, so the server becomes a child of init and no zombie of ours.
@@ -88,7 +92,7 @@ def connect_or_start(
         rig: see `runtime.rig_name`.
         hello: who we are, see `server`.
         scene: scene name or path for a rig that we start; a running rig keeps its own.
-        options: scene options for a rig that we start.
+        options: scene options for a rig that we start; a running rig keeps its own, which is logged where they differ.
 
     Returns:
         Socket, resolved rig name, the rig's answer.
@@ -99,7 +103,9 @@ def connect_or_start(
     """
     name, owner = rig_name(rig)
     with contextlib.suppress(ConnectionRefusedError, FileNotFoundError):
-        return (*_named(connect(name, hello), name),)
+        connection = connect(name, hello)
+        _say_what_is_ignored(name, connection[1]["options"], options or {})
+        return (*_named(connection, name),)
     with FileLock(rig_path(name, "lock"), f"the start of rig {name}"):
         with contextlib.suppress(ConnectionRefusedError, FileNotFoundError):
             return (*_named(connect(name, hello), name),)
@@ -109,6 +115,13 @@ def connect_or_start(
             return (*_named(connect(name, hello), name),)
         except (ConnectionRefusedError, FileNotFoundError) as error:
             raise RigError(f"rig {name} ended right after its start; see {rig_path(name, 'log')}") from error
+
+
+def _say_what_is_ignored(name: str, held: Mapping[str, Any], asked: Mapping[str, Any]) -> None:
+    for key, value in asked.items():
+        if json.loads(json.dumps(value)) != held.get(key) and (name, key) not in _said:
+            _said.add((name, key))  # once a process: each arm and each camera asks
+            logger.warning("rig %s runs already, with %s: %r; %r has no effect", name, key, held.get(key), value)
 
 
 def scene_arguments(scene: str | None, options: Mapping[str, Any]) -> list[str]:

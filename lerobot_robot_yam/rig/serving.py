@@ -5,6 +5,7 @@ The first packet of a client says who it is: {"kind": "bus", "channel": ...}, {"
 """
 
 import contextlib
+import dataclasses
 import functools
 import json
 import logging
@@ -166,7 +167,7 @@ class RigServer:
             hello = json.loads(packet)
             client.kind = hello["kind"]
             client.holds = bool(hello.get("hold", True))
-            reply: dict[str, Any] = {"pid": os.getpid()}
+            reply: dict[str, Any] = {"pid": os.getpid(), "options": dataclasses.asdict(self.device.scene.options)}
             if client.kind == "bus":
                 channel = self._channel(str(hello["channel"]))
                 reply |= {"link": self._link_numbers[channel.name], "unplugs": channel.link.unplugs}

@@ -176,3 +176,11 @@ def test_a_connection_that_waits_or_a_starter_keeps_it():
 def test_a_name_that_is_no_pid_is_refused():
     with pytest.raises(ValueError, match="process id"):
         rig_name("auto:me")
+
+
+def test_options_that_come_too_late_are_said_once_to_have_no_effect(rig, caplog):
+    for options in ({"operator": "pick_and_place", "seed": 0}, {"operator": "pick_and_place"}):
+        with can.Bus(interface="yam_sim", channel="leader_left", rig=rig.name, **options):
+            pass
+    said = [record.message for record in caplog.records if "no effect" in record.message]
+    assert said == [f"rig {rig.name} runs already, with operator: 'none'; 'pick_and_place' has no effect"]
