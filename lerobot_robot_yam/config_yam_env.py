@@ -17,6 +17,11 @@ from lerobot_robot_yam.errors import ConfigError
 AGENT_POS = "agent_pos"
 
 
+def eyes_of(robot: Any) -> dict[str, Any]:
+    """Configs of a robot's cameras that give colour pictures: what a policy of an environment sees."""
+    return {name: camera for name, camera in robot.all_cameras().items() if getattr(camera, "use_rgb", True)}
+
+
 @EnvConfig.register_subclass("yam")
 @dataclass
 class YamEnvConfig(EnvConfig):
@@ -56,7 +61,7 @@ class YamEnvConfig(EnvConfig):
         """Fill in the features; returns the robot's config."""
         if self.robot is None or not hasattr(self.robot, "action_keys"):
             raise ConfigError("env.robot: choose the robot, such as --env.robot.type=bi_yam_follower")
-        action_keys, state_keys, cameras = self.robot.action_keys(), self.robot.state_keys(), self.robot.all_cameras()
+        action_keys, state_keys, cameras = self.robot.action_keys(), self.robot.state_keys(), eyes_of(self.robot)
         self.features = {
             ACTION: PolicyFeature(FeatureType.ACTION, (len(action_keys),)),
             AGENT_POS: PolicyFeature(FeatureType.STATE, (len(state_keys),)),

@@ -25,7 +25,7 @@ from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE
 from lerobot.utils.utils import init_logging
 from tqdm import tqdm
 
-from lerobot_robot_yam.config_yam_env import AGENT_POS, YamEnvConfig
+from lerobot_robot_yam.config_yam_env import AGENT_POS, YamEnvConfig, eyes_of
 from lerobot_robot_yam.demonstration import Frame, demonstrate
 from lerobot_robot_yam.errors import ConfigError, RigError, YamError
 from lerobot_robot_yam.paths import user_path
@@ -48,7 +48,7 @@ def features_of(config: YamEnvConfig) -> dict[str, dict[str, Any]]:
     features: dict[str, dict[str, Any]] = {}
     for key, names in ((ACTION, robot.action_keys()), (OBS_STATE, robot.state_keys())):
         features[key] = {"dtype": "float32", "shape": (len(names),), "names": names}
-    for name, camera in robot.all_cameras().items():
+    for name, camera in eyes_of(robot).items():
         shape = (camera.height, camera.width, 3)
         features[f"{OBS_IMAGES}.{name}"] = {"dtype": "video", "shape": shape, "names": ["height", "width", "channels"]}
     return features

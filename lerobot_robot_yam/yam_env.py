@@ -12,7 +12,7 @@ import numpy as np
 from lerobot.robots.utils import make_robot_from_config
 
 from lerobot_robot_yam.arm.profile import load_gripper
-from lerobot_robot_yam.config_yam_env import AGENT_POS, YamEnvConfig
+from lerobot_robot_yam.config_yam_env import AGENT_POS, YamEnvConfig, eyes_of
 from lerobot_robot_yam.env_checks import check_render_camera, check_reset_pose
 from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError
 from lerobot_robot_yam.feature_names import motors_of
@@ -68,11 +68,7 @@ class YamEnv(gym.Env):
         self.render_mode = "rgb_array"
         self._action_keys = self._robot_config.action_keys()
         self._state_keys = self._robot_config.state_keys()
-        self._cameras = {
-            name: (camera.height, camera.width, 3)
-            for name, camera in self._robot_config.all_cameras().items()
-            if getattr(camera, "use_rgb", True)
-        }
+        self._cameras = {name: (camera.height, camera.width, 3) for name, camera in eyes_of(self._robot_config).items()}
         self.observation_space = gym.spaces.Dict(
             {
                 AGENT_POS: gym.spaces.Box(-np.inf, np.inf, (len(self._state_keys),), np.float32),

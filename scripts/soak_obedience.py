@@ -10,6 +10,7 @@ from lerobot_robot_yam.arm.lifecycle import Mode
 _STILL = frozenset({Mode.STOPPED, Mode.FAULT, Mode.OFF, Mode.OFFLINE})
 _STOP_S = 0.1  # in which an emergency stop has reached every arm
 _LATE_S = 0.1  # a tick, and a take-over
+_MOMENT_S = 0.03  # who takes an arm over says how it found it before it decides
 
 
 class ObedienceCheck:
@@ -18,7 +19,7 @@ class ObedienceCheck:
     def __init__(self, channel: str):
         self._channel = channel
         self._target, self._target_s = -1, 0.0
-        self._told = False
+        self._wrong_since_s, self._told = 0.0, False
         self.stops = self.silences = 0  # that were seen to be obeyed
 
     def look(self, record: Any, stopped_since_s: float | None) -> list[Finding]:
@@ -34,9 +35,12 @@ class ObedienceCheck:
         if silent and mode is Mode.TRACK:
             what = f"no target for {now - self._target_s:.2f} s"
             found.append(Finding("a silent caller's arm holds", now, self._channel, what))
-        if found and self._told:
-            return []
-        self._told = bool(found)
+        if not found:
+            self._wrong_since_s, self._told = now, False
+        elif self._told or now - self._wrong_since_s < _MOMENT_S:
+            found = []
+        else:
+            self._told = True
         self.stops += stopped and mode is Mode.STOPPED
         self.silences += silent and mode is Mode.HOLD
         return found

@@ -19,6 +19,7 @@ from proof_report import write_report
 
 ROOT = Path(__file__).parent.parent
 STEP = Path("training_state", "training_step.json")
+LAST_WRITTEN = Path("training_state", "scheduler_state.json")
 
 
 def run(out: Path, name: str, *command: str) -> None:
@@ -74,6 +75,7 @@ def train(out: Path, task: str, steps: int, overrides: list[str]) -> Path:
     whole = (f"--steps={steps}", f"--scheduler.num_decay_steps={steps}")
     if last is None:
         shutil.rmtree(out / "train", ignore_errors=True)  # ended before its first checkpoint; LeRobot wants it gone
+        (out / "train.log").unlink(missing_ok=True)
         data = (f"--dataset.root={out / 'data'}", f"--dataset.repo_id=local/{task}")
         config = f"--config_path=configs/train/{task}_train.yaml"
         run(out, "train", "lerobot-train", config, *data, f"--output_dir={out / 'train'}", *whole, *overrides)
@@ -87,8 +89,9 @@ def train(out: Path, task: str, steps: int, overrides: list[str]) -> Path:
 
 
 def newest_checkpoint(out: Path) -> Path | None:
-    """The newest whole one; LeRobot writes the step last but for its link `last`, which is missing for a moment."""
-    return max((step.parent.parent for step in out.glob(f"train/checkpoints/[0-9]*/{STEP}")), default=None)
+    """The newest whole one; LeRobot's link to it, `last`, is missing for a moment each time."""
+    whole = [path.parent.parent for path in out.glob(f"train/checkpoints/[0-9]*/{LAST_WRITTEN}")]
+    return max(whole, key=lambda path: int(path.name), default=None)
 
 
 def evaluate(out: Path, task: str, policy: Path, episodes: int, seed: int) -> Path:

@@ -8,14 +8,21 @@ MOST_M = 0.01  # issue and README: cutting torque then moves no body by more
 
 
 def moved_after_cut_m(rig: RigOperations, channel: str) -> float:
-    """How far the farthest of an arm's bodies has moved since the first of its motors was last switched off."""
-    cut = None
+    """How far the farthest of an arm's bodies has moved since the first of its motors was last switched off.
+
+    Infinite if nobody has switched one off: those that had torque have lost it by themselves.
+    """
+    cut, let_go = None, False
     for event in rig.events():
-        if event.get("channel") == channel and event["kind"] == "motor_enabled":
-            cut = None
-        elif event.get("channel") == channel and event["kind"] == "motor_disabled" and cut is None:
+        if event.get("channel") != channel:
+            continue
+        if event["kind"] == "motor_enabled":
+            cut, let_go = None, False
+        elif event["kind"] == "motor_disabled" and cut is None:
             cut = event["bodies"]
+        elif event["kind"] == "motor_fault":
+            let_go = True
     if cut is None:
-        return 0.0
+        return math.inf if let_go else 0.0
     now = rig.state(bodies=True)["bodies"]
     return max(math.dist(position, now[body]) for body, position in cut.items())

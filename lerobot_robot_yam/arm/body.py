@@ -127,7 +127,6 @@ class ArmBody:
             if finding.trouble is not None:  # somebody else is on the channel
                 raise MotorError(f"{self.name} ({self.config.channel}): {finding.message}")
         except BaseException:
-            meanwhile()
             self._switch_off()
             raise
         self.mode = Mode.BRING_UP

@@ -22,17 +22,26 @@ logger = logging.getLogger(__name__)
 _ATTEMPTS = 5
 
 
+def refuse_stopped(name: str, stop: EmergencyStop) -> None:
+    """Nothing is energised while the emergency stop is latched.
+
+    Raises:
+        EmergencyStopError: it is.
+    """
+    reason = stop.reason()
+    if reason:
+        raise EmergencyStopError(
+            f"{name}: the emergency stop is latched: {reason}. Look at the arms, then `yam-estop release`"
+        )
+
+
 def inspect(config: ArmConfig, hardware: Hardware, chain: MotorChain, bus: can.BusABC) -> None:
     """Is everything there, alone on the channel, and as configured?
 
     Raises:
         YamError: names the part that is not.
     """
-    reason = EmergencyStop().reason()
-    if reason:
-        raise EmergencyStopError(
-            f"{config.name}: the emergency stop is latched: {reason}. Look at the arms, then `yam-estop release`"
-        )
+    refuse_stopped(config.name, EmergencyStop())
     handle = hardware.gripper.handle_encoder
     check_bandwidth(len(chain), handle, config.rate_hz)
     if not config.skip_listen:

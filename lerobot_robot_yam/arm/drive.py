@@ -23,6 +23,7 @@ from lerobot_robot_yam.errors import MotorError, YamError
 
 _ANSWER_S = 0.006  # motors answer within a few ms, and meanwhile nobody commands the other arm
 _ASK_AGAIN = 5  # a question or its answer may get lost
+_REARM_ATTEMPTS = 2  # of seven motors 27 ms each, and the loop must not seem to hang
 _SOON_S = 0.02  # where nobody is waiting
 
 
@@ -98,7 +99,7 @@ class ArmDrive:
         Raises:
             MotorError: one does not answer.
         """
-        silent = [self.chain.motors[i] for i in self._enable(range(len(self.chain)), _SOON_S, meanwhile)]
+        silent = [self.chain.motors[i] for i in self._enable(range(len(self.chain)), _SOON_S, _ASK_AGAIN, meanwhile)]
         self.read()
         if silent:
             names = ", ".join(f"{motor.name} (id {motor.can_id})" for motor in silent)
@@ -107,11 +108,11 @@ class ArmDrive:
             )
 
     def _enable(
-        self, motors: Iterable[int], timeout_s: float, meanwhile: Callable[[], None] = lambda: None
+        self, motors: Iterable[int], timeout_s: float, attempts: int, meanwhile: Callable[[], None] = lambda: None
     ) -> list[int]:
         """ENABLE, again where it or its answer has got lost; returns the motors that have not answered."""
         off, silent = list(motors), []
-        for _ in range(_ASK_AGAIN):
+        for _ in range(attempts):
             answered = self.chain.special(SpecialCommand.ENABLE, timeout_s, off)
             silent = [i for i in off if not answered[i]]
             off = [i for i in off if not answered[i] or self.chain.fault[i] == Fault.DISABLED]
@@ -136,7 +137,7 @@ class ArmDrive:
             chain.refresh(_ANSWER_S)
         heard = [i for i in motors if chain.clock.now() - chain.stamp_s[i] < SILENT_S]
         chain.special(SpecialCommand.CLEAR, _ANSWER_S, heard)
-        self._enable(heard, _ANSWER_S)
+        self._enable(heard, _ANSWER_S, _REARM_ATTEMPTS)
         self.read()
         try:
             self._resolve([i for i in heard if i < self._hardware.joints])  # without power it forgets its turn

@@ -16,8 +16,6 @@ from lerobot_robot_yam.errors import GripperError
 
 logger = logging.getLogger(__name__)
 
-STORING = "yam-gripper-stops"  # name of the thread that writes them
-
 
 class GripperAxis:
     """One gripper motor, joint-space motor angles in, MIT command out.
@@ -109,8 +107,10 @@ class GripperAxis:
                     stops.open_rad,
                 )
             if self._anew and self._path is not None:
-                store = threading.Thread(target=self._store, args=(self._path, stops), name=STORING, daemon=True)
-                store.start()
+                try:
+                    threading.Thread(target=self._store, args=(self._path, stops), daemon=True).start()
+                except RuntimeError as error:
+                    logger.error("%s: the gripper's stops are not stored: %s", self._name, error)
             return float(found.value.shift_rad)
         except GripperError:
             self.stop_search()

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from lerobot_robot_yam.arm.blocks import ControllerBlocks
+from lerobot_robot_yam.arm.bring_up import refuse_stopped
 from lerobot_robot_yam.arm.controller import ArmController
 from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.guard import WorkspaceGuard
@@ -79,6 +80,7 @@ class ControlLoop:
         def meanwhile() -> None:
             """Those that are up are held, and a stand-by knows of them and of the next one, however long it takes."""
             self._tick += 1
+            refuse_stopped(begun[-1][0].name, self._stop)
             for controller, blocks in begun:
                 if controller.mode is Mode.BRING_UP:
                     controller.send()
@@ -96,18 +98,21 @@ class ControlLoop:
                 blocks.publish(self._clock.now(), self._tick)
             raise
 
-    def run(self, on_ready: Callable[[], None] = lambda: None, must_land: Callable[[], bool] = lambda: False) -> None:
+    def run(
+        self, on_ready: Callable[[str], None] = lambda _: None, must_land: Callable[[], bool] = lambda: False
+    ) -> None:
         """Tick until every arm is off; see `ticks`."""
         for _ in self.ticks(on_ready, must_land):
             pass
 
     def ticks(
-        self, on_ready: Callable[[], None] = lambda: None, must_land: Callable[[], bool] = lambda: False
+        self, on_ready: Callable[[str], None] = lambda _: None, must_land: Callable[[], bool] = lambda: False
     ) -> Iterator[None]:
         """The same, tick by tick: each step sleeps until the next deadline and ticks once.
 
         Args:
-            on_ready: called once, when every arm has left bring-up.
+            on_ready: called once: when every arm has left bring-up, with ""; or when that has failed and the arms begin
+                to land, with what has failed.
             must_land: asked every tick; once it says True all arms land and the loop ends.
 
         Raises:
@@ -150,7 +155,7 @@ class ControlLoop:
                 self.statistics.overruns += self._period_s > 0
                 deadline = now
 
-    def _think(self, on_ready: Callable[[], None], collect_until: float | None) -> None:
+    def _think(self, on_ready: Callable[[str], None], collect_until: float | None) -> None:
         """From replies to states for the callers, and commands for the next `_send_all`.
 
         Args:
@@ -275,7 +280,7 @@ class ControlLoop:
                 controller.lose_bus(error, sent_s)
         self._clock.sleep(max(0.0, through_s - _WAKE_UP_S - self._clock.now()))
 
-    def _bring_up(self, on_ready: Callable[[], None]) -> bool:
+    def _bring_up(self, on_ready: Callable[[str], None]) -> bool:
         """True when all arms have left bring-up; when one fails they all land, since a hand may have let go by now."""
         modes = [controller.mode for controller in self._controllers]
         if not self._failure:
@@ -285,9 +290,10 @@ class ControlLoop:
                 self._failure = _STOPPED_EARLY
             if self._failure:
                 logger.error("bring-up failed, landing: %s", self._failure)
+                on_ready(self._failure)
         if Mode.BRING_UP in modes or self._failure:
             return False
-        on_ready()
+        on_ready("")
         return True
 
     def close(self, stand_by: bool = False) -> None:

@@ -37,6 +37,7 @@ _REQUEST_TIMEOUT_S = 1.0
 _SEARCH_TIMEOUT_S = 20.0
 _STORE_TIMEOUT_S = 2.0  # of a disk that other things write to
 _FAILED = (Mode.FAULT, Mode.LAND, Mode.OFF)  # with a message: not because the caller has asked for it
+_CALIBRATE = "calibrate it (lerobot-calibrate)"
 _WITHOUT_STOPS = {
     Mode.BRING_UP: "they are being sought; wait",
     Mode.STOPPED: "they are sought when the emergency stop is released (yam-estop release)",
@@ -136,7 +137,7 @@ class ArmPort:
         if state.mode is Mode.OFF:
             raise LifeCycleError(f"{name}: the arm is off; connect again")
         if self.hardware.has_gripper and math.isnan(record["gripper_stops_rad"][0]):
-            why = _WITHOUT_STOPS.get(state.mode, "calibrate it (lerobot-calibrate)")
+            why = _WITHOUT_STOPS.get(state.mode, _CALIBRATE)
             raise GripperError(f"{name}: the gripper's stops are unknown, and so is its position; {why}")
         return state
 
@@ -242,8 +243,11 @@ class ArmPort:
         """
         self._request(Request.REARM)
 
-    def await_gripper(self) -> None:
+    def await_gripper(self, sought: bool = False) -> None:
         """Wait until nobody seeks the gripper's stops any more.
+
+        Args:
+            sought: they were to be; False: only if they are just now.
 
         Raises:
             MotorError: they are unknown still: the search has failed, was cut short, or does not end.
@@ -251,15 +255,16 @@ class ArmPort:
         """
         name, deadline = self.config.name, self._clock.now() + _SEARCH_TIMEOUT_S
         while Mode(int((record := self._raw())["mode"])) is Mode.BRING_UP:
+            sought = True
             self._check_age(float(record["stamp_s"]))
             if self._clock.now() > deadline:
                 raise MotorError(f"{name}: the search for the gripper's stops does not end")
             self._clock.sleep(0.02)
         state = self._decoded(record)
-        if self.hardware.has_gripper and math.isnan(record["gripper_stops_rad"][0]):
+        if sought and self.hardware.has_gripper and math.isnan(record["gripper_stops_rad"][0]):
+            why = _WITHOUT_STOPS.get(state.mode, _CALIBRATE)
             raise MotorError(
-                f"{name}: the search for the gripper's stops was cut short ({state.mode.name.lower()}); "
-                "calibrate it (lerobot-calibrate)"
+                f"{name}: the search for the gripper's stops was cut short ({state.mode.name.lower()}); {why}"
             )
 
     @property
@@ -292,7 +297,7 @@ class ArmPort:
             GripperError: they are not stored in `calibration_path`; those that were found count until the arm is off.
         """
         self._request(Request.CALIBRATE_GRIPPER)
-        self.await_gripper()
+        self.await_gripper(sought=True)
         if self.config.calibration_path is not None:
             self._check_stored(Path(self.config.calibration_path))
 

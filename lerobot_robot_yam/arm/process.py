@@ -38,7 +38,7 @@ _PARENT_LOOK_S = 0.02
 def control(
     configs: list[ArmConfig],
     keys: list[str],
-    on_ready: Callable[[], None],
+    on_ready: Callable[[str], None],
     must_land: Callable[[], bool],
     realtime: bool,
 ) -> None:
@@ -134,9 +134,12 @@ def main() -> int:
         except OSError:
             pass  # a parent that no longer listens is noticed by must_land
 
+    def tell(failure: str) -> None:
+        answer(**({"error": failure, "kind": "MotorError"} if failure else {"ready": True}))
+
     with log_from_a_thread():
         try:
-            control(configs, keys, lambda: answer(ready=True), must_land, realtime=True)
+            control(configs, keys, tell, must_land, realtime=True)
         except YamError as error:
             answer(error=str(error), kind=type(error).__name__)
             return 1

@@ -108,7 +108,7 @@ class ThreadRunner:
             control(
                 configs,
                 keys,
-                self._settled.set,
+                self._tell,
                 lambda: self._land.is_set() or not main.is_alive(),
                 realtime=False,
             )
@@ -118,6 +118,10 @@ class ThreadRunner:
                 logger.exception("control loop failed")
         finally:
             self._settled.set()
+
+    def _tell(self, failure: str) -> None:
+        self._error = errors.MotorError(failure) if failure else None
+        self._settled.set()
 
     def start(self) -> None:
         self._thread.start()

@@ -127,7 +127,10 @@ class YamArm:
         if state.mode is Mode.FLOAT:
             port.hold()
         first_grip = state.gripper_setpoint
-        reach_s = max(math.pi / 2 * float(np.abs(goal - start).max(initial=0.0)) / speed_rad_s, 0.2)
+        way_s = float(np.abs(goal - start).max(initial=0.0)) / speed_rad_s
+        if gripper is not None and first_grip is not None:
+            way_s = max(way_s, abs(gripper - first_grip) / self.config.gripper_speed_limit)
+        reach_s = max(math.pi / 2 * way_s, 0.2)
         clock = self.clock
         begin = clock.now()
         while True:

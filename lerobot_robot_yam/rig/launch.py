@@ -119,7 +119,8 @@ def connect_or_start(
 
 def _say_what_is_ignored(name: str, held: Mapping[str, Any], asked: Mapping[str, Any]) -> None:
     for key, value in asked.items():
-        if json.loads(json.dumps(value)) != held.get(key) and (name, key) not in _said:
+        given = value.split(",") if isinstance(value, str) and isinstance(held.get(key), list) else value
+        if json.loads(json.dumps(given)) != held.get(key) and (name, key) not in _said:
             _said.add((name, key))  # once a process: each arm and each camera asks
             logger.warning("rig %s runs already, with %s: %r; %r has no effect", name, key, held.get(key), value)
 

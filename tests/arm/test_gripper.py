@@ -2,7 +2,7 @@
 
 import json
 import os
-import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,7 @@ import pytest
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.force_limiter import ForceLimiter
 from lerobot_robot_yam.arm.gripper import GripperStops, find_stops, load_stops, save_stops, verify_stops
-from lerobot_robot_yam.arm.gripper_axis import STORING, GripperAxis
+from lerobot_robot_yam.arm.gripper_axis import GripperAxis
 from lerobot_robot_yam.arm.joints import TURN
 from lerobot_robot_yam.arm.profile import load_gripper
 from lerobot_robot_yam.errors import GripperError
@@ -135,16 +135,16 @@ def gripper_axis(path, configured=None):
     return GripperAxis(config, GRIPPER, GRIPPER.motor.kp, GRIPPER.motor.kd)
 
 
+def wait_for(condition):
+    """What was found is stored beside the loop."""
+    deadline = time.monotonic() + 5.0
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
 def bring_up(axis, fingers, calibrate=False):
-    """As the control loop does it, and until what was found is stored; returns the shift."""
-    shift = found_by(axis, fingers, calibrate)
-    for thread in threading.enumerate():
-        if thread.name == STORING:
-            thread.join()
-    return shift
-
-
-def found_by(axis, fingers, calibrate=False):
+    """As the control loop does it; returns the shift."""
     axis.begin(calibrate)
 
     def send(at):
@@ -165,6 +165,7 @@ def test_only_a_search_writes_the_stops(tmp_path, caplog):
     path = tmp_path / "left.json"
     bring_up(gripper_axis(path), Fingers(0.4))
     assert "no gripper stops are known" in caplog.text
+    wait_for(path.exists)
     assert load_stops("left", path, "linear_4310").closed_rad == pytest.approx(CLOSED, abs=0.02)
     save_stops("left", path, "linear_4310", GripperStops(CLOSED + 0.03, OPEN + 0.03))
     stored = path.read_text()
@@ -175,6 +176,7 @@ def test_only_a_search_writes_the_stops(tmp_path, caplog):
         assert axis.stops.closed_rad == (CLOSED + 0.03 if configured is None else CLOSED - 0.02)
         assert path.read_text() == stored and path.stat().st_ino == inode
     bring_up(gripper_axis(path), Fingers(0.4), calibrate=True)
+    wait_for(lambda: path.stat().st_ino != inode)
     assert path.read_text() != stored
 
 
@@ -210,6 +212,7 @@ def test_an_explicit_calibration_replaces_a_damaged_file_and_nothing_else_does(t
         gripper_axis(path).begin()
     assert path.read_text() == "{}"
     bring_up(gripper_axis(path), Fingers(0.4), calibrate=True)
+    wait_for(lambda: path.read_text() != "{}")
     assert load_stops("left", path, "linear_4310").open_rad == pytest.approx(OPEN, abs=0.02)
 
 
@@ -220,6 +223,7 @@ def test_stops_that_cannot_be_stored_count_all_the_same(tmp_path, caplog):
     axis = gripper_axis(path)
     bring_up(axis, Fingers(0.4), calibrate=True)
     assert axis.stops.closed_rad == pytest.approx(CLOSED, abs=0.02)
+    wait_for(lambda: "cannot be stored" in caplog.text)
     assert f"left: the gripper's stops cannot be stored in {path}" in caplog.text and "File exists" in caplog.text
 
 
@@ -228,7 +232,7 @@ def test_a_disk_that_hangs_does_not_hold_the_loop_up(tmp_path):
     hangs = path.with_name(f"{path.name}.{os.getpid()}")
     os.mkfifo(hangs)
     axis = gripper_axis(path)
-    found_by(axis, Fingers(0.4), calibrate=True)
+    bring_up(axis, Fingers(0.4), calibrate=True)
     assert axis.stops is not None and not path.exists()
     assert json.loads(hangs.read_text())["gripper"] == "linear_4310"
 

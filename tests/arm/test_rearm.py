@@ -109,7 +109,7 @@ def test_while_a_whole_arm_is_re_armed_its_peer_goes_on_being_commanded(tmp_path
 
 def test_an_arm_comes_up_and_comes_back_on_a_wire_that_loses_frames_either_way(rig, session):
     for kind in ("loss_rate", "command_loss_rate"):
-        rig.fault(CHANNEL, None, kind, 0.03)
+        rig.fault(CHANNEL, None, kind, 0.01)
     for _ in range(5):
         for joint in ("joint_1", "joint_5"):
             rig.fault(CHANNEL, joint, "nibble", int(Fault.OVERLOAD))
@@ -117,7 +117,7 @@ def test_an_arm_comes_up_and_comes_back_on_a_wire_that_loses_frames_either_way(r
         session.rearm()
         assert all(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())
     session.discard()
-    for _ in range(20):
+    for _ in range(60):
         pause(rig, 0.5)  # until the motors have noticed
         session.start()
         session.discard()

@@ -1,0 +1,73 @@
+"""The start of two arms: both get torque, or none; whatever comes between."""
+
+import contextlib
+
+import pytest
+
+from lerobot_robot_yam.arm.build import build
+from lerobot_robot_yam.arm.bus import open_bus
+from lerobot_robot_yam.arm.estop import EmergencyStop
+from lerobot_robot_yam.arm.hardware import Hardware
+from lerobot_robot_yam.arm.port import ArmPort
+from lerobot_robot_yam.arm.state import channel_key
+from lerobot_robot_yam.errors import BusError, EmergencyStopError
+
+from .rigged import lockstep_rig, sim_config
+
+CHANNELS = ("follower_left", "follower_right")
+
+rig = lockstep_rig(*CHANNELS)
+
+
+@pytest.fixture
+def loop(rig):
+    """Everything is there and as configured; nothing is energised yet."""
+    configs = [sim_config(rig, channel) for channel in CHANNELS]
+    keys = [channel_key(config.interface, config.channel, rig.name) for config in configs]
+    with contextlib.ExitStack() as rest:
+        buses = []
+        for config, key in zip(configs, keys, strict=True):
+            rest.callback(ArmPort(config, Hardware(config), key).close)
+            buses.append(open_bus(config))
+            rest.callback(buses[-1].shutdown)
+        loop = build(configs, keys, buses)
+        rest.callback(loop.close)
+        yield loop
+
+
+def on(rig):
+    arms = rig.state()["arms"]
+    return {channel for channel in CHANNELS if any(m["enabled"] for m in arms[channel]["motors"].values())}
+
+
+def test_an_emergency_stop_after_the_inspection_keeps_all_limp(rig, loop):
+    stop = EmergencyStop()
+    stop.latch("a test")
+    try:
+        with pytest.raises(EmergencyStopError, match="a test"):
+            loop.start()
+    finally:
+        stop.release()
+    assert not on(rig)
+
+
+@pytest.mark.parametrize("happens", ["emergency stop", "adapter gone"])
+def test_what_happens_to_the_first_arm_while_the_second_comes_up_leaves_none_with_torque(rig, loop, happens):
+    drive, stop = loop._controllers[1].drive, EmergencyStop()
+    enable = drive.enable
+
+    def enabled_and_then(meanwhile):
+        enable(meanwhile)
+        assert on(rig) == set(CHANNELS)
+        if happens == "emergency stop":
+            stop.latch("a test")
+        else:
+            rig.fault(CHANNELS[0], None, "adapter_gone")
+
+    drive.enable = enabled_and_then
+    try:
+        with pytest.raises((BusError, EmergencyStopError)):
+            loop.start()
+    finally:
+        stop.release()
+    assert on(rig) == ({CHANNELS[0]} if happens == "adapter gone" else set())  # nothing reaches the motors there
