@@ -10,7 +10,7 @@ from lerobot_robot_yam.arm.bus import open_bus
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.loop import ControlLoop
 from lerobot_robot_yam.clock import SYSTEM, Clock, clock_of
-from lerobot_robot_yam.errors import MotorError, YamError
+from lerobot_robot_yam.errors import YamError
 
 logger = logging.getLogger(__name__)
 
@@ -62,12 +62,10 @@ class StepRunner:
             ready: list[str] = []
             self._ticks = self._loop.ticks(ready.append, lambda: self._landing)
             give_up_s = self._world.now() + _START_TIMEOUT_S
-            while not ready:
+            while not ready or ready[0]:  # what has failed lands first
                 next(self._ticks)
                 if self._world.now() > give_up_s:
                     raise YamError(f"the control loop did not come up within {_START_TIMEOUT_S:.0f} s")
-            if ready[0]:
-                raise MotorError(ready[0])
         except BaseException:
             self.discard()
             raise
