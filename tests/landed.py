@@ -4,7 +4,7 @@ import math
 
 from lerobot_robot_yam.rig.control import RigOperations
 
-MOST_M = 0.01  # issue and README: cutting torque then moves no body by more
+MOST_M = 0.01  # landed means that cutting torque then moves no body by more
 
 
 def moved_after_cut_m(rig: RigOperations, channel: str) -> float:
