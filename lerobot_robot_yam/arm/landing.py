@@ -1,13 +1,17 @@
 """Landing: bring the arm down under control to where cutting torque moves nothing.
 
     fold    straight joint line to the folded pose with the wrist raised, at LANDING_SPEED at most; an arm that lies
-            already stays
+            already stays. Where something is in its way, it goes round, over the top: wrist up and elbow open until
+            the forearm is level, upper arm back, forearm down
     lower   the wrist down to its resting place, stopping at contact
     fade    stiffness and feed-forward to nothing under full damping; whatever is still unsupported sinks slowly
     still   wait until nothing moves; only then may torque be cut
 
-If the fold is obstructed the arm keeps holding and says so, and tries again. A load that nobody has told the model of
-makes the soft wrist sag; it is about to be lowered anyway, so that obstructs nothing.
+If that is obstructed too the arm keeps holding and says so, and tries again. One with a motor out may never get there
+(a limp wrist stands in its way): what it has met on its way down carries it, so it fades there, slowly.
+
+A load that nobody has told the model of makes the soft wrist sag; it is about to be lowered anyway, so that obstructs
+nothing.
 """
 
 import logging
@@ -25,7 +29,8 @@ _RAMP_S = 0.12  # to that speed; a quicker start overshoots
 _WRIST_LIFT_RAD = 0.35  # how far above its resting place the wrist stays while the arm folds
 _SOFT_RAD = 0.3  # from here on the fold slows down: some joints end on their mechanical stops
 _SOFT_RAD_S2 = 5.0
-_WRIST = 3  # joint 4 carries the wrist
+_SHOULDER, _ELBOW, _WRIST = 1, 2, 3  # joints 2 to 4: upper arm, forearm, and what carries the wrist
+_OPEN_RAD = 1.2  # elbow with which the tool is highest while the upper arm lies
 _AT_POSE_RAD = 0.06
 _STUCK_RAD = 0.25  # set-point this far ahead of the arm: something is in the way
 _CONTACT_RAD = 0.12
@@ -33,8 +38,11 @@ _SAG_NM = 5.0  # of the wrist's stiffness: 2 kg at 0.25 m. What takes more is no
 _STUCK_S = 0.5
 _RETRY_S = 3.0
 _FADE_S = 0.15
+_SINK_S = 1.5  # the same where it does not lie yet
 _STILL_RAD_S = 0.03
 _STILL_S = 0.06
+_SUNK_S = 1.0  # what still creeps under full damping would slide on without it
+_CREEP_RAD = 0.005
 
 
 class Phase(Enum):
@@ -74,13 +82,17 @@ class Landing:
         self.phase = Phase.LOWER if lies else Phase.FOLD
         self._since = now
         self._speed = np.zeros(n)
+        self._way: list[np.ndarray] = []  # poses still to come of the fold
+        self._goes_round = False
+        self._fade_s, self._still_s = _FADE_S, _STILL_S
         self._stuck_since: float | None = None
-        self._still_since: float | None = None
+        self._still_since, self._still_q = now, q.copy()
         self.share = 1.0
         self._begin_move(self._rest if lies else self._fold, now)
 
     def _begin_move(self, goal: np.ndarray, now: float) -> None:
         """Straight line: every joint arrives at the same time."""
+        self._since = now
         gap = np.abs(goal - self._setpoint.q[: self._n])
         longest = max(float(gap.max()), 1e-3)
         self._speed = np.maximum(_COMMANDED_RAD_S * gap / longest, 0.05)
@@ -104,20 +116,17 @@ class Landing:
             if 0.0 < sag < self._sag_rad:
                 error[_WRIST] = 0.0
             at_pose = error.max() < _AT_POSE_RAD
-            if at_pose and self._setpoint.arrived:
+            if self._way and self._setpoint.arrived and error.max() < _STUCK_RAD:
+                self._begin_move(self._way.pop(0), now)
+            elif at_pose and self._setpoint.arrived:
                 self._enter(Phase.LOWER, now)
                 self._begin_move(self._rest, now)
             elif self._stuck(error.max() > _STUCK_RAD or (self._setpoint.arrived and not at_pose), now):
                 self._give_way(q)
-                self._enter(Phase.OBSTRUCTED, now)
-                logger.error(
-                    "%s: cannot land, joint_%d is obstructed or carries too much; holding. "
-                    "Free the way or take the load: I try again",
-                    self._arm,
-                    int(error.argmax()) + 1,
-                )
+                self._give_up_way(f"joint_{int(error.argmax()) + 1} is obstructed or carries too much", usable, now)
         elif self.phase is Phase.OBSTRUCTED:
             if now - self._since > _RETRY_S:
+                self._goes_round = False
                 self._enter(Phase.FOLD, now)
                 self._begin_move(self._fold, now)
         elif self.phase is Phase.LOWER:
@@ -125,14 +134,37 @@ class Landing:
                 self._give_way(q)
                 self._enter(Phase.FADE, now)
         elif self.phase is Phase.FADE:
-            self.share = max(0.0, 1.0 - (now - self._since) / _FADE_S)
+            self.share = max(0.0, 1.0 - (now - self._since) / self._fade_s)
             moving = np.abs(np.where(usable, dq, 0.0)).max() > _STILL_RAD_S
-            if self.share > 0.0 or moving:
-                self._still_since = None
-            elif self._still_since is None:
-                self._still_since = now
-            elif now - self._still_since > _STILL_S:
+            if self.share > 0.0 or moving or np.abs(q - self._still_q).max() > _CREEP_RAD:
+                self._still_since, self._still_q = now, q.copy()
+            elif now - self._still_since > self._still_s:
                 self._enter(Phase.LANDED, now)
+
+    def _give_up_way(self, reason: str, usable: np.ndarray, now: float) -> None:
+        """Something is in the way: go round. That was in vain too: hold, or, where a motor is out, sink."""
+        if self._goes_round and not usable.all():
+            out = ", ".join(f"joint_{joint + 1}" for joint in np.flatnonzero(~usable))
+            logger.warning("%s: %s, and %s is out; let down where it is", self._arm, reason, out)
+            self._fade_s, self._still_s = _SINK_S, _SUNK_S
+            self._enter(Phase.FADE, now)
+            return
+        if self._goes_round:
+            self._enter(Phase.OBSTRUCTED, now)
+            text = "%s: cannot land, %s; holding. Free the way or take the load: I try again"
+            logger.error(text, self._arm, reason)
+            return
+        self._goes_round = True
+        logger.warning("%s: on its way down %s; going round, over the top", self._arm, reason)
+        level = self._setpoint.q[: self._n].copy()
+        level[_WRIST] = self._fold[_WRIST]
+        open_rad = max(_OPEN_RAD, level[_SHOULDER] - self._rest[_SHOULDER])
+        level[_ELBOW] = max(level[_ELBOW], self._rest[_ELBOW] + open_rad)
+        back = level.copy()
+        back[_SHOULDER] = self._rest[_SHOULDER]
+        self._way = [back, self._fold]
+        self._enter(Phase.FOLD, now)
+        self._begin_move(level, now)
 
     def _start(self, now: float) -> None:
         self._setpoint.speed_limit[: self._n] = self._speed * np.clip((now - self._since) / _RAMP_S, 0.1, 1.0)

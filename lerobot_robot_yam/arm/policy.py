@@ -266,7 +266,7 @@ POLICY: dict[Trouble, Rule] = {
         _REARM,
     ),
     Trouble.OBSTRUCTED: Rule(
-        "the arm does not follow its landing for 0.5 s",
+        "the arm does not follow its landing for 0.5 s, neither straight nor over the top",
         Response.HOLD,
         Response.GO_ON,
         "an error in the log that names the joint",
@@ -295,7 +295,8 @@ def document() -> str:
         "",
         "Generated from `lerobot_robot_yam/arm/policy.py`, the module that the control loop reads:",
         "`python -m lerobot_robot_yam.arm.policy > docs/faults.md`. The arm is the one concerned, the peer the other",
-        "arm of the same robot. An arm that lands already goes on landing with the motors that still obey.",
+        "arm of the same robot. An arm that lands already goes on landing with the motors that still obey, and sinks",
+        "slowly onto what it meets where it cannot fold without the one that is out.",
         "",
         "| fault | noticed by | the arm | its peer | the caller sees | within | to re-arm |",
         "|---|---|---|---|---|---|---|",

@@ -10,11 +10,12 @@ from lerobot_robot_yam.arm.landing import LANDING_SPEED_RAD_S, Landing, Phase
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.profile import load_arm
 from lerobot_robot_yam.arm.setpoint import SetPoint
+from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.rig.control import RigControl
 
-from .rigged import arm_on, either_rig, pause
+from ..landed import MOST_M, moved_after_cut_m
+from .rigged import arm_on, either_rig, pause, track
 
-MOST_M = 0.01
 CHANNEL = "follower_left"
 
 
@@ -127,6 +128,32 @@ def test_an_arm_lands_whose_base_stands_beyond_its_range(beyond_rad):
         if landing.phase is Phase.LANDED:
             break
     assert landing.phase is Phase.LANDED
+
+
+@pytest.mark.parametrize("shoulder", [0.5, 0.8, 1.1])
+def test_an_arm_lands_whose_wrist_is_hooked_behind_its_own_shoulder(rig, shoulder, caplog, capfd):
+    """The straight way down is barred by the arm itself: it goes round."""
+    with arm_on(rig, CHANNEL) as arm:
+        arm.move_to([0.0, 0.9, 0.9, 0, 0, 0], speed_rad_s=1.4)
+        for pose in ([0.0, shoulder, 0.1, 0, 0, 0], [0.0, shoulder, 0.1, -1.65, 0, 0]):
+            track(arm._session, {CHANNEL: pose}, 1.5)
+        moved, _ = land_and_watch(rig, arm, CHANNEL)
+    assert moved <= MOST_M
+    said = caplog.text + capfd.readouterr().err
+    assert "going round" in said
+    assert "cannot land" not in said
+
+
+@pytest.mark.parametrize("motor", [f"joint_{number}" for number in range(1, 7)])
+def test_an_arm_lands_with_a_motor_out(rig, motor):
+    """A limp wrist stands in the way of the fold, an arm with a limp shoulder lies on the table: it lands there."""
+    with arm_on(rig, CHANNEL) as arm:
+        arm.move_to([0.1, 0.9, 0.9, -0.3, 0.1, 0.1], speed_rad_s=1.4)
+        rig.fault(CHANNEL, motor, "nibble", int(Fault.OVER_CURRENT))
+        arm.land()
+        assert arm._session[CHANNEL].mode() is Mode.OFF
+        arm.clock.sleep(1.5)
+    assert moved_after_cut_m(rig, CHANNEL) <= MOST_M
 
 
 def test_an_obstructed_landing_keeps_holding_and_says_so(rig, caplog, capfd):
