@@ -129,10 +129,13 @@ class Context:
         return False
 
     def explained(self, channel: str, at_s: float, within_s: float = _AFTER_S) -> bool:
-        """Whether something was injected into the arm that can be the cause of trouble at that time."""
-        return any(
-            cause.kind in TROUBLING and cause.start_s <= at_s <= cause.end_s + within_s
-            for cause in self.arms[channel].causes
+        """Whether something was injected into the arm that can be the cause of trouble at that time.
+
+        A motor that has fallen into a fault is one for as long as it is in it: it is told again in each mode.
+        """
+        arm = self.arms[channel]
+        return any(since_s <= at_s for since_s in arm.faulty.values()) or any(
+            cause.kind in TROUBLING and cause.start_s <= at_s <= cause.end_s + within_s for cause in arm.causes
         )
 
     def undisturbed(self, channel: str, since_s: float, until_s: float, kinds: frozenset[str]) -> bool:

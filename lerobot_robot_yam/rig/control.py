@@ -105,7 +105,7 @@ class RigOperations(ABC):
             max_torque_nm (n), magnitudes at the joint (gripper: at the motor), each with the monotonic time of the
             largest, max_speed_at_s and max_torque_at_s (0 before the first); max_command_age_s (n): the longest that
             an enabled motor acted on one command, simulated time; min_tcp_z_m; max_tcp_drop_m, below its height at the
-            start; touched_at_s: last contact with anything but itself (0 without);
+            start; touched_at_s: when it last touched anything, or pressed on itself with more than 50 N (0: never);
             enabled_events: (monotonic_s, motor, enabled) of every change;
             fault_events: (monotonic_s, motor, fault code).
 

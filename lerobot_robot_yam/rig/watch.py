@@ -17,6 +17,7 @@ from lerobot_robot_yam.rig.world import World
 
 _PERIOD_S = 0.002  # simulated time between two looks, at least
 _CHANGES_KEPT = 50_000
+_PRESS_N = 50.0  # at a point, with which an arm presses on itself; folded and limp, its wrist lies there with 27
 
 
 class Change(NamedTuple):
@@ -110,9 +111,19 @@ class Watch:
         np.maximum(self._age, age, out=self._age)
         np.minimum(self._lowest_z, self._heights[self._tools], out=self._lowest_z)
         contact, count = world.data.contact, world.data.ncon
-        touching = self._arm_of[contact.geom[:count][contact.dist[:count] <= 0.0]]  # (k, 2)
-        arms = touching[touching[:, 0] != touching[:, 1]]
+        near = np.flatnonzero(contact.dist[:count] <= 0.0)
+        touching = self._arm_of[contact.geom[near]]  # (k, 2)
+        itself = touching[:, 0] == touching[:, 1]
+        arms = touching[~itself]
         self._touched_at[arms[arms >= 0]] = now
+        for index, arm in zip(near[itself], touching[itself, 0], strict=True):
+            if arm >= 0 and self._force_n(int(index)) > _PRESS_N:
+                self._touched_at[arm] = now
+
+    def _force_n(self, contact: int) -> float:
+        wrench = np.zeros(6)
+        mujoco.mj_contactForce(self._world.model, self._world.data, contact, wrench)
+        return abs(float(wrench[0]))  # along the normal
 
     def report(self, channel: str, since: int, limit: int) -> dict[str, Any]:
         """What was recorded, see `control.RigControl.watch`; of the changes at most `limit` from number `since` on."""

@@ -100,6 +100,16 @@ def test_a_touch_is_noticed(desk):
     assert watch(desk)["touched_at_s"] > desk.now_s - 1.0
 
 
+def test_an_arm_that_presses_on_itself_touches_and_one_whose_wrist_lies_does_not(desk):
+    watch(desk, start=True)
+    desk.run(0.5)  # folded and limp
+    assert watch(desk)["touched_at_s"] == 0.0
+    desk.special(4, SpecialCommand.ENABLE)
+    desk.mit(4, q=-1.0, kp=40, kd=1.5)  # the wrist, down onto the shoulder's motor
+    desk.run(0.2)
+    assert watch(desk)["touched_at_s"] == pytest.approx(desk.now_s, abs=0.01)
+
+
 def test_the_height_is_the_true_one(desk):
     world = desk.device.world
     watch(desk, start=True)
