@@ -270,7 +270,7 @@ POLICY: dict[Trouble, Rule] = {
         Response.HOLD,
         Response.GO_ON,
         "an error in the log that names the joint",
-        1.0,
+        2.0,
         "free the way or take the load: it tries again every 3 s",
     ),
 }
