@@ -78,15 +78,23 @@ def fade(out: np.ndarray, share: float, kd: np.ndarray) -> None:
 def clip_torque(out: np.ndarray, q: np.ndarray, dq: np.ndarray, limit_nm: np.ndarray) -> bool:
     """Keep the torque that the motor will compute within ±limit (n,). True when it had to.
 
-    What is too much is taken from the position error first, by moving q* towards q, and only the rest from tau: a far
-    set-point asks for more than the frame's torque field could take back (kp = 80 Nm/rad and 1 rad: 80 of 28 Nm).
+    What is too much is taken from the position error first, by moving q* towards q, then from the damping, by moving
+    dq* towards dq, and only the rest from tau: a far set-point, or a blow, asks for more than the frame's torque field
+    could take back (kp = 80 Nm/rad and 1 rad: 80 of 28 Nm; kd = 1.5 Nm s/rad and 15 rad/s: 22 of 10 Nm).
     """
-    spring = out[:, KP] * (out[:, Q] - q)
-    tau = spring + out[:, KD] * (out[:, DQ] - dq) + out[:, TAU]
+    spring, damping = out[:, KP] * (out[:, Q] - q), out[:, KD] * (out[:, DQ] - dq)
+    tau = spring + damping + out[:, TAU]
     excess = tau - np.minimum(np.maximum(tau, -limit_nm), limit_nm)
     if not excess.any():
         return False
-    from_spring = np.where(excess * spring > 0.0, np.copysign(np.minimum(np.abs(excess), np.abs(spring)), excess), 0.0)
+    from_spring = _share(excess, spring)
+    from_damping = _share(excess - from_spring, damping)
     out[:, Q] -= from_spring / np.maximum(out[:, KP], 1e-9)
-    out[:, TAU] -= excess - from_spring
+    out[:, DQ] -= from_damping / np.maximum(out[:, KD], 1e-9)
+    out[:, TAU] -= excess - from_spring - from_damping
     return True
+
+
+def _share(excess: np.ndarray, part: np.ndarray) -> np.ndarray:
+    """What of `excess` can be taken from this part of it."""
+    return np.where(excess * part > 0.0, np.copysign(np.minimum(np.abs(excess), np.abs(part)), excess), 0.0)
