@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from lerobot_robot_yam.arm.policy import FAULT_TROUBLE, Trouble
+
 WATCHDOG_S = 0.4  # a motor without a command for so long switches itself off
 _WATCHDOG_SLACK_S = 0.03  # between the rig's simulated time and the clock
 _CUTS = frozenset({"cable_out_briefly", "cable_out", "link_down", "bus_off", "adapter_gone", "motor_silent"})
@@ -128,15 +130,15 @@ class Context:
                 return True
         return False
 
-    def explained(self, channel: str, at_s: float, within_s: float = _AFTER_S) -> bool:
-        """Whether something was injected into the arm that can be the cause of trouble at that time.
+    def explained(self, channel: str, trouble: Trouble, at_s: float, within_s: float = _AFTER_S) -> bool:
+        """Whether something was injected into the arm that can be the cause of its trouble at that time.
 
-        A motor that has fallen into a fault is one for as long as it is in it: it is told again in each mode.
+        A motor that has fallen into a fault tells of it for as long as it is in it, anew in each mode.
         """
         arm = self.arms[channel]
-        return any(since_s <= at_s for since_s in arm.faulty.values()) or any(
-            cause.kind in TROUBLING and cause.start_s <= at_s <= cause.end_s + within_s for cause in arm.causes
-        )
+        if trouble in FAULT_TROUBLE.values() and any(since_s <= at_s for since_s in arm.faulty.values()):
+            return True
+        return any(cause.kind in TROUBLING and cause.start_s <= at_s <= cause.end_s + within_s for cause in arm.causes)
 
     def undisturbed(self, channel: str, since_s: float, until_s: float, kinds: frozenset[str]) -> bool:
         """Whether every motor of the arm had torque all the time, and nothing of `kinds` was going on."""

@@ -110,7 +110,7 @@ class Monitor:
         for finding in self._truth.judge():
             self._report(finding)
         for at_s, channel, trouble in self._news:  # what obstructs a landing may be the arm itself, or the table
-            if trouble is not Trouble.OBSTRUCTED and not self._context.explained(channel, at_s):
+            if trouble is not Trouble.OBSTRUCTED and not self._context.explained(channel, trouble, at_s):
                 self._report(Finding("no trouble without a cause", at_s, channel, f"{trouble}"))
         self._news.clear()
         self._context.forget_before(time.monotonic() - 60.0)

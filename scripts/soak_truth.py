@@ -136,7 +136,8 @@ class Truth:
                     what = f"{seen['motors'][i]} at {seen['max_speed_rad_s'][i]:.2f} rad/s, allowed {allowed[i]:.2f}"
                     found.append(Finding("joint speed", seen["max_speed_at_s"][i], channel, what))
             pushed = self._happened(_PUSHES, channel, since_s - _SETTLE_S, until_s)
-            if not (pushed or self._happened(_STALE_COMMANDS, channel, since_s - 0.1, until_s)):
+            struck = not self._context.undisturbed(channel, since_s - _SETTLE_S, until_s, _PUSHES)  # by what went limp
+            if not (pushed or struck or self._happened(_STALE_COMMANDS, channel, since_s - 0.1, until_s)):
                 allowed = _TORQUE_FACTOR * arm.torque_limit + _TORQUE_SLACK_NM
                 allowed[:GRIPPER] += arm.kp[:GRIPPER] * arm.motor_speed_limit[:GRIPPER] * late_s
                 ratio = np.array(seen["max_torque_nm"])[:n] / allowed

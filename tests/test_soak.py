@@ -169,11 +169,15 @@ def test_communication_is_lost_only_where_the_schedule_has_cut_it(soak, what, cu
 def test_trouble_needs_a_cause(soak):
     context = soak.context.Context([CHANNEL, PEER], [(CHANNEL, PEER)])
     context.take(injected(0, "lost_replies", 10.0))
-    assert not context.explained(CHANNEL, 10.1)
+    assert not context.explained(CHANNEL, Trouble.OVERLOAD, 10.1)
     context.take(injected(1, "kill_control", 11.0))
-    assert context.explained(CHANNEL, 11.1) and context.explained(PEER, 11.1)  # one process drives both
+    for channel in (CHANNEL, PEER):  # one process drives both
+        assert context.explained(channel, Trouble.OVERLOAD, 11.1)
     context.take(event("undone", 11.0, injection=1))
-    assert not context.explained(CHANNEL, 15.0)
+    assert not context.explained(CHANNEL, Trouble.OVERLOAD, 15.0)
+    context.take(event("motor_fault", 16.0, channel=CHANNEL, motor="joint_3", fault=0xE))
+    assert context.explained(CHANNEL, Trouble.OVERLOAD, 60.0)  # it is in it still
+    assert not context.explained(CHANNEL, Trouble.INTERNAL_ERROR, 60.0)
 
 
 @pytest.mark.parametrize(
