@@ -16,7 +16,7 @@ from lerobot_robot_yam.arm.heat import Heat
 from lerobot_robot_yam.arm.landing import Landing, Phase
 from lerobot_robot_yam.arm.lifecycle import Mode, check_transition
 from lerobot_robot_yam.arm.motion import Motion
-from lerobot_robot_yam.arm.policy import Trouble
+from lerobot_robot_yam.arm.policy import SILENT_S, Trouble
 from lerobot_robot_yam.arm.setpoint import SetPoint
 from lerobot_robot_yam.arm.state import Limited
 from lerobot_robot_yam.damiao.chain import MotorChain
@@ -152,6 +152,8 @@ class ArmBody:
     def command(self, now: float, dt: float) -> None:
         """From state and set-point to the commands of the next `send`."""
         q, dq = self.drive.motor_q, self.drive.motor_dq
+        if not self._usable.all():
+            q, dq = self._presumed(now, q, dq)
         if self.mode is Mode.FLOAT or (self.mode is Mode.STOPPED and self._floats):
             self.setpoint.seed(self.q)  # whatever ends the floating finds it where the arm is
             self.limited &= ~(Limited.JOINT_LIMIT | Limited.TORQUE)
@@ -159,7 +161,7 @@ class ArmBody:
         else:
             self._catch(now)
             landing = self._landing
-            fade = landing.share if landing is not None and landing.phase is Phase.FADE else None
+            fade = landing.share if landing is not None and landing.fades else None
             gripper = float(self.drive.dq[-1]), float(self.drive.tau[-1])
             stopped = self.mode is Mode.STOPPED
             holding = (stopped or self.mode is Mode.HOLD) and bool(self._usable.all())
@@ -174,12 +176,18 @@ class ArmBody:
             elif self.limited & Limited.CAME_FREE:  # while an arm holds, no target comes to take it back
                 self.limited &= ~Limited.CAME_FREE
 
+    def _presumed(self, now: float, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """A motor that is not heard may still obey: it is where it was sent, not where it was heard last."""
+        unheard = ~self._usable & (now - self.chain.stamp_s > SILENT_S)
+        unheard[self.hardware.joints :] = False
+        return np.where(unheard, self.setpoint.q, q), np.where(unheard, self.setpoint.dq, dq)
+
     def _catch(self, now: float) -> None:
         """A joint that comes free of what has blocked it must not spring to where its set-point has gone meanwhile."""
         hw = self.hardware
         dq = self.drive.motor_dq[: hw.joints]
         fast = np.abs(dq) > _FREE_SPEED * hw.speed_limit[: hw.joints]
-        if not fast.any() or (self._landing is not None and self._landing.phase is Phase.FADE):  # nearly always
+        if not fast.any() or (self._landing is not None and self._landing.fades):  # nearly always
             return
         gap = (self.setpoint.q - self.drive.motor_q)[: hw.joints]
         heard = now - self.chain.stamp_s[: hw.joints] < _JUST_NOW_S

@@ -2,13 +2,13 @@
 
     fold    straight joint line to the folded pose with the wrist raised, at LANDING_SPEED at most; an arm that lies
             already stays. Where something is in its way, it goes round, over the top: wrist up and elbow open until
-            the forearm is level, upper arm back, forearm down
+            the forearm is level at least, upper arm back, forearm down
     lower   the wrist down to its resting place, stopping at contact
     fade    stiffness and feed-forward to nothing under full damping; whatever is still unsupported sinks slowly
     still   wait until nothing moves; only then may torque be cut
 
-If that is obstructed too the arm keeps holding and says so, and tries again. One with a motor out may never get there
-(a limp wrist stands in its way): what it has met on its way down carries it, so it fades there, slowly.
+If both ways are barred the arm keeps holding and says so, and tries again. An arm without one of the motors that carry
+it may never get there (a limp wrist stands in its way): it sinks onto what it has met on its way down.
 
 A load that nobody has told the model of makes the soft wrist sag; it is about to be lowered anyway, so that obstructs
 nothing.
@@ -29,7 +29,7 @@ _RAMP_S = 0.12  # to that speed; a quicker start overshoots
 _WRIST_LIFT_RAD = 0.35  # how far above its resting place the wrist stays while the arm folds
 _SOFT_RAD = 0.3  # from here on the fold slows down: some joints end on their mechanical stops
 _SOFT_RAD_S2 = 5.0
-_SHOULDER, _ELBOW, _WRIST = 1, 2, 3  # joints 2 to 4: upper arm, forearm, and what carries the wrist
+_SHOULDER, _ELBOW, _WRIST = 1, 2, 3  # joints 2 to 4 carry upper arm, forearm and wrist
 _OPEN_RAD = 1.2  # elbow with which the tool is highest while the upper arm lies
 _AT_POSE_RAD = 0.06
 _STUCK_RAD = 0.25  # set-point this far ahead of the arm: something is in the way
@@ -38,7 +38,8 @@ _SAG_NM = 5.0  # of the wrist's stiffness: 2 kg at 0.25 m. What takes more is no
 _STUCK_S = 0.5
 _RETRY_S = 3.0
 _FADE_S = 0.15
-_SINK_S = 1.5  # the same where it does not lie yet
+_SINK_S = 1.5  # the same where it does not lie yet, if it stays below
+_SINK_RAD_S = 0.3
 _STILL_RAD_S = 0.03
 _STILL_S = 0.06
 _SUNK_S = 1.0  # what still creeps under full damping would slide on without it
@@ -51,6 +52,7 @@ class Phase(Enum):
     FOLD = auto()
     LOWER = auto()
     FADE = auto()
+    SINK = auto()
     LANDED = auto()
     OBSTRUCTED = auto()
 
@@ -84,15 +86,17 @@ class Landing:
         self._speed = np.zeros(n)
         self._way: list[np.ndarray] = []  # poses still to come of the fold
         self._goes_round = False
-        self._fade_s, self._still_s = _FADE_S, _STILL_S
+        self._out = np.ones(n, dtype=bool)  # since this move began
         self._stuck_since: float | None = None
         self._still_since, self._still_q = now, q.copy()
+        self._before = now
         self.share = 1.0
         self._begin_move(self._rest if lies else self._fold, now)
 
     def _begin_move(self, goal: np.ndarray, now: float) -> None:
         """Straight line: every joint arrives at the same time."""
         self._since = now
+        self._out[:] = True
         gap = np.abs(goal - self._setpoint.q[: self._n])
         longest = max(float(gap.max()), 1e-3)
         self._speed = np.maximum(_COMMANDED_RAD_S * gap / longest, 0.05)
@@ -101,12 +105,19 @@ class Landing:
         target[: self._n] = goal
         self._setpoint.aim(target, now)
 
+    @property
+    def fades(self) -> bool:
+        """True while `share` falls: it lies, or sinks."""
+        return self.phase in (Phase.FADE, Phase.SINK)
+
     def advance(self, q: np.ndarray, dq: np.ndarray, usable: np.ndarray, now: float) -> None:
         """One tick; sets `phase`, `share` (of stiffness and feed-forward) and steers the set-point.
 
         `usable` (n,) bool: joints whose motors answer; the others cannot be waited for.
         """
         self._start(now)
+        dt, self._before = now - self._before, now
+        self._out &= ~usable
         error = np.where(usable, np.abs(self._setpoint.q[: self._n] - q), 0.0)
         if self.phase is Phase.FOLD:
             way = self._setpoint.target[: self._n] - self._setpoint.q[: self._n]  # a base beyond its limit comes inside
@@ -122,49 +133,67 @@ class Landing:
                 self._enter(Phase.LOWER, now)
                 self._begin_move(self._rest, now)
             elif self._stuck(error.max() > _STUCK_RAD or (self._setpoint.arrived and not at_pose), now):
-                self._give_way(q)
-                self._give_up_way(f"joint_{int(error.argmax()) + 1} is obstructed or carries too much", usable, now)
+                self._give_way(q, usable)
+                self._barred(f"joint_{int(error.argmax()) + 1} is obstructed or carries too much", now)
         elif self.phase is Phase.OBSTRUCTED:
             if now - self._since > _RETRY_S:
                 self._goes_round = False
-                self._enter(Phase.FOLD, now)
-                self._begin_move(self._fold, now)
+                self._go([self._fold], now)
         elif self.phase is Phase.LOWER:
             if self._setpoint.arrived or self._stuck(error.max() > _CONTACT_RAD, now, patience_s=0.1):
-                self._give_way(q)
+                self._give_way(q, usable)
                 self._enter(Phase.FADE, now)
         elif self.phase is Phase.FADE:
-            self.share = max(0.0, 1.0 - (now - self._since) / self._fade_s)
-            moving = np.abs(np.where(usable, dq, 0.0)).max() > _STILL_RAD_S
-            if self.share > 0.0 or moving or np.abs(q - self._still_q).max() > _CREEP_RAD:
-                self._still_since, self._still_q = now, q.copy()
-            elif now - self._still_since > self._still_s:
-                self._enter(Phase.LANDED, now)
+            fade_s, still_s = (_SINK_S, _SUNK_S) if self._carriers_out() else (_FADE_S, _STILL_S)
+            self.share = max(0.0, self.share - dt / fade_s)
+            self._end_when_still(q, dq, usable, now, still_s)
+        elif self.phase is Phase.SINK:
+            self._give_way(q, usable)  # whoever makes it stiff again finds it where it is
+            if np.abs(np.where(usable, dq, 0.0)).max() < _SINK_RAD_S:
+                self.share = max(0.0, self.share - dt / _SINK_S)
+            self._end_when_still(q, dq, usable, now, _SUNK_S)
 
-    def _give_up_way(self, reason: str, usable: np.ndarray, now: float) -> None:
-        """Something is in the way: go round. That was in vain too: hold, or, where a motor is out, sink."""
-        if self._goes_round and not usable.all():
-            out = ", ".join(f"joint_{joint + 1}" for joint in np.flatnonzero(~usable))
-            logger.warning("%s: %s, and %s is out; let down where it is", self._arm, reason, out)
-            self._fade_s, self._still_s = _SINK_S, _SUNK_S
-            self._enter(Phase.FADE, now)
-            return
-        if self._goes_round:
+    def _end_when_still(self, q: np.ndarray, dq: np.ndarray, usable: np.ndarray, now: float, still_s: float) -> None:
+        moving = np.abs(np.where(usable, dq, 0.0)).max() > _STILL_RAD_S
+        if self.share > 0.0 or moving or np.abs(q - self._still_q).max() > _CREEP_RAD:
+            self._still_since, self._still_q = now, q.copy()
+        elif now - self._still_since > still_s:
+            self._enter(Phase.LANDED, now)
+
+    def _barred(self, reason: str, now: float) -> None:
+        """Something is in the way: go round; hold where that is barred, too, or sink where a motor is out."""
+        out = self._carriers_out()
+        if not self._goes_round:
+            self._goes_round = True
+            logger.warning("%s: on its way down %s; it goes round, over the top", self._arm, reason)
+            self._go(self._over_the_top(), now)
+        elif out and self._way:  # what bars the way up carries nothing
+            self._go([self._fold], now)
+        elif out:
+            logger.warning("%s: %s, and %s is out; it sinks where it is", self._arm, reason, ", ".join(out))
+            self._enter(Phase.SINK, now)
+        else:
             self._enter(Phase.OBSTRUCTED, now)
-            text = "%s: cannot land, %s; holding. Free the way or take the load: I try again"
+            text = "%s: cannot land, %s; holding. Free the way or take the load, and keep clear: I try again"
             logger.error(text, self._arm, reason)
-            return
-        self._goes_round = True
-        logger.warning("%s: on its way down %s; going round, over the top", self._arm, reason)
+
+    def _carriers_out(self) -> list[str]:
+        """Joints that carry, and whose motors have been out since this move began: limp, or not heard."""
+        return [f"joint_{joint + 1}" for joint in (_SHOULDER, _ELBOW, _WRIST) if self._out[joint]]
+
+    def _over_the_top(self) -> list[np.ndarray]:
         level = self._setpoint.q[: self._n].copy()
         level[_WRIST] = self._fold[_WRIST]
         open_rad = max(_OPEN_RAD, level[_SHOULDER] - self._rest[_SHOULDER])
         level[_ELBOW] = max(level[_ELBOW], self._rest[_ELBOW] + open_rad)
         back = level.copy()
-        back[_SHOULDER] = self._rest[_SHOULDER]
-        self._way = [back, self._fold]
+        back[_SHOULDER], back[_ELBOW] = self._rest[_SHOULDER], self._rest[_ELBOW] + _OPEN_RAD
+        return [level, back, self._fold]
+
+    def _go(self, way: list[np.ndarray], now: float) -> None:
         self._enter(Phase.FOLD, now)
-        self._begin_move(level, now)
+        first, *self._way = way
+        self._begin_move(first, now)
 
     def _start(self, now: float) -> None:
         self._setpoint.speed_limit[: self._n] = self._speed * np.clip((now - self._since) / _RAMP_S, 0.1, 1.0)
@@ -180,8 +209,8 @@ class Landing:
             self._stuck_since = now
         return now - self._stuck_since > patience_s
 
-    def _give_way(self, q: np.ndarray) -> None:
-        """Stop pushing: the set-point goes to where the arm is."""
+    def _give_way(self, q: np.ndarray, usable: np.ndarray) -> None:
+        """Stop pushing: the set-point goes to where the arm is, as far as anybody knows where that is."""
         seed = self._setpoint.q.copy()
-        seed[: self._n] = q
+        seed[: self._n] = np.where(usable, q, seed[: self._n])
         self._setpoint.seed(seed)

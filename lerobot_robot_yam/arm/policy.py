@@ -266,12 +266,12 @@ POLICY: dict[Trouble, Rule] = {
         _REARM,
     ),
     Trouble.OBSTRUCTED: Rule(
-        "the arm does not follow its landing for 0.5 s, neither straight nor over the top",
+        "the arm does not follow its landing for 0.5 s; it goes round, over the top, before it holds",
         Response.HOLD,
         Response.GO_ON,
-        "an error in the log that names the joint",
-        2.0,
-        "free the way or take the load: it tries again every 3 s",
+        "a warning in the log that names the joint, an error once it holds",
+        1.0,
+        "free the way or take the load, and keep clear: it tries again every 3 s",
     ),
 }
 
