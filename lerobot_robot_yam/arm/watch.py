@@ -32,7 +32,7 @@ class MotorWatch:
         self._chain = chain
         self._stamp_s = chain.stamp_s
         self._lost_before = chain.lost
-        self._none = np.zeros(len(chain), dtype=bool)
+        self._none = self._bad = np.zeros(len(chain), dtype=bool)
         self._strangers = _Strangers(chain)
 
     def check(self, now: float) -> Finding:
@@ -41,7 +41,7 @@ class MotorWatch:
         stamp_before, self._stamp_s = self._stamp_s, chain.stamp_s
         lost = chain.lost
         if chain.all_answered and chain.all_normal:  # nearly always
-            self._lost_before = lost
+            self._lost_before, self._bad = lost, self._none
             return Finding(self._none, *self._strangers.check(now))
         answered = chain.stamp_s > stamp_before
         well = chain.fault == Fault.NORMAL
@@ -51,7 +51,8 @@ class MotorWatch:
         bad = silent | ~well
         falling = (missed >= _CHANNEL_MISSED).all() and not silent.all() and not (bad & ~silent).any()
         if falling:  # the others have fallen silent too: within SILENT_S it is the channel, or they answer again
-            return Finding(self._none)
+            return Finding(self._bad)
+        self._bad = bad
         if not bad.any():
             return Finding(bad, *self._strangers.check(now))
         if silent.all():

@@ -54,6 +54,19 @@ def test_a_motor_that_lets_questions_go_by_is_named(chain):
     assert rig.now() - begin > 0.09
 
 
+def test_a_lost_motor_stays_lost_while_the_others_miss_some_questions_too(chain):
+    rig, motors = chain
+    watch = MotorWatch(motors)
+    motors.exchange(HOLD)
+    rig.fault("follower_left", "joint_6", "silent")
+    while not watch.check(rig.now()).bad.any():
+        motors.exchange(HOLD)
+    rig.fault("follower_left", "joint_5", "drop_next", 8)
+    for _ in range(12):
+        motors.exchange(HOLD)
+        assert watch.check(rig.now()).bad[1]
+
+
 def test_a_doubled_motor_is_noticed_though_replies_get_lost(chain):
     rig, motors = chain
     watch = MotorWatch(motors)
