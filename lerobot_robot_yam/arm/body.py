@@ -20,6 +20,7 @@ from lerobot_robot_yam.arm.policy import SILENT_S, Trouble
 from lerobot_robot_yam.arm.setpoint import SetPoint
 from lerobot_robot_yam.arm.state import Limited
 from lerobot_robot_yam.damiao.chain import MotorChain
+from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import BusError, ChannelInUseError, MotorError
 
 logger = logging.getLogger(__name__)
@@ -83,6 +84,19 @@ class ArmBody:
     def q(self) -> np.ndarray:
         """(n,) measured, rad; the gripper 0 closed … 1 open."""
         return self.drive.q
+
+    @property
+    def here(self) -> np.ndarray:
+        """(n,) as `q`, but a joint whose motor is not heard, and may obey all the same, is where it was sent."""
+        return self.q if self._usable.all() else np.where(self._unheard(), self.setpoint.q, self.q)
+
+    def _unheard(self) -> np.ndarray:
+        """(n,) bool, joints that answer no more, and have not said before that they have let go."""
+        chain = self.chain
+        unheard = ~self._usable & (chain.clock.now() - chain.stamp_s > SILENT_S)
+        unheard &= (chain.fault == Fault.NORMAL) | ~np.isfinite(chain.stamp_s)
+        unheard[self.hardware.joints :] = False
+        return unheard
 
     def inspect(self) -> None:
         """Is everything there and as configured? Sends no command that moves or energises anything.
@@ -151,17 +165,18 @@ class ArmBody:
 
     def command(self, now: float, dt: float) -> None:
         """From state and set-point to the commands of the next `send`."""
-        q, dq = self.drive.motor_q, self.drive.motor_dq
+        q: np.ndarray = self.drive.motor_q
+        dq: np.ndarray = self.drive.motor_dq
         if not self._usable.all():
-            q, dq = self._presumed(now, q, dq)
+            unheard = self._unheard()
+            q, dq = np.where(unheard, self.setpoint.q, q), np.where(unheard, self.setpoint.dq, dq)
         if self.mode is Mode.FLOAT or (self.mode is Mode.STOPPED and self._floats):
-            self.setpoint.seed(self.q)  # whatever ends the floating finds it where the arm is
+            self.setpoint.seed(self.here)  # whatever ends the floating finds it where the arm is
             self.limited &= ~(Limited.JOINT_LIMIT | Limited.TORQUE)
             self.limited |= self.motion.float_free(q, dq, dt)
         else:
             self._catch(now)
-            landing = self._landing
-            fade = landing.share if landing is not None and landing.fades else None
+            fade = None if self._landing is None else self._landing.fade
             gripper = float(self.drive.dq[-1]), float(self.drive.tau[-1])
             stopped = self.mode is Mode.STOPPED
             holding = (stopped or self.mode is Mode.HOLD) and bool(self._usable.all())
@@ -176,18 +191,12 @@ class ArmBody:
             elif self.limited & Limited.CAME_FREE:  # while an arm holds, no target comes to take it back
                 self.limited &= ~Limited.CAME_FREE
 
-    def _presumed(self, now: float, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """A motor that is not heard may still obey: it is where it was sent, not where it was heard last."""
-        unheard = ~self._usable & (now - self.chain.stamp_s > SILENT_S)
-        unheard[self.hardware.joints :] = False
-        return np.where(unheard, self.setpoint.q, q), np.where(unheard, self.setpoint.dq, dq)
-
     def _catch(self, now: float) -> None:
         """A joint that comes free of what has blocked it must not spring to where its set-point has gone meanwhile."""
         hw = self.hardware
         dq = self.drive.motor_dq[: hw.joints]
         fast = np.abs(dq) > _FREE_SPEED * hw.speed_limit[: hw.joints]
-        if not fast.any() or (self._landing is not None and self._landing.fades):  # nearly always
+        if not fast.any() or (self._landing is not None and self._landing.fade is not None):  # nearly always
             return
         gap = (self.setpoint.q - self.drive.motor_q)[: hw.joints]
         heard = now - self.chain.stamp_s[: hw.joints] < _JUST_NOW_S
@@ -210,7 +219,7 @@ class ArmBody:
         before = self.motion.kp
         self.motion.gains(kp, kd)
         joints = slice(self.hardware.joints)
-        gap, kp_before, kp_now = (self.setpoint.q - self.q)[joints], before[joints], self.motion.kp[joints]
+        gap, kp_before, kp_now = (self.setpoint.q - self.here)[joints], before[joints], self.motion.kp[joints]
         lags = self.hardware.kp[joints] * LEFT_BEHIND_RAD
         for joint in np.flatnonzero((kp_now > kp_before) & (kp_now * np.abs(gap) > lags)):
             keeps = float(self.q[joint] + gap[joint] * kp_before[joint] / kp_now[joint])
@@ -223,14 +232,15 @@ class ArmBody:
         """Who stops everything may be in the arm's way: what is left of its pull carries a load, and hurts nobody."""
         joints = self.hardware.joints
         kp, sag = np.maximum(self.hardware.kp[:joints], 1.0), self.motion.sag_nm
-        gap = (self.setpoint.q - self.q)[:joints]
+        here = self.here
+        gap = (self.setpoint.q - here)[:joints]
         least = np.minimum(np.maximum(gap, (-PRESS_NM - sag) / kp), (PRESS_NM - sag) / kp)
         for joint in np.flatnonzero(least != gap):
-            self.setpoint.reseed(int(joint), float(self.q[joint] + least[joint]))
+            self.setpoint.reseed(int(joint), float(here[joint] + least[joint]))
 
     def _seed_joints(self) -> None:
         """Start the joints again from where they are; the gripper's set-point is its grip, and is kept."""
-        q = self.q.copy()
+        q = self.here.copy()
         q[self.hardware.joints :] = self.setpoint.q[self.hardware.joints :]
         self.setpoint.seed(q)
 

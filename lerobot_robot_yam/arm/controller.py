@@ -18,7 +18,7 @@ from lerobot_robot_yam.arm.heat import Stage
 from lerobot_robot_yam.arm.held_back import HeldBack
 from lerobot_robot_yam.arm.landing import Landing
 from lerobot_robot_yam.arm.lifecycle import ENERGISED, Mode, check_transition
-from lerobot_robot_yam.arm.policy import POLICY, Response, Trouble
+from lerobot_robot_yam.arm.policy import POLICY, SILENT_S, Response, Trouble
 from lerobot_robot_yam.arm.state import Limited, Request
 from lerobot_robot_yam.arm.stop_reasons import StopReasons
 from lerobot_robot_yam.errors import LifeCycleError, MotorError, YamError
@@ -74,6 +74,8 @@ class ArmController(ArmBody):
             return
         before = record["setpoint"][self.hardware.slots]
         holds_it = np.abs(before - self.q) < (_SEED_RAD if record["own_gains"] else LEFT_BEHIND_RAD)
+        unheard = record["stamp_s"] - record["motor_stamp_s"][self.hardware.slots] > SILENT_S  # but perhaps it obeys
+        holds_it |= unheard & ~np.isfinite(self.chain.stamp_s)
         holds_it[self.hardware.joints :] = np.isfinite(before[self.hardware.joints :])  # its grip, however thick
         self.setpoint.seed(np.where(holds_it, before, self.q))
         self.land(now, Trouble.CONTROL_DEAD, "its control process has died; the stand-by lands it")

@@ -40,10 +40,12 @@ _RETRY_S = 3.0
 _FADE_S = 0.15
 _SINK_S = 1.5  # the same where it does not lie yet, if it stays below
 _SINK_RAD_S = 0.3
+_LOOSE = 0.1  # of the damping at last: what slides hardly with all of it would slide on without
+_STIFFEN_S = 0.3  # from nothing to all of it, when it sinks faster
 _STILL_RAD_S = 0.03
 _STILL_S = 0.06
-_SUNK_S = 1.0  # what still creeps under full damping would slide on without it
-_CREEP_RAD = 0.005
+_SUNK_S = 1.0
+_CREEP_RAD = 0.02
 
 
 class Phase(Enum):
@@ -90,7 +92,7 @@ class Landing:
         self._stuck_since: float | None = None
         self._still_since, self._still_q = now, q.copy()
         self._before = now
-        self.share = 1.0
+        self.share = self.damping = 1.0
         self._begin_move(self._rest if lies else self._fold, now)
 
     def _begin_move(self, goal: np.ndarray, now: float) -> None:
@@ -106,12 +108,12 @@ class Landing:
         self._setpoint.aim(target, now)
 
     @property
-    def fades(self) -> bool:
-        """True while `share` falls: it lies, or sinks."""
-        return self.phase in (Phase.FADE, Phase.SINK)
+    def fade(self) -> tuple[float, float] | None:
+        """`share` and `damping` while the arm lies or sinks, else None."""
+        return (self.share, self.damping) if self.phase in (Phase.FADE, Phase.SINK) else None
 
     def advance(self, q: np.ndarray, dq: np.ndarray, usable: np.ndarray, now: float) -> None:
-        """One tick; sets `phase`, `share` (of stiffness and feed-forward) and steers the set-point.
+        """One tick; sets `phase`, `share` (of stiffness and feed-forward), `damping` (its share), and the set-point.
 
         `usable` (n,) bool: joints whose motors answer; the others cannot be waited for.
         """
@@ -142,20 +144,28 @@ class Landing:
         elif self.phase is Phase.LOWER:
             if self._setpoint.arrived or self._stuck(error.max() > _CONTACT_RAD, now, patience_s=0.1):
                 self._give_way(q, usable)
-                self._enter(Phase.FADE, now)
+                self._enter(Phase.SINK if self._carriers_out() else Phase.FADE, now)
         elif self.phase is Phase.FADE:
-            fade_s, still_s = (_SINK_S, _SUNK_S) if self._carriers_out() else (_FADE_S, _STILL_S)
-            self.share = max(0.0, self.share - dt / fade_s)
-            self._end_when_still(q, dq, usable, now, still_s)
+            self.share = max(0.0, self.share - dt / _FADE_S)
+            self._end_when_still(q, dq, usable, now, _STILL_S, self.share == 0.0)
         elif self.phase is Phase.SINK:
-            self._give_way(q, usable)  # whoever makes it stiff again finds it where it is
-            if np.abs(np.where(usable, dq, 0.0)).max() < _SINK_RAD_S:
-                self.share = max(0.0, self.share - dt / _SINK_S)
-            self._end_when_still(q, dq, usable, now, _SUNK_S)
+            most = _SINK_RAD_S * dt
+            self._give_way(np.clip(q, self._setpoint.q[: self._n] - most, self._setpoint.q[: self._n] + most), usable)
+            slow = np.abs(np.where(usable, dq, 0.0)).max() < _SINK_RAD_S
+            if not slow:
+                self.share, self.damping = min(self.share + dt / _STIFFEN_S, 1.0), 1.0
+            elif self.share > 0.0:
+                self.share = max(self.share - dt / _SINK_S, 0.0)
+            else:
+                self.damping = max(self.damping - dt / _SINK_S, _LOOSE)
+            loose = self.share == 0.0 and self.damping == _LOOSE
+            self._end_when_still(q, dq, usable, now, _SUNK_S, loose)
 
-    def _end_when_still(self, q: np.ndarray, dq: np.ndarray, usable: np.ndarray, now: float, still_s: float) -> None:
+    def _end_when_still(
+        self, q: np.ndarray, dq: np.ndarray, usable: np.ndarray, now: float, still_s: float, loose: bool
+    ) -> None:
         moving = np.abs(np.where(usable, dq, 0.0)).max() > _STILL_RAD_S
-        if self.share > 0.0 or moving or np.abs(q - self._still_q).max() > _CREEP_RAD:
+        if not loose or moving or np.abs(q - self._still_q).max() > _CREEP_RAD:
             self._still_since, self._still_q = now, q.copy()
         elif now - self._still_since > still_s:
             self._enter(Phase.LANDED, now)

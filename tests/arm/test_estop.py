@@ -196,3 +196,24 @@ def test_a_button_of_the_handle_latches_it(rig, stop):
     finally:
         stop.release()
         session.stop()
+
+
+def test_a_stop_in_mid_landing_throws_no_joint_that_is_not_heard(rig, stop):
+    """It obeys, and is far from where it was heard last."""
+    session = session_on(rig, sim_config(rig, "follower_left"))
+    session.start()
+    try:
+        track(session, {"follower_left": AWAY}, 1.5)
+        rig.fault("follower_left", "joint_2", "loss_rate", 1.0)
+        session.clock.sleep(0.6)
+        session["follower_left"].land()
+        session.clock.sleep(1.2)
+        stop.latch("a test")
+        session.clock.sleep(0.02)
+        rig.watch_start("follower_left")
+        session.clock.sleep(0.5)
+        assert rig.watch("follower_left")["max_speed_rad_s"][1] < 0.6
+        rig.fault("follower_left", "joint_2", "loss_rate", 0.0)
+    finally:
+        stop.release()
+        session.stop()

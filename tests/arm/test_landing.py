@@ -148,12 +148,13 @@ def test_an_arm_lands_whose_wrist_is_hooked_behind_its_own_shoulder(rig, shoulde
     assert "cannot land" not in said
 
 
+@pytest.mark.parametrize("kind, value", [("nibble", int(Fault.OVER_CURRENT)), ("silent", True)])
 @pytest.mark.parametrize("motor", [f"joint_{number}" for number in range(1, 7)])
-def test_an_arm_lands_with_a_motor_out(rig, motor):
+def test_an_arm_lands_with_a_motor_out(rig, motor, kind, value):
     """A limp wrist stands in the way of the fold, an arm with a limp shoulder lies on the table: it sinks there."""
     with arm_on(rig, CHANNEL) as arm:
         arm.move_to([0.1, 0.9, 0.9, -0.3, 0.1, 0.1], speed_rad_s=1.4)
-        rig.fault(CHANNEL, motor, "nibble", int(Fault.OVER_CURRENT))
+        rig.fault(CHANNEL, motor, kind, value)
         arm.clock.sleep(1.5)  # what is limp has come to rest
         moved, speed = land_and_watch(rig, arm, CHANNEL, but=motor)
     assert moved <= MOST_M

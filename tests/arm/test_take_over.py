@@ -60,6 +60,19 @@ def test_who_takes_over_has_its_commands_ready_and_does_not_give_up_on_silence(r
     assert np.abs(heir.motion.commands[:6, 4]).max() < 10.0  # Nm
 
 
+def test_who_takes_over_leaves_a_joint_that_is_not_heard_where_it_was_sent(rig, heir_of, session):
+    track(session, {CHANNEL: POSE}, 1.5)
+    rig.fault(CHANNEL, "joint_2", "loss_rate", 1.0)
+    session.clock.sleep(0.6)
+    session[CHANNEL].land()
+    session.clock.sleep(1.0)
+    heir = heir_of(record_of(rig))
+    there = rig.state()["arms"][CHANNEL]["q"][1]
+    assert POSE[1] - there > 0.3
+    assert heir.setpoint.q[1] == pytest.approx(there, abs=0.05)
+    assert heir.motion.commands[1, 0] == pytest.approx(there, abs=0.1)
+
+
 def test_who_takes_over_from_soft_gains_holds_the_arm_where_a_hand_keeps_it(rig, heir_of, session):
     """Its own gains would throw it at a set-point that it never was to hold."""
     soft = {"kp": np.full(6, 1.0), "kd": np.ones(6)}
