@@ -21,6 +21,7 @@ from lerobot_robot_yam.arm.lifecycle import ENERGISED, Mode, check_transition
 from lerobot_robot_yam.arm.policy import POLICY, SILENT_S, Response, Trouble
 from lerobot_robot_yam.arm.state import Limited, Request
 from lerobot_robot_yam.arm.stop_reasons import StopReasons
+from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import LifeCycleError, MotorError, YamError
 
 logger = logging.getLogger(__name__)
@@ -72,10 +73,11 @@ class ArmController(ArmBody):
         if np.isfinite(self.chain.stamp_s).all() and not self._usable.any():  # all have answered
             self.mode = Mode.OFF
             return
-        before = record["setpoint"][self.hardware.slots]
+        slots = self.hardware.slots
+        before = record["setpoint"][slots]
         holds_it = np.abs(before - self.q) < (_SEED_RAD if record["own_gains"] else LEFT_BEHIND_RAD)
-        unheard = record["stamp_s"] - record["motor_stamp_s"][self.hardware.slots] > SILENT_S  # but perhaps it obeys
-        holds_it |= unheard & ~np.isfinite(self.chain.stamp_s)
+        unheard = record["stamp_s"] - record["motor_stamp_s"][slots] > SILENT_S  # but perhaps it obeys
+        holds_it |= unheard & (record["fault"][slots] == Fault.NORMAL) & ~np.isfinite(self.chain.stamp_s)
         holds_it[self.hardware.joints :] = np.isfinite(before[self.hardware.joints :])  # its grip, however thick
         self.setpoint.seed(np.where(holds_it, before, self.q))
         self.land(now, Trouble.CONTROL_DEAD, "its control process has died; the stand-by lands it")

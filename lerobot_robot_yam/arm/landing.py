@@ -89,10 +89,13 @@ class Landing:
         self._way: list[np.ndarray] = []  # poses still to come of the fold
         self._goes_round = False
         self._out = np.ones(n, dtype=bool)  # since this move began
+        self._answers = ~self._out
         self._stuck_since: float | None = None
         self._still_since, self._still_q = now, q.copy()
         self._before = now
         self.share = self.damping = 1.0
+        self._shares: np.ndarray = np.ones(n)  # of each joint
+        self._lag_rad = _SAG_NM / np.maximum(kp[:n], 1.0)
         self._begin_move(self._rest if lies else self._fold, now)
 
     def _begin_move(self, goal: np.ndarray, now: float) -> None:
@@ -108,9 +111,14 @@ class Landing:
         self._setpoint.aim(target, now)
 
     @property
-    def fade(self) -> tuple[float, float] | None:
-        """`share` and `damping` while the arm lies or sinks, else None."""
-        return (self.share, self.damping) if self.phase in (Phase.FADE, Phase.SINK) else None
+    def fade(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Shares (n,) of stiffness with feed-forward, and of damping, while the arm lies or sinks, else None.
+
+        A motor that does not answer gets no stiffness back: if it obeys, it has left its set-point unseen.
+        """
+        if self.phase not in (Phase.FADE, Phase.SINK):
+            return None
+        return self._shares, np.where(self._answers, self.damping, 1.0)
 
     def advance(self, q: np.ndarray, dq: np.ndarray, usable: np.ndarray, now: float) -> None:
         """One tick; sets `phase`, `share` (of stiffness and feed-forward), `damping` (its share), and the set-point.
@@ -120,6 +128,7 @@ class Landing:
         self._start(now)
         dt, self._before = now - self._before, now
         self._out &= ~usable
+        self._answers = usable
         error = np.where(usable, np.abs(self._setpoint.q[: self._n] - q), 0.0)
         if self.phase is Phase.FOLD:
             way = self._setpoint.target[: self._n] - self._setpoint.q[: self._n]  # a base beyond its limit comes inside
@@ -149,8 +158,9 @@ class Landing:
             self.share = max(0.0, self.share - dt / _FADE_S)
             self._end_when_still(q, dq, usable, now, _STILL_S, self.share == 0.0)
         elif self.phase is Phase.SINK:
-            most = _SINK_RAD_S * dt
-            self._give_way(np.clip(q, self._setpoint.q[: self._n] - most, self._setpoint.q[: self._n] + most), usable)
+            before, most = self._setpoint.q[: self._n], _SINK_RAD_S * dt
+            trail = np.clip(q, before - most, before + most)
+            self._give_way(np.clip(trail, q - self._lag_rad, q + self._lag_rad), usable)
             slow = np.abs(np.where(usable, dq, 0.0)).max() < _SINK_RAD_S
             if not slow:
                 self.share, self.damping = min(self.share + dt / _STIFFEN_S, 1.0), 1.0
@@ -160,6 +170,9 @@ class Landing:
                 self.damping = max(self.damping - dt / _SINK_S, _LOOSE)
             loose = self.share == 0.0 and self.damping == _LOOSE
             self._end_when_still(q, dq, usable, now, _SUNK_S, loose)
+
+        if self.fade is not None:
+            self._shares = np.where(usable, self.share, np.minimum(self._shares, self.share))
 
     def _end_when_still(
         self, q: np.ndarray, dq: np.ndarray, usable: np.ndarray, now: float, still_s: float, loose: bool

@@ -67,8 +67,8 @@ def soft_wall(
     return deepest
 
 
-def fade(out: np.ndarray, share: float, kd: np.ndarray) -> None:
-    """Take `share` (1 … 0) of stiffness and feed-forward of the commands in `out`, with full damping."""
+def fade(out: np.ndarray, share: np.ndarray, kd: np.ndarray) -> None:
+    """Take `share` (n,) (1 … 0) of stiffness and feed-forward of the commands in `out`, with damping kd (n,)."""
     out[:, KP] *= share
     out[:, TAU] *= share
     out[:, DQ] = 0.0

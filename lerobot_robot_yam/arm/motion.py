@@ -78,7 +78,7 @@ class Motion:
         gripper: tuple[float, float],
         holding: bool,
         stopped: bool,
-        fade: tuple[float, float] | None,
+        fade: tuple[np.ndarray, np.ndarray] | None,
     ) -> Limited:
         """Hold or track the set-point.
 
@@ -88,8 +88,8 @@ class Motion:
             gripper: measured rate and torque of the gripper, strokes/s and Nm.
             holding: the arm holds, with all its motors; nobody gives targets.
             stopped: the emergency stop is latched: what is made up for sag stays, since more of it would move the arm.
-            fade: shares of stiffness with feed-forward, and of the landing's damping, that are left while landing
-                ends; None: the arm's own.
+            fade: (joints,) shares of stiffness with feed-forward, and of the landing's damping, that are left while
+                landing ends; None: the arm's own.
         """
         hw, out = self._hardware, self.commands
         j = slice(hw.joints)
@@ -102,7 +102,7 @@ class Motion:
         laws.follow(out, q_set, dq_set, self.kp, self.kd, tau)
         if fade is not None:
             share, damping = fade
-            laws.fade(out, share, np.full(hw.n, damping * _LANDING_KD))
+            laws.fade(out[j], share, damping * _LANDING_KD)
         if self._gripper is not None:
             u, u_rate = float(q_set[-1]), float(dq_set[-1])
             self._gripper.command(out[-1], now, u, u_rate, float(q[-1]), *gripper)

@@ -9,6 +9,7 @@ from lerobot_robot_yam.arm.bus import open_bus
 from lerobot_robot_yam.arm.controller import ArmController
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.state import STATE_DTYPE, channel_key, state_path
+from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.shared_block import SharedBlock
 
 from .rigged import lockstep_rig, running_arm, sim_config, track
@@ -66,11 +67,15 @@ def test_who_takes_over_leaves_a_joint_that_is_not_heard_where_it_was_sent(rig, 
     session.clock.sleep(0.6)
     session[CHANNEL].land()
     session.clock.sleep(1.0)
-    heir = heir_of(record_of(rig))
+    record = record_of(rig)
+    heir = heir_of(record)
     there = rig.state()["arms"][CHANNEL]["q"][1]
     assert POSE[1] - there > 0.3
     assert heir.setpoint.q[1] == pytest.approx(there, abs=0.05)
     assert heir.motion.commands[1, 0] == pytest.approx(there, abs=0.1)
+    slot = session[CHANNEL].hardware.slots[1]
+    record["fault"][slot] = Fault.OVER_CURRENT  # it had let go before it fell silent
+    assert heir_of(record).setpoint.q[1] == pytest.approx(record["q"][slot])
 
 
 def test_who_takes_over_from_soft_gains_holds_the_arm_where_a_hand_keeps_it(rig, heir_of, session):
