@@ -29,6 +29,9 @@ TIP_BODY = "link6"
 """The arm's last body; the end effector's root body is attached to it."""
 EE_BODY = "gripper"
 
+# Sliding friction of motor housings on each other: coated metal, 0.2 … 0.4. With MuJoCo's 1, which is rubber's, a wrist
+# that leans on the shoulder locks the elbow.
+_HOUSING_FRICTION = 0.3
 _STOP_SOLREF = (0.005, 1.0)  # joint stops stiff enough to sag < 1 mrad under the arm's own weight
 
 
@@ -174,7 +177,8 @@ def _add_self_contacts(spec: mujoco.MjSpec, arm: ArmProfile) -> None:
         )
         for one in first:
             for other in second:
-                spec.add_pair(geomname1=one, geomname2=other, condim=3)
+                contact = spec.add_pair(geomname1=one, geomname2=other, condim=3)
+                contact.friction[:2] = _HOUSING_FRICTION
 
 
 def _finger_side(gripper: GripperProfile) -> tuple[float, float]:
