@@ -57,7 +57,7 @@ class ArmController(ArmBody):
         self._halted_afloat = False
         self._stopped = False  # the emergency stop is latched
         self._news: Trouble | None = None
-        self._held_back = HeldBack(self.name)
+        self._held_back = HeldBack(self.name, [motor.name for motor in self.hardware.motors[: self.hardware.joints]])
         self._last_target_at = -math.inf
         self._handle_watch = HandleWatch(self.name, self.drive.encoder)
         self._stop_reasons = StopReasons(config, self.hardware)
@@ -125,6 +125,10 @@ class ArmController(ArmBody):
             self.setpoint.stop()  # or it would run ahead of an arm that does not hear, which would then hurry after it
         if self._landing is not None:
             self._advance_landing(now)
+        elif self.mode in (Mode.HOLD, Mode.TRACK):
+            j = slice(self.hardware.joints)
+            gap = (self.setpoint.q - self.here)[j]
+            self._held_back.by_obstacle(now, gap, self.motion.kp[j], self.hardware.torque_limit_nm[j])
 
     def _heard_s(self) -> float:
         """When the motor that has been silent for longest has answered, but for those that are lost."""

@@ -1,17 +1,25 @@
 """Says once, not at every tick, what keeps an arm from its target."""
 
 import logging
+import math
+from collections.abc import Sequence
+
+import numpy as np
 
 logger = logging.getLogger(__name__)
 
 _FAR_RAD, _NEAR_RAD = 0.3, 0.1  # between target and set-point: held back by the speed limit, and no longer
+_PRESSES = 0.5  # of the torque limit: far more than an arm lags with, at any speed and with any load that it may carry
+_PRESSED_S = 1.0
 
 
 class HeldBack:
-    """What holds the arm named `arm` back from where it is told to go."""
+    """What holds the arm named `arm`, of the joints so named, back from where it is told to go."""
 
-    def __init__(self, arm: str):
-        self._arm = arm
+    def __init__(self, arm: str, joints: Sequence[str]):
+        self._arm, self._joints = arm, joints
+        self._since_s: np.ndarray = np.full(len(joints), math.inf)  # pressing
+        self._told = np.zeros(len(joints), dtype=bool)
         self._by_speed = self._by_workspace = False
 
     def by_speed(self, gap_rad: float) -> bool:
@@ -27,3 +35,18 @@ class HeldBack:
             logger.warning("%s: held back: %s", self._arm, by)
         self._by_workspace = bool(by)
         return self._by_workspace
+
+    def by_obstacle(self, now: float, gap_rad: np.ndarray, kp: np.ndarray, limit_nm: np.ndarray) -> None:
+        """Whether joints (joints,) have been far behind their set-points for a while: something is in their way."""
+        presses = kp * np.abs(gap_rad) > _PRESSES * limit_nm
+        self._since_s = np.where(presses, np.minimum(self._since_s, now), math.inf)
+        self._told &= presses
+        for joint in np.flatnonzero(~self._told & (now - self._since_s > _PRESSED_S)):
+            self._told[joint] = True
+            logger.warning(
+                "%s: %s is %.2f rad from where it is told to be and presses on: something is in its way, "
+                "or it carries more than it can",
+                self._arm,
+                self._joints[joint],
+                abs(gap_rad[joint]),
+            )

@@ -51,6 +51,23 @@ def fastest(rig):
     return max(rig.watch(CHANNEL)["max_speed_rad_s"][:6])
 
 
+@pytest.mark.parametrize("wrist", [-0.2, -0.6])
+def test_an_elbow_opens_under_a_wrist_that_leans_on_the_shoulder(rig, running, wrist):
+    session = running()
+    rig.watch_start(CHANNEL)
+    track(session, {CHANNEL: [0.0, 0.0, 1.2, wrist, 0.0, 0.0]}, 1.5)
+    state = session[CHANNEL].observe()
+    assert abs(state.q[2] - 1.2) < 0.1 and not state.limited & Limited.CAME_FREE
+    assert fastest(rig) < 1.15 * 1.5
+
+
+def test_who_presses_on_something_says_so_once(rig, running, caplog):
+    session = running()
+    press(rig, session, 3.0)
+    told = [record.message for record in caplog.records if "in its way" in record.message]
+    assert len(told) == 1 and "joint_1 is 0.6" in told[0]
+
+
 def test_an_emergency_stop_ends_the_pressing(rig, running):
     session = running()
     press(rig, session)
