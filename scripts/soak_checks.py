@@ -14,6 +14,7 @@ from lerobot_robot_yam.arm.policy import POLICY, Response, Trouble
 from lerobot_robot_yam.arm.state import GRIPPER, Limited
 
 READY = frozenset({Mode.HOLD, Mode.TRACK, Mode.FLOAT})
+_STANDS = frozenset({Mode.FAULT, Mode.STOPPED})
 MOVES = frozenset({Mode.TRACK, Mode.FLOAT})  # of its own will or its caller's
 _WINDOW_S = 0.2  # over which a speed is taken
 _TICK_S = 0.008  # how far a record's stamp may be from the tick that moved its set-point: one tick, and a late one
@@ -103,14 +104,14 @@ class SetPointCheck:
         if jumped.any():
             self._window.clear()
             return self._judge_jump(record, before, moved, jumped, now)
+        if mode_of(before) in _STANDS and mode in READY and self._on_measured(record, before)[:GRIPPER].all():
+            self._window.clear()  # seeded, by less than a jump: a joint without torque has sunk meanwhile
+            return []
         return self._judge_speed(setpoint, mode, self._earlier_s, now)
 
     def _judge_jump(self, record: Any, before: Any, moved: np.ndarray, jumped: np.ndarray, now: float) -> list[Finding]:
         old, new = mode_of(before), mode_of(record)
-        measured = np.minimum(np.abs(record["setpoint"] - record["q"]), np.abs(record["setpoint"] - before["q"]))
-        moving = np.nan_to_num(np.abs(record["dq"])) * _JITTER_S
-        near = _AT_MEASURED + moving + (self._press_rad if new is Mode.STOPPED else 0.0)
-        seeded = bool((measured < near)[jumped].all())
+        seeded = bool(self._on_measured(record, before)[jumped].all())
         taken_over = record["owner_pid"] != before["owner_pid"]
         let_go = not jumped[:GRIPPER].any() and bool(int(before["limited"]) & Limited.GRIPPER_FORCE)
         caught = bool(int(record["limited"]) & Limited.CAME_FREE)
@@ -128,6 +129,12 @@ class SetPointCheck:
         took_s = now - float(before["stamp_s"])
         what = f"slot {slot} from {way} within {took_s:.4f} s, {old.name} → {new.name}"
         return [Finding("no set-point jump", now, self._channel, what)]
+
+    def _on_measured(self, record: Any, before: Any) -> np.ndarray:
+        """(7,) which set-points lie where the arm is, or was a record ago."""
+        measured = np.minimum(np.abs(record["setpoint"] - record["q"]), np.abs(record["setpoint"] - before["q"]))
+        moving = np.nan_to_num(np.abs(record["dq"])) * _JITTER_S
+        return measured < _AT_MEASURED + moving + (self._press_rad if mode_of(record) is Mode.STOPPED else 0.0)
 
     def _judge_speed(self, setpoint: np.ndarray, mode: Mode, before_s: float, now: float) -> list[Finding]:
         window = self._window

@@ -95,6 +95,20 @@ def test_jumps(soak, mode, target, q, jumps):
     assert sum(check.seeds.values()) == (not jumps)
 
 
+@pytest.mark.parametrize(
+    "mode, beside, too_fast", [(Mode.HOLD, 0.0, False), (Mode.HOLD, 0.1, True), (Mode.FAULT, 0.0, True)]
+)
+def test_an_arm_that_is_armed_again_starts_from_where_it_has_sunk_to(soak, mode, beside, too_fast):
+    """By less than a jump, as the reader has missed records; joint_3 had no torque, the others had come to rest."""
+    rows = ramp(1.5, 61)
+    rows = [*rows[:55], record(55, rows[55]["setpoint"], Mode.FAULT), record(60, rows[60]["setpoint"], Mode.FAULT)]
+    there = rows[-1]["setpoint"].copy()
+    there[2] += 0.085
+    rows.append(record(67, there, mode, q=there + beside))
+    found = findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), rows)
+    assert [finding.invariant for finding in found] == ["set-point speed"] * too_fast
+
+
 def test_the_set_point_of_a_floating_arm_follows_the_arm(soak):
     def moved(mode):
         return [*ramp(0.0, 50, mode), *(record(50 + tick, np.full(7, 0.5), mode) for tick in range(50))]
