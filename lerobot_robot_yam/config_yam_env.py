@@ -6,6 +6,8 @@ from functools import partial
 from typing import Any
 
 import gymnasium as gym
+import lerobot.cameras.opencv
+import lerobot.cameras.realsense  # noqa: F401  `lerobot-eval` itself registers no cameras
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs.configs import EnvConfig
 from lerobot.envs.utils import freeze_after_episode_end

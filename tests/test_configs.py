@@ -59,9 +59,11 @@ def test_every_command_has_a_config(place, command):
 
 @pytest.mark.parametrize("name", [name for name in config_names() if not name.startswith("train/")])
 def test_configs_parse_and_fit_together(name, tmp_path):
-    config = parse(name, f"--robot.calibration_dir={tmp_path}")
-    config.robot.cameras = {k: c for k, c in config.robot.cameras.items() if c.type != "intelrealsense"}
-    robot = make_robot_from_config(config.robot)
+    config = parse(name)
+    device = config.env.robot if name.endswith("/eval") else config.robot
+    device.calibration_dir = tmp_path
+    device.cameras = {k: c for k, c in device.cameras.items() if c.type != "intelrealsense"}
+    robot = make_robot_from_config(device)
     assert len(robot.action_features) == (7 if robot.name == "yam_follower" else 14)
     teleop = getattr(config, "teleop", None)
     if teleop is not None:

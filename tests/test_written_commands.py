@@ -1,6 +1,9 @@
 """Commands that documents and configs tell readers to type: LeRobot takes them, and one finds what another has left."""
 
 import re
+import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import draccus
@@ -11,9 +14,14 @@ from lerobot.scripts.lerobot_calibrate import CalibrateConfig
 from lerobot.scripts.lerobot_record import RecordConfig
 from lerobot.utils.constants import CHECKPOINTS_DIR, LAST_CHECKPOINT_LINK, PRETRAINED_MODEL_DIR
 
+from lerobot_robot_yam.doctor.targets import from_config
+
+from . import test_configs
+
 ROOT = Path(__file__).parent.parent
 EVALUATION, TRAINING = "configs/train/lift_and_place_eval.yaml", "configs/train/lift_and_place_train.yaml"
 GATHERING = ("docs/evaluation.md", "lerobot_robot_yam/gather.py")
+KINDS = test_configs.COMMANDS | test_configs.TRAINING
 SINGLE_ARM = "configs/real/single_arm_record.yaml"
 
 
@@ -23,6 +31,56 @@ def options(place, program, containing):
     found = [line for line in re.findall(rf"{program} [^\n`]*", text) if containing in line]
     assert len(set(found)) == 1, f"{place}: {found}"
     return dict(re.findall(r"--([\w.-]+)[= ](\S+)", found[0]))
+
+
+def written():
+    """(file, command) of each LeRobot command that a reader can type as it stands."""
+    for path in (ROOT / "README.md", *sorted(ROOT.glob("docs/*.md")), *sorted(ROOT.glob("configs/*/*.yaml"))):
+        text = re.sub(r"\\\n#?\s*", "", path.read_text())
+        found = re.findall(r"`(lerobot-[a-z]+ [^`]*)`", text.replace("```", "\0"))
+        found += re.findall(r"^#?\s*(lerobot-[a-z]+ .*)", text, re.MULTILINE)
+        for command in dict.fromkeys(re.sub(r"\s+", " ", command).strip() for command in found):
+            if "… " not in command and re.search(r"--config_path|\.type=", command):
+                yield pytest.param(command, id=f"{path.name} {command[:60]}")
+
+
+@pytest.mark.parametrize("command", list(written()))
+def test_lerobot_takes_what_is_written(command):
+    program, *arguments = shlex.split(command)
+    options = [option for option in arguments if not option.startswith(("--config_path=", "--policy.path="))]
+    (config,) = [option.partition("=")[2] for option in arguments if option.startswith("--config_path=")] or [None]
+    kind = program.removeprefix("lerobot-")
+    parsed = draccus.parse(KINDS[kind], config and ROOT / config, options)
+    dataset = getattr(parsed, "dataset", None)
+    for name in ("repo_id", "root"):
+        given = [option.partition("=")[2] for option in options if option.startswith(f"--dataset.{name}=")]
+        assert not given or str(getattr(dataset, name)) == given[0]
+
+
+def test_the_readme_has_its_commands_looked_at():
+    assert {c.values[0].split()[0] for c in written() if c.id.startswith("README.md")} == {
+        f"lerobot-{kind}" for kind in ("record", "calibrate", "teleoperate", "replay")
+    }
+
+
+@pytest.mark.parametrize("config", ["configs/real/record.yaml", SINGLE_ARM, "configs/sim/record.yaml"])
+def test_the_doctor_names_the_calibration_of_this_very_robot(config, tmp_path, monkeypatch):
+    monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path))
+    monkeypatch.setattr("lerobot.robots.robot.HF_LEROBOT_CALIBRATION", tmp_path)
+    for target in from_config(ROOT / config, None).targets:
+        if not target.hardware().has_gripper:
+            continue  # a handle
+        robot = draccus.parse(CalibrateConfig, None, shlex.split(target.calibrate)[1:]).robot
+        stored = {arm.channel: arm for arm in make_robot_from_config(robot)._arms._configs}[target.channel]
+        assert Path(stored.calibration_path) == target.calibration
+        assert (stored.arm, stored.gripper) == (target.config.arm, target.config.gripper)
+
+
+def test_an_evaluation_knows_real_cameras():
+    """`lerobot-eval` imports no camera itself."""
+    code = "import lerobot_robot_yam, lerobot.envs.configs\nfrom lerobot.cameras.configs import CameraConfig\n"
+    code += "assert {'opencv', 'intelrealsense', 'yam_sim'} <= set(CameraConfig.get_known_choices())"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
 
 
 @pytest.mark.parametrize("place", ["docs/evaluation.md", TRAINING])

@@ -1,5 +1,6 @@
 """yam-estop            latch the emergency stop: followers hold, leaders float, nothing is energised
-yam-estop release    let arms move again, each from where it is, with its next target
+yam-estop release    let arms move again, each from where it is, with its next target; LANDS at once those whose session
+                     has ended meanwhile
 yam-estop status     say whether it is latched, by whom and why; exit status 1 if it is
 
 It reaches all arms that this user drives on this machine, from whatever shell; root's reaches those of every user. It

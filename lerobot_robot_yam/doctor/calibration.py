@@ -52,13 +52,14 @@ def _check_file(path: Path, gripper: str, target: Target | None, section: Sectio
     row: dict[str, Any] = {"channel": target and target.channel, "gripper": gripper, "file": str(path)}
     where = f"{target.channel} gripper" if target else str(path)
     section.rows.append(row)
-    again = f"rm {path} && {_calibrate(target)}"
+    calibrate = target.calibrate if target else Target.calibrate
+    again = f"rm {path} && {calibrate}"
     try:
         stops = load_stops(where, path, gripper)
         if stops is None:
             row["state"] = "missing"
             what = f"no stops are stored in {path}: a session searches them when it starts, moving the fingers"
-            section.warn(where, what, f"take everything out of the fingers, then: {_calibrate(target)}")
+            section.warn(where, what, f"take everything out of the fingers, then: {calibrate}")
             return
         row["span_rad"] = round(abs(stops.span_rad), 4)
         row["age_days"] = round((time.time() - path.stat().st_mtime) / _DAY_S, 1)
@@ -84,11 +85,6 @@ def _check_configured(target: Target, stops: Sequence[float], section: Section) 
             check_span(target.channel, gripper.calibration, stops[0], stops[1])
     except GripperError as error:
         section.problem(f"{target.channel} gripper", str(error), "take gripper_stops_rad out of the config")
-
-
-def _calibrate(target: Target | None) -> str:
-    place = "real" if target is None or target.real else "sim"
-    return f"lerobot-calibrate --config_path=configs/{place}/calibrate.yaml"
 
 
 def _owner(path: Path) -> str:

@@ -1,7 +1,9 @@
 """Which arms the doctor looks at: named on the command line, read from a LeRobot run config, or all that there are."""
 
 import dataclasses
+import json
 import os
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +20,7 @@ from lerobot_robot_yam.runtime import rig_name
 SOCKETCAN, VIRTUAL = "socketcan", "yam_sim"
 LEADER_GRIPPER = "yam_teaching_handle"
 _FIELDS = frozenset(field.name for field in dataclasses.fields(ArmConfig))
+_CALIBRATED = ("channel", "interface", "can_options", "arm", "gripper", "calibration_path")
 _DEVICES = {
     "robot": ("robots", ("yam_follower", "bi_yam_follower")),
     "teleop": ("teleoperators", ("yam_leader", "bi_yam_leader")),
@@ -32,11 +35,13 @@ class Target:
         config: the arm.
         declared: False when nobody has said which arm and gripper it is: then what answers decides.
         calibration: file in which LeRobot's device keeps the gripper's stops, None when that is unknown.
+        calibrate: the command that finds the stops of the grippers of its device.
     """
 
     config: ArmConfig
     declared: bool = True
     calibration: Path | None = None
+    calibrate: str = "lerobot-calibrate --config_path=configs/real/calibrate.yaml"
 
     @property
     def channel(self) -> str:
@@ -111,12 +116,14 @@ def from_config(path: Path, rig: str | None) -> Plan:
             continue
         cameras.update(_cameras(device))
         directory = Path(device.get("calibration_dir") or calibration_root() / folder / device["type"])
-        for prefix, arm in _arms(device, f"{path}, {section}").items():
+        arms = _arms(device, f"{path}, {section}")
+        calibrate = _calibrate(section, device, arms)
+        for prefix, arm in arms.items():
             values = {"gripper": LEADER_GRIPPER, **arm} if section == "teleop" else dict(arm)
             ident = f"{prefix}{device['id']}" if device.get("id") else values.get("channel")
             target = _target(values, f"{prefix}{section}", rig)
             file = Path(target.config.calibration_path or directory / "yam" / f"{ident}_gripper.json")
-            targets.append(dataclasses.replace(target, calibration=file))
+            targets.append(dataclasses.replace(target, calibration=file, calibrate=calibrate))
             cameras.update({f"{prefix}{name}": camera for name, camera in _cameras(arm).items() if prefix})
     if not targets:
         known = ", ".join(name for _, types in _DEVICES.values() for name in types)
@@ -141,6 +148,17 @@ def _arms(device: Mapping[str, Any], where: str) -> dict[str, Mapping[str, Any]]
         if not isinstance(arm, Mapping):
             raise ConfigError(f"{where}: {prefix}arm_config is missing")
     return {prefix: arm for prefix, arm in arms.items() if isinstance(arm, Mapping)}
+
+
+def _calibrate(section: str, device: Mapping[str, Any], arms: Mapping[str, Mapping[str, Any]]) -> str:
+    """LeRobot's command for this very device: its files are found by type and id."""
+    given = {name: device[name] for name in ("type", "id", "calibration_dir") if device.get(name) is not None}
+    for prefix, arm in arms.items():
+        place = f"{prefix}arm_config." if prefix else ""
+        given |= {f"{place}{name}": arm[name] for name in _CALIBRATED if arm.get(name) is not None}
+    values = {name: value if isinstance(value, str) else json.dumps(value) for name, value in given.items()}
+    options = [shlex.quote(f"--{section}.{name}={value}") for name, value in values.items()]
+    return " ".join(["lerobot-calibrate", *options])
 
 
 def _cameras(options: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:

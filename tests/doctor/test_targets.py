@@ -103,7 +103,8 @@ def test_a_damaged_calibration_is_a_problem(tmp_path, kind):
     (problem,) = section.findings
     assert problem.severity is Severity.PROBLEM and problem.where == "can_x gripper"
     assert what in problem.what
-    assert problem.remedy == f"rm {path} && lerobot-calibrate --config_path=configs/real/calibrate.yaml"
+    again = f"lerobot-calibrate --robot.type=yam_follower --robot.channel=can_x --robot.calibration_path={path}"
+    assert problem.remedy == f"rm {path} && {again}"
 
 
 def test_a_good_calibration(tmp_path):
