@@ -37,7 +37,7 @@ from lerobot_robot_yam.yam_env import YamEnv
 logger = logging.getLogger(__name__)
 
 FIRST_SEED = 100_000  # far from those of evaluations, which LeRobot begins at 1000
-_SEEDS = "seeds.json"  # beside the data: which seeds were tried, and with what outcome
+SEEDS = "seeds.json"  # beside the data: which seeds were tried, and with what outcome
 _GIVE_UP = 20  # failures in a row
 _ENCODER = {"vcodec": "h264", "preset": "ultrafast", "crf": 18}
 
@@ -61,12 +61,14 @@ def gather(config: YamEnvConfig, root: Path, repo_id: str, episodes: int, first_
         RigError: the operator fails again and again.
         YamError: what the environment raises.
     """
-    seeds_path = root / _SEEDS
+    seeds_path = root / SEEDS
     tried = {int(seed): won for seed, won in json.loads(seeds_path.read_text()).items()} if seeds_path.exists() else {}
-    dataset = _open(config, root, repo_id)
     env = YamEnv(config)
+    dataset: LeRobotDataset | None = None
     failures = 0
     try:
+        env.reset(seed=first_seed)  # an environment that cannot be leaves no data set behind
+        dataset = _open(config, root, repo_id, env._max_episode_steps)
         with tqdm(total=episodes, initial=dataset.num_episodes, unit="episode") as bar:
             while dataset.num_episodes < episodes:
                 seed = max(tried, default=first_seed - 1) + 1
@@ -85,7 +87,8 @@ def gather(config: YamEnvConfig, root: Path, repo_id: str, episodes: int, first_
                     raise RigError(f"the operator failed {failures} times in a row; does the scene suit its script?")
     finally:
         env.close()
-        dataset.finalize()
+        if dataset is not None:
+            dataset.finalize()
     return tried
 
 
@@ -109,11 +112,12 @@ def _row(frame: Frame, task: str) -> dict[str, Any]:
     return {OBS_STATE: seen[AGENT_POS], ACTION: frame.action.astype(np.float32), **images, "task": task}
 
 
-def _open(config: YamEnvConfig, root: Path, repo_id: str) -> LeRobotDataset:
+def _open(config: YamEnvConfig, root: Path, repo_id: str, steps: int) -> LeRobotDataset:
     encoding: dict[str, Any] = {
         "rgb_encoder": RGBEncoderConfig(**_ENCODER),
         "streaming_encoding": True,
         "encoder_threads": 1,
+        "encoder_queue_maxsize": steps + 1,  # LeRobot drops what does not fit, and shifts all pictures behind it
     }
     robot, features = cast(Any, config.robot), features_of(config)
     robot_type = recorded_name(robot.type, robot.use_degrees, robot.action_space)
@@ -123,23 +127,30 @@ def _open(config: YamEnvConfig, root: Path, repo_id: str) -> LeRobotDataset:
     dataset = LeRobotDataset.resume(repo_id, root, **encoding)
     _refuse_another("fps", dataset.fps, config.fps, root)
     _refuse_another("robot", dataset.meta.robot_type, robot_type, root)
+    recorded = [key for key in dataset.features if key in (ACTION, OBS_STATE) or key.startswith(OBS_IMAGES)]
+    _refuse_another("features", sorted(recorded), sorted(features), root)
     for key, wanted in features.items():
-        held = dataset.features.get(key, {"names": None, "shape": ()})
+        held = dataset.features[key]
         for part in ("names", "shape"):
             _refuse_another(f"{key} {part}", list(held[part] or ()), list(wanted[part]), root)
     return dataset
 
 
-def _refuse_broken(root: Path) -> None:
-    """LeRobot would count the rows of an episode twice whose saving was cut short, and shift all that follow."""
+def damage(root: Path) -> str:
+    """What a kill has left broken in the data set that is gathered in `root`; empty when it is whole."""
     if not any((root / "data").glob("*/*.parquet")):
-        return
+        return ""
     findings = inspect(root, lambda episodes: ())  # without decoding the videos
     wrong = [*findings.problems, *(f"episode {e.number}: {e.lost}" for e in findings.episodes if e.lost)]
-    if wrong:
+    return wrong[0] if wrong else ""
+
+
+def _refuse_broken(root: Path) -> None:
+    """LeRobot would count the rows of an episode twice whose saving was cut short, and shift all that follow."""
+    if wrong := damage(root):
         raise ConfigError(
-            f"{root}: gathering was killed while it saved ({wrong[0]}); `yam-repair-dataset {root}` makes a data set "
-            "of it that can be gone on with"
+            f"{root}: gathering was killed ({wrong}); `yam-repair-dataset {root}` makes a data set of it. Put {SEEDS} "
+            f"into that, and it in the place of {root}, to go on"
         )
 
 

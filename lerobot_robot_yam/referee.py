@@ -2,6 +2,8 @@
 
 import importlib
 import logging
+import os
+import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -122,16 +124,20 @@ class OperatorReferee:
 
 
 def find_judge(name: str) -> Judge:
-    """The callable behind "module:function", see `YamEnvConfig.success`.
+    """The callable behind "module:function", see `YamEnvConfig.success`; the module may lie in the working directory.
 
     Raises:
         ConfigError: there is no such function.
     """
     module, _, function = name.partition(":")
+    if (here := os.getcwd()) not in sys.path:  # a console script has the directory of its program there
+        sys.path.append(here)
     try:
         judge: Judge = getattr(importlib.import_module(module), function)
     except (ImportError, AttributeError, ValueError) as error:
         raise ConfigError(f"env.success: {name!r} is not 'rig', 'operator' or module:function ({error})") from error
+    if not callable(judge):
+        raise ConfigError(f"env.success: {name!r} is {judge!r} and cannot judge")
     return judge
 
 

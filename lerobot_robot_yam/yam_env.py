@@ -137,13 +137,12 @@ class YamEnv(gym.Env):
     def render(self) -> np.ndarray:
         """The newest image of the render camera, (height, width, 3) uint8: one of the robot's or of the virtual rig.
 
-        Raises:
-            ConfigError: there is no camera at all.
+        Black where there is none: `lerobot-eval` asks for it whether anybody wants a video or not.
         """
         if self._frame is not None:
             return self._frame
         if self._rig is None:
-            raise ConfigError("env.robot has no cameras: give it one, or evaluate with --eval.recording=true")
+            return np.zeros((*reversed(_SPECTATOR_SIZE), 3), np.uint8)
         if self._spectator is None:
             self._spectator = self._open_spectator(self._rig)
         return self._spectator.latest()[0]
@@ -159,7 +158,12 @@ class YamEnv(gym.Env):
         """Names of the virtual rig's own cameras."""
         if not self._virtual:
             return []
-        return [camera.name for camera in load_scene(self._scene, self._config.rig_options).cameras]
+        return [camera.name for camera in load_scene(self._scene, self._rig_options()).cameras]
+
+    def _rig_options(self) -> dict[str, Any]:
+        """Of the virtual rig that is started; one in lock-step has no arms but the robot's."""
+        arms = [arm.channel for arm in self._robot_config.arms().values()]
+        return {**({"arms": arms} if self._config.lockstep else {}), **self._config.rig_options}
 
     def _task_row(self) -> Task | None:
         """The task as the scene of a virtual rig describes it."""
@@ -262,9 +266,8 @@ class YamEnv(gym.Env):
             for camera in self._robot_config.all_cameras().values():
                 if self._rig_name is not None and camera.type == "yam_sim":
                     camera.rig = self._rig_name
-            return RigControl(rig, self._scene, **config.rig_options)
-        options = {"arms": [arm.channel for arm in arms.values()], **config.rig_options}
-        rig_in_step = LockstepRig(self._scene, **options)
+            return RigControl(rig, self._scene, **self._rig_options())
+        rig_in_step = LockstepRig(self._scene, **self._rig_options())
         put_in_lockstep(self._robot_config, rig_in_step)
         return rig_in_step
 

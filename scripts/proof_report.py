@@ -81,9 +81,9 @@ def _facts(out: Path, policy: Path, step: str, seed: int, successes: Sequence[bo
 
 def _plot_loss(path: Path, log: str) -> None:
     """As lerobot-train has logged it, against passes over the data, which it gives more precisely than steps."""
-    logged = re.findall(r"epch:([\d.]+) loss:([\d.]+)", log)
+    logged = dict(sorted((float(e), float(loss)) for e, loss in re.findall(r"epch:([\d.]+) loss:([\d.]+)", log)))
     figure, axis = plt.subplots(figsize=(7, 3), layout="constrained")
-    axis.plot([float(epoch) for epoch, _ in logged], [float(loss) for _, loss in logged])
+    axis.plot(list(logged), list(logged.values()))
     axis.set(xlabel="passes over the data", ylabel="loss", yscale="log")
     figure.savefig(path, dpi=120)
     plt.close(figure)

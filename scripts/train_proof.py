@@ -7,6 +7,7 @@ goes on. Everything ends up in --out: data, checkpoints, evaluation with videos,
 """
 
 import argparse
+import hashlib
 import importlib.util
 import json
 import shutil
@@ -16,6 +17,8 @@ import time
 from pathlib import Path
 
 from proof_report import write_report
+
+from lerobot_robot_yam.gather import SEEDS, damage
 
 ROOT = Path(__file__).parent.parent
 STEP = Path("training_state", "training_step.json")
@@ -60,6 +63,7 @@ def copy_output(process: subprocess.Popen[bytes], log: Path) -> None:
 def gather(out: Path, task: str, episodes: int) -> None:
     """Demonstrations, until there are enough."""
     info = out / "data" / "meta" / "info.json"
+    mend(out)
     if info.exists() and json.loads(info.read_text())["total_episodes"] >= episodes:
         return
     if newest_checkpoint(out) is not None:
@@ -69,19 +73,36 @@ def gather(out: Path, task: str, episodes: int) -> None:
     run(out, "gather", "yam-gather", config, *data)
 
 
+def mend(out: Path) -> None:
+    """Bring back what a kill has left of the demonstrations; the original stays beside them."""
+    data, killed, repaired = (out / name for name in ("data", "data_killed", "data_repaired"))
+    if not damage(data):
+        return
+    for leftover in (killed, repaired):
+        shutil.rmtree(leftover, ignore_errors=True)
+    run(out, "repair", "yam-repair-dataset", str(data), "--output", str(repaired))
+    shutil.copy(data / SEEDS, repaired / SEEDS)  # or the same seeds would be done again
+    data.rename(killed)
+    repaired.rename(data)
+
+
 def train(out: Path, task: str, steps: int, overrides: list[str]) -> Path:
     """Train, or go on training; returns the last checkpoint's policy."""
     last = newest_checkpoint(out)
     whole = (f"--steps={steps}", f"--scheduler.num_decay_steps={steps}")
+    given = out / "overrides.json"
+    if last is not None and given.exists() and json.loads(given.read_text()) != overrides:
+        raise SystemExit(f"{out / 'train'} was trained with {given.read_text()}; give another --out")
+    given.write_text(json.dumps(overrides))
+    data = (f"--dataset.root={out / 'data'}", f"--output_dir={out / 'train'}")
     if last is None:
         shutil.rmtree(out / "train", ignore_errors=True)  # ended before its first checkpoint; LeRobot wants it gone
         (out / "train.log").unlink(missing_ok=True)
-        data = (f"--dataset.root={out / 'data'}", f"--dataset.repo_id=local/{task}")
-        config = f"--config_path=configs/train/{task}_train.yaml"
-        run(out, "train", "lerobot-train", config, *data, f"--output_dir={out / 'train'}", *whole, *overrides)
+        config = (f"--config_path=configs/train/{task}_train.yaml", f"--dataset.repo_id=local/{task}")
+        run(out, "train", "lerobot-train", *config, *data, *whole, *overrides)
     elif json.loads((last / STEP).read_text())["step"] < steps:
         resumed = ("--resume=true", f"--config_path={last / 'pretrained_model' / 'train_config.json'}")
-        run(out, "train", "lerobot-train", *resumed, *whole, *overrides)
+        run(out, "train", "lerobot-train", *resumed, *data, *whole, *overrides)
     last = newest_checkpoint(out)
     if last is None:
         raise SystemExit(f"lerobot-train has left no checkpoint in {out / 'train'}")
@@ -95,11 +116,14 @@ def newest_checkpoint(out: Path) -> Path | None:
 
 
 def evaluate(out: Path, task: str, policy: Path, episodes: int, seed: int) -> Path:
-    """Evaluate, unless that has been done for this checkpoint and these seeds; returns the folder of the outcome."""
-    done = out / "eval" / f"{policy.resolve().parent.name}-seeds-{seed}-{seed + episodes - 1}"
+    """Evaluate, unless that has been done for this very policy and these seeds; returns the folder of the outcome."""
+    path = f"configs/train/{task}_eval.yaml"
+    parts = (policy / "model.safetensors", policy / "config.json", ROOT / path)
+    mark = hashlib.sha256(b"".join(part.read_bytes() for part in parts)).hexdigest()[:8]
+    done = out / "eval" / f"{policy.resolve().parent.name}-{mark}-seeds-{seed}-{seed + episodes - 1}"
     if (done / "eval_info.json").exists():
         return done
-    config = (f"--config_path=configs/train/{task}_eval.yaml", f"--policy.path={policy}", f"--seed={seed}")
+    config = (f"--config_path={path}", f"--policy.path={policy}", f"--seed={seed}")
     where = (f"--eval.n_episodes={episodes}", f"--output_dir={done}")
     run(out, "evaluate", "lerobot-eval", *config, *where)
     return done

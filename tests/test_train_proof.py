@@ -26,7 +26,8 @@ def test_from_nothing_to_a_report(tmp_path):
     assert str(out / "report.md") in prove(out)
     report = (out / "report.md").read_text()
     assert "of 2 evaluation episodes succeeded" in report and "2 steps" in report and "evaluation 1000–1001" in report
-    outcomes = json.loads((out / "eval" / "000002-seeds-1000-1001" / "eval_info.json").read_text())
+    (done,) = (out / "eval").glob("000002-*-seeds-1000-1001/eval_info.json")
+    outcomes = json.loads(done.read_text())
     assert len(outcomes["per_task"][0]["metrics"]["successes"]) == 2
     videos = [line.split("`")[1] for line in report.splitlines() if line.startswith("- `")]
     assert len(videos) == 2 and all((out / video).stat().st_size > 1000 for video in videos)

@@ -4,6 +4,7 @@ import contextlib
 import itertools
 import os
 import pty
+import sys
 import threading
 import time
 
@@ -22,6 +23,7 @@ from lerobot_robot_yam.configs_command import config_path
 from lerobot_robot_yam.demonstration import demonstrate
 from lerobot_robot_yam.errors import ActionError, ConfigError, RigError
 from lerobot_robot_yam.follower_options import FollowerArmConfig
+from lerobot_robot_yam.referee import find_judge
 from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.yam_env import YamEnv
 
@@ -137,6 +139,26 @@ def test_two_arms_have_two_places(tmp_path):
         observation, _ = env.reset(seed=0)
         assert observation["agent_pos"].shape == (14,) and env.sides == ["left", "right"]
         assert env.render().shape == (240, 320, 3)  # the rig's own, as the robot has none
+    finally:
+        env.close()
+
+
+def test_a_reset_between_two_tool_poses_begins_a_new_path(tmp_path):
+    """The same pose can be had turned round and bent over backward: the arm stays as the reset has put it."""
+    options = {"action_space": "ee", "command_timeout_s": 5.0, "cameras": {}}
+    env = YamEnv(YamEnvConfig(robot=robot(tmp_path, **options), lockstep=True))
+    try:
+        env.reset(seed=1)
+        follower, _ = env._connected()
+        for q in ([2.6, 0.36, 1.01, 1.03, -0.69, -1.36], [-0.54, 0.8, 0.97, 1.29, 0.69, 1.78]):
+            for _ in range(120):
+                follower.track_joints(np.array([*q, 1.0]))
+                follower.clock.sleep(1 / 30)
+            follower.clock.sleep(0.5)
+            pose = env.action_of(np.array([*q, 1.0]))
+            for _ in range(30):
+                env.step(pose)
+            assert np.abs(follower.joints()[:6] - q).max() < 0.2
     finally:
         env.close()
 
@@ -277,6 +299,26 @@ def test_a_render_camera_that_is_not_there_is_refused_at_once(tmp_path, fields, 
     config = YamEnvConfig(robot=robot(tmp_path, **fields), render_camera="attic")
     with pytest.raises(ConfigError, match=f"env.render_camera: there is no camera 'attic'; {says}"):
         YamEnv(config)
+
+
+def test_a_camera_on_an_arm_that_is_not_in_lock_step_is_none(tmp_path):
+    with pytest.raises(ConfigError, match="no camera 'wrist_right'; there are top, wrist_left, overview$"):
+        YamEnv(YamEnvConfig(robot=robot(tmp_path), lockstep=True, render_camera="wrist_right"))
+
+
+def test_real_arms_without_cameras_have_black_videos(tmp_path):
+    """`lerobot-eval` asks for the first picture when the arms have moved and somebody has laid out the scene."""
+    env = YamEnv(YamEnvConfig(robot=YamFollowerConfig(channel="can0", calibration_dir=tmp_path), success="operator"))
+    assert env.render().shape == (240, 320, 3) and not env.render().any()
+
+
+def test_a_judge_may_lie_in_the_working_directory(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.path", [path for path in sys.path if path])
+    (tmp_path / "judge_of_this_test.py").write_text("def judge(seen):\n    return True\n\nnothing = 3\n")
+    assert find_judge("judge_of_this_test:judge")({}) is True
+    with pytest.raises(ConfigError, match="3 and cannot judge"):
+        find_judge("judge_of_this_test:nothing")
 
 
 def test_a_virtual_scene_is_laid_out_by_the_rig_whoever_judges(tmp_path, monkeypatch):

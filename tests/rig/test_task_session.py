@@ -167,3 +167,18 @@ def test_held_is_touched_by_both_fingers():
     world.set_pose("follower_left", opening=0.044 / 0.095)
     world.step(1)
     assert contacts.look()[1]["cube"] == {"follower_left"}
+
+
+def test_a_drawer_that_is_pulled_to_its_stop_is_open():
+    """The stop gives way a little: who pulls has it farther out than it goes."""
+    rig = LockstepRig("drawer", arms=["follower_left"])
+    try:
+        rig.task("drawer", 3)
+        world = rig.device.world
+        address = world.model.joint("drawer").dofadr[0]
+        world.data.qfrc_applied[address] = 30.0
+        rig.sleep(1.5)
+        assert world.data.qpos[world.model.joint("drawer").qposadr[0]] > 0.14
+        assert rig.task_state()["success"]
+    finally:
+        rig.close()
