@@ -1,5 +1,6 @@
 """Arms stop when they are told to, and when nobody tells them anything any more."""
 
+import math
 from typing import Any
 
 from soak_checks import Finding, mode_of
@@ -19,7 +20,7 @@ class ObedienceCheck:
     def __init__(self, channel: str):
         self._channel = channel
         self._target, self._target_s = -1, 0.0
-        self._wrong_since_s, self._told = 0.0, False
+        self._wrong_since_s, self._told = math.inf, False
         self.stops = self.silences = 0  # that were seen to be obeyed
 
     def look(self, record: Any, stopped_since_s: float | None) -> list[Finding]:
@@ -35,8 +36,9 @@ class ObedienceCheck:
         if silent and mode is Mode.TRACK:
             what = f"no target for {now - self._target_s:.2f} s"
             found.append(Finding("a silent caller's arm holds", now, self._channel, what))
+        self._wrong_since_s = min(self._wrong_since_s, now) if found else math.inf
         if not found:
-            self._wrong_since_s, self._told = now, False
+            self._told = False
         elif self._told or now - self._wrong_since_s < _MOMENT_S:
             found = []
         else:

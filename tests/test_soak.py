@@ -205,6 +205,19 @@ def test_arms_obey_an_emergency_stop_and_silence(soak, mode, stopped_s, wrong):
     assert check.stops > 0 if mode is Mode.STOPPED else check.stops == 0
 
 
+def test_who_takes_a_stopped_arm_over_has_a_moment_to_look(soak):
+    """The stand-by's first record, 48 ms after the last one of who has died."""
+    check = soak.obedience.ObedienceCheck(CHANNEL)
+    rows = [record(tick, np.zeros(7), Mode.STOPPED) for tick in range(300, 400)]
+    rows += [
+        record(412, np.zeros(7), Mode.LAND),
+        *(record(tick, np.zeros(7), Mode.STOPPED) for tick in range(413, 450)),
+    ]
+    assert not [finding for row in rows for finding in check.look(row, 101.0)]
+    rows = [record(tick, np.zeros(7), Mode.LAND) for tick in range(450, 460)]
+    assert len([finding for row in rows for finding in check.look(row, 101.0)]) == 1
+
+
 def test_the_schedule_depends_on_the_seed_only(soak):
     make = soak.schedule.make_schedule
     assert make(300.0, 1) == make(300.0, 1) != make(300.0, 2)

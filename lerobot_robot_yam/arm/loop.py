@@ -65,7 +65,7 @@ class ControlLoop:
         self._workspace = workspace
         self._clock = controllers[0].chain.clock
         self._failure = ""  # of the bring-up
-        self._ready = False  # every arm has left bring-up
+        self._ready = True  # no arm is coming up; who takes arms over never has one that is
         self._tick = 0
         self._last = 0.0  # when the laws were asked last
 
@@ -75,6 +75,7 @@ class ControlLoop:
         Raises:
             YamError: names what failed.
         """
+        self._ready = False
         begun: list[tuple[ArmController, ControllerBlocks]] = []
 
         def meanwhile() -> None:

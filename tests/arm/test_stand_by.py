@@ -108,6 +108,27 @@ def test_a_fault_during_an_emergency_stop_does_not_end_the_landing_for_good(rig)
     assert not any(motor["enabled"] for motor in rig.state()["arms"][channel]["motors"].values())
 
 
+def test_who_takes_over_during_an_emergency_stop_waits_for_its_release(rig, capfd):
+    channel, stop = "follower_left", EmergencyStop()
+    session = start(rig, channel)
+    try:
+        stretch(session, 1.5, channel)
+        stop.latch("a test")
+        wait_mode(session[channel], Mode.STOPPED)
+        before = rig.state()["arms"][channel]["grasp_site"]["pos"][2]
+        os.kill(control_pid(session), signal.SIGKILL)
+        time.sleep(1.0)
+        assert session[channel].mode() is Mode.STOPPED
+        assert rig.state()["arms"][channel]["grasp_site"]["pos"][2] == pytest.approx(before, abs=0.005)
+        stop.release()
+        wait_mode(session[channel], Mode.OFF, 10.0)
+    finally:
+        stop.release()
+        session.stop()
+    said = capfd.readouterr().err
+    assert "taken over within" in said and "bring-up" not in said and "stand-by failed" not in said
+
+
 def wait_mode(arm, mode, timeout_s=1.0):
     deadline = time.monotonic() + timeout_s
     while arm.mode() is not mode:
