@@ -21,6 +21,9 @@ class ActionSpace(Protocol):
     def action(self, vector: np.ndarray) -> dict[str, float]:
         """LeRobot's form of joints and grippers in canonical order and SI units."""
 
+    def begin(self) -> None:
+        """The next action has nothing to do with those before: something else has moved the arms."""
+
 
 def make_action_space(
     kind: Literal["joint", "ee"], arms: ArmGroup, models: Sequence[tuple[ArmProfile, GripperProfile]]

@@ -281,3 +281,6 @@ class ArmGroup:
     def action(self, vector: np.ndarray) -> dict[str, float]:
         """LeRobot's form of a vector in canonical order and SI units."""
         return dict(zip(self.keys, (vector * self.scale).tolist(), strict=True))
+
+    def begin(self) -> None:
+        """Nothing: joints go from wherever they are."""

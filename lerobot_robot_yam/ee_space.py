@@ -10,7 +10,6 @@ has the methods of `ArmGroup` that speak joint keys.
 """
 
 import logging
-import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -28,7 +27,6 @@ from lerobot_robot_yam.feature_names import TOOL_NUMBERS
 logger = logging.getLogger(__name__)
 
 _JUMP_M = 0.1  # a pose farther than this from the one before (a radian counted as 0.1 m) begins a new path
-_PAUSE_S = 0.3  # without a pose: something else may have moved the arm, such as the reset of an episode
 _SEARCHES = 12  # attempts at the first pose of a path, about 1 ms each; one or two as a rule
 _ATTEMPTS = 4  # at each further one; one as a rule
 _REACH_RAD = 0.7  # and there no joint turns farther than this: the arm never swings round to its other side
@@ -50,7 +48,6 @@ class EeSpace:
     def __init__(self, arms: ArmGroup, models: Sequence[tuple[ArmProfile, GripperProfile]]):
         self._arms = arms
         self._tools = []
-        self._before_s = -math.inf
         self.keys: list[str] = []
         for side, (arm, gripper) in zip(arms.sides, models, strict=True):
             if not side.joints:
@@ -76,13 +73,16 @@ class EeSpace:
         """
         vector = action_vector(self._arms.device, action, self.keys)
         states = self._arms.observe()
-        now = self._arms.clock.now()
-        paused, self._before_s = now - self._before_s > _PAUSE_S, now
         for side, tool, state in zip(self._arms.sides, self._tools, states, strict=True):
-            if paused or state.mode is not Mode.TRACK:  # the first action, after an emergency stop
+            if state.mode is not Mode.TRACK:  # the first action, after a pause, after an emergency stop
                 tool.begin()
             vector[side.slice] = tool.joints(vector[side.slice], state.setpoint_q)
         return vector
+
+    def begin(self) -> None:
+        """The next poses have nothing to do with those before: something else has moved the arms."""
+        for tool in self._tools:
+            tool.begin()
 
 
 class Tool:

@@ -104,6 +104,7 @@ class FollowerBase(Robot):
             for camera in self.cameras.values():
                 camera.connect()
             self._arms.start(calibrate, self._space.keys, self._models)
+            self._space.begin()
         except BaseException:
             self._close_cameras()
             raise
@@ -210,7 +211,7 @@ class FollowerBase(Robot):
         if self._arms.paused and self._is_last(action):
             return self._space.action(self._arms.held())
         self._arms.paused = False
-        sent = self.track_joints(self._space.vector(action))
+        sent = self._track(self._space.vector(action))
         self._last_action = dict(action)
         return self._space.action(sent)
 
@@ -232,6 +233,10 @@ class FollowerBase(Robot):
         Raises:
             ActionError: not finite; nothing was sent to the arm concerned.
         """
+        self._space.begin()
+        return self._track(target)
+
+    def _track(self, target: np.ndarray) -> np.ndarray:
         sent = target.copy()
         for side in self._arms.sides:
             index = side.gripper_index

@@ -148,9 +148,9 @@ def test_a_reset_between_two_tool_poses_begins_a_new_path(tmp_path):
     options = {"action_space": "ee", "command_timeout_s": 5.0, "cameras": {}}
     env = YamEnv(YamEnvConfig(robot=robot(tmp_path, **options), lockstep=True))
     try:
-        env.reset(seed=1)
-        follower, _ = env._connected()
         for q in ([2.6, 0.36, 1.01, 1.03, -0.69, -1.36], [-0.54, 0.8, 0.97, 1.29, 0.69, 1.78]):
+            env.reset(seed=1)
+            follower, _ = env._connected()
             for _ in range(120):
                 follower.track_joints(np.array([*q, 1.0]))
                 follower.clock.sleep(1 / 30)
