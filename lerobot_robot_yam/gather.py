@@ -37,7 +37,7 @@ from lerobot_robot_yam.yam_env import YamEnv
 logger = logging.getLogger(__name__)
 
 FIRST_SEED = 100_000  # far from those of evaluations, which LeRobot begins at 1000
-SEEDS = "seeds.json"  # beside the data: which seeds were tried, and with what outcome
+_SEEDS = "seeds.json"  # beside the data: which seeds were tried, and with what outcome
 _GIVE_UP = 20  # failures in a row
 _ENCODER = {"vcodec": "h264", "preset": "ultrafast", "crf": 18}
 
@@ -61,7 +61,7 @@ def gather(config: YamEnvConfig, root: Path, repo_id: str, episodes: int, first_
         RigError: the operator fails again and again.
         YamError: what the environment raises.
     """
-    seeds_path = root / SEEDS
+    seeds_path = root / _SEEDS
     tried = {int(seed): won for seed, won in json.loads(seeds_path.read_text()).items()} if seeds_path.exists() else {}
     env = YamEnv(config)
     dataset: LeRobotDataset | None = None
@@ -149,8 +149,8 @@ def _refuse_broken(root: Path) -> None:
     """LeRobot would count the rows of an episode twice whose saving was cut short, and shift all that follow."""
     if wrong := damage(root):
         raise ConfigError(
-            f"{root}: gathering was killed ({wrong}); `yam-repair-dataset {root}` makes a data set of it. Put {SEEDS} "
-            f"into that, and it in the place of {root}, to go on"
+            f"{root}: gathering was killed ({wrong}); `yam-repair-dataset {root}` makes a data set of it: put that in "
+            "the place of this to go on"
         )
 
 

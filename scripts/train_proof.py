@@ -18,7 +18,7 @@ from pathlib import Path
 
 from proof_report import write_report
 
-from lerobot_robot_yam.gather import SEEDS, damage
+from lerobot_robot_yam.gather import damage
 
 ROOT = Path(__file__).parent.parent
 STEP = Path("training_state", "training_step.json")
@@ -76,14 +76,19 @@ def gather(out: Path, task: str, episodes: int) -> None:
 def mend(out: Path) -> None:
     """Bring back what a kill has left of the demonstrations; the original stays beside them."""
     data, killed, repaired = (out / name for name in ("data", "data_killed", "data_repaired"))
+    if not data.exists() and repaired.exists():  # killed in the midst of this
+        repaired.rename(data)
     if not damage(data):
         return
     for leftover in (killed, repaired):
         shutil.rmtree(leftover, ignore_errors=True)
-    run(out, "repair", "yam-repair-dataset", str(data), "--output", str(repaired))
-    shutil.copy(data / SEEDS, repaired / SEEDS)  # or the same seeds would be done again
+    try:
+        run(out, "repair", "yam-repair-dataset", str(data), "--output", str(repaired))
+    except SystemExit:
+        print(f"nothing of it can be brought back; it is kept as {killed}", file=sys.stderr)
     data.rename(killed)
-    repaired.rename(data)
+    if repaired.exists():
+        repaired.rename(data)
 
 
 def train(out: Path, task: str, steps: int, overrides: list[str]) -> Path:

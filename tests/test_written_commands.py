@@ -28,6 +28,7 @@ SINGLE_ARM = "configs/real/single_arm_record.yaml"
 def options(place, program, containing):
     """Options of the one command of that program in a file that has this in it, by name."""
     text = re.sub(r"\\\n#?\s*", "", (ROOT / place).read_text())
+    text = re.sub(r"\n +(?=--)", " ", text)
     found = [line for line in re.findall(rf"{program} [^\n`]*", text) if containing in line]
     assert len(set(found)) == 1, f"{place}: {found}"
     return dict(re.findall(r"--([\w.-]+)[= ](\S+)", found[0]))
@@ -55,6 +56,16 @@ def test_lerobot_takes_what_is_written(command):
     for name in ("repo_id", "root"):
         given = [option.partition("=")[2] for option in options if option.startswith(f"--dataset.{name}=")]
         assert not given or str(getattr(dataset, name)) == given[0]
+
+
+@pytest.mark.parametrize("place", ["README.md", "configs/real/record.yaml"])
+def test_what_is_recorded_is_replayed(place):
+    recorded = options(place, "lerobot-record", "configs/real/record.yaml")
+    replay = "README.md" if place == "README.md" else "configs/real/replay.yaml"
+    replayed = options(replay, "lerobot-replay", "configs/real/replay.yaml")
+    assert {name: recorded[f"dataset.{name}"] for name in ("repo_id", "root")} == {
+        name: replayed[f"dataset.{name}"] for name in ("repo_id", "root")
+    }
 
 
 def test_the_readme_has_its_commands_looked_at():

@@ -1,6 +1,7 @@
 """Stored stops of the grippers: is the file there, whole, of this gripper, and is its span plausible?"""
 
 import json
+import shlex
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -52,8 +53,8 @@ def _check_file(path: Path, gripper: str, target: Target | None, section: Sectio
     row: dict[str, Any] = {"channel": target and target.channel, "gripper": gripper, "file": str(path)}
     where = f"{target.channel} gripper" if target else str(path)
     section.rows.append(row)
-    calibrate = target.calibrate if target else Target.calibrate
-    again = f"rm {path} && {calibrate}"
+    calibrate = target.calibrate if target else "lerobot-calibrate of its robot (--config_path=… tells the command)"
+    again = f"rm {shlex.quote(str(path))} && {calibrate}"
     try:
         stops = load_stops(where, path, gripper)
         if stops is None:

@@ -20,7 +20,7 @@ from lerobot_robot_yam.runtime import rig_name
 SOCKETCAN, VIRTUAL = "socketcan", "yam_sim"
 LEADER_GRIPPER = "yam_teaching_handle"
 _FIELDS = frozenset(field.name for field in dataclasses.fields(ArmConfig))
-_CALIBRATED = ("channel", "interface", "can_options", "arm", "gripper", "calibration_path")
+_CALIBRATED = ("channel", "interface", "can_options", "arm", "gripper", "calibration_path", "identity_path")
 _DEVICES = {
     "robot": ("robots", ("yam_follower", "bi_yam_follower")),
     "teleop": ("teleoperators", ("yam_leader", "bi_yam_leader")),
@@ -35,13 +35,13 @@ class Target:
         config: the arm.
         declared: False when nobody has said which arm and gripper it is: then what answers decides.
         calibration: file in which LeRobot's device keeps the gripper's stops, None when that is unknown.
-        calibrate: the command that finds the stops of the grippers of its device.
+        calibrate: the command that finds the stops of the grippers of its device, when it is known.
     """
 
     config: ArmConfig
     declared: bool = True
     calibration: Path | None = None
-    calibrate: str = "lerobot-calibrate --config_path=configs/real/calibrate.yaml"
+    calibrate: str = ""
 
     @property
     def channel(self) -> str:
