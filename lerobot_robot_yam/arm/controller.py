@@ -55,7 +55,7 @@ class ArmController(ArmBody):
         self._end_again_at = -math.inf
         self._halted = False  # by the other arm's trouble
         self._halted_afloat = False
-        self._stopped = False  # the emergency stop is latched
+        self.stopped = False  # the emergency stop is latched; to be said before anything is asked or decided
         self._news: Trouble | None = None
         self._held_back = HeldBack(self.name, [motor.name for motor in self.hardware.motors[: self.hardware.joints]])
         self._last_target_at = -math.inf
@@ -107,10 +107,9 @@ class ArmController(ArmBody):
         works = self.mode in ENERGISED and self.mode not in (Mode.STOPPED, Mode.FAULT)
         return self._stop_reasons.check(now, self.handle[1], tau, works)
 
-    def decide(self, now: float, stopped: bool = False) -> None:
-        """What the arm is about; `stopped`: the emergency stop is latched. Its set-point is then to be advanced."""
-        self._stopped = stopped
-        if stopped:
+    def decide(self, now: float) -> None:
+        """What the arm is about. Its set-point is then to be advanced."""
+        if self.stopped:
             self._stop()
         elif self.mode is Mode.STOPPED:
             self._resume(now)
@@ -162,7 +161,7 @@ class ArmController(ArmBody):
             YamError: not from the present mode, or it cannot be done.
         """
         if request is Request.LAND:
-            if self.mode is Mode.FAULT and self._stopped:
+            if self.mode is Mode.FAULT and self.stopped:
                 raise LifeCycleError(f"{self.name}: {self.message}; {_RELEASE_FIRST}")
             self.land(now)
         elif request is Request.REARM:
@@ -183,7 +182,7 @@ class ArmController(ArmBody):
         elif request is Request.CALIBRATE_GRIPPER:
             if self.gripper is None:
                 raise MotorError(f"{self.name}: {self.hardware.gripper.name} has no motor to calibrate")
-            if self._stopped:
+            if self.stopped:
                 raise LifeCycleError(f"{self.name}: the fingers keep what they hold; {_RELEASE_FIRST}")
             before = Mode.FLOAT if self.mode is Mode.FLOAT else Mode.HOLD
             self._enter(Mode.BRING_UP)
@@ -213,7 +212,7 @@ class ArmController(ArmBody):
 
     def end(self, now: float) -> None:
         """Land because nobody is there any more. Ask every tick: what faults on its way tries again."""
-        if now < self._end_again_at or (self.mode is Mode.FAULT and self._stopped):
+        if now < self._end_again_at or (self.mode is Mode.FAULT and self.stopped):
             return
         self._end_again_at = now + _END_AGAIN_S
         self.land(now, self.trouble, self.message)
@@ -285,7 +284,7 @@ class ArmController(ArmBody):
             raise LifeCycleError(f"{self.name}: {why}; let it land, then connect again")
         if self.mode is Mode.FAULT:
             assert self.trouble is not None
-            if self._stopped:
+            if self.stopped:
                 raise LifeCycleError(f"{self.name}: {self.message}; {_RELEASE_FIRST}")
             if not POLICY[self.trouble].in_place:
                 raise LifeCycleError(f"{self.name}: {self.message}; {POLICY[self.trouble].rearm}")

@@ -225,8 +225,9 @@ class ControlLoop:
     @staticmethod
     def _decide(controller: ArmController, blocks: ControllerBlocks, now: float, stopped: bool) -> None:
         if controller.mode not in _ENDED:
+            controller.stopped = stopped
             blocks.take(now)
-            controller.decide(now, stopped)
+            controller.decide(now)
 
     def _advance(self, now: float, dt: float) -> None:
         """Move the set-points on, clear of each other and of what the workspaces forbid."""

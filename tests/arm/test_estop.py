@@ -9,7 +9,7 @@ import pytest
 from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.state import Limited
-from lerobot_robot_yam.errors import EmergencyStopError, MotorError
+from lerobot_robot_yam.errors import EmergencyStopError, LifeCycleError, MotorError
 from lerobot_robot_yam.rig.control import running_rig
 
 from .rigged import either_rig, isolation_of, session_on, sim_config, track
@@ -178,6 +178,28 @@ def test_a_target_between_the_stop_and_the_next_tick_moves_nothing(rig, stop):
         wait_mode(session, "follower_left", Mode.HOLD)
         session.clock.sleep(0.3)
         assert session["follower_left"].observe().q == pytest.approx(before, abs=5e-3)
+    finally:
+        stop.release()
+        session.stop()
+
+
+def test_what_is_asked_in_the_tick_of_a_stop_or_a_release_is_answered_by_it(rig, stop):
+    name = "follower_left"
+    session = session_on(rig, sim_config(rig, name))
+    session.start()
+    try:
+        rig.fault(name, "joint_1", "nibble", 0xE)
+        session.clock.sleep(0.1)
+        assert session[name].mode() is Mode.FAULT
+        stop.latch("a test")
+        with pytest.raises(LifeCycleError, match="emergency stop is latched"):
+            session[name].rearm()
+        assert not rig.state()["arms"][name]["motors"]["joint_1"]["enabled"]
+        session.clock.sleep(0.1)
+        stop.release()
+        session[name].rearm()
+        session.clock.sleep(0.1)
+        assert session[name].mode() is Mode.HOLD
     finally:
         stop.release()
         session.stop()
