@@ -3,7 +3,7 @@
 - A data set names its robot: ours is called `bi_yam_follower_degrees` there while it gives degrees. So does a
   checkpoint whose data set is still on this computer.
 - A data set and a checkpoint hold statistics of the joints. No joint of these arms gets a whole turn away from zero:
-  larger numbers are degrees, and a data set that has none is in radians (or of an arm that never left zero by 7°).
+  larger numbers are degrees, and a data set that has none is in radians (or of an arm that never left zero by 6°).
 """
 
 import logging

@@ -237,7 +237,48 @@ def test_rows_of_an_interrupted_save_are_left_out(tmp_path, monkeypatch, capsys)
     assert repaired[6]["frame_index"] == 0 and len(repaired.hf_dataset) == 14
 
 
-def interrupt(*arguments):
+def test_rows_of_an_interrupted_save_are_left_out_of_a_killed_recording_too(tmp_path, monkeypatch, capsys):
+    """As long as the next episode, they would be given its pictures, and that one those of the last."""
+    data = create(tmp_path / "data", CAMERAS[:1])
+    add_frames(data, 0, 5)
+    data.save_episode()
+    add_frames(data, 1, 6)
+    monkeypatch.setattr(data.writer, "_save_episode_video", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        data.save_episode()
+    data.finalize()
+    wreck(resumed(tmp_path / "data"), tmp_path / "wreck", (6, 6), saved=1)
+    assert repair(tmp_path / "wreck") == 0
+    assert capsys.readouterr().out.count("saving was interrupted") == 1
+    repaired = load(tmp_path / "wreck_repaired")
+    assert [row["length"] for row in repaired.meta.episodes] == [5, 6, 6]
+    for index, (episode, frame) in {5: (1, 0), 10: (1, 5), 11: (2, 0), 16: (2, 5)}.items():
+        item = repaired[index]
+        assert (item["episode_index"], item["frame_index"]) == (episode, frame)
+        assert item[CAMERAS[0]].mean() * 255 == pytest.approx(brightness(CAMERAS[0], episode, frame), abs=2)
+
+
+def test_episodes_whose_videos_were_to_be_encoded_together_are_lost_and_named(killed, tmp_path, capsys):
+    """LeRobot saves their metadata first, without saying where their videos will be."""
+    shutil.copytree(killed[1], tmp_path / "data")
+    (path,) = (tmp_path / "data" / "meta" / "episodes").rglob("*.parquet")
+    table = pq.read_table(path)
+    pq.write_table(table.drop([name for name in table.column_names if name.startswith("videos/")]), path)
+    shutil.rmtree(tmp_path / "data" / "videos")
+    assert repair(tmp_path / "data") == 1
+    assert "lost: episode 2: no video" in capsys.readouterr().out
+
+
+def test_what_lies_beside_the_data_is_kept(copy):
+    for name in ("notes/monday.txt", "meta/annotations/grasps.json"):
+        (copy / name).parent.mkdir()
+        (copy / name).write_text("kept")
+    assert repair(copy) == 0
+    for name in ("notes/monday.txt", "meta/annotations/grasps.json"):
+        assert (copy.with_name("data_repaired") / name).read_text() == "kept"
+
+
+def interrupt(*arguments, **options):
     raise KeyboardInterrupt
 
 
@@ -283,6 +324,17 @@ def test_what_cannot_be_guessed_is_named(name, copy, capsys):
     (copy / "meta" / name).write_bytes(b"")
     assert repair(copy) == 1
     assert name in capsys.readouterr().err
+
+
+def test_a_recording_that_was_killed_in_its_first_episode_has_nothing(tmp_path, capsys):
+    data = create(tmp_path / "whole")
+    add_frames(data, 0, 5)
+    shutil.copytree(data.root, tmp_path / "data")
+    data.clear_episode_buffer()
+    data.finalize()
+    assert repair(tmp_path / "data") == 1
+    said = capsys.readouterr().err
+    assert "no episode was saved" in said and "copy" not in said
 
 
 def test_no_rows_at_all(copy, capsys):

@@ -148,11 +148,14 @@ def test_feedback_to_a_leader_that_floats_after_an_emergency_stop_is_ignored(lea
     action = leader.get_action()
     leader.enable_torque()
     stop = EmergencyStop()
-    stop.latch("a test")
+    try:
+        stop.latch("a test")
+        time.sleep(0.2)
+    finally:
+        stop.release()
     time.sleep(0.2)
-    stop.release()
-    time.sleep(0.2)
-    leader.send_feedback(action)
+    settle(leader.send_feedback, {**action, "left_joint_1.pos": action["left_joint_1.pos"] + 0.3}, 0.5)
+    assert leader.get_action()["left_joint_1.pos"] == pytest.approx(action["left_joint_1.pos"], abs=0.05)
     leader.disable_torque()
 
 

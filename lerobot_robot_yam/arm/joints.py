@@ -36,7 +36,7 @@ def resolve_turn(arm: str, joint: str, angle_rad: float, lower_rad: float, upper
     reads = f"{arm}: {joint} reads {angle_rad:.3f} rad"
     limits = f"its range {lower_rad:.2f} … {upper_rad:.2f}"
     middle = "with the arm limp, move the joint by hand to the middle of its range and start again"
-    zero = f"set its zero again (yam-zero --joint {joint})"
+    zero = f"set its zero again (yam-zero --channel CHANNEL --joint {joint})"
     low, high = lower_rad - RANGE_TOLERANCE_RAD, upper_rad + RANGE_TOLERANCE_RAD
     first = math.ceil((low - angle_rad) / TURN)
     last = math.floor((high - angle_rad) / TURN)

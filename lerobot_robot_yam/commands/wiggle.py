@@ -1,6 +1,7 @@
 """Turn the last joint of an arm a little, so that a person sees which arm a channel drives."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
@@ -20,8 +21,10 @@ def hazard(config: ArmConfig) -> str:
         f"±{WIGGLE_RAD} rad at up to {SPEED_RAD_S} rad/s, lands and goes limp. Keep hands off all arms and the "
         "emergency stop within reach."
     )
-    if load_gripper(config.gripper).motor is not None and config.calibration_path is None:
-        text += " Its gripper closes and opens fully to find its stops (give --calibration to avoid that)."
+    path = config.calibration_path
+    if load_gripper(config.gripper).motor is not None and (path is None or not Path(path).exists()):
+        known = "give --calibration to avoid that" if path is None else f"there is no {path} yet"
+        text += f" Its gripper closes and opens fully to find its stops ({known})."
     return text
 
 

@@ -139,7 +139,16 @@ class Zeroing:
         deadline = time.monotonic() + _READ_BACK_S
         while True:
             self.chain.restart_turns()  # the origin has moved: not a motion that could be followed over turns
-            after = self.read()
+            try:
+                after = self.read()
+            except MotorError as error:
+                if time.monotonic() < deadline:
+                    continue
+                raise MotorError(
+                    f"{self.name} ({self.channel}): zero was set, or not, of "
+                    f"{', '.join(self.names[i] for i in self.chosen)}; then: {error}. Switch the arm's power off and "
+                    "on and run it again for these joints before anything is energised"
+                ) from error
             failed = [i for i in self.chosen if abs(after.motor_rad[i]) > READ_BACK_RAD]
             if not failed or time.monotonic() > deadline:
                 break

@@ -154,17 +154,19 @@ def _check_missing(
         return
     names = {spec.can_id: spec.name for spec in specs}
     motor = target.hardware().gripper.motor
-    for spec in missing:
-        if handle and motor is not None and spec.can_id == motor.can_id:
-            section.problem(
-                _where(target, spec),
-                "a teaching handle answers instead of the gripper's motor: this is a leader",
-                f"name it --channel {target.channel}:{target.config.arm}:{LEADER_GRIPPER}, or swap the cables back",
-            )
-            continue
+    replaced = [spec for spec in missing if handle and motor is not None and spec.can_id == motor.can_id]
+    for spec in replaced:
+        section.problem(
+            _where(target, spec),
+            "a teaching handle answers instead of the gripper's motor: this is a leader",
+            f"name it --channel {target.channel}:{target.config.arm}:{LEADER_GRIPPER}, or swap the cables back",
+        )
+    specs, missing = ([spec for spec in some if spec not in replaced] for some in (specs, missing))
+    behind = [spec.name for spec in missing[1:]] if list(missing) == list(specs[-len(missing) :]) else []
+    for spec in missing[:1] if behind else missing:
         before = names.get(spec.can_id - 1)
         cable = f"the cable between {before} and {spec.name}" if before else f"the cable to {spec.name}"
-        what = f"no answer to {_ROUNDS} questions"
+        what = f"no answer to {_ROUNDS} questions" + (f", nor from {', '.join(behind)} behind it" if behind else "")
         section.problem(_where(target, spec), what, f"reseat {cable}, then switch the arm's power off and on")
 
 

@@ -110,7 +110,7 @@ def _report(target: Target, driver: str, first: np.ndarray, record: np.ndarray, 
         section.problem(
             channel, f"is in {state.mode.name.lower()}: {state.message or 'no reason given'}", _rearm(state)
         )
-    elif 0 < rate < target.config.rate_hz * _LATE_SHARE and state.mode is not Mode.OFF:
+    elif target.configured and 0 < rate < target.config.rate_hz * _LATE_SHARE and state.mode is not Mode.OFF:
         what = f"its control loop makes {rate:.0f} instead of {target.config.rate_hz:g} ticks a second"
         section.warn(channel, what, "stop what keeps the CPUs busy (top), or lower rate_hz")
     if hardware.gripper.handle_encoder and state.mode in ENERGISED and state.trigger is None:
@@ -132,7 +132,7 @@ def _motor_rows(target: Target, state: ArmState, record: np.ndarray, now: float)
         {
             "name": spec.name,
             "id": spec.can_id,
-            "state": fault_text(fault),
+            "state": fault_text(fault) if math.isfinite(stamp) else None,
             "fault": fault,
             "motor_age_ms": round((now - stamp) * 1e3, 1) if math.isfinite(stamp) else None,
             "lost": lost,
@@ -145,6 +145,8 @@ def _motor_rows(target: Target, state: ArmState, record: np.ndarray, now: float)
 
 def _check_motor(channel: str, row: dict[str, Any], mode: Mode, lost: int, ticks: int, section: Section) -> None:
     """`lost` of `ticks` replies were lost while the session was watched."""
+    if row["motor_age_ms"] is None:
+        return  # the session has none: nobody has said what is on the channel
     where = f"{channel} motor {row['name']} (id {row['id']})"
     if row["fault"] not in (Fault.DISABLED, Fault.NORMAL):
         section.problem(where, f"reports {row['state']}", "remove the cause, then re-arm the session or connect again")

@@ -59,6 +59,11 @@ class Target:
         rig = self.config.can_options.get("rig") if self.config.interface == VIRTUAL else None
         return channel_key(self.config.interface, self.channel, rig)
 
+    @property
+    def configured(self) -> bool:
+        """Whether a run config has said with which options it is driven."""
+        return self.calibration is not None
+
     def hardware(self) -> Hardware:
         """Motors and limits as the profiles say.
 
@@ -70,11 +75,10 @@ class Target:
 
 @dataclass(frozen=True)
 class Plan:
-    """What to look at: arms, and LeRobot's camera configs by name. `config_path`: where they were read from."""
+    """What to look at: arms, and LeRobot's camera configs by name."""
 
     targets: tuple[Target, ...] = ()
     cameras: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    config_path: Path | None = None
 
     @property
     def real(self) -> bool:
@@ -128,7 +132,7 @@ def from_config(path: Path, rig: str | None) -> Plan:
     if not targets:
         known = ", ".join(name for _, types in _DEVICES.values() for name in types)
         raise ConfigError(f"{path} has no robot or teleoperator of type {known}")
-    return Plan(tuple(targets), cameras, path)
+    return Plan(tuple(targets), cameras)
 
 
 def calibration_root() -> Path:

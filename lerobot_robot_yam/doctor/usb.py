@@ -19,7 +19,6 @@ class UsbDevice:
     port: str
     bus: int | None
     vendor_id: str
-    product_id: str | None
     product: str | None
     serial: str | None
     speed_mbit: float | None
@@ -43,7 +42,6 @@ def usb_device(directory: Path) -> UsbDevice | None:
                 port=place.name,
                 bus=int(bus) if bus and bus.isdigit() else None,
                 vendor_id=vendor,
-                product_id=text_of(place / "idProduct"),
                 product=text_of(place / "product"),
                 serial=text_of(place / "serial"),
                 speed_mbit=_number(speed),

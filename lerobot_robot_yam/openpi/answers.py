@@ -38,7 +38,8 @@ def check_metadata(config: YamOpenpiConfig, metadata: dict[str, Any]) -> None:
             )
     resolution = metadata.get("image_resolution")
     if resolution is not None and config.image_size is not None and list(resolution) != list(config.image_size):
-        raise ConfigError(f"the {config.server} wants images of {resolution}; set --policy.image_size={resolution}")
+        size = ",".join(str(pixels) for pixels in resolution)
+        raise ConfigError(f"the {config.server} wants images of {resolution}; set '--policy.image_size=[{size}]'")
     horizon = metadata.get("action_horizon")
     if horizon is not None and config.n_action_steps is not None and config.n_action_steps > horizon:
         raise ConfigError(f"--policy.n_action_steps is {config.n_action_steps}, the {config.server} plans {horizon}")

@@ -43,7 +43,7 @@ class ServerConnection:
         name: what messages call it.
         api_key: sent as openpi's client does, None for none.
         connect_timeout_s: for the server to come up, and to greet.
-        first_response_timeout_s: for the first answer.
+        first_response_timeout_s: for the first answer after each connection.
         response_timeout_s: for every other answer.
         check: called with the metadata of every greeting; raises where they do not fit.
     """
@@ -62,7 +62,7 @@ class ServerConnection:
         self._name = name
         self._headers = {"Authorization": f"Api-Key {api_key}"} if api_key else None
         self._connect_timeout_s = connect_timeout_s
-        self._next_timeout_s = first_response_timeout_s
+        self._first_response_timeout_s = self._next_timeout_s = first_response_timeout_s
         self._response_timeout_s = response_timeout_s
         self._check = check
         self._stack = contextlib.ExitStack()
@@ -144,6 +144,7 @@ class ServerConnection:
             logger.info("connected to the %s, which says of itself: %s", self._name, metadata)
             self._check(metadata)
         self._connection = connection
+        self._next_timeout_s = self._first_response_timeout_s
 
     def _exchange(self, message: bytes, timeout_s: float) -> bytes | str:
         """Send and receive within a time; the timer also ends a send to a server that does not read."""

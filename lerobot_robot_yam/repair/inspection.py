@@ -23,6 +23,8 @@ from lerobot_robot_yam.repair.findings import Clip, DatasetError, Episode, Findi
 
 Progress = Callable[[Iterable[Episode]], Iterable[Episode]]
 
+_INTERRUPTED = "{}: rows of an episode {} whose saving was interrupted"
+
 
 def inspect(root: Path, progress: Progress = iter) -> Findings:
     """Look at a data set, change nothing.
@@ -35,12 +37,16 @@ def inspect(root: Path, progress: Progress = iter) -> Findings:
         DatasetError: what says how the data are to be read is missing.
     """
     try:
+        name = "meta/info.json"
         info = load_info(root)
+        if not any((root / "data").glob("*/*.parquet")) and not info.total_episodes:
+            raise DatasetError(f"{root}: no episode was saved before the recording ended; there is nothing to recover")
+        name = "meta/tasks.parquet"
         tasks = [str(task) for task in load_tasks(root).sort_values("task_index").index]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise DatasetError(
-            f"{root}: {error}. meta/info.json and meta/tasks.parquet say what the columns mean, and there is one "
-            "of each; if a data set of the same recording config has them, copy them here and try again"
+            f"{root}: {error}. There is one {name}, and the columns mean what it says; if a data set of the same "
+            "recording config has it, copy it here and try again"
         ) from error
     findings = Findings(root, info, tasks, _stats(root))
     rows = _metadata(findings)
@@ -99,12 +105,16 @@ def _episodes(findings: Findings, path: Path, rows: dict[int, dict[str, Any]]) -
     spans = [(start, stop) for start, stop in pairwise(cuts) if stop > start]
     if not whole:
         findings.problems.append(f"{path}: has no footer, its writer was killed; {len(spans)} episodes are complete")
+    again = {int(numbers[start]) for start, _ in spans}.difference(rows)  # LeRobot gives the number to the next one
+    for episode in [episode for episode in findings.episodes if episode.number in again]:
+        findings.problems.append(_INTERRUPTED.format(episode.path, episode.number))
+        findings.episodes.remove(episode)
     next_index = sum(episode.length for episode in findings.episodes)
     for start, stop in spans:
         number, length = int(numbers[start]), stop - start
         row = rows.get(number)
         if row is not None and (_data_path(findings, row), row["length"]) != (path, length):
-            findings.problems.append(f"{path}: rows of an episode {number} whose saving was interrupted")
+            findings.problems.append(_INTERRUPTED.format(path, number))
             continue
         done = dict.fromkeys(tasks[start:stop].tolist())
         episode = Episode(number, path, start, length, [task for n, task in enumerate(findings.tasks) if n in done])
@@ -115,8 +125,10 @@ def _episodes(findings: Findings, path: Path, rows: dict[int, dict[str, Any]]) -
         next_index += length
         if row is not None:
             for key in findings.keys("video"):
-                chunk, file, begin = (row[f"videos/{key}/{n}"] for n in ("chunk_index", "file_index", "from_timestamp"))
-                episode.videos[key] = Clip(chunk, file, begin)
+                place = [f"videos/{key}/{name}" for name in ("chunk_index", "file_index", "from_timestamp")]
+                # LeRobot saves the row first where it encodes the videos of several episodes at once.
+                if all(row.get(name) is not None for name in place):
+                    episode.videos[key] = Clip(*(row[name] for name in place))
             flat = {name.split("/", 1)[1]: value for name, value in row.items() if name.startswith("stats/")}
             episode.stats = cast_stats_to_numpy(flat) if flat else None
         yield episode

@@ -15,6 +15,8 @@ from lerobot_robot_yam.repair.findings import DatasetError, Findings
 
 Progress = Callable[[Iterable[Any]], Iterable[Any]]
 
+_REBUILT = ("data", "videos", "images", "episodes")  # directories that are written anew
+
 
 def rebuild(findings: Findings, target: Path, progress: Progress = iter) -> None:
     """Write the episodes that can be recovered, numbered from 0, to a new directory; the original is only read.
@@ -96,7 +98,11 @@ def _rest(findings: Findings, target: Path) -> None:
     for directory in (Path(), Path("meta")):
         for path in sorted((findings.root / directory).iterdir()):
             copy = target / directory / path.name
-            if path.is_file() and not copy.exists():
+            if copy.exists() or path.name in _REBUILT or path.name.startswith("tmp"):
+                continue
+            if path.is_dir():
+                shutil.copytree(path, copy)
+            else:
                 shutil.copy2(path, copy)
 
 

@@ -80,7 +80,9 @@ def test_any_reading_ends_inside_the_range_or_in_an_error_that_names_the_joint(j
 
 
 def test_a_reading_outside_every_turn_is_refused_with_what_to_do():
-    with pytest.raises(MotorError, match="left: joint_2 reads -1.0.*by hand.*yam-zero --joint joint_2"):
+    with pytest.raises(
+        MotorError, match="left: joint_2 reads -1.0.*by hand.*yam-zero --channel CHANNEL --joint joint_2"
+    ):
         resolve_turn("left", "joint_2", -1.0, 0.0, 3.66519)
 
 

@@ -12,10 +12,11 @@ import can
 import numpy as np
 import pytest
 
+from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.gripper import GripperStops, save_stops
 from lerobot_robot_yam.arm.yam_arm import YamArm
 from lerobot_robot_yam.commands.identify import main
-from lerobot_robot_yam.commands.wiggle import SPEED_RAD_S, WIGGLE_RAD
+from lerobot_robot_yam.commands.wiggle import SPEED_RAD_S, WIGGLE_RAD, hazard
 from lerobot_robot_yam.damiao.registers import Register
 
 STOPS = [3.25, -3.3]
@@ -112,6 +113,13 @@ def test_without_a_terminal_or_yes_nothing_wiggles(rig):
     _, said = process.communicate(timeout=60)
     assert process.returncode == 1 and "no terminal" in said
     assert rig.trace("follower_left") == []
+
+
+@pytest.mark.parametrize(("stored", "moves"), [(None, True), ("typo.json", True), ("stops.json", False)])
+def test_who_confirms_is_told_when_the_fingers_will_move_too(tmp_path, stored, moves):
+    save_stops("left", tmp_path / "stops.json", "linear_4310", GripperStops(*STOPS))
+    path = None if stored is None else str(tmp_path / stored)
+    assert ("closes and opens fully" in hazard(ArmConfig(channel="can0", calibration_path=path))) == moves
 
 
 def test_a_wiggle_turns_joint_6_slowly_and_nothing_else_and_lands(rig, tmp_path):

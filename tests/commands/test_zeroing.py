@@ -1,5 +1,7 @@
 """The procedure behind yam-zero when the bus or a motor does not play along."""
 
+import threading
+import time
 from pathlib import Path
 
 import can
@@ -63,6 +65,36 @@ def test_a_zero_that_did_not_do_what_it_should_is_an_error(crooked, meddle, mess
         zeroing.require_still()
         with pytest.raises(MotorError, match=rf"left \(only\): .*{message}"):
             zeroing.set_zero()
+
+
+@pytest.mark.parametrize("silent_s", [0.4, 60.0])
+def test_a_motor_that_is_silent_while_it_writes_is_waited_for_and_then_named(crooked, silent_s):
+    timers = []
+
+    def meddle(frame):
+        bus.send(frame)
+        time.sleep(0.05)
+        crooked.fault("only", "joint_1", "silent")
+        timers.append(threading.Timer(silent_s, crooked.clear_faults, ["only"]))
+        timers[-1].start()
+        return []
+
+    with can.Bus(interface="yam_sim", channel="only", rig=crooked.name) as bus:
+        zeroing = Zeroing(config(crooked), MeddlingBus(bus, meddle), ["joint_1"])
+        zeroing.inspect()
+        zeroing.require_still()
+        try:
+            if silent_s < 1.0:
+                zeroing.set_zero()
+            else:
+                with pytest.raises(
+                    MotorError, match=r"zero was set, or not, of joint_1; then: .*no answer from joint_1"
+                ):
+                    zeroing.set_zero()
+        finally:
+            for timer in timers:
+                timer.cancel()
+                timer.join()
 
 
 def test_a_range_without_zero_is_refused(crooked, tmp_path):

@@ -93,6 +93,15 @@ def test_a_live_session_is_watched_and_not_disturbed(rig, capsys):
         assert arm.observe().fault == (1,) * 7
 
 
+def test_a_live_leader_of_which_nobody_has_said_what_it_is(rig, capsys):
+    leader = {"name": "left", "channel": LEADER, "interface": "yam_sim", "can_options": {"rig": rig.name}}
+    with YamArm(ArmConfig(**leader, gripper="yam_teaching_handle", rate_hz=125.0)):
+        time.sleep(0.3)
+        status, report = examine(capsys, *virtual(rig, LEADER))
+    assert status == 0 and not found(report, "warning", LEADER)
+    assert [row["state"] for row in report["sessions"]][6] is None
+
+
 def test_a_live_session_with_a_fault(sick, capsys):
     with YamArm(follower(sick)):
         sick.fault(FOLLOWER, "joint_5", "nibble", int(Fault.ROTOR_OVER_TEMPERATURE), sticky=True)

@@ -17,6 +17,10 @@ DEFECTS = {
         lambda rig: rig.fault(FOLLOWER, "joint_3", "silent"),
         ("joint_3 (id 3)", "no answer", "reseat the cable between joint_2 and joint_3"),
     ),
+    "broken cable": (
+        lambda rig: [rig.fault(FOLLOWER, name, "silent") for name in ("joint_5", "joint_6", "gripper")],
+        ("joint_5 (id 5)", "nor from joint_6, gripper behind it", "reseat the cable between joint_4 and joint_5"),
+    ),
     "arm without power": (
         lambda rig: rig.fault(FOLLOWER, None, "silent"),
         (FOLLOWER, "none of the 7 motors answers", "switch the arm's power on"),

@@ -99,6 +99,22 @@ def test_the_first_answer_may_take_longer(made):
     assert policy.select_action(batch_of(policy)[0]).shape == (1, 14)
 
 
+def test_a_server_that_is_started_again_compiles_again(made):
+    def compiling(observation, number):
+        if number == 1:
+            raise ValueError("it ends")
+        time.sleep(0.6 if number == 2 else 0.0)
+        return counting(observation, number)
+
+    _, policy = made(compiling, response_timeout_s=0.4, first_response_timeout_s=30.0)
+    batch, _ = batch_of(policy)
+    for _ in range(4):
+        policy.select_action(batch)
+    with pytest.raises(PolicyServerError):
+        policy.select_action(batch)
+    assert policy.select_action(batch).shape == (1, 14)
+
+
 STOPPED = """
 import sys, threading
 from tests.openpi.server import OpenpiServer, wave
@@ -162,7 +178,7 @@ def test_degrees_do_not_reach_a_server_of_radians(made):
         ({"action_space": "joint_velocity"}, {"action_space": "joint_velocity"}, "these arms can be driven by"),
         ({"action_space": "cartesian_position"}, {}, "--policy.action_space is 'joint_position'"),
         ({"action_dim": 8}, {"action_dim": 14}, "its action_dim is 8"),
-        ({"image_resolution": [180, 320]}, {}, r"--policy.image_size=\[180, 320\]"),
+        ({"image_resolution": [180, 320]}, {}, r"'--policy.image_size=\[180,320\]'"),
         ({"action_horizon": 16}, {"n_action_steps": 20}, "plans 16"),
         (b"\xc1", {}, "does not speak openpi's protocol"),
         ("hello", {}, "text instead of msgpack: 'hello'"),
