@@ -6,7 +6,7 @@ import pytest
 from lerobot_robot_yam.arm.body import gravity_model
 from lerobot_robot_yam.arm.hardware import Hardware
 
-from .rigged import arm_on, rig_of, sim_config
+from .rigged import arm_on, rig_of, session_on, sim_config, track
 
 CHANNEL = "follower_left"
 POSE = np.array([0.3, 1.3, 1.1, -0.4, 0.2, 0.1])
@@ -72,3 +72,18 @@ def test_coulomb_friction_that_is_fed_forward_is_made_up_for():
                     arm.clock.sleep(1 / 60)
         lags[known] = np.sqrt(np.mean(np.square(errors), axis=0))
     assert lags[True].max() < 0.7 * lags[False].max(), lags
+
+
+def test_what_starts_quickly_is_hardly_quicker_than_its_set_point():
+    """All joints at once, so that each throws the others about; what is fed forward holds them to their ways."""
+    with rig_of("lockstep", arms=[CHANNEL]) as rig:
+        session = session_on(rig, sim_config(rig, CHANNEL))
+        session.start()
+        track(session, {CHANNEL: [0.0, 0.3, 1.2, 0.2, 0.0, 0.0]}, 1.5)
+        track(session, {CHANNEL: [0.0, 0.6, 1.2, 0.0, 0.0, 0.0]}, 1.2)
+        session.clock.sleep(0.7)
+        rig.watch_start(CHANNEL)
+        track(session, {CHANNEL: [0.4, 1.2, 0.6, 0.4, 0.4, 0.6]}, 0.8)
+        fastest = max(rig.watch(CHANNEL)["max_speed_rad_s"][:6])
+        session.stop()
+    assert 1.45 < fastest < 1.15 * 1.5
