@@ -23,15 +23,20 @@ OP_SET_ZERO = 0x00
 OP_SET_REPORT_FREQUENCY = 0x01
 OP_REPORT = 0x02
 OP_VERSION = 0x03
+OP_SET_ADC_FREQUENCY = 0x04
 OP_READ_EEPROM = 0x07
 OP_WRITE_EEPROM = 0x10
 REPLY_FLAG = 0x80  # added to the opcode in configuration replies
 
+EEPROM_ADC_FREQUENCY_LOW = 8
+EEPROM_ADC_FREQUENCY_HIGH = 27
 EEPROM_REPORT_FREQUENCY_LOW = 25
 EEPROM_REPORT_FREQUENCY_HIGH = 28
 EEPROM_BYTES = 31
 REPORT_FREQUENCY_MAX_HZ = 600
 FIRMWARE_REQUIRED = (2, 2, 12)
+FIRMWARE_FAST_ADC = (2, 4, 0)  # from here on the ADC runs as fast as it can by itself
+ADC_FREQUENCY = 255  # of older ones; as fast as they can
 
 RAD_PER_COUNT = 2 * math.pi / 4096
 TRIGGER_TRAVEL_RAD = 0.7
@@ -68,6 +73,11 @@ def encode_report_frequency(hz: int) -> bytes:
     if hz <= 0xFF:
         return bytes((ALL_DEVICES, OP_SET_REPORT_FREQUENCY, hz))
     return bytes((ALL_DEVICES, OP_SET_REPORT_FREQUENCY, hz >> 8, hz & 0xFF))
+
+
+def encode_adc_frequency(frequency: int) -> bytes:
+    """Set the frequency (0 … 255, the device's own unit) at which the trigger is sampled. Not acknowledged."""
+    return bytes((ALL_DEVICES, OP_SET_ADC_FREQUENCY, frequency))
 
 
 def decode_report(data: bytes) -> HandleReport:
@@ -124,8 +134,8 @@ def decode_eeprom_byte(data: bytes) -> int | None:
     return data[2]
 
 
-def decode_report_frequency(low: int, high: int) -> int:
-    """Report frequency in Hz of its two EEPROM bytes; a high byte of 0xFF means not set."""
+def decode_frequency(low: int, high: int) -> int:
+    """Report (Hz) or ADC frequency of its two EEPROM bytes; a high byte of 0xFF means not set."""
     return low if high == 0xFF else high << 8 | low
 
 

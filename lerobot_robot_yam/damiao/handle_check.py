@@ -11,13 +11,19 @@ import can
 
 from lerobot_robot_yam.damiao.bus_port import BusPort, data_message, is_classic_data
 from lerobot_robot_yam.damiao.encoder import (
+    ADC_FREQUENCY,
+    EEPROM_ADC_FREQUENCY_HIGH,
+    EEPROM_ADC_FREQUENCY_LOW,
     EEPROM_REPORT_FREQUENCY_HIGH,
     EEPROM_REPORT_FREQUENCY_LOW,
+    FIRMWARE_FAST_ADC,
     FIRMWARE_REQUIRED,
+    HANDLE_IDS,
     REQUEST_ID,
     decode_eeprom_byte,
-    decode_report_frequency,
+    decode_frequency,
     decode_version,
+    encode_adc_frequency,
     encode_eeprom_read,
     encode_report_frequency,
     encode_version_request,
@@ -53,21 +59,15 @@ def prepare_handle(bus: can.BusABC, channel: str, timeout_s: float = 0.1) -> Han
             f"{channel}: the teaching handle has firmware {_dotted(firmware)}; "
             f"update it to {_dotted(FIRMWARE_REQUIRED)} or later with the vendor's tool"
         )
-    low = _ask(
-        port,
-        encode_eeprom_read(EEPROM_REPORT_FREQUENCY_LOW),
-        decode_eeprom_byte,
-        "its report frequency",
-        timeout_s,
-    )
-    high = _ask(
-        port,
-        encode_eeprom_read(EEPROM_REPORT_FREQUENCY_HIGH),
-        decode_eeprom_byte,
-        "its report frequency",
-        timeout_s,
-    )
-    frequency_hz = decode_report_frequency(low, high)
+    changed = False
+    if firmware < FIRMWARE_FAST_ADC:
+        sampled = _frequency(port, EEPROM_ADC_FREQUENCY_LOW, EEPROM_ADC_FREQUENCY_HIGH, "ADC frequency", timeout_s)
+        if sampled != ADC_FREQUENCY:
+            logger.warning("%s: the teaching handle had ADC frequency %d; set to %d", channel, sampled, ADC_FREQUENCY)
+            port.send([data_message(REQUEST_ID, encode_adc_frequency(ADC_FREQUENCY))])
+            changed = True
+    low, high = EEPROM_REPORT_FREQUENCY_LOW, EEPROM_REPORT_FREQUENCY_HIGH
+    frequency_hz = _frequency(port, low, high, "report frequency", timeout_s)
     if frequency_hz:
         logger.warning(
             "%s: the teaching handle reported by itself at %d Hz; set to report on request",
@@ -75,8 +75,16 @@ def prepare_handle(bus: can.BusABC, channel: str, timeout_s: float = 0.1) -> Han
             frequency_hz,
         )
         port.send([data_message(REQUEST_ID, encode_report_frequency(0))])
+        changed = True
+    if changed:
         _wait_for_silence(port)
     return HandleInfo(firmware, frequency_hz)
+
+
+def _frequency(port: BusPort, low: int, high: int, what: str, timeout_s: float) -> int:
+    """A frequency of which the EEPROM keeps two bytes."""
+    values = [_ask(port, encode_eeprom_read(at), decode_eeprom_byte, f"its {what}", timeout_s) for at in (low, high)]
+    return decode_frequency(*values)
 
 
 def _ask[T](port: BusPort, request: bytes, decode: Callable[[bytes], T | None], what: str, timeout_s: float) -> T:
@@ -98,10 +106,14 @@ def _ask[T](port: BusPort, request: bytes, decode: Callable[[bytes], T | None], 
 
 
 def _wait_for_silence(port: BusPort) -> None:
-    deadline = port.clock.now() + _SILENCE_LIMIT_S
-    while port.clock.now() < deadline:
-        if port.recv(_SILENCE_S) is None:
+    """Until no frame of a handle has come for a while; other devices may talk."""
+    begin = heard = port.clock.now()
+    while (now := port.clock.now()) < begin + _SILENCE_LIMIT_S:
+        if now - heard >= _SILENCE_S:
             return
+        message = port.recv(heard + _SILENCE_S - now)
+        if message is not None and message.arbitration_id in HANDLE_IDS and is_classic_data(message):
+            heard = port.clock.now()
     raise MotorError(f"{port.channel}: the teaching handle goes on reporting by itself; power-cycle it")
 
 

@@ -11,8 +11,8 @@ from lerobot_robot_yam.damiao.encoder import (
     TRIGGER_TRAVEL_RAD,
     HandleReport,
     decode_eeprom_byte,
+    decode_frequency,
     decode_report,
-    decode_report_frequency,
     decode_version,
     encode_eeprom_read,
     encode_report_request,
@@ -71,7 +71,7 @@ def inspect_handle(
         return
     low = _eeprom(questions, EEPROM_REPORT_FREQUENCY_LOW)
     high = _eeprom(questions, EEPROM_REPORT_FREQUENCY_HIGH)
-    frequency = None if low is None or high is None else decode_report_frequency(low, high)
+    frequency = None if low is None or high is None else decode_frequency(low, high)
     row: dict[str, Any] = {
         "channel": target.channel,
         "firmware": firmware and _dotted(firmware),

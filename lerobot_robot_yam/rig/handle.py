@@ -26,7 +26,7 @@ class SimHandle:
         self._next_report_s = 0.0
         self._eeprom = bytearray(encoder.EEPROM_BYTES)
         self._eeprom[7] = _DEVICE
-        self._eeprom[8] = 0xFF
+        self._eeprom[encoder.EEPROM_ADC_FREQUENCY_LOW] = encoder.ADC_FREQUENCY
 
     def request(self, data: bytes) -> Frame | None:
         """Answer a frame to 0x50E; None for settings and for what is not understood."""
@@ -46,6 +46,10 @@ class SimHandle:
             self._zero_rad += self._position_rad()
         elif opcode == encoder.OP_SET_REPORT_FREQUENCY and parameters:
             self.set_report_frequency(int.from_bytes(parameters[:2], "big"))
+        elif opcode == encoder.OP_SET_ADC_FREQUENCY and parameters:
+            high, low = int.from_bytes(parameters[:2], "big").to_bytes(2, "big")
+            self._eeprom[encoder.EEPROM_ADC_FREQUENCY_HIGH] = high
+            self._eeprom[encoder.EEPROM_ADC_FREQUENCY_LOW] = low
         elif opcode == _OP_EVENTS and parameters:
             self._event_mask = parameters[0]
         elif opcode == _OP_READINGS:

@@ -23,6 +23,7 @@ class DeskBus(can.BusABC):
         self.specs = {spec.can_id: spec for spec in specs}
         self.handle = handle
         self.handle_data = encoder.encode_report(0.0, 0.0, (False, False))
+        self.stubborn = False  # the handle goes on reporting
         self.firmware = (2, 4, 0)
         self.eeprom = bytearray(encoder.EEPROM_BYTES)
         self.position = dict.fromkeys(self.specs, 0.0)  # rad, any number of turns
@@ -33,6 +34,7 @@ class DeskBus(can.BusABC):
         self.late: set[int] = set()
         self.stall_s = 0.0  # whoever receives the next frame does not run for so long
         self.sent: list[can.Message] = []
+        self.chatter: can.Message | None = None  # what somebody says again and again, unasked
         self._held: list[can.Message] = []
         self._queue: deque[can.Message] = deque()
 
@@ -62,10 +64,16 @@ class DeskBus(can.BusABC):
         stall_s, self.stall_s = self.stall_s, 0.0
         time.sleep(stall_s)
         if not self._queue:
+            unasked = self.chatter or self._report_of_its_own()
             if timeout:
-                time.sleep(timeout)
-            return None, False
+                time.sleep(min(timeout, 0.01) if unasked else timeout)
+            return (unasked if timeout else None), False
         return self._queue.popleft(), False
+
+    def _report_of_its_own(self) -> can.Message | None:
+        if not self.handle or not self.eeprom[encoder.EEPROM_REPORT_FREQUENCY_LOW]:
+            return None
+        return can.Message(arbitration_id=encoder.REPORT_ID, data=self.handle_data, is_extended_id=False)
 
     def _answer(self, spec: MotorSpec, data: bytes) -> None:
         if spec.can_id in self.silent:
@@ -103,7 +111,10 @@ class DeskBus(can.BusABC):
         elif data[1] == encoder.OP_READ_EEPROM:
             self.put(encoder.REQUEST_ID, encoder.encode_eeprom_byte(self.eeprom[data[2]]))
         elif data[1] == encoder.OP_SET_REPORT_FREQUENCY:
-            self.eeprom[encoder.EEPROM_REPORT_FREQUENCY_LOW] = data[2]
+            if not self.stubborn:
+                self.eeprom[encoder.EEPROM_REPORT_FREQUENCY_LOW] = data[2]
+        elif data[1] == encoder.OP_SET_ADC_FREQUENCY:
+            self.eeprom[encoder.EEPROM_ADC_FREQUENCY_LOW] = data[2]
 
 
 def default_registers(spec: MotorSpec) -> dict[Register, float]:

@@ -49,8 +49,8 @@ def test_configuration_replies():
     assert encoder.decode_eeprom_byte(encoder.encode_eeprom_byte(99)) == 99
     assert encoder.decode_version(encoder.encode_eeprom_byte(99)) is None
     assert encoder.decode_eeprom_byte(encoder.encode_version((2, 4, 0))) is None
-    assert encoder.decode_report_frequency(200, 0xFF) == 200
-    assert encoder.decode_report_frequency(0x58, 0x02) == 600
+    assert encoder.decode_frequency(200, 0xFF) == 200
+    assert encoder.decode_frequency(0x58, 0x02) == 600
 
 
 def test_the_encoder_keeps_the_newest_report_and_ignores_other_lengths():

@@ -28,7 +28,7 @@ def test_version_and_settings_are_as_drivers_require():
         encoder.decode_eeprom_byte(handle.request(encoder.encode_eeprom_read(offset)).data)
         for offset in (encoder.EEPROM_REPORT_FREQUENCY_LOW, encoder.EEPROM_REPORT_FREQUENCY_HIGH)
     ]
-    assert encoder.decode_report_frequency(*frequency) == 0
+    assert encoder.decode_frequency(*frequency) == 0
 
 
 def test_reports_come_unasked_at_the_frequency_set():
