@@ -11,7 +11,6 @@ from typing import Any, Self
 
 from lerobot_robot_yam.errors import RigError
 from lerobot_robot_yam.rig import launch
-from lerobot_robot_yam.rig.scene import Scene, load_scene
 
 _TIMEOUT_S = 10.0
 _numbers = itertools.count(1)
@@ -36,7 +35,6 @@ class RigConnection:
         self._socket, self.name, answer = launch.connect_or_start(rig, hello, name, options)
         self._socket.settimeout(_TIMEOUT_S)
         self.pid: int = answer["pid"]
-        self._scene = (name, dict(options))
 
     @classmethod
     def start(cls, scene: str | Path | None = None, name: str | None = None, hold: bool = True, **options: Any) -> Self:
@@ -54,6 +52,7 @@ class RigConnection:
             self._socket.send(json.dumps({"op": op, **arguments}, default=_plain).encode())
             packet = self._socket.recv(launch.MAX_PACKET)
         except OSError as error:
+            self.close()  # a late answer would be taken for the next one
             raise RigError(f"rig {self.name} does not answer ({error}); has its process ended?") from error
         if not packet:
             raise RigError(f"rig {self.name} has ended")
@@ -61,10 +60,6 @@ class RigConnection:
         if "error" in answer:
             launch.raise_remote(answer)
         return answer
-
-    def local_scene(self) -> Scene:
-        """The scene as this client asked for it, to build the same model; only right if this client started the rig."""
-        return load_scene(*self._scene)
 
     def end(self) -> None:
         """End the rig at once, whoever uses it."""

@@ -5,9 +5,11 @@ client has left.
 """
 
 import contextlib
+import dataclasses
 import json
 import logging
 import os
+import re
 import select
 import socket
 import subprocess
@@ -18,13 +20,16 @@ from pathlib import Path
 from typing import Any
 
 from lerobot_robot_yam.errors import BusError, ConfigError, RigError, YamError
-from lerobot_robot_yam.runtime import AUTO_RIG, FileLock, rig_name, runtime_dir, slug
+from lerobot_robot_yam.rig.scene import Scene, load_scene
+from lerobot_robot_yam.runtime import FileLock, rig_name, runtime_dir, slug
 
 logger = logging.getLogger(__name__)
 
 _START_TIMEOUT_S = 60.0
 _HELLO_TIMEOUT_S = 10.0
 _said: set[tuple[str, str]] = set()  # options of which it has been said that they have no effect
+# Files of a rig, and blocks of its arms, whose name says which process has made it.
+_MADE_BY = re.compile(r"(?:rig|state|command)-((?:auto|rig|env|lockstep)-(\d+)(?:-\d+)?)\.(?!lock$)")
 MAX_PACKET = 1 << 17  # bytes; no packet of either side is longer
 
 # Run by the process we wait for: it leaves at once, so the server becomes a child of init and no zombie of ours.
@@ -91,8 +96,9 @@ def connect_or_start(
     Args:
         rig: see `runtime.rig_name`.
         hello: who we are, see `server`.
-        scene: scene name or path for a rig that we start; a running rig keeps its own.
-        options: scene options for a rig that we start; a running rig keeps its own, which is logged where they differ.
+        scene: scene name or path for a rig that we start.
+        options: scene options for a rig that we start. A running rig keeps its scene and options; what differs is
+            logged.
 
     Returns:
         Socket, resolved rig name, the rig's answer.
@@ -103,36 +109,43 @@ def connect_or_start(
     """
     name, owner = rig_name(rig)
     with contextlib.suppress(ConnectionRefusedError, FileNotFoundError):
-        connection = connect(name, hello)
-        _say_what_is_ignored(name, connection[1]["options"], options or {})
-        return (*_named(connection, name),)
+        return _join(name, hello, scene, options or {})
     with FileLock(rig_path(name, "lock"), f"the start of rig {name}"):
         with contextlib.suppress(ConnectionRefusedError, FileNotFoundError):
-            return (*_named(connect(name, hello), name),)
-        _sweep()
+            return _join(name, hello, scene, options or {})
+        sweep()
         _start(name, owner, scene, options or {})
         try:
-            return (*_named(connect(name, hello), name),)
+            connection, answer = connect(name, hello)
+            return connection, name, answer
         except (ConnectionRefusedError, FileNotFoundError) as error:
             raise RigError(f"rig {name} ended right after its start; see {rig_path(name, 'log')}") from error
 
 
-def _say_what_is_ignored(name: str, held: Mapping[str, Any], asked: Mapping[str, Any]) -> None:
+def _join(
+    name: str, hello: Mapping[str, Any], scene: str | None, options: Mapping[str, Any]
+) -> tuple[socket.socket, str, dict[str, Any]]:
+    """Connect to a rig that runs already, and say what of the wishes for a new one has no effect."""
+    asked = {**({} if scene is None else {"scene": load_scene(scene).name}), **options}
+    connection, answer = connect(name, hello)
     for key, value in asked.items():
-        given = value.split(",") if isinstance(value, str) and isinstance(held.get(key), list) else value
-        if json.loads(json.dumps(given)) != held.get(key) and (name, key) not in _said:
+        held = answer["options"].get(key, answer.get(key))
+        given = value.split(",") if isinstance(value, str) and isinstance(held, list) else value
+        if json.loads(json.dumps(given)) != held and (name, key) not in _said:
             _said.add((name, key))  # once a process: each arm and each camera asks
-            logger.warning("rig %s runs already, with %s: %r; %r has no effect", name, key, held.get(key), value)
+            logger.warning("rig %s runs already, with %s: %r; %r has no effect", name, key, held, value)
+    return connection, name, answer
+
+
+def described(scene: Scene) -> dict[str, Any]:
+    """What a rig says of its scene to who joins it."""
+    return {"scene": scene.name, "options": dataclasses.asdict(scene.options)}
 
 
 def scene_arguments(scene: str | None, options: Mapping[str, Any]) -> list[str]:
     """How a scene is named on the command lines of the rig's processes."""
     named = [] if scene is None else ["--scene", scene]
     return named + [part for key, value in options.items() for part in ("--set", f"{key}={json.dumps(value)}")]
-
-
-def _named(connection: tuple[socket.socket, dict[str, Any]], name: str) -> tuple[socket.socket, str, dict[str, Any]]:
-    return connection[0], name, connection[1]
 
 
 def _start(name: str, owner: int | None, scene: str | None, options: Mapping[str, Any]) -> None:
@@ -185,15 +198,15 @@ def _read_answer(fd: int) -> bytes:
     return answer
 
 
-def _sweep() -> None:
-    """Remove what auto rigs left that were killed together with their owner."""
-    for path in runtime_dir().glob(f"rig-{AUTO_RIG}*.*"):
-        owner = path.name.removeprefix(f"rig-{AUTO_RIG}").partition(".")[0]
-        if path.suffix == ".lock" or not owner.isdigit() or Path(f"/proc/{owner}").exists():
+def sweep() -> None:
+    """Remove what rigs have left that were killed, and those who had started them have ended."""
+    for path in runtime_dir().iterdir():
+        made_by = _MADE_BY.match(path.name)
+        if made_by is None or Path(f"/proc/{made_by[2]}").exists():
             continue
         probe = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         try:
-            probe.connect(str(path.with_suffix(".sock")))
+            probe.connect(str(rig_path(made_by[1], "sock")))
         except OSError:
             path.unlink(missing_ok=True)
         finally:

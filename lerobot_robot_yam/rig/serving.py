@@ -5,7 +5,6 @@ The first packet of a client says who it is: {"kind": "bus", "channel": ...}, {"
 """
 
 import contextlib
-import dataclasses
 import functools
 import json
 import logging
@@ -23,7 +22,7 @@ from lerobot_robot_yam.rig import commands, wire
 from lerobot_robot_yam.rig.camera_service import CameraService
 from lerobot_robot_yam.rig.channel import Channel
 from lerobot_robot_yam.rig.device import RigDevice
-from lerobot_robot_yam.rig.launch import MAX_PACKET, error_reply, rig_path
+from lerobot_robot_yam.rig.launch import MAX_PACKET, described, error_reply, rig_path
 from lerobot_robot_yam.rig.lifetime import Lifetime
 from lerobot_robot_yam.rig.link_state import LinkState, LinkTable
 from lerobot_robot_yam.rig.operator_service import OperatorService
@@ -109,10 +108,10 @@ class RigServer:
     def close(self) -> None:
         """End the children, drop the clients, remove the rig's files."""
         self._listener.close()
+        self._cameras.close()  # before it forgets who uses which block
         for client in list(self._clients.values()):
             self._drop(client)
         self._operator.close()
-        self._cameras.close()
         self._path.unlink(missing_ok=True)
         self._links.close()
         self._block.close()
@@ -167,7 +166,7 @@ class RigServer:
             hello = json.loads(packet)
             client.kind = hello["kind"]
             client.holds = bool(hello.get("hold", True))
-            reply: dict[str, Any] = {"pid": os.getpid(), "options": dataclasses.asdict(self.device.scene.options)}
+            reply: dict[str, Any] = {"pid": os.getpid(), **described(self.device.scene)}
             if client.kind == "bus":
                 channel = self._channel(str(hello["channel"]))
                 reply |= {"link": self._link_numbers[channel.name], "unplugs": channel.link.unplugs}

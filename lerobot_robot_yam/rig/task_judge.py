@@ -74,8 +74,8 @@ class TaskJudge:
             return [self._fail(f"{text}; {self.stage} of {len(self._task.success)} stages were reached", since_s)]
         stage = self._task.success[self.stage]
         if stage.airborne and view.touching[stage.prop] - self._arms:
-            self.stage, self._met_since_s = 0, None
-            return [self._event("task_stage", since_s, stage=0)]
+            before, self.stage, self._met_since_s = self.stage, 0, None
+            return [self._event("task_stage", since_s, stage=0)] if before else []
         if not self._is_met(stage, view):
             self._met_since_s = None
             return []

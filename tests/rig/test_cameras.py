@@ -162,5 +162,14 @@ def test_nothing_is_left_when_the_rig_is_killed():
                 camera.wait_new(0.5)
         rig.close()
     assert not list(runtime_dir().glob(f"rig-{rig.name}.camera-*"))
-    for path in runtime_dir().glob(f"rig-{rig.name}.*"):  # SIGKILL leaves the server's own files; the next start sweeps
+    for path in runtime_dir().glob(f"rig-{rig.name}.*"):  # the server's own; a start sweeps when this process is gone
         path.unlink()
+
+
+def test_nothing_is_left_of_a_renderer_that_hangs():
+    with running_rig() as rig, RigCamera("top", 64, 48, 30, rig=rig.name):
+        (pid,) = renderer_pids(rig)
+        os.kill(pid, signal.SIGSTOP)
+        rig.end()
+        wait_until(lambda: not runs(rig.pid) and not runs(pid))
+        assert not list(runtime_dir().glob(f"rig-{rig.name}.*"))

@@ -10,8 +10,9 @@ import can
 import pytest
 
 from lerobot_robot_yam.errors import RigError
-from lerobot_robot_yam.rig import launch, lifetime
+from lerobot_robot_yam.rig import connection, launch, lifetime
 from lerobot_robot_yam.rig.control import RigControl, runs, wait_ended
+from lerobot_robot_yam.rig.lockstep import LockstepRig
 from lerobot_robot_yam.runtime import FileLock, rig_name, runtime_dir
 
 CLIENT = """
@@ -149,6 +150,62 @@ def test_files_of_a_dead_owner_are_swept_at_the_next_start():
     wait_ended(rig)
 
 
+def test_files_of_rigs_that_were_killed_are_swept_when_those_who_started_them_have_ended():
+    """Any next start does, of one in lock-step too; names are never used twice, so nobody else would."""
+    code = """
+import os, signal
+from lerobot_robot_yam.rig.control import RigControl
+from lerobot_robot_yam.rig.lockstep import LockstepRig
+rig, step = RigControl.start(), LockstepRig(arms=["follower_left"])
+print(rig.name, step.name, flush=True)
+os.kill(rig.pid, signal.SIGKILL)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+    dead = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    names = dead.stdout.split()
+    assert len(names) == 2 and all(files_of(name) for name in names)
+    LockstepRig(arms=["follower_left"]).close()
+    assert not any(files_of(name) for name in names)
+
+
+def test_files_of_a_rig_that_runs_are_left_alone_though_its_starter_has_ended():
+    code = """
+from lerobot_robot_yam.rig.control import RigControl
+rig = RigControl.start()
+print(rig.name, flush=True)
+input()
+"""
+    starter = subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    name = starter.stdout.readline().strip()
+    with RigControl(name) as rig:
+        starter.communicate()
+        launch.sweep()
+        assert rig.stats()["clients"] == 1 and files_of(name)
+    wait_ended(rig)
+
+
+def test_an_answer_that_comes_too_late_is_not_taken_for_the_next_one(monkeypatch):
+    monkeypatch.setattr(connection, "_TIMEOUT_S", 0.3)
+    with RigControl.start() as rig:
+        with RigControl(rig.name) as slow:
+            os.kill(rig.pid, signal.SIGSTOP)
+            try:
+                with pytest.raises(RigError, match="does not answer"):
+                    slow.stats()
+            finally:
+                os.kill(rig.pid, signal.SIGCONT)
+            time.sleep(0.2)
+            with pytest.raises(RigError):
+                slow.state()
+    wait_ended(rig)
+
+
 def test_an_owner_that_is_gone_ends_it_although_others_stay(monkeypatch):
     """In this process, as the time given to landing arms is long."""
     monkeypatch.setattr(lifetime, "ORPHAN_S", 5.0)
@@ -184,3 +241,10 @@ def test_options_that_come_too_late_are_said_once_to_have_no_effect(rig, caplog)
             pass
     said = [record.message for record in caplog.records if "no effect" in record.message]
     assert said == [f"rig {rig.name} runs already, with operator: 'none'; 'pick_and_place' has no effect"]
+
+
+def test_a_scene_that_comes_too_late_is_said_to_have_no_effect(rig, caplog):
+    for scene in ("bimanual_table", "drawer"):
+        RigControl(rig.name, scene).close()
+    said = [record.message for record in caplog.records if "no effect" in record.message]
+    assert said == [f"rig {rig.name} runs already, with scene: 'bimanual_table'; 'drawer' has no effect"]

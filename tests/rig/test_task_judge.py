@@ -112,6 +112,11 @@ def test_a_handover_by_way_of_the_table_begins_anew():
     assert shown(judge(*HANDED), up, down, taken) == [1, 0]
 
 
+def test_lying_on_the_table_is_no_setback_before_anything_is_reached():
+    lying = [view(1.0 + 0.005 * tick, touching=("table",)) for tick in range(3)]
+    assert shown(judge({**LIFT, "airborne": True}, REST), *lying) == []
+
+
 def test_a_joint_has_to_stay_open():
     stage = {"joint": "drawer", "joint_range": [0.1, 0.15], "for_s": 0.3}
     assert shown(judge(stage), *(view(t, drawer=0.12) for t in (1.0, 1.2))) == []
