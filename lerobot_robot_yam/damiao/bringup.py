@@ -2,7 +2,7 @@
 
 import logging
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 
 import can
 
@@ -92,32 +92,15 @@ def listen(bus: can.BusABC, seconds: float, ids: Collection[int], channel: str =
         logger.info("CAN channel %s: other devices talk: %s", channel, ", ".join(f"0x{i:X}" for i in sorted(seen)))
 
 
-def verify(
-    chain: MotorChain,
-    expectations: Mapping[str, Mapping[Register, float]] | None = None,
-    *,
-    watchdog_s: float = WATCHDOG_S,
-) -> None:
+def verify(chain: MotorChain) -> None:
     """Check that every motor is there, alone with its id, and set up as the profile says. Energises nothing.
 
-    Expected by default: PMAX, VMAX, TMAX and GR of the type, MST_ID of the receive mode, CTRL_MODE MIT and the
-    TIMEOUT of `watchdog_s` (0 expects the watchdog to be off).
-
-    Args:
-        chain: the motors.
-        expectations: per motor name, registers that shall hold other values than those.
-        watchdog_s: the motors' own command time-out.
+    That is: PMAX, VMAX, TMAX and GR of the type, MST_ID of the receive mode, CTRL_MODE MIT and the TIMEOUT of
+    `WATCHDOG_S`.
 
     Raises:
         MotorError: names motors and registers, expected against found, and what to check.
-        ConfigError: an expectation names a motor or a register that does not exist.
     """
-    names = [spec.name for spec in chain.motors]
-    for name, wanted in (expectations or {}).items():
-        if name not in names:
-            raise ConfigError(f"{chain.channel}: no motor is called {name!r}; there are {', '.join(names)}")
-        for register in wanted:
-            register_row(register)
     _check_presence(chain)
     contradictions: list[str] = []
     for i, spec in enumerate(chain.motors):
@@ -126,13 +109,12 @@ def verify(
             Register.PMAX: row.position_max_rad,
             Register.VMAX: row.velocity_max_rad_s,
             Register.TMAX: row.torque_max_nm,
-            Register.TIMEOUT: round(watchdog_s / TIMEOUT_COUNT_S),
+            Register.TIMEOUT: round(WATCHDOG_S / TIMEOUT_COUNT_S),
             Register.MST_ID: spec.feedback_id,
             Register.CTRL_MODE: ControlMode.MIT,
         }
         if row.gear_ratio is not None:
             expected[Register.GR] = row.gear_ratio
-        expected.update((expectations or {}).get(spec.name, {}))
         for register, value in expected.items():
             found = chain.read_register(i, register)
             if not _equal(register, found, value):

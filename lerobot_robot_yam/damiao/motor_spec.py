@@ -43,7 +43,13 @@ def check_specs(motors: Sequence[MotorSpec], channel: str) -> None:
         if len(set(values)) < len(values):
             listing = ", ".join(f"{m.name}: id {m.can_id}, answers {m.feedback_id}" for m in motors)
             raise ConfigError(f"{channel}: motor names, ids and answers must be unique, got {listing}")
+    commanded = {spec.can_id: spec.name for spec in motors}
     for spec in motors:
+        if spec.feedback_id in commanded and commanded[spec.feedback_id] != spec.name:
+            raise ConfigError(
+                f"{channel}: motor {spec.name} answers on {spec.feedback_id}, which commands "
+                f"{commanded[spec.feedback_id]}"
+            )
         if not 1 <= spec.can_id <= 0xFF:
             raise ConfigError(f"{channel}: motor {spec.name} has CAN id {spec.can_id}; use 1 to 255")
         motor_type(spec.type)

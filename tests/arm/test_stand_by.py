@@ -19,6 +19,7 @@ from lerobot_robot_yam.errors import MotorError, StaleStateError, YamError
 from lerobot_robot_yam.rig.control import runs
 from lerobot_robot_yam.shared_block import SharedBlock
 
+from ..landed import MOST_M, moved_after_cut_m
 from .rigged import sim_config, track
 
 pytestmark = pytest.mark.alone
@@ -82,6 +83,8 @@ def test_the_stand_by_lands_both_arms(rig, number, caplog):
     assert not faults(rig, since)  # no motor has missed its commands for long
     arms = rig.state()["arms"]
     assert not any(m["enabled"] for c in channels for m in arms[c]["motors"].values())
+    time.sleep(0.5)
+    assert all(moved_after_cut_m(rig, channel) < MOST_M for channel in channels)
     again = start(rig, "follower_left")  # connecting again is all that it takes
     again.stop()
 

@@ -58,15 +58,6 @@ def test_all_contradictions_are_named_at_once(bus, chain):
         bringup.verify(chain)
 
 
-def test_expectations_can_be_given(bus, chain):
-    bus.registers[7][Register.VMAX] = 25.0
-    for held in bus.registers.values():
-        held[Register.TIMEOUT] = 4000
-    with pytest.raises(MotorError):
-        bringup.verify(chain)
-    bringup.verify(chain, {"gripper": {Register.VMAX: 25.0}}, watchdog_s=0.2)
-
-
 def test_a_float32_register_equals_its_constant(bus, chain):
     bus.registers[1][Register.PMAX] = 12.500001
     bringup.verify(chain)
