@@ -109,7 +109,7 @@ def _wait_for_silence(port: BusPort) -> None:
     """Until no frame of a handle has come for a while; other devices may talk."""
     begin = heard = port.clock.now()
     while (now := port.clock.now()) < begin + _SILENCE_LIMIT_S:
-        if now - heard >= _SILENCE_S:
+        if now >= heard + _SILENCE_S:
             return
         message = port.recv(heard + _SILENCE_S - now)
         if message is not None and message.arbitration_id in HANDLE_IDS and is_classic_data(message):

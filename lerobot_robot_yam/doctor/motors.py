@@ -162,7 +162,8 @@ def _check_missing(
             f"name it --channel {target.channel}:{target.config.arm}:{LEADER_GRIPPER}, or swap the cables back",
         )
     specs, missing = ([spec for spec in some if spec not in replaced] for some in (specs, missing))
-    behind = [spec.name for spec in missing[1:]] if list(missing) == list(specs[-len(missing) :]) else []
+    to_the_end = not handle and list(missing) == list(specs[-len(missing) :])  # the handle is behind them
+    behind = [spec.name for spec in missing[1:]] if to_the_end else []
     for spec in missing[:1] if behind else missing:
         before = names.get(spec.can_id - 1)
         cable = f"the cable between {before} and {spec.name}" if before else f"the cable to {spec.name}"

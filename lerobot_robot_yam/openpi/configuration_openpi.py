@@ -36,7 +36,8 @@ class YamOpenpiConfig(PreTrainedConfig):
         action_space: what the actions are, in RoboArena's words; compared with the server's metadata. The robot has to
             take the same: `cartesian_position` needs `--robot.action_space=ee`.
         connect_timeout_s: how long to wait for the server to come up, and for its greeting.
-        first_response_timeout_s: how long its first answer may take: JAX compiles the model then.
+        first_response_timeout_s: how long the first answer after a start of the server may take: JAX compiles the
+            model then.
         response_timeout_s: how long any other answer may take. The arms hold after 0.5 s without an action.
     """
 

@@ -63,6 +63,7 @@ class ServerConnection:
         self._headers = {"Authorization": f"Api-Key {api_key}"} if api_key else None
         self._connect_timeout_s = connect_timeout_s
         self._first_response_timeout_s = self._next_timeout_s = first_response_timeout_s
+        self._overdue = False  # it is there, but has not answered in time: to wait longer would help nobody
         self._response_timeout_s = response_timeout_s
         self._check = check
         self._stack = contextlib.ExitStack()
@@ -101,7 +102,7 @@ class ServerConnection:
                     f"state_key and prompt are what its policy expects:\n{answer.strip()}"
                 )
             message = self._decode(answer)
-        self._next_timeout_s = self._response_timeout_s
+        self._next_timeout_s, self._overdue = self._response_timeout_s, False
         return message
 
     def close(self) -> None:
@@ -144,7 +145,8 @@ class ServerConnection:
             logger.info("connected to the %s, which says of itself: %s", self._name, metadata)
             self._check(metadata)
         self._connection = connection
-        self._next_timeout_s = self._first_response_timeout_s
+        if not self._overdue:
+            self._next_timeout_s = self._first_response_timeout_s
 
     def _exchange(self, message: bytes, timeout_s: float) -> bytes | str:
         """Send and receive within a time; the timer also ends a send to a server that does not read."""
@@ -165,6 +167,7 @@ class ServerConnection:
             return connection.recv()
         except ConnectionClosed as error:
             if expired.is_set():
+                self._overdue = True
                 raise PolicyServerError(
                     f"the {self._name} has not answered within {timeout_s:g} s; is it overloaded, or still compiling "
                     f"(--policy.first_response_timeout_s, --policy.response_timeout_s)?"

@@ -15,7 +15,7 @@ from lerobot_robot_yam.repair.findings import DatasetError, Findings
 
 Progress = Callable[[Iterable[Any]], Iterable[Any]]
 
-_REBUILT = ("data", "videos", "images", "episodes")  # directories that are written anew
+_REPLACED = ("data", "videos", "images", "episodes")  # directories whose content is written anew, or of no use
 
 
 def rebuild(findings: Findings, target: Path, progress: Progress = iter) -> None:
@@ -98,12 +98,12 @@ def _rest(findings: Findings, target: Path) -> None:
     for directory in (Path(), Path("meta")):
         for path in sorted((findings.root / directory).iterdir()):
             copy = target / directory / path.name
-            if copy.exists() or path.name in _REBUILT or path.name.startswith("tmp"):
+            if copy.exists():
                 continue
-            if path.is_dir():
-                shutil.copytree(path, copy)
-            else:
+            if path.is_file():
                 shutil.copy2(path, copy)
+            elif path.is_dir() and path.name not in _REPLACED and not path.name.startswith("tmp"):
+                shutil.copytree(path, copy, symlinks=True)
 
 
 def _data(findings: Findings, target: Path) -> None:

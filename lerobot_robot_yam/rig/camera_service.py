@@ -42,6 +42,7 @@ class CameraService:
         self._process: subprocess.Popen[bytes] | None = None
         self._waiting: dict[Settings, list[Hashable]] = {}
         self._users: dict[Settings, set[Hashable]] = {}
+        self._opened: set[Settings] = set()  # ever: a renderer that hangs or crashes removes no block
         self._ready: set[Settings] = set()
         self._answers: list[tuple[Hashable, dict[str, Any]]] = []
         self._tail = b""
@@ -71,6 +72,7 @@ class CameraService:
             )
         settings = (name, width, height, fps)
         self._users.setdefault(settings, set()).add(client)
+        self._opened.add(settings)
         if settings in self._ready:
             self._answers.append((client, {"ready": True}))
         else:
@@ -166,7 +168,7 @@ class CameraService:
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-        for settings in self._users:  # after a crash it has not removed them itself
+        for settings in self._opened:
             frame_path(self._rig, *settings).unlink(missing_ok=True)
 
     def _start(self) -> None:
@@ -221,7 +223,7 @@ class CameraService:
         self._answers += [(client, failed) for client in set().union(*self._users.values()) - self._refused]
         if self._users:
             logger.error("the renderer ended (%s); its cameras deliver nothing until they are opened again", why)
-        for settings in self._users:
+        for settings in self._opened:
             frame_path(self._rig, *settings).unlink(missing_ok=True)
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:

@@ -48,12 +48,15 @@ class RigConnection:
             RigError: the rig has ended or does not answer.
             ConfigError, BusError: the rig refuses.
         """
+        message = json.dumps({"op": op, **arguments}, default=_plain).encode()
         try:
-            self._socket.send(json.dumps({"op": op, **arguments}, default=_plain).encode())
+            self._socket.send(message)
             packet = self._socket.recv(launch.MAX_PACKET)
-        except OSError as error:
+        except BaseException as error:
             self.close()  # a late answer would be taken for the next one
-            raise RigError(f"rig {self.name} does not answer ({error}); has its process ended?") from error
+            if isinstance(error, OSError):
+                raise RigError(f"rig {self.name} does not answer ({error}); has its process ended?") from error
+            raise
         if not packet:
             raise RigError(f"rig {self.name} has ended")
         answer: dict[str, Any] = json.loads(packet)

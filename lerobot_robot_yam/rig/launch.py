@@ -27,9 +27,10 @@ logger = logging.getLogger(__name__)
 
 _START_TIMEOUT_S = 60.0
 _HELLO_TIMEOUT_S = 10.0
+_PROBE_TIMEOUT_S = 0.2
 _said: set[tuple[str, str]] = set()  # options of which it has been said that they have no effect
 # Files of a rig, and blocks of its arms, whose name says which process has made it.
-_MADE_BY = re.compile(r"(?:rig|state|command)-((?:auto|rig|env|lockstep)-(\d+)(?:-\d+)?)\.(?!lock$)")
+_MADE_BY = re.compile(r"(?:rig|state|command)-((?:auto|rig|env)-(\d+)(?:-\d+)?)\.(?!lock$)")
 MAX_PACKET = 1 << 17  # bytes; no packet of either side is longer
 
 # Run by the process we wait for: it leaves at once, so the server becomes a child of init and no zombie of ours.
@@ -113,7 +114,7 @@ def connect_or_start(
     with FileLock(rig_path(name, "lock"), f"the start of rig {name}"):
         with contextlib.suppress(ConnectionRefusedError, FileNotFoundError):
             return _join(name, hello, scene, options or {})
-        sweep()
+        _sweep()
         _start(name, owner, scene, options or {})
         try:
             connection, answer = connect(name, hello)
@@ -198,16 +199,20 @@ def _read_answer(fd: int) -> bytes:
     return answer
 
 
-def sweep() -> None:
+def _sweep() -> None:
     """Remove what rigs have left that were killed, and those who had started them have ended."""
+    left: dict[str, list[Path]] = {}
     for path in runtime_dir().iterdir():
         made_by = _MADE_BY.match(path.name)
-        if made_by is None or Path(f"/proc/{made_by[2]}").exists():
-            continue
-        probe = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        try:
-            probe.connect(str(rig_path(made_by[1], "sock")))
-        except OSError:
-            path.unlink(missing_ok=True)
-        finally:
-            probe.close()
+        if made_by is not None and not Path(f"/proc/{made_by[2]}").exists():
+            left.setdefault(made_by[1], []).append(path)
+    for name, paths in left.items():
+        with contextlib.closing(socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)) as probe:
+            probe.settimeout(_PROBE_TIMEOUT_S)
+            try:
+                probe.connect(str(rig_path(name, "sock")))
+            except (ConnectionRefusedError, FileNotFoundError):
+                for path in paths:
+                    path.unlink(missing_ok=True)
+            except OSError:
+                continue  # it is there, and busy

@@ -23,7 +23,7 @@ from lerobot_robot_yam.errors import BusError, ConfigError
 from lerobot_robot_yam.rig import commands, wire
 from lerobot_robot_yam.rig.control import RigOperations
 from lerobot_robot_yam.rig.device import RigDevice
-from lerobot_robot_yam.rig.launch import rig_path, sweep
+from lerobot_robot_yam.rig.launch import rig_path
 from lerobot_robot_yam.rig.scene import load_scene
 from lerobot_robot_yam.rig.wire import Frame
 from lerobot_robot_yam.shared_block import SharedBlock
@@ -61,7 +61,6 @@ class LockstepRig(RigOperations):
         self.scene_name = None if scene is None else str(scene)
         self.options = dict(options)
         self._scene = load_scene(self.scene_name, options)
-        sweep()
         self.device = RigDevice(self._scene, self)
         self._now_s = BEGIN_S
         self.device.world.start(BEGIN_S)

@@ -108,10 +108,10 @@ class RigServer:
     def close(self) -> None:
         """End the children, drop the clients, remove the rig's files."""
         self._listener.close()
-        self._cameras.close()  # before it forgets who uses which block
         for client in list(self._clients.values()):
             self._drop(client)
         self._operator.close()
+        self._cameras.close()
         self._path.unlink(missing_ok=True)
         self._links.close()
         self._block.close()

@@ -68,11 +68,11 @@ def landing_after_kill(rig, channel, pid, rng):
     finally:
         block.close()
     seen = rig.watch(channel)
-    time.sleep(0.5)  # who is let go of in the air has moved far by then
-    assert moved_after_cut_m(rig, channel) < MOST_M
     assert not faults(rig, since) or machine.lost_s() - lost_s > WATCHDOG_MOST_S
     if rig.stats()["slips"] > slips or machine.lost_s() - lost_s > MOST_LOST_S:
         return None
+    time.sleep(0.5)  # who is let go of in the air has moved far by then
+    assert moved_after_cut_m(rig, channel) < MOST_M
     lowering = 0.35  # the wrist is raised while folding and lowered afterwards
     over_s = took_s - began_s - (travel[1:].max() + lowering) / LANDING_SPEED_RAD_S
     return tip_drop, began_s, max(seen["max_speed_rad_s"]), over_s

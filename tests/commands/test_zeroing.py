@@ -67,7 +67,7 @@ def test_a_zero_that_did_not_do_what_it_should_is_an_error(crooked, meddle, mess
             zeroing.set_zero()
 
 
-@pytest.mark.parametrize("silent_s", [0.4, 60.0])
+@pytest.mark.parametrize("silent_s", [0.3, 60.0])
 def test_a_motor_that_is_silent_while_it_writes_is_waited_for_and_then_named(crooked, silent_s):
     timers = []
 

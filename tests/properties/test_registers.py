@@ -121,43 +121,6 @@ def test_any_contents_are_refused_by_name_or_equal(no_wait, changes):
         assert nothing_energised(bus)
 
 
-@for_all(
-    register=st.sampled_from(list(Register)),
-    expected=st.integers(0, 2**32 - 1) | st.floats(width=32, allow_nan=False, allow_infinity=False),
-    data=contents(),
-    near=st.sampled_from([None, -1, 1]),
-)
-def test_an_expectation_of_any_register_is_met_exactly(no_wait, register, expected, data, near):
-    if register == Register.MST_ID:
-        return  # where answers come from is the bus's own business here
-    integer = REGISTERS[register].kind == "uint32"
-    if integer:
-        expected = int(abs(expected)) % 2**32
-        if near is not None:
-            data = struct.pack("<I", min(max(expected + near, 0), 2**32 - 1))
-    with RawRegisters(SPECS[:1]) as bus:
-        bus.raw[1, int(register)] = data
-        chain = MotorChain(bus, SPECS[:1], channel="desk")
-        fits = same(register, registers.decode_value(register, data), expected)
-        try:
-            verify(chain, {"shoulder": {register: expected}})
-        except MotorError as error:
-            assert not fits and REGISTERS[register].name in str(error) and "shoulder" in str(error)
-        else:
-            assert fits
-        assert nothing_energised(bus)
-
-
-@for_all(name=st.text(max_size=8), register=st.integers(-5, 300))
-def test_an_expectation_of_nothing_is_refused(no_wait, name, register):
-    with RawRegisters(SPECS[:1]) as bus:
-        chain = MotorChain(bus, SPECS[:1], channel="desk")
-        known = name == "shoulder"
-        with pytest.raises(ConfigError, match="no register" if known else "no motor"):
-            verify(chain, {name: {register if not known else -1: 1.0}})
-        assert nothing_energised(bus)
-
-
 def replies(ident, registers_=st.sampled_from([int(r) for r in Register][:4])):  # noqa: B008
     """Register replies of motor `ident`."""
     return st.builds(

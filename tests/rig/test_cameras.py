@@ -166,10 +166,14 @@ def test_nothing_is_left_when_the_rig_is_killed():
         path.unlink()
 
 
-def test_nothing_is_left_of_a_renderer_that_hangs():
-    with running_rig() as rig, RigCamera("top", 64, 48, 30, rig=rig.name):
+@pytest.mark.parametrize("closed", [False, True])
+def test_nothing_is_left_of_a_renderer_that_hangs(closed):
+    with running_rig() as rig, RigCamera("top", 64, 48, 30, rig=rig.name) as camera:
         (pid,) = renderer_pids(rig)
         os.kill(pid, signal.SIGSTOP)
+        if closed:
+            camera.close()
+            time.sleep(0.2)
         rig.end()
         wait_until(lambda: not runs(rig.pid) and not runs(pid))
         assert not list(runtime_dir().glob(f"rig-{rig.name}.*"))
