@@ -46,7 +46,9 @@ class HandleInfo:
 
 
 def prepare_handle(bus: can.BusABC, channel: str, timeout_s: float = 0.1) -> HandleInfo:
-    """Find the handle and make it report on request only. Waits up to three times `timeout_s` per question.
+    """Find the handle, make it report on request only and, if it is an older one, sample as fast as it can.
+
+    Waits up to three times `timeout_s` per question.
 
     Raises:
         MotorError: no handle answers, its firmware is too old, or it goes on reporting by itself.

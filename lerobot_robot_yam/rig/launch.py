@@ -5,7 +5,6 @@ client has left.
 """
 
 import contextlib
-import dataclasses
 import json
 import logging
 import os
@@ -20,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from lerobot_robot_yam.errors import BusError, ConfigError, RigError, YamError
-from lerobot_robot_yam.rig.scene import Scene, load_scene
+from lerobot_robot_yam.rig.scene import load_scene
 from lerobot_robot_yam.runtime import FileLock, rig_name, runtime_dir, slug
 
 logger = logging.getLogger(__name__)
@@ -129,18 +128,14 @@ def _join(
     """Connect to a rig that runs already, and say what of the wishes for a new one has no effect."""
     asked = {**({} if scene is None else {"scene": load_scene(scene).name}), **options}
     connection, answer = connect(name, hello)
+    has = {"scene": answer["scene"], **answer["options"]}
     for key, value in asked.items():
-        held = answer["options"].get(key, answer.get(key))
+        held = has.get(key)
         given = value.split(",") if isinstance(value, str) and isinstance(held, list) else value
         if json.loads(json.dumps(given)) != held and (name, key) not in _said:
             _said.add((name, key))  # once a process: each arm and each camera asks
             logger.warning("rig %s runs already, with %s: %r; %r has no effect", name, key, held, value)
     return connection, name, answer
-
-
-def described(scene: Scene) -> dict[str, Any]:
-    """What a rig says of its scene to who joins it."""
-    return {"scene": scene.name, "options": dataclasses.asdict(scene.options)}
 
 
 def scene_arguments(scene: str | None, options: Mapping[str, Any]) -> list[str]:

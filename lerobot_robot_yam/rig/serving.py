@@ -5,6 +5,7 @@ The first packet of a client says who it is: {"kind": "bus", "channel": ...}, {"
 """
 
 import contextlib
+import dataclasses
 import functools
 import json
 import logging
@@ -22,7 +23,7 @@ from lerobot_robot_yam.rig import commands, wire
 from lerobot_robot_yam.rig.camera_service import CameraService
 from lerobot_robot_yam.rig.channel import Channel
 from lerobot_robot_yam.rig.device import RigDevice
-from lerobot_robot_yam.rig.launch import MAX_PACKET, described, error_reply, rig_path
+from lerobot_robot_yam.rig.launch import MAX_PACKET, error_reply, rig_path
 from lerobot_robot_yam.rig.lifetime import Lifetime
 from lerobot_robot_yam.rig.link_state import LinkState, LinkTable
 from lerobot_robot_yam.rig.operator_service import OperatorService
@@ -166,7 +167,9 @@ class RigServer:
             hello = json.loads(packet)
             client.kind = hello["kind"]
             client.holds = bool(hello.get("hold", True))
-            reply: dict[str, Any] = {"pid": os.getpid(), **described(self.device.scene)}
+            scene = self.device.scene
+            reply: dict[str, Any] = {"pid": os.getpid(), "scene": scene.name}
+            reply["options"] = dataclasses.asdict(scene.options)
             if client.kind == "bus":
                 channel = self._channel(str(hello["channel"]))
                 reply |= {"link": self._link_numbers[channel.name], "unplugs": channel.link.unplugs}

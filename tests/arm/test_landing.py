@@ -134,8 +134,9 @@ def test_an_arm_lands_whose_base_stands_beyond_its_range(beyond_rad):
     assert landing.phase is Phase.LANDED
 
 
-@pytest.mark.parametrize("shoulder", [0.5, 0.8, 0.95, 1.1])
-def test_an_arm_lands_whose_wrist_is_hooked_behind_its_own_shoulder(rig, shoulder, caplog, capfd):
+# From 1.1 the wrist may slip off by itself before it is brought down.
+@pytest.mark.parametrize("shoulder, barred", [(0.5, True), (0.8, True), (0.95, True), (1.0, True), (1.1, False)])
+def test_an_arm_lands_whose_wrist_is_hooked_behind_its_own_shoulder(rig, shoulder, barred, caplog, capfd):
     """The straight way down is barred by the arm itself: it goes round."""
     with arm_on(rig, CHANNEL) as arm:
         arm.move_to([0.0, 0.9, 0.9, 0, 0, 0], speed_rad_s=1.4)
@@ -144,7 +145,7 @@ def test_an_arm_lands_whose_wrist_is_hooked_behind_its_own_shoulder(rig, shoulde
         moved, _ = land_and_watch(rig, arm, CHANNEL)
     assert moved <= MOST_M
     said = caplog.text + capfd.readouterr().err
-    assert "it goes round" in said or shoulder > 1.0  # there it may slip off by itself
+    assert "it goes round" in said or not barred
     assert "cannot land" not in said
 
 

@@ -118,7 +118,7 @@ class Rollout:
 
     def assert_within_speed(self, channels):
         """No joint of these arms was faster than its limit since the rig watches it, and none had a fault."""
-        factor = SPEED_FACTOR if self.rig.stats()["slips"] == self._slips else BUSY_FACTOR
+        factor = SPEED_FACTOR if self.rig.stats()["slips"] == (self._slips or 0) else BUSY_FACTOR
         allowed = factor * SPEED_LIMIT_RAD_S + SPEED_SLACK_RAD_S
         for channel in channels:
             seen = self.rig.watch(channel)
