@@ -190,6 +190,7 @@ class ArmBody:
                 self.limited |= Limited.CAME_FREE
             elif self.limited & Limited.CAME_FREE:  # while an arm holds, no target comes to take it back
                 self.limited &= ~Limited.CAME_FREE
+        self.drive.pack(self.motion.commands)
 
     def _catch(self, now: float) -> None:
         """A joint that comes free of what has blocked it must not spring to where its set-point has gone meanwhile."""

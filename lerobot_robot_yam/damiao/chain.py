@@ -116,23 +116,34 @@ class MotorChain(FeedbackStore):
         """(n,) seconds from each motor's newest answer to `now` (the clock's time); inf if none came."""
         return now - self.stamp_s
 
-    def send(self, commands: np.ndarray) -> None:
-        """Send one MIT command per motor, then the handle's request, without waiting for anything.
+    def pack(self, commands: np.ndarray) -> list[bytes]:
+        """Data of one MIT command frame per motor. Sends nothing.
 
         Args:
             commands: (n, 5), columns q*, dq*, kp, kd, tau in motor coordinates: rad, rad/s, Nm/rad,
                 Nm s/rad, Nm.
 
         Raises:
-            ActionError: wrong shape or a non-finite value; nothing was sent.
-            BusError: the channel is gone or its transmit queue is full.
+            ActionError: wrong shape or a non-finite value.
         """
         count = len(self.motors)
         if commands.shape != (count, 5):
             raise ActionError(f"{self.channel}: commands have shape {commands.shape}, not ({count}, 5)")
-        for message, kind, row in zip(self._messages, self._types, commands.tolist(), strict=False):
-            message.data = encode_mit(kind, *row)
-        self._begin(range(count), handle=self.encoder is not None)
+        return [encode_mit(kind, *row) for kind, row in zip(self._types, commands.tolist(), strict=True)]
+
+    def send(self, commands: np.ndarray) -> None:
+        """`pack` and `send_packed`."""
+        self.send_packed(self.pack(commands))
+
+    def send_packed(self, packed: Sequence[bytes]) -> None:
+        """Send what `pack` has made, then the handle's request, without waiting for anything.
+
+        Raises:
+            BusError: the channel is gone or its transmit queue is full.
+        """
+        for message, data in zip(self._messages, packed, strict=False):
+            message.data = data
+        self._begin(range(len(self.motors)), handle=self.encoder is not None)
         self._sent = True
         self._port.send(self._messages)
 
