@@ -99,10 +99,19 @@ def ours_as_thread(settings: Settings, results: Results) -> None:
 
 
 def ours_unthrottled(settings: Settings, results: Results) -> None:
-    """Ticks per second of one arm as fast as the wire allows, without and with adapter latency."""
-    for name, latency_s in (("unthrottled", 0.0), ("unthrottled_latency", LATENCY_S)):
-        with driver("ours", latency_s, arms=1, rate_hz=0.0) as (rig, _, _):
-            results.put_rate("ours", f"{name}_hz", measure_periods(rig, settings.short_s))
+    """Ticks per second as fast as the wire allows."""
+    _put_rates(settings, results, "ours", "ours", rate_hz=0.0)
+
+
+def _put_rates(settings: Settings, results: Results, name: str, kind: str, **job: Any) -> None:
+    """Ticks per second of a driver that runs by itself: one arm, without and with adapter latency, and two arms."""
+    for key, latency_s, arms in (
+        ("unthrottled", 0.0, 1),
+        ("unthrottled_latency", LATENCY_S, 1),
+        ("unthrottled_two_arms", 0.0, 2),
+    ):
+        with driver(kind, latency_s, arms=arms, **job) as (rig, _, _):
+            results.put_rate(name, f"{key}_hz", measure_periods(rig, settings.short_s))
 
 
 def ours_robot(settings: Settings, results: Results) -> None:
@@ -150,21 +159,24 @@ def _put_damiao_rate(settings: Settings, results: Results, name: str, latency_s:
 
 
 def vendor(settings: Settings, results: Results) -> None:
-    """The maker's SDK from the package index; its loop is a thread that runs as fast as it can."""
+    """The maker's SDK from the package index: its robots, whose loops run as fast as they can, and its chain alone."""
     if find_spec("i2rt") is None:
         results.put("vendor", "missing", "dreamscale-i2rt is not installed (pip install dreamscale-i2rt)")
         return
     try:
-        with driver("vendor", arms=1) as (rig, subject, connect_s):
+        with driver("vendor", arms=settings.arms) as (rig, subject, connect_s):
             results.put("vendor", "connect_s", connect_s)
-            idle = measure_periods(rig, settings.seconds)
-            results.put_periods("vendor", "idle", idle)
-            results.put("vendor", "unthrottled_hz", idle.hz)
+            used, begin = cpu_s(subject.pid), time.monotonic()
+            results.put_periods("vendor", "idle", measure_periods(rig, settings.seconds))
+            share = (cpu_s(subject.pid) - used) / (time.monotonic() - begin)
+            results.put("vendor", "cpu_per_arm", share / settings.arms)
             with subject.hogging():
                 results.put_periods("vendor", "hogged", measure_periods(rig, settings.seconds))
             _put_age(settings, results, "vendor", subject)
-        with driver("vendor", LATENCY_S, arms=1) as (rig, _, _):
-            results.put_rate("vendor", "unthrottled_latency_hz", measure_periods(rig, settings.short_s))
+            _put_get_send(settings, results, "vendor", subject)
+        _put_rates(settings, results, "vendor", "vendor")
+        with driver("vendor_chain", arms=1) as (rig, _, _):
+            results.put_rate("vendor", "chain_alone_hz", measure_periods(rig, settings.short_s))
     except BenchError as error:
         results.put("vendor", "failed", str(error))
 

@@ -33,24 +33,25 @@ class Target:
         return value, value >= self.bound if self.at_least else value <= self.bound
 
 
+def _against_vendor(what: str, rate: str) -> Target:
+    """Our loop with all it does beside the vendor's robot with all that does."""
+    return Target(what, lambda r: r["ours"][rate] / r["vendor"][rate], 1.8, "×", True)
+
+
 TARGETS = (
     Target(
         "share of the wire limit, one arm", lambda r: r["ours"]["unthrottled_hz"] / r["wire_limit_hz"], 0.85, "", True
     ),
     Target(
-        "tick rate against the vendor's SDK",
-        lambda r: r["ours"]["unthrottled_hz"] / r["vendor"]["unthrottled_hz"],
-        1.8,
-        "×",
+        "the same of two arms in one session",
+        lambda r: r["ours"]["unthrottled_two_arms_hz"] / r["wire_limit_hz"],
+        0.85,
+        "",
         True,
     ),
-    Target(
-        "the same with 0.25 ms adapter latency",
-        lambda r: r["ours"]["unthrottled_latency_hz"] / r["vendor"]["unthrottled_latency_hz"],
-        1.8,
-        "×",
-        True,
-    ),
+    _against_vendor("tick rate against the vendor's, two arms", "unthrottled_two_arms_hz"),
+    _against_vendor("the same, one arm", "unthrottled_hz"),
+    _against_vendor("the same with 0.25 ms adapter latency", "unthrottled_latency_hz"),
     Target("period p99, caller hogged", lambda r: r["ours"]["hogged_ms"]["p99"], 5.0, "ms"),
     Target("period p99.9, caller hogged", lambda r: r["ours"]["hogged_ms"]["p999"], 7.0, "ms"),
     Target(
@@ -99,7 +100,7 @@ def table(report: Report) -> str:
         value, met = target.judge(report)
         sign = "≥" if target.at_least else "≤"
         verdict = "not measured" if met is None else "met" if met else "MISSED"
-        lines.append(f"{target.what:<40}{value:>10.3g} {target.unit:<3} (target {sign} {target.bound:g}) {verdict}")
+        lines.append(f"{target.what:<41}{value:>10.3g} {target.unit:<3} (target {sign} {target.bound:g}) {verdict}")
     lines += ["", _windows_text(report)]
     return "\n".join(lines)
 

@@ -20,6 +20,7 @@ from lerobot_robot_yam.rig.thermometer import sample_age_s
 
 CHANNELS = ("follower_left", "follower_right")
 _SIDES = ("left", "right")
+_SOCKETCAN = "can_"  # the vendor's SDK takes only channels with this in their names for socketcan ones
 _STOPS_RAD = [3.25, -3.3]  # of the gripper in the default scene: nothing has to be searched
 _NAMES = ("joint_1", "joint_2", "joint_3", "joint_4", "joint_5", "joint_6", "gripper")
 _TYPES = ("DM4340", "DM4340", "DM4340", "DM4310", "DM4310", "DM4310", "DM4310")
@@ -162,39 +163,70 @@ class DamiaoBus:
 
 
 class Vendor:
-    """The maker's SDK, `dreamscale-i2rt`, whose chain runs a thread of its own as fast as it can.
+    """The maker's SDK, `dreamscale-i2rt`, as its users start it: `get_yam_robot`, holding where it is.
 
-    It opens a socketcan channel; here that name leads to the rig. Nothing of it is changed otherwise.
+    Per arm two threads of the caller's interpreter, as fast as they can: one reckons gravity and the gripper's force
+    limit, the other talks to the motors. It opens a socketcan channel; here that name leads to the rig. Nothing of it
+    is changed otherwise.
     """
 
     def __init__(self, arms: int):
-        import can
+        _lead_socketcan_to_rig()
+        self._open = importlib.import_module("i2rt.robots.get_robot").get_yam_robot
+        self._arms = arms
+        self._robots: list[Any] = []
+        self._goals: list[Any] = []
 
-        real_bus = can.interface.Bus
+    def start(self) -> None:
+        for channel in CHANNELS[: self._arms]:
+            robot = self._open(
+                _SOCKETCAN + channel, zero_gravity_mode=False, gripper_limits_override=np.array(_STOPS_RAD)
+            )
+            robot.temp_record_flag = True  # where the rig's stamp is
+            self._robots.append(robot)
+            self._goals.append(robot.get_joint_pos().copy())
 
-        def open_on_rig(channel: str, **_: Any) -> can.BusABC:
-            return real_bus(interface="yam_sim", channel=channel)
+    def get(self) -> Any:
+        return [robot.get_observations() for robot in self._robots]
 
-        can.interface.Bus = open_on_rig
-        self._driver = importlib.import_module("i2rt.motor_drivers.dm_driver")
+    def send(self, got: Any) -> None:
+        for robot, goal in zip(self._robots, self._goals, strict=True):
+            robot.command_joint_pos(goal.copy())  # it clips what it is given
+
+    def age_s(self, got: Any, now: float) -> float:
+        return max(
+            sample_age_s(int(mos), int(rotor), now)
+            for seen in got
+            for mos, rotor in zip(seen["temp_mos"], seen["temp_rotor"], strict=True)
+        )
+
+    def stop(self) -> None:
+        for robot in self._robots:
+            robot.close()
+
+
+class VendorChain:
+    """The SDK's motor chain alone, which only exchanges frames: no gravity, no limits, nobody who calls it."""
+
+    def __init__(self, arms: int):
+        _lead_socketcan_to_rig()
+        self._open = importlib.import_module("i2rt.motor_drivers.dm_driver").DMChainCanInterface
         self._arms = arms
         self._chains: list[Any] = []
-        self._goals: list[Any] = []
 
     def start(self) -> None:
         motors = [(number, kind) for number, kind in enumerate(_TYPES, start=1)]
         for channel in CHANNELS[: self._arms]:
-            chain = self._driver.DMChainCanInterface(motors, np.zeros(7), np.ones(7), channel=channel)
+            chain = self._open(motors, np.zeros(7), np.ones(7), channel=_SOCKETCAN + channel)
             self._chains.append(chain)
-            self._goals.append(np.array([info.pos for info in chain.read_states()]))
-        self.send(self.get())
+            goal = np.array([info.pos for info in chain.read_states()])
+            chain.set_commands(np.zeros(7), pos=goal, vel=np.zeros(7), kp=_KP, kd=_KD, get_state=False)
 
     def get(self) -> Any:
         return [chain.read_states() for chain in self._chains]
 
     def send(self, got: Any) -> None:
-        for chain, goal in zip(self._chains, self._goals, strict=True):
-            chain.set_commands(np.zeros(7), pos=goal, vel=np.zeros(7), kp=_KP, kd=_KD, get_state=False)
+        pass  # it goes on with what it was told
 
     def age_s(self, got: Any, now: float) -> float:
         return max(sample_age_s(int(info.temp_mos), int(info.temp_rotor), now) for infos in got for info in infos)
@@ -207,7 +239,24 @@ class Vendor:
             chain.close()
 
 
-_KINDS = {"ours": OurSession, "ours_robot": OurRobot, "damiao_bus": DamiaoBus, "vendor": Vendor}
+def _lead_socketcan_to_rig() -> None:
+    import can
+
+    real_bus = can.interface.Bus
+
+    def open_on_rig(channel: str, **_: Any) -> can.BusABC:
+        return real_bus(interface="yam_sim", channel=channel.removeprefix(_SOCKETCAN))
+
+    can.interface.Bus = open_on_rig
+
+
+_KINDS = {
+    "ours": OurSession,
+    "ours_robot": OurRobot,
+    "damiao_bus": DamiaoBus,
+    "vendor": Vendor,
+    "vendor_chain": VendorChain,
+}
 
 
 class Subject:
