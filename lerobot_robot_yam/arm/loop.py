@@ -126,14 +126,14 @@ class ControlLoop:
             blocks.publish(deadline, self._tick)
         while True:
             now = clock.now()
-            if not all(blocks.owned for blocks in self._blocks):
-                raise LifeCycleError("another process has taken the arms over; this one leaves them alone")
-            self._send_all(now)  # what else there is to do can wait until the wire works
             self.statistics.tick(now)
             landing = landing or bool(self._failure) or must_land()
             if landing:
                 for controller in self._controllers:
                     controller.end(now)
+            if not all(blocks.owned for blocks in self._blocks):
+                raise LifeCycleError("another process has taken the arms over; this one leaves them alone")
+            self._send_all(now)
             latest = now + self._wire_s + _STRAGGLER_S
             if self._beside_wire:
                 self._think(on_ready, None)
