@@ -51,7 +51,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--quick", action="store_true", help="a short look: 2 s each instead of 20 s")
     parser.add_argument("--seconds", type=float, help="undisturbed seconds for each distribution of periods")
     parser.add_argument("--short-seconds", type=float, help="undisturbed seconds for every other figure")
-    parser.add_argument("--arms", type=int, choices=(1, 2), default=2, help="arms that our loop drives at 250 Hz")
+    parser.add_argument("--arms", type=int, choices=(1, 2), default=2, help="arms whose periods are measured")
     parser.add_argument("--only", nargs="+", choices=STEPS, default=list(STEPS), help="measure only these")
     return parser.parse_args()
 

@@ -165,9 +165,9 @@ class DamiaoBus:
 class Vendor:
     """The maker's SDK, `dreamscale-i2rt`, as its users start it: `get_yam_robot`, holding where it is.
 
-    Per arm two threads of the caller's interpreter, as fast as they can: one reckons gravity and the gripper's force
-    limit, the other talks to the motors. It opens a socketcan channel; here that name leads to the rig. Nothing of it
-    is changed otherwise.
+    Per arm two threads of the caller's interpreter, without a rate of their own: one reckons gravity and the gripper's
+    force limit, the other talks to the motors. It opens a socketcan channel; here that name leads to the rig. Nothing
+    of it is changed otherwise.
     """
 
     def __init__(self, arms: int):

@@ -150,6 +150,14 @@ class ArmBody:
         if self.mode not in (Mode.OFF, Mode.OFFLINE):
             self._switch_off()
 
+    def pack(self) -> None:
+        """Have the frames of the next `send` ready.
+
+        Raises:
+            ActionError: the commands are not finite.
+        """
+        self.drive.pack(self.motion.commands)
+
     def send(self) -> None:
         """Put this tick's commands on the wire.
 
@@ -190,7 +198,6 @@ class ArmBody:
                 self.limited |= Limited.CAME_FREE
             elif self.limited & Limited.CAME_FREE:  # while an arm holds, no target comes to take it back
                 self.limited &= ~Limited.CAME_FREE
-        self.drive.pack(self.motion.commands)
 
     def _catch(self, now: float) -> None:
         """A joint that comes free of what has blocked it must not spring to where its set-point has gone meanwhile."""

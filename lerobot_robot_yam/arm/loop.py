@@ -256,6 +256,7 @@ class ControlLoop:
     def _command(controller: ArmController, blocks: ControllerBlocks, now: float, dt: float, tick: int) -> None:
         if controller.mode not in _ENDED:
             controller.command(now, dt)
+            controller.pack()
         if controller.mode is not blocks.published_mode:
             blocks.publish(now, tick)  # who waits for it looks at once, and of the end there is no next tick
 

@@ -141,9 +141,10 @@ class MotorChain(FeedbackStore):
         Raises:
             BusError: the channel is gone or its transmit queue is full.
         """
-        for message, data in zip(self._messages, packed, strict=False):
+        count = len(self.motors)
+        for message, data in zip(self._messages[:count], packed, strict=True):
             message.data = data
-        self._begin(range(len(self.motors)), handle=self.encoder is not None)
+        self._begin(range(count), handle=self.encoder is not None)
         self._sent = True
         self._port.send(self._messages)
 

@@ -6,6 +6,7 @@ import pytest
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.drive import ArmDrive
 from lerobot_robot_yam.arm.hardware import Hardware
+from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import decode_mit
 from lerobot_robot_yam.errors import ActionError
 from tests.arm.rigged import STOPS
@@ -36,9 +37,10 @@ def sent_q(drive):
     return [decode_mit(kind, bytes(m.data))[0] for kind, m in zip(types, drive.bus.sent[-7:], strict=True)]
 
 
-def test_what_was_packed_goes_out(drive):
+def test_what_was_packed_goes_out_and_is_not_packed_again(drive, monkeypatch):
     drive.pack(commands(0.5))
     assert not drive.bus.sent
+    monkeypatch.delattr(MotorChain, "pack")
     drive.send(commands(0.5))
     np.testing.assert_allclose(np.abs(sent_q(drive)), 0.5, atol=2 * STEP_RAD)
 
@@ -64,7 +66,11 @@ def test_commands_that_cannot_be_packed_spoil_nothing(drive):
     drive.send(commands(0.5))
     bad = commands(0.1)
     bad[6, 4] = np.nan
-    with pytest.raises(ActionError):
-        drive.pack(bad)
+    drive.bus.sent.clear()
+    for work in (drive.pack, drive.send):
+        with pytest.raises(ActionError):
+            work(bad)
+    assert not drive.bus.sent
     drive.send(commands(0.5))
+    assert len(drive.bus.sent) == 7
     np.testing.assert_allclose(np.abs(sent_q(drive)), 0.5, atol=2 * STEP_RAD)
