@@ -3,9 +3,9 @@
     python scripts/bench_ik.py --json outputs/bench_ik.json
 
 Takes about two minutes; `--quick` a short look. placo, LeRobot's solver, is measured beside ours where it is installed
-(`pip install "placo<0.9.16" "cmeel-urdfdom<5"`). Solved means within 1e-4 m and 1e-3 rad. Times are of one call: `wall`
-is only worth something on a machine that does nothing else, `cpu` is the thread's own. Random poses have 100 ms of
-cpu time, so that neighbours do not decide.
+(`pip install "placo<0.9.16" "cmeel-urdfdom<5" "cmeel-tinyxml2<11"`). Solved means within 1e-4 m and 1e-3 rad. Times
+are of one call: `wall` is only worth something on a machine that does nothing else, `cpu` is the thread's own. Random
+poses have 100 ms of cpu time, so that neighbours do not decide.
 """
 
 import argparse
