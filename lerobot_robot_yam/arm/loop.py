@@ -308,6 +308,10 @@ class ControlLoop:
         lost = {c.name: int(c.chain.lost.sum()) for c in self._controllers}
         logger.info("control loop: %s; lost replies %s", self.statistics.summary(), lost)
         for controller, blocks in zip(self._controllers, self._blocks, strict=True):
+            chain = controller.chain
+            if chain.error_frames:
+                what = "%s (%s): CAN error frames: %d; check cable, termination and bit-rate"
+                logger.warning(what, controller.name, chain.channel, chain.error_frames)
             if controller.mode is Mode.OFF:
                 blocks.publish(self._clock.now(), 0)  # a stand-by may still look at it
             blocks.close(remove=not (stand_by and controller.mode in ENERGISED))

@@ -317,7 +317,7 @@ def test_a_dead_caller_leaves_a_landed_arm(rig, signal_number):
     assert np.abs(np.array(after) - before).max() < 0.005  # it lies
 
 
-def test_a_lost_adapter_is_said_and_ends_cleanly(rig, isolation):
+def test_a_lost_adapter_is_said_and_ends_cleanly(rig, isolation, caplog, capfd):
     arm = arm_of(rig, isolation).connect()
     clock = arm.clock
     rig.fault("follower_left", None, "bus_off")
@@ -328,6 +328,7 @@ def test_a_lost_adapter_is_said_and_ends_cleanly(rig, isolation):
     begin = clock.now()
     arm.close()
     assert clock.now() - begin < 30
+    assert "left (follower_left): CAN error frames: 1;" in caplog.text + capfd.readouterr().err
 
 
 def test_a_session_that_does_not_run_says_so(rig):
