@@ -19,8 +19,8 @@ from lerobot_robot_yam.arm_group import ArmGroup, arm_config
 from lerobot_robot_yam.clock import Clock
 from lerobot_robot_yam.command_check import check_command
 from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
-from lerobot_robot_yam.errors import StaleStateError
 from lerobot_robot_yam.follower_options import FollowerOptions
+from lerobot_robot_yam.images import newest_images
 from lerobot_robot_yam.recording import recorded_name
 
 logger = logging.getLogger(__name__)
@@ -149,25 +149,20 @@ class FollowerBase(Robot):
 
     @check_if_not_connected
     def get_observation(self) -> dict[str, Any]:
-        """Measured positions and the newest images.
+        """Measured positions and the newest images; one that is late is waited for, see `images`.
 
         Raises:
             MotorError: a motor has failed.
             StaleStateError: an arm or a camera has nothing fresh to say; the arms hold.
         """
         states = self._arms.observe()
+        images, waited = newest_images(self.cameras, self._camera_configs)
+        if waited:
+            states = self._arms.observe()  # they have gone on meanwhile
         observation: dict[str, Any] = dict(self._space.action(_measured(states)))
         if self._extra_keys:
             observation.update(zip(self._extra_keys, self._extras(states), strict=True))
-        for name, camera in self.cameras.items():
-            config = self._camera_configs[name]
-            try:
-                if getattr(config, "use_rgb", True):
-                    observation[name] = camera.read_latest()
-                if getattr(config, "use_depth", False):
-                    observation[f"{name}_depth"] = camera.read_latest_depth()
-            except Exception as error:
-                raise StaleStateError(f"camera {name} has no image: {error}; the arms hold their pose") from error
+        observation.update(images)
         return observation
 
     @check_if_not_connected

@@ -1,0 +1,61 @@
+"""The images of an observation: the newest of every camera, and some patience with one that is late."""
+
+import logging
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from lerobot.cameras.camera import Camera
+from lerobot.cameras.configs import CameraConfig
+
+from lerobot_robot_yam.errors import StaleStateError
+
+logger = logging.getLogger(__name__)
+
+# A busy machine or USB bus makes images late now and then, and a recording should outlive that. With the 0.5 s that
+# LeRobot lets an image age, a dead camera is still told of within the second that docs/faults.md promises.
+LATE_S = 0.3
+_GLANCE_S = 0.005
+
+
+def newest_images(cameras: Mapping[str, Camera], configs: Mapping[str, CameraConfig]) -> tuple[dict[str, Any], bool]:
+    """Read every camera; where an image is older than LeRobot takes (0.5 s), all are read again for up to `LATE_S`.
+
+    Args:
+        cameras, configs: by feature name.
+
+    Returns:
+        Images by feature name, depth as `<name>_depth`; and whether one was waited for.
+
+    Raises:
+        StaleStateError: a camera has no image, or none that is new; names it.
+    """
+    begin = time.monotonic()
+    late = ""
+    while True:
+        try:
+            images = _read(cameras, configs)
+            break
+        except StaleStateError as error:
+            # A camera that is gone does not say that its image is too old.
+            if not isinstance(error.__cause__, TimeoutError) or time.monotonic() > begin + LATE_S:
+                raise
+            late = str(error.__cause__)
+        time.sleep(_GLANCE_S)
+    if late:
+        logger.warning("waited %.0f ms for images: %s", (time.monotonic() - begin) * 1e3, late)
+    return images, bool(late)
+
+
+def _read(cameras: Mapping[str, Camera], configs: Mapping[str, CameraConfig]) -> dict[str, Any]:
+    images = {}
+    for name, camera in cameras.items():
+        config = configs[name]
+        try:
+            if getattr(config, "use_rgb", True):
+                images[name] = camera.read_latest()
+            if getattr(config, "use_depth", False):
+                images[f"{name}_depth"] = camera.read_latest_depth()
+        except Exception as error:
+            raise StaleStateError(f"camera {name} has no image: {error}; the arms hold their pose") from error
+    return images

@@ -1,0 +1,124 @@
+"""Images that are late are waited for, and those that do not come end the observation."""
+
+import time
+from dataclasses import dataclass
+
+import pytest
+
+from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
+from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
+from lerobot_robot_yam.errors import StaleStateError
+from lerobot_robot_yam.images import LATE_S, newest_images
+from lerobot_robot_yam.rig.control import running_rig
+from lerobot_robot_yam.rig.thermometer import sample_age_s
+from lerobot_robot_yam.yam_follower import YamFollower
+from tests.arm.rigged import STOPS
+
+MOTORS = [*(f"joint_{i}" for i in range(1, 7)), "gripper"]
+
+
+@pytest.fixture
+def rig():
+    with running_rig(stamp_temperatures=True) as rig:
+        yield rig
+
+
+@pytest.fixture
+def robot(rig, tmp_path):
+    camera = YamSimCameraConfig(camera="top", rig=rig.name, width=64, height=48, fps=30)
+    robot = YamFollower(
+        YamFollowerConfig(
+            channel="follower_left",
+            interface="yam_sim",
+            can_options={"rig": rig.name},
+            gripper_stops_rad=STOPS,
+            cameras={"top": camera},
+            observe_temperature=True,
+            calibration_dir=tmp_path,
+        )
+    )
+    robot.connect()
+    yield robot
+    robot.disconnect()
+
+
+def sample_age(observation):
+    """Age of the oldest motor sample, s: the rig stamps it into the temperatures."""
+    now = time.monotonic()
+    return max(
+        sample_age_s(int(observation[f"{m}.temp_mos"]), int(observation[f"{m}.temp_rotor"]), now) for m in MOTORS
+    )
+
+
+class Camera:
+    """A camera of LeRobot's kind whose image is too old until a moment."""
+
+    def __init__(self, fresh_after_s=0.0):
+        self._fresh_at = time.monotonic() + fresh_after_s
+        self.reads = 0
+
+    def read_latest(self):
+        self.reads += 1
+        if time.monotonic() < self._fresh_at:
+            raise TimeoutError("latest frame is too old")
+        return self.reads
+
+    read_latest_depth = read_latest
+
+
+@dataclass
+class CameraSettings:
+    use_rgb: bool = True
+    use_depth: bool = False
+
+
+def test_what_was_read_before_the_wait_is_read_again():
+    cameras = {"top": Camera(), "wrist": Camera(fresh_after_s=0.1)}
+    images, waited = newest_images(cameras, dict.fromkeys(cameras, CameraSettings()))
+    assert waited and list(images) == ["top", "wrist"]
+    assert images["top"] == cameras["top"].reads > 1
+
+
+def test_colour_and_depth_are_of_one_time():
+    cameras = {"top": Camera(fresh_after_s=0.1)}
+    images, waited = newest_images(cameras, {"top": CameraSettings(use_depth=True)})
+    assert waited and images["top_depth"] - images["top"] == 1
+
+
+def test_images_that_are_fresh_are_read_once(caplog):
+    cameras = {"top": Camera(), "wrist": Camera()}
+    assert newest_images(cameras, dict.fromkeys(cameras, CameraSettings())) == ({"top": 1, "wrist": 1}, False)
+    assert not caplog.text
+
+
+def test_a_camera_that_is_gone_is_told_of_at_once():
+    camera = Camera()
+    camera.read_latest = lambda: [][0]
+    begin = time.monotonic()
+    with pytest.raises(StaleStateError, match="camera top has no image: list index"):
+        newest_images({"top": camera}, {"top": CameraSettings()})
+    assert time.monotonic() - begin < LATE_S
+
+
+@pytest.mark.alone
+def test_a_late_image_is_waited_for_and_the_arm_is_read_after_it(rig, robot, caplog):
+    robot.get_observation()
+    rig.camera_fault("top", "stall", seconds=0.65)
+    end = time.monotonic() + 3.0
+    while "waited" not in caplog.text and time.monotonic() < end:
+        observation = robot.get_observation()
+        age_s = sample_age(observation)
+        time.sleep(1 / 30)
+    assert "ms for images: camera top: newest frame is" in caplog.text
+    assert age_s < 0.05 and observation["top"].shape == (48, 64, 3)
+
+
+@pytest.mark.alone
+def test_an_image_that_does_not_come_is_told_of_within_a_second(rig, robot):
+    robot.get_observation()
+    rig.camera_fault("top", "stall")
+    begin = time.monotonic()
+    with pytest.raises(StaleStateError, match="camera top has no image.*the arms hold"):
+        while time.monotonic() < begin + 5.0:
+            robot.get_observation()
+    assert 0.7 < time.monotonic() - begin < 1.0
