@@ -3,9 +3,10 @@
     send all → sleep while the wire works → collect and publish each → laws → sleep until the next deadline
 
 Deadlines are absolute; after an overrun the loop starts anew from now: no burst, no drift. At rates that leave no time
-for laws beside the wire, they work on the tick before while the wire works:
+for laws beside the wire, they work on the tick before while the wire works, and what is sent next may follow the last
+reply without a gap:
 
-    send all → publish each → laws → sleep while the wire works → collect
+    send all → collect each's last reply to the tick before, publish → laws → sleep until one reply is missing
 """
 
 import logging
@@ -29,6 +30,7 @@ _EARLY_S = 0.0002  # before the wire is through: what has come is decoded while 
 _WAKE_UP_S = 0.00006  # what a sleep takes longer than asked, typically
 _ENDED = (Mode.OFF, Mode.OFFLINE)
 _LAWS_S = 0.0008  # states, laws and packing of two arms take half of it where nothing else runs
+_AHEAD_S = 0.0004  # before the wire is through: what has come is decoded, and what comes is waited for one by one
 _BREATH_S = 0.0001  # for the rest of the computer: a real-time process that never sleeps is stopped for 50 ms at a time
 _MOST_DT_S = 0.012  # after a pause the set-points go on from where they were, not in one leap
 _STOPPED_EARLY = (
@@ -121,7 +123,7 @@ class ControlLoop:
         """
         landing = False
         clock = self._clock
-        self._last = deadline = clock.now()
+        self._last = deadline = latest = clock.now()
         for blocks in self._blocks:
             blocks.publish(deadline, self._tick)
         while True:
@@ -134,15 +136,16 @@ class ControlLoop:
             if not all(blocks.owned for blocks in self._blocks):
                 raise LifeCycleError("another process has taken the arms over; this one leaves them alone")
             self._send_all(now)
-            latest = now + self._wire_s + _STRAGGLER_S
             if self._beside_wire:
-                self._think(on_ready, None)
-                self._await_wire(now)
                 for controller in self._active():
-                    self._guard(controller, self._collect, latest)
+                    self._guard(controller, self._collect, latest, 1)
+                free = clock.now()  # the wire, for what has been sent
+                latest = free + self._wire_s + _STRAGGLER_S
+                self._think(on_ready, None)
+                self._await_last(free, latest)
             else:
                 self._await_wire(now)
-                self._think(on_ready, latest)
+                self._think(on_ready, now + self._wire_s + _STRAGGLER_S)
             if all(controller.mode in _ENDED for controller in self._controllers):
                 if self._failure:
                     raise MotorError(self._failure)
@@ -206,9 +209,9 @@ class ControlLoop:
                     logger.critical("emergency stop, until you connect again: %s (%s)", reason, error)
         return self._stop.latched
 
-    def _collect(self, controller: ArmController, until: float) -> None:
+    def _collect(self, controller: ArmController, until: float, ahead: int = 0) -> None:
         try:
-            controller.collect(until)
+            controller.collect(until, ahead)
         except BusError as error:
             controller.lose_bus(error, self._clock.now())
 
@@ -282,6 +285,15 @@ class ControlLoop:
             except BusError as error:
                 controller.lose_bus(error, sent_s)
         self._clock.sleep(max(0.0, through_s - _WAKE_UP_S - self._clock.now()))
+
+    def _await_last(self, free_s: float, latest: float) -> None:
+        """Come back when the last reply of each arm is on the wire, which was free for this tick at `free_s`."""
+        self._clock.sleep(max(_BREATH_S, free_s + self._wire_s - _AHEAD_S - self._clock.now()))
+        for controller in self._active():
+            try:
+                controller.chain.await_all_but_one(latest)
+            except BusError as error:
+                controller.lose_bus(error, self._clock.now())
 
     def _bring_up(self, on_ready: Callable[[str], None]) -> bool:
         """True when all arms have left bring-up; when one fails they all land, since a hand may have let go by now."""

@@ -1,7 +1,8 @@
 """All motors of one CAN bus: send every command, then collect every reply, by identifier.
 
 A late or lost reply ages its own motor only and is never taken for another's. Replies that miss their tick
-are drained before the next one, so old data cannot pile up in the socket.
+are drained before the next one, so old data cannot pile up in the socket. Who would not leave the wire idle for a
+moment sends when one reply is missing (`await_all_but_one`), and collects it afterwards (`ahead`).
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -30,6 +31,7 @@ from lerobot_robot_yam.damiao.registers import (
     encode_write,
     register_row,
 )
+from lerobot_robot_yam.damiao.request import Request
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S, REGISTER_ID
 from lerobot_robot_yam.errors import ActionError, MotorError
 
@@ -82,13 +84,10 @@ class MotorChain(FeedbackStore):
         self._lost = [0] * count
         self._duplicates = [0] * count
         self._outstanding = [0] * count
-        self._awaited = [False] * count
-        self._waiting = 0  # how many of `_awaited`, plus one for the handle
-        self._handle_asked = False
-        self._handle_awaited = False
-        self._handle_answered = True
+        self._open: list[Request] = []  # not collected yet, oldest first; two at most
+        self._handle_silent = False
         self._late_registers = 0  # register replies that were given up on and may still come
-        self._sent = self.all_answered = False
+        self.all_answered = False
         self.foreign_commands = 0
         self.foreign: dict[int, int] = {}
         self.error_frames = 0
@@ -145,24 +144,39 @@ class MotorChain(FeedbackStore):
         for message, data in zip(self._messages[:count], packed, strict=True):
             message.data = data
         self._begin(range(count), handle=self.encoder is not None)
-        self._sent = True
         self._port.send(self._messages)
 
-    def collect(self, deadline_s: float) -> bool:
-        """Take the replies to the last `send`; block until `deadline_s` (monotonic) only for stragglers.
+    def await_all_but_one(self, deadline_s: float) -> None:
+        """Take replies to the last `send` until only one is missing, or `deadline_s` (the clock's time) has come.
 
-        Returns whether every motor answered; each that did not counts as lost.
+        That one is on the wire, and what is sent now follows it without a gap. What is sent earlier would go before
+        replies that wait for the wire: the lower identifier wins.
 
         Raises:
             BusError: the channel is gone.
         """
-        asked, self._sent = self._sent, False
-        silent = self._collect(deadline_s)
-        for i in silent:
-            self._lost[i] += 1
-        if asked:
-            self.all_answered = not silent
-        return not silent
+        if self._open:
+            self._take_answers(self._open[-1], deadline_s, missing=1)
+
+    def collect(self, deadline_s: float, ahead: int = 0) -> bool:
+        """Take the replies to every `send`; block until `deadline_s` (the clock's time) only for stragglers.
+
+        Returns whether every motor answered; each that did not counts as lost.
+
+        Args:
+            ahead: 1 leaves those to the last `send`, which has gone out ahead of this, for later.
+
+        Raises:
+            BusError: the channel is gone.
+        """
+        complete = True
+        while len(self._open) > ahead:
+            silent = self._close(deadline_s)
+            for i in silent:
+                self._lost[i] += 1
+            complete = self.all_answered = not silent
+        self.publish()
+        return complete
 
     def exchange(self, commands: np.ndarray, timeout_s: float | None = None) -> bool:
         """`send`, sleep until the wire should be through, `collect`. Two wake-ups when nothing is late.
@@ -189,8 +203,7 @@ class MotorChain(FeedbackStore):
             self.restart_turns()
         repeats = CLEAR_REPEATS if command is SpecialCommand.CLEAR else 1
         chosen = range(len(self.motors)) if motors is None else motors
-        if self._waiting:  # for answers to commands, which are none to this
-            self.collect(self.clock.now() + 2 * self.expected_wire_s)
+        self._settle()
         self._begin(chosen, repeats=repeats)
         for spec in (self.motors[i] for i in chosen):
             if command is SpecialCommand.ENABLE:
@@ -200,6 +213,7 @@ class MotorChain(FeedbackStore):
 
     def refresh(self, timeout_s: float = 0.05) -> list[bool]:
         """Ask all motors for feedback; commands no motion. Returns, per motor, whether it answered."""
+        self._settle()
         self._begin(range(len(self.motors)))
         self._port.send([data_message(REGISTER_ID, encode_refresh(spec.can_id)) for spec in self.motors])
         return self._answered(timeout_s)
@@ -282,41 +296,44 @@ class MotorChain(FeedbackStore):
         """Open a request: what has arrived until now belongs to earlier ones."""
         self.drain()
         self._port.synchronise()
-        for i in motors:
+        asked = list(motors)
+        for i in asked:
             self._outstanding[i] = min(self._outstanding[i] + repeats, _OUTSTANDING_MAX)
-            self._awaited[i] = True
+        del self._open[:-1]  # nobody collects while arms come up
         # A silent handle must not hold up every tick: it is waited for only while it answers.
-        self._handle_asked = handle
-        self._handle_awaited = handle and self._handle_answered
-        if handle:
-            self._handle_answered = False
-        self._waiting = sum(self._awaited) + self._handle_awaited
+        self._open.append(Request(asked, handle, not self._handle_silent))
 
-    def _collect(self, deadline_s: float) -> list[int]:
-        """Close the request; returns the motors that did not answer it."""
+    def _settle(self) -> None:
+        """Collect what is open: answers to commands are none to what follows them."""
+        if self._open:
+            self.collect(self.clock.now() + 2 * self.expected_wire_s)
+
+    def _take_answers(self, request: Request, deadline_s: float, missing: int = 0) -> None:
+        """Take frames until at most so many of a request's answers are missing."""
         recv = self._port.recv
-        while self._waiting:
+        while request.missing > missing:
             message = recv(0.0)
             if message is None:
                 break
             self._receive(message)
-        while self._waiting and (remaining := deadline_s - self.clock.now()) > 0.0:
+        while request.missing > missing and (remaining := deadline_s - self.clock.now()) > 0.0:
             message = recv(remaining)
             if message is not None:
                 self._receive(message)
-        silent = []
-        if self._waiting:
-            silent = [i for i, awaited in enumerate(self._awaited) if awaited]
-            self._awaited = [False] * len(self.motors)
-            self._waiting = 0
-        if self._handle_asked and not self._handle_answered and self.encoder is not None:
+
+    def _close(self, deadline_s: float) -> set[int]:
+        """Close the oldest request; returns the motors that have not answered it."""
+        request = self._open[0]
+        self._take_answers(request, deadline_s)
+        del self._open[0]
+        if request.handle and self.encoder is not None:
+            self._handle_silent = True
             self.encoder.lost += 1
-        self._handle_asked = self._handle_awaited = False
-        self.publish()
-        return silent
+        return request.motors
 
     def _answered(self, timeout_s: float) -> list[bool]:
-        silent = self._collect(self.clock.now() + timeout_s)
+        silent = self._close(self.clock.now() + timeout_s)
+        self.publish()
         return [i not in silent for i in range(len(self.motors))]
 
     def _receive(self, message: can.Message) -> None:
@@ -338,9 +355,10 @@ class MotorChain(FeedbackStore):
                 self._note_foreign(message.arbitration_id)
             return
         self.take(index, data, self._port.arrival_s(message))
-        if self._awaited[index]:
-            self._awaited[index] = False
-            self._waiting -= 1
+        for request in self._open:
+            if index in request.motors:
+                request.motors.remove(index)
+                break
         if self._outstanding[index]:
             self._outstanding[index] -= 1
         else:
@@ -352,9 +370,11 @@ class MotorChain(FeedbackStore):
             if can_id in (REPORT_ID, EVENT_ID):
                 taken = self.encoder.accept(message.data, self._port.arrival_s(message))
                 if taken and can_id == REPORT_ID:
-                    self._handle_answered = True
-                    self._waiting -= self._handle_awaited
-                    self._handle_awaited = False
+                    self._handle_silent = False
+                    for request in self._open:
+                        if request.handle:
+                            request.handle = False
+                            break
             return
         if ours and can_id in self._command_ids:
             self.foreign_commands += 1
