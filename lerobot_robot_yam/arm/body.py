@@ -167,9 +167,9 @@ class ArmBody:
         self.drive.send(self.motion.commands)
         self._bus_lost = False
 
-    def collect(self, deadline_s: float, ahead: int = 0) -> None:
-        """Take the replies of this tick, see `MotorChain.collect`; whatever is missing at the deadline ages."""
-        self.drive.chain.collect(deadline_s, ahead)
+    def collect(self, deadline_s: float) -> None:
+        """Take the replies of this tick; whatever is missing at the deadline ages."""
+        self.drive.chain.collect(deadline_s)
 
     def command(self, now: float, dt: float) -> None:
         """From state and set-point to the commands of the next `send`."""

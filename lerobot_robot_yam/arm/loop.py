@@ -123,7 +123,7 @@ class ControlLoop:
         """
         landing = False
         clock = self._clock
-        self._last = deadline = latest = clock.now()
+        self._last = deadline = clock.now()
         for blocks in self._blocks:
             blocks.publish(deadline, self._tick)
         while True:
@@ -138,11 +138,10 @@ class ControlLoop:
             self._send_all(now)
             if self._beside_wire:
                 for controller in self._active():
-                    self._guard(controller, self._collect, latest, 1)
+                    self._listen(controller, controller.chain.collect_earlier)
                 free = clock.now()  # the wire, for what has been sent
-                latest = free + self._wire_s + _STRAGGLER_S
                 self._think(on_ready, None)
-                self._await_last(free, latest)
+                self._await_last(free)
             else:
                 self._await_wire(now)
                 self._think(on_ready, now + self._wire_s + _STRAGGLER_S)
@@ -209,11 +208,14 @@ class ControlLoop:
                     logger.critical("emergency stop, until you connect again: %s (%s)", reason, error)
         return self._stop.latched
 
-    def _collect(self, controller: ArmController, until: float, ahead: int = 0) -> None:
+    def _listen(self, controller: ArmController, work: Callable[..., object], *arguments: float) -> None:
+        """Receive frames of an arm."""
         try:
-            controller.collect(until, ahead)
+            work(*arguments)
         except BusError as error:
             controller.lose_bus(error, self._clock.now())
+        except Exception as error:
+            controller.fail(error)
 
     def _measure(
         self, controller: ArmController, blocks: ControllerBlocks, collect_until: float | None, tick: int
@@ -221,7 +223,7 @@ class ControlLoop:
         """Publish an arm's state as soon as it is complete: a sample ages."""
         if controller.mode not in _ENDED:
             if collect_until is not None:
-                self._collect(controller, collect_until)
+                self._listen(controller, controller.collect, collect_until)
             controller.measure(self._clock.now())
         blocks.publish(self._clock.now(), tick)
 
@@ -280,20 +282,15 @@ class ControlLoop:
         through_s = sent_s + self._wire_s
         self._clock.sleep(max(_BREATH_S, through_s - _EARLY_S - self._clock.now()))
         for controller in self._active():
-            try:
-                controller.chain.drain()
-            except BusError as error:
-                controller.lose_bus(error, sent_s)
+            self._listen(controller, controller.chain.drain)
         self._clock.sleep(max(0.0, through_s - _WAKE_UP_S - self._clock.now()))
 
-    def _await_last(self, free_s: float, latest: float) -> None:
+    def _await_last(self, free_s: float) -> None:
         """Come back when the last reply of each arm is on the wire, which was free for this tick at `free_s`."""
-        self._clock.sleep(max(_BREATH_S, free_s + self._wire_s - _AHEAD_S - self._clock.now()))
+        through_s = free_s + self._wire_s
+        self._clock.sleep(max(_BREATH_S, through_s - _AHEAD_S - self._clock.now()))
         for controller in self._active():
-            try:
-                controller.chain.await_all_but_one(latest)
-            except BusError as error:
-                controller.lose_bus(error, self._clock.now())
+            self._listen(controller, controller.chain.await_all_but_one, through_s + _STRAGGLER_S)
 
     def _bring_up(self, on_ready: Callable[[str], None]) -> bool:
         """True when all arms have left bring-up; when one fails they all land, since a hand may have let go by now."""

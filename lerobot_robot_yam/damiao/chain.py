@@ -1,8 +1,10 @@
 """All motors of one CAN bus: send every command, then collect every reply, by identifier.
 
-A late or lost reply ages its own motor only and is never taken for another's. Replies that miss their tick
-are drained before the next one, so old data cannot pile up in the socket. Who would not leave the wire idle for a
-moment sends when one reply is missing (`await_all_but_one`), and collects it afterwards (`ahead`).
+A late or lost reply ages its own motor only and is never taken for another's. What has arrived is drained before
+the next tick is sent, so old data cannot pile up in the socket.
+
+`collect` ends a tick. Who would not leave the wire idle for a moment calls `await_all_but_one` instead, sends the next
+commands while the last reply is on the wire, and takes that one with `collect_earlier`.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -38,6 +40,9 @@ from lerobot_robot_yam.errors import ActionError, MotorError
 ENABLE_PAUSE_S = 0.003  # the vendor's driver leaves this much time before each enable
 CLEAR_REPEATS = 3  # and sends "clear error" this many times
 _NO_STATE = 0x10  # first bytes below carry no state: feedback of a disabled motor, or a register's answer
+# Of the reply that is on the wire when the next commands are sent: less than the first answer to those can take, which
+# is two frames of 111 bits, the shortest with 8 bytes.
+_LAST_REPLY_S = 1.7 * FRAME_TIME_S
 _OUTSTANDING_MAX = 3  # requests per motor whose answers may still come; answers beyond are duplicates
 
 
@@ -84,7 +89,9 @@ class MotorChain(FeedbackStore):
         self._lost = [0] * count
         self._duplicates = [0] * count
         self._outstanding = [0] * count
-        self._open: list[Request] = []  # not collected yet, oldest first; two at most
+        self._open: list[Request] = []  # not collected yet, oldest first: one, or two where one was sent ahead
+        self._ahead = False  # the next request may be
+        self._in_step = False  # every reply has come that was waited for, and no other
         self._handle_silent = False
         self._late_registers = 0  # register replies that were given up on and may still come
         self.all_answered = False
@@ -145,36 +152,49 @@ class MotorChain(FeedbackStore):
             message.data = data
         self._begin(range(count), handle=self.encoder is not None)
         self._port.send(self._messages)
+        self._open[-1].sent_s = self.clock.now()
 
-    def await_all_but_one(self, deadline_s: float) -> None:
-        """Take replies to the last `send` until only one is missing, or `deadline_s` (the clock's time) has come.
-
-        That one is on the wire, and what is sent now follows it without a gap. What is sent earlier would go before
-        replies that wait for the wire: the lower identifier wins.
-
-        Raises:
-            BusError: the channel is gone.
-        """
-        if self._open:
-            self._take_answers(self._open[-1], deadline_s, missing=1)
-
-    def collect(self, deadline_s: float, ahead: int = 0) -> bool:
-        """Take the replies to every `send`; block until `deadline_s` (the clock's time) only for stragglers.
+    def collect(self, deadline_s: float) -> bool:
+        """Take the replies to the last `send`; block until `deadline_s` (the clock's time) only for stragglers.
 
         Returns whether every motor answered; each that did not counts as lost.
-
-        Args:
-            ahead: 1 leaves those to the last `send`, which has gone out ahead of this, for later.
 
         Raises:
             BusError: the channel is gone.
         """
         complete = True
-        while len(self._open) > ahead:
-            silent = self._close(deadline_s)
-            for i in silent:
-                self._lost[i] += 1
-            complete = self.all_answered = not silent
+        while self._open:
+            complete = self._collect_oldest(deadline_s)
+        self.publish()
+        return complete
+
+    def await_all_but_one(self, deadline_s: float) -> None:
+        """Take replies to the last `send` until only one is missing: that is on the wire, the next commands may follow.
+
+        Not earlier: they would go before replies that wait for the wire, as their identifiers are lower. Where a handle
+        is asked, which may confuse questions that overlap, everything is collected. So it is when a reply has been lost
+        or come twice, and then the wire is left alone until `deadline_s` (the clock's time): from then on answers would
+        be taken for those to another question.
+
+        Raises:
+            BusError: the channel is gone.
+        """
+        if self.encoder is not None:
+            self.collect(deadline_s)
+        elif self._in_step:
+            self._ahead = True
+            if self._open:
+                self._take_answers(self._open[-1], deadline_s, missing=1)
+        else:
+            self.clock.sleep(max(0.0, deadline_s - self.clock.now()))
+            self._in_step = True
+            self.collect(deadline_s)
+
+    def collect_earlier(self) -> bool:
+        """As `collect`, for the `send` before the last where that was sent ahead; it waits for the end of a reply."""
+        complete = True
+        while len(self._open) > 1:
+            complete = self._collect_oldest(self._open[-1].sent_s + _LAST_REPLY_S)
         self.publish()
         return complete
 
@@ -299,7 +319,8 @@ class MotorChain(FeedbackStore):
         asked = list(motors)
         for i in asked:
             self._outstanding[i] = min(self._outstanding[i] + repeats, _OUTSTANDING_MAX)
-        del self._open[:-1]  # nobody collects while arms come up
+        # What else has not been collected by now, as arms come up or after an error, never is.
+        self._open, self._ahead = self._open[-1:] if self._ahead else [], False
         # A silent handle must not hold up every tick: it is waited for only while it answers.
         self._open.append(Request(asked, handle, not self._handle_silent))
 
@@ -320,6 +341,14 @@ class MotorChain(FeedbackStore):
             message = recv(remaining)
             if message is not None:
                 self._receive(message)
+
+    def _collect_oldest(self, deadline_s: float) -> bool:
+        silent = self._close(deadline_s)
+        for i in silent:
+            self._lost[i] += 1
+        self.all_answered = not silent
+        self._in_step &= self.all_answered
+        return self.all_answered
 
     def _close(self, deadline_s: float) -> set[int]:
         """Close the oldest request; returns the motors that have not answered it."""
@@ -355,10 +384,11 @@ class MotorChain(FeedbackStore):
                 self._note_foreign(message.arbitration_id)
             return
         self.take(index, data, self._port.arrival_s(message))
-        for request in self._open:
-            if index in request.motors:
-                request.motors.remove(index)
-                break
+        owed = next((request.motors for request in self._open if index in request.motors), None)
+        if owed is not None:
+            owed.remove(index)
+        if owed is None or owed is not self._open[0].motors:
+            self._in_step = False
         if self._outstanding[index]:
             self._outstanding[index] -= 1
         else:
@@ -372,9 +402,7 @@ class MotorChain(FeedbackStore):
                 if taken and can_id == REPORT_ID:
                     self._handle_silent = False
                     for request in self._open:
-                        if request.handle:
-                            request.handle = False
-                            break
+                        request.handle = False
             return
         if ours and can_id in self._command_ids:
             self.foreign_commands += 1

@@ -1,5 +1,6 @@
 """One request to the motors of a chain: whose answers are still to come."""
 
+import math
 from collections.abc import Iterable
 
 
@@ -9,6 +10,7 @@ class Request:
     Attributes:
         motors: by index, those that have not answered.
         handle: whether the handle was asked and has not answered.
+        sent_s: when it had been sent (the chain's clock).
 
     Args:
         motors: by index, those that are asked.
@@ -19,6 +21,7 @@ class Request:
     def __init__(self, motors: Iterable[int], handle: bool, patient: bool):
         self.motors = set(motors)
         self.handle = handle
+        self.sent_s = -math.inf
         self._patient = patient
 
     @property

@@ -9,6 +9,7 @@ from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.policy import HUNG_S, STALE_OVERSHOOT_RAD_S, stale_overshoot_rad_s
 from lerobot_robot_yam.arm.session import ArmSession
 from lerobot_robot_yam.damiao.codec import SpecialCommand
+from lerobot_robot_yam.damiao.tables import FRAME_TIME_S
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError, MotorError, StaleStateError
 from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.rig.lockstep import LockstepBus, LockstepRig
@@ -128,6 +129,10 @@ def test_answers_to_commands_are_none_to_what_follows_them(rig):
         rig.fault(CHANNELS[0], None, "silent")
         assert not any(body.chain.special(SpecialCommand.DISABLE))
         rig.fault(CHANNELS[0], None, "silent", False)
+        body.chain.send(np.zeros((7, 5)))
+        rig.fault(CHANNELS[0], None, "silent")
+        assert not any(body.chain.refresh())
+        rig.fault(CHANNELS[0], None, "silent", False)
         assert all(body.chain.special(SpecialCommand.DISABLE))
         body.abandon()
 
@@ -140,8 +145,11 @@ def test_at_rates_that_fill_the_wire_it_is_never_idle(rig, rate_hz, monkeypatch)
         rig.sleep(0.0005)
         command(body, now, dt)
 
+    waiting_s = []  # for the wire, when commands are sent
+
     def slow_send(body):
         rig.sleep(0.00005)
+        waiting_s.append(rig.device.channels[body.config.channel].wire.free_at_s - rig.now())
         send(body)
 
     monkeypatch.setattr(ArmBody, "command", slow_command)
@@ -155,10 +163,12 @@ def test_at_rates_that_fill_the_wire_it_is_never_idle(rig, rate_hz, monkeypatch)
     loop = session._runner._loop
     statistics, chains = loop.statistics, [controller.chain for controller in loop._controllers]
     before, ticks = rig.now(), statistics.cycles
+    waiting_s.clear()
     track(session, dict.fromkeys(CHANNELS, GOAL), 1.5)
     took_s, ticks = rig.now() - before, statistics.cycles - ticks
     assert ticks / took_s > 0.99 * (rate_hz or 1 / chains[0].expected_wire_s)
     assert not any(chain.lost.any() for chain in chains)
+    assert max(waiting_s) < FRAME_TIME_S  # or, on a real wire, commands would go before replies
     for channel in CHANNELS:
         state = session[channel].observe()
         assert np.abs(state.q - GOAL).max() < 0.02

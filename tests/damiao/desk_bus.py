@@ -42,10 +42,10 @@ class DeskBus(can.BusABC):
         """Put a frame in front of the client that nobody asked for."""
         self._queue.append(can.Message(arbitration_id=can_id, data=data, is_extended_id=False, **kwargs))
 
-    def release(self) -> None:
-        """Let the late replies arrive now."""
-        self._queue.extend(self._held)
-        self._held.clear()
+    def release(self, count: int | None = None) -> None:
+        """Let the late replies arrive now, or the first of them."""
+        self._queue.extend(self._held[:count])
+        del self._held[:count]
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         data = bytes(msg.data)
