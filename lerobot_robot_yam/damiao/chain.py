@@ -33,7 +33,7 @@ from lerobot_robot_yam.damiao.registers import (
     encode_write,
     register_row,
 )
-from lerobot_robot_yam.damiao.request import Request
+from lerobot_robot_yam.damiao.requests import Request, Requests
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S, REGISTER_ID
 from lerobot_robot_yam.errors import ActionError, MotorError
 
@@ -43,7 +43,6 @@ _NO_STATE = 0x10  # first bytes below carry no state: feedback of a disabled mot
 # Of the reply that is on the wire when the next commands are sent: less than the first answer to those can take, which
 # is two frames of 111 bits, the shortest with 8 bytes.
 _LAST_REPLY_S = 1.7 * FRAME_TIME_S
-_OUTSTANDING_MAX = 3  # requests per motor whose answers may still come; answers beyond are duplicates
 
 
 class MotorChain(FeedbackStore):
@@ -87,12 +86,7 @@ class MotorChain(FeedbackStore):
             self._messages.append(data_message(REQUEST_ID, encode_report_request()))
 
         self._lost = [0] * count
-        self._duplicates = [0] * count
-        self._outstanding = [0] * count
-        self._open: list[Request] = []  # not collected yet, oldest first: one, or two where one was sent ahead
-        self._ahead = False  # the next request may be
-        self._in_step = False  # every reply has come that was waited for, and no other
-        self._handle_silent = False
+        self._requests = Requests(count)
         self._late_registers = 0  # register replies that were given up on and may still come
         self.all_answered = False
         self.foreign_commands = 0
@@ -116,7 +110,7 @@ class MotorChain(FeedbackStore):
     @property
     def duplicates(self) -> np.ndarray:
         """(n,) answers beyond those asked for."""
-        return np.array(self._duplicates)
+        return np.array(self._requests.duplicates)
 
     def age_s(self, now: float) -> np.ndarray:
         """(n,) seconds from each motor's newest answer to `now` (the clock's time); inf if none came."""
@@ -152,7 +146,7 @@ class MotorChain(FeedbackStore):
             message.data = data
         self._begin(range(count), handle=self.encoder is not None)
         self._port.send(self._messages)
-        self._open[-1].sent_s = self.clock.now()
+        self._requests.open[-1].sent_s = self.clock.now()
 
     def collect(self, deadline_s: float) -> bool:
         """Take the replies to the last `send`; block until `deadline_s` (the clock's time) only for stragglers.
@@ -163,7 +157,7 @@ class MotorChain(FeedbackStore):
             BusError: the channel is gone.
         """
         complete = True
-        while self._open:
+        while self._requests.open:
             complete = self._collect_oldest(deadline_s)
         self.publish()
         return complete
@@ -179,22 +173,23 @@ class MotorChain(FeedbackStore):
         Raises:
             BusError: the channel is gone.
         """
+        requests = self._requests
         if self.encoder is not None:
             self.collect(deadline_s)
-        elif self._in_step:
-            self._ahead = True
-            if self._open:
-                self._take_answers(self._open[-1], deadline_s, missing=1)
+        elif requests.in_step:
+            requests.ahead = True
+            if requests.open:
+                self._take_answers(requests.open[-1], deadline_s, missing=1)
         else:
             self.clock.sleep(max(0.0, deadline_s - self.clock.now()))
-            self._in_step = True
+            requests.in_step = True
             self.collect(deadline_s)
 
     def collect_earlier(self) -> bool:
         """As `collect`, for the `send` before the last where that was sent ahead; it waits for the end of a reply."""
-        complete = True
-        while len(self._open) > 1:
-            complete = self._collect_oldest(self._open[-1].sent_s + _LAST_REPLY_S)
+        complete, requests = True, self._requests
+        while len(requests.open) > 1:
+            complete = self._collect_oldest(requests.open[-1].sent_s + _LAST_REPLY_S)
         self.publish()
         return complete
 
@@ -316,17 +311,11 @@ class MotorChain(FeedbackStore):
         """Open a request: what has arrived until now belongs to earlier ones."""
         self.drain()
         self._port.synchronise()
-        asked = list(motors)
-        for i in asked:
-            self._outstanding[i] = min(self._outstanding[i] + repeats, _OUTSTANDING_MAX)
-        # What else has not been collected by now, as arms come up or after an error, never is.
-        self._open, self._ahead = self._open[-1:] if self._ahead else [], False
-        # A silent handle must not hold up every tick: it is waited for only while it answers.
-        self._open.append(Request(asked, handle, not self._handle_silent))
+        self._requests.begin(motors, handle, repeats)
 
     def _settle(self) -> None:
         """Collect what is open: answers to commands are none to what follows them."""
-        if self._open:
+        if self._requests.open:
             self.collect(self.clock.now() + 2 * self.expected_wire_s)
 
     def _take_answers(self, request: Request, deadline_s: float, missing: int = 0) -> None:
@@ -347,16 +336,13 @@ class MotorChain(FeedbackStore):
         for i in silent:
             self._lost[i] += 1
         self.all_answered = not silent
-        self._in_step &= self.all_answered
         return self.all_answered
 
     def _close(self, deadline_s: float) -> set[int]:
         """Close the oldest request; returns the motors that have not answered it."""
-        request = self._open[0]
-        self._take_answers(request, deadline_s)
-        del self._open[0]
+        self._take_answers(self._requests.open[0], deadline_s)
+        request = self._requests.close()
         if request.handle and self.encoder is not None:
-            self._handle_silent = True
             self.encoder.lost += 1
         return request.motors
 
@@ -384,15 +370,7 @@ class MotorChain(FeedbackStore):
                 self._note_foreign(message.arbitration_id)
             return
         self.take(index, data, self._port.arrival_s(message))
-        owed = next((request.motors for request in self._open if index in request.motors), None)
-        if owed is not None:
-            owed.remove(index)
-        if owed is None or owed is not self._open[0].motors:
-            self._in_step = False
-        if self._outstanding[index]:
-            self._outstanding[index] -= 1
-        else:
-            self._duplicates[index] += 1
+        self._requests.answer(index)
 
     def _receive_other(self, message: can.Message) -> None:
         can_id, ours = message.arbitration_id, is_classic_data(message)
@@ -400,9 +378,7 @@ class MotorChain(FeedbackStore):
             if can_id in (REPORT_ID, EVENT_ID):
                 taken = self.encoder.accept(message.data, self._port.arrival_s(message))
                 if taken and can_id == REPORT_ID:
-                    self._handle_silent = False
-                    for request in self._open:
-                        request.handle = False
+                    self._requests.handle_answer()
             return
         if ours and can_id in self._command_ids:
             self.foreign_commands += 1

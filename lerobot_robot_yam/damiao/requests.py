@@ -1,0 +1,85 @@
+"""What the motors of a chain have been asked, and whose answers are still to come."""
+
+import math
+from collections.abc import Iterable
+
+_OUTSTANDING_MAX = 3  # per motor, answers that may still come; those beyond are duplicates
+
+
+class Request:
+    """Answers that are still to come to one request.
+
+    Attributes:
+        motors: by index, those that have not answered.
+        handle: whether the handle was asked and has not answered.
+        sent_s: when it had been sent (the chain's clock).
+
+    Args:
+        motors: by index, those that are asked.
+        handle: whether the handle is.
+        patient: whether it is waited for, too.
+    """
+
+    def __init__(self, motors: Iterable[int], handle: bool, patient: bool):
+        self.motors = set(motors)
+        self.handle = handle
+        self.sent_s = -math.inf
+        self._patient = patient
+
+    @property
+    def missing(self) -> int:
+        """How many answers are waited for."""
+        return len(self.motors) + (self.handle and self._patient)
+
+
+class Requests:
+    """The requests to `count` motors that have not been closed.
+
+    Attributes:
+        open: oldest first: one, or two where one was sent ahead.
+        ahead: the next one will be.
+        in_step: every answer has come that was waited for, and no other.
+        duplicates: per motor, answers beyond those asked for.
+    """
+
+    def __init__(self, count: int):
+        self.open: list[Request] = []
+        self.ahead = self.in_step = False
+        self.duplicates = [0] * count
+        self._outstanding = [0] * count
+        self._handle_silent = False
+
+    def begin(self, motors: Iterable[int], handle: bool, repeats: int) -> None:
+        """Open a request that every motor answers `repeats` times."""
+        asked = list(motors)
+        for i in asked:
+            self._outstanding[i] = min(self._outstanding[i] + repeats, _OUTSTANDING_MAX)
+        # What else has not been collected by now, as arms come up or after an error, never is.
+        self.open, self.ahead = self.open[-1:] if self.ahead else [], False
+        # A silent handle must not hold up every tick: it is waited for only while it answers.
+        self.open.append(Request(asked, handle, not self._handle_silent))
+
+    def answer(self, index: int) -> None:
+        """A motor has answered: the oldest request that has not heard of it. Hot: once per frame."""
+        owed = next((request.motors for request in self.open if index in request.motors), None)
+        if owed is not None:
+            owed.remove(index)
+        if owed is None or owed is not self.open[0].motors:
+            self.in_step = False
+        if self._outstanding[index]:
+            self._outstanding[index] -= 1
+        else:
+            self.duplicates[index] += 1
+
+    def handle_answer(self) -> None:
+        """The handle has."""
+        self._handle_silent = False
+        for request in self.open:
+            request.handle = False
+
+    def close(self) -> Request:
+        """Close the oldest request, whatever is missing."""
+        request = self.open.pop(0)
+        self.in_step &= not request.motors
+        self._handle_silent |= request.handle
+        return request
