@@ -4,7 +4,7 @@ A late or lost reply ages its own motor only and is never taken for another's. W
 the next tick is sent, so old data cannot pile up in the socket.
 
 `collect` ends a tick. Who would not leave the wire idle for a moment calls `await_all_but_one` instead, sends the next
-commands while the last reply is on the wire, and takes that one with `collect_earlier`.
+commands while the last reply is on the wire, and takes that one, which comes before all others, with `collect_earlier`.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -42,7 +42,7 @@ CLEAR_REPEATS = 3  # and sends "clear error" this many times
 _NO_STATE = 0x10  # first bytes below carry no state: feedback of a disabled motor, or a register's answer
 # Of the reply that is on the wire when the next commands are sent: less than the first answer to those can take, which
 # is two frames of 111 bits, the shortest with 8 bytes.
-_LAST_REPLY_S = 1.7 * FRAME_TIME_S
+LAST_REPLY_S = 1.7 * FRAME_TIME_S
 
 
 class MotorChain(FeedbackStore):
@@ -189,7 +189,7 @@ class MotorChain(FeedbackStore):
         """As `collect`, for the `send` before the last where that was sent ahead; it waits for the end of a reply."""
         complete, requests = True, self._requests
         while len(requests.open) > 1:
-            complete = self._collect_oldest(requests.open[-1].sent_s + _LAST_REPLY_S)
+            complete = self._collect_oldest(requests.open[-1].sent_s + LAST_REPLY_S)
         self.publish()
         return complete
 
@@ -309,7 +309,8 @@ class MotorChain(FeedbackStore):
 
     def _begin(self, motors: Iterable[int], handle: bool = False, repeats: int = 1) -> None:
         """Open a request: what has arrived until now belongs to earlier ones."""
-        self.drain()
+        if not self._requests.ahead:  # else they are still open, and answers come in order
+            self.drain()
         self._port.synchronise()
         self._requests.begin(motors, handle, repeats)
 

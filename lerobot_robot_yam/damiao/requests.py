@@ -4,6 +4,9 @@ import math
 from collections.abc import Iterable
 
 _OUTSTANDING_MAX = 3  # per motor, answers that may still come; those beyond are duplicates
+# Requests in a row that are sent ahead. Then the wire is left alone once: an answer to somebody else's question to the
+# last motor looks like one to ours, and the true one would be taken for the next tick's from then on.
+_AHEAD_MAX = 250
 
 
 class Request:
@@ -48,14 +51,18 @@ class Requests:
         self.duplicates = [0] * count
         self._outstanding = [0] * count
         self._handle_silent = False
+        self._ahead_in_a_row = 0
 
     def begin(self, motors: Iterable[int], handle: bool, repeats: int) -> None:
         """Open a request that every motor answers `repeats` times."""
         asked = list(motors)
         for i in asked:
             self._outstanding[i] = min(self._outstanding[i] + repeats, _OUTSTANDING_MAX)
-        # What else has not been collected by now, as arms come up or after an error, never is.
-        self.open, self.ahead = self.open[-1:] if self.ahead else [], False
+        kept = self.open[-1:] if self.ahead else []
+        dropped = self.open[: len(self.open) - len(kept)]  # as arms come up, or after an error
+        self._ahead_in_a_row = self._ahead_in_a_row + 1 if self.ahead else 0
+        self.in_step &= self._ahead_in_a_row < _AHEAD_MAX and not any(request.motors for request in dropped)
+        self.open, self.ahead = kept, False
         # A silent handle must not hold up every tick: it is waited for only while it answers.
         self.open.append(Request(asked, handle, not self._handle_silent))
 

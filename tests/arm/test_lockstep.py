@@ -8,8 +8,10 @@ from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.policy import HUNG_S, STALE_OVERSHOOT_RAD_S, stale_overshoot_rad_s
 from lerobot_robot_yam.arm.session import ArmSession
+from lerobot_robot_yam.damiao.bus_port import data_message
 from lerobot_robot_yam.damiao.codec import SpecialCommand
-from lerobot_robot_yam.damiao.tables import FRAME_TIME_S
+from lerobot_robot_yam.damiao.registers import encode_refresh
+from lerobot_robot_yam.damiao.tables import FRAME_TIME_S, REGISTER_ID
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError, MotorError, StaleStateError
 from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.rig.lockstep import LockstepBus, LockstepRig
@@ -178,6 +180,29 @@ def test_at_rates_that_fill_the_wire_it_is_never_idle(rig, rate_hz, monkeypatch)
     assert not any(motor["enabled"] for channel in CHANNELS for motor in arms[channel]["motors"].values())
     for channel in CHANNELS:
         assert np.abs(np.array(arms[channel]["q"][1:4]) - Hardware(configs[0]).rest_q[1:4]).max() < 0.1
+
+
+def test_an_answer_to_somebody_else_puts_no_joint_behind_for_long(rig, monkeypatch):
+    send, waiting_s = ArmBody.send, []
+
+    def watched_send(body):
+        waiting_s.append(rig.device.channels[CHANNELS[0]].wire.free_at_s - rig.now())
+        send(body)
+
+    monkeypatch.setattr(ArmBody, "send", watched_send)
+    session = ArmSession([sim_config(rig, CHANNELS[0], rate_hz=0.0)], isolation="lockstep")
+    session.start()
+    track(session, {CHANNELS[0]: GOAL}, 0.5)
+    with LockstepBus(CHANNELS[0], rig=rig.name) as other:
+        other.send(data_message(REGISTER_ID, encode_refresh(7)))
+    waiting_s.clear()
+    track(session, {CHANNELS[0]: GOAL}, 0.1)
+    assert max(waiting_s) > FRAME_TIME_S  # the next tick is sent when two replies are missing
+    track(session, {CHANNELS[0]: GOAL}, 0.5)
+    waiting_s.clear()
+    track(session, {CHANNELS[0]: GOAL}, 0.5)
+    assert max(waiting_s) < FRAME_TIME_S
+    session.discard()
 
 
 def test_a_slow_loop_is_said_once_and_its_arm_goes_on(rig, monkeypatch, caplog):
