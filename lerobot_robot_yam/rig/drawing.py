@@ -1,5 +1,6 @@
 """Every camera of a rig that somebody watches: when it is due, from which state, and where its frames go."""
 
+import math
 import time
 from dataclasses import dataclass
 
@@ -95,7 +96,7 @@ class Drawing:
         return min((view.due_s for view in self._views.values()), default=None)
 
     def draw_due(self, now_s: float) -> None:
-        """Draw and publish every view whose time has come, all from one state of the world."""
+        """Draw and publish every view whose time has come, all from one state of the world while that is new."""
         due = [view for view in self._views.values() if view.due_s <= now_s]
         for view in due:
             view.due_s = _next_beat(now_s, view.period_s)  # what is late is skipped: no burst
@@ -113,9 +114,11 @@ class Drawing:
             view.record["stamp_s"] = 0.0
 
     def _draw(self, views: list[View]) -> None:
-        state = self._world.read() if views else None
+        state, read_s = None, -math.inf
         posed = False
         for view in views:
+            if time.monotonic() - read_s > view.period_s:  # at once, or on a machine that has no time for us
+                state, read_s, posed = self._world.read(), time.monotonic(), False
             if state is None or float(state["stamp_s"]) <= float(view.record["stamp_s"]):
                 continue  # nothing new to show; the frame's age tells
             qpos = state["qpos"]

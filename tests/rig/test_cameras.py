@@ -3,6 +3,7 @@
 import contextlib
 import os
 import signal
+import threading
 import time
 from pathlib import Path
 
@@ -130,6 +131,49 @@ def _stop_and_kill(rig: RigControl) -> None:
             camera.wait_new(0.5)
     with RigCamera("top", 64, 48, 30, rig=rig.name) as camera:  # a new one is started
         assert camera.latest(max_age_s=5.0)[0].any()
+
+
+@contextlib.contextmanager
+def little_time(pid: int, share: float):
+    """A process runs for only so much of the time, 8 ms at a time."""
+    done = threading.Event()
+
+    def pulse() -> None:
+        while not done.is_set():
+            os.kill(pid, signal.SIGCONT)
+            time.sleep(0.008)
+            os.kill(pid, signal.SIGSTOP)
+            time.sleep(0.008 / share - 0.008)
+        os.kill(pid, signal.SIGCONT)
+
+    thread = threading.Thread(target=pulse)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
+
+
+def test_a_renderer_that_gets_little_time_draws_every_camera_as_the_world_is_then():
+    """All from one state, the last one would be a whole round old when it is there."""
+    with running_rig() as rig, contextlib.ExitStack() as stack:
+        cameras = [stack.enter_context(RigCamera(name, 320, 240, 30, rig=rig.name)) for name in CAMERAS]
+        stamps, ages, rounds = [time.monotonic()] * 3, [[], [], []], []
+        stack.enter_context(little_time(*renderer_pids(rig), share=0.12))
+        end = time.monotonic() + 5.0
+        while (now := time.monotonic()) < end:
+            rig.place("cube", [0.3 + 0.01 * (now % 1.0), 0.2, 0.1])  # or it would not draw
+            for i, camera in enumerate(cameras):
+                stamp_s = camera.latest(max_age_s=10.0)[1]
+                if stamp_s != stamps[i]:
+                    ages[i].append(time.monotonic() - stamp_s)
+                    rounds.append(stamp_s - stamps[i])
+                    stamps[i] = stamp_s
+            time.sleep(0.002)
+        round_s = np.median(rounds)
+        assert round_s > 0.08, "it has got too much time for this test"
+        assert max(np.median(age) for age in ages) < 0.75 * round_s, (round_s, [np.median(age) for age in ages])
 
 
 def test_no_opengl_is_a_clear_error_and_the_rig_lives_on(monkeypatch):
