@@ -12,20 +12,25 @@ from lerobot_robot_yam.errors import StaleStateError
 
 logger = logging.getLogger(__name__)
 
-# A busy machine or USB bus makes images late now and then, and a recording should outlive that. With the 0.5 s that
-# LeRobot lets an image age, a dead camera is still told of within the second that docs/faults.md promises.
-LATE_S = 0.3
+# A busy machine or USB bus makes images late now and then, and a recording should outlive that. Who waits leaves the
+# machine to those who make the images; who goes on with old ones, up to the 0.5 s that LeRobot takes, keeps it busy.
+_FRESH_S, _FRESH_SLOW_S = 0.2, 0.4
+_FRESH_FRAMES = 2.0  # of a slow camera
+# In all, a dead camera is told of within the second that docs/faults.md promises.
+LATE_S = 0.6
 _GLANCE_S = 0.005
 
 
 def newest_images(cameras: Mapping[str, Camera], configs: Mapping[str, CameraConfig]) -> tuple[dict[str, Any], bool]:
-    """Read every camera; where an image is older than LeRobot takes (0.5 s), all are read again for up to `LATE_S`.
+    """Read every camera; where an image is older than 0.2 s (two frames, of a slow one) all are read again for up to
+    `LATE_S`, until none is.
 
     Args:
         cameras, configs: by feature name.
 
     Returns:
-        Images by feature name, depth as `<name>_depth`; and whether one was waited for.
+        Images by feature name, depth as `<name>_depth`, none older than its camera takes (0.5 s); and whether one was
+        waited for.
 
     Raises:
         StaleStateError: a camera has no image, or none that is new; names it.
@@ -33,12 +38,13 @@ def newest_images(cameras: Mapping[str, Camera], configs: Mapping[str, CameraCon
     begin = time.monotonic()
     late = ""
     while True:
+        overdue = time.monotonic() > begin + LATE_S
         try:
-            images = _read(cameras, configs)
+            images = _read(cameras, configs, fresh=not overdue)
             break
         except StaleStateError as error:
             # A camera that is gone does not say that its image is too old.
-            if not isinstance(error.__cause__, TimeoutError) or time.monotonic() > begin + LATE_S:
+            if not isinstance(error.__cause__, TimeoutError) or overdue:
                 raise
             late = str(error.__cause__)
         time.sleep(_GLANCE_S)
@@ -47,15 +53,21 @@ def newest_images(cameras: Mapping[str, Camera], configs: Mapping[str, CameraCon
     return images, bool(late)
 
 
-def _read(cameras: Mapping[str, Camera], configs: Mapping[str, CameraConfig]) -> dict[str, Any]:
+def _read(cameras: Mapping[str, Camera], configs: Mapping[str, CameraConfig], fresh: bool) -> dict[str, Any]:
     images = {}
     for name, camera in cameras.items():
         config = configs[name]
+        limit = {"max_age_ms": _fresh_ms(config)} if fresh else {}
         try:
             if getattr(config, "use_rgb", True):
-                images[name] = camera.read_latest()
+                images[name] = camera.read_latest(**limit)
             if getattr(config, "use_depth", False):
-                images[f"{name}_depth"] = camera.read_latest_depth()
+                images[f"{name}_depth"] = camera.read_latest_depth(**limit)
         except Exception as error:
             raise StaleStateError(f"camera {name} has no image: {error}; the arms hold their pose") from error
     return images
+
+
+def _fresh_ms(config: CameraConfig) -> int:
+    fps = getattr(config, "fps", None)
+    return int(1e3 * min(max(_FRESH_S, _FRESH_FRAMES / fps if fps else 0.0), _FRESH_SLOW_S))

@@ -51,15 +51,15 @@ def sample_age(observation):
 
 
 class Camera:
-    """A camera of LeRobot's kind whose image is too old until a moment."""
+    """A camera of LeRobot's kind whose image is of an age until a moment."""
 
-    def __init__(self, fresh_after_s=0.0):
-        self._fresh_at = time.monotonic() + fresh_after_s
+    def __init__(self, fresh_after_s=0.0, age_ms=1000):
+        self._fresh_at, self._age_ms = time.monotonic() + fresh_after_s, age_ms
         self.reads = 0
 
-    def read_latest(self):
+    def read_latest(self, max_age_ms=500):
         self.reads += 1
-        if time.monotonic() < self._fresh_at:
+        if time.monotonic() < self._fresh_at and max_age_ms <= self._age_ms:
             raise TimeoutError("latest frame is too old")
         return self.reads
 
@@ -70,6 +70,7 @@ class Camera:
 class CameraSettings:
     use_rgb: bool = True
     use_depth: bool = False
+    fps: int | None = 30
 
 
 def test_what_was_read_before_the_wait_is_read_again():
@@ -91,9 +92,24 @@ def test_images_that_are_fresh_are_read_once(caplog):
     assert not caplog.text
 
 
+def test_an_image_that_is_rather_old_is_waited_for_and_taken_in_the_end():
+    cameras = {"top": Camera(fresh_after_s=60.0, age_ms=300)}
+    begin = time.monotonic()
+    images, waited = newest_images(cameras, {"top": CameraSettings()})
+    assert waited and images["top"] > 2 and time.monotonic() - begin >= LATE_S
+
+
+@pytest.mark.parametrize(
+    "age_ms, fps, waits", [(190, 30, False), (210, 30, True), (210, None, True), (390, 5, False), (410, 5, True)]
+)
+def test_how_old_an_image_may_be_without_a_wait(age_ms, fps, waits):
+    cameras = {"top": Camera(fresh_after_s=0.1, age_ms=age_ms)}
+    assert newest_images(cameras, {"top": CameraSettings(fps=fps)})[1] is waits
+
+
 def test_a_camera_that_is_gone_is_told_of_at_once():
     camera = Camera()
-    camera.read_latest = lambda: [][0]
+    camera.read_latest = lambda **limit: [][0]
     begin = time.monotonic()
     with pytest.raises(StaleStateError, match="camera top has no image: list index"):
         newest_images({"top": camera}, {"top": CameraSettings()})
