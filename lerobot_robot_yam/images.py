@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from lerobot.cameras.camera import Camera
@@ -16,48 +16,57 @@ logger = logging.getLogger(__name__)
 # machine to those who make the images; who goes on with old ones, up to the 0.5 s that LeRobot takes, keeps it busy.
 _FRESH_S, _FRESH_SLOW_S = 0.2, 0.4
 _FRESH_FRAMES = 2.0  # of a slow camera
-# In all, a dead camera is told of within the second that docs/faults.md promises.
-LATE_S = 0.6
+LATE_S = 0.6  # from then on, what LeRobot takes will do
+# A camera whose image is so old is dead, and told of within the second that docs/faults.md promises. Others are merely
+# slow, as all are while somebody else has the machine.
+_DEAD_MS = 800
+PATIENCE_S = 3.0
 _GLANCE_S = 0.005
 
 
 def newest_images(cameras: Mapping[str, Camera], configs: Mapping[str, CameraConfig]) -> tuple[dict[str, Any], bool]:
-    """Read every camera; where an image is older than 0.2 s (two frames, of a slow one) all are read again for up to
-    `LATE_S`, until none is.
+    """Read every camera; where an image is older than 0.2 s (two frames, of a slow one) all are read again.
+
+    After `LATE_S`, images that are younger than their cameras take (0.5 s) will do.
 
     Args:
         cameras, configs: by feature name.
 
     Returns:
-        Images by feature name, depth as `<name>_depth`, none older than its camera takes (0.5 s); and whether one was
-        waited for.
+        Images by feature name, depth as `<name>_depth`; and whether one was waited for.
 
     Raises:
-        StaleStateError: a camera has no image, or none that is new; names it.
+        StaleStateError: a camera has no image, or its image is older than 0.8 s, or too old for `PATIENCE_S`; names it.
     """
     begin = time.monotonic()
     late = ""
     while True:
-        overdue = time.monotonic() > begin + LATE_S
+        waited_s = time.monotonic() - begin
         try:
-            images = _read(cameras, configs, fresh=not overdue)
+            images = _read(cameras, configs, _fresh_ms if waited_s < LATE_S else None)
             break
         except StaleStateError as error:
             # A camera that is gone does not say that its image is too old.
-            if not isinstance(error.__cause__, TimeoutError) or overdue:
+            if not isinstance(error.__cause__, TimeoutError) or waited_s > PATIENCE_S:
                 raise
             late = str(error.__cause__)
+        if waited_s >= LATE_S:
+            _read(cameras, configs, lambda _: _DEAD_MS)
         time.sleep(_GLANCE_S)
     if late:
         logger.warning("waited %.0f ms for images: %s", (time.monotonic() - begin) * 1e3, late)
     return images, bool(late)
 
 
-def _read(cameras: Mapping[str, Camera], configs: Mapping[str, CameraConfig], fresh: bool) -> dict[str, Any]:
+def _read(
+    cameras: Mapping[str, Camera],
+    configs: Mapping[str, CameraConfig],
+    max_age_ms: Callable[[CameraConfig], int] | None,
+) -> dict[str, Any]:
     images = {}
     for name, camera in cameras.items():
         config = configs[name]
-        limit = {"max_age_ms": _fresh_ms(config)} if fresh else {}
+        limit = {} if max_age_ms is None else {"max_age_ms": max_age_ms(config)}
         try:
             if getattr(config, "use_rgb", True):
                 images[name] = camera.read_latest(**limit)

@@ -8,7 +8,7 @@ import pytest
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
 from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
 from lerobot_robot_yam.errors import StaleStateError
-from lerobot_robot_yam.images import LATE_S, newest_images
+from lerobot_robot_yam.images import LATE_S, PATIENCE_S, newest_images
 from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.rig.thermometer import sample_age_s
 from lerobot_robot_yam.yam_follower import YamFollower
@@ -105,6 +105,39 @@ def test_an_image_that_is_rather_old_is_waited_for_and_taken_in_the_end():
 def test_how_old_an_image_may_be_without_a_wait(age_ms, fps, waits):
     cameras = {"top": Camera(fresh_after_s=0.1, age_ms=age_ms)}
     assert newest_images(cameras, {"top": CameraSettings(fps=fps)})[1] is waits
+
+
+class SlowCamera:
+    """A camera that has a new image every so often, of an age when it comes."""
+
+    def __init__(self, period_s, delay_s):
+        self._period_s, self._delay_s = period_s, delay_s
+
+    def read_latest(self, max_age_ms=500):
+        age_s = self._delay_s + time.monotonic() % self._period_s
+        if age_s * 1e3 > max_age_ms:
+            raise TimeoutError(f"latest frame is too old: {age_s:.2f} s")
+        return age_s
+
+
+def test_cameras_that_are_slow_are_waited_for_while_they_show_something_new():
+    slow = {"top": SlowCamera(0.3, 0.45), "wrist": SlowCamera(0.07, 0.3)}  # the former is seldom young enough
+    begin = time.monotonic()
+    images, waited = newest_images(slow, dict.fromkeys(slow, CameraSettings()))
+    assert waited and images["top"] < 0.5 and time.monotonic() - begin > LATE_S
+    always_late = {"top": SlowCamera(0.1, 0.51)}
+    begin = time.monotonic()
+    with pytest.raises(StaleStateError, match="camera top has no image: latest frame is too old"):
+        newest_images(always_late, {"top": CameraSettings()})
+    assert time.monotonic() - begin > PATIENCE_S
+
+
+def test_a_dead_camera_is_told_of_however_slow_another_is():
+    cameras = {"slow": SlowCamera(0.1, 0.51), "dead": Camera(fresh_after_s=60.0)}
+    begin = time.monotonic()
+    with pytest.raises(StaleStateError, match="camera dead"):
+        newest_images(cameras, dict.fromkeys(cameras, CameraSettings()))
+    assert time.monotonic() - begin < LATE_S + 0.2
 
 
 def test_a_camera_that_is_gone_is_told_of_at_once():
