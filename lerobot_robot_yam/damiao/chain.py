@@ -316,6 +316,7 @@ class MotorChain(FeedbackStore):
 
     def _settle(self) -> None:
         """Collect what is open: answers to commands are none to what follows them."""
+        self._requests.ahead = False
         if self._requests.open:
             self.collect(self.clock.now() + 2 * self.expected_wire_s)
 
