@@ -17,17 +17,19 @@ logger = logging.getLogger(__name__)
 _FRESH_S, _FRESH_SLOW_S = 0.2, 0.4
 _FRESH_FRAMES = 2.0  # of a slow camera
 LATE_S = 0.6  # from then on, what LeRobot takes will do
-# A camera whose image is so old is dead, and told of within the second that docs/faults.md promises. Others are merely
-# slow, as all are while somebody else has the machine.
+# A camera whose image is so old is dead, and told of within the second that docs/faults.md promises, if the machine
+# lets us watch. Others are merely slow, as all are while somebody else has the machine.
 _DEAD_MS = 800
 PATIENCE_S = 3.0
 _GLANCE_S = 0.005
+_ASLEEP_S = 0.1  # between two glances, or more: somebody else had the machine, and the cameras no chance either
 
 
 def newest_images(cameras: Mapping[str, Camera], configs: Mapping[str, CameraConfig]) -> tuple[dict[str, Any], bool]:
     """Read every camera; where an image is older than 0.2 s (two frames, of a slow one) all are read again.
 
-    After `LATE_S`, images that are younger than their cameras take (0.5 s) will do.
+    After `LATE_S`, images that are younger than their cameras take (0.5 s) will do. A camera is called dead only after
+    a watch that was awake for so long: where this process got no time for 0.1 s, it begins anew.
 
     Args:
         cameras, configs: by feature name.
@@ -38,10 +40,10 @@ def newest_images(cameras: Mapping[str, Camera], configs: Mapping[str, CameraCon
     Raises:
         StaleStateError: a camera has no image, or its image is older than 0.8 s, or too old for `PATIENCE_S`; names it.
     """
-    begin = time.monotonic()
+    begin = glance = time.monotonic()
+    waited_s = watched_s = 0.0
     late = ""
     while True:
-        waited_s = time.monotonic() - begin
         try:
             images = _read(cameras, configs, _fresh_ms if waited_s < LATE_S else None)
             break
@@ -50,9 +52,13 @@ def newest_images(cameras: Mapping[str, Camera], configs: Mapping[str, CameraCon
             if not isinstance(error.__cause__, TimeoutError) or waited_s > PATIENCE_S:
                 raise
             late = str(error.__cause__)
-        if waited_s >= LATE_S:
-            _read(cameras, configs, lambda _: _DEAD_MS)
         time.sleep(_GLANCE_S)
+        last, glance = glance, time.monotonic()
+        gap_s = glance - last
+        waited_s += min(gap_s, _ASLEEP_S)
+        watched_s = watched_s + gap_s if gap_s < _ASLEEP_S else 0.0
+        if watched_s >= LATE_S:
+            _read(cameras, configs, lambda _: _DEAD_MS)
     if late:
         logger.warning("waited %.0f ms for images: %s", (time.monotonic() - begin) * 1e3, late)
     return images, bool(late)

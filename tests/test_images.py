@@ -1,8 +1,10 @@
 """Images that are late are waited for, and those that do not come end the observation."""
 
+import math
 import time
 from dataclasses import dataclass
 
+import numpy as np
 import pytest
 
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
@@ -64,6 +66,21 @@ class Camera:
         return self.reads
 
     read_latest_depth = read_latest
+
+
+class StallingCamera(Camera):
+    """A camera that is fine, and in whose calls the machine stands still for a time, at some moments."""
+
+    def __init__(self, moments_s, stall_s):
+        super().__init__()
+        self._stalls_at = list(time.monotonic() + np.asarray(moments_s))
+        self._stall_s = stall_s
+
+    def read_latest(self, max_age_ms=500):
+        if self._stalls_at and time.monotonic() >= self._stalls_at[0]:
+            self._stalls_at.pop(0)
+            time.sleep(self._stall_s)
+        return super().read_latest(max_age_ms)
 
 
 @dataclass
@@ -132,12 +149,28 @@ def test_cameras_that_are_slow_are_waited_for_while_they_show_something_new():
     assert time.monotonic() - begin > PATIENCE_S
 
 
-def test_a_dead_camera_is_told_of_however_slow_another_is():
+def test_a_dead_camera_is_told_of_however_slow_another_is(monkeypatch):
+    monkeypatch.setattr("lerobot_robot_yam.images._ASLEEP_S", math.inf)
     cameras = {"slow": SlowCamera(0.1, 0.51), "dead": Camera(fresh_after_s=60.0)}
     begin = time.monotonic()
     with pytest.raises(StaleStateError, match="camera dead"):
         newest_images(cameras, dict.fromkeys(cameras, CameraSettings()))
     assert time.monotonic() - begin < LATE_S + 0.2
+
+
+def test_a_machine_that_stood_still_makes_no_camera_dead():
+    for stall_s in (0.4, PATIENCE_S + 0.2):
+        begin = time.monotonic()
+        cameras = {"fine": StallingCamera([0.3], stall_s), "late": Camera(fresh_after_s=0.7 + stall_s)}
+        assert newest_images(cameras, dict.fromkeys(cameras, CameraSettings()))[1]
+        assert time.monotonic() - begin >= 0.7 + stall_s
+
+
+def test_a_machine_that_stumbles_again_and_again_takes_what_lerobot_takes():
+    cameras = {"fine": StallingCamera(np.arange(0.1, 60.0, 0.5), 0.12), "old": Camera(fresh_after_s=60.0, age_ms=300)}
+    begin = time.monotonic()
+    assert newest_images(cameras, dict.fromkeys(cameras, CameraSettings()))[1]
+    assert LATE_S <= time.monotonic() - begin < PATIENCE_S
 
 
 def test_a_camera_that_is_gone_is_told_of_at_once():
