@@ -8,8 +8,7 @@ height, fps]}, {"do": "stall", "camera": name, "until_s": monotonic time}. Answe
 camera} or {"error": text}. With --on-demand it draws only when told to: {"do": "draw", "anew": whether the world was
 restarted}, answered by {"drawn": true}.
 
-It ends when its input does, so it never outlives the rig. Physics and control come first: it runs with low priority
-and skips what is late.
+It ends when its input does, so it never outlives the rig. It preempts nobody by waking up, and skips what is late.
 """
 
 import argparse
@@ -26,8 +25,6 @@ from lerobot_robot_yam.rig.frames import Settings
 
 if TYPE_CHECKING:
     from lerobot_robot_yam.rig.drawing import Drawing
-
-_NICE = 5
 
 
 def _serve(drawing: "Drawing", answers: int, on_demand: bool) -> None:
@@ -71,9 +68,11 @@ def _answer(answers: int, message: dict[str, Any]) -> None:
 
 
 def _draw_for(rig: str, scene: str | None, options: dict[str, Any]) -> "Drawing":
-    # mujoco reads both variables once, when it is imported, and fails there where OpenGL's libraries are missing.
+    # mujoco reads this once, when it is imported, and fails there where OpenGL's libraries are missing.
     os.environ["MUJOCO_GL"] = "egl"
-    os.environ["LP_NUM_THREADS"] = "1"  # software OpenGL must not take both cores
+    # Software OpenGL draws in our thread: it must not take both cores, and a thread of its own cost a fifth more here,
+    # and two waits for a processor per picture on a busy machine.
+    os.environ["LP_NUM_THREADS"] = "0"
     from lerobot_robot_yam.rig.drawing import Drawing
     from lerobot_robot_yam.rig.scene import load_scene
 
@@ -101,7 +100,6 @@ def main() -> int:
     os.dup2(2, 1)  # what a library prints must not mix with the answers
     if not args.on_demand:
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # never preempt physics or control by waking up
-        os.nice(_NICE)
     try:
         drawing = _draw_for(args.rig, args.scene, dict(_option(item) for item in args.set))
     except YamError as error:

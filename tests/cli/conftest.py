@@ -17,7 +17,7 @@ CHANNELS = ("follower_left", "follower_right", "leader_left", "leader_right")
 
 # Two processors carry four arms, their rig, three cameras and an encoder at full rate if nobody else needs them.
 # What is asserted about rates is asserted of the shipped configs as they are, in the long tier.
-CALM = [f"--{device}.{side}_arm_config.rate_hz=125" for device in ("robot", "teleop") for side in ("left", "right")]
+CALM = [f"--{device}.{side}_arm_config.rate_hz=100" for device in ("robot", "teleop") for side in ("left", "right")]
 
 
 class Commands:
