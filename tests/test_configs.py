@@ -107,6 +107,14 @@ def test_recording_needs_no_account_and_no_loudspeaker(name):
     assert not config.dataset.push_to_hub and not config.play_sounds and config.dataset.streaming_encoding
 
 
+@pytest.mark.parametrize(
+    "name", [name for name in config_names() if "streaming_encoding" in config_path(name).read_text()]
+)
+def test_ten_seconds_of_pictures_may_wait_for_the_encoder(name):
+    dataset = parse(name).dataset
+    assert dataset.encoder_queue_maxsize >= 10 * dataset.fps
+
+
 @pytest.mark.parametrize("name", config_names())
 def test_configs_are_commented(name):
     text = config_path(name).read_text()

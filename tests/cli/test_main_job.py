@@ -89,6 +89,7 @@ def test_videos_show_27_distinct_frames_a_second(job, camera):
                 for frame in video.decode(video=0)
                 if begin - 1e-3 <= frame.time < end - 1e-3
             ]
+        assert len(frames) == row["length"]
         distinct = sum(not np.array_equal(a, b) for a, b in itertools.pairwise(frames))
         assert distinct >= 27 * len(frames) / 30
         assert np.median(motion(frames)) > MOVES
@@ -149,3 +150,6 @@ def test_two_jobs_side_by_side(tmp_path):
         assert commands.finish(process, timeout_s=400) == 0, commands.output()[-4000:]
         data = LeRobotDataset("local/yam_sim", root=commands.directory / "data")
         assert data.num_episodes == 2
+        for episode, camera in itertools.product(data.meta.episodes, CAMERAS):  # with a picture for every row
+            begin, end = (episode[f"videos/observation.images.{camera}/{edge}_timestamp"] for edge in ("from", "to"))
+            assert round((end - begin) * data.fps) == episode["length"]
