@@ -43,8 +43,8 @@ _WITHOUT_STOPS = {
     Mode.STOPPED: "they are sought when the emergency stop is released (yam-estop release)",
 }
 _ORPHAN_S = 1.0
-_NEARLY_S = 0.0008  # a state that comes so soon is worth waiting for: the one before it is a whole tick older
-_LATE_S = 0.0006  # how long it is waited for beyond
+_NEARLY_S = 0.0013  # a state that comes so soon is worth waiting for: the one before it is a whole tick older
+_LATE_S = 0.002  # how long it is waited for beyond
 _GLANCE_S = 0.00005
 
 
@@ -92,7 +92,7 @@ class ArmPort:
         return Mode(int(self._raw()["mode"]))
 
     def observe(self) -> ArmState:
-        """The newest state of the arm; one that comes within 0.8 ms is waited for.
+        """The newest state of the arm; one that comes within 1.3 ms is waited for.
 
         Raises:
             MotorError: a motor has a fault; names it.

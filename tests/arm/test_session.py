@@ -117,7 +117,7 @@ def test_who_looks_just_before_a_new_state_gets_the_new_one(rig, isolation):
         port = arm._session["left"]
         for _ in range(tries):
             before = port._raw()
-            time.sleep(max(0.0, float(before["stamp_s"]) + 0.0093 - time.monotonic()))
+            time.sleep(max(0.0, float(before["stamp_s"]) + 0.0089 - time.monotonic()))
             newer += arm.observe().stamp_s > before["motor_stamp_s"].max()
     assert newer > tries / 2
 
