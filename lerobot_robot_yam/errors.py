@@ -42,7 +42,7 @@ class RigError(YamError, RuntimeError):
 
 
 class EmergencyStopError(YamError, RuntimeError):
-    """The emergency stop is latched: nothing is energised until it is released."""
+    """The emergency stop is latched: no other arm is energised until it is released."""
 
 
 class PolicyServerError(YamError, ConnectionError):

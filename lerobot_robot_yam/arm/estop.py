@@ -21,7 +21,7 @@ _MOST_BYTES = 65536
 
 
 class EmergencyStop:
-    """The latch. While it is set followers hold, leaders float, and no arm is energised.
+    """The latch. While it is set followers hold and leaders float, still energised, and no other arm is energised.
 
     EmergencyStop().latch("somebody shouted")
 

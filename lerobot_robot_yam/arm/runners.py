@@ -15,6 +15,7 @@ from typing import Protocol
 
 from lerobot_robot_yam import errors
 from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.clock import SYSTEM, Clock
 from lerobot_robot_yam.errors import YamError
 
@@ -22,6 +23,7 @@ logger = logging.getLogger(__name__)
 
 _START_TIMEOUT_S = 60.0  # a virtual rig may have to start; a gripper calibration takes some seconds
 _LAND_TIMEOUT_S = 60.0  # the longest way down at landing speed, and one retry
+_STOPPED_S = 2.0  # while the emergency stop is latched nothing lands; who has latched it may release it at once
 
 
 class Runner(Protocol):
@@ -67,7 +69,9 @@ class ProcessRunner:
         assert child.stdin is not None and child.stdout is not None
         child.stdin.write(json.dumps(job).encode() + b"\n")
         child.stdin.close()
-        if not select.select([child.stdout], [], [], _START_TIMEOUT_S)[0]:
+        answered = select.poll()  # which takes descriptors above 1023, too
+        answered.register(child.stdout, select.POLLIN)
+        if not answered.poll(_START_TIMEOUT_S * 1e3):
             raise YamError(f"the control process did not come up within {_START_TIMEOUT_S:.0f} s")
         line = child.stdout.readline()
         if not line:
@@ -110,6 +114,7 @@ class ThreadRunner:
                 keys,
                 self._tell,
                 lambda: self._land.is_set() or not main.is_alive(),
+                os.getpid(),
                 realtime=False,
             )
         except BaseException as error:
@@ -137,12 +142,22 @@ class ThreadRunner:
 
 
 def wait_patiently(done: Callable[[], bool]) -> bool:
-    """Wait for a landing. Ctrl-C is answered with a word: the loop lands on its own, hurrying would drop an arm."""
-    deadline = time.monotonic() + _LAND_TIMEOUT_S
+    """Wait for a landing, but not for the release of an emergency stop.
+
+    Ctrl-C is answered with a word: the loop lands on its own, hurrying would drop an arm.
+    """
+    begin, stop = time.monotonic(), EmergencyStop()
     while True:
         try:
             while not done():
-                if time.monotonic() > deadline:
+                waited_s = time.monotonic() - begin
+                if waited_s > _STOPPED_S and stop.latched:
+                    logger.error(
+                        "the emergency stop is latched: the arms stay in the air, held or floating, and their control "
+                        "loop lands them when it is released; clear their way, then `yam-estop release`"
+                    )
+                    return False
+                if waited_s > _LAND_TIMEOUT_S:
                     logger.error("the arms are not down yet; their control loop goes on holding and landing by itself")
                     return False
                 time.sleep(0.01)

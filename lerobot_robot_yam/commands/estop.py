@@ -1,4 +1,5 @@
-"""yam-estop            latch the emergency stop: followers hold, leaders float, nothing is energised
+"""yam-estop            latch the emergency stop: followers hold and leaders float, BOTH STILL ENERGISED; no
+                     other arm is energised
 yam-estop release    let arms move again, each from where it is, with its next target; LANDS at once those whose session
                      has ended meanwhile
 yam-estop status     say whether it is latched, by whom and why; exit status 1 if it is
@@ -23,7 +24,7 @@ from lerobot_robot_yam.runtime import ENV_RUNTIME_DIR, runtime_dir, runtime_dirs
 _UNHEARD = (
     "NO SESSION RUNS HERE THAT HEARS IT: if an arm moves, use the hardware's emergency stop. It is driven by another "
     f'user (sudo "$(which yam-estop)"), in a container, with another {ENV_RUNTIME_DIR}, or by other software. '
-    "Latched all the same: no session energises anything\n"
+    "Latched all the same: no session starts\n"
 )
 _NOT = {"latch": "NOT STOPPED", "release": "NOT RELEASED", "status": "NOT KNOWN"}
 

@@ -60,7 +60,7 @@ def check_host(sysfs: Path, section: Section) -> None:
         section.note(where, what, "sudo cpupower frequency-set -g performance")
     stop = EmergencyStop()
     if stop.latched:
-        what = f"the emergency stop is latched ({stop.reason()}): nothing is energised"
+        what = f"the emergency stop is latched ({stop.reason()}): no session starts, arms that were driven still are"
         section.problem(where, what, "look at the arms, then: yam-estop release")
 
 

@@ -105,6 +105,29 @@ def test_nothing_is_energised_while_it_is_latched(rig, stop):
     session.stop()
 
 
+def test_who_ends_a_session_is_told_what_lands_the_arms_and_nobody_is_told_to_end_what_holds_them(stop, caplog):
+    with running_rig(arms=["follower_left"]) as live:
+
+        def enabled():
+            return any(motor["enabled"] for motor in live.state()["arms"]["follower_left"]["motors"].values())
+
+        session = session_on(live, sim_config(live, "follower_left"))
+        session.start()
+        stop.latch("a test")
+        begin = time.monotonic()
+        session.stop()
+        assert time.monotonic() - begin < 10.0 and enabled()
+        assert "`yam-estop release`" in caplog.text
+        with pytest.raises(EmergencyStopError, match="a test.*yam-estop release"):
+            session_on(live, sim_config(live, "follower_left")).start()
+        assert enabled()
+        stop.release()
+        deadline = time.monotonic() + 20.0
+        while enabled():
+            assert time.monotonic() < deadline, "not landed"
+            time.sleep(0.1)
+
+
 def test_a_stop_while_the_arms_come_up_ends_the_start_and_they_land_when_it_is_released(stop):
     with running_rig(arms=["follower_left"]) as live:
         session = session_on(live, sim_config(live, "follower_left", gripper_stops_rad=None))  # to be sought: seconds
