@@ -17,14 +17,15 @@ class ControllerBlocks:
     Args:
         controller: the arm.
         key: name of the channel's blocks.
+        caller_pid: whose commands they take.
         adopt: the last state of a loop that has died: its block is carried on, readers notice nothing.
     """
 
-    def __init__(self, controller: ArmController, key: str, adopt: np.ndarray | None = None):
+    def __init__(self, controller: ArmController, key: str, caller_pid: int, adopt: np.ndarray | None = None):
         self._controller = controller
         self._commands: SharedBlock | None = None
         try:
-            self._commands = SharedBlock(command_path(key), COMMAND_DTYPE, create=False)
+            self._commands = SharedBlock(command_path(key, caller_pid), COMMAND_DTYPE, create=False)
         except FileNotFoundError:
             if adopt is None:
                 raise

@@ -19,8 +19,10 @@ def _workspace_guard(controllers: Sequence[ArmController]) -> WorkspaceGuard | N
     )
 
 
-def build(configs: Sequence[ArmConfig], keys: Sequence[str], buses: Sequence) -> ControlLoop:
+def build(configs: Sequence[ArmConfig], keys: Sequence[str], buses: Sequence, caller_pid: int) -> ControlLoop:
     """Controllers on open buses, inspected: everything that can be refused without torque is refused here.
+
+    They take the commands of process `caller_pid`.
 
     Raises:
         YamError: names the part that is not as configured.
@@ -31,7 +33,7 @@ def build(configs: Sequence[ArmConfig], keys: Sequence[str], buses: Sequence) ->
     blocks: list[ControllerBlocks] = []
     try:
         for controller, key in zip(controllers, keys, strict=True):
-            blocks.append(ControllerBlocks(controller, key))
+            blocks.append(ControllerBlocks(controller, key, caller_pid))
         return ControlLoop(controllers, blocks, configs[0].rate_hz, _workspace_guard(controllers))
     except BaseException:
         for made in blocks:

@@ -1,6 +1,7 @@
 """What a caller tells the control loop: targets and requests, written into a command block."""
 
 import math
+import os
 import threading
 from collections.abc import Mapping, Sequence
 
@@ -18,7 +19,7 @@ class CommandWriter:
 
     def __init__(self, key: str):
         self._lock = threading.Lock()
-        self._block = SharedBlock(command_path(key), COMMAND_DTYPE, create=True)
+        self._block = SharedBlock(command_path(key, os.getpid()), COMMAND_DTYPE, create=True)
         self._stamp_s, self._number, self._target = 0.0, 0, _UNSET
         self._options = [_UNSET] * len(_GRIPPER_OPTIONS)
         self._asked, self._requests = Request.NONE, 0

@@ -1,6 +1,7 @@
 """A control loop that its caller ticks, for arms in a world that is simulated in lock-step."""
 
 import logging
+import os
 from collections.abc import Iterator
 
 import can
@@ -57,7 +58,7 @@ class StepRunner:
             for config in self._configs:
                 self._buses.append(open_bus(config))
             self._world = clock_of(self._buses[0])
-            self._loop = build(self._configs, self._keys, self._buses)
+            self._loop = build(self._configs, self._keys, self._buses, os.getpid())
             self._loop.start()
             ready: list[str] = []
             self._ticks = self._loop.ticks(ready.append, lambda: self._landing)

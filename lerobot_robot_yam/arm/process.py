@@ -18,9 +18,11 @@ from collections.abc import Callable
 import can
 
 from lerobot_robot_yam.arm import stand_by
+from lerobot_robot_yam.arm.bring_up import refuse_stopped
 from lerobot_robot_yam.arm.build import build
 from lerobot_robot_yam.arm.bus import open_bus
 from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.loop import ControlLoop
 from lerobot_robot_yam.arm.process_end import ProcessEnd
 from lerobot_robot_yam.arm.state import lock_path
@@ -40,6 +42,7 @@ def control(
     keys: list[str],
     on_ready: Callable[[str], None],
     must_land: Callable[[], bool],
+    caller_pid: int,
     realtime: bool,
 ) -> None:
     """Lock, open, inspect, energise, run, land, release: the whole life of a robot's arms.
@@ -51,13 +54,14 @@ def control(
     buses: list[can.BusABC] = []
     loop: ControlLoop | None = None
     try:
+        refuse_stopped(configs[0].name, EmergencyStop())  # else who still holds the arms would be told to be ended
         for config, key in zip(configs, keys, strict=True):
             lock = FileLock(lock_path(key), f"CAN channel {config.channel}")
             lock.acquire()
             locks.append(lock)
         for config in configs:
             buses.append(open_bus(config))
-        loop = build(configs, keys, buses)
+        loop = build(configs, keys, buses, caller_pid)
         if realtime:
             logger.info("control loop of %s: %s", ", ".join(c.name for c in configs), request_realtime(RT_PRIORITY))
             gc.disable()
@@ -96,7 +100,7 @@ def main() -> int:
     except FileNotFoundError:
         return 1  # nothing has been energised
     configs, keys = [ArmConfig(**arm) for arm in job["arms"]], job["keys"]
-    stand_by_pid = stand_by.spawn(configs, keys, RT_PRIORITY)
+    stand_by_pid = stand_by.spawn(configs, keys, parent, RT_PRIORITY)
 
     orphaned = False
 
@@ -139,7 +143,7 @@ def main() -> int:
 
     with log_from_a_thread():
         try:
-            control(configs, keys, tell, must_land, realtime=True)
+            control(configs, keys, tell, must_land, parent, realtime=True)
         except YamError as error:
             answer(error=str(error), kind=type(error).__name__)
             return 1

@@ -46,6 +46,10 @@ class ArmSession:
         channels = [(config.interface, config.channel) for config in configs]
         if not configs or len(set(names)) < len(names) or len(set(channels)) < len(channels):
             raise ConfigError(f"arms of one robot need different names and channels, got {names} on {channels}")
+        for field in ("calibration_path", "identity_path"):
+            paths = [path for config in configs if (path := getattr(config, field)) is not None]
+            if len(set(paths)) < len(paths):
+                raise ConfigError(f"{', '.join(names)}: each arm needs a {field} of its own, not all {paths[0]}")
         if len({config.rate_hz for config in configs}) > 1:
             raise ConfigError("arms of one robot tick together: give them the same rate_hz")
         self._isolation = isolation
@@ -107,11 +111,10 @@ class ArmSession:
             for config in self._configs
         ]
         runner = self._new_runner(configs)
-        ports = {
-            config.name: ArmPort(config, self._hardware[config.name], key, runner.clock)
-            for config, key in zip(self._configs, self._keys, strict=True)
-        }
+        ports: dict[str, ArmPort] = {}
         try:
+            for config, key in zip(self._configs, self._keys, strict=True):
+                ports[config.name] = ArmPort(config, self._hardware[config.name], key, runner.clock)
             runner.start()
             for port in ports.values():
                 port.attach()

@@ -42,8 +42,11 @@ _CLEARED_MS = 5000  # what the kernel takes at most to free the locks of the dea
 _HUNG_LOOKS = round(HUNG_S / _LOOK_S)  # looks in a row, not time: a machine that stood still has not looked
 
 
-def spawn(configs: Sequence[ArmConfig], keys: Sequence[str], rt_priority: int) -> int:
-    """Fork the stand-by of this process, which must not have opened anything yet. Returns its pid."""
+def spawn(configs: Sequence[ArmConfig], keys: Sequence[str], caller_pid: int, rt_priority: int) -> int:
+    """Fork the stand-by of this process, which must not have opened anything yet. Returns its pid.
+
+    `caller_pid` is the process that started this one.
+    """
     control_pid = os.getpid()
     pid = os.fork()
     if pid:
@@ -57,7 +60,7 @@ def spawn(configs: Sequence[ArmConfig], keys: Sequence[str], rt_priority: int) -
         for name in (signal.SIGINT, signal.SIGHUP, signal.SIGPIPE, signal.SIGTERM):
             signal.signal(name, signal.SIG_IGN)
         with log_from_a_thread():
-            StandBy(configs, keys, control_pid).run(rt_priority)
+            StandBy(configs, keys, caller_pid, control_pid).run(rt_priority)
         status = 0
     except BaseException:
         logger.exception("stand-by failed")
@@ -71,10 +74,12 @@ class StandBy:
 
     Args:
         configs, keys: its arms and the names of their blocks.
+        caller_pid: who gave it commands.
         control_pid: its process.
     """
 
-    def __init__(self, configs: Sequence[ArmConfig], keys: Sequence[str], control_pid: int):
+    def __init__(self, configs: Sequence[ArmConfig], keys: Sequence[str], caller_pid: int, control_pid: int):
+        self._caller_pid = caller_pid
         self._configs, self._keys, self._pid = configs, keys, control_pid
         self._process = os.pidfd_open(control_pid)
         self._end = ProcessEnd(control_pid)
@@ -138,7 +143,7 @@ class StandBy:
                 buses.append(bus)
                 controller = ArmController(config, bus, self._hardware[index], self._gravity[index])
                 controller.adopt(record, time.monotonic())
-                blocks.append(ControllerBlocks(controller, key, adopt=record))
+                blocks.append(ControllerBlocks(controller, key, self._caller_pid, adopt=record))
                 controllers.append(controller)
             except Exception as error:  # the other arm can still be landed
                 logger.critical("%s cannot be taken over: %s", config.name, error)

@@ -206,7 +206,7 @@ def test_killed_after_its_files_were_removed(rig):
     try:
         stretch(session, 1.5, channel)
         since, key = last_event(rig), channel_key("yam_sim", channel, rig.name)
-        for path in (state_path(key), command_path(key), lock_path(key)):
+        for path in (state_path(key), command_path(key, os.getpid()), lock_path(key)):
             path.unlink()
         time.sleep(0.3)
         session[channel].observe()  # and nothing has happened yet

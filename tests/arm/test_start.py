@@ -1,6 +1,7 @@
 """The start of two arms: both get torque, or none; whatever comes between."""
 
 import contextlib
+import os
 
 import pytest
 
@@ -30,7 +31,7 @@ def loop(rig):
             rest.callback(ArmPort(config, Hardware(config), key).close)
             buses.append(open_bus(config))
             rest.callback(buses[-1].shutdown)
-        loop = build(configs, keys, buses)
+        loop = build(configs, keys, buses, os.getpid())
         rest.callback(loop.close)
         yield loop
 
