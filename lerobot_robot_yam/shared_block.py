@@ -75,11 +75,11 @@ class SharedBlock:
 
     def write_bytes(self, payload: bytes) -> None:
         """Publish one record, given as the bytes of `dtype`. Only the creator may call this."""
-        sequence = self._sequence[0]
-        self._sequence[0] = sequence + 1
+        writing = self._sequence[0] | 1  # odd already where a signal has broken off the last one
+        self._sequence[0] = writing
         self._map[_HEADER.size :] = payload
         _CRC.pack_into(self._map, _CRC_AT, zlib.crc32(payload))
-        self._sequence[0] = sequence + 2
+        self._sequence[0] = writing + 1
 
     def sequence(self) -> int:
         """Number of the newest record; even, 0 before the first, odd while one is being written."""

@@ -80,6 +80,15 @@ def test_a_writer_that_died_in_the_middle_is_said_and_not_waited_for_for_ever(tm
         reader.read()
 
 
+def test_a_write_that_was_broken_off_does_not_hide_the_next_ones(tmp_path):
+    writer = SharedBlock(tmp_path / "block", DTYPE, create=True)
+    reader = SharedBlock(tmp_path / "block", DTYPE, create=False)
+    writer.write(record(1))
+    writer._sequence[0] += 1  # as a signal's exception leaves it
+    writer.write(record(2))
+    assert reader.glance()["counter"] == 2
+
+
 def test_a_glance_never_waits(tmp_path):
     writer = SharedBlock(tmp_path / "block", DTYPE, create=True)
     reader = SharedBlock(tmp_path / "block", DTYPE, create=False)
