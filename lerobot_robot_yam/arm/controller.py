@@ -336,7 +336,11 @@ class ArmController(ArmBody):
         self.limited &= ~Limited.EMERGENCY_STOP
         self._seed_joints()
         if self.gripper is not None and self.gripper.stops is None and not self._must_land:
-            self.gripper.begin()
+            try:
+                self.gripper.begin()
+            except YamError as error:
+                self._suffer(Trouble.GRIPPER, str(error), now)
+                return
             self._enter(Mode.BRING_UP)
             return
         floats = self._floats and not (self._must_land or self._halted)

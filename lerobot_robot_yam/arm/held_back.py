@@ -10,7 +10,7 @@ logger = logging.getLogger(__name__)
 
 _FAR_RAD, _NEAR_RAD = 0.3, 0.1  # between target and set-point: held back by the speed limit, and no longer
 _PRESSES = 0.5  # of the torque limit, and
-_BEHIND_RAD = 0.1  # far more than an arm lags with, at any speed and with any load that it may carry
+BEHIND_RAD = 0.1  # far more than an arm lags with, at any speed and with any load that it may carry
 _PRESSED_S = 1.0
 
 
@@ -39,7 +39,7 @@ class HeldBack:
 
     def by_obstacle(self, now: float, gap_rad: np.ndarray, kp: np.ndarray, limit_nm: np.ndarray) -> None:
         """Whether joints (joints,) have been far behind their set-points for a while: something is in their way."""
-        presses = np.abs(gap_rad) > np.maximum(_BEHIND_RAD, _PRESSES * limit_nm / np.maximum(kp, 1e-9))
+        presses = np.abs(gap_rad) > np.maximum(BEHIND_RAD, _PRESSES * limit_nm / np.maximum(kp, 1e-9))
         self._since_s = np.where(presses, np.minimum(self._since_s, now), math.inf)
         self._told &= presses
         for joint in np.flatnonzero(~self._told & (now - self._since_s > _PRESSED_S)):

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.held_back import BEHIND_RAD
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.safety import finite_vector
 from lerobot_robot_yam.arm.session import ArmSession, Isolation
@@ -129,7 +130,7 @@ class YamArm:
         first_grip = state.gripper_setpoint
         way_s = float(np.abs(goal - start).max(initial=0.0)) / speed_rad_s
         if gripper is not None and first_grip is not None:
-            way_s = max(way_s, abs(gripper - first_grip) / self.config.gripper_speed_limit)
+            way_s = max(way_s, abs(gripper - first_grip) / port.hardware.speed_limit[-1])
         reach_s = max(math.pi / 2 * way_s, 0.2)
         clock = self.clock
         begin = clock.now()
@@ -145,11 +146,14 @@ class YamArm:
             behind = np.abs(state.setpoint_q - asked)
             if asked_grip is not None and state.gripper_setpoint is not None:
                 behind = np.append(behind, abs(state.gripper_setpoint - asked_grip))
-            if elapsed >= reach_s and bool(behind.max(initial=0.0) < 1e-3):
+            short = np.abs(state.q - goal)
+            arrived = bool(behind.max(initial=0.0) < 1e-3 and short.max(initial=0.0) < BEHIND_RAD)
+            if elapsed >= reach_s and arrived:
                 return state
             if elapsed > reach_s + _SETTLE_TIMEOUT_S:
-                name = self._session.hardware(self.config.name).motors[int(behind.argmax())].name
-                raise LifeCycleError(f"{self.config.name}: pose not reached, {name} is held back")
+                worst = short if short.max(initial=0.0) >= BEHIND_RAD else behind
+                name = self._session.hardware(self.config.name).motors[int(worst.argmax())].name
+                raise LifeCycleError(f"{self.config.name}: pose not reached, {name} is obstructed or held back")
             clock.sleep(_STREAM_S)
 
     def hold(self) -> None:
