@@ -35,7 +35,7 @@ class ArmConfig:
         payload_mass_kg, payload_com_m: a load fixed to the tool, centre in the frame of `tcp_site`.
         ee_inertia: replaces the end effector's inertia: centre (3, m), quaternion w x y z (4), moments (3, kg m²).
         speed_limit_rad_s: six (or one) limits on the set-point's speed.
-        gripper_speed_limit: full strokes per second.
+        gripper_speed_limit: strokes per second; None: the profile's.
         torque_limit_nm: six clips on the commanded torque.
         max_relative_target: largest distance of a target from the measured position, rad (None: no such limit).
         gripper_stops_rad: motor angles [closed, open]; None: stored ones, else calibrated at start.
@@ -72,7 +72,7 @@ class ArmConfig:
     payload_com_m: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     ee_inertia: list[float] | None = None
     speed_limit_rad_s: list[float] | float | None = None
-    gripper_speed_limit: float = 2.5
+    gripper_speed_limit: float | None = None
     torque_limit_nm: list[float] | None = None
     max_relative_target: float | None = None
     gripper_stops_rad: list[float] | None = None

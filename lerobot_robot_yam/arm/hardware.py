@@ -33,7 +33,11 @@ class Hardware:
         if config.speed_limit_rad_s is not None:
             limit = config.speed_limit_rad_s
             overrides["speed_limit_rad_s"] = [limit] * 6 if isinstance(limit, int | float) else limit
-        gripper_motor = {"kp": config.gripper_kp, "kd": config.gripper_kd}
+        gripper_motor = {
+            "kp": config.gripper_kp,
+            "kd": config.gripper_kd,
+            "speed_limit_per_s": config.gripper_speed_limit,
+        }
         gripper_motor = {key: value for key, value in gripper_motor.items() if value is not None}
         try:
             self.arm: ArmProfile = load_arm(config.arm, overrides)
@@ -42,6 +46,11 @@ class Hardware:
                 self.gripper = load_gripper(config.gripper, {"motor": gripper_motor})
         except ConfigError as error:
             raise ConfigError(f"{config.name}: {error}") from error
+        if config.estop_button is not None and not self.gripper.handle_encoder:
+            raise ConfigError(
+                f"{config.name}: estop_button is a button of the teaching handle, and {self.gripper.name} has none; "
+                "set it on a leader with a handle"
+            )
         motor = self.gripper.motor
         self.joints = self.arm.joint_count
         self.n = self.joints + (motor is not None)
@@ -57,6 +66,7 @@ class Hardware:
             list(joint.idle_kd),
             list(joint.torque_limit_nm),
         )
+        speed = list(joint.speed_limit_rad_s)
         lower, upper = list(joint.joint_limits_rad[:, 0]), list(joint.joint_limits_rad[:, 1])
         if motor is not None:
             self.motors.append(MotorSpec(motor.name, motor.can_id, motor.type))
@@ -65,6 +75,7 @@ class Hardware:
             kd.append(motor.kd)
             idle_kd.append(motor.idle_kd)
             torque.append(motor.torque_limit_nm)
+            speed.append(motor.speed_limit_per_s)
             lower.append(0.0)
             upper.append(1.0)
         check_specs(self.motors, config.name)
@@ -74,7 +85,7 @@ class Hardware:
         self.lower, self.upper = np.array(lower), np.array(upper)
         coulomb = config.coulomb_friction_nm
         self.coulomb_nm = np.zeros(self.joints) if coulomb is None else np.array(coulomb[: self.joints], dtype=float)
-        self.speed_limit = np.append(joint.speed_limit_rad_s, [config.gripper_speed_limit] if motor is not None else [])
+        self.speed_limit = np.array(speed)
         self.rest_q = joint.rest_q(self.gripper.name) if self.joints else np.zeros(0)
         x, y, z = config.payload_com_m
         self.load = Load(

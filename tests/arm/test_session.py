@@ -176,6 +176,22 @@ def test_targets_beyond_the_joint_limits_are_clamped_and_said(rig_arm, caplog):
     rig_arm.hold()
 
 
+def test_a_pose_that_the_arm_cannot_take_is_not_said_to_be_reached(rig_arm):
+    with pytest.raises(LifeCycleError, match="not reached, joint_2"):
+        rig_arm.move_to([0, -0.5, 1.0, 0, 0, 0])
+    rig_arm.hold()
+
+
+@pytest.mark.parametrize("field", ["calibration_path", "identity_path"])
+def test_each_arm_has_files_of_its_own(rig, field, tmp_path):
+    arms = [
+        dataclasses.replace(arm_config(rig, c), **{field: str(tmp_path / "x")})
+        for c in ("follower_left", "follower_right")
+    ]
+    with pytest.raises(ConfigError, match=f"each arm needs a {field} of its own"):
+        ArmSession(arms)
+
+
 def test_the_channel_lock_names_the_holder(rig_arm):
     with pytest.raises(ChannelInUseError, match=r"follower_left is in use by process \d+"):
         ArmSession([rig_arm.config]).start()
@@ -233,6 +249,7 @@ def bad_motor_keeps_both_arms_limp(rig, isolation, kind):
         ({"rate_hz": 900}, ConfigError, "at most 500 Hz"),
         ({"kp": [1.0]}, ConfigError, "kp takes six numbers"),
         ({"speed_limit_rad_s": 0.0}, ConfigError, "above zero"),
+        ({"estop_button": "top"}, ConfigError, "estop_button.*linear_4310 has none"),
     ],
 )
 def test_what_does_not_exist_is_refused_by_name(rig, isolation, change, error, message):

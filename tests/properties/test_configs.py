@@ -172,6 +172,6 @@ def test_any_fields_make_an_arm_or_are_refused(values):
     assert (hardware.kp >= 0).all() and (hardware.speed_limit > 0).all() and (hardware.lower < hardware.upper).all()
     assert len({motor.can_id for motor in hardware.motors}) == n
     assert 0.0 <= config.rate_hz <= 1000.0
-    for limit in (config.command_timeout_s, config.max_state_age_s, config.gripper_speed_limit):
+    for limit in (config.command_timeout_s, config.max_state_age_s):
         assert math.isfinite(limit) and limit > 0.0
     assert config.max_relative_target is None or config.max_relative_target > 0.0

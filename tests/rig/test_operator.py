@@ -107,8 +107,15 @@ def test_a_prop_out_of_reach_is_put_back(task, world):
     assert task.step()
 
 
-@pytest.mark.parametrize("after_s", [pytest.param(0.8, marks=pytest.mark.long), 2.5])
-def test_a_follower_that_stops_following_is_waited_for(task, world, after_s):
+@pytest.mark.parametrize(
+    "after_s, first",
+    [
+        pytest.param(0.8, ["transfer", "transfer"], marks=pytest.mark.long),
+        (2.5, ["drop", "transfer"]),  # while the fingers close: at rest half closed, they seem to hold something
+        (2.9, ["transfer", "transfer"]),
+    ],
+)
+def test_a_follower_that_stops_following_is_waited_for(task, world, after_s, first):
     """As between two episodes, when nobody passes the leader's pose on."""
     started = world.now()
 
@@ -119,7 +126,7 @@ def test_a_follower_that_stops_following_is_waited_for(task, world, after_s):
     for _ in range(4):
         task.step()
     world.wait(0.3)
-    assert kinds(world)[:2] == ["transfer", "transfer"]
+    assert kinds(world)[:2] == first
     assert "fall" not in kinds(world)
 
 
