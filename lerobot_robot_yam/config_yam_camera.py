@@ -14,8 +14,9 @@ class YamSimCameraConfig(CameraConfig):
     Attributes:
         camera: its name in the scene (`top`, `wrist_left`, `wrist_right` in the default one).
         fps, width, height: of the images; software rendering manages three such cameras on two cores.
-        rig: which rig: "auto" is that of this process, unless the variable YAM_RIG names another.
-        scene, rig_options: of a rig that this camera has to start because nobody else has.
+        rig: which rig: "auto" is that of the robot's arms; without any, that of this process, unless the variable
+            YAM_RIG names another.
+        scene, rig_options: of a rig that this camera has to start because nobody else has; unset, as the arms say.
     """
 
     camera: str

@@ -22,6 +22,7 @@ from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
 from lerobot_robot_yam.follower_options import FollowerOptions
 from lerobot_robot_yam.images import newest_images
 from lerobot_robot_yam.recording import recorded_name
+from lerobot_robot_yam.sim_cameras import beside_arms
 
 logger = logging.getLogger(__name__)
 
@@ -54,7 +55,7 @@ class FollowerBase(Robot):
         )
         self._models = [(side.hardware.arm, side.hardware.gripper) for side in self._arms.sides]
         self._space = make_action_space(options.action_space, self._arms, self._models)
-        self._camera_configs = dict(cameras)
+        self._camera_configs = {name: beside_arms(camera, arms.values()) for name, camera in cameras.items()}
         self.cameras = make_cameras_from_configs(self._camera_configs)
         self._last_action: dict[str, Any] = {}
         self._keys = options.state_keys()

@@ -272,6 +272,16 @@ def test_bimanual_connect_is_all_or_nothing(rig, tmp_path, right_channel, named)
     assert not any(enabled(rig, "follower_left") + enabled(rig, "follower_right"))
 
 
+def test_cameras_of_virtual_arms_look_at_the_arms_rig(tmp_path):
+    arms = {"interface": "yam_sim", "can_options": {"rig": "bench", "scene": "drawer", "seed": 3, "bitrate": 1000000}}
+    cameras = {"top": YamSimCameraConfig(camera="top"), "other": YamSimCameraConfig(camera="top", rig="elsewhere")}
+    config = YamFollowerConfig(channel="follower_left", calibration_dir=tmp_path, cameras=cameras, **arms)
+    top, other = (YamFollower(config).cameras[name].config for name in ("top", "other"))
+    assert (top.rig, top.scene, top.rig_options) == ("bench", "drawer", {"seed": 3})
+    assert (other.rig, other.scene, other.rig_options) == ("elsewhere", None, {})
+    assert cameras["top"].rig == "auto"  # what the user has given stays as it is
+
+
 @pytest.mark.alone
 def test_a_missing_camera_is_noticed_before_anything_is_energised(rig, tmp_path):
     cameras = {name: YamSimCameraConfig(camera=name, rig=rig.name, width=64, height=48) for name in ("top", "attic")}
