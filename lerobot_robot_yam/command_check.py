@@ -42,7 +42,10 @@ def check_command(device: str, keys: Sequence[str], use_degrees: bool) -> None:
         recordings.append(data)
     path = parser.get_path_arg("policy") or _option("pretrained_name_or_path")  # the latter: async inference
     if path:
-        recordings.append(of_checkpoint(path, _option("policy.pretrained_revision")))
+        learnt = of_checkpoint(path, _option("policy.pretrained_revision"))
+        if set(learnt.names) == set(keys):  # LeRobot goes by the order then, not by the names
+            check_names(device, keys, learnt, in_order=True)
+        recordings.append(learnt)
     if space is None:  # a gripper alone
         return
     is_joint = np.array([not key.endswith("gripper.pos") for key in keys])

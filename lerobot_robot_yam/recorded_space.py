@@ -17,12 +17,14 @@ from lerobot_robot_yam.recording import Recording
 logger = logging.getLogger(__name__)
 
 _NAMES = {"joint": "joint positions", "ee": "tool poses"}
+_OTHER_ROBOT = "Set the robot's type, and each arm's gripper, to those of the recording"
+_OTHER_ORDER = "Convert the recording to this robot's order; a policy is then to be trained anew"
 _FARTHEST_M = 1.5
 _METRES = tuple(f"{name}.pos" for name in TOOL_NUMBERS[:3])
 
 
 def check_names(device: str, keys: Sequence[str], data: Recording, in_order: bool) -> None:
-    """Refuse a data set whose actions are not this robot's.
+    """Refuse a data set, or what has learnt from one, whose actions are not this robot's.
 
     Args:
         device: for messages.
@@ -37,10 +39,12 @@ def check_names(device: str, keys: Sequence[str], data: Recording, in_order: boo
     if not held or held == list(keys) or (not in_order and set(held) == set(keys)):
         return
     refuse_other_space(device, keys, data.what, space_of(held))
-    differing = ", ".join(sorted(set(held) ^ set(keys))) or "their order"
+    differing, remedy = ", ".join(sorted(set(held) ^ set(keys))), _OTHER_ROBOT
+    if not differing:
+        differing, remedy = "their order", _OTHER_ORDER
     raise ConfigError(
         f"{device}: {data.what} has other actions than this robot, they differ in {differing}; nothing was energised. "
-        "Set the robot's type, and each arm's gripper, to those of the recording"
+        f"{remedy}"
     )
 
 
