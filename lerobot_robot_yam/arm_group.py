@@ -159,7 +159,7 @@ class ArmGroup:
         if differing and all(key.endswith("gripper.pos") for key in differing):
             raise ConfigError(
                 f"{both}: only one has {', '.join(differing)}; set ee_gripper of the leader's arm to the gripper that "
-                "the follower carries"
+                "the follower carries, which takes a handle, or a gripper motor, on the leader to lead it"
             )
         if differing:
             raise ConfigError(f"{both}: only one has {', '.join(differing)}; drive one arm with one, or two with two")

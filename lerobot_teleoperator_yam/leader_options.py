@@ -16,8 +16,8 @@ class LeaderArmConfig(ArmConfig):
     Attributes:
         follower_arm: profile whose joint limits the leader's action keeps, so that what LeRobot records is what the
             follower is sent; None: the same as this arm's.
-        ee_gripper: the follower's end effector. Without a motor, the action has no gripper; and its tool's pose is the
-            action where `action_space` is "ee".
+        ee_gripper: the follower's end effector. Without a motor, a handle's action has no gripper; and its tool's pose
+            is the action where `action_space` is "ee".
     """
 
     gripper: str = "yam_teaching_handle"

@@ -64,7 +64,7 @@ class LeaderBase(Teleoperator):
         self._space = make_action_space(options.action_space, self._arms, tools)
         self._release_grippers()
         self._action: dict[str, float] | None = None
-        self._follows_feedback = False
+        self._was_held = self._follows_feedback = False
 
     def _release_grippers(self) -> None:
         sides = len(self._arms.sides)
@@ -100,7 +100,7 @@ class LeaderBase(Teleoperator):
         """
         self._release_grippers()
         self._action = None
-        self._follows_feedback = False
+        self._was_held = self._follows_feedback = False
         self._arms.start(calibrate, self._space.keys, self._models)
         logger.info("%s connected", self)
 
@@ -195,12 +195,14 @@ class LeaderBase(Teleoperator):
         for side in self._arms.sides:
             self._arms[side].hold()
         self._left_by_feedback = list(self._openings)  # whoever lets go of a trigger now drops nothing
-        self._follows_feedback = True
+        self._was_held = self._follows_feedback = True
 
     @check_if_not_connected
     def disable_torque(self) -> None:
         """Float, supported against gravity; never limp. Feedback is ignored."""
-        self._follows_feedback = False
+        if not self._was_held:  # what an earlier handover has left is long past
+            self._left_by_feedback = [None] * len(self._arms.sides)
+        self._was_held = self._follows_feedback = False
         self._arms.resume_followers()
         for side in self._arms.sides:
             self._arms[side].float()

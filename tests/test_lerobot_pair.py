@@ -190,6 +190,16 @@ def test_a_trigger_takes_over_where_feedback_has_left_the_gripper(leader, shared
     assert opening(0.0) == 1.0
 
 
+def test_a_correction_without_a_handover_goes_by_the_trigger(leader, shared_rig):
+    shared_rig.trigger("leader_left", 0.0)
+    leader.enable_torque()
+    settle(leader.send_feedback, {**leader.get_action(), "left_gripper.pos": 0.4}, 0.3)
+    leader.disable_torque()
+    assert leader.get_action()["left_gripper.pos"] == 0.4
+    leader.disable_torque()  # of the next correction, with --strategy.smooth_handover=false: long after
+    assert settle(lambda _: leader.get_action(), None, 0.3)["left_gripper.pos"] == 1.0
+
+
 @pytest.mark.parametrize("led", [True, False])
 def test_a_trigger_that_is_let_go_of_while_the_leader_holds_opens_nothing(leader, shared_rig, led):
     def opening(trigger):
