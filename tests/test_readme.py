@@ -43,7 +43,7 @@ def test_the_python_of_the_readme_moves_and_lands_an_arm(tmp_path, monkeypatch, 
 def test_any_python_can_program_opens_a_channel_of_the_rig(monkeypatch):
     with running_rig(arms=["follower_left"]) as rig:
         monkeypatch.setenv("YAM_RIG", rig.name)
-        names = {"can": can}
+        names = {}
         exec(block("python", "can.Bus("), names)
         with names["bus"] as bus:
             bus.send(can.Message(arbitration_id=0x7FF, data=bytes([1, 0, 0xCC, 0, 0, 0, 0, 0]), is_extended_id=False))

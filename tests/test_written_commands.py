@@ -1,9 +1,11 @@
 """Commands that documents and configs tell readers to type: LeRobot takes them, and one finds what another has left."""
 
+import argparse
 import re
 import shlex
 import subprocess
 import sys
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import draccus
@@ -56,6 +58,34 @@ def test_lerobot_takes_what_is_written(command):
     for name in ("repo_id", "root"):
         given = [option.partition("=")[2] for option in options if option.startswith(f"--dataset.{name}=")]
         assert not given or str(getattr(dataset, name)) == given[0]
+
+
+def ours():
+    """(file, command) of each command of this package that a reader can type as it stands."""
+    for path in (ROOT / "README.md", *sorted(ROOT.glob("docs/*.md")), *sorted(ROOT.glob("configs/*/*.yaml"))):
+        text = re.sub(r"\\\n#?\s*", "", path.read_text())
+        found = re.findall(r"`(yam-[^`\n]*)`", text) + re.findall(
+            r"^#?\s*(yam-[a-z-]+(?: [^#\n]*)?)", text, re.MULTILINE
+        )
+        for command in dict.fromkeys(command.strip() for command in found):
+            if "…" not in command:
+                yield pytest.param(command, id=f"{path.name} {command[:60]}")
+
+
+@pytest.mark.parametrize("command", list(ours()))
+def test_our_programs_take_what_is_written(command, monkeypatch):
+    def only_parse(parser, arguments=None, namespace=None):
+        _, unknown = parser.parse_known_args(arguments, namespace)
+        sys.exit(f"unknown: {unknown}" if unknown else 0)
+
+    program, *arguments = shlex.split(command)
+    (entry,) = entry_points(group="console_scripts", name=program)
+    monkeypatch.setattr(argparse.ArgumentParser, "parse_args", only_parse)
+    monkeypatch.chdir(ROOT)
+    if arguments or program in ("yam-doctor", "yam-estop"):  # else it is spoken of, not to be typed
+        with pytest.raises(SystemExit) as ended:
+            entry.load()(arguments)
+        assert ended.value.code == 0
 
 
 @pytest.mark.parametrize("place", ["README.md", "configs/real/record.yaml"])

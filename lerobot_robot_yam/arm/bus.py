@@ -39,5 +39,5 @@ def open_bus(config: ArmConfig, only: Sequence[int] | None = None) -> can.BusABC
         raise BusError(
             f"{config.name}: cannot open CAN channel {config.channel!r} through interface {config.interface!r}: "
             f"{error}; is the adapter plugged in and the link up? "
-            f"(ip link set {config.channel} up type can bitrate {_BITRATE})"
+            f"(sudo ip link set {config.channel} up txqueuelen 100 type can bitrate {_BITRATE})"
         ) from error

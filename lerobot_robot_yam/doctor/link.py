@@ -173,7 +173,9 @@ def check_links(links: Sequence[Link], wanted: Sequence[str], section: Section) 
 def _check(link: Link, section: Section) -> None:
     name = link.name
     if not link.up:
-        section.problem(name, "the interface is down (arms look unpowered)", link.repair())
+        short = (link.queue_length or QUEUE_LENGTH) < QUEUE_MIN  # of which nothing is said until it is up
+        repair = link.repair(QUEUE_LENGTH if short else None)
+        section.problem(name, "the interface is down (arms look unpowered)", repair)
         return
     if link.state == "BUS-OFF":
         what = "bus-off: the controller has given up after too many errors and sends nothing"

@@ -12,7 +12,7 @@ from .desk import FOLLOWER, LEADER, LEADER_ARM, Sysfs, examine, found, replay_to
 @pytest.mark.parametrize(
     "name, what, remedy",
     [
-        ("down", "interface is down", "sudo ip link set can_follower_l up type can bitrate 1000000"),
+        ("down", "interface is down", "sudo ip link set can_follower_l up txqueuelen 100 type can bitrate 1000000"),
         ("bus_off", "bus-off", "sudo ip link set can_follower_l down && "),
         ("bitrate", "500000", "sudo ip link set can_follower_l down && "),
         ("no_buffer", "no buffer space", "up txqueuelen 100 type can bitrate 1000000"),

@@ -12,7 +12,7 @@ from .desk import RECORDED, recorded
 UP = "sudo ip link set can_follower_l up type can bitrate 1000000"
 AGAIN = f"sudo ip link set can_follower_l down && {UP}"
 PROBLEMS = {
-    "down": ("down", UP),
+    "down": ("down", UP.replace("up type", "up txqueuelen 100 type")),
     "bus_off": ("bus-off", f"{AGAIN} restart-ms 100"),
     "error_passive": ("transmit errors 128", "switch the arm's power on"),
     "bitrate": ("500000 instead of 1000000", AGAIN),
