@@ -76,7 +76,7 @@ class Channel:
         """Put a client's packet on the wire and answer it."""
         if self.cable_out or self.link.state or sender not in self.clients:
             return
-        if self.wire.free_at_s - now_s > _BACKLOG_S:
+        if self.wire.free_at_s - now_s > _BACKLOG_S + self.latency_s:
             self.overflows += 1
             return
         if self.trace is not None:

@@ -3,6 +3,7 @@
 Requests and answers are JSON objects; `control.RigControl` is the client with a method per operation.
 """
 
+import itertools
 from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
@@ -131,6 +132,8 @@ def _place(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
     if prop not in {box.name for box in device.scene.props}:
         raise ConfigError(f"no prop {prop!r}; the scene has {[box.name for box in device.scene.props]}")
     position, quat = vector(request["pos"], 3), vector(request.get("quat") or [1, 0, 0, 0], 4)
+    if not np.linalg.norm(quat) > 0.0:
+        raise ConfigError(f"{quat.tolist()} is no orientation; a quaternion is w x y z, not all zero")
     world.put(prop, position, quat)
     world.refresh()
     if prop in device.judges:
@@ -154,8 +157,12 @@ def _task_state(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
 
 @_operation
 def _set_pose(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
-    channel, q = channel_of(device, request), request.get("q")
-    device.world.set_pose(channel.name, None if q is None else vector(q, len(q)), request.get("opening"))
+    channel, q, opening = channel_of(device, request), request.get("q"), request.get("opening")
+    device.world.set_pose(
+        channel.name,
+        None if q is None else vector(q, len(q)),
+        None if opening is None else number(opening, 0.0, 1.0),
+    )
     device.world.refresh()
     device.events.add("set_pose", channel=channel.name)
     return {}
@@ -166,7 +173,7 @@ def _push(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
     name = request["body"]
     if request.get("channel"):
         name = f"{channel_of(device, request).name}/{name}"
-    device.push(body_of(device, name), vector(request["force"], 3), float(request["seconds"]))
+    device.push(body_of(device, name), vector(request["force"], 3), number(request["seconds"], 0.0))
     device.events.add("push", body=name, force=request["force"], seconds=request["seconds"])
     return {}
 
@@ -174,7 +181,7 @@ def _push(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
 @_operation
 def _trigger(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
     handle = handle_of(channel_of(device, request))
-    handle.trigger, handle.trigger_rate = float(np.clip(request["value"], 0.0, 1.0)), 0.0
+    handle.trigger, handle.trigger_rate = number(request["value"], 0.0, 1.0), 0.0
     return {}
 
 
@@ -224,9 +231,8 @@ def _trace(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
     channel = channel_of(device, request)
     if request.get("start"):
         channel.start_trace()
-    rows = list(channel.trace or ())
     start = int(request.get("since", 0))
-    return {"frames": rows[start : start + _TRACE_PER_ANSWER]}
+    return {"frames": list(itertools.islice(channel.trace or (), start, start + _TRACE_PER_ANSWER))}
 
 
 @_operation

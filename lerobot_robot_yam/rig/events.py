@@ -1,6 +1,8 @@
 """What happened on the rig, in order, with simulated times and those of its clock."""
 
+import contextlib
 import json
+import logging
 import time
 from collections import deque
 from pathlib import Path
@@ -8,6 +10,8 @@ from typing import Any, TextIO
 
 from lerobot_robot_yam.clock import Clock
 from lerobot_robot_yam.errors import ConfigError
+
+logger = logging.getLogger(__name__)
 
 _KEPT = 20_000
 
@@ -23,14 +27,14 @@ class EventLog:
         self._file: TextIO | None = None
 
     def keep(self, path: Path) -> None:
-        """Also write every event from now on to a file, one JSON object a line; the first relates the clocks.
+        """Also append every event from now on to a file, one JSON object a line; the first relates the clocks.
 
         Raises:
             ConfigError: it cannot be written.
         """
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = open(path, "w", buffering=1, encoding="utf-8")
+            self._file = open(path, "a", buffering=1, encoding="utf-8")
         except OSError as error:
             raise ConfigError(f"option event_dir: {error}; choose a folder that can be written") from error
         self.add("rig_started", unix_s=time.time())
@@ -43,12 +47,17 @@ class EventLog:
 
     def add(self, kind: str, **details: Any) -> None:
         """Log an event of `kind`; `details` must be representable in JSON."""
-        event = {"number": self._next, "sim_s": round(self.sim_s, 4), "monotonic_s": self._clock.now(), "kind": kind}
-        event |= details
+        ours = {"number": self._next, "sim_s": round(self.sim_s, 4), "monotonic_s": self._clock.now(), "kind": kind}
+        event = details | ours
         self._events.append(event)
-        if self._file is not None:
-            self._file.write(json.dumps(event, default=_plain) + "\n")
         self._next += 1
+        if self._file is not None:
+            try:
+                self._file.write(json.dumps(event, default=_plain) + "\n")
+            except OSError as error:  # recordings fill disks; the arms go on
+                logger.error("the event log is kept no longer: %s", error)
+                with contextlib.suppress(OSError):
+                    self.close()
 
     def since(self, number: int, limit: int) -> list[dict[str, Any]]:
         """At most `limit` events from `number` on."""

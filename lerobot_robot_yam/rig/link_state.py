@@ -94,7 +94,7 @@ class LinkTable:
     def close(self) -> None:
         """Show every link as up, so that clients hear of the rig's end instead, and remove the file."""
         for index in range(len(self._words)):
-            self._words[index] = LinkState.UP
+            self._words[index] &= ~((1 << _STATE_BITS) - 1)  # that is UP; of what was unplugged nobody is to hear now
         self._words.release()
         self._map.close()
         with contextlib.suppress(FileNotFoundError):

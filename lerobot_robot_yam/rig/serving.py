@@ -178,7 +178,7 @@ class RigServer:
                 reply |= self._cameras.open(client, hello)
             elif client.kind != "control":
                 raise ConfigError(f"a rig has no clients of kind {client.kind!r}")
-        except (ValueError, KeyError, TypeError, YamError) as error:
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError, YamError) as error:
             client.holds = False
             self._answer(client, error_reply(error))
             return
@@ -205,10 +205,20 @@ class RigServer:
                 return {}
             if request.get("op") == "camera_fault":
                 return self._camera_fault(request)
+            reply = commands.ask(self.device, request)
             if request.get("op") == "hand":
-                client.hands.add(request.get("channel"))
-            return commands.ask(self.device, request)
-        except (ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError, YamError) as error:
+                (client.hands.discard if request.get("release") else client.hands.add)(request["channel"])
+            return reply
+        except (
+            ValueError,
+            KeyError,
+            TypeError,
+            AttributeError,
+            IndexError,
+            ArithmeticError,
+            RuntimeError,
+            YamError,
+        ) as error:
             return error_reply(error)
 
     def _camera_fault(self, request: Mapping[str, Any]) -> dict[str, Any]:

@@ -171,8 +171,12 @@ def test_a_rig_that_cannot_start_says_why(options, text):
         can.Bus(interface="yam_sim", channel=CHANNEL, rig="test-refused", **options)
 
 
-def test_an_ended_rig_is_a_bus_error():
+@pytest.mark.parametrize("unplugged_before", [False, True])
+def test_an_ended_rig_is_a_bus_error(unplugged_before):
     with running_rig() as rig:
+        if unplugged_before:
+            rig.fault(CHANNEL, None, "adapter_gone")
+            rig.fault(CHANNEL, None, "adapter_gone", False)
         bus = can.Bus(interface="yam_sim", channel=CHANNEL, rig=rig.name)
         rig.end()
         deadline = time.monotonic() + 10

@@ -127,6 +127,19 @@ def test_a_hand_pulls_a_leader_and_lets_go_with_its_client(rig):
     assert rig.state()["arms"]["leader_right"]["trigger"] == 0.0
 
 
+def test_somebody_elses_end_opens_no_hand(rig):
+    start = rig.state()["arms"]["leader_right"]["q"]
+    with RigControl(rig.name) as visitor:
+        visitor.release("leader_right")
+        with pytest.raises(ConfigError, match="joints"):
+            visitor.hand("leader_right", [0], [[0] * 5])
+        rig.hand("leader_right", [0.0], [start])
+        clients = rig.stats()["clients"]
+    wait_until(lambda: rig.stats()["clients"] < clients)
+    assert rig.state()["arms"]["leader_right"]["held"]
+    rig.release("leader_right")
+
+
 def test_a_trace_has_every_frame_a_client_sent(rig):
     rig.trace_start("follower_right")
     with can.Bus(interface="yam_sim", channel="follower_right", rig=rig.name) as bus:
@@ -146,7 +159,11 @@ def test_a_trace_has_every_frame_a_client_sent(rig):
         (lambda rig: rig.cut_torque("can0"), "no channel 'can0'"),
         (lambda rig: rig.place("ball", (0, 0, 0)), "no prop 'ball'"),
         (lambda rig: rig.place("cube", (0, 0, float("nan"))), "finite"),
+        (lambda rig: rig.place("cube", (0, 0, 0.1), (0, 0, 0, 0)), "no orientation"),
         (lambda rig: rig.set_pose("leader_left", [0, 0]), "6 joints"),
+        (lambda rig: rig.set_pose("follower_left", opening=float("nan")), "finite"),
+        (lambda rig: rig.push("leader_left", "link2", (0, 0, 1), float("nan")), "finite"),
+        (lambda rig: rig.trigger("leader_left", float("nan")), "finite"),
         (lambda rig: rig.push("leader_left", "tail", (0, 0, 1), 1), "no body 'leader_left/tail'"),
         (lambda rig: rig.fault("leader_left", "joint_9", "silent"), "no motor 'joint_9'"),
         (lambda rig: rig.fault("leader_left", 1, "rust"), "no fault kind 'rust'"),
@@ -161,6 +178,12 @@ def test_what_cannot_be_done_is_refused_by_name(rig, call, text):
     with pytest.raises(ConfigError, match=text):
         call(rig)
     assert rig.state()["sim_s"] > 0  # and the rig lives on
+
+
+def test_a_remark_does_not_renumber_the_events(rig):
+    before = rig.events()[-1]["number"] if rig.events() else -1
+    rig.log("remark", number="3a")
+    assert rig.events()[-1]["number"] > before
 
 
 def test_a_number_beyond_any_float_does_not_end_the_rig(rig):
