@@ -107,18 +107,18 @@ class RigServer:
                 self._keep_house(now)
 
     def close(self) -> None:
-        """End the children, drop the clients, remove the rig's files."""
+        """Remove the rig's files, drop the clients, end the children: after a crash a successor may start meanwhile."""
+        self._path.unlink(missing_ok=True)
+        self._links.close()
+        rig_path(self.name, "log").unlink(missing_ok=True)
         self._listener.close()
         for client in list(self._clients.values()):
             self._drop(client)
         self._operator.close()
         self._cameras.close()
-        self._path.unlink(missing_ok=True)
-        self._links.close()
         self._block.close()
         self.device.events.close()
         self._poll.close()
-        rig_path(self.name, "log").unlink(missing_ok=True)
         self._lifetime.close()
 
     def stop(self) -> None:

@@ -118,6 +118,7 @@ class World:
         self.profiles: dict[str, tuple[ArmProfile, GripperProfile]] = {
             row.channel: (load_arm(row.arm), load_gripper(row.gripper)) for row in scene.arms
         }
+        self._addresses = {row.channel: self._look_up(row.channel) for row in scene.arms}
         for row in scene.arms:
             arm, gripper = self.profiles[row.channel]
             self.set_pose(row.channel, arm.rest_q(gripper.name) if row.q_rad is None else row.q_rad)
@@ -170,10 +171,20 @@ class World:
         self.qvel: list[float] = self.data.qvel.tolist()
         self.force: list[float] = self.data.actuator_force.tolist()
 
+    def _look_up(self, channel: str) -> tuple[list[int], list[int], list[int]]:
+        """Where an arm is in the state; by name, which takes too long for whoever holds up the replies."""
+        arm, gripper = self.profiles[channel]
+        joints = [self.model.joint(f"{channel}/joint{i + 1}") for i in range(arm.joint_count)]
+        fingers = [self.model.joint(f"{channel}/{name}") for name in gripper.finger_joints]
+        return (
+            [int(joint.qposadr[0]) for joint in joints],
+            [int(joint.dofadr[0]) for joint in joints],
+            [int(joint.qposadr[0]) for joint in fingers],
+        )
+
     def joint_addresses(self, channel: str) -> list[int]:
         """Positions of an arm's joints in qpos."""
-        arm, _ = self.profiles[channel]
-        return [int(self.model.joint(f"{channel}/joint{i + 1}").qposadr[0]) for i in range(arm.joint_count)]
+        return self._addresses[channel][0]
 
     def bodies(self, of: str = "") -> dict[str, list[float]]:
         """Position of each body whose name begins so, (3,) m."""
@@ -182,13 +193,11 @@ class World:
 
     def finger_addresses(self, channel: str) -> list[int]:
         """Positions of the fingers' joints in qpos."""
-        _, gripper = self.profiles[channel]
-        return [int(self.model.joint(f"{channel}/{name}").qposadr[0]) for name in gripper.finger_joints]
+        return self._addresses[channel][2]
 
     def joint_dofs(self, channel: str) -> list[int]:
         """Positions of an arm's joints in qvel."""
-        arm, _ = self.profiles[channel]
-        return [int(self.model.joint(f"{channel}/joint{i + 1}").dofadr[0]) for i in range(arm.joint_count)]
+        return self._addresses[channel][1]
 
     def opening(self, channel: str) -> float | None:
         """Gripper opening, 0 closed … 1 open; None without fingers."""
