@@ -215,7 +215,7 @@ POLICY: dict[Trouble, Rule] = {
         "its process is gone (exception, signal, kill -9)", Response.LAND, Response.LAND, "—", PARENT_S, _RECONNECT
     ),
     Trouble.CAMERA_DEAD: Rule(
-        "a camera is gone, or its image older than 0.8 s while the machine has time for us",
+        "a camera is gone; its image is older than 0.8 s while the machine has time for us, or for 3 s than 0.5 s",
         Response.HOLD_UNTIL_TARGET,
         Response.HOLD_UNTIL_TARGET,
         "StaleStateError that names the camera; arms hold, and land when the caller disconnects",
