@@ -5,10 +5,25 @@ import os
 import numpy as np
 
 from lerobot_robot_yam.arm.controller import ArmController
+from lerobot_robot_yam.arm.gripper import GripperStops
 from lerobot_robot_yam.arm.lifecycle import Mode
+from lerobot_robot_yam.arm.policy import Trouble
 from lerobot_robot_yam.arm.state import COMMAND_DTYPE, OWNER_AT, STATE_DTYPE, Request, command_path, state_path
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.shared_block import SharedBlock
+
+_PER_MOTOR = (
+    "q",
+    "dq",
+    "tau",
+    "setpoint",
+    "motor_stamp_s",
+    "temp_mos_c",
+    "temp_rotor_c",
+    "fault",
+    "lost",
+    "offset_rad",
+)
 
 
 class ControllerBlocks:
@@ -43,7 +58,10 @@ class ControllerBlocks:
         self._seen = 0
         self._ended = False
         self.published_mode = Mode.OFFLINE
-        self._slots = controller.hardware.slots
+        self._slots = slots = controller.hardware.slots
+        motors = slice(slots[0], slots[-1] + 1)  # an arm's follow each other, and views of them are written quickest
+        self._per_motor = {field: self._record[field][motors] for field in _PER_MOTOR}
+        self._seldom: tuple | None = None  # as published last, of what seldom changes
 
     def take(self, now: float) -> None:
         """Give the controller what the caller has written since the last tick."""
@@ -81,33 +99,39 @@ class ControllerBlocks:
         """
         if self._ended:
             return
-        c, record, slots = self._controller, self._record, self._slots
+        c, record, per_motor = self._controller, self._record, self._per_motor
         chain, drive = c.chain, c.drive
         record["stamp_s"] = now
         record["tick"] = self._first_tick + tick
         record["mode"] = c.mode if mode is None else mode
         record["limited"] = c.limited
-        record["q"][slots] = drive.q
-        record["dq"][slots] = drive.dq
-        record["tau"][slots] = drive.tau
-        record["setpoint"][slots] = c.setpoint.q
+        per_motor["q"][:] = drive.q
+        per_motor["dq"][:] = drive.dq
+        per_motor["tau"][:] = drive.tau
+        per_motor["setpoint"][:] = c.setpoint.q
         record["own_gains"] = c.motion.own_gains
-        record["motor_stamp_s"][slots] = chain.stamp_s
-        record["temp_mos_c"][slots] = chain.temp_mos_c
-        record["temp_rotor_c"][slots] = chain.temp_rotor_c
-        record["fault"][slots] = chain.fault
-        record["lost"][slots] = chain.lost
+        per_motor["motor_stamp_s"][:] = chain.stamp_s
+        per_motor["temp_mos_c"][:] = chain.temp_mos_c
+        per_motor["temp_rotor_c"][:] = chain.temp_rotor_c
+        per_motor["fault"][:] = chain.fault
+        per_motor["lost"][:] = chain.lost
         self._ended = c.mode is Mode.OFF
         self.published_mode = c.mode
         if not self._ended:  # the handle of an arm that is off is not asked any more
             record["trigger"], record["buttons"], record["handle_stamp_s"] = c.handle
-        record["offset_rad"][slots] = drive.offset_rad
-        stops = None if c.gripper is None else c.gripper.stops
-        record["gripper_stops_rad"] = np.nan if stops is None else (stops.closed_rad, stops.open_rad)
+        per_motor["offset_rad"][:] = drive.offset_rad
         record["gripper_blocked"] = c.gripper is not None and c.gripper.stalled
-        record["trouble"] = (c.trouble or "").encode()
-        record["message"] = c.message.encode()[:400]
+        self._note_seldom(None if c.gripper is None else c.gripper.stops, c.trouble, c.message)
         self._states.write(record)
+
+    def _note_seldom(self, stops: GripperStops | None, trouble: Trouble | None, message: str) -> None:
+        """Put into the record what hardly ever changes; texts take longest."""
+        seldom = (stops, trouble, message)
+        if seldom != self._seldom:
+            self._record["gripper_stops_rad"] = np.nan if stops is None else (stops.closed_rad, stops.open_rad)
+            self._record["trouble"] = (trouble or "").encode()
+            self._record["message"] = message.encode()[:400]
+            self._seldom = seldom
 
     @property
     def owned(self) -> bool:
