@@ -21,6 +21,7 @@ class HeldBack:
         self._arm, self._joints = arm, joints
         self._since_s: np.ndarray = np.full(len(joints), math.inf)  # pressing
         self._told = np.zeros(len(joints), dtype=bool)
+        self._pressing = False  # any of them, when asked last
         self._by_speed = self._by_workspace = False
 
     def by_speed(self, gap_rad: float) -> bool:
@@ -39,8 +40,11 @@ class HeldBack:
 
     def by_obstacle(self, now: float, gap_rad: np.ndarray, kp: np.ndarray, limit_nm: np.ndarray) -> None:
         """Whether joints (joints,) have been far behind their set-points for a while: something is in their way."""
+        if not self._pressing and max(map(abs, gap_rad.tolist()), default=0.0) <= BEHIND_RAD:  # nearly always
+            return
         presses = np.abs(gap_rad) > np.maximum(BEHIND_RAD, _PRESSES * limit_nm / np.maximum(kp, 1e-9))
         self._since_s = np.where(presses, np.minimum(self._since_s, now), math.inf)
+        self._pressing = bool(presses.any())
         self._told &= presses
         for joint in np.flatnonzero(~self._told & (now - self._since_s > _PRESSED_S)):
             self._told[joint] = True
