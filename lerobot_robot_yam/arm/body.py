@@ -19,6 +19,7 @@ from lerobot_robot_yam.arm.motion import Motion
 from lerobot_robot_yam.arm.policy import SILENT_S, Trouble
 from lerobot_robot_yam.arm.setpoint import SetPoint
 from lerobot_robot_yam.arm.state import Limited
+from lerobot_robot_yam.arm.watch import Finding
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import BusError, ChannelInUseError, MotorError
@@ -66,7 +67,8 @@ class ArmBody:
         self.message = ""
         self.limited = Limited.NOTHING
         self.motion = Motion(hw, gravity or gravity_model(hw), self.gripper, config.hold_integral)
-        self._usable = np.ones(hw.n, dtype=bool)
+        self._bad = np.zeros(hw.n, dtype=bool)  # motors that cannot be relied on
+        self._usable, self._all_usable = ~self._bad, True
         self._floats = config.start == "float"
         self._landing: Landing | None = None
         self._unreachable_since: float | None = None
@@ -88,7 +90,15 @@ class ArmBody:
     @property
     def here(self) -> np.ndarray:
         """(n,) as `q`, but a joint whose motor is not heard, and may obey all the same, is where it was sent."""
-        return self.q if self._usable.all() else np.where(self._unheard(), self.setpoint.q, self.q)
+        return self.q if self._all_usable else np.where(self._unheard(), self.setpoint.q, self.q)
+
+    def _check(self, now: float) -> Finding:
+        """Which motors can be relied on from here on."""
+        finding = self.drive.check(now)
+        if finding.bad is not self._bad:  # as long as all are well it is the same array
+            self._bad, self._usable = finding.bad, ~finding.bad
+            self._all_usable = bool(self._usable.all())
+        return finding
 
     def _unheard(self) -> np.ndarray:
         """(n,) bool, joints that answer no more, and have not said before that they have let go."""
@@ -175,7 +185,7 @@ class ArmBody:
         """From state and set-point to the commands of the next `send`."""
         q: np.ndarray = self.drive.motor_q
         dq: np.ndarray = self.drive.motor_dq
-        if not self._usable.all():
+        if not self._all_usable:
             unheard = self._unheard()
             q, dq = np.where(unheard, self.setpoint.q, q), np.where(unheard, self.setpoint.dq, dq)
         if self.mode is Mode.FLOAT or (self.mode is Mode.STOPPED and self._floats):
@@ -187,7 +197,7 @@ class ArmBody:
             fade = None if self._landing is None else self._landing.fade
             gripper = float(self.drive.dq[-1]), float(self.drive.tau[-1])
             stopped = self.mode is Mode.STOPPED
-            holding = (stopped or self.mode is Mode.HOLD) and bool(self._usable.all())
+            holding = (stopped or self.mode is Mode.HOLD) and self._all_usable
             pressed = self.gripper is not None and self.gripper.force_limited
             self.limited |= self.motion.follow(now, dt, q, dq, self.setpoint, gripper, holding, stopped, fade)
             if pressed and self.gripper is not None and not self.gripper.force_limited:

@@ -69,7 +69,7 @@ class ArmController(ArmBody):
         An arm of which no motor is enabled is left alone.
         """
         self.drive.adopt(record)
-        self._usable = ~self.drive.check(now).bad
+        self._check(now)
         if np.isfinite(self.chain.stamp_s).all() and not self._usable.any():  # all have answered
             self.mode = Mode.OFF
             return
@@ -89,8 +89,7 @@ class ArmController(ArmBody):
         self.handle = self._handle_watch.read(now)
         if self.mode in (Mode.OFF, Mode.OFFLINE):
             return
-        finding = self.drive.check(now)
-        self._usable = ~finding.bad
+        finding = self._check(now)
         if finding.trouble is not None and self.mode not in (Mode.FAULT, Mode.LAND):
             self._suffer(finding.trouble, finding.message, now)
         heat = self._derate(now)
@@ -131,8 +130,8 @@ class ArmController(ArmBody):
 
     def _heard_s(self) -> float:
         """When the motor that has been silent for longest has answered, but for those that are lost."""
-        stamps = self.chain.stamp_s[self._usable]
-        return float(stamps.min()) if len(stamps) else math.inf
+        stamps = self.chain.stamp_s if self._all_usable else self.chain.stamp_s[self._usable]
+        return min(stamps.tolist(), default=math.inf)
 
     def aim(
         self,
