@@ -24,8 +24,10 @@ _ALL_ONES = 0xFFFF_FFFF_FFFF_FFFF
 _FIRST_SPECIAL = 0xFFFF_FFFF_FFFF_FFFB  # from here on a command word would read as a special command
 _FLOAT_PAIR = struct.Struct("<ff")
 
-# Both directions share these rows: (position_max, velocity_max, torque_max, kp_max, kd_max).
-_ROWS = {
+Ranges = tuple[float, float, float, float, float]  # (position_max, velocity_max, torque_max, kp_max, kd_max)
+
+# Both directions share these rows.
+_ROWS: dict[str, Ranges] = {
     row.name: (row.position_max_rad, row.velocity_max_rad_s, row.torque_max_nm, row.kp_max, row.kd_max)
     for row in MOTOR_TYPES.values()
 }
@@ -144,12 +146,26 @@ def decode_feedback(motor_type: str, data: bytes) -> Feedback:
     """
     if len(data) != 8:
         raise _wrong_length("feedback", data)
+    return Feedback(*unpack_feedback(ranges_of(motor_type), data))
+
+
+def ranges_of(motor_type: str) -> Ranges:
+    """What frames of this type are scaled with, for `unpack_feedback`.
+
+    Raises:
+        ConfigError: unknown motor type.
+    """
     try:
-        p_max, v_max, t_max, _, _ = _ROWS[motor_type]
+        return _ROWS[motor_type]
     except KeyError:
         raise _unknown_type(motor_type) from None
+
+
+def unpack_feedback(ranges: Ranges, data: bytes) -> tuple[int, int, float, float, float, int, int]:
+    """`decode_feedback` of 8 bytes, for the loop: the fields in the same order, with nothing checked."""
+    p_max, v_max, t_max, _, _ = ranges
     word = int.from_bytes(data, "big")
-    return Feedback(
+    return (
         word >> 56 & 0xF,
         word >> 60,
         (word >> 40 & _MAX16) * (p_max + p_max) / _MAX16 - p_max,

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lerobot_robot_yam.damiao.codec import decode_feedback
+from lerobot_robot_yam.damiao.codec import ranges_of, unpack_feedback
 from lerobot_robot_yam.damiao.tables import Fault, motor_type
 
 
@@ -18,6 +18,7 @@ class FeedbackStore:
 
     def __init__(self, types: Sequence[str]):
         self._types = list(types)
+        self._ranges = [ranges_of(name) for name in types]
         # Half of the range that the wire carries positions modulo.
         self._half = [motor_type(name).position_max_rad for name in types]
         count = len(self._types)
@@ -34,11 +35,11 @@ class FeedbackStore:
         self.publish()
 
     def take(self, index: int, data: bytes, stamp_s: float) -> None:
-        """Decode one feedback frame of motor number `index`. Hot: once per frame.
+        """Decode one feedback frame, 8 bytes, of motor number `index`. Hot: once per frame.
 
         Between two readings a motor is taken to have gone the shorter way round; the first is taken as it is.
         """
-        feedback = decode_feedback(self._types[index], data)
+        feedback = unpack_feedback(self._ranges[index], data)
         _, self._fault[index], raw, self._velocity[index], self._torque[index], mos, rotor = feedback
         half = self._half[index]
         step = raw - self._raw[index]  # NaN at first, and comparisons with it are false
