@@ -68,11 +68,14 @@ class Requests:
 
     def answer(self, index: int) -> None:
         """A motor has answered: the oldest request that has not heard of it. Hot: once per frame."""
-        owed = next((request.motors for request in self.open if index in request.motors), None)
-        if owed is not None:
-            owed.remove(index)
-        if owed is None or owed is not self.open[0].motors:
+        if self.open and index in self.open[0].motors:  # nearly always
+            self.open[0].motors.remove(index)
+        else:
             self.in_step = False
+            for request in self.open[1:]:
+                if index in request.motors:
+                    request.motors.remove(index)
+                    break
         if self._outstanding[index]:
             self._outstanding[index] -= 1
         else:
