@@ -32,6 +32,7 @@ LEFT_BEHIND_RAD = 0.05  # more than an arm lags with its own gains
 _FREE_RAD = 0.1  # farther behind its set-point, and yet faster than this share of its speed limit: it has come free
 _FREE_SPEED = 1.1
 _JUST_NOW_S = 0.02
+_TOLD_AFLOAT = Limited.JOINT_LIMIT | Limited.TORQUE  # as long as it lasts
 PRESS_NM = 5.0  # with which a stopped joint presses on: 1 kg at 0.5 m that the model does not know
 _TOLD_S = 0.1  # a caller that looks 30 times a second is told
 _ENABLE_TICKS = 20  # in which a motor has to say that it is enabled: an answer may get lost
@@ -190,8 +191,9 @@ class ArmBody:
             q, dq = np.where(unheard, self.setpoint.q, q), np.where(unheard, self.setpoint.dq, dq)
         if self.mode is Mode.FLOAT or (self.mode is Mode.STOPPED and self._floats):
             self.setpoint.seed(self.here)  # whatever ends the floating finds it where the arm is
-            self.limited &= ~(Limited.JOINT_LIMIT | Limited.TORQUE)
-            self.limited |= self.motion.float_free(q, dq, dt)
+            if self.limited:
+                self.limited &= ~_TOLD_AFLOAT
+            self._tell(self.motion.float_free(q, dq, dt))
         else:
             self._catch(now)
             fade = None if self._landing is None else self._landing.fade
@@ -199,15 +201,21 @@ class ArmBody:
             stopped = self.mode is Mode.STOPPED
             holding = (stopped or self.mode is Mode.HOLD) and self._all_usable
             pressed = self.gripper is not None and self.gripper.force_limited
-            self.limited |= self.motion.follow(now, dt, q, dq, self.setpoint, gripper, holding, stopped, fade)
+            self._tell(self.motion.follow(now, dt, q, dq, self.setpoint, gripper, holding, stopped, fade))
             if pressed and self.gripper is not None and not self.gripper.force_limited:
                 # What it has pressed on is gone: from here on at its own speed, not in one leap after the set-point.
                 self.setpoint.reseed(self.hardware.n - 1, float(self.q[-1]))
-                self.limited |= self.motion.follow(now, 0.0, q, dq, self.setpoint, gripper, holding, stopped, fade)
+                self._tell(self.motion.follow(now, 0.0, q, dq, self.setpoint, gripper, holding, stopped, fade))
             if now - self._came_free_s < _TOLD_S:  # a target meanwhile tells anew what limits it
                 self.limited |= Limited.CAME_FREE
-            elif self.limited & Limited.CAME_FREE:  # while an arm holds, no target comes to take it back
+            elif self._came_free_s > -math.inf:  # while an arm holds, no target comes to take it back
                 self.limited &= ~Limited.CAME_FREE
+                self._came_free_s = -math.inf
+
+    def _tell(self, limited: Limited) -> None:
+        """Add to what is told about the arm. Mostly nothing, and flags take long to combine."""
+        if limited:
+            self.limited |= limited
 
     def _catch(self, now: float) -> None:
         """A joint that comes free of what has blocked it must not spring to where its set-point has gone meanwhile."""
