@@ -34,6 +34,7 @@ class GravityModel:
         self.joint_count = profile.joint_count
         self.model = build_spec(profile, gripper, load=load or Load(**load_fields), visuals=False).compile()
         self._data = mujoco.MjData(self.model)
+        self._qpos, self._qacc = self._data.qpos[: self.joint_count], self._data.qacc[: self.joint_count]  # views
         self._tau = np.zeros(self.model.nv)
         self._unit = np.eye(self.model.nv)
 
@@ -51,7 +52,7 @@ class GravityModel:
         holding = self.torque(q)
         if not ddq.any():
             return holding, np.zeros_like(holding)
-        self._data.qacc[: self.joint_count] = ddq
+        self._qacc[:] = ddq
         mujoco.mj_rne(self.model, self._data, 1, self._tau)
         return holding, self._tau[: self.joint_count] - holding
 
@@ -79,6 +80,6 @@ class GravityModel:
         return pose
 
     def _move(self, q: np.ndarray) -> None:
-        self._data.qpos[: self.joint_count] = q
+        self._qpos[:] = q
         mujoco.mj_kinematics(self.model, self._data)
         mujoco.mj_comPos(self.model, self._data)

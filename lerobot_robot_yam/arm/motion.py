@@ -35,6 +35,7 @@ class Motion:
         self.kp, self.kd = hardware.kp.copy(), hardware.kd.copy()
         self.own_gains = True  # and not those of a target
         self._integral = HoldIntegral.for_stiffness(hardware.kp[: hardware.joints]) if hold_integral else None
+        self._rubs = bool(hardware.coulomb_nm.any())
         self._clipped = False
         self._dq_before = np.zeros(hardware.joints)
         self._ddq = np.zeros(hardware.joints)
@@ -60,7 +61,7 @@ class Motion:
         j = slice(hw.joints)
         self._ddq[:] = self._dq_before[:] = 0.0
         tau = self._feed_forward(q)
-        tau[j] += laws.friction(dq[j], hw.coulomb_nm)
+        tau[j] += self._friction(dq[j])
         if self._integral is not None:
             self._integral.reset()  # a hand that pulls looks like sag, and would be thrown off
         laws.float_free(out, q, hw.idle_kd, tau)
@@ -98,7 +99,7 @@ class Motion:
         self._follow_acceleration(dq_set[j], dt)
         tau = self._feed_forward(q)
         still = holding and bool(np.abs(dq_set[j]).max(initial=0.0) < _STILL_RAD_S)
-        tau[j] += laws.friction(dq_set[j], hw.coulomb_nm) + self._sag(q_set[j] - q[j], 0.0 if stopped else dt, still)
+        tau[j] += self._friction(dq_set[j]) + self._sag(q_set[j] - q[j], 0.0 if stopped else dt, still)
         laws.follow(out, q_set, dq_set, self.kp, self.kd, tau)
         if fade is not None:
             share, damping = fade
@@ -109,6 +110,9 @@ class Motion:
             if self._gripper.force_limited:
                 limited |= Limited.GRIPPER_FORCE
         return limited | Limited.TORQUE if self._clip(q, dq) else limited
+
+    def _friction(self, dq: np.ndarray) -> np.ndarray | float:
+        return laws.friction(dq, self._hardware.coulomb_nm) if self._rubs else 0.0
 
     def _sag(self, error: np.ndarray, dt: float, holding: bool) -> np.ndarray | float:
         return 0.0 if self._integral is None else self._integral.advance(error, dt, holding, self._clipped)
