@@ -33,6 +33,7 @@ class MotorWatch:
         self._stamp_s = chain.stamp_s
         self._lost_before = chain.lost
         self._none = self._bad = np.zeros(len(chain), dtype=bool)
+        self._well = Finding(self._none)
         self._strangers = _Strangers(chain)
 
     def check(self, now: float) -> Finding:
@@ -42,7 +43,8 @@ class MotorWatch:
         lost = chain.lost
         if chain.all_answered and chain.all_normal:  # nearly always
             self._lost_before, self._bad = lost, self._none
-            return Finding(self._none, *self._strangers.check(now))
+            trouble, message = self._strangers.check(now)
+            return self._well if trouble is None else Finding(self._none, trouble, message)
         answered = chain.stamp_s > stamp_before
         well = chain.fault == Fault.NORMAL
         self._lost_before = np.where(answered, lost, self._lost_before)

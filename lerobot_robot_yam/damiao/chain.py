@@ -48,7 +48,7 @@ LAST_REPLY_S = 1.7 * FRAME_TIME_S
 class MotorChain(FeedbackStore):
     """All motors (and optionally the handle encoder) on one CAN bus. One thread touches it.
 
-    State, refreshed as new arrays by every `collect`, in motor coordinates, shape (n,):
+    State, refreshed as new arrays by every `collect` (`lost` where it grows), in motor coordinates, shape (n,):
         position_rad (multi-turn: unwrapped from the first reading), velocity_rad_s, torque_nm,
         temp_mos_c, temp_rotor_c, stamp_s (the clock's time of arrival, -inf before the first reply),
         fault (int, see `tables.Fault`), lost (int, replies that missed their tick, in total).
@@ -85,7 +85,7 @@ class MotorChain(FeedbackStore):
         if encoder is not None:
             self._messages.append(data_message(REQUEST_ID, encode_report_request()))
 
-        self._lost = [0] * count
+        self.lost: np.ndarray = np.zeros(count, dtype=int)
         self._requests = Requests(count)
         self._late_registers = 0  # register replies that were given up on and may still come
         self.all_answered = False
@@ -101,11 +101,6 @@ class MotorChain(FeedbackStore):
     def expected_wire_s(self) -> float:
         """Time one exchange occupies the wire: two frames per motor, and the handle's two."""
         return 2 * len(self._messages) * FRAME_TIME_S
-
-    @property
-    def lost(self) -> np.ndarray:
-        """(n,) replies that missed their tick, in total."""
-        return np.array(self._lost)
 
     @property
     def duplicates(self) -> np.ndarray:
@@ -335,8 +330,9 @@ class MotorChain(FeedbackStore):
 
     def _collect_oldest(self, deadline_s: float) -> bool:
         silent = self._close(deadline_s)
-        for i in silent:
-            self._lost[i] += 1
+        if silent:
+            self.lost = self.lost.copy()  # others keep what they have been given
+            self.lost[list(silent)] += 1
         self.all_answered = not silent
         return self.all_answered
 
