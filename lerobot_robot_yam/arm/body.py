@@ -77,6 +77,7 @@ class ArmBody:
         self._heat: Heat | None = None
         self._heat_due = -math.inf
         self._came_free_s = -math.inf
+        self._free_speed = _FREE_SPEED * hw.speed_limit[: hw.joints]
 
     @property
     def chain(self) -> MotorChain:
@@ -221,7 +222,7 @@ class ArmBody:
         """A joint that comes free of what has blocked it must not spring to where its set-point has gone meanwhile."""
         hw = self.hardware
         dq = self.drive.motor_dq[: hw.joints]
-        fast = np.abs(dq) > _FREE_SPEED * hw.speed_limit[: hw.joints]
+        fast = np.abs(dq) > self._free_speed
         if not fast.any() or (self._landing is not None and self._landing.fade is not None):  # nearly always
             return
         gap = (self.setpoint.q - self.drive.motor_q)[: hw.joints]

@@ -84,9 +84,9 @@ def clip_torque(out: np.ndarray, q: np.ndarray, dq: np.ndarray, limit_nm: np.nda
     """
     spring, damping = out[:, KP] * (out[:, Q] - q), out[:, KD] * (out[:, DQ] - dq)
     tau = spring + damping + out[:, TAU]
-    excess = tau - np.minimum(np.maximum(tau, -limit_nm), limit_nm)
-    if not excess.any():
+    if (np.abs(tau) <= limit_nm).all():  # nearly always
         return False
+    excess = tau - np.minimum(np.maximum(tau, -limit_nm), limit_nm)
     from_spring = _share(excess, spring)
     from_damping = _share(excess - from_spring, damping)
     out[:, Q] -= from_spring / np.maximum(out[:, KP], 1e-9)

@@ -283,7 +283,9 @@ class ControlLoop:
         self._clock.sleep(max(_BREATH_S, through_s - _EARLY_S - self._clock.now()))
         for controller in self._active():
             self._listen(controller, controller.chain.drain)
-        self._clock.sleep(max(0.0, through_s - _WAKE_UP_S - self._clock.now()))
+        left_s = through_s - _WAKE_UP_S - self._clock.now()
+        if left_s > 0.0:
+            self._clock.sleep(left_s)
 
     def _await_last(self, free_s: float) -> None:
         """Come back when the last reply of each arm is on the wire, which was free for this tick at `free_s`."""
