@@ -75,6 +75,8 @@ class JointMap:
     def __init__(self, direction: np.ndarray, offset_rad: np.ndarray):
         self.direction = np.asarray(direction, dtype=float)
         self.offset_rad = np.asarray(offset_rad, dtype=float)
+        self._signs = np.ones((len(self.direction), 5))  # of q, dq, kp, kd, tau
+        self._signs[:, [0, 1, 4]] = self.direction[:, np.newaxis]
 
     def shift(self, index: int, joint_shift_rad: float) -> None:
         """Move the zero of one joint so that its joint angle grows by `joint_shift_rad`."""
@@ -90,8 +92,6 @@ class JointMap:
 
     def commands(self, joint_commands: np.ndarray) -> np.ndarray:
         """(n, 5) q, dq, kp, kd, tau from joint to motor coordinates (a copy)."""
-        out = joint_commands.copy()
-        out[:, 0] = self.motor(joint_commands[:, 0])
-        out[:, 1] *= self.direction
-        out[:, 4] *= self.direction
+        out: np.ndarray = joint_commands * self._signs
+        out[:, 0] += self.offset_rad
         return out
