@@ -6,6 +6,7 @@ from typing import Any
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.rig.scene import Options
+from lerobot_robot_yam.runtime import rig_name
 
 _SCENE_OPTIONS = {field.name for field in dataclasses.fields(Options)}
 
@@ -23,7 +24,7 @@ def beside_arms(camera: Any, arms: Iterable[ArmConfig]) -> Any:
     options = {key: value for key, value in said.items() if key in _SCENE_OPTIONS}
     return dataclasses.replace(
         camera,
-        rig=said.get("rig") or "auto",
+        rig=rig_name(said.get("rig"))[0],
         scene=camera.scene or said.get("scene"),
         rig_options=camera.rig_options or options,
     )

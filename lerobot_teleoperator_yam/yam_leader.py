@@ -202,10 +202,11 @@ class LeaderBase(Teleoperator):
         """Float, supported against gravity; never limp. Feedback is ignored."""
         if not self._was_held:  # what an earlier handover has left is long past
             self._left_by_feedback = [None] * len(self._arms.sides)
-        self._was_held = self._follows_feedback = False
+        self._follows_feedback = False
         self._arms.resume_followers()
         for side in self._arms.sides:
             self._arms[side].float()
+        self._was_held = False
         for index, state in enumerate(self._arms.observe()):
             if state.trigger is not None:
                 self._triggers[index] = 1.0 - state.trigger  # from here on it can meet or pass the gripper

@@ -4,6 +4,7 @@ import math
 import os
 import threading
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -14,10 +15,18 @@ _UNSET = [math.nan] * SLOTS
 _GRIPPER_OPTIONS = {"dq": 0.0, "kp": math.nan, "kd": math.nan}  # it has its own
 
 
+def _sweep(key: str) -> None:
+    """Remove what callers have left that were killed before their loop had opened it."""
+    for path in command_path(key, 0).parent.glob(f"command-{key}.*"):
+        if not Path("/proc", path.suffix[1:]).exists():
+            path.unlink(missing_ok=True)
+
+
 class CommandWriter:
     """The command block of one arm; `key` names it. Any thread may write: who re-arms is often not who streams."""
 
     def __init__(self, key: str):
+        _sweep(key)
         self._lock = threading.Lock()
         self._block = SharedBlock(command_path(key, os.getpid()), COMMAND_DTYPE, create=True)
         self._stamp_s, self._number, self._target = 0.0, 0, _UNSET

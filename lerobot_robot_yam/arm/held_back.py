@@ -10,8 +10,19 @@ logger = logging.getLogger(__name__)
 
 _FAR_RAD, _NEAR_RAD = 0.3, 0.1  # between target and set-point: held back by the speed limit, and no longer
 _PRESSES = 0.5  # of the torque limit, and
-BEHIND_RAD = 0.1  # far more than an arm lags with, at any speed and with any load that it may carry
+_BEHIND_RAD = 0.1  # far more than an arm lags with, at any speed and with any load that it may carry
 _PRESSED_S = 1.0
+
+
+def far_behind(gap_rad: np.ndarray, kp: np.ndarray, limit_nm: np.ndarray) -> np.ndarray:
+    """Which joints (n,) are farther from where they are told to be than any lag or load explains.
+
+    Args:
+        gap_rad: (n,) how far.
+        kp, limit_nm: (n,) with which stiffness (Nm/rad) and up to which torque (Nm) they are pulled there.
+    """
+    far: np.ndarray = np.abs(gap_rad) > np.maximum(_BEHIND_RAD, _PRESSES * limit_nm / np.maximum(kp, 1e-9))
+    return far
 
 
 class HeldBack:
@@ -40,9 +51,9 @@ class HeldBack:
 
     def by_obstacle(self, now: float, gap_rad: np.ndarray, kp: np.ndarray, limit_nm: np.ndarray) -> None:
         """Whether joints (joints,) have been far behind their set-points for a while: something is in their way."""
-        if not self._pressing and max(map(abs, gap_rad.tolist()), default=0.0) <= BEHIND_RAD:  # nearly always
+        if not self._pressing and max(map(abs, gap_rad.tolist()), default=0.0) <= _BEHIND_RAD:  # nearly always
             return
-        presses = np.abs(gap_rad) > np.maximum(BEHIND_RAD, _PRESSES * limit_nm / np.maximum(kp, 1e-9))
+        presses = far_behind(gap_rad, kp, limit_nm)
         self._since_s = np.where(presses, np.minimum(self._since_s, now), math.inf)
         self._pressing = bool(presses.any())
         self._told &= presses

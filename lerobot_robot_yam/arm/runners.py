@@ -24,6 +24,11 @@ logger = logging.getLogger(__name__)
 _START_TIMEOUT_S = 60.0  # a virtual rig may have to start; a gripper calibration takes some seconds
 _LAND_TIMEOUT_S = 60.0  # the longest way down at landing speed, and one retry
 _STOPPED_S = 2.0  # while the emergency stop is latched nothing lands; who has latched it may release it at once
+_HELD = (
+    "the arms stay in the air, held or floating, and their control loop lands them when it is released; clear their "
+    "way, then `yam-estop release`"
+)
+_HELD_BY_US = "THIS PROCESS HOLDS THE ARMS, do not end it; clear their way, then `yam-estop release` lands them"
 
 
 class Runner(Protocol):
@@ -87,7 +92,7 @@ class ProcessRunner:
             return True
         if child.poll() is None:
             child.send_signal(signal.SIGTERM)
-        ended = wait_patiently(lambda: child.poll() is not None)
+        ended = wait_patiently(lambda: child.poll() is not None, outlives_us=os.getpid() != 1)  # 1: of a container
         if child.stdout is not None:
             child.stdout.close()
         return ended
@@ -138,25 +143,28 @@ class ThreadRunner:
     def stop(self) -> bool:
         """Have it land and end; True when it has ended."""
         self._land.set()
-        return self._thread.ident is None or wait_patiently(lambda: not self._thread.is_alive())
+        return self._thread.ident is None or wait_patiently(lambda: not self._thread.is_alive(), outlives_us=False)
 
 
-def wait_patiently(done: Callable[[], bool]) -> bool:
-    """Wait for a landing, but not for the release of an emergency stop.
+def wait_patiently(done: Callable[[], bool], outlives_us: bool) -> bool:
+    """Wait for a landing.
 
     Ctrl-C is answered with a word: the loop lands on its own, hurrying would drop an arm.
+
+    Args:
+        done: whether the arms are down.
+        outlives_us: their control loop does; then the release of an emergency stop is not waited for.
     """
-    begin, stop = time.monotonic(), EmergencyStop()
+    begin, told = time.monotonic(), False
     while True:
         try:
             while not done():
                 waited_s = time.monotonic() - begin
-                if waited_s > _STOPPED_S and stop.latched:
-                    logger.error(
-                        "the emergency stop is latched: the arms stay in the air, held or floating, and their control "
-                        "loop lands them when it is released; clear their way, then `yam-estop release`"
-                    )
-                    return False
+                if waited_s > _STOPPED_S and not told and _stopped():
+                    told = True
+                    logger.error("the emergency stop is latched: %s", _HELD if outlives_us else _HELD_BY_US)
+                    if outlives_us:
+                        return False
                 if waited_s > _LAND_TIMEOUT_S:
                     logger.error("the arms are not down yet; their control loop goes on holding and landing by itself")
                     return False
@@ -164,3 +172,10 @@ def wait_patiently(done: Callable[[], bool]) -> bool:
             return True
         except KeyboardInterrupt:
             logger.warning("landing; the arms have no brakes, so this cannot be cut short")
+
+
+def _stopped() -> bool:
+    try:
+        return EmergencyStop().latched
+    except errors.ConfigError:  # the runtime directory has been taken away: the loop latches, nobody hears of it
+        return False

@@ -46,10 +46,6 @@ class ArmSession:
         channels = [(config.interface, config.channel) for config in configs]
         if not configs or len(set(names)) < len(names) or len(set(channels)) < len(channels):
             raise ConfigError(f"arms of one robot need different names and channels, got {names} on {channels}")
-        for field in ("calibration_path", "identity_path"):
-            paths = [path for config in configs if (path := getattr(config, field)) is not None]
-            if len(set(paths)) < len(paths):
-                raise ConfigError(f"{', '.join(names)}: each arm needs a {field} of its own, not all {paths[0]}")
         if len({config.rate_hz for config in configs}) > 1:
             raise ConfigError("arms of one robot tick together: give them the same rate_hz")
         self._isolation = isolation
@@ -64,6 +60,10 @@ class ArmSession:
             self._configs.append(config)
             self._keys.append(channel_key(config.interface, config.channel, rig))
         self._hardware = {config.name: Hardware(config) for config in self._configs}
+        for field in ("calibration_path", "identity_path"):
+            paths = [path for config in configs if (path := getattr(config, field)) is not None]
+            if len(set(paths)) < len(paths):
+                raise ConfigError(f"{', '.join(names)}: each arm needs a {field} of its own, not all {paths[0]}")
         self._ports: dict[str, ArmPort] = {}
         self._runner: Runner | None = None
 
@@ -144,7 +144,7 @@ class ArmSession:
             return
         try:
             if runner.stop():  # then a stand-by may have taken over
-                wait_patiently(lambda: all(port.done or port.orphaned for port in self._ports.values()))
+                wait_patiently(lambda: all(port.done or port.orphaned for port in self._ports.values()), True)
         finally:
             ports, self._ports = self._ports, {}
             for port in ports.values():

@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.arm.held_back import BEHIND_RAD
+from lerobot_robot_yam.arm.held_back import far_behind
+from lerobot_robot_yam.arm.joints import RANGE_TOLERANCE_RAD
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.safety import finite_vector
 from lerobot_robot_yam.arm.session import ArmSession, Isolation
@@ -125,12 +126,15 @@ class YamArm:
         state = port.observe()
         start = state.setpoint_q.copy() if state.mode is not Mode.FLOAT else state.q.copy()
         goal = finite_vector(self.config.name, "q", q, len(start))
+        hw = port.hardware
+        joints, lower, upper = hw.joints, hw.lower[: hw.joints], hw.upper[: hw.joints]
+        beyond = (goal < lower - RANGE_TOLERANCE_RAD) | (goal > upper + RANGE_TOLERANCE_RAD)  # no arm measures so
         if state.mode is Mode.FLOAT:
             port.hold()
         first_grip = state.gripper_setpoint
         way_s = float(np.abs(goal - start).max(initial=0.0)) / speed_rad_s
         if gripper is not None and first_grip is not None:
-            way_s = max(way_s, abs(gripper - first_grip) / port.hardware.speed_limit[-1])
+            way_s = max(way_s, abs(gripper - first_grip) / hw.speed_limit[-1])
         reach_s = max(math.pi / 2 * way_s, 0.2)
         clock = self.clock
         begin = clock.now()
@@ -146,13 +150,12 @@ class YamArm:
             behind = np.abs(state.setpoint_q - asked)
             if asked_grip is not None and state.gripper_setpoint is not None:
                 behind = np.append(behind, abs(state.gripper_setpoint - asked_grip))
-            short = np.abs(state.q - goal)
-            arrived = bool(behind.max(initial=0.0) < 1e-3 and short.max(initial=0.0) < BEHIND_RAD)
-            if elapsed >= reach_s and arrived:
+            late = behind >= 1e-3
+            late[:joints] |= beyond | far_behind(state.q - goal, hw.kp[:joints], hw.torque_limit_nm[:joints])
+            if elapsed >= reach_s and not late.any():
                 return state
             if elapsed > reach_s + _SETTLE_TIMEOUT_S:
-                worst = short if short.max(initial=0.0) >= BEHIND_RAD else behind
-                name = self._session.hardware(self.config.name).motors[int(worst.argmax())].name
+                name = hw.motors[int(late.argmax())].name
                 raise LifeCycleError(f"{self.config.name}: pose not reached, {name} is obstructed or held back")
             clock.sleep(_STREAM_S)
 

@@ -8,6 +8,7 @@ import pytest
 
 from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.lifecycle import Mode
+from lerobot_robot_yam.arm.session import ArmSession
 from lerobot_robot_yam.arm.state import Limited
 from lerobot_robot_yam.errors import EmergencyStopError, LifeCycleError, MotorError
 from lerobot_robot_yam.rig.control import running_rig
@@ -117,7 +118,7 @@ def test_who_ends_a_session_is_told_what_lands_the_arms_and_nobody_is_told_to_en
         begin = time.monotonic()
         session.stop()
         assert time.monotonic() - begin < 10.0 and enabled()
-        assert "`yam-estop release`" in caplog.text
+        assert "the arms stay in the air" in caplog.text
         with pytest.raises(EmergencyStopError, match="a test.*yam-estop release"):
             session_on(live, sim_config(live, "follower_left")).start()
         assert enabled()
@@ -126,6 +127,21 @@ def test_who_ends_a_session_is_told_what_lands_the_arms_and_nobody_is_told_to_en
         while enabled():
             assert time.monotonic() < deadline, "not landed"
             time.sleep(0.1)
+
+
+def test_a_loop_in_a_thread_is_waited_for_since_it_ends_with_its_process(stop, caplog):
+    with running_rig(arms=["follower_left"]) as live:
+        session = ArmSession([sim_config(live, "follower_left")], isolation="thread")
+        session.start()
+        stop.latch("a test")
+        ending = threading.Thread(target=session.stop)
+        ending.start()
+        ending.join(4.0)
+        assert ending.is_alive() and "THIS PROCESS HOLDS THE ARMS" in caplog.text
+        stop.release()
+        ending.join(20.0)
+        assert not ending.is_alive()
+        assert not any(m["enabled"] for m in live.state()["arms"]["follower_left"]["motors"].values())
 
 
 def test_a_stop_while_the_arms_come_up_ends_the_start_and_they_land_when_it_is_released(stop):

@@ -10,7 +10,7 @@ from lerobot_robot_yam.arm.bus import open_bus
 from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.port import ArmPort
-from lerobot_robot_yam.arm.state import channel_key
+from lerobot_robot_yam.arm.state import channel_key, command_path
 from lerobot_robot_yam.errors import BusError, EmergencyStopError
 
 from .rigged import lockstep_rig, sim_config
@@ -72,3 +72,12 @@ def test_what_happens_to_the_first_arm_while_the_second_comes_up_leaves_none_wit
     finally:
         stop.release()
     assert on(rig) == ({CHANNELS[0]} if happens == "adapter gone" else set())  # nothing reaches the motors there
+
+
+def test_what_a_killed_caller_has_left_is_swept(rig):
+    (channel, *_), dead = CHANNELS, 2**22  # above every process number
+    key = channel_key("yam_sim", channel, rig.name)
+    left, config = command_path(key, dead), sim_config(rig, channel)
+    left.touch()
+    ArmPort(config, Hardware(config), key).close()
+    assert not left.exists() and not command_path(key, os.getpid()).exists()
