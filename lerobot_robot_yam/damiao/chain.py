@@ -317,16 +317,13 @@ class MotorChain(FeedbackStore):
 
     def _take_answers(self, request: Request, deadline_s: float, missing: int = 0) -> None:
         """Take frames until at most so many of a request's answers are missing."""
-        recv = self._port.recv
         while request.missing > missing:
-            message = recv(0.0)
-            if message is None:
-                break
-            self._receive(message)
-        while request.missing > missing and (remaining := deadline_s - self.clock.now()) > 0.0:
-            message = recv(remaining)
+            remaining_s = deadline_s - self.clock.now()
+            message = self._port.recv(max(0.0, remaining_s))
             if message is not None:
                 self._receive(message)
+            elif remaining_s <= 0.0:  # not before: who sleeps past the deadline finds all that has come meanwhile
+                return
 
     def _collect_oldest(self, deadline_s: float) -> bool:
         silent = self._close(deadline_s)

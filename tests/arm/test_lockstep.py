@@ -57,6 +57,16 @@ def test_the_same_bits_every_time(rig):
     assert np.abs(first[-1, :, :6] - GOAL).max() < 0.02
 
 
+def test_no_reply_is_lost_on_an_adapter_that_takes_half_a_millisecond_each_way():
+    rig = LockstepRig(arms=CHANNELS, latency_s=0.0005)
+    try:
+        session, _ = moved(rig)
+        assert not np.any([session[channel].observe().lost for channel in CHANNELS])
+        session.discard()
+    finally:
+        rig.close()
+
+
 def test_it_lands_in_simulated_time(rig):
     session, _ = moved(rig)
     before = rig.now()

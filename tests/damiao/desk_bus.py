@@ -32,6 +32,7 @@ class DeskBus(can.BusABC):
         self.silent: set[int] = set()
         self.doubled: set[int] = set()
         self.late: set[int] = set()
+        self.late_by_a_wait = False  # the late replies arrive all together as somebody's wait for them ends
         self.stall_s = 0.0  # whoever receives the next frame does not run for so long
         self.sent: list[can.Message] = []
         self.chatter: can.Message | None = None  # what somebody says again and again, unasked
@@ -67,6 +68,9 @@ class DeskBus(can.BusABC):
             unasked = self.chatter or self._report_of_its_own()
             if timeout:
                 time.sleep(min(timeout, 0.01) if unasked else timeout)
+                if self.late_by_a_wait and self._held:
+                    self.release()
+                    return self._queue.popleft(), False
             return (unasked if timeout else None), False
         return self._queue.popleft(), False
 

@@ -97,6 +97,13 @@ def test_a_late_reply_is_used_but_does_not_put_the_chain_behind(bus, chain):
     assert not chain.duplicates.any()
 
 
+def test_who_sleeps_past_the_deadline_takes_all_that_has_come_meanwhile(bus, chain):
+    bus.late.update(bus.specs)
+    bus.late_by_a_wait = True
+    assert tick(chain, 0.1, wait_s=0.01)
+    assert not chain.lost.any()
+
+
 def test_a_reply_that_overtakes_nothing_still_counts_for_its_motor_only(bus, chain):
     bus.late.update((1, 2, 3))
     chain.send(commands(0.3))
