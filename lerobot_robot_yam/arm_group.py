@@ -265,7 +265,10 @@ class ArmGroup:
         Raises:
             YamError: an arm is silent or has failed.
         """
-        return [self[side].observe() for side in self.sides]
+        ports = [self[side] for side in self.sides]
+        for port in ports:
+            port.await_fresh()
+        return [port.newest() for port in ports]
 
     def vector(self, action: Mapping[str, object]) -> np.ndarray:
         """Values of a LeRobot action in canonical order and SI units, (n,).

@@ -45,6 +45,7 @@ _WITHOUT_STOPS = {
 _ORPHAN_S = 1.0
 _NEARLY_S = 0.0013  # a state that comes so soon is worth waiting for: the one before it is a whole tick older
 _LATE_S = 0.002  # how long it is waited for beyond
+_OLD_S = 0.0015  # a sample that is older than a tick and this is not the newest that could be had
 _GLANCE_S = 0.00005
 
 
@@ -92,7 +93,7 @@ class ArmPort:
         return Mode(int(self._raw()["mode"]))
 
     def observe(self) -> ArmState:
-        """The newest state of the arm; one that comes within 1.3 ms is waited for.
+        """The newest state of the arm, see `await_fresh`.
 
         Raises:
             MotorError: a motor has a fault; names it.
@@ -100,19 +101,35 @@ class ArmPort:
             GripperError: its stops are unknown, so that its position is.
             LifeCycleError: not connected.
         """
-        if self._period_s and self._states is not None:
-            self._await_due(self._states)
-        return self._newest_state()
+        self.await_fresh()
+        return self.newest()
 
-    def _await_due(self, states: SharedBlock) -> None:
-        """Let a tick that is just about to end end; one that is late is not waited for."""
+    def await_fresh(self) -> None:
+        """Wait for a tick that ends within 1.3 ms, or for the next one where a sample is older than ticks make it.
+
+        So it is after a lost reply. Who observes several arms waits for all of them first: while it waited for one,
+        what it had read of another would age.
+
+        Raises:
+            YamError: as `observe`.
+        """
+        states, period_s = self._states, self._period_s
+        if not period_s or states is None:
+            return
+        self._await_tick(states, _NEARLY_S)
+        if self._clock.now() - self.newest().stamp_s > period_s + _OLD_S:
+            self._await_tick(states, period_s)
+
+    def _await_tick(self, states: SharedBlock, within_s: float) -> None:
+        """Let a tick that should end so soon end; one that is late is not waited for."""
         sequence = states.sequence()
         due = states.peek_float(PUBLISHED_AT) + self._period_s
-        if due - _NEARLY_S < self._clock.now():
+        if due - within_s < self._clock.now():
             while states.sequence() == sequence and self._clock.now() < due + _LATE_S:
                 self._clock.sleep(_GLANCE_S)
 
-    def _newest_state(self) -> ArmState:
+    def newest(self) -> ArmState:
+        """As `observe`, without waiting."""
         states, newest = self._states, self._newest
         if states is None:
             raise LifeCycleError(f"{self.config.name}: not connected")
@@ -178,7 +195,7 @@ class ArmPort:
         options = self._checked_options(dq=dq, kp=kp, kd=kd)
         if gripper is not None and hw.has_gripper:
             target.append(finite_number(name, "gripper", gripper))
-        state = self._newest_state()
+        state = self.newest()
         mode = state.mode
         if mode is Mode.STOPPED:
             self._limit_log.note(Limited.EMERGENCY_STOP)

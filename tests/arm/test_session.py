@@ -122,6 +122,21 @@ def test_who_looks_just_before_a_new_state_gets_the_new_one(rig, isolation):
     assert newer > tries / 2
 
 
+@in_a_process
+def test_who_looks_after_a_lost_reply_gets_the_next_one(rig, isolation):
+    newer, tries = 0, 20
+    with arm_of(rig, isolation, rate_hz=100.0) as arm:
+        port = arm._session["left"]
+        for _ in range(tries):
+            time.sleep(0.03)
+            lost = port._raw()["lost"][1]
+            rig.fault("follower_left", "joint_2", "drop_next", 1)
+            while (before := port._raw())["lost"][1] == lost:
+                time.sleep(0.0002)
+            newer += arm.observe().stamp_s > before["motor_stamp_s"].max()
+    assert newer > tries / 2
+
+
 def test_a_caller_that_falls_silent_leaves_the_arm_holding(rig, isolation):
     with arm_of(rig, isolation, command_timeout_s=0.2) as arm:
         arm.move_to([0.2, 0.8, 0.8, 0, 0, 0])
