@@ -11,7 +11,7 @@ from lerobot_robot_yam.damiao.tables import Fault, fault_text
 
 _MOTOR_MISSED = 10  # a lost motor has let so many questions in a row go by: a machine that stood still has not asked
 _CHANNEL_MISSED = 5  # of every motor: the first of them to be lost does not name the trouble
-_WINDOW_S = 0.5  # strangers are counted over so long
+_WINDOW_S = 0.4  # strangers are counted over so long; told of within 0.5 s, also where a window ends too soon
 _DUPLICATES = 5  # answers beyond the questions and beyond those that merely came late
 _FOREIGN = 3  # commands of somebody else
 
