@@ -67,7 +67,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.path.parent.name == "cli" and item.get_closest_marker("timeout") is None:
             item.add_marker(pytest.mark.timeout(900))  # of all tries together
-        if item.path.parent.name != "properties":  # these ask nothing of the machine, and draw other cases next time
+        # Property tests draw other cases next time, and simulated time does not stand still.
+        if item.path.parent.name != "properties" and "lockstep" not in item.nodeid:
             item.add_marker(pytest.mark.flaky(reruns=2, condition=_disturbed))
     alone = {item.path for item in items if _is_alone(item)}
     items.sort(key=lambda item: item.path not in alone)
