@@ -253,7 +253,7 @@ class ArmGroup:
             YamError: an arm is silent or has failed.
         """
         values: list[float] = []
-        for state in self.observe():
+        for state in self.newest():
             values += state.setpoint_q.tolist()
             if state.gripper_setpoint is not None:
                 values.append(state.gripper_setpoint)
@@ -265,10 +265,13 @@ class ArmGroup:
         Raises:
             YamError: an arm is silent or has failed.
         """
-        ports = [self[side] for side in self.sides]
-        for port in ports:
-            port.await_fresh()
-        return [port.newest() for port in ports]
+        for side in self.sides:
+            self[side].await_fresh()
+        return self.newest()
+
+    def newest(self) -> list[ArmState]:
+        """As `observe`, without waiting: for modes and set-points."""
+        return [self[side].newest() for side in self.sides]
 
     def vector(self, action: Mapping[str, object]) -> np.ndarray:
         """Values of a LeRobot action in canonical order and SI units, (n,).

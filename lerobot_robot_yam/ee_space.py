@@ -72,7 +72,7 @@ class EeSpace:
             YamError: an arm is silent or has failed.
         """
         vector = action_vector(self._arms.device, action, self.keys)
-        states = self._arms.observe()
+        states = self._arms.newest()
         for side, tool, state in zip(self._arms.sides, self._tools, states, strict=True):
             if state.mode is not Mode.TRACK:  # the first action, after a pause, after an emergency stop
                 tool.begin()

@@ -25,7 +25,7 @@ from lerobot_robot_yam.errors import BusError, LifeCycleError, MotorError
 
 logger = logging.getLogger(__name__)
 
-_STRAGGLER_S = 0.0008, 0.002  # at least and at most: how long beyond the expected wire time a reply is waited for
+_STRAGGLER_S, _STRAGGLER_MOST_S = 0.0008, 0.002  # how long beyond the expected wire time a reply is waited for
 _MOMENT_S = 0.0004  # for the replies, where this process woke up so late that their time is over
 _EARLY_S = 0.0002  # before the wire is through: what has come is decoded while the last frames travel
 _WAKE_UP_S = 0.00006  # what a sleep takes longer than asked, typically
@@ -63,8 +63,6 @@ class ControlLoop:
         self._period_s = 1.0 / rate_hz if rate_hz > 0 else 0.0
         self._wire_s = max(c.chain.expected_wire_s for c in controllers)
         self._beside_wire = self._period_s < self._wire_s + _LAWS_S
-        least_s, most_s = _STRAGGLER_S
-        self._straggler_s = min(max(least_s, self._period_s - self._wire_s - _LAWS_S), most_s)
         self.statistics = LoopStatistics(self._period_s)
         self._stop = EmergencyStop()
         self._workspace = workspace
@@ -146,7 +144,7 @@ class ControlLoop:
                 self._think(on_ready, None)
                 self._await_last(free)
             else:
-                patient_until = clock.now() + self._wire_s + self._straggler_s
+                patient_until = self._patience(clock.now() + self._wire_s, deadline + self._period_s)
                 self._await_wire(now)
                 self._think(on_ready, max(patient_until, clock.now() + _MOMENT_S))
             if all(controller.mode in _ENDED for controller in self._controllers):
@@ -281,6 +279,13 @@ class ControlLoop:
             except Exception as error:  # not even that: the other arms are to be held
                 controller.fail(error)
 
+    @staticmethod
+    def _patience(through_s: float, next_s: float) -> float:
+        """Until when replies are waited for that the wire is through with at `through_s`: as long as the laws can spare
+        before the next tick.
+        """
+        return min(max(through_s + _STRAGGLER_S, next_s - _LAWS_S), through_s + _STRAGGLER_MOST_S)
+
     def _await_wire(self, sent_s: float) -> None:
         """Come back when the wire should be through with what was sent, most replies decoded already."""
         through_s = sent_s + self._wire_s
@@ -296,7 +301,7 @@ class ControlLoop:
         through_s = free_s + self._wire_s
         self._clock.sleep(max(_BREATH_S, through_s - _AHEAD_S - self._clock.now()))
         for controller in self._active():
-            self._listen(controller, controller.chain.await_all_but_one, through_s + self._straggler_s)
+            self._listen(controller, controller.chain.await_all_but_one, through_s + _STRAGGLER_S)
 
     def _bring_up(self, on_ready: Callable[[str], None]) -> bool:
         """True when all arms have left bring-up; when one fails they all land, since a hand may have let go by now."""

@@ -44,7 +44,7 @@ _WITHOUT_STOPS = {
 }
 _ORPHAN_S = 1.0
 _NEARLY_S = 0.0013  # a state that comes so soon is worth waiting for: the one before it is a whole tick older
-_LATE_S = 0.002  # how long it is waited for beyond
+_LATE_S = 0.003  # how long it is waited for beyond; the loop itself waits up to 2 ms for a reply
 _OLD_S = 0.0015  # a sample that is older than a tick and this is not the newest that could be had
 _GLANCE_S = 0.00005
 
@@ -105,10 +105,10 @@ class ArmPort:
         return self.newest()
 
     def await_fresh(self) -> None:
-        """Wait for a tick that ends within 1.3 ms, or for the next one where a sample is older than ticks make it.
+        """Wait for a tick that ends within 1.3 ms; then, where a reply to the last one was lost, for the next.
 
-        So it is after a lost reply. Who observes several arms waits for all of them first: while it waited for one,
-        what it had read of another would age.
+        At most two ticks and a few milliseconds. A motor that has missed more is not waited for. Who observes several
+        arms waits for all of them first: while it waited for one, what it had read of another would age.
 
         Raises:
             YamError: as `observe`.
@@ -116,13 +116,13 @@ class ArmPort:
         states, period_s = self._states, self._period_s
         if not period_s or states is None:
             return
-        self._await_tick(states, _NEARLY_S)
-        if self._clock.now() - self.newest().stamp_s > period_s + _OLD_S:
-            self._await_tick(states, period_s)
+        self._await_tick(states, states.sequence(), _NEARLY_S)
+        age_s = self._clock.now() - self.newest().stamp_s
+        if self._newest is not None and period_s + _OLD_S < age_s < 2.0 * period_s + _OLD_S:
+            self._await_tick(states, self._newest[0], period_s)
 
-    def _await_tick(self, states: SharedBlock, within_s: float) -> None:
-        """Let a tick that should end so soon end; one that is late is not waited for."""
-        sequence = states.sequence()
+    def _await_tick(self, states: SharedBlock, sequence: int, within_s: float) -> None:
+        """Let the tick after record `sequence` end if it should so soon; one that is late is not waited for."""
         due = states.peek_float(PUBLISHED_AT) + self._period_s
         if due - within_s < self._clock.now():
             while states.sequence() == sequence and self._clock.now() < due + _LATE_S:

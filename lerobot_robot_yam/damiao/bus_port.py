@@ -40,8 +40,8 @@ def _receiver(bus: can.BusABC) -> Callable[[float], can.Message | None]:
             message, filtered = receive(timeout_s)
             if message is not None and (filtered or matches(message)):
                 return message
-            timeout_s = deadline_s - time.monotonic()
-            if timeout_s <= 0.0:
+            timeout_s = max(0.0, deadline_s - time.monotonic())
+            if message is None and timeout_s == 0.0:
                 return None
 
     return recv

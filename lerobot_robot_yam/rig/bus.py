@@ -32,6 +32,7 @@ _FOREIGN_OPTIONS = frozenset(
     ("bitrate", "data_bitrate", "timing", "single_handle", "local_loopback", "ignore_rx_error_frames", "tseg1_abr")
 )
 _CLASSIC_BITRATE = 1_000_000
+_SELECTABLE = 1024  # descriptors below
 
 
 class YamSimBus(can.BusABC):
@@ -201,7 +202,11 @@ class YamSimBus(can.BusABC):
 
 
 def _wait(sock: socket.socket, event: int, timeout_s: float | None) -> bool:
-    """Wait for a socket; poll, as select fails for descriptors above 1023."""
+    """Wait for a socket. poll counts in milliseconds and rounds up, but select fails for descriptors above 1023."""
+    timeout_s = None if timeout_s is None else max(0.0, timeout_s)
+    if 0 <= sock.fileno() < _SELECTABLE:
+        reads, writes = ([sock], []) if event == select.POLLIN else ([], [sock])
+        return any(select.select(reads, writes, [], timeout_s))
     poll = select.poll()
     poll.register(sock, event)
-    return bool(poll.poll(None if timeout_s is None else max(0.0, timeout_s * 1e3)))
+    return bool(poll.poll(None if timeout_s is None else timeout_s * 1e3))

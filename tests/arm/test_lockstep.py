@@ -61,8 +61,9 @@ def test_no_reply_is_lost_on_an_adapter_that_takes_half_a_millisecond_each_way()
     rig = LockstepRig(arms=CHANNELS, latency_s=0.0005)
     try:
         session, _ = moved(rig)
-        assert not np.any([session[channel].observe().lost for channel in CHANNELS])
+        lost = [session[channel].observe().lost for channel in CHANNELS]
         session.discard()
+        assert not np.any(lost)
     finally:
         rig.close()
 

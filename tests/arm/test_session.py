@@ -131,7 +131,9 @@ def test_who_looks_after_a_lost_reply_gets_the_next_one(rig, isolation):
             time.sleep(0.03)
             lost = port._raw()["lost"][1]
             rig.fault("follower_left", "joint_2", "drop_next", 1)
+            deadline = time.monotonic() + 5.0
             while (before := port._raw())["lost"][1] == lost:
+                assert time.monotonic() < deadline
                 time.sleep(0.0002)
             newer += arm.observe().stamp_s > before["motor_stamp_s"].max()
     assert newer > tries / 2

@@ -1,5 +1,8 @@
 """The python-can interface `yam_sim` on a live rig."""
 
+import contextlib
+import os
+import resource
 import threading
 import time
 
@@ -35,6 +38,20 @@ def test_a_request_is_answered_after_its_time_on_the_wire(bus):
     assert (answer.arbitration_id, answer.dlc, answer.channel) == (0x11, 8, CHANNEL)
     assert before + 2 * 130e-6 <= answer.timestamp <= time.monotonic()
     assert codec.decode_feedback("DM4340", bytes(answer.data)).motor_id == 1
+
+
+def test_a_process_with_many_open_files_is_answered_too(rig):
+    """select takes descriptors below 1024 only."""
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with contextlib.ExitStack() as stack:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (max(limits[0], 2048), limits[1]))
+        stack.callback(resource.setrlimit, resource.RLIMIT_NOFILE, limits)
+        while (spare := os.dup(0)) < 1024:
+            stack.callback(os.close, spare)
+        stack.callback(os.close, spare)
+        with can.Bus(interface="yam_sim", channel=CHANNEL, rig=rig.name) as bus:
+            bus.send(REFRESH[0], timeout=1.0)
+            assert bus.recv(5.0).arbitration_id == 0x11
 
 
 def test_a_tick_sent_at_once_is_answered_in_order(bus):
