@@ -23,6 +23,7 @@ import can
 from lerobot_robot_yam.errors import BusError, ConfigError
 from lerobot_robot_yam.rig import launch, wire
 from lerobot_robot_yam.rig.client_link import ClientLink
+from lerobot_robot_yam.rig.link_state import watch_link
 from lerobot_robot_yam.rig.wire import Frame
 
 logger = logging.getLogger(__name__)
@@ -79,7 +80,7 @@ class YamSimBus(can.BusABC):
         self.channel = channel
         self.channel_info = f"yam_sim channel {channel} of rig {self.rig}"
         try:
-            self._link = ClientLink(launch.rig_path(self.rig, "links"), answer["link"], answer["unplugs"])
+            self._link = ClientLink(watch_link(launch.rig_path(self.rig, "links"), answer["link"]), answer["unplugs"])
         except OSError as error:
             self._socket.close()
             raise self._gone() from error

@@ -2,11 +2,11 @@
 
 import errno
 import os
-from pathlib import Path
+from collections.abc import Sequence
 
 import can
 
-from lerobot_robot_yam.rig.link_state import LinkState, state_of, unplugs_of, watch_link
+from lerobot_robot_yam.rig.link_state import LinkState, state_of, unplugs_of
 
 BUS_OFF_FRAME_ID = 0x40  # CAN_ERR_BUSOFF of linux/can/error.h
 TX_QUEUE_FRAMES = 10  # the kernel's default queue of a CAN interface
@@ -18,16 +18,12 @@ class ClientLink:
     Unlike the kernel's, a receive on an interface that is down raises each time, not once.
 
     Args:
-        path: file of the rig's links.
-        index: number of the channel in it.
+        word: of its channel: a sequence of one, see `Link.word` and `watch_link`.
         unplugs: how often its adapter had been unplugged when the rig let us in.
-
-    Raises:
-        OSError: the rig has ended.
     """
 
-    def __init__(self, path: Path, index: int, unplugs: int):
-        self._word = watch_link(path, index)
+    def __init__(self, word: Sequence[int], unplugs: int):
+        self._word = word
         self._unplugs = unplugs
         self._fine = -1  # the last word seen under which nothing was wrong
         self._queued_word = -1

@@ -35,14 +35,20 @@ def unplugs_of(word: int) -> int:
 
 
 class Link:
-    """One interface, as the rig moves it. `publish` is called with the word after every change."""
+    """One interface, as the rig moves it.
+
+    Attributes:
+        word: a list of one: its word, as `watch_link` shows it to other processes.
+        publish: called with the word after every change.
+        unplugs: how often the adapter was taken away.
+    """
 
     def __init__(self) -> None:
         self.state = LinkState.UP
         self.publish: Callable[[int], None] = lambda word: None
         self._down = self._gone = self._bus_off = False
-        self.unplugs = 0  # how often the adapter was taken away
-        self._changes = 0
+        self.unplugs = self._changes = 0
+        self.word = [int(self.state)]
 
     def set_down(self, down: bool) -> None:
         """Take the interface down or bring it up; down also ends a bus-off, as on a real controller."""
@@ -70,7 +76,8 @@ class Link:
         else:
             self.state = LinkState.BUS_OFF if self._bus_off else LinkState.UP
         self._changes += 1
-        self.publish((self._changes << _UNPLUG_BITS | self.unplugs) << _STATE_BITS | self.state)
+        self.word[0] = (self._changes << _UNPLUG_BITS | self.unplugs) << _STATE_BITS | self.state
+        self.publish(self.word[0])
 
 
 class LinkTable:

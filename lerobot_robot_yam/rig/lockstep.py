@@ -21,6 +21,7 @@ import numpy as np
 
 from lerobot_robot_yam.errors import BusError, ConfigError
 from lerobot_robot_yam.rig import commands, wire
+from lerobot_robot_yam.rig.client_link import ClientLink
 from lerobot_robot_yam.rig.control import RigOperations
 from lerobot_robot_yam.rig.device import RigDevice
 from lerobot_robot_yam.rig.launch import rig_path
@@ -138,6 +139,7 @@ class LockstepBus(can.BusABC):
         self.clock = found
         self.channel_info = f"yam_lockstep channel {channel} of rig {rig}"
         self._wire = found.device.channels[channel]
+        self._link = ClientLink(self._wire.link.word, self._wire.link.unplugs)
         self._arrived: deque[Frame] = deque()
         self._mailbox = _Mailbox(self._arrived)
         self._wire.clients.append(self._mailbox)
@@ -151,9 +153,12 @@ class LockstepBus(can.BusABC):
         """Queue frames for the wire, back to back.
 
         Raises:
-            BusError: the rig has been restarted, or the channel has failed.
+            BusError: the rig has been restarted.
+            can.CanOperationError: the interface is down, gone or stuck, see `RigControl.fault`.
         """
-        if self._mailbox not in self._wire.clients or self._wire.link.state:
+        if not self._link.check_send(len(messages)):
+            return
+        if self._mailbox not in self._wire.clients:
             raise BusError(f"{self.channel_info}: no such device; was the rig restarted?")
         now = self.clock.now()
         frames = [
@@ -169,10 +174,15 @@ class LockstepBus(can.BusABC):
         self._wire.receive(self._mailbox, frames, now)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
-        """The next frame; its time passes on the rig's clock."""
+        """The next frame; its time passes on the rig's clock.
+
+        Raises:
+            can.CanOperationError: the interface is down or gone.
+        """
         clock, arrived = self.clock, self._arrived
         deadline = clock.now() + (_PATIENCE_S if timeout is None else timeout)
         while True:
+            self._link.check_receive()
             now = clock.now()
             if arrived and arrived[0].stamp_s <= now:
                 message = self._message(arrived.popleft())
