@@ -8,6 +8,7 @@ import can
 import numpy as np
 
 from lerobot_robot_yam.arm import laws
+from lerobot_robot_yam.arm.bus_loss import BusLoss
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.drive import ArmDrive
 from lerobot_robot_yam.arm.dynamics import GravityModel
@@ -73,7 +74,7 @@ class ArmBody:
         self._floats = config.start == "float"
         self._landing: Landing | None = None
         self._unreachable_since: float | None = None
-        self._bus_lost = False
+        self._bus_loss = BusLoss()
         self._heat: Heat | None = None
         self._heat_due = -math.inf
         self._came_free_s = -math.inf
@@ -177,7 +178,7 @@ class ArmBody:
             BusError: the channel does not take them.
         """
         self.drive.send(self.motion.commands)
-        self._bus_lost = False
+        self._bus_loss.clear()
 
     def collect(self, deadline_s: float) -> None:
         """Take the replies of this tick; whatever is missing at the deadline ages."""
@@ -291,7 +292,7 @@ class ArmBody:
         """Move its set-point on; cuts torque where that moves nothing."""
         assert self._landing is not None
         joints = self.hardware.joints
-        if self._bus_lost or not self._usable.any():
+        if self._bus_loss.lost or not self._usable.any():
             self._unreachable_since = self._unreachable_since or now
             if now - self._unreachable_since > _UNREACHABLE_S:
                 self.message = self.message or "nothing reaches the arm; its motors have let go by themselves"

@@ -22,7 +22,7 @@ from lerobot_robot_yam.arm.policy import POLICY, SILENT_S, Response, Trouble
 from lerobot_robot_yam.arm.state import Limited, Request
 from lerobot_robot_yam.arm.stop_reasons import StopReasons
 from lerobot_robot_yam.damiao.tables import Fault
-from lerobot_robot_yam.errors import LifeCycleError, MotorError, YamError
+from lerobot_robot_yam.errors import BusError, LifeCycleError, MotorError, YamError
 
 logger = logging.getLogger(__name__)
 
@@ -31,7 +31,6 @@ _END_AGAIN_S = 1.0
 _REARM_TICKS = 8  # in which a motor has to say that it is enabled: an answer may get lost
 _SEED_RAD = 0.3  # a set-point further than this from the arm is not what holds it
 _RELEASE_FIRST = "the emergency stop is latched: look at the arms, then `yam-estop release`"
-_BUS_TROUBLE = {19: Trouble.ADAPTER_GONE, 100: Trouble.LINK_DOWN, 105: Trouble.BUS_OFF}  # by errno
 
 
 class ArmController(ArmBody):
@@ -250,12 +249,11 @@ class ArmController(ArmBody):
             if self.mode in (Mode.TRACK, Mode.FLOAT):
                 self._hold_here()
 
-    def lose_bus(self, error: YamError, now: float) -> None:
+    def lose_bus(self, error: BusError, now: float) -> None:
         """The channel takes nothing: the motors keep the last command until their own watchdogs act."""
-        if not self._bus_lost and self.mode not in (Mode.FAULT, Mode.LAND):
-            number = getattr(error.__cause__, "error_code", None) or getattr(error.__cause__, "errno", None)
-            self._suffer(_BUS_TROUBLE.get(number or 0, Trouble.ADAPTER_GONE), str(error), now)
-        self._bus_lost = True
+        trouble = self._bus_loss.note(error, now)
+        if trouble is not None and self.mode not in (Mode.FAULT, Mode.LAND):
+            self._suffer(trouble, str(error), now)
 
     def fail(self, error: Exception) -> None:
         """Something in our own code broke: the last commands that went out hold the arm, at rest."""

@@ -1,5 +1,6 @@
 """A python-can bus as the chain uses it: several frames per call, our errors, arrival times on our clock."""
 
+import errno
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -108,7 +109,16 @@ class BusPort:
         return stamp if now - _STAMP_TRUST_S < stamp < now else now
 
     def _error(self, verb: str, error: Exception) -> BusError:
-        return BusError(
-            f"CAN channel {self.channel}: {verb} failed ({error}); check that the adapter is plugged in "
-            f"and the link is up (ip -details link show {self.channel})"
-        )
+        number = getattr(error, "error_code", None) or getattr(error, "errno", None)
+        if "buffer full" in str(error):  # so python-can says it, without a number
+            number = errno.ENOBUFS
+        if number == errno.ENOBUFS:
+            advice = (
+                "frames wait, and no motor takes them: check the motors' power and the cable; or too few may wait "
+                f"(sudo ip link set {self.channel} txqueuelen 100)"
+            )
+        else:
+            advice = f"check that the adapter is plugged in and the link is up (ip -details link show {self.channel})"
+        found = BusError(f"CAN channel {self.channel}: {verb} failed ({error}); {advice}")
+        found.errno = number
+        return found

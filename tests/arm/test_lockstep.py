@@ -68,6 +68,22 @@ def test_no_reply_is_lost_on_an_adapter_that_takes_half_a_millisecond_each_way()
         rig.close()
 
 
+def test_a_transmit_queue_that_is_full_for_a_moment_ends_no_session(rig):
+    session, _ = moved(rig)
+    port = session[CHANNELS[0]]
+    rig.fault(CHANNELS[0], None, "bus_off")
+    session.clock.sleep(0.04)
+    rig.fault(CHANNELS[0], None, "bus_off", False)
+    session.clock.sleep(0.1)
+    state = port.observe()
+    assert state.mode is Mode.TRACK and min(state.lost) > 5
+    rig.fault(CHANNELS[0], None, "bus_off")
+    session.clock.sleep(0.09)  # before it counts as silence
+    with pytest.raises(MotorError, match=r"frames wait.*txqueuelen"):
+        port.observe()
+    session.discard()
+
+
 def test_it_lands_in_simulated_time(rig):
     session, _ = moved(rig)
     before = rig.now()

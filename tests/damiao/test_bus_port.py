@@ -1,11 +1,13 @@
 """Receiving through any python-can bus: waits that a step of the computer's clock does not lengthen."""
 
+import errno
 import time
 
 import can
 import pytest
 
 from lerobot_robot_yam.damiao.bus_port import BusPort, data_message
+from lerobot_robot_yam.errors import BusError
 
 WAIT_S = 0.05
 
@@ -38,3 +40,23 @@ def test_filters_count_and_what_they_hold_back_ends_no_wait():
                 message = port.recv(wait_s)
                 assert message is not None and message.arbitration_id == 2
                 assert port.recv(0.0) is None
+
+
+@pytest.mark.parametrize(
+    ("error", "number", "advice"),
+    [  # as python-can's socketcan raises them
+        (can.CanOperationError("Transmit buffer full"), errno.ENOBUFS, "frames wait.*txqueuelen 100"),
+        (can.CanOperationError("Failed to transmit: No buffer space available", errno.ENOBUFS), errno.ENOBUFS, "wait"),
+        (can.CanOperationError("Failed to transmit: Network is down", errno.ENETDOWN), errno.ENETDOWN, "link is up"),
+        (OSError(errno.ENODEV, "No such device"), errno.ENODEV, "plugged in"),
+    ],
+)
+def test_what_a_channel_refuses_frames_for_is_told_apart(error, number, advice, monkeypatch):
+    def refuse(message, timeout=None):
+        raise error
+
+    with can.Bus(interface="virtual", channel="desk") as bus:
+        monkeypatch.setattr(bus, "send", refuse)
+        with pytest.raises(BusError, match=f"desk: send failed.*{advice}") as raised:
+            BusPort(bus, "desk").send([data_message(1, b"x")])
+    assert raised.value.errno == number
