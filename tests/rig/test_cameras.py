@@ -134,16 +134,16 @@ def _stop_and_kill(rig: RigControl) -> None:
 
 
 @contextlib.contextmanager
-def little_time(pid: int, share: float):
-    """A process runs for only so much of the time, 8 ms at a time."""
+def little_time(pid: int, run_s: float):
+    """A process runs for only so much of the time between two pauses of 0.06 s."""
     done = threading.Event()
 
     def pulse() -> None:
         while not done.is_set():
             os.kill(pid, signal.SIGCONT)
-            time.sleep(0.008)
+            time.sleep(run_s)
             os.kill(pid, signal.SIGSTOP)
-            time.sleep(0.008 / share - 0.008)
+            time.sleep(0.06)
         os.kill(pid, signal.SIGCONT)
 
     thread = threading.Thread(target=pulse)
@@ -155,25 +155,33 @@ def little_time(pid: int, share: float):
         thread.join()
 
 
+def rounds_and_ages(rig: RigControl, cameras: list[RigCamera]) -> tuple[float, list[float]]:
+    """Median time between two pictures of a camera, and median age of each camera's when they come, s; of 5 s."""
+    stamps, ages, rounds = [time.monotonic()] * len(cameras), [[] for _ in cameras], []
+    end = time.monotonic() + 5.0
+    while (now := time.monotonic()) < end:
+        rig.place("cube", [0.3 + 0.01 * (now % 1.0), 0.2, 0.1])  # or it would not draw
+        for i, camera in enumerate(cameras):
+            stamp_s = camera.latest(max_age_s=10.0)[1]
+            if stamp_s != stamps[i]:
+                ages[i].append(time.monotonic() - stamp_s)
+                rounds.append(stamp_s - stamps[i])
+                stamps[i] = stamp_s
+        time.sleep(0.002)
+    return float(np.median(rounds)), [float(np.median(age)) for age in ages]
+
+
 def test_a_renderer_that_gets_little_time_draws_every_camera_as_the_world_is_then():
     """All from one state, the last one would be a whole round old when it is there."""
     with running_rig() as rig, contextlib.ExitStack() as stack:
         cameras = [stack.enter_context(RigCamera(name, 320, 240, 30, rig=rig.name)) for name in CAMERAS]
-        stamps, ages, rounds = [time.monotonic()] * 3, [[], [], []], []
-        stack.enter_context(little_time(*renderer_pids(rig), share=0.12))
-        end = time.monotonic() + 5.0
-        while (now := time.monotonic()) < end:
-            rig.place("cube", [0.3 + 0.01 * (now % 1.0), 0.2, 0.1])  # or it would not draw
-            for i, camera in enumerate(cameras):
-                stamp_s = camera.latest(max_age_s=10.0)[1]
-                if stamp_s != stamps[i]:
-                    ages[i].append(time.monotonic() - stamp_s)
-                    rounds.append(stamp_s - stamps[i])
-                    stamps[i] = stamp_s
-            time.sleep(0.002)
-        round_s = np.median(rounds)
+        for run_s in (0.008, 0.004, 0.002, 0.001):  # fast machines draw a round in a few milliseconds
+            with little_time(*renderer_pids(rig), run_s):
+                round_s, ages_s = rounds_and_ages(rig, cameras)
+            if round_s > 0.08:
+                break
         assert round_s > 0.08, "it has got too much time for this test"
-        assert max(np.median(age) for age in ages) < 0.75 * round_s, (round_s, [np.median(age) for age in ages])
+        assert max(ages_s) < 0.75 * round_s, (round_s, ages_s)
 
 
 def test_no_opengl_is_a_clear_error_and_the_rig_lives_on(monkeypatch):
