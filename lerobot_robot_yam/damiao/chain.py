@@ -1,29 +1,21 @@
 """All motors of one CAN bus: send every command, then collect every reply, by identifier.
 
-A late or lost reply ages its own motor only and is never taken for another's. What has arrived is drained before
-the next tick is sent, so old data cannot pile up in the socket.
+What has arrived is drained before the next tick is sent, so old data cannot pile up in the socket.
 
 `collect` ends a tick. Who would not leave the wire idle for a moment calls `await_all_but_one` instead, sends the next
 commands while the last reply is on the wire, and takes that one, which comes before all others, with `collect_earlier`.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 
 import can
 import numpy as np
 
-from lerobot_robot_yam.damiao.bus_port import BusPort, data_message, is_classic_data
+from lerobot_robot_yam.damiao.bus_port import data_message, is_classic_data
 from lerobot_robot_yam.damiao.codec import SpecialCommand, encode_mit
-from lerobot_robot_yam.damiao.encoder import (
-    EVENT_ID,
-    HANDLE_IDS,
-    REPORT_ID,
-    REQUEST_ID,
-    HandleEncoder,
-    encode_report_request,
-)
-from lerobot_robot_yam.damiao.feedback import FeedbackStore
-from lerobot_robot_yam.damiao.motor_spec import MotorSpec, check_specs
+from lerobot_robot_yam.damiao.encoder import REQUEST_ID, HandleEncoder, encode_report_request
+from lerobot_robot_yam.damiao.motor_spec import MotorSpec
+from lerobot_robot_yam.damiao.receiver import Receiver
 from lerobot_robot_yam.damiao.registers import (
     Opcode,
     decode_reply,
@@ -33,19 +25,17 @@ from lerobot_robot_yam.damiao.registers import (
     encode_write,
     register_row,
 )
-from lerobot_robot_yam.damiao.requests import Request, Requests
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S, REGISTER_ID
 from lerobot_robot_yam.errors import ActionError, MotorError
 
 ENABLE_PAUSE_S = 0.003  # the vendor's driver leaves this much time before each enable
 CLEAR_REPEATS = 3  # and sends "clear error" this many times
-_NO_STATE = 0x10  # first bytes below carry no state: feedback of a disabled motor, or a register's answer
 # Of the reply that is on the wire when the next commands are sent: less than the first answer to those can take, which
 # is two frames of 111 bits, the shortest with 8 bytes.
 LAST_REPLY_S = 1.7 * FRAME_TIME_S
 
 
-class MotorChain(FeedbackStore):
+class MotorChain(Receiver):
     """All motors (and optionally the handle encoder) on one CAN bus. One thread touches it.
 
     State, refreshed as new arrays by every `collect` (`lost` where it grows), in motor coordinates, shape (n,):
@@ -71,45 +61,19 @@ class MotorChain(FeedbackStore):
         Raises:
             ConfigError: names or identifiers are not unique, or a type is unknown.
         """
-        self.channel = channel
-        check_specs(motors, channel)
-        self.motors = tuple(motors)
-        self.encoder = encoder
-        self._port = BusPort(bus, channel)
-        self.clock = self._port.clock
-        count = len(self.motors)
-        self._index = {spec.answer_key: i for i, spec in enumerate(self.motors)}
-        self._command_ids = frozenset(spec.can_id for spec in self.motors)
+        super().__init__(bus, motors, channel, encoder)
         # Reused every tick; a bus copies what it queues.
         self._messages = [data_message(spec.can_id, bytes(8)) for spec in self.motors]
         if encoder is not None:
             self._messages.append(data_message(REQUEST_ID, encode_report_request()))
 
-        self.lost: np.ndarray = np.zeros(count, dtype=int)
-        self._requests = Requests(count)
-        self._late_registers = 0  # register replies that were given up on and may still come
+        self.lost: np.ndarray = np.zeros(len(self.motors), dtype=int)
         self.all_answered = False
-        self.foreign_commands = 0
-        self.foreign: dict[int, int] = {}
-        self.error_frames = 0
-        super().__init__([spec.type for spec in self.motors])
-
-    def __len__(self) -> int:
-        return len(self.motors)
 
     @property
     def expected_wire_s(self) -> float:
         """Time one exchange occupies the wire: two frames per motor, and the handle's two."""
         return 2 * len(self._messages) * FRAME_TIME_S
-
-    @property
-    def duplicates(self) -> np.ndarray:
-        """(n,) answers beyond those asked for."""
-        return np.array(self._requests.duplicates)
-
-    def age_s(self, now: float) -> np.ndarray:
-        """(n,) seconds from each motor's newest answer to `now` (the clock's time); inf if none came."""
-        return now - self.stamp_s
 
     def pack(self, commands: np.ndarray) -> list[bytes]:
         """Data of one MIT command frame per motor. Sends nothing.
@@ -228,11 +192,6 @@ class MotorChain(FeedbackStore):
         self._port.send([data_message(REGISTER_ID, encode_refresh(spec.can_id)) for spec in self.motors])
         return self._answered(timeout_s)
 
-    def drain(self) -> None:
-        """Take everything that has already arrived, without waiting."""
-        while (message := self._port.recv(0.0)) is not None:
-            self._receive(message)
-
     def read_register(self, motor: int, register: int, timeout_s: float = 0.05, attempts: int = 3) -> float | int:
         """Value of a register of motor number `motor` (index). Blocks: not for use inside the loop.
 
@@ -295,13 +254,6 @@ class MotorChain(FeedbackStore):
             f"{register_row(register).name}; check its power and cable"
         )
 
-    def _until(self, deadline_s: float) -> Iterator[can.Message]:
-        """Frames as they arrive, until the deadline."""
-        while (remaining := deadline_s - self.clock.now()) > 0.0:
-            message = self._port.recv(remaining)
-            if message is not None:
-                yield message
-
     def _begin(self, motors: Iterable[int], handle: bool = False, repeats: int = 1) -> None:
         """Open a request: what has arrived until now belongs to earlier ones."""
         if not self._requests.ahead:  # else they are still open, and answers come in order
@@ -314,16 +266,6 @@ class MotorChain(FeedbackStore):
         self._requests.ahead = False
         if self._requests.open:
             self.collect(self.clock.now() + 2 * self.expected_wire_s)
-
-    def _take_answers(self, request: Request, deadline_s: float, missing: int = 0) -> None:
-        """Take frames until at most so many of a request's answers are missing."""
-        while request.missing > missing:
-            remaining_s = deadline_s - self.clock.now()
-            message = self._port.recv(max(0.0, remaining_s))
-            if message is not None:
-                self._receive(message)
-            elif remaining_s <= 0.0:  # not before: who sleeps past the deadline finds all that has come meanwhile
-                return
 
     def _collect_oldest(self, deadline_s: float) -> bool:
         silent = self._close(deadline_s)
@@ -345,39 +287,3 @@ class MotorChain(FeedbackStore):
         silent = self._close(self.clock.now() + timeout_s)
         self.publish()
         return [i not in silent for i in range(len(self.motors))]
-
-    def _receive(self, message: can.Message) -> None:
-        """Put one frame where it belongs. Hot: once per frame."""
-        if message.is_error_frame:
-            self.error_frames += 1
-            return
-        data, index = message.data, None
-        if len(data) == 8 and not message.is_extended_id:  # a remote frame has no data
-            index = self._index.get(message.arbitration_id << 4 | data[0] & 0xF)
-        if index is None:
-            self._receive_other(message)
-            return
-        if data[0] < _NO_STATE and decode_reply(bytes(data)) is not None:
-            # As feedback it would put the motor at -12.5 rad or turn it once. Nobody's joint comes below -11.7 rad.
-            if self._late_registers:
-                self._late_registers -= 1
-            else:
-                self._note_foreign(message.arbitration_id)
-            return
-        self.take(index, data, self._port.arrival_s(message))
-        self._requests.answer(index)
-
-    def _receive_other(self, message: can.Message) -> None:
-        can_id, ours = message.arbitration_id, is_classic_data(message)
-        if ours and self.encoder is not None and can_id in HANDLE_IDS:
-            if can_id in (REPORT_ID, EVENT_ID):
-                taken = self.encoder.accept(message.data, self._port.arrival_s(message))
-                if taken and can_id == REPORT_ID:
-                    self._requests.handle_answer()
-            return
-        if ours and can_id in self._command_ids:
-            self.foreign_commands += 1
-        self._note_foreign(can_id)
-
-    def _note_foreign(self, can_id: int) -> None:
-        self.foreign[can_id] = self.foreign.get(can_id, 0) + 1
