@@ -1,18 +1,14 @@
-"""The gripper's normalised coordinate and how its stops are found, verified and kept.
+"""The gripper's normalised coordinate and how its stops are found and verified.
 
 u = (motor − closed) / (open − closed), 0 closed … 1 open. The stroke exceeds one turn while a motor knows its angle
 within one turn only, so stored stops are never taken on trust: an angle that fits two turns is resolved by a gentle
 move towards open, with at most the calibration torque. An object between the fingers is not a stop.
 """
 
-import contextlib
-import json
 import logging
 import math
-import os
 from collections.abc import Generator
 from dataclasses import dataclass
-from pathlib import Path
 
 from lerobot_robot_yam.arm.joints import TURN
 from lerobot_robot_yam.arm.profile import Calibration
@@ -25,7 +21,6 @@ _STOP_TOLERANCE_RAD = 0.06  # how far a stop may lie from where it was stored
 _NUDGE_RAD = 0.6  # a move of this length leaves the zone in which two turns fit
 _WRONG_WAY_RAD = 0.15  # against the command: more than play and a finger's spring
 _MOVED_RAD = 0.03  # less is play, not a move
-_FILE_VERSION = 1
 
 Search = Generator[tuple[float, float], tuple[float, float], "GripperStops"]
 """Yields (dq*, kd) for the gripper motor, is sent (now_s, motor_rad), returns the stops."""
@@ -155,59 +150,3 @@ def verify_stops(arm: str, calibration: Calibration, stored: GripperStops) -> Se
             "free its fingers and calibrate again (lerobot-calibrate)"
         )
     return GripperStops(stored.closed_rad, stored.open_rad, shift_rad=turns[0])
-
-
-def load_stops(arm: str, path: Path, gripper: str) -> GripperStops | None:
-    """Stored stops, or None when there is no file.
-
-    Raises:
-        GripperError: the file cannot be read, is damaged or belongs to another gripper.
-    """
-    try:
-        data = json.loads(path.read_text())
-        stops = GripperStops(float(data["closed_rad"]), float(data["open_rad"]))
-        owner, version = data["gripper"], data["version"]
-        if not math.isfinite(stops.closed_rad) or not math.isfinite(stops.open_rad):
-            raise ValueError("stops are not finite")
-    except FileNotFoundError:
-        return None
-    except OSError as error:
-        raise GripperError(
-            f"{arm}: the gripper calibration {path} cannot be read ({error}); correct `calibration_path`, or who may "
-            "read the file"
-        ) from error
-    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
-        raise GripperError(
-            f"{arm}: {path} is not a gripper calibration ({error}); delete it and calibrate again (lerobot-calibrate)"
-        ) from error
-    if owner != gripper or version != _FILE_VERSION:
-        raise GripperError(
-            f"{arm}: {path} was made for gripper {owner!r} (file version {version}), not {gripper!r}; delete it"
-        )
-    return stops
-
-
-def save_stops(arm: str, path: Path, gripper: str, stops: GripperStops) -> None:
-    """Write the stops so that a crash in the middle leaves the old file.
-
-    Raises:
-        GripperError: the file cannot be written.
-    """
-    scratch = path.with_name(f"{path.name}.{os.getpid()}")  # two sessions may store at once
-    data = {
-        "version": _FILE_VERSION,
-        "gripper": gripper,
-        "closed_rad": stops.closed_rad,
-        "open_rad": stops.open_rad,
-    }
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        scratch.write_text(json.dumps(data, indent=1) + "\n")
-        scratch.replace(path)
-    except OSError as error:
-        with contextlib.suppress(OSError):
-            scratch.unlink(missing_ok=True)
-        raise GripperError(
-            f"{arm}: the gripper's stops cannot be stored in {path} ({error}); make room, or correct "
-            "`calibration_path` or who may write there, then calibrate again (lerobot-calibrate)"
-        ) from error

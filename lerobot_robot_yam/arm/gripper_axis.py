@@ -10,8 +10,9 @@ from lerobot_robot_yam.arm import laws
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.force_limiter import ForceLimiter
 from lerobot_robot_yam.arm.grip_force import GripForce
-from lerobot_robot_yam.arm.gripper import GripperStops, Search, find_stops, load_stops, save_stops, verify_stops
+from lerobot_robot_yam.arm.gripper import GripperStops, Search, find_stops, verify_stops
 from lerobot_robot_yam.arm.profile import GripperProfile
+from lerobot_robot_yam.arm.stored_stops import load_stops, save_stops
 from lerobot_robot_yam.errors import GripperError
 
 logger = logging.getLogger(__name__)

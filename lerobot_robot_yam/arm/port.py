@@ -1,9 +1,7 @@
 """The caller's handle on one arm: its state block to read, its command block to write."""
 
-import contextlib
 import logging
 import math
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,7 +9,6 @@ import numpy as np
 
 from lerobot_robot_yam.arm.command_writer import CommandWriter
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.arm.gripper import load_stops
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.safety import LimitLog, check_range, finite_number, finite_vector, limit_target
@@ -25,6 +22,7 @@ from lerobot_robot_yam.arm.state import (
     lock_path,
     state_path,
 )
+from lerobot_robot_yam.arm.stored_stops import await_stored
 from lerobot_robot_yam.clock import SYSTEM, Clock
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import ChannelInUseError, GripperError, LifeCycleError, MotorError, StaleStateError
@@ -35,7 +33,6 @@ logger = logging.getLogger(__name__)
 
 _REQUEST_TIMEOUT_S = 1.0
 _SEARCH_TIMEOUT_S = 20.0
-_STORE_TIMEOUT_S = 2.0  # of a disk that other things write to
 _FAILED = (Mode.FAULT, Mode.LAND, Mode.OFF)  # with a message: not because the caller has asked for it
 _CALIBRATE = "calibrate it (lerobot-calibrate)"
 _WITHOUT_STOPS = {
@@ -316,24 +313,9 @@ class ArmPort:
         self._request(Request.CALIBRATE_GRIPPER)
         self.await_gripper(sought=True)
         if self.config.calibration_path is not None:
-            self._check_stored(Path(self.config.calibration_path))
-
-    def _check_stored(self, path: Path) -> None:
-        """The loop goes on when it cannot store what it has found, but who calibrates does it for the file."""
-        found = self._raw()["gripper_stops_rad"].tolist()
-        deadline = time.monotonic() + _STORE_TIMEOUT_S
-        while True:
-            last = time.monotonic() > deadline
-            with contextlib.nullcontext() if last else contextlib.suppress(GripperError):  # what was there before
-                stored = load_stops(self.config.name, path, self.hardware.gripper.name)
-                if stored is not None and [stored.closed_rad, stored.open_rad] == found:
-                    return
-            if last:
-                raise GripperError(
-                    f"{self.config.name}: nothing was stored in {path}; the log above says why. Mend that and "
-                    "calibrate again (lerobot-calibrate), or the next start searches the stops"
-                )
-            time.sleep(0.02)
+            closed_rad, open_rad = self._raw()["gripper_stops_rad"].tolist()
+            path = Path(self.config.calibration_path)
+            await_stored(self.config.name, path, self.hardware.gripper.name, closed_rad, open_rad)
 
     def _request(self, request: Request) -> None:
         number = self._commands.request(request)

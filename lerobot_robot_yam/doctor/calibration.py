@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from lerobot_robot_yam.arm.gripper import check_span, load_stops
+from lerobot_robot_yam.arm.gripper import check_span
 from lerobot_robot_yam.arm.profile import load_gripper
+from lerobot_robot_yam.arm.stored_stops import load_stops
 from lerobot_robot_yam.doctor.findings import Section
 from lerobot_robot_yam.doctor.targets import Target
 from lerobot_robot_yam.errors import ConfigError, GripperError

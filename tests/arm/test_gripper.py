@@ -10,10 +10,11 @@ import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.force_limiter import ForceLimiter
-from lerobot_robot_yam.arm.gripper import GripperStops, find_stops, load_stops, save_stops, verify_stops
+from lerobot_robot_yam.arm.gripper import GripperStops, find_stops, verify_stops
 from lerobot_robot_yam.arm.gripper_axis import GripperAxis
 from lerobot_robot_yam.arm.joints import TURN
 from lerobot_robot_yam.arm.profile import load_gripper
+from lerobot_robot_yam.arm.stored_stops import load_stops, save_stops
 from lerobot_robot_yam.errors import GripperError
 
 GOLDEN = Path(__file__).parents[1] / "golden"

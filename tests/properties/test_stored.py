@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 from lerobot_robot_yam import shared_block
 from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.fingerprint import Adapter, Fingerprint, MotorPrint
-from lerobot_robot_yam.arm.gripper import GripperStops, load_stops, save_stops, verify_stops
+from lerobot_robot_yam.arm.gripper import GripperStops, verify_stops
 from lerobot_robot_yam.arm.identity import Binding, check_identity
 from lerobot_robot_yam.arm.profile import load_gripper
+from lerobot_robot_yam.arm.stored_stops import load_stops, save_stops
 from lerobot_robot_yam.errors import ChannelInUseError, ConfigError, GripperError, MotorError, StaleStateError
 from lerobot_robot_yam.runtime import FileLock
 from lerobot_robot_yam.shared_block import SharedBlock
