@@ -7,6 +7,7 @@ import numpy as np
 from lerobot_robot_yam.arm.profile import ArmMotor, GripperMotor
 from lerobot_robot_yam.clock import SYSTEM, Clock
 from lerobot_robot_yam.rig.channel import Channel
+from lerobot_robot_yam.rig.contacts import Contacts
 from lerobot_robot_yam.rig.drive import Drive
 from lerobot_robot_yam.rig.events import EventLog
 from lerobot_robot_yam.rig.hand import Hand
@@ -46,6 +47,7 @@ class RigDevice:
         places = {name: point[:2].tolist() for name, point in (scene.places or {}).items()}
         self.judges = {box.name: Judge(box.name, places) for box in scene.props} if len(places) >= 2 else {}
         self.task = TaskSession(self.world)
+        self._contacts = Contacts(self.world)
         self._prop_bodies = {name: self.world.model.body(name).id for name in self.judges}
         self._pushes: dict[int, float] = {}  # body → simulated time of the end
         self._all_motors = [motor for channel in self.channels.values() for motor in channel.motors]
@@ -113,9 +115,10 @@ class RigDevice:
             if sim_s >= end_s:
                 self.world.data.xfrc_applied[body] = 0.0
                 del self._pushes[body]
+        held = self._contacts.look()[1] if any(judge.moving for judge in self.judges.values()) else {}
         for name, judge in self.judges.items():
             position = self.world.data.xpos[self._prop_bodies[name]]
-            for event in judge.update(sim_s, now_s, position):
+            for event in judge.update(sim_s, now_s, position, bool(held.get(name))):
                 self.events.add(event.pop("kind"), **event)
         for event in self.task.update():
             self.events.add(event.pop("kind"), **event)

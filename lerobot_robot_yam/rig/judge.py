@@ -1,7 +1,8 @@
 """Did the prop really move? Transfers and cycles judged from the world, never from the operator's word.
 
-A transfer is: the prop left the table, rose by at least `LIFT_M`, came to rest at least `CARRY_M` away. A cycle is a
-chain of transfers that brought it from one end place to the other. Pure: the server feeds it and logs its events.
+A transfer is: the prop left the table, rose by at least `LIFT_M`, came to rest at least `CARRY_M` away, in nobody's
+hand. A cycle is a chain of transfers that brought it from one end place to the other. Pure: the server feeds it and
+logs its events.
 """
 
 from collections.abc import Mapping, Sequence
@@ -50,8 +51,15 @@ class Judge:
         self._last = self._rest = self._still_since = self._moving = self._cycle = None
         self._fallen = False
 
-    def update(self, time_s: float, wall_s: float, position_m: np.ndarray) -> list[dict[str, Any]]:
+    @property
+    def moving(self) -> bool:
+        """Whether the prop has left the table, and whose hand it is in has to be known."""
+        return self._moving is not None
+
+    def update(self, time_s: float, wall_s: float, position_m: np.ndarray, held: bool) -> list[dict[str, Any]]:
         """Take the prop's centre (3,) at a simulated and a monotonic time; return the events that this completes.
+
+        `held`: an arm's fingers are closed on it.
 
         Events carry `kind` ("transfer", "drop", "cycle" or "fall"), `prop`, `start` and `end` as
         {"sim_s", "monotonic_s"}, and for the first three `lift_m`, `carry_m`, `from`, `to` ({"place", "xy_m"}).
@@ -75,7 +83,7 @@ class Judge:
             self._fallen = True
             return [{"kind": "fall", "prop": self._prop, "start": start, "end": now}]
         self._fallen = False
-        if speed < REST_SPEED_M_S:
+        if speed < REST_SPEED_M_S and not held:
             self._still_since = time_s if self._still_since is None else self._still_since
         else:
             self._still_since = None

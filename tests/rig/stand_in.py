@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 
 from lerobot_robot_yam.rig import commands
+from lerobot_robot_yam.rig.contacts import Contacts
 from lerobot_robot_yam.rig.device import RigDevice
 from lerobot_robot_yam.rig.judge import Judge
 from lerobot_robot_yam.rig.scene import Scene
@@ -37,6 +38,7 @@ class StandIn:
         self.prop = scene.props[0].name
         self.judge = Judge(self.prop, scene.places or {})
         self.task = TaskSession(self.world)
+        self._contacts = Contacts(self.world)
         self.events: list[dict] = []
         self.energised = True
         self.following = True
@@ -132,8 +134,8 @@ class StandIn:
             # Actuator length counts from the closed stop.
             data.actuator(f"{follower}/{motor.name}").ctrl = motor.kp * self._opening[side] * (opened - closed)
         self.world.step(TICK_STEPS)
-        position = data.body(self.prop).xpos
-        self.events += self.judge.update(self.world.sim_s, self.world.sim_s, position) + self.task.update()
+        position, held = data.body(self.prop).xpos, bool(self._contacts.look()[1][self.prop])
+        self.events += self.judge.update(self.world.sim_s, self.world.sim_s, position, held) + self.task.update()
 
     def _lead(self, side: str) -> tuple[np.ndarray, float]:
         """Where the leader is, and its trigger."""

@@ -9,14 +9,18 @@ PLACES = {"A": (0.3, 0.28), "M": (0.33, 0.0), "B": (0.3, -0.28)}
 A, M, B = ((*PLACES[name], 0.02) for name in "AMB")
 
 
-def judged(*points, lie_s: float = 0.5, move_s: float = 1.0, judge: Judge | None = None) -> list[dict]:
+def judged(
+    *points, lie_s: float = 0.5, move_s: float = 1.0, judge: Judge | None = None, held: bool = False
+) -> list[dict]:
     """Events of a prop that lies at the first point, moves in straight lines through the others, and lies again."""
     judge = judge or Judge("cube", PLACES)
     track = [points[0]] * int(lie_s * 100)
     for start, end in zip(points, points[1:], strict=False):
         track += list(np.linspace(start, end, int(move_s * 100)))
     track += [points[-1]] * int(lie_s * 100)
-    return [event for i, point in enumerate(track) for event in judge.update(i / 100, 1000 + i / 100, np.array(point))]
+    times = [i / 100 for i in range(len(track))]
+    updates = [judge.update(at, 1000 + at, np.array(point), held) for at, point in zip(times, track, strict=True)]
+    return [event for events in updates for event in events]
 
 
 def over(start, end, lift_m: float):
@@ -54,6 +58,16 @@ def test_pushing_does_not_count_as_carrying():
 def test_in_the_air_nothing_is_decided():
     high = (*M[:2], 0.1)
     assert judged(A, (*A[:2], 0.1), high, lie_s=2.0) == []
+
+
+def test_what_a_hand_still_holds_has_not_come_to_rest():
+    low = (*M[:2], 0.025)  # 5 mm above the table
+    judge = Judge("cube", PLACES)
+    for at in np.arange(-1.0, 0.0, 0.01):
+        judge.update(at, 1000 + at, np.array(A), False)
+    assert judged(*over(A, low, 0.08), lie_s=0.5, judge=judge, held=True) == []
+    (event,) = [event for i in range(40) for event in judge.update(10 + i / 100, 1010.0, np.array(M), False)]
+    assert event["kind"] == "transfer"
 
 
 def test_two_transfers_between_the_ends_are_a_cycle():
