@@ -14,13 +14,19 @@ Report = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Target:
-    """A promise: `value(report)` (in `unit`) must be at least or at most `bound`."""
+    """A promise: `value(report)` (in `unit`) must be at least or at most `bound`.
+
+    A ratio to a peer ends where physics ends: at `most(report)`, because of `why`. Where the peer is so good that this
+    lies below the bound, a miss says so; it stays one.
+    """
 
     what: str
     value: Callable[[Report], float]
     bound: float
     unit: str
     at_least: bool = False
+    most: Callable[[Report], float] = lambda _: math.inf
+    why: str = ""
 
     def judge(self, report: Report) -> tuple[float, bool | None]:
         """The value and whether the target is met; None where it was not measured."""
@@ -32,11 +38,30 @@ class Target:
             return value, None
         return value, value >= self.bound if self.at_least else value <= self.bound
 
+    def verdict(self, report: Report) -> str:
+        """The value, the bound and whether it is met, for people."""
+        value, met = self.judge(report)
+        sign = "≥" if self.at_least else "≤"
+        said = "not measured" if met is None else "met" if met else "MISSED"
+        if met is False and self.most(report) < self.bound:
+            said += f" ({self.why} allows {self.most(report):.3g})"
+        return f"{self.what:<41}{value:>10.3g} {self.unit:<3} (target {sign} {self.bound:g}) {said}"
+
 
 def _against_vendor(what: str, rate: str) -> Target:
     """Our loop with all it does beside the vendor's robot with all that does."""
-    return Target(what, lambda r: r["ours"][rate] / r["vendor"][rate], 1.8, "×", True)
+    return Target(
+        what,
+        lambda r: r["ours"][rate] / r["vendor"][rate],
+        1.8,
+        "×",
+        True,
+        lambda r: r["wire_limit_hz"] / r["vendor"][rate],
+        "the wire",
+    )
 
+
+_PERIOD_MS = 4.0  # of the ticks whose p99 is compared: 250 Hz
 
 TARGETS = (
     Target(
@@ -60,6 +85,8 @@ TARGETS = (
         10.0,
         "×",
         True,
+        lambda r: r["ours"]["thread_hogged_ms"]["p99"] / _PERIOD_MS,
+        "the period",
     ),
     Target("get + send, two arms, back to back", lambda r: r["ours"]["get_send_ms"], 0.3, "ms"),
     Target("get + send, two arms, at 60 Hz", lambda r: r["ours"]["get_send_paced_ms"], 0.3, "ms"),
@@ -96,11 +123,7 @@ def table(report: Report) -> str:
         if name not in ("missing", "failed"):
             lines.append(f"{name:<{width}}" + "".join(f"{row.get(c, '–'):>36}" for c in columns))
     lines += ["", *notes, "", "periods and ages: p50 / p99 / p99.9 / max in ms", ""]
-    for target in TARGETS:
-        value, met = target.judge(report)
-        sign = "≥" if target.at_least else "≤"
-        verdict = "not measured" if met is None else "met" if met else "MISSED"
-        lines.append(f"{target.what:<41}{value:>10.3g} {target.unit:<3} (target {sign} {target.bound:g}) {verdict}")
+    lines += [target.verdict(report) for target in TARGETS]
     lines += ["", _windows_text(report)]
     return "\n".join(lines)
 

@@ -48,6 +48,22 @@ def test_percentiles_are_named_as_the_report_names_them(windows):
     assert all(math.isnan(value) for value in windows.percentiles(np.zeros(0), (50,)).values())
 
 
+def test_a_miss_says_what_nobody_could_have_reached(monkeypatch):
+    monkeypatch.syspath_prepend(str(SCRIPTS))
+    from bench_report import TARGETS
+
+    (target,) = [target for target in TARGETS if target.what == "the same, one arm"]
+
+    def verdict(ours_hz, vendor_hz):
+        report = {"wire_limit_hz": 550.0, "ours": {"unthrottled_hz": ours_hz}, "vendor": {"unthrottled_hz": vendor_hz}}
+        return target.verdict(report).partition("1.8) ")[2]
+
+    assert verdict(540.0, 300.0) == "met"
+    assert verdict(530.0, 300.0) == "MISSED"
+    assert verdict(549.0, 320.0) == "MISSED (the wire allows 1.72)"
+    assert target.verdict({}).endswith("not measured")
+
+
 @pytest.mark.long
 @pytest.mark.alone
 def test_a_short_run_reports_every_figure(tmp_path):
