@@ -1,4 +1,4 @@
-"""Receiving through any python-can bus: waits that a step of the computer's clock does not lengthen."""
+"""Any python-can bus as the chain uses it: waits that no step of the clock lengthens, refusals that are told apart."""
 
 import errno
 import time
