@@ -46,8 +46,8 @@ class RigDevice:
                 self.hands[row.channel] = Hand(self.world, row.channel, handle)
         places = {name: point[:2].tolist() for name, point in (scene.places or {}).items()}
         self.judges = {box.name: Judge(box.name, places) for box in scene.props} if len(places) >= 2 else {}
-        self.task = TaskSession(self.world)
         self._contacts = Contacts(self.world)
+        self.task = TaskSession(self.world, self._contacts)
         self._prop_bodies = {name: self.world.model.body(name).id for name in self.judges}
         self._pushes: dict[int, float] = {}  # body → simulated time of the end
         self._all_motors = [motor for channel in self.channels.values() for motor in channel.motors]

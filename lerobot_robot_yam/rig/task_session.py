@@ -19,12 +19,12 @@ class TaskSession:
 
     Args:
         world: the physics.
+        contacts: of its props.
     """
 
-    def __init__(self, world: World):
-        self._world = world
+    def __init__(self, world: World, contacts: Contacts):
+        self._world, self._contacts = world, contacts
         self._tasks = {task.name: task for task in world.scene.tasks}
-        self._contacts = Contacts(world)
         self._arms = frozenset(world.profiles)
         model = world.model
         self._bodies = {thing.name: model.body(thing.name).id for thing in world.scene.things}

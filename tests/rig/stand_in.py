@@ -37,8 +37,8 @@ class StandIn:
         self.world = World(scene)
         self.prop = scene.props[0].name
         self.judge = Judge(self.prop, scene.places or {})
-        self.task = TaskSession(self.world)
         self._contacts = Contacts(self.world)
+        self.task = TaskSession(self.world, self._contacts)
         self.events: list[dict] = []
         self.energised = True
         self.following = True

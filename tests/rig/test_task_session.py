@@ -16,7 +16,7 @@ ARMS = {"arms": ["follower_left", "follower_right"]}
 
 def strewn(world: World, name: str, seed: int) -> np.ndarray:
     """qpos of everything but the arms."""
-    session = TaskSession(world)
+    session = TaskSession(world, Contacts(world))
     session.place(name, seed)
     things = [thing.name for thing in world.scene.things if not thing.fixed]
     return np.concatenate([world.data.joint(name).qpos for name in things])
@@ -37,7 +37,8 @@ def test_a_seed_always_means_the_same_and_another_one_something_else(name):
 def test_things_are_strewn_within_their_bounds_lie_still_and_clear_of_the_arms(name):
     scene = load_scene(name, ARMS)
     world = World(scene)
-    session, contacts = TaskSession(world), Contacts(world)
+    contacts = Contacts(world)
+    session = TaskSession(world, contacts)
     (task,) = scene.tasks
     seen: dict[str, list[np.ndarray]] = {draw.thing: [] for draw in task.randomise}
     for seed in range(6):

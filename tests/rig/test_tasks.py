@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.rig.contacts import Contacts
 from lerobot_robot_yam.rig.scene import SCENES, load_scene
 from lerobot_robot_yam.rig.task_session import TaskSession
 from lerobot_robot_yam.rig.tasks import SCRIPTS
@@ -94,7 +95,7 @@ def test_the_scene_in_the_documentation_works(tmp_path):
     text = (Path(__file__).parents[2] / "docs" / "scenes.md").read_text()
     (tmp_path / "lab.yaml").write_text(re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)[0])
     world = World(load_scene(tmp_path / "lab.yaml"))
-    session = TaskSession(world)
+    session = TaskSession(world, Contacts(world))
     session.place("pen_into_box", 0)
     world.step(800)
     assert not session.update() and session.state()["stage"] == 0
