@@ -175,14 +175,16 @@ def read_adapter(channel: str, sysfs_net: Path = SYSFS_NET) -> Adapter | None:
     """Serial number and port of a network interface's hardware; None when the kernel knows none.
 
     `device` leads to the USB interface (port "1-2.3:1.0"), whose parent is the adapter with its `serial`. An adapter
-    with several channels has one `dev_port` for each. Other hardware (SPI) has a port only.
+    with several channels has one `dev_port` for each, or, under kernels whose driver leaves that 0, one `dev_id`. Other
+    hardware (SPI) has a port only.
     """
     try:
         device = (sysfs_net / channel / "device").resolve(strict=True)
     except OSError:
         return None
-    number = _text(sysfs_net / channel / "dev_port") or "0"
-    port = device.name if number == "0" else f"{device.name}/{number}"
+    texts = (_text(sysfs_net / channel / name) for name in ("dev_port", "dev_id"))
+    number = next((found for text in texts if text and (found := int(text, 0))), 0)
+    port = f"{device.name}/{number}" if number else device.name
     return Adapter(_text(device / "serial") or _text(device.parent / "serial"), port)
 
 

@@ -5,6 +5,7 @@ neither lerobot nor torch, lives in a session of its own so that Ctrl-C does not
 is told to (SIGTERM) or when its parent is gone.
 """
 
+import contextlib
 import gc
 import json
 import logging
@@ -20,7 +21,7 @@ import can
 from lerobot_robot_yam.arm import stand_by
 from lerobot_robot_yam.arm.bring_up import refuse_stopped
 from lerobot_robot_yam.arm.build import build
-from lerobot_robot_yam.arm.bus import open_bus
+from lerobot_robot_yam.arm.bus import keeps_awake, open_bus
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.loop import ControlLoop
@@ -53,12 +54,14 @@ def control(
     locks: list[FileLock] = []
     buses: list[can.BusABC] = []
     loop: ControlLoop | None = None
+    awake = contextlib.ExitStack()
     try:
         refuse_stopped(configs[0].name, EmergencyStop())  # else who still holds the arms would be told to be ended
         for config, key in zip(configs, keys, strict=True):
             lock = FileLock(lock_path(key), f"CAN channel {config.channel}")
             lock.acquire()
             locks.append(lock)
+        awake.enter_context(keeps_awake(configs))
         for config in configs:
             buses.append(open_bus(config))
         loop = build(configs, keys, buses, caller_pid)
@@ -72,6 +75,7 @@ def control(
             loop.close(stand_by=realtime)
         for bus in buses:
             bus.shutdown()
+        awake.close()
         for lock in locks:
             lock.release()
 

@@ -60,7 +60,7 @@ class ProcessRunner:
 
     def start(self) -> None:
         self._child = child = subprocess.Popen(
-            [sys.executable, "-m", "lerobot_robot_yam.arm.process"],
+            [sys.executable, "-P", "-m", "lerobot_robot_yam.arm.process"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,

@@ -19,7 +19,7 @@ import numpy as np
 
 from lerobot_robot_yam.arm.blocks import ControllerBlocks
 from lerobot_robot_yam.arm.body import gravity_model
-from lerobot_robot_yam.arm.bus import open_bus
+from lerobot_robot_yam.arm.bus import keeps_awake, open_bus
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.controller import ArmController
 from lerobot_robot_yam.arm.hardware import Hardware
@@ -152,7 +152,8 @@ class StandBy:
                 loop = ControlLoop(controllers, blocks, self._configs[0].rate_hz)
                 logger.error("taken over within %.0f ms", (time.monotonic() - begin) * 1e3)
                 try:
-                    loop.run(must_land=lambda: _take(locks))
+                    with keeps_awake(self._configs):
+                        loop.run(must_land=lambda: _take(locks))
                 finally:
                     loop.close()
         finally:

@@ -1,6 +1,7 @@
 """A python-can bus as the chain uses it: several frames per call, our errors, arrival times on our clock."""
 
 import errno
+import math
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -61,11 +62,17 @@ class BusPort:
         self._recv = _receiver(bus)
         self.clock = clock_of(bus)
         self._epoch_offset_s = 0.0
+        self._asked_s = (-math.inf, -math.inf)  # when the question before the last was asked, and the last
         self.synchronise()
 
     def synchronise(self) -> None:
-        """Note how far the epoch clock is from the monotonic one; the former may be stepped at any time."""
-        self._epoch_offset_s = time.time() - self.clock.now()
+        """Note how far the epoch clock is from the monotonic one; the former may be stepped at any time.
+
+        To be called before each question: what bears an earlier stamp than the question before it is stamped wrongly.
+        """
+        now = self.clock.now()
+        self._epoch_offset_s = time.time() - now
+        self._asked_s = (self._asked_s[1], now)
 
     def send(self, messages: Sequence[can.Message]) -> None:
         """Queue frames without waiting for anything.
@@ -100,13 +107,14 @@ class BusPort:
     def arrival_s(self, message: can.Message) -> float:
         """When the frame arrived (the clock's time): the bus's own stamp where it is believable, else now.
 
-        The kernel (and the rig) stamp the arrival; now is only when we got round to reading.
+        The kernel (and the rig) stamp the arrival; now is only when we got round to reading. An adapter's own clock
+        drifts, and then an answer seems to have come before its question.
         """
         now = self.clock.now()
         stamp = message.timestamp
         if stamp > _EPOCH_S:
             stamp -= self._epoch_offset_s
-        return stamp if now - _STAMP_TRUST_S < stamp < now else now
+        return stamp if max(now - _STAMP_TRUST_S, self._asked_s[0]) < stamp < now else now
 
     def _error(self, verb: str, error: Exception) -> BusError:
         number = getattr(error, "error_code", None) or getattr(error, "errno", None)

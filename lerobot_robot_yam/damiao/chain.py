@@ -30,6 +30,8 @@ from lerobot_robot_yam.errors import ActionError, MotorError
 
 ENABLE_PAUSE_S = 0.003  # the vendor's driver leaves this much time before each enable
 CLEAR_REPEATS = 3  # and sends "clear error" this many times
+# After them, as long as they and their answers take on the wire: a link brought up by default has room for 20 frames.
+_CLEAR_PAUSE_S = 2 * CLEAR_REPEATS * FRAME_TIME_S
 # Of the reply that is on the wire when the next commands are sent: less than the first answer to those can take, which
 # is two frames of 111 bits, the shortest with 8 bytes.
 LAST_REPLY_S = 1.7 * FRAME_TIME_S
@@ -183,6 +185,8 @@ class MotorChain(Receiver):
             if command is SpecialCommand.ENABLE:
                 self.clock.sleep(ENABLE_PAUSE_S)
             self._port.send([data_message(spec.can_id, command.value)] * repeats)
+            if command is SpecialCommand.CLEAR:
+                self.clock.sleep(_CLEAR_PAUSE_S)
         return self._answered(timeout_s)
 
     def refresh(self, timeout_s: float = 0.05) -> list[bool]:

@@ -41,7 +41,7 @@ class Adapter:
             match += f', KERNELS=="{self.usb_interface}"'
         else:
             match += f', ATTRS{{serial}}=="{self.usb.serial}"'
-        if self.number not in (None, "0x0"):
+        if self.number is not None:  # the first of several, too: without it the rule would match them all
             match += f', ATTR{{dev_id}}=="{self.number}"'
         name = "CAN_NAME" if _KERNEL_NAME.fullmatch(self.name) else self.name
         return f'{match}, NAME="{name}"'
@@ -116,7 +116,16 @@ def _check_name(adapter: Adapter, adapters: Sequence[Adapter], rules: Sequence[s
     assert usb is not None
     twins = [a.name for a in adapters if a.usb and usb.serial and a.usb.serial == usb.serial and a.usb.port != usb.port]
     by = _named_by(adapter, rules)
-    if twins and by != "USB port":
+    alike = [a.name for a in adapters if a.usb_interface == adapter.usb_interface and a.number == adapter.number]
+    if len(alike) > 1:
+        others = ", ".join(other for other in alike if other != name)
+        section.problem(
+            name,
+            f"this kernel does not tell it from {others}, another channel of the same adapter: no rule can tie a name "
+            "to either, and arms are swapped",
+            "use Linux 6.1 or newer, or an adapter for each arm",
+        )
+    elif twins and by != "USB port":
         section.problem(
             name,
             f"its adapter has the same serial number ({usb.serial}) as that of {', '.join(twins)}: a name tied to it "

@@ -11,6 +11,7 @@ from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.process import RT_PRIORITY
 from lerobot_robot_yam.doctor.findings import Section
 from lerobot_robot_yam.doctor.usb import text_of
+from lerobot_robot_yam.sleep_lock import SLEEP, SWITCH_OFF, SleepLock, can_sleep
 
 _LIMITS_FILE = "/etc/security/limits.d/90-yam.conf"
 _CPUS_MIN = 4  # the loop, LeRobot, the video encoder and the system
@@ -58,6 +59,9 @@ def check_host(sysfs: Path, section: Section) -> None:
     if governor == "powersave":
         what = "the CPU governor is powersave: wake-ups may be late"
         section.note(where, what, "sudo cpupower frequency-set -g performance")
+    if can_sleep() and SLEEP not in _kept_awake():
+        what = "it may go to sleep while arms are driven, and then they fall: it does not let us forbid that"
+        section.warn(where, what, SWITCH_OFF)
     stop = EmergencyStop()
     if stop.latched:
         what = f"the emergency stop is latched ({stop.reason()}): no session starts, arms that were driven still are"
@@ -67,11 +71,19 @@ def check_host(sysfs: Path, section: Section) -> None:
 def _granted() -> str | None:
     try:
         done = subprocess.run(
-            [sys.executable, "-c", _ASK], capture_output=True, text=True, timeout=_ASK_TIMEOUT_S, check=True
+            [sys.executable, "-P", "-c", _ASK], capture_output=True, text=True, timeout=_ASK_TIMEOUT_S, check=True
         )
     except (OSError, subprocess.SubprocessError):
         return None
     return done.stdout.strip() or None
+
+
+def _kept_awake() -> str:
+    lock = SleepLock()
+    try:
+        return lock.granted()
+    finally:
+        lock.release()
 
 
 def _limit(which: int) -> str:

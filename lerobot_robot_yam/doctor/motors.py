@@ -25,6 +25,8 @@ _ROUNDS = 3
 _TIMEOUT_S, _SETTLE_S = 0.25, 0.03
 _IDS = range(1, 16)  # ids that the nibble in a feedback frame tells apart
 _RELATIVE_TOLERANCE = 1e-4  # float32 in the motor
+# The maker says so; others have seen that a motor takes it at once.
+_POWER_CYCLE = " (then switch the arm's power off and on: until then the motor may go by the old value)"
 _WARM_C = 15.0  # this far below the motor's own limit
 _SUPPLY_MARGIN = 1.05
 _SILENT_MAX = 3  # a motor that has not told so many registers in a row is not asked for more
@@ -259,7 +261,8 @@ def _check_registers(target: Target, spec: MotorSpec, answer: Answer, row: Mappi
             unknown.append(name)
         elif not _same(found, value):
             what = f"{name} is {found:g} instead of {value:g} {unit}{_consequence(register, found)}"
-            section.problem(where, what, set_registers(target, spec.can_id, {register: value}))
+            again = _POWER_CYCLE if register is Register.TIMEOUT else ""
+            section.problem(where, what, set_registers(target, spec.can_id, {register: value}) + again)
     if unknown:
         what = f"{', '.join(unknown)} unknown: the motor does not tell"
         section.warn(where, what, "run yam-doctor again; if it stays so, check the motor's cable")

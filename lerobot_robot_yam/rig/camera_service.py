@@ -174,6 +174,7 @@ class CameraService:
     def _start(self) -> None:
         command = [
             sys.executable,
+            "-P",
             "-m",
             "lerobot_robot_yam.rig.renderer",
             "--rig",

@@ -147,7 +147,7 @@ def scene_arguments(scene: str | None, options: Mapping[str, Any]) -> list[str]:
 def _start(name: str, owner: int | None, scene: str | None, options: Mapping[str, Any]) -> None:
     """Start the server and wait until it listens. The caller holds the rig's lock."""
     ready_read, ready_write = os.pipe()
-    server = [sys.executable, "-m", "lerobot_robot_yam.rig.server", "--name", name]
+    server = [sys.executable, "-P", "-m", "lerobot_robot_yam.rig.server", "--name", name]
     server += ["--ready-fd", str(ready_write)]
     if owner is not None:
         server += ["--owner", str(owner)]

@@ -48,7 +48,8 @@ class OperatorService:
                 self._device.events.add("operator_ended", code=code)
                 self._process, self._failed = None, True
         elif not self._failed and self._leaving is None and now_s - self._energised_s > _SETTLE_S:
-            command = [sys.executable, "-m", "lerobot_robot_yam.rig.operator", "--rig", self._rig, "--task", self._task]
+            command = [sys.executable, "-P", "-m", "lerobot_robot_yam.rig.operator"]
+            command += ["--rig", self._rig, "--task", self._task]
             self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL)
             self._device.events.add("operator_started", task=self._task)
 

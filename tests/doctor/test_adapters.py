@@ -36,7 +36,7 @@ def test_names_by_order_of_discovery(sysfs):
     sysfs.adapter("can1", "1-2.2", serial="0031BBBB")
     section = check(sysfs)
     assert [f.severity for f in section.findings] == [Severity.WARNING] * 2
-    assert f'{RULE}ATTRS{{serial}}=="0031BBBB", NAME="CAN_NAME"' in section.findings[1].remedy
+    assert f'{RULE}ATTRS{{serial}}=="0031BBBB", ATTR{{dev_id}}=="0x0", NAME="CAN_NAME"' in section.findings[1].remedy
     assert "/etc/udev/rules.d/" in section.findings[1].remedy
 
 
@@ -47,7 +47,7 @@ def test_one_adapter_alone_cannot_be_swapped(sysfs):
 
 def test_an_adapter_without_serial_number_is_named_by_its_port(sysfs):
     sysfs.adapter("can0", "1-2.1")
-    assert f'{RULE}KERNELS=="1-2.1:1.0", NAME="CAN_NAME"' in check(sysfs).findings[0].remedy
+    assert f'{RULE}KERNELS=="1-2.1:1.0", ATTR{{dev_id}}=="0x0", NAME="CAN_NAME"' in check(sysfs).findings[0].remedy
 
 
 def test_equal_serial_numbers(sysfs):
@@ -57,7 +57,7 @@ def test_equal_serial_numbers(sysfs):
     problems = check(sysfs, rules).findings
     assert [f.where for f in problems] == ["can_follower_l", "can_follower_r"]
     assert all(f.severity is Severity.PROBLEM and "0001" in f.what for f in problems)
-    assert problems[0].remedy.endswith(f'{RULE}KERNELS=="1-2.1:1.0", NAME="can_follower_l"')
+    assert problems[0].remedy.endswith(f'{RULE}KERNELS=="1-2.1:1.0", ATTR{{dev_id}}=="0x0", NAME="can_follower_l"')
     ports = [f'{RULE}KERNELS=="1-2.{i}:1.0", NAME="can_follower_{side}"' for i, side in ((1, "l"), (2, "r"))]
     assert check(sysfs, ports).findings == []
 
@@ -68,6 +68,15 @@ def test_two_channels_of_one_adapter_share_a_serial_number(sysfs):
     (finding,) = check(sysfs).findings
     assert finding.where == "can0" and finding.severity is Severity.WARNING
     assert f'{RULE}ATTRS{{serial}}=="0001", ATTR{{dev_id}}=="0x1"' in finding.remedy
+
+
+def test_two_channels_that_an_old_kernel_does_not_tell_apart(sysfs):
+    sysfs.adapter("can_follower_l", "1-2", serial="0001")
+    sysfs.adapter("can_follower_r", "1-2", serial="0001")
+    problems = check(sysfs).findings
+    assert [f.where for f in problems] == ["can_follower_l", "can_follower_r"]
+    assert all(f.severity is Severity.PROBLEM and "Linux 6.1" in f.remedy for f in problems)
+    assert "from can_follower_r, another channel" in problems[0].what
 
 
 def test_rules_are_read_without_comments(tmp_path):

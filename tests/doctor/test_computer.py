@@ -53,6 +53,7 @@ def test_a_computer_with_two_arms(rig, tmp_path, monkeypatch, capsys):
     (problem,) = found(report, "problem", "joint_1")
     assert problem["remedy"] == (
         f"cansend {FOLLOWER} 7FF#01005509401F0000 && sleep 0.1 && cansend {FOLLOWER} 7FF#0100AA0100000000"
+        " (then switch the arm's power off and on: until then the motor may go by the old value)"
     )
 
 
