@@ -49,7 +49,7 @@ def inspect(config: ArmConfig, hardware: Hardware, chain: MotorChain, bus: can.B
     if config.identity_path is not None:
         found = read_fingerprint(bus, config.channel, config.interface)
         if found.motors:  # else `verify` says it better
-            check_identity(config.identity_path, found, config.channel, config.name)
+            check_identity(config.identity_path, found, config.channel, config.name, config.on_command_line)
     try:
         verify(chain)
         if handle:

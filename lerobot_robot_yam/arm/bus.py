@@ -50,10 +50,18 @@ def open_bus(config: ArmConfig, only: Sequence[int] | None = None) -> can.BusABC
     except YamError:
         raise
     except (can.CanError, OSError, ValueError, TypeError, NotImplementedError) as error:
+        if isinstance(error, NotImplementedError):
+            advice = f"take {' or '.join(_KNOWN)}"
+        elif config.interface == "socketcan":
+            advice = (
+                "is the adapter plugged in and the link up? "
+                f"(sudo ip link set {config.channel} up txqueuelen 100 type can bitrate {_BITRATE})"
+            )
+        else:
+            advice = "is the adapter plugged in, and is that what the interface calls it?"
         raise BusError(
             f"{config.name}: cannot open CAN channel {config.channel!r} through interface {config.interface!r}: "
-            f"{error}; is the adapter plugged in and the link up? "
-            f"(sudo ip link set {config.channel} up txqueuelen 100 type can bitrate {_BITRATE})"
+            f"{error}; {advice}"
         ) from error
 
 

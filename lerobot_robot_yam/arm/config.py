@@ -5,12 +5,15 @@ Plain values only: the dataclass travels as JSON to the control process.
 
 import dataclasses
 import json
-from collections.abc import Mapping
+import shlex
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from lerobot_robot_yam.arm import config_rules
 from lerobot_robot_yam.arm.workspace import WorkspaceConfig
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.runtime import rig_name
 
 _SIX = ("kp", "kd", "gravity_factor", "coulomb_friction_nm", "idle_kd", "torque_limit_nm", "effort_limit_nm")
 
@@ -103,3 +106,35 @@ class ArmConfig:
     def from_json(cls, text: str) -> "ArmConfig":
         """Inverse of `to_json`."""
         return cls(**json.loads(text))
+
+    @property
+    def on_command_line(self) -> str:
+        """Its channel as the options of `yam-identify` and `yam-zero` name it."""
+        words = ["--channel", self.channel]
+        rig = self.can_options.get("rig")
+        if self.interface == "yam_sim" and rig and rig_name(rig)[1] is None:  # others end with their process
+            words += ["--rig", rig]
+        elif self.interface != "socketcan":
+            words += ["--interface", self.interface]
+        return shlex.join(words)
+
+
+def check_together(configs: Sequence[ArmConfig]) -> None:
+    """Refuse arms of one robot that have the same name, channel or file, or tick at different rates.
+
+    Raises:
+        ConfigError: says which.
+    """
+    names = [config.name for config in configs]
+    channels = [(config.interface, config.channel) for config in configs]
+    if not configs or len(set(names)) < len(names) or len(set(channels)) < len(channels):
+        raise ConfigError(f"arms of one robot need different names and channels, got {names} on {channels}")
+    if len({config.rate_hz for config in configs}) > 1:
+        raise ConfigError("arms of one robot tick together: give them the same rate_hz")
+    for field_name in ("calibration_path", "identity_path"):
+        paths = [path for config in configs if (path := getattr(config, field_name)) is not None]
+        if len(set(paths)) < len(paths):
+            raise ConfigError(
+                f"{', '.join(names)}: each arm needs a {field_name} of its own, not all {paths[0]} (in a config, a "
+                "block that begins with `<<` has what the other block has, unless it says otherwise)"
+            )

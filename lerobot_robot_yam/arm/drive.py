@@ -212,4 +212,5 @@ class ArmDrive:
         for index in joints:
             low, high = arm.joint_limits_rad[index]
             angle = float(self.motor_q[index])
-            self._map.shift(index, resolve_turn(self._config.name, arm.motors[index].name, angle, low, high))
+            name, place = arm.motors[index].name, self._config.on_command_line
+            self._map.shift(index, resolve_turn(self._config.name, name, angle, low, high, place))

@@ -9,6 +9,7 @@ import contextlib
 import json
 import logging
 import os
+import shlex
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -53,8 +54,8 @@ class Binding:
             raise ConfigError(f"cannot write the arm binding {path}: {error}; choose another path") from error
 
     @classmethod
-    def load(cls, path: Path) -> "Binding | None":
-        """The binding in a file; None when there is no file.
+    def load(cls, path: Path, place: str = "--channel CHANNEL") -> "Binding | None":
+        """The binding in a file; None when there is no file. `place`: of the arm, as options of `yam-identify`.
 
         Raises:
             ConfigError: the file is damaged, or something else.
@@ -74,7 +75,7 @@ class Binding:
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
             raise ConfigError(
                 f"{path} is not a readable arm binding ({error!r}); delete it and bind the arm again: "
-                f"yam-identify --channel CHANNEL --bind {path}"
+                f"yam-identify {place} --bind {shlex.quote(str(path))}"
             ) from error
 
 
@@ -117,13 +118,16 @@ def changes(bound: Fingerprint, found: Fingerprint) -> list[str]:
     return reasons
 
 
-def check_identity(path: Path | str, found: Fingerprint, channel: str, name: str) -> list[str]:
+def check_identity(
+    path: Path | str, found: Fingerprint, channel: str, name: str, place: str | None = None
+) -> list[str]:
     """Is what was found on `channel` the arm that is bound in `path`?
 
     Args:
         path: the binding file of the arm that is expected; its directory is searched for siblings.
         found: see `read_fingerprint`.
         channel, name: where, and for which arm of the configuration; for messages.
+        place: the channel as options of `yam-identify`, where `--channel` does not say it all.
 
     Returns:
         Warnings, logged already; empty when everything is as bound.
@@ -132,16 +136,17 @@ def check_identity(path: Path | str, found: Fingerprint, channel: str, name: str
         MotorError: it is another arm, named as far as it is bound; or nothing answers.
         ConfigError: there is no such file, or it is damaged.
     """
-    path = Path(path)
+    path, place = Path(path), place or f"--channel {channel}"
     if not found.motors:
         raise MotorError(f"{name}: nothing answers on channel {channel}; check motor power, cable and bit-rate")
-    binding = Binding.load(path)
+    binding = Binding.load(path, place)
     if binding is None:  # who asks for the check must not go without it for a slip of the pen
         raise ConfigError(
             f"{name}: there is no arm binding {path}; correct `identity_path`, or bind the arm: "
-            f"yam-identify --channel {channel} --bind {path}"
+            f"yam-identify {place} --bind {shlex.quote(str(path))}"
         )
-    warnings = _compare(binding, path, found, channel, name)
+    again = f"yam-identify {place} --name {shlex.quote(binding.name)} --bind {shlex.quote(str(path))}"
+    warnings = _compare(binding, path, found, channel, name, again)
     for warning in warnings:
         logger.warning(warning)
     return warnings
@@ -191,8 +196,11 @@ def siblings(path: Path) -> list[Binding]:
     return found
 
 
-def _compare(binding: Binding, path: Path, found: Fingerprint, channel: str, name: str) -> list[str]:
-    """Warnings; raises MotorError when a contradiction or a better fitting sibling says that it is another arm."""
+def _compare(binding: Binding, path: Path, found: Fingerprint, channel: str, name: str, again: str) -> list[str]:
+    """Warnings; raises MotorError when a contradiction or a better fitting sibling says that it is another arm.
+
+    `again`: the command that binds what is there.
+    """
     against = contradictions(binding.fingerprint, found)
     different = changes(binding.fingerprint, found)
     if binding.channel != channel:
@@ -201,14 +209,14 @@ def _compare(binding: Binding, path: Path, found: Fingerprint, channel: str, nam
     possible = [other for other in others if not contradictions(other.fingerprint, found)]
     exact = [other for other in possible if not changes(other.fingerprint, found)]
     if against:
-        raise MotorError(_other_arm(binding, exact or possible, path, found, channel, name, against))
+        raise MotorError(_other_arm(binding, exact or possible, path, found, channel, name, against, again))
     if different and exact:
-        raise MotorError(_other_arm(binding, exact, path, found, channel, name, different))
+        raise MotorError(_other_arm(binding, exact, path, found, channel, name, different, again))
     warnings = []
     if different:
         warnings.append(
             f"{name}: the arm on channel {channel} fits {binding.name!r}, but {'; '.join(different)}. "
-            f"If that is intended, bind it again: yam-identify --channel {channel} --bind {path}"
+            f"If that is intended, bind it again: {again}"
         )
     if exact:
         twins = ", ".join(repr(other.name) for other in exact)
@@ -227,6 +235,7 @@ def _other_arm(
     channel: str,
     name: str,
     reasons: list[str],
+    again: str,
 ) -> str:
     why = "; ".join(reasons)
     if fitting:
@@ -234,7 +243,7 @@ def _other_arm(
         return (
             f"{name}: channel {channel} carries the arm bound as {carried}, not {expected.name!r}: "
             f"{_what_is_swapped(expected, fitting, found)} are swapped ({why}). Put them right, or if this is how it "
-            f"shall be, bind again: yam-identify --channel {channel} --bind {path} --force"
+            f"shall be, bind again: {again} --force"
         )
     exchanged = [i for i, serial in expected.fingerprint.serials.items() if found.serials.get(i) == serial]
     guess = (
@@ -244,7 +253,7 @@ def _other_arm(
     )
     return (
         f"{name}: channel {channel} does not carry the arm bound as {expected.name!r} ({why}), nor any other arm bound "
-        f"in {path.parent}. {guess}: yam-identify --channel {channel} --bind {path} --force"
+        f"in {path.parent}. {guess}: {again} --force"
     )
 
 

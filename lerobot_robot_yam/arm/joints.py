@@ -16,7 +16,9 @@ RANGE_TOLERANCE_RAD = 0.15  # measured values may lie this far outside: rest lie
 TURN_MARGIN_RAD = 0.5
 
 
-def resolve_turn(arm: str, joint: str, angle_rad: float, lower_rad: float, upper_rad: float) -> float:
+def resolve_turn(
+    arm: str, joint: str, angle_rad: float, lower_rad: float, upper_rad: float, place: str = "--channel CHANNEL"
+) -> float:
     """The shift (−2π, 0 or 2π, in joint coordinates) that brings a measured angle into the joint's range.
 
     A Damiao encoder knows its angle within one turn only, so after a power cycle the reading may be off by one. A
@@ -27,6 +29,7 @@ def resolve_turn(arm: str, joint: str, angle_rad: float, lower_rad: float, upper
         arm, joint: for messages.
         angle_rad: joint angle as read, motor direction applied.
         lower_rad, upper_rad: the joint's limits.
+        place: of the arm, as options of `yam-zero`.
 
     Raises:
         MotorError: no turn fits, or it is not clear which; nothing may be energised.
@@ -36,7 +39,7 @@ def resolve_turn(arm: str, joint: str, angle_rad: float, lower_rad: float, upper
     reads = f"{arm}: {joint} reads {angle_rad:.3f} rad"
     limits = f"its range {lower_rad:.2f} … {upper_rad:.2f}"
     middle = "with the arm limp, move the joint by hand to the middle of its range and start again"
-    zero = f"set its zero again (yam-zero --channel CHANNEL --joint {joint})"
+    zero = f"set its zero again (yam-zero {place} --joint {joint})"
     low, high = lower_rad - RANGE_TOLERANCE_RAD, upper_rad + RANGE_TOLERANCE_RAD
     first = math.ceil((low - angle_rad) / TURN)
     last = math.floor((high - angle_rad) / TURN)

@@ -5,7 +5,7 @@ import logging
 from collections.abc import Sequence
 from typing import Literal, get_args
 
-from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.config import ArmConfig, check_together
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.port import ArmPort
@@ -42,12 +42,7 @@ class ArmSession:
     def __init__(self, configs: Sequence[ArmConfig], isolation: Isolation = "process"):
         if isolation not in get_args(Isolation):
             raise ConfigError(f"isolation is one of {', '.join(get_args(Isolation))}, not {isolation!r}")
-        names = [config.name for config in configs]
-        channels = [(config.interface, config.channel) for config in configs]
-        if not configs or len(set(names)) < len(names) or len(set(channels)) < len(channels):
-            raise ConfigError(f"arms of one robot need different names and channels, got {names} on {channels}")
-        if len({config.rate_hz for config in configs}) > 1:
-            raise ConfigError("arms of one robot tick together: give them the same rate_hz")
+        check_together(configs)
         self._isolation = isolation
         self._configs: list[ArmConfig] = []
         self._keys: list[str] = []
@@ -60,10 +55,6 @@ class ArmSession:
             self._configs.append(config)
             self._keys.append(channel_key(config.interface, config.channel, rig))
         self._hardware = {config.name: Hardware(config) for config in self._configs}
-        for field in ("calibration_path", "identity_path"):
-            paths = [path for config in configs if (path := getattr(config, field)) is not None]
-            if len(set(paths)) < len(paths):
-                raise ConfigError(f"{', '.join(names)}: each arm needs a {field} of its own, not all {paths[0]}")
         self._ports: dict[str, ArmPort] = {}
         self._runner: Runner | None = None
 

@@ -3,7 +3,8 @@
 yam-identify --channel can_follower_l                               shows what answers; read-only
 yam-identify --channel can_follower_l --name left --bind left.json  remembers it as "left"
 yam-identify --channel can_follower_l --check left.json             is it still that arm? exit status 1 when not
-yam-identify --channel can_follower_l --wiggle                      ENERGISES the arm and turns joint 6 a little
+yam-identify --channel can_follower_l --wiggle                      ENERGISES the arm: its gripper closes and opens,
+                                                                    joint 6 turns a little
 
 Only --wiggle energises anything, and asks first (--yes for scripts).
 """
@@ -62,8 +63,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--bind", type=user_path, metavar="PATH", help="remember this arm in the file PATH")
     parser.add_argument("--force", action="store_true", help="with --bind: replace the binding of another arm")
     parser.add_argument("--check", type=user_path, metavar="PATH", help="compare with the arm bound in the file PATH")
-    parser.add_argument("--wiggle", action="store_true", help="ENERGISE the arm and turn joint 6 by 0.08 rad")
-    parser.add_argument("--calibration", metavar="PATH", help="with --wiggle: the gripper's stored stops")
+    parser.add_argument(
+        "--wiggle",
+        action="store_true",
+        help="ENERGISE the arm, close and open its gripper (not with --calibration), turn joint 6 by 0.08 rad",
+    )
+    parser.add_argument(
+        "--calibration", metavar="PATH", help="with --wiggle: the gripper's stored stops; it does not move then"
+    )
     parser.add_argument("--yes", action="store_true", help="with --wiggle: do not ask")
     args = parser.parse_args(arguments)
     if args.bind and args.check:
@@ -95,7 +102,7 @@ def _identify(args: argparse.Namespace) -> int:
             tell(f"note: {note}")
         tell(f"bound as {name!r} in {args.bind}")
     elif args.check:
-        warned = check_identity(args.check, found, config.channel, config.name)
+        warned = check_identity(args.check, found, config.channel, config.name, config.on_command_line)
         tell("this is the bound arm" + (", see the warnings" if warned else ""))
     return 0
 

@@ -5,6 +5,7 @@ A RealSense on a USB 2 link offers fewer streams at lower rates; two cameras on 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -106,6 +107,9 @@ def _check_configured(
     if len(wanted) > present:
         what = f"{len(wanted)} RealSense cameras are configured, {present} are plugged in"
         section.problem(f"cameras {', '.join(wanted)}", what, "plug the missing one in (lsusb -d 8086: lists them)")
+    if wanted and find_spec("pyrealsense2") is None:
+        what = "the package that LeRobot reads a RealSense with (pyrealsense2) is not installed"
+        section.problem(f"cameras {', '.join(wanted)}", what, 'pip install "lerobot[intelrealsense]"')
     for name, camera in configured.items():
         index = camera.get("index_or_path")
         if camera.get("type") != "opencv" or index is None:

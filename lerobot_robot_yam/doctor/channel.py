@@ -61,7 +61,7 @@ def examine_channel(
     sections.channels.rows.append(row)
     if config.identity_path is not None and not Path(config.identity_path).exists():
         what = f"there is no arm binding {config.identity_path} (`identity_path`): no session will start"
-        remedy = f"yam-identify --channel {target.channel} --bind {config.identity_path}"
+        remedy = f"yam-identify {config.on_command_line} --bind {config.identity_path}"
         sections.channels.problem(target.channel, what, remedy)
     if link is not None and not link.usable:
         row["examined"] = "not asked: its interface is not usable"

@@ -82,6 +82,7 @@ def examine(plan: Plan, samples: int = _SAMPLES, system: System | None = None) -
             wanted = list(links or ())
             targets = [undeclared(name) for name in wanted]
         check_adapters(read_adapters(system.sysfs), wanted, read_rules(system.rules), adapters)
+    if plan.real or plan.real_cameras:
         check_cameras(read_cameras(system.sysfs), plan.cameras, system.dev, cameras)
     for target in targets:
         link = links.get(target.channel) if links is not None and target.real else None
@@ -138,7 +139,7 @@ def _parser() -> argparse.ArgumentParser:
         help=f"an arm, repeatable. ARM: {', '.join(ARMS)} (default yam); GRIPPER: {', '.join(GRIPPERS)} "
         "(default linear_4310; a leader's must be named)",
     )
-    parser.add_argument("--interface", default=SOCKETCAN, help=f"python-can interface ({SOCKETCAN}, {VIRTUAL}, …)")
+    parser.add_argument("--interface", help=f"python-can interface (default {SOCKETCAN}, with --rig {VIRTUAL})")
     parser.add_argument("--rig", help="name of the virtual rig")
     parser.add_argument("--config_path", type=Path, metavar="FILE", help="LeRobot run config with our robots")
     parser.add_argument("--samples", type=int, default=_SAMPLES, help="questions per motor for the reply latency")
@@ -154,9 +155,10 @@ def _plan(args: argparse.Namespace) -> Plan:
         if args.channel:
             raise ConfigError("give --channel or --config_path, not both")
         return from_config(args.config_path, args.rig)
-    if args.interface != SOCKETCAN and not args.channel:
-        raise ConfigError(f"name the channels of interface {args.interface}: --channel NAME[:ARM[:GRIPPER]]")
-    targets = [from_option(text, args.interface, args.rig) for text in args.channel]
+    interface = args.interface or (VIRTUAL if args.rig else SOCKETCAN)
+    if interface != SOCKETCAN and not args.channel:
+        raise ConfigError(f"name the channels of interface {interface}: --channel NAME[:ARM[:GRIPPER]]")
+    targets = [from_option(text, interface, args.rig) for text in args.channel]
     if len({target.channel for target in targets}) < len(targets):
         raise ConfigError("a channel is named twice")
     return Plan(tuple(targets))

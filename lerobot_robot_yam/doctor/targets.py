@@ -1,15 +1,16 @@
 """Which arms the doctor looks at: named on the command line, read from a LeRobot run config, or all that there are."""
 
 import dataclasses
+import difflib
 import json
 import os
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.config import ArmConfig, check_together
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.state import channel_key
 from lerobot_robot_yam.arm.yaml_fields import read_yaml
@@ -21,6 +22,15 @@ SOCKETCAN, VIRTUAL = "socketcan", "yam_sim"
 LEADER_GRIPPER = "yam_teaching_handle"
 _FIELDS = frozenset(field.name for field in dataclasses.fields(ArmConfig))
 _CALIBRATED = ("channel", "interface", "can_options", "arm", "gripper", "calibration_path", "identity_path")
+# What LeRobot's configs add to it, per device and per arm of two.
+_OF_ALL = {"type", "id", "calibration_dir", "isolation", "use_degrees", "action_space"}
+DEVICE_OPTIONS = {
+    "robot": _OF_ALL | {"cameras", "observe_velocity", "observe_torque", "observe_temperature"},
+    "teleop": _OF_ALL,
+}
+ARM_OPTIONS = {"robot": {"cameras"}, "teleop": {"ee_gripper", "follower_arm"}}
+_ARMS_OF_TWO = {"left_arm_config", "right_arm_config"}
+_REAL_CAMERAS = ("opencv", "intelrealsense")
 _DEVICES = {
     "robot": ("robots", ("yam_follower", "bi_yam_follower")),
     "teleop": ("teleoperators", ("yam_leader", "bi_yam_leader")),
@@ -85,6 +95,11 @@ class Plan:
         """Whether this computer's own interfaces and cameras matter."""
         return not self.targets or any(target.real for target in self.targets)
 
+    @property
+    def real_cameras(self) -> bool:
+        """Whether some cameras are this computer's own, whatever the arms are."""
+        return any(camera.get("type") in _REAL_CAMERAS for camera in self.cameras.values())
+
 
 def from_option(text: str, interface: str, rig: str | None) -> Target:
     """The arm that `NAME[:ARM[:GRIPPER]]` names.
@@ -109,19 +124,24 @@ def from_config(path: Path, rig: str | None) -> Plan:
     """Arms and cameras of a LeRobot run config with our robots or teleoperators.
 
     Raises:
-        ConfigError: unreadable, or it has none of ours.
+        ConfigError: unreadable, it has none of ours, or what no session would start with.
     """
     document = read_yaml(path)
     targets: list[Target] = []
     cameras: dict[str, Mapping[str, Any]] = {}
+    environment = document.get("env")
     for section, (folder, types) in _DEVICES.items():
         device = document.get(section)
+        if device is None and isinstance(environment, Mapping):  # of an evaluation
+            device = environment.get(section)
         if not isinstance(device, Mapping) or device.get("type") not in types:
             continue
         cameras.update(_cameras(device))
         directory = Path(device.get("calibration_dir") or calibration_root() / folder / device["type"])
         arms = _arms(device, f"{path}, {section}")
+        _check_options(section, device, arms, f"{path}, {section}")
         calibrate = _calibrate(section, device, arms)
+        first = len(targets)
         for prefix, arm in arms.items():
             values = {"gripper": LEADER_GRIPPER, **arm} if section == "teleop" else dict(arm)
             ident = f"{prefix}{device['id']}" if device.get("id") else values.get("channel")
@@ -129,6 +149,7 @@ def from_config(path: Path, rig: str | None) -> Plan:
             file = Path(target.config.calibration_path or directory / "yam" / f"{ident}_gripper.json")
             targets.append(dataclasses.replace(target, calibration=file, calibrate=calibrate))
             cameras.update({f"{prefix}{name}": camera for name, camera in _cameras(arm).items() if prefix})
+        check_together([target.config for target in targets[first:]])
     if not targets:
         known = ", ".join(name for _, types in _DEVICES.values() for name in types)
         raise ConfigError(f"{path} has no robot or teleoperator of type {known}")
@@ -152,6 +173,19 @@ def _arms(device: Mapping[str, Any], where: str) -> dict[str, Mapping[str, Any]]
         if not isinstance(arm, Mapping):
             raise ConfigError(f"{where}: {prefix}arm_config is missing")
     return {prefix: arm for prefix, arm in arms.items() if isinstance(arm, Mapping)}
+
+
+def _check_options(section: str, device: Mapping[str, Any], arms: Mapping[str, Mapping[str, Any]], where: str) -> None:
+    """Refuse options that LeRobot would not know."""
+    of_arm: Set[str] = _FIELDS | ARM_OPTIONS[section]
+    of_device: Set[str] = DEVICE_OPTIONS[section] | (of_arm if "" in arms else _ARMS_OF_TWO)
+    places: list[tuple[str, Mapping[str, Any], Set[str]]] = [(where, device, of_device)]
+    places += [(f"{where}, {prefix}arm_config", arm, of_arm) for prefix, arm in arms.items() if prefix]
+    for place, options, known in places:
+        for name in map(str, options):
+            if name not in known:
+                near = difflib.get_close_matches(name, known, 1)
+                raise ConfigError(f"{place}: there is no option {name!r}" + (f"; {near[0]!r}?" if near else ""))
 
 
 def _calibrate(section: str, device: Mapping[str, Any], arms: Mapping[str, Mapping[str, Any]]) -> str:

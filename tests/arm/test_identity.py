@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.fingerprint import Adapter, Fingerprint, MotorPrint, read_fingerprint
 from lerobot_robot_yam.arm.identity import Binding, bind, check_identity, contradictions
 from lerobot_robot_yam.damiao.registers import Register
@@ -141,6 +142,9 @@ def test_what_changed_on_one_arm_is_told_from_another_arm(tmp_path):
     assert "another firmware (id 1, 2, 3, 4, 5, 6, 7)" in warning
     (warning,) = check_identity(path, follower(100), "can5", "left")
     assert "another channel name (bound: can0; now: can5)" in warning
+    assert warning.endswith(f": yam-identify --channel can5 --name left_lab --bind {path}")
+    (warning,) = check_identity(path, follower(100), "can5", "left", "--channel can5 --rig desk")
+    assert warning.endswith(f": yam-identify --channel can5 --rig desk --name left_lab --bind {path}")
     silent = follower(100)
     del silent.motors[7]
     (warning,) = check_identity(path, silent, "can0", "left")
@@ -238,6 +242,20 @@ def test_a_damaged_binding_is_an_error_that_says_what_to_do(tmp_path_factory, co
     path.write_bytes(content)
     with pytest.raises(ConfigError, match="left.json is not a readable arm binding.*bind the arm again"):
         check_identity(path, follower(), "can0", "left")
+
+
+@pytest.mark.parametrize(
+    ("fields", "options"),
+    [
+        ({}, "--channel can0"),
+        ({"interface": "slcan"}, "--channel can0 --interface slcan"),
+        ({"interface": "yam_sim"}, "--channel can0 --interface yam_sim"),
+        ({"interface": "yam_sim", "can_options": {"rig": "auto-1"}}, "--channel can0 --interface yam_sim"),
+        ({"interface": "yam_sim", "can_options": {"rig": "a desk"}}, "--channel can0 --rig 'a desk'"),
+    ],
+)
+def test_commands_that_messages_name_reach_the_channel(fields, options):
+    assert ArmConfig(channel="can0", **fields).on_command_line == options
 
 
 def test_a_binding_that_cannot_be_read_or_written_is_an_error_and_leaves_nothing(tmp_path):

@@ -82,7 +82,7 @@ def test_a_leader_is_zeroed_too(rig):
 def test_an_unresolvable_joint_is_shown_and_can_be_zeroed(tmp_path, capsys):
     """The very case for which zeroing is advised."""
     with running_rig(scene=scene(tmp_path, [3.4, 0, 0, 0, 0, 0, 0])) as rig:
-        with pytest.raises(MotorError, match="yam-zero --channel CHANNEL --joint joint_1"):
+        with pytest.raises(MotorError, match=f"yam-zero --channel only --rig {rig.name} --joint joint_1"):
             YamArm(config(rig)).connect()
         assert main(arguments(rig, "--joint", "joint_2", "--yes")) == 0
         said = capsys.readouterr()

@@ -1,5 +1,7 @@
 """Cameras and their USB links, on directory trees laid out as sysfs is."""
 
+import sys
+
 import pytest
 
 from lerobot_robot_yam.doctor.cameras import cameras_section, check_cameras, read_cameras
@@ -11,7 +13,9 @@ WEBCAM = {"vendor": "046d", "product_id": "0825", "product": "Webcam C270"}
 
 
 @pytest.fixture
-def sysfs(tmp_path):
+def sysfs(tmp_path, monkeypatch):
+    (tmp_path / "pyrealsense2.py").touch()  # as if it were installed
+    monkeypatch.syspath_prepend(tmp_path)
     return Sysfs(tmp_path / "sys")
 
 
@@ -19,6 +23,14 @@ def check(sysfs, configured=None, dev=None):
     section = cameras_section()
     check_cameras(read_cameras(sysfs.root), configured or {}, dev or sysfs.root / "dev", section)
     return section
+
+
+def test_a_realsense_without_the_package_that_reads_it(sysfs, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyrealsense2", None)  # Python's mark of what is not there
+    sysfs.realsense("video0", "2-1", "5000")
+    assert check(sysfs).findings == []  # nobody wants it
+    (problem,) = check(sysfs, {"top": {"type": "intelrealsense"}}).findings
+    assert "pyrealsense2" in problem.what and "lerobot[intelrealsense]" in problem.remedy
 
 
 def test_a_realsense_on_usb_3(sysfs):

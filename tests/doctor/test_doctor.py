@@ -93,7 +93,7 @@ def test_a_binding_that_is_configured_and_not_there(rig, capsys, tmp_path):
     status, report = examine(capsys, f"--config_path={path}", f"--rig={rig.name}", "--samples=0")
     assert status == 1 and len(report["motors"]) == 7
     (problem,) = found(report, "problem", FOLLOWER, "identity_path")
-    assert problem["remedy"] == f"yam-identify --channel {FOLLOWER} --bind {tmp_path}/arm.json"
+    assert problem["remedy"] == f"yam-identify --channel {FOLLOWER} --rig {rig.name} --bind {tmp_path}/arm.json"
 
 
 @pytest.mark.parametrize(

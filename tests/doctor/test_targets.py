@@ -1,14 +1,20 @@
 """Which arms are looked at, and which calibration files are theirs."""
 
+import dataclasses
 from pathlib import Path
 
 import pytest
 
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig, FollowerArmConfig
+from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
 from lerobot_robot_yam.configs_command import config_path
 from lerobot_robot_yam.doctor.calibration import calibration_section, check_calibrations
 from lerobot_robot_yam.doctor.findings import Severity
-from lerobot_robot_yam.doctor.targets import calibration_root, from_config, from_option
+from lerobot_robot_yam.doctor.targets import ARM_OPTIONS, DEVICE_OPTIONS, calibration_root, from_config, from_option
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_teleoperator_yam.config_bi_yam_leader import BiYamLeaderConfig, LeaderArmConfig
+from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
 
 
 def test_a_channel_option():
@@ -63,6 +69,47 @@ def test_a_config_without_our_arms(tmp_path, text):
     path.write_text(text)
     with pytest.raises(ConfigError, match=r"other\.yaml|channel"):
         from_config(path, None)
+
+
+PAIR = "{{type: bi_yam_follower, left_arm_config: &a {{channel: can_l{of_left}}}, right_arm_config: {{<<: *a{right}}}}}"
+
+
+@pytest.mark.parametrize(
+    ("of_left", "right", "text"),
+    [
+        (", griper: linear_4310", ", channel: can_r", "left_arm_config: there is no option 'griper'; 'gripper'"),
+        ("", ", channel: can_r, use_degrees: true", "right_arm_config: there is no option 'use_degrees'"),
+        ("", "", "different names and channels"),
+        (", identity_path: arm.json", ", channel: can_r", "identity_path of its own.*<<"),
+        ("", ", channel: can_r, rate_hz: 200", "same rate_hz"),
+    ],
+)
+def test_what_no_session_starts_with_is_not_healthy(tmp_path, of_left, right, text):
+    path = tmp_path / "pair.yaml"
+    path.write_text("robot: " + PAIR.format(of_left=of_left, right=right))
+    with pytest.raises(ConfigError, match=text):
+        from_config(path, None)
+
+
+@pytest.mark.parametrize(("name", "arms"), [("real/eval", 2), ("train/lift_and_place_eval", 1)])
+def test_the_robot_of_an_evaluation(name, arms):
+    assert len(from_config(config_path(name), None).targets) == arms
+
+
+@pytest.mark.parametrize(
+    ("section", "one", "two", "arm"),
+    [
+        ("robot", YamFollowerConfig, BiYamFollowerConfig, FollowerArmConfig),
+        ("teleop", YamLeaderConfig, BiYamLeaderConfig, LeaderArmConfig),
+    ],
+)
+def test_the_options_that_it_knows_are_those_of_the_configs(section, one, two, arm):
+    of_arm, of_one, of_two, of_its_arms = (
+        {field.name for field in dataclasses.fields(config)} for config in (ArmConfig, one, two, arm)
+    )
+    assert of_one | {"type"} == of_arm | DEVICE_OPTIONS[section] | (ARM_OPTIONS[section] - {"cameras"})
+    assert of_two - {"left_arm_config", "right_arm_config"} | {"type"} == DEVICE_OPTIONS[section]
+    assert of_its_arms == of_arm | ARM_OPTIONS[section]
 
 
 def test_calibration_files_lie_where_lerobot_keeps_them(monkeypatch):
