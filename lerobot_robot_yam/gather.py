@@ -18,6 +18,7 @@ import av
 import datasets
 import draccus
 import numpy as np
+from draccus.utils import DecodingError, ParsingError
 from lerobot.configs.eval import EvalPipelineConfig
 from lerobot.configs.video import RGBEncoderConfig
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
@@ -163,9 +164,12 @@ def environment(path: Path) -> YamEnvConfig:
     """The environment of a `lerobot-eval` config.
 
     Raises:
-        ConfigError: it is not ours, or not in lock-step.
+        ConfigError: it cannot be read, is not ours, or not in lock-step.
     """
-    config = draccus.parse(EvalPipelineConfig, path, args=[]).env
+    try:
+        config = draccus.parse(EvalPipelineConfig, path, args=[]).env
+    except (OSError, DecodingError, ParsingError) as error:
+        raise ConfigError(f"{path} is no config of lerobot-eval: {error.__cause__ or error}") from error
     if not isinstance(config, YamEnvConfig) or not config.lockstep:
         raise ConfigError(f"{path}: yam-gather needs an environment of type yam with lockstep: true")
     return config

@@ -103,6 +103,23 @@ def test_no_picture_is_dropped_however_slow_the_encoder_is(tmp_path, monkeypatch
     assert "queue full" not in caplog.text
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (None, "No such file"),
+        ("env: {type: yam, lokstep: true}", "`lokstep`"),
+        ("robot: {type: yam_follower}", "robot"),
+        ("env: [", "flow"),
+    ],
+)
+def test_a_config_that_is_none_is_one_error(tmp_path, text, said):
+    path = tmp_path / "env.yaml"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(ConfigError, match=rf"env.yaml is no config of lerobot-eval: (?s:.*){said}"):
+        environment(path)
+
+
 def test_an_environment_in_real_time_is_refused(tmp_path):
     config = tmp_path / "live.yaml"
     config.write_text(config_path("train/lift_and_place_eval").read_text().replace("lockstep: true", "lockstep: false"))
