@@ -128,8 +128,8 @@ class ArmGroup:
         """Energise all arms or none.
 
         Args:
-            calibrate: False means that a calibration follows (lerobot-calibrate): the grippers' stops are left unknown
-                until then.
+            calibrate: False means that a calibration may follow (lerobot-calibrate): the grippers' stops are not
+                sought, and those that are known but do not fit are put aside.
             action_keys: of the device. A leader's in this process have to be a follower's.
             models: arm and end effector that its actions speak of, in canonical order. These, too.
 

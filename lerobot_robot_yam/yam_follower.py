@@ -93,8 +93,8 @@ class FollowerBase(Robot):
         """Open the cameras, then energise the arms, which hold where they are. All of it or nothing.
 
         Args:
-            calibrate: unknown gripper stops are searched in any case; False also puts aside stored ones that do not
-                fit (a calibration follows).
+            calibrate: seek the grippers' stops where none are known. False: seek nothing, and put stops aside that do
+                not fit; without any, nothing but `calibrate` can follow.
 
         Raises:
             YamError: an arm cannot be driven, or the command replays or rolls out other values or units.

@@ -18,7 +18,7 @@ logging.getLogger("can.bus").setLevel(logging.INFO)
 _BITRATE = 1_000_000
 _ID_MASK = 0x7FF
 _VIRTUAL = "yam_sim"
-_KNOWN = ("socketcan", _VIRTUAL)
+_KNOWN = ("socketcan", _VIRTUAL, "yam_lockstep")
 
 
 def open_bus(config: ArmConfig, only: Sequence[int] | None = None) -> can.BusABC:
@@ -51,7 +51,7 @@ def open_bus(config: ArmConfig, only: Sequence[int] | None = None) -> can.BusABC
         raise
     except (can.CanError, OSError, ValueError, TypeError, NotImplementedError) as error:
         if isinstance(error, NotImplementedError):
-            advice = f"take {' or '.join(_KNOWN)}"
+            advice = f"take socketcan, or {_VIRTUAL} for the virtual rig"
         elif config.interface == "socketcan":
             advice = (
                 "is the adapter plugged in and the link up? "

@@ -50,7 +50,7 @@ class ArmConfig:
             time for the laws beside the wire: commands then rest on the replies of the tick before.
         identity_path: binding file (`yam-identify --bind`) of the arm that belongs on this channel; None: not checked.
         workspace: floor, keep-out boxes and distances that the set-point keeps; by default nothing is checked.
-        gripper_search: False leaves the gripper's stops unknown at the start, because a calibration follows.
+        gripper_search: False seeks no unknown stops at the start, and puts those aside that do not fit.
         effort_limit_nm: six measured torques above which, for 50 ms, the emergency stop is latched; None: no limit.
         hold_integral: make up, slowly and within bounds, for the sag that the gravity model leaves while holding.
         skip_listen: do not listen for foreign drivers before energising.

@@ -71,8 +71,8 @@ class ArmDrive:
         bring_up.inspect(self._config, self._hardware, self.chain, self._bus)
         self.read()
         self._resolve(range(self._hardware.joints))
-        if self.gripper is not None and self._config.gripper_search:
-            self.gripper.begin()
+        if self.gripper is not None:
+            (self.gripper.begin if self._config.gripper_search else self.gripper.begin_if_known)()
         self.read()
         ot_value_c = [self.chain.read_register(i, Register.OT_VALUE) for i in range(len(self.chain))]
         self.heat = HeatWatch(self._config.name, *trips_c(ot_value_c), [m.name for m in self.chain.motors])

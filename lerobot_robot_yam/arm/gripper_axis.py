@@ -41,7 +41,7 @@ class GripperAxis:
         self._push = (0.0, kd)
         self._limiter: ForceLimiter | None = None
         self._grip = GripForce()
-        self._anew = False
+        self._anew = self._may_fail = False
 
     @property
     def searching(self) -> bool:
@@ -78,7 +78,7 @@ class GripperAxis:
                 known = load_stops(self._name, self._path, self._profile.name)
             if known is None:
                 logger.warning("%s: no gripper stops are known; searching them, keep the fingers free", self._name)
-        self._anew = known is None
+        self._anew, self._may_fail = known is None, False
         if known is None:
             self._search = find_stops(self._name, self._calibration)
         else:
@@ -86,8 +86,24 @@ class GripperAxis:
         self.stops = self._limiter = None
         self._push = next(self._search)
 
+    def begin_if_known(self) -> None:
+        """As `begin`, for who calibrates afterwards: seeks nothing, and puts stops aside that do not fit."""
+        try:
+            if self._configured is None and (
+                self._path is None or load_stops(self._name, self._path, self._profile.name) is None
+            ):
+                return
+            self.begin()
+            self._may_fail = True
+        except GripperError as error:
+            self._put_aside(error)
+
+    def _put_aside(self, error: GripperError) -> None:
+        logger.warning("%s; its stops are unknown until then", error)
+        self.stop_search()
+
     def advance(self, now: float, motor_rad: float) -> float | None:
-        """One tick of the search. Returns the shift of the reading, rad, once the stops are known.
+        """One tick of the search. Returns the shift of the reading, rad, once the stops are known; else None.
 
         Raises:
             GripperError: the search failed.
@@ -113,7 +129,10 @@ class GripperAxis:
                 except RuntimeError as error:
                     logger.error("%s: the gripper's stops are not stored: %s", self._name, error)
             return float(found.value.shift_rad)
-        except GripperError:
+        except GripperError as error:
+            if self._may_fail:
+                self._put_aside(error)
+                return None
             self.stop_search()
             raise
         return None

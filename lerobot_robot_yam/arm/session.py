@@ -87,10 +87,11 @@ class ArmSession:
         return rig
 
     def start(self, search_grippers: bool = True) -> None:
-        """Bring all arms up; returns when they hold (or float) and their grippers' stops are known.
+        """Bring all arms up; returns when they hold (or float) and their grippers' stops are known
+        (but for those that are not to be sought).
 
         Args:
-            search_grippers: False when `calibrate_gripper` follows anyway.
+            search_grippers: False when `calibrate_gripper` may follow: nothing is sought, what does not fit put aside.
 
         Raises:
             YamError: what failed; nothing is energised and nothing is left behind.

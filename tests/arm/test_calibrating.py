@@ -1,6 +1,7 @@
 """A gripper's stops, searched and stored by a session."""
 
 import contextlib
+import json
 import time
 
 import pytest
@@ -14,7 +15,7 @@ from lerobot_robot_yam.errors import GripperError, LifeCycleError, MotorError
 from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.rig.lockstep import LockstepRig
 
-from .rigged import session_on, sim_config, track
+from .rigged import STOPS, session_on, sim_config, track
 
 LEFT, RIGHT = "follower_left", "follower_right"
 AWAY = [0.2, 1.0, 1.0, -0.3, 0.1, 0.1]
@@ -158,3 +159,37 @@ def test_holding_or_floating_waits_for_the_end_of_a_search(session, how):
     assert port.mode() is Mode.BRING_UP
     session.clock.sleep(10.0)
     assert port.observe().mode is (Mode.HOLD if how == "hold" else Mode.FLOAT)  # and its stops are known
+
+
+@pytest.mark.parametrize(
+    ("stops", "stuck", "known"),
+    [
+        (None, False, False),  # nothing is known, and nothing is sought
+        (STOPS, False, True),
+        (STOPS, True, False),  # two turns fit, and the fingers do not show which
+        ([3.25, 3.0], False, False),  # cannot be the ends
+    ],
+)
+def test_who_may_calibrate_afterwards_starts_with_what_is_known_and_fits(rig, tmp_path, caplog, stops, stuck, known):
+    path = tmp_path / "left_gripper.json"
+    if stops is not None:
+        data = {"version": 1, "gripper": "linear_4310", "closed_rad": stops[0], "open_rad": stops[1]}
+        path.write_text(json.dumps(data))
+    if stuck:
+        rig.fault(LEFT, "gripper", "stuck")
+    session = session_on(rig, sim_config(rig, LEFT, gripper_stops_rad=None, calibration_path=str(path)))
+    session.start(search_grippers=False)
+    try:
+        port = session[LEFT]
+        if known:
+            assert port.observe().gripper is not None
+        else:
+            with pytest.raises(GripperError, match="stops are unknown"):
+                port.observe()
+            assert ("unknown until then" in caplog.text) == (stops is not None)
+        assert port.mode() is Mode.HOLD
+        rig.clear_faults(LEFT)
+        port.calibrate_gripper()
+        assert port.observe().gripper is not None
+    finally:
+        session.discard()
