@@ -25,7 +25,7 @@ class FollowerOptions(ABC):
         use_degrees: joints in degrees (and degrees per second) in observations and actions; the gripper stays 0 … 1.
             Fields of this config keep their units.
         action_space: "joint": actions and observed positions are `joint_1.pos` …; "ee": they are the tool's pose,
-            `ee_x.pos` … in m and rad, whatever `use_degrees` says of joints (docs/end-effector.md).
+            `ee_x.pos` … in m and rad, velocities in rad/s, whatever `use_degrees` says (docs/end-effector.md).
         isolation: "process" runs the control loop in a process of its own; "thread" is for debugging,
             "lockstep" for rigs in lock-step (the environment `yam` sets it).
     """

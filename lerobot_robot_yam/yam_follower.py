@@ -41,7 +41,8 @@ class FollowerBase(Robot):
         self.config = config
         options: FollowerOptions = config
         check_switches(self.name, options)
-        self._use_degrees = options.use_degrees
+        # Data sets of tool poses do not tell a unit of what is beside them.
+        self._use_degrees = options.use_degrees and options.action_space == "joint"
         self.name: str = recorded_name(self.name, options.use_degrees, options.action_space)
         self.robot_type = self.name
         self._arms = ArmGroup(
@@ -50,7 +51,7 @@ class FollowerBase(Robot):
                 prefix: arm_config(arm, f"{prefix}follower", self.calibration_dir, self.id and f"{prefix}{self.id}")
                 for prefix, arm in arms.items()
             },
-            options.use_degrees,
+            self._use_degrees,
             options.isolation,
         )
         self._models = [(side.hardware.arm, side.hardware.gripper) for side in self._arms.sides]

@@ -43,7 +43,7 @@ class LeaderBase(Teleoperator):
                 prefix: arm_config(arm, f"{prefix}leader", self.calibration_dir, self.id and f"{prefix}{self.id}")
                 for prefix, arm in arms.items()
             },
-            options.use_degrees,
+            options.use_degrees and options.action_space == "joint",
             options.isolation,
             handles={prefix for prefix, arm in arms.items() if load_gripper(arm.ee_gripper).motor is not None},
         )

@@ -128,6 +128,26 @@ def test_out_of_reach_moves_smoothly(tool):
     assert tool.numbers(q) == pytest.approx(numbers, abs=1e-3)
 
 
+def test_degrees_mean_nothing_beside_tool_poses(rig, tmp_path):
+    """A data set of tool poses is called the same with and without them."""
+    options = {"interface": "yam_sim", "can_options": {"rig": rig.name}, "gripper_stops_rad": [3.25, -3.3]}
+    config = YamFollowerConfig(
+        channel="follower_left", calibration_dir=tmp_path, action_space="ee", use_degrees=True, **options
+    )
+    config.observe_velocity = True
+    robot, fastest = YamFollower(config), 0.0
+    robot.connect()
+    try:
+        target = robot.joints() + np.array([0.5, 0, 0, 0, 0, 0, 0])
+        for _ in range(40):
+            robot.track_joints(target)
+            time.sleep(0.02)
+            fastest = max(fastest, abs(robot.get_observation()["joint_1.vel"]))
+    finally:
+        robot.disconnect()
+    assert 0.3 < fastest < 4.0  # rad/s; the limit is 1.5
+
+
 # connected
 
 
