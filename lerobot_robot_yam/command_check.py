@@ -4,12 +4,15 @@ No stock loop tells the robot what it is about to replay, resume or roll out. So
 itself finds the checkpoint, among the options of the command (`lerobot.configs.parser`).
 """
 
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
+from draccus import cfgparsing
+from draccus.utils import ParsingError
 from lerobot.configs import parser
 
 from lerobot_robot_yam.errors import ConfigError
@@ -18,6 +21,7 @@ from lerobot_robot_yam.recorded_space import check_names, check_space, refuse_ot
 from lerobot_robot_yam.recorded_unit import DEGREES, RADIANS, check_unit, unit_of
 from lerobot_robot_yam.recording import config_of, of_checkpoint, of_dataset
 
+_TRAINING = ("lerobot-train", "lerobot_train")
 _SERVER_SPACES = {"joint_position": "joint", "cartesian_position": "ee"}  # RoboArena's words
 
 
@@ -41,6 +45,8 @@ def check_command(device: str, keys: Sequence[str], use_degrees: bool) -> None:
         check_names(device, keys, data, in_order=resumes)
         recordings.append(data)
     path = parser.get_path_arg("policy") or _option("pretrained_name_or_path")  # the latter: async inference
+    if Path(sys.argv[0]).stem in _TRAINING:
+        path = None  # from where the training begins; its evaluations roll out what has been learnt since
     if path:
         learnt = of_checkpoint(path, _option("policy.pretrained_revision"))
         if set(learnt.names) == set(keys):  # LeRobot goes by the order then, not by the names
@@ -77,14 +83,53 @@ def _flag(name: str) -> bool:
 
 
 def _option(name: str) -> str | None:
-    """A value from the command line, or from the file of `--config_path`, as text."""
-    given = parser.parse_arg(name)
+    """A value from the command line, or from the file of `--config_path`, as text; by draccus's rules.
+
+    The last one counts, and `--dataset='{repo_id: me/x}'` or `--dataset="include file.yaml"` give some fields of it.
+    """
+    found = _field(_config_file(), name)
+    for option, text in _given():
+        if option == name:
+            found = text
+        elif name.startswith(f"{option}."):
+            value = _field(_parsed(text), name.removeprefix(f"{option}."))
+            found = found if value is None else value
+    if isinstance(found, bool):
+        return str(found).lower()
+    return None if found is None else str(found)
+
+
+def _given() -> Iterator[tuple[str, str]]:
+    """The options of the command line with their values, in order."""
+    words = sys.argv[1:]
+    for word, following in zip(words, [*words[1:], "--"], strict=True):
+        option, is_there, value = word.removeprefix("--").partition("=")
+        if word.startswith("--") and (is_there or not following.startswith("--")):
+            yield option, value if is_there else following
+
+
+def _config_file() -> Any:
     path = parser.parse_arg("config_path")
-    if given is not None or path is None or not Path(path).is_file():
-        return given
-    value = yaml.safe_load(Path(path).read_text())  # JSON is YAML too
+    if path is None or not Path(path).is_file():
+        return None
+    with open(path) as file:
+        return cfgparsing.load_config(file, file=path)
+
+
+def _parsed(text: str) -> Any:
+    """What stands for several fields; None where it is nothing that draccus reads, which says so itself."""
+    try:
+        value = cfgparsing.parse_string(text)
+        if isinstance(value, str) and value.startswith("include "):
+            with open(value.removeprefix("include ")) as file:
+                return cfgparsing.load_config(file, file=file.name)
+    except (OSError, yaml.YAMLError, ParsingError):
+        return None
+    return value
+
+
+def _field(value: Any, name: str) -> Any:
+    """The field `a.b` of a mapping, None where there is none."""
     for key in name.split("."):
         value = value.get(key) if isinstance(value, Mapping) else None
-    if isinstance(value, bool):
-        return str(value).lower()
-    return None if value is None else str(value)
+    return value

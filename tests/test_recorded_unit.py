@@ -163,6 +163,45 @@ def test_an_openpi_server_speaks_the_robots_unit(monkeypatch, unit, degrees, fit
         check_command("robot", KEYS["joint"], degrees)
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--dataset={{repo_id: local/data, root: {degrees}, episode: 0}}"],
+        ["--dataset", "include {included}"],
+        ["--dataset.episode=0", "--dataset.repo_id=local/data", "--dataset.root={radians}", "--dataset.root={degrees}"],
+        ["--config_path={toml}"],
+        ["--config_path={toml}", "--dataset.root", "{degrees}"],
+        ["--dataset.root={radians}", "--dataset=include {included}"],
+    ],
+)
+def test_a_data_set_is_found_however_lerobot_takes_its_name(monkeypatch, tmp_path, arguments):
+    places = {"degrees": write_dataset(tmp_path / "a", True), "radians": write_dataset(tmp_path / "b", False)}
+    fields = {"repo_id": "local/data", "root": str(places["degrees"]), "episode": 0}
+    (tmp_path / "data.yaml").write_text(json.dumps(fields))
+    (tmp_path / "run.toml").write_text("[dataset]\n" + "".join(f"{k} = {json.dumps(v)}\n" for k, v in fields.items()))
+    places |= {"included": tmp_path / "data.yaml", "toml": tmp_path / "run.toml"}
+    monkeypatch.setattr(sys, "argv", ["lerobot-replay", *(text.format(**places) for text in arguments)])
+    with pytest.raises(ConfigError, match="is in degrees, this robot in radians"):
+        check_command("robot", KEYS["joint"], False)
+    check_command("robot", KEYS["joint"], True)
+
+
+@pytest.mark.parametrize("text", ["[", "include nowhere.yaml", "x"])
+def test_what_is_no_data_set_is_left_to_lerobot(monkeypatch, text):
+    monkeypatch.setattr(sys, "argv", ["lerobot-replay", f"--dataset={text}"])
+    check_command("robot", KEYS["joint"], False)
+
+
+@pytest.mark.parametrize(
+    ("program", "refuses"), [("/bin/lerobot-train", False), ("x/lerobot_train.py", False), ("lerobot-eval", True)]
+)
+def test_the_checkpoint_from_which_a_training_begins_moves_nothing(monkeypatch, tmp_path, program, refuses):
+    path = save_scripted(tmp_path / "p", "nothing", arms=2, stats=statistics(2, degrees=True))
+    monkeypatch.setattr(sys, "argv", [program, f"--policy.path={path}"])
+    with pytest.raises(ConfigError, match="is in degrees") if refuses else contextlib.nullcontext():
+        check_command("robot", KEYS["joint"], False)
+
+
 def test_an_unknown_unit_is_said(monkeypatch, caplog):
     monkeypatch.setattr(sys, "argv", ["lerobot-rollout", "--policy.path=nobody/nothing"])
     check_command("robot", KEYS["joint"], True)
