@@ -4,6 +4,7 @@ No stock loop tells the robot what it is about to replay, resume or roll out. So
 itself finds the checkpoint, among the options of the command (`lerobot.configs.parser`).
 """
 
+import itertools
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 import yaml
 from draccus import cfgparsing
-from draccus.utils import ParsingError
+from draccus.utils import ParsingError, deflatten
 from lerobot.configs import parser
 
 from lerobot_robot_yam.errors import ConfigError
@@ -21,6 +22,7 @@ from lerobot_robot_yam.recorded_space import check_names, check_space, refuse_ot
 from lerobot_robot_yam.recorded_unit import DEGREES, RADIANS, check_unit, unit_of
 from lerobot_robot_yam.recording import config_of, of_checkpoint, of_dataset
 
+_ABSENT = object()
 _TRAINING = ("lerobot-train", "lerobot_train")
 _SERVER_SPACES = {"joint_position": "joint", "cartesian_position": "ee"}  # RoboArena's words
 
@@ -45,7 +47,7 @@ def check_command(device: str, keys: Sequence[str], use_degrees: bool) -> None:
         check_names(device, keys, data, in_order=resumes)
         recordings.append(data)
     path = parser.get_path_arg("policy") or _option("pretrained_name_or_path")  # the latter: async inference
-    if Path(sys.argv[0]).stem in _TRAINING:
+    if Path(*sys.argv[:1]).stem in _TRAINING:
         path = None  # from where the training begins; its evaluations roll out what has been learnt since
     if path:
         learnt = of_checkpoint(path, _option("policy.pretrained_revision"))
@@ -83,26 +85,25 @@ def _flag(name: str) -> bool:
 
 
 def _option(name: str) -> str | None:
-    """A value from the command line, or from the file of `--config_path`, as text; by draccus's rules.
+    """A value from the command line, or from the file of `--config_path`, as text; as draccus puts them together.
 
     The last one counts, and `--dataset='{repo_id: me/x}'` or `--dataset="include file.yaml"` give some fields of it.
     """
-    found = _field(_config_file(), name)
-    for option, text in _given():
-        if option == name:
-            found = text
-        elif name.startswith(f"{option}."):
-            value = _field(_parsed(text), name.removeprefix(f"{option}."))
-            found = found if value is None else value
-    if isinstance(found, bool):
-        return str(found).lower()
-    return None if found is None else str(found)
+    try:
+        given = deflatten({option: _parsed(text) for option, text in _given()})
+    except TypeError:  # a value, and fields of it: draccus takes that no more than we
+        given = {}
+    value = _field(given, name)
+    if value is _ABSENT:
+        value = _field(_config_file(), name)
+    if isinstance(value, bool):
+        return str(value).lower()
+    return None if value is None or value is _ABSENT else str(value)
 
 
 def _given() -> Iterator[tuple[str, str]]:
     """The options of the command line with their values, in order."""
-    words = sys.argv[1:]
-    for word, following in zip(words, [*words[1:], "--"], strict=True):
+    for word, following in itertools.pairwise([*sys.argv[1:], "--"]):
         option, is_there, value = word.removeprefix("--").partition("=")
         if word.startswith("--") and (is_there or not following.startswith("--")):
             yield option, value if is_there else following
@@ -129,7 +130,9 @@ def _parsed(text: str) -> Any:
 
 
 def _field(value: Any, name: str) -> Any:
-    """The field `a.b` of a mapping, None where there is none."""
+    """The field `a.b` of a mapping, `_ABSENT` where there is none."""
     for key in name.split("."):
-        value = value.get(key) if isinstance(value, Mapping) else None
+        if not isinstance(value, Mapping) or key not in value:
+            return _ABSENT
+        value = value[key]
     return value

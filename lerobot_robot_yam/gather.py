@@ -168,7 +168,7 @@ def environment(path: Path) -> YamEnvConfig:
     """
     try:
         config = draccus.parse(EvalPipelineConfig, path, args=[]).env
-    except (OSError, DecodingError, ParsingError) as error:
+    except (OSError, DecodingError, ParsingError, AttributeError) as error:  # the last: no mapping
         raise ConfigError(f"{path} is no config of lerobot-eval: {error.__cause__ or error}") from error
     if not isinstance(config, YamEnvConfig) or not config.lockstep:
         raise ConfigError(f"{path}: yam-gather needs an environment of type yam with lockstep: true")

@@ -172,6 +172,8 @@ def test_an_openpi_server_speaks_the_robots_unit(monkeypatch, unit, degrees, fit
         ["--config_path={toml}"],
         ["--config_path={toml}", "--dataset.root", "{degrees}"],
         ["--dataset.root={radians}", "--dataset=include {included}"],
+        ["--config_path={toml}", "--dataset={{episode: 1}}"],
+        ["--dataset.root={radians}", "--dataset={{repo_id: local/data, root: {degrees}, episode: 0}}"],
     ],
 )
 def test_a_data_set_is_found_however_lerobot_takes_its_name(monkeypatch, tmp_path, arguments):
@@ -186,9 +188,9 @@ def test_a_data_set_is_found_however_lerobot_takes_its_name(monkeypatch, tmp_pat
     check_command("robot", KEYS["joint"], True)
 
 
-@pytest.mark.parametrize("text", ["[", "include nowhere.yaml", "x"])
+@pytest.mark.parametrize("text", ["[", "include nowhere.yaml", "x", "null"])
 def test_what_is_no_data_set_is_left_to_lerobot(monkeypatch, text):
-    monkeypatch.setattr(sys, "argv", ["lerobot-replay", f"--dataset={text}"])
+    monkeypatch.setattr(sys, "argv", ["lerobot-replay", f"--dataset={text}", "--dataset.episode=0"])
     check_command("robot", KEYS["joint"], False)
 
 
@@ -206,6 +208,13 @@ def test_an_unknown_unit_is_said(monkeypatch, caplog):
     monkeypatch.setattr(sys, "argv", ["lerobot-rollout", "--policy.path=nobody/nothing"])
     check_command("robot", KEYS["joint"], True)
     assert "nobody/nothing does not tell its unit; this robot is in degrees" in caplog.text
+
+
+@pytest.mark.parametrize("words", [[], ["script.py"], ["script.py", "--flag"], [""]])
+def test_a_script_of_ones_own_is_not_looked_at(monkeypatch, caplog, words):
+    monkeypatch.setattr(sys, "argv", words)
+    check_command("robot", KEYS["joint"], False)
+    assert not caplog.text
 
 
 def test_commands_without_a_recording_are_not_looked_at(monkeypatch, caplog):

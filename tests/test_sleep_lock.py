@@ -2,6 +2,7 @@
 
 import logging
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -15,8 +16,11 @@ from lerobot_robot_yam.arm.session import ArmSession
 from lerobot_robot_yam.errors import BusError
 from lerobot_robot_yam.sleep_lock import SleepLock, can_sleep, kept_awake
 
+ALL = "sleep:idle:handle-lid-switch"
 STAND_IN = """#!/bin/sh
+[ "$1" = --version ] && {{ echo "systemd {version} ({version}.1-1)"; echo "+PAM"; exit; }}
 echo "$@" >> {log}
+{hang}
 for word; do case $word in --what=*) what=${{word#--what=}};; --*) ;; *) break;; esac; shift; done
 case " {refused} " in *" $what "*) exit 1;; esac
 trap '' TERM
@@ -33,9 +37,9 @@ def inhibit(tmp_path, monkeypatch):
     monkeypatch.setattr(sleep_lock, "STATES", states)
     monkeypatch.setattr(sleep_lock, "SUSPEND", tmp_path / "suspend.target")
 
-    def install(refused: str = "") -> Path:
+    def install(refused: str = "", version: str = "257", hang: str = "") -> Path:
         program = tmp_path / "systemd-inhibit"
-        program.write_text(STAND_IN.format(log=log, refused=refused))
+        program.write_text(STAND_IN.format(log=log, refused=refused, version=version, hang=hang))
         program.chmod(0o755)
         monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
         return log
@@ -55,27 +59,30 @@ def await_end(log: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("refused", "granted"),
+    ("refused", "version", "granted", "enough"),
     [
-        ("", "sleep:idle:handle-lid-switch"),
-        ("sleep:idle:handle-lid-switch", "sleep:idle"),
-        ("sleep:idle:handle-lid-switch sleep:idle", "idle"),
-        ("sleep:idle:handle-lid-switch sleep:idle idle", ""),
+        ("", "257", ALL, True),
+        ("", "256", ALL, False),  # a desktop of the same user suspends all the same
+        ("", "", ALL, False),
+        (ALL, "257", "sleep:idle", False),
+        (f"{ALL} sleep:idle", "257", "idle", False),
+        (f"{ALL} sleep:idle idle", "257", "", False),
     ],
 )
-def test_it_gets_what_can_be_had_until_it_is_released(inhibit, refused, granted):
-    log = inhibit(refused)
+def test_it_gets_what_can_be_had_until_it_is_released(inhibit, refused, version, granted, enough):
+    log = inhibit(refused, version)
     lock = SleepLock()
-    assert lock.granted() == granted
+    assert lock.granted() == (granted, enough)
     assert "ended" not in lines(log)
     lock.release()
-    assert ("ended" in lines(log)) == bool(granted)
+    if granted:
+        await_end(log)
     assert len([line for line in lines(log) if line.startswith("--what=")]) == 1 + len(refused.split()) - (not granted)
 
 
 def test_the_death_of_its_holder_ends_it(inhibit):
     log = inhibit()
-    code = "from lerobot_robot_yam.sleep_lock import SleepLock; print(SleepLock().granted(), flush=True); input()"
+    code = "from lerobot_robot_yam.sleep_lock import SleepLock; print(*SleepLock().granted(), flush=True); input()"
     holder = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     assert b"sleep" in holder.stdout.readline()
     assert "ended" not in lines(log)
@@ -84,7 +91,33 @@ def test_the_death_of_its_holder_ends_it(inhibit):
     await_end(log)
 
 
-@pytest.mark.parametrize(("refused", "level"), [("", logging.INFO), ("sleep:idle:handle-lid-switch sleep:idle", 30)])
+def test_a_child_of_who_lets_go_of_it_does_not_keep_it(inhibit):
+    log = inhibit()
+    lock = SleepLock()
+    assert lock.granted()[0]
+    child = os.fork()
+    if child == 0:
+        time.sleep(60)
+        os._exit(0)
+    try:
+        lock.release()
+        assert lock._holder.poll() is not None
+    finally:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+    assert len(lines(log)) == 1  # nothing else is asked for
+
+
+def test_who_is_not_answered_is_not_held_up(inhibit, monkeypatch):
+    inhibit(hang="exec sleep 60")
+    monkeypatch.setattr(sleep_lock, "_ANSWER_S", 0.2)
+    lock, begin = SleepLock(), time.monotonic()
+    assert lock.granted() == ("", False)
+    lock.release()
+    assert time.monotonic() - begin < 30.0 and lock._holder.poll() is not None
+
+
+@pytest.mark.parametrize(("refused", "level"), [("", logging.INFO), (ALL, logging.WARNING)])
 def test_the_log_says_whether_the_computer_may_sleep(inhibit, caplog, refused, level):
     inhibit(refused)
     with caplog.at_level(logging.INFO), kept_awake("left, right"):
@@ -94,6 +127,13 @@ def test_the_log_says_whether_the_computer_may_sleep(inhibit, caplog, refused, l
     (record,) = caplog.records
     assert record.levelno == level and record.message.startswith("left, right: ")
     assert ("mask sleep.target" in record.message) == (level == logging.WARNING)
+
+
+def test_arms_are_driven_even_where_no_process_can_be_started(inhibit, monkeypatch, caplog):
+    inhibit()
+    monkeypatch.setenv("PATH", "/nowhere")
+    with kept_awake("left"):
+        assert "left: nothing keeps this computer from going to sleep" in caplog.text
 
 
 def test_real_arms_keep_the_computer_awake_and_virtual_ones_do_not(inhibit, rig):

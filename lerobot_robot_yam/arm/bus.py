@@ -65,7 +65,7 @@ def open_bus(config: ArmConfig, only: Sequence[int] | None = None) -> can.BusABC
         ) from error
 
 
-def keeps_awake(configs: Sequence[ArmConfig]) -> contextlib.AbstractContextManager[None]:
-    """Keeps the computer from sleeping as long as real arms are driven."""
+def keeps_awake(configs: Sequence[ArmConfig], quiet: bool = False) -> contextlib.AbstractContextManager[None]:
+    """Keeps the computer from sleeping as long as real arms are driven; `quiet`: somebody else logs it."""
     real = [config.name for config in configs if config.interface != _VIRTUAL]
-    return kept_awake(", ".join(real)) if real else contextlib.nullcontext()
+    return kept_awake(", ".join(real), quiet) if real else contextlib.nullcontext()

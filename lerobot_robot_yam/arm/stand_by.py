@@ -60,7 +60,9 @@ def spawn(configs: Sequence[ArmConfig], keys: Sequence[str], caller_pid: int, rt
         for name in (signal.SIGINT, signal.SIGHUP, signal.SIGPIPE, signal.SIGTERM):
             signal.signal(name, signal.SIG_IGN)
         with log_from_a_thread():
-            StandBy(configs, keys, caller_pid, control_pid).run(rt_priority)
+            stand_by = StandBy(configs, keys, caller_pid, control_pid)
+            with keeps_awake(configs, quiet=True):  # now: no program is to be started while an arm falls
+                stand_by.run(rt_priority)
         status = 0
     except BaseException:
         logger.exception("stand-by failed")
@@ -152,8 +154,7 @@ class StandBy:
                 loop = ControlLoop(controllers, blocks, self._configs[0].rate_hz)
                 logger.error("taken over within %.0f ms", (time.monotonic() - begin) * 1e3)
                 try:
-                    with keeps_awake(self._configs):
-                        loop.run(must_land=lambda: _take(locks))
+                    loop.run(must_land=lambda: _take(locks))
                 finally:
                     loop.close()
         finally:

@@ -10,8 +10,8 @@ from pathlib import Path
 from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.process import RT_PRIORITY
 from lerobot_robot_yam.doctor.findings import Section
-from lerobot_robot_yam.doctor.usb import text_of
-from lerobot_robot_yam.sleep_lock import SLEEP, SWITCH_OFF, SleepLock, can_sleep
+from lerobot_robot_yam.doctor.usb import SYSFS, text_of
+from lerobot_robot_yam.sleep_lock import SWITCH_OFF, SleepLock, can_sleep
 
 _LIMITS_FILE = "/etc/security/limits.d/90-yam.conf"
 _CPUS_MIN = 4  # the loop, LeRobot, the video encoder and the system
@@ -59,8 +59,8 @@ def check_host(sysfs: Path, section: Section) -> None:
     if governor == "powersave":
         what = "the CPU governor is powersave: wake-ups may be late"
         section.note(where, what, "sudo cpupower frequency-set -g performance")
-    if can_sleep() and SLEEP not in _kept_awake():
-        what = "it may go to sleep while arms are driven, and then they fall: it does not let us forbid that"
+    if sysfs == SYSFS and can_sleep() and not _kept_awake():
+        what = "it may go to sleep while arms are driven, and then they fall: its systemd does not let us forbid that"
         section.warn(where, what, SWITCH_OFF)
     stop = EmergencyStop()
     if stop.latched:
@@ -78,10 +78,10 @@ def _granted() -> str | None:
     return done.stdout.strip() or None
 
 
-def _kept_awake() -> str:
+def _kept_awake() -> bool:
     lock = SleepLock()
     try:
-        return lock.granted()
+        return lock.granted()[1]
     finally:
         lock.release()
 

@@ -110,6 +110,7 @@ def test_no_picture_is_dropped_however_slow_the_encoder_is(tmp_path, monkeypatch
         ("env: {type: yam, lokstep: true}", "`lokstep`"),
         ("robot: {type: yam_follower}", "robot"),
         ("env: [", "flow"),
+        ("- 1", "list"),
     ],
 )
 def test_a_config_that_is_none_is_one_error(tmp_path, text, said):

@@ -293,7 +293,7 @@ def test_kernel_stamps_are_used_where_believable(bus, chain):
         assert bool(chain.stamp_s[0] < before) == believable
 
 
-@pytest.mark.parametrize("behind_s", [0.05, 0.2, 0.9])
+@pytest.mark.parametrize("behind_s", [0.3, 0.9])
 def test_an_answer_that_seems_to_come_before_its_question_came_now(bus, chain, behind_s):
     """The clock of an adapter drifts away from ours: its stamps lie further and further in the past."""
     tick(chain)
