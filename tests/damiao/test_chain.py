@@ -282,49 +282,6 @@ def test_a_button_edge_counts_at_once(bus):
     assert handle.lost == 1
 
 
-def test_kernel_stamps_are_used_where_believable(bus, chain):
-    frame = encode_feedback("DM4340", 1, 1, 0.0, 0, 0, 0, 0)
-    for offset, believable in ((-0.5, True), (-5.0, False), (+5.0, False)):
-        message = can.Message(timestamp=time.time() + offset, arbitration_id=0x11, data=frame, is_extended_id=False)
-        bus._queue.append(message)
-        before = time.monotonic()
-        chain.drain()
-        chain.publish()
-        assert bool(chain.stamp_s[0] < before) == believable
-
-
-@pytest.mark.parametrize("behind_s", [0.3, 0.9])
-def test_an_answer_that_seems_to_come_before_its_question_came_now(bus, chain, behind_s):
-    """The clock of an adapter drifts away from ours: its stamps lie further and further in the past."""
-    tick(chain)
-    for _ in range(3):
-        before = time.monotonic()
-        chain.send(commands())
-        for message in bus._queue:
-            message.timestamp = time.time() - behind_s
-        assert chain.collect(time.monotonic())
-        assert (chain.stamp_s >= before).all()
-
-
-def test_clearing_faults_does_not_overflow_a_link_with_the_default_queue():
-    waiting, looked_s = 0.0, time.monotonic()
-
-    class Link(DeskBus):
-        """10 frames wait in the interface's queue and 10 in the adapter, and leave as fast as the wire lets them."""
-
-        def send(self, msg, timeout=None):
-            nonlocal waiting, looked_s
-            now = time.monotonic()
-            waiting, looked_s = max(0.0, waiting - (now - looked_s) / FRAME_TIME_S) + 1.0, now
-            if waiting > 20.0:
-                raise can.CanOperationError("Transmit buffer full")
-            super().send(msg)
-
-    with Link(SPECS) as bus:
-        assert all(MotorChain(bus, SPECS, channel="desk").special(SpecialCommand.CLEAR, 0.0))
-        assert len(bus.sent) == 21
-
-
 def test_a_bus_that_fails_is_a_bus_error(bus, chain):
     def fail(*_, **__):
         raise can.CanOperationError("No buffer space available [Errno 105]")
