@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import can
 
-from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL, ArmConfig
 from lerobot_robot_yam.errors import BusError, YamError
 from lerobot_robot_yam.sleep_lock import kept_awake
 
@@ -17,8 +17,7 @@ logging.getLogger("can.bus").setLevel(logging.INFO)
 
 _BITRATE = 1_000_000
 _ID_MASK = 0x7FF
-_VIRTUAL = "yam_sim"
-_KNOWN = ("socketcan", _VIRTUAL, "yam_lockstep")
+_KNOWN = (SOCKETCAN, VIRTUAL, "yam_lockstep")
 
 
 def open_bus(config: ArmConfig, only: Sequence[int] | None = None) -> can.BusABC:
@@ -51,8 +50,8 @@ def open_bus(config: ArmConfig, only: Sequence[int] | None = None) -> can.BusABC
         raise
     except (can.CanError, OSError, ValueError, TypeError, NotImplementedError) as error:
         if isinstance(error, NotImplementedError):
-            advice = f"take socketcan, or {_VIRTUAL} for the virtual rig"
-        elif config.interface == "socketcan":
+            advice = f"take {SOCKETCAN}, or {VIRTUAL} for the virtual rig"
+        elif config.interface == SOCKETCAN:
             advice = (
                 "is the adapter plugged in and the link up? "
                 f"(sudo ip link set {config.channel} up txqueuelen 100 type can bitrate {_BITRATE})"
@@ -67,5 +66,5 @@ def open_bus(config: ArmConfig, only: Sequence[int] | None = None) -> can.BusABC
 
 def keeps_awake(configs: Sequence[ArmConfig], quiet: bool = False) -> contextlib.AbstractContextManager[None]:
     """Keeps the computer from sleeping as long as real arms are driven; `quiet`: somebody else logs it."""
-    real = [config.name for config in configs if config.interface != _VIRTUAL]
+    real = [config.name for config in configs if config.interface != VIRTUAL]
     return kept_awake(", ".join(real), quiet) if real else contextlib.nullcontext()

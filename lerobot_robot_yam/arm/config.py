@@ -15,6 +15,7 @@ from lerobot_robot_yam.arm.workspace import WorkspaceConfig
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.runtime import rig_name
 
+SOCKETCAN, VIRTUAL = "socketcan", "yam_sim"  # python-can interfaces: the kernel's, and the virtual rig
 _SIX = ("kp", "kd", "gravity_factor", "coulomb_friction_nm", "idle_kd", "torque_limit_nm", "effort_limit_nm")
 
 
@@ -112,9 +113,9 @@ class ArmConfig:
         """Its channel as the options of `yam-identify` and `yam-zero` name it."""
         words = ["--channel", self.channel]
         rig = self.can_options.get("rig")
-        if self.interface == "yam_sim" and rig and rig_name(rig)[1] is None:  # others end with their process
+        if self.interface == VIRTUAL and rig and rig_name(rig)[1] is None:  # others end with their process
             words += ["--rig", rig]
-        elif self.interface != "socketcan":
+        elif self.interface != SOCKETCAN:
             words += ["--interface", self.interface]
         return shlex.join(words)
 

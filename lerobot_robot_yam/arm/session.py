@@ -5,7 +5,7 @@ import logging
 from collections.abc import Sequence
 from typing import Literal, get_args
 
-from lerobot_robot_yam.arm.config import ArmConfig, check_together
+from lerobot_robot_yam.arm.config import VIRTUAL, ArmConfig, check_together
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.port import ArmPort
@@ -48,7 +48,7 @@ class ArmSession:
         self._keys: list[str] = []
         for config in configs:
             rig = config.can_options.get("rig")
-            if config.interface == "yam_sim":
+            if config.interface == VIRTUAL:
                 # The loop's process must meet the rig of this process, not start one of its own.
                 rig, _ = rig_name(rig)
                 config = dataclasses.replace(config, can_options={**config.can_options, "rig": rig})

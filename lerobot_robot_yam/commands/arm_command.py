@@ -10,7 +10,7 @@ from typing import Any
 import can
 
 from lerobot_robot_yam.arm.bus import open_bus
-from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL, ArmConfig
 from lerobot_robot_yam.arm.profile import ARMS, GRIPPERS
 from lerobot_robot_yam.arm.state import channel_key, lock_path
 from lerobot_robot_yam.damiao.bringup import LISTEN_S, listen
@@ -33,9 +33,9 @@ def add_arm_arguments(parser: argparse.ArgumentParser) -> None:
 
 def arm_config(args: argparse.Namespace, **fields: Any) -> ArmConfig:
     """Configuration of the arm that the arguments describe, and `fields` where the arguments say nothing."""
-    interface = args.interface or ("yam_sim" if args.rig else "socketcan")
+    interface = args.interface or (VIRTUAL if args.rig else SOCKETCAN)
     options = {}
-    if interface == "yam_sim":
+    if interface == VIRTUAL:
         options["rig"], _ = rig_name(args.rig)
     if args.gripper is not None:
         fields["gripper"] = args.gripper

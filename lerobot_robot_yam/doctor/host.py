@@ -79,7 +79,10 @@ def _granted() -> str | None:
 
 
 def _kept_awake() -> bool:
-    lock = SleepLock()
+    try:
+        lock = SleepLock()
+    except OSError:
+        return False
     try:
         return lock.granted()[1]
     finally:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lerobot_robot_yam.arm.config import ArmConfig, check_together
+from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL, ArmConfig, check_together
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.state import channel_key
 from lerobot_robot_yam.arm.yaml_fields import read_yaml
@@ -18,7 +18,6 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.paths import user_path
 from lerobot_robot_yam.runtime import rig_name
 
-SOCKETCAN, VIRTUAL = "socketcan", "yam_sim"
 LEADER_GRIPPER = "yam_teaching_handle"
 _FIELDS = frozenset(field.name for field in dataclasses.fields(ArmConfig))
 _CALIBRATED = ("channel", "interface", "can_options", "arm", "gripper", "calibration_path", "identity_path")

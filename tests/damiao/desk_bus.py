@@ -14,6 +14,8 @@ from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.damiao.registers import Opcode, Register
 from lerobot_robot_yam.damiao.tables import REGISTER_ID, motor_type
 
+SPECS = [MotorSpec(f"joint{i + 1}", i + 1, kind) for i, kind in enumerate(["DM4340"] * 3 + ["DM4310"] * 4)]
+
 
 class DeskBus(can.BusABC):
     """Motors that go where they are told in no time. Attributes may be changed between frames."""

@@ -8,13 +8,11 @@ import pytest
 
 from lerobot_robot_yam.damiao.chain import LAST_REPLY_S, MotorChain
 from lerobot_robot_yam.damiao.encoder import HandleEncoder
-from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S
 from lerobot_robot_yam.errors import BusError
 
-from .desk_bus import DeskBus
+from .desk_bus import SPECS, DeskBus
 
-SPECS = [MotorSpec(f"joint{i + 1}", i + 1, kind) for i, kind in enumerate(["DM4340"] * 3 + ["DM4310"] * 4)]
 STEP_RAD = 25.0 / 65535  # one code of the position
 LATER_S = 3600.0  # who waits so long has failed
 

@@ -13,21 +13,9 @@ from lerobot_robot_yam.damiao.registers import Opcode, Register, encode_reply
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S, ReceiveMode
 from lerobot_robot_yam.errors import ActionError, BusError, ConfigError, MotorError
 
-from .desk_bus import DeskBus
+from .desk_bus import SPECS, DeskBus
 
-SPECS = [MotorSpec(f"joint{i + 1}", i + 1, kind) for i, kind in enumerate(["DM4340"] * 3 + ["DM4310"] * 4)]
 STEP_RAD = 25.0 / 65535  # one code of the position
-
-
-@pytest.fixture
-def bus():
-    with DeskBus(SPECS, handle=True) as desk:
-        yield desk
-
-
-@pytest.fixture
-def chain(bus):
-    return MotorChain(bus, SPECS, channel="desk")
 
 
 def commands(q=0.0):

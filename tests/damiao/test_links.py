@@ -9,19 +9,8 @@ from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand, encode_feedback
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S
 
-from .desk_bus import DeskBus
-from .test_chain import SPECS, commands, tick
-
-
-@pytest.fixture
-def bus():
-    with DeskBus(SPECS) as desk:
-        yield desk
-
-
-@pytest.fixture
-def chain(bus):
-    return MotorChain(bus, SPECS, channel="desk")
+from .desk_bus import SPECS, DeskBus
+from .test_chain import commands, tick
 
 
 def test_kernel_stamps_are_used_where_believable(bus, chain):
