@@ -1,0 +1,249 @@
+"""The drivers that the bench compares, each behind the same five calls."""
+
+import importlib
+import time
+from typing import Any, Protocol
+
+import numpy as np
+
+from lerobot_robot_yam.rig.thermometer import sample_age_s
+
+CHANNELS = ("follower_left", "follower_right")
+_SIDES = ("left", "right")
+_SOCKETCAN = "can_"  # the vendor's SDK takes only channels with this in their names for socketcan ones
+_STOPS_RAD = [3.25, -3.3]  # of the gripper in the default scene: nothing has to be searched
+_NAMES = ("joint_1", "joint_2", "joint_3", "joint_4", "joint_5", "joint_6", "gripper")
+_TYPES = ("DM4340", "DM4340", "DM4340", "DM4310", "DM4310", "DM4310", "DM4310")
+_KP = (80.0, 80.0, 80.0, 10.0, 10.0, 10.0, 20.0)
+_KD = (5.0, 5.0, 5.0, 1.5, 1.5, 1.5, 0.5)
+
+
+class Driver(Protocol):
+    """What the bench asks of every driver."""
+
+    def start(self) -> None:
+        """Open the channels and energise the arms, holding."""
+
+    def get(self) -> Any:
+        """Read all arms, as a LeRobot robot does for an observation."""
+
+    def send(self, got: Any) -> None:
+        """Command all arms to stay where `got` says they are."""
+
+    def age_s(self, got: Any, now: float) -> float:
+        """Age of the oldest motor sample in `got` at `now`: the rig stamps it into the temperature bytes."""
+
+    def stop(self) -> None:
+        """Let go of everything."""
+
+
+class OurSession:
+    """Our control loop, through `ArmSession`."""
+
+    def __init__(self, arms: int, isolation: str = "process", rate_hz: float = 250.0):
+        from lerobot_robot_yam.arm.config import ArmConfig
+        from lerobot_robot_yam.arm.session import ArmSession
+
+        self._names = _SIDES[:arms]
+        configs = [
+            ArmConfig(name=side, channel=channel, interface="yam_sim", rate_hz=rate_hz, gripper_stops_rad=_STOPS_RAD)
+            for side, channel in zip(self._names, CHANNELS, strict=False)
+        ]
+        self._session = ArmSession(configs, isolation=isolation)  # type: ignore[arg-type]
+
+    def start(self) -> None:
+        self._session.start()
+
+    def get(self) -> Any:
+        return [self._session[name].observe() for name in self._names]
+
+    def send(self, got: Any) -> None:
+        for name, state in zip(self._names, got, strict=True):
+            self._session[name].track(state.setpoint_q, state.gripper_setpoint)
+
+    def age_s(self, got: Any, now: float) -> float:
+        return max(
+            sample_age_s(int(mos), int(rotor), now)
+            for state in got
+            for mos, rotor in zip(state.temp_mos_c, state.temp_rotor_c, strict=True)
+        )
+
+    def stop(self) -> None:
+        self._session.stop()
+
+
+class OurRobot:
+    """`BiYamFollower`, as `lerobot-record` uses it, without cameras."""
+
+    def __init__(self, temperatures: bool = False):
+        from lerobot_robot_yam.bi_yam_follower import BiYamFollower
+        from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig, FollowerArmConfig
+
+        left, right = (
+            FollowerArmConfig(channel=channel, interface="yam_sim", gripper_stops_rad=_STOPS_RAD)
+            for channel in CHANNELS
+        )
+        self._robot = BiYamFollower(
+            BiYamFollowerConfig(left_arm_config=left, right_arm_config=right, observe_temperature=temperatures)
+        )
+
+    def start(self) -> None:
+        self._robot.connect()
+        observation = self._robot.get_observation()
+        self._action = {key: observation[key] for key in self._robot.action_features}
+
+    def get(self) -> Any:
+        return self._robot.get_observation()
+
+    def send(self, got: Any) -> None:
+        self._robot.send_action(self._action)
+
+    def age_s(self, got: Any, now: float) -> float:
+        motors = [key.removesuffix(".pos") for key in self._action]
+        return max(sample_age_s(int(got[f"{m}.temp_mos"]), int(got[f"{m}.temp_rotor"]), now) for m in motors)
+
+    def stop(self) -> None:
+        self._robot.disconnect()
+
+
+class DamiaoBus:
+    """LeRobot's own driver with the calls that its OpenArm robot makes: refresh all, then command all."""
+
+    def __init__(self, arms: int, read: bool = True):
+        from lerobot.motors import Motor, MotorNormMode
+        from lerobot.motors.damiao import DamiaoMotorsBus
+
+        self._read = read
+        self._buses = []
+        for channel in CHANNELS[:arms]:
+            motors = {}
+            for number, (name, kind) in enumerate(zip(_NAMES, _TYPES, strict=True), start=1):
+                motor = Motor(number, kind.lower(), MotorNormMode.DEGREES)
+                motor.recv_id, motor.motor_type_str = number + 16, kind
+                motors[name] = motor
+            self._buses.append(DamiaoMotorsBus(channel, motors, can_interface="yam_sim", use_can_fd=False))
+        self._goals: list[dict[str, float]] = []
+
+    def start(self) -> None:
+        for bus in self._buses:
+            bus.connect()
+            bus.enable_torque()
+            states = bus.sync_read_all_states()
+            self._goals.append({name: state["position"] for name, state in states.items()})
+
+    def get(self) -> Any:
+        if self._read:
+            return [bus.sync_read_all_states() for bus in self._buses]
+        return [bus._last_known_states for bus in self._buses]
+
+    def send(self, got: Any) -> None:
+        for bus, goals in zip(self._buses, self._goals, strict=True):
+            bus._mit_control_batch({name: (_KP[i], _KD[i], goals[name], 0.0, 0.0) for i, name in enumerate(_NAMES)})
+
+    def age_s(self, got: Any, now: float) -> float:
+        return max(
+            sample_age_s(int(state["temp_mos"]), int(state["temp_rotor"]), now)
+            for states in got
+            for state in states.values()
+        )
+
+    def stop(self) -> None:
+        for bus in self._buses:
+            bus.disconnect()
+
+
+class Vendor:
+    """The maker's SDK, `dreamscale-i2rt`, as its users start it: `get_yam_robot`, holding where it is.
+
+    Per arm two threads of the caller's interpreter, without a rate of their own: one reckons gravity and the gripper's
+    force limit, the other talks to the motors. It opens a socketcan channel; here that name leads to the rig. Nothing
+    of it is changed otherwise.
+    """
+
+    def __init__(self, arms: int):
+        _lead_socketcan_to_rig()
+        self._open = importlib.import_module("i2rt.robots.get_robot").get_yam_robot
+        self._arms = arms
+        self._robots: list[Any] = []
+        self._goals: list[Any] = []
+
+    def start(self) -> None:
+        for channel in CHANNELS[: self._arms]:
+            robot = self._open(
+                _SOCKETCAN + channel, zero_gravity_mode=False, gripper_limits_override=np.array(_STOPS_RAD)
+            )
+            robot.temp_record_flag = True  # where the rig's stamp is
+            self._robots.append(robot)
+            self._goals.append(robot.get_joint_pos().copy())
+
+    def get(self) -> Any:
+        return [robot.get_observations() for robot in self._robots]
+
+    def send(self, got: Any) -> None:
+        for robot, goal in zip(self._robots, self._goals, strict=True):
+            robot.command_joint_pos(goal.copy())  # it clips what it is given
+
+    def age_s(self, got: Any, now: float) -> float:
+        return max(
+            sample_age_s(int(mos), int(rotor), now)
+            for seen in got
+            for mos, rotor in zip(seen["temp_mos"], seen["temp_rotor"], strict=True)
+        )
+
+    def stop(self) -> None:
+        for robot in self._robots:
+            robot.close()
+
+
+class VendorChain:
+    """The SDK's motor chain alone, which only exchanges frames: no gravity, no limits, nobody who calls it."""
+
+    def __init__(self, arms: int):
+        _lead_socketcan_to_rig()
+        self._open = importlib.import_module("i2rt.motor_drivers.dm_driver").DMChainCanInterface
+        self._arms = arms
+        self._chains: list[Any] = []
+
+    def start(self) -> None:
+        motors = [(number, kind) for number, kind in enumerate(_TYPES, start=1)]
+        for channel in CHANNELS[: self._arms]:
+            chain = self._open(motors, np.zeros(7), np.ones(7), channel=_SOCKETCAN + channel)
+            self._chains.append(chain)
+            goal = np.array([info.pos for info in chain.read_states()])
+            chain.set_commands(np.zeros(7), pos=goal, vel=np.zeros(7), kp=_KP, kd=_KD, get_state=False)
+
+    def get(self) -> Any:
+        return [chain.read_states() for chain in self._chains]
+
+    def send(self, got: Any) -> None:
+        pass  # it goes on with what it was told
+
+    def age_s(self, got: Any, now: float) -> float:
+        return max(sample_age_s(int(info.temp_mos), int(info.temp_rotor), now) for infos in got for info in infos)
+
+    def stop(self) -> None:
+        for chain in self._chains:
+            chain.running = False
+        time.sleep(0.2)  # its thread has no join
+        for chain in self._chains:
+            chain.close()
+
+
+def _lead_socketcan_to_rig() -> None:
+    import can
+
+    real_bus = can.interface.Bus
+
+    def open_on_rig(channel: str, **_: Any) -> can.BusABC:
+        return real_bus(interface="yam_sim", channel=channel.removeprefix(_SOCKETCAN))
+
+    can.interface.Bus = open_on_rig
+
+
+KINDS = {
+    "ours": OurSession,
+    "ours_robot": OurRobot,
+    "damiao_bus": DamiaoBus,
+    "vendor": Vendor,
+    "vendor_chain": VendorChain,
+}
