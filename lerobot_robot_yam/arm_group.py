@@ -254,9 +254,7 @@ class ArmGroup:
         """
         values: list[float] = []
         for state in self.newest():
-            values += state.setpoint_q.tolist()
-            if state.gripper_setpoint is not None:
-                values.append(state.gripper_setpoint)
+            values += state.setpoints
         return np.array(values)
 
     def observe(self) -> list[ArmState]:

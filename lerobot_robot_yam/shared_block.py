@@ -91,11 +91,15 @@ class SharedBlock:
         Raises:
             StaleStateError: no consistent record within 0.25 s: the writer died in the middle of a write.
         """
+        return self._record(self.read_bytes())
+
+    def read_bytes(self) -> bytes | None:
+        """The same as the bytes of `dtype`."""
         deadline, stuck = 0.0, 0
         while sequence := self.sequence():
-            record = self.glance()
-            if record is not None:
-                return record
+            payload = self._copy()
+            if payload is not None:
+                return payload
             now = time.monotonic()
             if sequence != stuck:  # whoever writes on is alive: it is we who were held up
                 deadline, stuck = now + _READ_TIMEOUT_S, sequence
@@ -105,15 +109,19 @@ class SharedBlock:
         return None
 
     def glance(self) -> np.ndarray | None:
-        """The same without waiting: None also while a record is being written, for who must not be held up."""
+        """As `read` without waiting: None also while a record is being written, for who must not be held up."""
+        return self._record(self._copy())
+
+    def _record(self, payload: bytes | None) -> np.ndarray | None:
+        return None if payload is None else np.frombuffer(payload, self.dtype, count=1).reshape(())
+
+    def _copy(self) -> bytes | None:
         before = self.sequence()
         if before == 0 or before % 2:
             return None
-        payload = bytes(self._map[_HEADER.size :])
+        payload = self._map[_HEADER.size :]
         crc = _CRC.unpack_from(self._map, _CRC_AT)[0]
-        if self.sequence() != before or zlib.crc32(payload) != crc:
-            return None
-        return np.frombuffer(payload, self.dtype, count=1).reshape(())
+        return payload if self.sequence() == before and zlib.crc32(payload) == crc else None
 
     def peek(self, at: int) -> int:
         """The unsigned 8-byte field at byte `at` of the record as it is now, without a copy of the rest."""

@@ -264,9 +264,7 @@ def _with_gripper(joints: np.ndarray, gripper: float | None) -> np.ndarray:
 def _measured(states: list[ArmState]) -> np.ndarray:
     values: list[float] = []
     for state in states:
-        values += state.q.tolist()
-        if state.gripper is not None:
-            values.append(state.gripper)
+        values += state.positions
     return np.array(values)
 
 

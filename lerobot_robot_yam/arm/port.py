@@ -1,7 +1,6 @@
 """The caller's handle on one arm: its state block to read, its command block to write."""
 
 import logging
-import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -18,7 +17,6 @@ from lerobot_robot_yam.arm.state import (
     ArmState,
     Limited,
     Request,
-    decode_state,
     lock_path,
     state_path,
 )
@@ -79,15 +77,20 @@ class ArmPort:
             self._states.close()
             self._states = None
 
-    def _raw(self) -> np.ndarray:
-        record = None if self._states is None else self._states.read()
-        if record is None:
+    def published(self) -> ArmState:
+        """The state as last published, however old, whatever is wrong with the arm.
+
+        Raises:
+            LifeCycleError: not connected.
+        """
+        payload = None if self._states is None else self._states.read_bytes()
+        if payload is None:
             raise LifeCycleError(f"{self.config.name}: not connected")
-        return record
+        return ArmState(payload, self.hardware.joints, self.hardware.has_gripper)
 
     def mode(self) -> Mode:
         """Life-cycle state as last published, however old."""
-        return Mode(int(self._raw()["mode"]))
+        return self.published().mode
 
     def observe(self) -> ArmState:
         """The newest state of the arm, see `await_fresh`.
@@ -146,20 +149,18 @@ class ArmPort:
             )
 
     def _examined(self) -> ArmState:
-        record, name = self._raw(), self.config.name
-        state = self._decoded(record)
+        state, name = self.published(), self.config.name
+        self._check_failed(state)
         if state.mode is Mode.OFF:
             raise LifeCycleError(f"{name}: the arm is off; connect again")
-        if self.hardware.has_gripper and math.isnan(record["gripper_stops_rad"][0]):
+        if self.hardware.has_gripper and state.gripper_stops_rad is None:
             why = _WITHOUT_STOPS.get(state.mode, _CALIBRATE)
             raise GripperError(f"{name}: the gripper's stops are unknown, and so is its position; {why}")
         return state
 
-    def _decoded(self, record: np.ndarray) -> ArmState:
-        state = decode_state(record, self.hardware.joints, self.hardware.has_gripper)
+    def _check_failed(self, state: ArmState) -> None:
         if state.mode in _FAILED and state.message:
             raise MotorError(f"{self.config.name} ({self.config.channel}): {state.message}")
-        return state
 
     def track(
         self,
@@ -206,7 +207,7 @@ class ArmPort:
             target.append(state.gripper_setpoint)
         measured = target
         if relative is not None:
-            measured = [*state.q.tolist(), *([] if state.gripper is None else [state.gripper])]
+            measured = list(state.positions)
         target, limited = limit_target(target, measured, self._lower, self._upper, relative)
         self._limit_log.note(limited)
         self._commands.aim(self._clock.now(), target, n, options)
@@ -257,29 +258,33 @@ class ArmPort:
         """
         self._request(Request.REARM)
 
-    def await_gripper(self, sought: bool = False) -> None:
+    def await_gripper(self, sought: bool = False) -> ArmState:
         """Wait until nobody seeks the gripper's stops any more.
 
         Args:
             sought: they were to be; False: only if they are just now.
+
+        Returns:
+            The arm's state then.
 
         Raises:
             MotorError: they are unknown still: the search has failed, was cut short, or does not end.
             StaleStateError: the control loop is silent.
         """
         name, deadline = self.config.name, self._clock.now() + _SEARCH_TIMEOUT_S
-        while Mode(int((record := self._raw())["mode"])) is Mode.BRING_UP:
+        while (state := self.published()).mode is Mode.BRING_UP:
             sought = True
-            self._check_age(float(record["stamp_s"]))
+            self._check_age(state.published_s)
             if self._clock.now() > deadline:
                 raise MotorError(f"{name}: the search for the gripper's stops does not end")
             self._clock.sleep(0.02)
-        state = self._decoded(record)
-        if sought and self.hardware.has_gripper and math.isnan(record["gripper_stops_rad"][0]):
+        self._check_failed(state)
+        if sought and self.hardware.has_gripper and state.gripper_stops_rad is None:
             why = _WITHOUT_STOPS.get(state.mode, _CALIBRATE)
             raise MotorError(
                 f"{name}: the search for the gripper's stops was cut short ({state.mode.name.lower()}); {why}"
             )
+        return state
 
     @property
     def done(self) -> bool:
@@ -289,7 +294,7 @@ class ArmPort:
     @property
     def orphaned(self) -> bool:
         """True when control process and stand-by have both died: nobody drives the arm, and it is limp by now."""
-        if self._states is None or self._clock.now() - float(self._raw()["stamp_s"]) < _ORPHAN_S:
+        if self._states is None or self._clock.now() - self.published().published_s < _ORPHAN_S:
             return False
         lock = FileLock(lock_path(self._key), self.config.channel)
         try:
@@ -311,25 +316,24 @@ class ArmPort:
             GripperError: they are not stored in `calibration_path`; those that were found count until the arm is off.
         """
         self._request(Request.CALIBRATE_GRIPPER)
-        self.await_gripper(sought=True)
+        stops = self.await_gripper(sought=True).gripper_stops_rad
         if self.config.calibration_path is not None:
-            closed_rad, open_rad = self._raw()["gripper_stops_rad"].tolist()
-            path = Path(self.config.calibration_path)
-            await_stored(self.config.name, path, self.hardware.gripper.name, closed_rad, open_rad)
+            assert stops is not None
+            await_stored(self.config.name, Path(self.config.calibration_path), self.hardware.gripper.name, *stops)
 
     def _request(self, request: Request) -> None:
         number = self._commands.request(request)
         deadline = self._clock.now() + _REQUEST_TIMEOUT_S
         while True:
-            state = self._raw()
-            if state["request_sequence"] == number:
+            state = self.published()
+            if state.answered == number:
                 break
-            if Mode(int(state["mode"])) is Mode.OFF:
+            if state.mode is Mode.OFF:
                 if request is Request.LAND:
                     return
                 raise LifeCycleError(f"{self.config.name}: the arm is off; connect again")
             if self._clock.now() > deadline:
                 raise StaleStateError(f"{self.config.name}: the control loop does not answer")
             self._clock.sleep(0.001)
-        if state["request_refused"]:
-            raise LifeCycleError(bytes(state["refusal"]).rstrip(b"\0").decode(errors="replace"))
+        if state.refusal is not None:
+            raise LifeCycleError(state.refusal)

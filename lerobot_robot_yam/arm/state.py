@@ -156,6 +156,11 @@ class ArmState:
         return min(self._per_motor("motor_stamp_s"))
 
     @property
+    def published_s(self) -> float:
+        """Monotonic time at which the control loop has written this state."""
+        return self._values[_AT["stamp_s"]]
+
+    @property
     def mode(self) -> Mode:
         """Life-cycle state."""
         return _MODES[self._values[_AT["mode"]]]
@@ -164,6 +169,16 @@ class ArmState:
     def q(self) -> np.ndarray:
         """(6,) rad."""
         return self._array("q")
+
+    @property
+    def positions(self) -> tuple[float, ...]:
+        """Joints in rad; behind them the gripper, 0 … 1, if it has a motor."""
+        return self._per_motor("q")
+
+    @property
+    def setpoints(self) -> tuple[float, ...]:
+        """The same of where the arm is asked to be."""
+        return self._per_motor("setpoint")
 
     @property
     def dq(self) -> np.ndarray:
@@ -199,6 +214,13 @@ class ArmState:
     def gripper_setpoint(self) -> float | None:
         """0 … 1; None without a gripper motor."""
         return self._of_gripper("setpoint")
+
+    @property
+    def gripper_stops_rad(self) -> tuple[float, float] | None:
+        """Motor angles of the gripper, closed and open; None while they are unknown."""
+        start = _AT["gripper_stops_rad"]
+        closed, opened = self._values[start : start + 2]
+        return None if math.isnan(closed) else (closed, opened)
 
     @property
     def trigger(self) -> float | None:
@@ -247,14 +269,19 @@ class ArmState:
         return self._values[_AT[name]].rstrip(b"\0").decode(errors="replace")
 
     @property
+    def answered(self) -> int:
+        """Number of the newest request that was carried out or refused."""
+        return self._values[_AT["request_sequence"]]
+
+    @property
+    def refusal(self) -> str | None:
+        """Why that request was refused; None if it was not."""
+        return self._text("refusal") if self._values[_AT["request_refused"]] else None
+
+    @property
     def message(self) -> str:
         """Why the arm is in its mode, empty when all is well."""
         return self._text("message")
-
-
-def decode_state(record: np.ndarray, joints: int, has_gripper: bool) -> ArmState:
-    """Readable form of a state record of an arm with `joints` joints (6, or 0 for a gripper alone)."""
-    return ArmState(record.tobytes(), joints, has_gripper)
 
 
 def channel_key(interface: str, channel: str, rig: str | None) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lerobot_robot_yam.arm.lifecycle import ENERGISED, Mode
-from lerobot_robot_yam.arm.state import STATE_DTYPE, ArmState, decode_state, lock_path, state_path
+from lerobot_robot_yam.arm.state import STATE_DTYPE, ArmState, lock_path, state_path
 from lerobot_robot_yam.damiao.tables import Fault, fault_text
 from lerobot_robot_yam.doctor.findings import Section
 from lerobot_robot_yam.doctor.targets import Target
@@ -85,7 +85,7 @@ def watch_session(target: Target, driver: str, section: Section) -> None:
 
 def _report(target: Target, driver: str, first: np.ndarray, record: np.ndarray, now: float, section: Section) -> None:
     hardware, channel = target.hardware(), target.channel
-    state = decode_state(record, hardware.joints, hardware.has_gripper)
+    state = ArmState(record.tobytes(), hardware.joints, hardware.has_gripper)
     age = now - float(record["stamp_s"])
     ticks, elapsed = int(record["tick"]) - int(first["tick"]), float(record["stamp_s"]) - float(first["stamp_s"])
     rate = ticks / elapsed if elapsed > 0 else 0.0

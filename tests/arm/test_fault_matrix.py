@@ -103,12 +103,8 @@ def wait_for(clock, what, condition, timeout_s):
         clock.sleep(0.003)
 
 
-def raw(session, channel):
-    return session[channel]._raw()
-
-
 def trouble_of(session, channel):
-    return bytes(raw(session, channel)["trouble"]).rstrip(b"\0").decode()
+    return session[channel].published().trouble
 
 
 @pytest.mark.long

@@ -43,8 +43,8 @@ def press(rig, session, seconds=1.0):
 
 def pull_nm(session):
     """Of joint_1's stiffness; an arm in trouble cannot be observed."""
-    state = session[CHANNEL]._raw()
-    return 80.0 * abs(float(state["setpoint"][0] - state["q"][0]))
+    state = session[CHANNEL].published()
+    return 80.0 * abs(state.setpoints[0] - state.positions[0])
 
 
 def fastest(rig):

@@ -116,9 +116,9 @@ def test_who_looks_just_before_a_new_state_gets_the_new_one(rig, isolation):
     with arm_of(rig, isolation, rate_hz=100.0) as arm:
         port = arm._session["left"]
         for _ in range(tries):
-            before = port._raw()
-            time.sleep(max(0.0, float(before["stamp_s"]) + 0.0089 - time.monotonic()))
-            newer += arm.observe().stamp_s > before["motor_stamp_s"].max()
+            before_s = port.published().published_s
+            time.sleep(max(0.0, before_s + 0.0089 - time.monotonic()))
+            newer += arm.observe().stamp_s > before_s
     assert newer > tries / 2
 
 
@@ -129,13 +129,13 @@ def test_who_looks_after_a_lost_reply_gets_the_next_one(rig, isolation):
         port = arm._session["left"]
         for _ in range(tries):
             time.sleep(0.03)
-            lost = port._raw()["lost"][1]
+            lost = port.published().lost[1]
             rig.fault("follower_left", "joint_2", "drop_next", 1)
             deadline = time.monotonic() + 5.0
-            while (before := port._raw())["lost"][1] == lost:
+            while (before := port.published()).lost[1] == lost:
                 assert time.monotonic() < deadline
                 time.sleep(0.0002)
-            newer += arm.observe().stamp_s > before["motor_stamp_s"].max()
+            newer += arm.observe().stamp_s > before.published_s
     assert newer > tries / 2
 
 
