@@ -11,22 +11,15 @@ from lerobot_robot_yam.damiao.encoder import HandleEncoder
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S
 from lerobot_robot_yam.errors import BusError
 
-from .desk_bus import SPECS, DeskBus
+from .desk_bus import SPECS
 
 STEP_RAD = 25.0 / 65535  # one code of the position
 LATER_S = 3600.0  # who waits so long has failed
 
 
 @pytest.fixture
-def bus():
-    with DeskBus(SPECS, handle=True) as desk:
-        yield desk
-
-
-@pytest.fixture
-def chain(bus):
+def chain(chain):
     """It is in step, as a loop's is after its first tick."""
-    chain = MotorChain(bus, SPECS, channel="desk")
     send(chain, 0.0)
     chain.await_all_but_one(time.monotonic())
     return chain
