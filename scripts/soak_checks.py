@@ -46,14 +46,20 @@ def trouble_of(record: Any) -> Trouble | None:
     return Trouble(text) if text else None
 
 
+def _stopped_in_fault(record: Any, before: Any) -> bool:
+    """Whether the emergency stop was latched between two records of an arm that holds in trouble: it presses less."""
+    latched = [bool(int(row["limited"]) & Limited.EMERGENCY_STOP) for row in (before, record)]
+    return mode_of(before) is mode_of(record) is Mode.FAULT and latched == [False, True]
+
+
 class SetPointCheck:
     """No set-point moves faster than its limit, none jumps, and no landing is faster than a landing may be.
 
     A jump is allowed where the set-point is seeded from the measured pose on purpose: when the arm's mode changes
     (re-arm, end of an emergency stop, floating to holding), when another process takes the arm over, where a landing
-    gives way to what it has met, where a joint has come free, and of the gripper when its force limiter lets go. It
-    then has to lie on the measured pose, or as near to it as what an emergency stop holds presses. That of a floating
-    arm follows the arm and moves nothing.
+    gives way to what it has met, where a joint has come free, where an emergency stop finds the arm in trouble, and of
+    the gripper when its force limiter lets go. It then has to lie on the measured pose, or as near to it as what an
+    emergency stop holds presses. That of a floating arm follows the arm and moves nothing.
 
     Args:
         channel: the arm's.
@@ -121,6 +127,9 @@ class SetPointCheck:
         if seeded and caught:
             self.seeds["a joint that came free"] += 1
             return []
+        if seeded and _stopped_in_fault(record, before):
+            self.seeds["an arm in trouble, at an emergency stop"] += 1
+            return []
         if seeded and (old is not new or taken_over or new in (Mode.LAND, Mode.BRING_UP)):
             self.seeds[f"{old.name} → {new.name}"] += 1
             return []
@@ -134,7 +143,8 @@ class SetPointCheck:
         """(7,) which set-points lie where the arm is, or was a record ago."""
         measured = np.minimum(np.abs(record["setpoint"] - record["q"]), np.abs(record["setpoint"] - before["q"]))
         moving = np.nan_to_num(np.abs(record["dq"])) * _JITTER_S
-        return measured < _AT_MEASURED + moving + (self._press_rad if mode_of(record) is Mode.STOPPED else 0.0)
+        presses = mode_of(record) is Mode.STOPPED or _stopped_in_fault(record, before)
+        return measured < _AT_MEASURED + moving + (self._press_rad if presses else 0.0)
 
     def _judge_speed(self, setpoint: np.ndarray, mode: Mode, before_s: float, now: float) -> list[Finding]:
         window = self._window

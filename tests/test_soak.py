@@ -129,6 +129,18 @@ def test_the_gripper_may_start_again_from_where_its_force_limiter_held_it(soak):
     assert not findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), rows)
 
 
+def test_an_emergency_stop_has_an_arm_in_trouble_press_less(soak):
+    def found(before, after, ahead):
+        there = record(50, np.full(7, -0.5), Mode.FAULT, q=np.full(7, -0.5 - ahead))
+        rows = [*ramp(0.0, 50, Mode.FAULT), there]
+        rows[49]["limited"], there["limited"] = before, after
+        return findings(soak.checks.SetPointCheck(CHANNEL, LIMITS, press_rad=0.2), rows)
+
+    assert not found(0, Limited.EMERGENCY_STOP, ahead=0.2)
+    assert found(0, Limited.EMERGENCY_STOP, ahead=0.3)
+    assert found(0, 0, ahead=0.2) and found(Limited.EMERGENCY_STOP, Limited.EMERGENCY_STOP, ahead=0.2)
+
+
 def test_a_joint_that_came_free_may_start_again_from_where_it_is(soak):
     there = record(50, np.full(7, 0.5), q=np.full(7, 0.54))
     there["dq"] = 3.0
