@@ -124,7 +124,8 @@ class FileLock:
                 holder = _written_pid(fd)
                 os.close(fd)
                 raise ChannelInUseError(
-                    f"{self._what} is in use by process {holder}; end that process (ps -p {holder}) and try again"
+                    f"{self._what} is in use by process {holder} (ps -p {holder}); wait while it lands its arms, "
+                    "else end it, and try again"
                 ) from None
             # The previous holder may have unlinked the file between our open and our lock.
             try:
