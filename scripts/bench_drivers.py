@@ -8,7 +8,7 @@ import numpy as np
 
 from lerobot_robot_yam.rig.thermometer import sample_age_s
 
-CHANNELS = ("follower_left", "follower_right")
+_CHANNELS = ("follower_left", "follower_right")
 _SIDES = ("left", "right")
 _SOCKETCAN = "can_"  # the vendor's SDK takes only channels with this in their names for socketcan ones
 _STOPS_RAD = [3.25, -3.3]  # of the gripper in the default scene: nothing has to be searched
@@ -47,7 +47,7 @@ class OurSession:
         self._names = _SIDES[:arms]
         configs = [
             ArmConfig(name=side, channel=channel, interface="yam_sim", rate_hz=rate_hz, gripper_stops_rad=_STOPS_RAD)
-            for side, channel in zip(self._names, CHANNELS, strict=False)
+            for side, channel in zip(self._names, _CHANNELS, strict=False)
         ]
         self._session = ArmSession(configs, isolation=isolation)  # type: ignore[arg-type]
 
@@ -81,7 +81,7 @@ class OurRobot:
 
         left, right = (
             FollowerArmConfig(channel=channel, interface="yam_sim", gripper_stops_rad=_STOPS_RAD)
-            for channel in CHANNELS
+            for channel in _CHANNELS
         )
         self._robot = BiYamFollower(
             BiYamFollowerConfig(left_arm_config=left, right_arm_config=right, observe_temperature=temperatures)
@@ -115,7 +115,7 @@ class DamiaoBus:
 
         self._read = read
         self._buses = []
-        for channel in CHANNELS[:arms]:
+        for channel in _CHANNELS[:arms]:
             motors = {}
             for number, (name, kind) in enumerate(zip(_NAMES, _TYPES, strict=True), start=1):
                 motor = Motor(number, kind.lower(), MotorNormMode.DEGREES)
@@ -168,7 +168,7 @@ class Vendor:
         self._goals: list[Any] = []
 
     def start(self) -> None:
-        for channel in CHANNELS[: self._arms]:
+        for channel in _CHANNELS[: self._arms]:
             robot = self._open(
                 _SOCKETCAN + channel, zero_gravity_mode=False, gripper_limits_override=np.array(_STOPS_RAD)
             )
@@ -206,7 +206,7 @@ class VendorChain:
 
     def start(self) -> None:
         motors = [(number, kind) for number, kind in enumerate(_TYPES, start=1)]
-        for channel in CHANNELS[: self._arms]:
+        for channel in _CHANNELS[: self._arms]:
             chain = self._open(motors, np.zeros(7), np.ones(7), channel=_SOCKETCAN + channel)
             self._chains.append(chain)
             goal = np.array([info.pos for info in chain.read_states()])

@@ -16,8 +16,10 @@ def test_a_file_in_the_working_directory_does_not_take_the_place_of_a_module(tmp
     with running_rig(arms=["follower_left"]) as rig:
         session = ArmSession([sim_config(rig, "follower_left")])
         session.start()
-        assert session["follower_left"].observe().q.shape == (6,)
-        session.stop()
+        try:
+            assert session["follower_left"].observe().q.shape == (6,)
+        finally:
+            session.stop()
 
 
 def test_python_cans_own_configuration_does_not_reach_an_arm(monkeypatch):
