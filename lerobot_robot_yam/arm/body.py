@@ -99,14 +99,18 @@ class ArmBody:
         """Which motors can be relied on from here on."""
         finding = self.drive.check(now)
         if finding.bad is not self._bad:  # as long as all are well it is the same array
+            for joint in np.flatnonzero(self.chain.distrusted & finding.bad & ~self._bad):
+                # Nobody knows any more how far it is from its set-point: it keeps to the last one that was sent.
+                if joint < self.hardware.joints:
+                    self.setpoint.reseed(int(joint), float(self.drive.sent[joint, laws.Q]))
             self._bad, self._usable = finding.bad, ~finding.bad
             self._all_usable = bool(self._usable.all())
         return finding
 
     def _unheard(self) -> np.ndarray:
-        """(n,) bool, joints that answer no more, and have not said before that they have let go."""
+        """(n,) bool, joints that answer no more, or not what can be, and have not said before that they have let go."""
         chain = self.chain
-        unheard = ~self._usable & (chain.clock.now() - chain.stamp_s > SILENT_S)
+        unheard = ~self._usable & ((chain.clock.now() - chain.stamp_s > SILENT_S) | chain.distrusted)
         unheard &= (chain.fault == Fault.NORMAL) | ~np.isfinite(chain.stamp_s)
         unheard[self.hardware.joints :] = False
         return unheard

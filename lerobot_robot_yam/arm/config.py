@@ -47,8 +47,7 @@ class ArmConfig:
         calibration_path: JSON file that keeps the gripper's stops; None keeps nothing.
         command_timeout_s: a target older than this no longer moves the set-point; the arm holds.
         max_state_age_s: an older state is an error, never an answer.
-        rate_hz: control rate, from 100; 0 runs as fast as the wire allows (benchmarks). Above about 380 Hz there is no
-            time for the laws beside the wire: commands then rest on the replies of the tick before.
+        rate_hz: control rate, from 100; 0 runs as fast as the wire and the laws allow (benchmarks).
         identity_path: binding file (`yam-identify --bind`) of the arm that belongs on this channel; None: not checked.
         workspace: floor, keep-out boxes and distances that the set-point keeps; by default nothing is checked.
         gripper_search: False seeks no unknown stops at the start, and puts those aside that do not fit.

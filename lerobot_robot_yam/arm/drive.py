@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 import can
 import numpy as np
 
-from lerobot_robot_yam.arm import bring_up
+from lerobot_robot_yam.arm import bring_up, laws
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.gripper_axis import GripperAxis
 from lerobot_robot_yam.arm.hardware import Hardware
@@ -25,6 +25,7 @@ _ANSWER_S = 0.006  # motors answer within a few ms, and meanwhile nobody command
 _ASK_AGAIN = 5  # a question or its answer may get lost
 _REARM_ATTEMPTS = 2  # of seven motors 27 ms each, and the loop must not seem to hang
 _SOON_S = 0.02  # where nobody is waiting
+_PUSHED_RAD = 0.5  # what a hand or a load can have pushed a joint away that held its set-point
 
 
 class ArmDrive:
@@ -80,16 +81,19 @@ class ArmDrive:
 
     def adopt(self, record: np.ndarray) -> None:
         """Know what a loop that has died knew; `record` is the state that it has published last."""
+        slots = self._hardware.slots
+        self._map.offset_rad[:] = np.nan_to_num(record["offset_rad"][slots])
+        motor_q, motor_dq = np.nan_to_num(record["q"][slots]), np.nan_to_num(record["dq"][slots])
+        if self.gripper is not None:
+            self.gripper.adopt(*record["gripper_stops_rad"].tolist())
+            if self.gripper.stops is not None:
+                motor_q[-1] = self.gripper.stops.motor(float(motor_q[-1]))
+                motor_dq[-1] *= self.gripper.stops.span_rad
+        direction = self._hardware.direction
+        self.chain.assume(self._map.motor(motor_q), motor_dq * direction, record["motor_stamp_s"][slots])
         for _ in range(3):
             if all(self.chain.refresh(timeout_s=0.01)):
                 break
-        self._map.offset_rad[:] = np.nan_to_num(record["offset_rad"][self._hardware.slots])
-        if self.gripper is not None:
-            self.gripper.adopt(*record["gripper_stops_rad"].tolist())
-        motor_q = np.nan_to_num(record["q"][self._hardware.slots])
-        if self.gripper is not None and self.gripper.stops is not None:
-            motor_q[-1] = self.gripper.stops.motor(float(motor_q[-1]))
-        self.chain.assume(self._map.motor(motor_q))
         self.read()
 
     def enable(self, meanwhile: Callable[[], None] = lambda: None) -> None:
@@ -124,30 +128,50 @@ class ArmDrive:
         return silent
 
     def clear_and_enable(self, motors: Sequence[int]) -> list[int]:
-        """Clear the faults of these motors and enable them; they wait for a command, without torque.
+        """Believe these motors again, clear the faults of those that have one, and enable them: without torque.
 
         Nothing is sent to one that has not been heard for long: it may still hold its joint. Returns the others.
 
         Raises:
-            MotorError: one is where its joint cannot be; all these are disabled again.
+            MotorError: one is where its joint cannot be. Those that were enabled are disabled again; one that had kept
+                its torque keeps it, and is not believed.
         """
         chain = self.chain
+        chain.restart(motors)
         asked_s = chain.clock.now()
         for _ in range(_ASK_AGAIN):
             if (chain.stamp_s[motors] > asked_s).all():
                 break
             chain.refresh(_ANSWER_S)
         heard = [i for i in motors if chain.clock.now() - chain.stamp_s[i] < SILENT_S]
-        chain.special(SpecialCommand.CLEAR, _ANSWER_S, heard)
-        self._enable(heard, _ANSWER_S, _REARM_ATTEMPTS)
+        off = [i for i in heard if chain.fault[i] != Fault.NORMAL]
+        chain.special(SpecialCommand.CLEAR, _ANSWER_S, off)
+        self._enable(off, _ANSWER_S, _REARM_ATTEMPTS)
         self.read()
         try:
-            self._resolve([i for i in heard if i < self._hardware.joints])  # without power it forgets its turn
+            self._resolve([i for i in off if i < self._hardware.joints])  # without power it forgets its turn
+            self._compare([i for i in heard if i not in off and i < self._hardware.joints])  # with power it does not
         except YamError:
-            chain.special(SpecialCommand.DISABLE, _ANSWER_S, heard)
+            chain.special(SpecialCommand.DISABLE, _ANSWER_S, off)
             raise
         self.read()
         return heard
+
+    def _compare(self, joints: Sequence[int]) -> None:
+        """
+        Raises:
+            MotorError: one says to be where it cannot have got from where it was sent last.
+        """
+        gap = np.abs(self.motor_q - self.sent[:, laws.Q])
+        for index in joints:
+            if gap[index] > _PUSHED_RAD:
+                self.chain.distrust([index])
+                motor = self._hardware.motors[index]
+                raise MotorError(
+                    f"{self._config.name} ({self._config.channel}): {motor.name} (id {motor.can_id}) still reads "
+                    f"{self.motor_q[index]:.2f} rad and was sent to {self.sent[index, laws.Q]:.2f}; check its cable "
+                    "and plug, let the arm land, and connect again"
+                )
 
     def disable(self) -> list[str]:
         """Cut torque. Returns the motors that have not confirmed it."""

@@ -69,7 +69,7 @@ class Hardware:
         speed = list(joint.speed_limit_rad_s)
         lower, upper = list(joint.joint_limits_rad[:, 0]), list(joint.joint_limits_rad[:, 1])
         if motor is not None:
-            self.motors.append(MotorSpec(motor.name, motor.can_id, motor.type))
+            self.motors.append(MotorSpec(motor.name, motor.can_id, motor.type, turns=True))
             direction.append(float(motor.direction))
             kp.append(motor.kp)
             kd.append(motor.kd)

@@ -75,18 +75,34 @@ def fade(out: np.ndarray, share: np.ndarray, kd: np.ndarray) -> None:
     out[:, KD] = kd
 
 
-def clip_torque(out: np.ndarray, q: np.ndarray, dq: np.ndarray, limit_nm: np.ndarray) -> bool:
+def clip_torque(
+    out: np.ndarray,
+    q: np.ndarray,
+    dq: np.ndarray,
+    limit_nm: np.ndarray,
+    before: tuple[np.ndarray, np.ndarray] | None = None,
+) -> bool:
     """Keep the torque that the motor will compute within ±limit (n,). True when it had to.
 
     What is too much is taken from the position error first, by moving q* towards q, then from the damping, by moving
     dq* towards dq, and only the rest from tau: a far set-point, or a blow, asks for more than the frame's torque field
     could take back (kp = 80 Nm/rad and 1 rad: 80 of 28 Nm; kd = 1.5 Nm s/rad and 15 rad/s: 22 of 10 Nm).
+
+    Args:
+        out: (n, 5) commands, changed in place.
+        q, dq: (n,) as measured.
+        before: the same of the sample before. A single wrong one must not move an arm: only what both ask for too much
+            is taken away. A blow waits for its second sample; until then the motor damps it by itself, as it did.
     """
     spring, damping = out[:, KP] * (out[:, Q] - q), out[:, KD] * (out[:, DQ] - dq)
     tau = spring + damping + out[:, TAU]
     if (np.abs(tau) <= limit_nm).all():  # nearly always
         return False
     excess = tau - np.minimum(np.maximum(tau, -limit_nm), limit_nm)
+    if before is not None:
+        earlier = out[:, KP] * (out[:, Q] - before[0]) + out[:, KD] * (out[:, DQ] - before[1]) + out[:, TAU]
+        also = earlier - np.minimum(np.maximum(earlier, -limit_nm), limit_nm)
+        excess = np.where(excess * also > 0.0, np.copysign(np.minimum(np.abs(excess), np.abs(also)), excess), 0.0)
     from_spring = _share(excess, spring)
     from_damping = _share(excess - from_spring, damping)
     out[:, Q] -= from_spring / np.maximum(out[:, KP], 1e-9)

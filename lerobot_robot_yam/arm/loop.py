@@ -2,11 +2,7 @@
 
     send all → sleep while the wire works → collect and publish each → laws → sleep until the next deadline
 
-Deadlines are absolute; after an overrun the loop starts anew from now: no burst, no drift. At rates that leave no time
-for laws beside the wire, they work on the tick before while the wire works, and what is sent next may follow the last
-reply without a gap:
-
-    send all → collect each's last reply to the tick before, publish → laws → sleep until one reply is missing
+Deadlines are absolute; after an overrun the loop starts anew from now: no burst, no drift.
 """
 
 import logging
@@ -31,7 +27,6 @@ _EARLY_S = 0.0002  # before the wire is through: what has come is decoded while 
 _WAKE_UP_S = 0.00006  # what a sleep takes longer than asked, typically
 _ENDED = (Mode.OFF, Mode.OFFLINE)
 _LAWS_S = 0.0008  # states, laws and packing of two arms take half of it where nothing else runs
-_AHEAD_S = 0.0004  # before the wire is through: what has come is decoded, and what comes is waited for one by one
 _BREATH_S = 0.0001  # for the rest of the computer: a real-time process that never sleeps is stopped for 50 ms at a time
 _MOST_DT_S = 0.012  # after a pause the set-points go on from where they were, not in one leap
 _STOPPED_EARLY = (
@@ -62,7 +57,6 @@ class ControlLoop:
         self._blocks = blocks
         self._period_s = 1.0 / rate_hz if rate_hz > 0 else 0.0
         self._wire_s = max(c.chain.expected_wire_s for c in controllers)
-        self._beside_wire = self._period_s < self._wire_s + _LAWS_S
         self.statistics = LoopStatistics(self._period_s)
         self._stop = EmergencyStop()
         self._workspace = workspace
@@ -137,16 +131,9 @@ class ControlLoop:
             if not all(blocks.owned for blocks in self._blocks):
                 raise LifeCycleError("another process has taken the arms over; this one leaves them alone")
             self._send_all(now)
-            if self._beside_wire:
-                for controller in self._active():
-                    self._listen(controller, controller.chain.collect_earlier)
-                free = clock.now()  # the wire, for what has been sent
-                self._think(on_ready, None)
-                self._await_last(free)
-            else:
-                patient_until = self._patience(clock.now() + self._wire_s, deadline + self._period_s)
-                self._await_wire(now)
-                self._think(on_ready, max(patient_until, clock.now() + _MOMENT_S))
+            patient_until = self._patience(clock.now() + self._wire_s, deadline + self._period_s)
+            self._await_wire(now)
+            self._think(on_ready, max(patient_until, clock.now() + _MOMENT_S))
             if all(controller.mode in _ENDED for controller in self._controllers):
                 if self._failure:
                     raise MotorError(self._failure)
@@ -160,12 +147,12 @@ class ControlLoop:
                 self.statistics.overruns += self._period_s > 0
                 deadline = now
 
-    def _think(self, on_ready: Callable[[str], None], collect_until: float | None) -> None:
+    def _think(self, on_ready: Callable[[str], None], collect_until: float) -> None:
         """From replies to states for the callers, and commands for the next `_send_all`.
 
         Args:
             on_ready: see `ticks`.
-            collect_until: how long a reply may take; None: they have been collected.
+            collect_until: how long a reply may take.
         """
         self._tick += 1
         arms = list(zip(self._controllers, self._blocks, strict=True))
@@ -219,13 +206,10 @@ class ControlLoop:
         except Exception as error:
             controller.fail(error)
 
-    def _measure(
-        self, controller: ArmController, blocks: ControllerBlocks, collect_until: float | None, tick: int
-    ) -> None:
+    def _measure(self, controller: ArmController, blocks: ControllerBlocks, collect_until: float, tick: int) -> None:
         """Publish an arm's state as soon as it is complete: a sample ages."""
         if controller.mode not in _ENDED:
-            if collect_until is not None:
-                self._listen(controller, controller.collect, collect_until)
+            self._listen(controller, controller.collect, collect_until)
             controller.measure(self._clock.now())
         blocks.publish(self._clock.now(), tick)
 
@@ -295,13 +279,6 @@ class ControlLoop:
         left_s = through_s - _WAKE_UP_S - self._clock.now()
         if left_s > 0.0:
             self._clock.sleep(left_s)
-
-    def _await_last(self, free_s: float) -> None:
-        """Come back when the last reply of each arm is on the wire, which was free for this tick at `free_s`."""
-        through_s = free_s + self._wire_s
-        self._clock.sleep(max(_BREATH_S, through_s - _AHEAD_S - self._clock.now()))
-        for controller in self._active():
-            self._listen(controller, controller.chain.await_all_but_one, through_s + _STRAGGLER_S)
 
     def _bring_up(self, on_ready: Callable[[str], None]) -> bool:
         """True when all arms have left bring-up; when one fails they all land, since a hand may have let go by now."""

@@ -7,6 +7,7 @@ from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.gripper_axis import GripperAxis
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.hold_integral import HoldIntegral
+from lerobot_robot_yam.arm.joints import RANGE_TOLERANCE_RAD
 from lerobot_robot_yam.arm.policy import MOST_RAD_S2
 from lerobot_robot_yam.arm.setpoint import SetPoint
 from lerobot_robot_yam.arm.state import Limited
@@ -37,6 +38,10 @@ class Motion:
         self._integral = HoldIntegral.for_stiffness(hardware.kp[: hardware.joints]) if hold_integral else None
         self._rubs = bool(hardware.coulomb_nm.any())
         self._clipped = False
+        # Nothing is sent beyond: the gripper keeps its own stops.
+        beyond = np.append(np.full(hardware.joints, RANGE_TOLERANCE_RAD), [np.inf] * hardware.has_gripper)
+        self._lower, self._upper = hardware.lower - beyond, hardware.upper + beyond
+        self._before: tuple[np.ndarray, np.ndarray] | None = None  # q, dq of the sample before
         self._dq_before = np.zeros(hardware.joints)
         self._ddq = np.zeros(hardware.joints)
 
@@ -137,5 +142,10 @@ class Motion:
         return tau
 
     def _clip(self, q: np.ndarray, dq: np.ndarray) -> bool:
-        self._clipped = laws.clip_torque(self.commands, q, dq, self._hardware.torque_limit_nm)
+        """Within the torque limits and the joints' ranges: a reading beyond those takes no command along."""
+        q = np.minimum(np.maximum(q, self._lower), self._upper)
+        self._clipped = laws.clip_torque(self.commands, q, dq, self._hardware.torque_limit_nm, self._before)
+        out = self.commands
+        out[:, laws.Q] = np.minimum(np.maximum(out[:, laws.Q], self._lower), self._upper)
+        self._before = (q, dq)
         return self._clipped

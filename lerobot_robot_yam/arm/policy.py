@@ -40,6 +40,7 @@ class Trouble(StrEnum):
     BUS_OFF = "bus-off"
     LINK_DOWN = "interface down"
     ADAPTER_GONE = "adapter unplugged"
+    IMPLAUSIBLE = "readings that cannot be"
     WRONG_ID = "motor with a wrong id"
     DUPLICATE_ID = "two motors with one id"
     FOREIGN_DRIVER = "another driver on the channel"
@@ -139,6 +140,15 @@ POLICY: dict[Trouble, Rule] = {
     Trouble.BUS_OFF: _seen_from_bus("frames are no longer taken, or nobody answers", 0.15),
     Trouble.LINK_DOWN: _seen_from_bus("sending fails: network is down", TICK_S),
     Trouble.ADAPTER_GONE: _seen_from_bus("sending fails: no such device", TICK_S),
+    Trouble.IMPLAUSIBLE: Rule(
+        "four answers of a motor, each beyond what its joint can have done since the last good one; single ones are "
+        "not used",
+        Response.HOLD,
+        Response.HOLD,
+        _MOTOR_ERROR,
+        0.05,
+        _REARM,
+    ),
     Trouble.WRONG_ID: Rule(
         "at bring-up: no answer, strangers are named; later: a silent motor",
         Response.REFUSE,

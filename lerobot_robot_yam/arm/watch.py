@@ -1,4 +1,4 @@
-"""Who on the channel has stopped to answer or to obey, and whether somebody else talks there."""
+"""Who on the channel has stopped to answer, to obey or to tell the truth, and whether somebody else talks there."""
 
 import math
 from dataclasses import dataclass
@@ -14,6 +14,7 @@ _CHANNEL_MISSED = 5  # of every motor: the first of them to be lost does not nam
 _WINDOW_S = 0.4  # strangers are counted over so long; told of within 0.5 s, also where a window ends too soon
 _DUPLICATES = 5  # answers beyond the questions and beyond those that merely came late
 _FOREIGN = 3  # commands of somebody else
+_LIES = "its readings jump as no joint can; check its cable and plug, and that no second arm shares the channel"
 
 
 @dataclass(frozen=True)
@@ -26,12 +27,10 @@ class Finding:
 
 
 class MotorWatch:
-    """Which motors of a chain are silent or do not obey. Ask once per tick."""
+    """Which motors of a chain are silent, do not obey or cannot be believed. Ask once per tick."""
 
     def __init__(self, chain: MotorChain):
         self._chain = chain
-        self._stamp_s = chain.stamp_s
-        self._lost_before = chain.lost
         self._none = self._bad = np.zeros(len(chain), dtype=bool)
         self._well = Finding(self._none)
         self._strangers = _Strangers(chain)
@@ -39,18 +38,13 @@ class MotorWatch:
     def check(self, now: float) -> Finding:
         """State of every motor; the message names each in trouble with its reason."""
         chain = self._chain
-        stamp_before, self._stamp_s = self._stamp_s, chain.stamp_s
-        lost = chain.lost
         if chain.all_answered and chain.all_normal:  # nearly always
-            self._lost_before, self._bad = lost, self._none
+            self._bad = self._none
             trouble, message = self._strangers.check(now)
             return self._well if trouble is None else Finding(self._none, trouble, message)
-        answered = chain.stamp_s > stamp_before
-        well = chain.fault == Fault.NORMAL
-        self._lost_before = np.where(answered, lost, self._lost_before)
-        missed = lost - self._lost_before
+        missed, lies = chain.missed, chain.distrusted
         silent = (now - chain.stamp_s > SILENT_S) & (missed >= _MOTOR_MISSED)
-        bad = silent | ~well
+        bad = silent | lies | (chain.fault != Fault.NORMAL)
         falling = (missed >= _CHANNEL_MISSED).all() and not silent.all() and not (bad & ~silent).any()
         if falling:  # the others have fallen silent too: within SILENT_S it is the channel, or they answer again
             return Finding(self._bad)
@@ -70,10 +64,10 @@ class MotorWatch:
             motor = chain.motors[index]
             age = now - chain.stamp_s[index]
             why = f"silent for {age:.2f} s" if silent[index] else fault_text(int(chain.fault[index]))
-            parts.append(f"{motor.name} (id {motor.can_id}): {why}")
-        faulty = np.flatnonzero(bad & ~silent)
+            parts.append(f"{motor.name} (id {motor.can_id}): {_LIES if lies[index] else why}")
+        faulty = np.flatnonzero(bad & ~silent & ~lies)
         trouble = FAULT_TROUBLE.get(int(chain.fault[faulty[0]]), Trouble.OVERLOAD) if len(faulty) else None
-        return Finding(bad, trouble or Trouble.MOTOR_SILENT, "; ".join(parts))
+        return Finding(bad, trouble or (Trouble.IMPLAUSIBLE if lies.any() else Trouble.MOTOR_SILENT), "; ".join(parts))
 
 
 class _Strangers:

@@ -1,9 +1,6 @@
 """All motors of one CAN bus: send every command, then collect every reply, by identifier.
 
 What has arrived is drained before the next tick is sent, so old data cannot pile up in the socket.
-
-`collect` ends a tick. Who would not leave the wire idle for a moment calls `await_all_but_one` instead, sends the next
-commands while the last reply is on the wire, and takes that one, which comes before all others, with `collect_earlier`.
 """
 
 from collections.abc import Iterable, Sequence
@@ -26,29 +23,27 @@ from lerobot_robot_yam.damiao.registers import (
     register_row,
 )
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S, REGISTER_ID
-from lerobot_robot_yam.errors import ActionError, MotorError
+from lerobot_robot_yam.errors import ActionError, BusError, MotorError
 
 ENABLE_PAUSE_S = 0.003  # the vendor's driver leaves this much time before each enable
 CLEAR_REPEATS = 3  # and sends "clear error" this many times
 # After them, as long as they and their answers take on the wire: a link brought up by default has room for 20 frames.
 _CLEAR_PAUSE_S = 2 * CLEAR_REPEATS * FRAME_TIME_S
-# Of the reply that is on the wire when the next commands are sent: less than the first answer to those can take, which
-# is two frames of 111 bits, the shortest with 8 bytes.
-LAST_REPLY_S = 1.7 * FRAME_TIME_S
 
 
 class MotorChain(Receiver):
     """All motors (and optionally the handle encoder) on one CAN bus. One thread touches it.
 
-    State, refreshed as new arrays by every `collect` (`lost` where it grows), in motor coordinates, shape (n,):
-        position_rad (multi-turn: unwrapped from the first reading), velocity_rad_s, torque_nm,
-        temp_mos_c, temp_rotor_c, stamp_s (the clock's time of arrival, -inf before the first reply),
-        fault (int, see `tables.Fault`), lost (int, replies that missed their tick, in total).
-    In short: `all_answered` (the last `send` that was collected) and `all_normal` (no fault, all enabled).
+    State, refreshed as new arrays by every `collect`, in motor coordinates, shape (n,):
+        position_rad (where `MotorSpec.turns`, unwrapped from the first reading), velocity_rad_s, torque_nm,
+        temp_mos_c, temp_rotor_c, stamp_s (the clock's time at which the motor has sampled this, -inf before the first
+        reply), asked_s (when the command went out that it answers), fault (int, see `tables.Fault`), distrusted (bool,
+        its readings cannot be and are not used any more), missed (int, questions in a row without an answer).
+    In short: `all_answered` (the last `send` that was collected) and `all_normal` (no fault, all enabled and trusted).
 
-    Counters: `duplicates` (answers beyond those asked for, the mark of two motors with one id),
-    `foreign_commands` (frames that another driver sent to our motors), `foreign` (identifier -> count of
-    frames that belong to nothing here), `error_frames`.
+    Counters: `lost` (answers that never came), `rejected` (those that could not be), `duplicates` (answers to no
+    question, the mark of two motors with one id), `foreign_commands` (frames that another driver sent to our motors),
+    `foreign` (identifier -> count of frames that belong to nothing here), `error_frames`.
     """
 
     def __init__(
@@ -69,7 +64,7 @@ class MotorChain(Receiver):
         if encoder is not None:
             self._messages.append(data_message(REQUEST_ID, encode_report_request()))
 
-        self.lost: np.ndarray = np.zeros(len(self.motors), dtype=int)
+        self.missed: np.ndarray = np.zeros(len(self.motors), dtype=int)
         self.all_answered = False
 
     @property
@@ -99,60 +94,41 @@ class MotorChain(Receiver):
     def send_packed(self, packed: Sequence[bytes]) -> None:
         """Send what `pack` has made, then the handle's request, without waiting for anything.
 
+        Now and then, after losses, a motor is left out of one tick; see `requests`. It goes on with what it was told.
+
         Raises:
             BusError: the channel is gone or its transmit queue is full.
         """
         count = len(self.motors)
         for message, data in zip(self._messages[:count], packed, strict=True):
             message.data = data
-        self._begin(range(count), handle=self.encoder is not None)
-        self._port.send(self._messages)
-        self._requests.open[-1].sent_s = self.clock.now()
+        self.drain()
+        absent = self._requests.absent()
+        messages = self._messages
+        if absent:  # hardly ever
+            messages = [message for i, message in enumerate(messages) if i not in absent]
+        self._begin([i for i in range(count) if i not in absent], handle=self.encoder is not None)
+        try:
+            self._port.send(messages)
+        except BusError:
+            self._requests.withdraw()
+            raise
 
     def collect(self, deadline_s: float) -> bool:
         """Take the replies to the last `send`; block until `deadline_s` (the clock's time) only for stragglers.
 
-        Returns whether every motor answered; each that did not counts as lost.
+        Returns whether every motor answered. What comes later is taken with a later tick, for what it is.
 
         Raises:
             BusError: the channel is gone.
         """
-        complete = True
-        while self._requests.open:
-            complete = self._collect_oldest(deadline_s)
+        silent = self._close(deadline_s)
+        self.all_answered = not silent
+        if silent or self.missed.any():
+            self.missed = np.where([i in self._requests.heard for i in range(len(self.motors))], 0, self.missed + 1)
+        self._requests.heard.clear()
         self.publish()
-        return complete
-
-    def await_all_but_one(self, deadline_s: float) -> None:
-        """Take replies to the last `send` until only one is missing: that is on the wire, the next commands may follow.
-
-        Not earlier: they would go before replies that wait for the wire, as their identifiers are lower. Where a handle
-        is asked, which may confuse questions that overlap, everything is collected. So it is when a reply has been lost
-        or come twice, and then the wire is left alone until `deadline_s` (the clock's time): from then on answers would
-        be taken for those to another question.
-
-        Raises:
-            BusError: the channel is gone.
-        """
-        requests = self._requests
-        if self.encoder is not None:
-            self.collect(deadline_s)
-        elif requests.in_step:
-            requests.ahead = True
-            if requests.open:
-                self._take_answers(requests.open[-1], deadline_s, missing=1)
-        else:
-            self.clock.sleep(max(0.0, deadline_s - self.clock.now()))
-            requests.in_step = True
-            self.collect(deadline_s)
-
-    def collect_earlier(self) -> bool:
-        """As `collect`, for the `send` before the last where that was sent ahead; it waits for the end of a reply."""
-        complete, requests = True, self._requests
-        while len(requests.open) > 1:
-            complete = self._collect_oldest(requests.open[-1].sent_s + LAST_REPLY_S)
-        self.publish()
-        return complete
+        return self.all_answered
 
     def exchange(self, commands: np.ndarray, timeout_s: float | None = None) -> bool:
         """`send`, sleep until the wire should be through, `collect`. Two wake-ups when nothing is late.
@@ -171,15 +147,13 @@ class MotorChain(Receiver):
     ) -> list[bool]:
         """Send a special command to motors (by index; default all), and say who of all answered within `timeout_s`.
 
-        What the last `send` still waits for is collected first.
-
-        ENABLE makes motors obey; ZERO moves their origin, so multi-turn counting starts anew.
+        ENABLE makes motors obey; ZERO moves their origin, so that the next reading is taken as it is.
         """
         if command is SpecialCommand.ZERO:
-            self.restart_turns()
+            self.restart()
         repeats = CLEAR_REPEATS if command is SpecialCommand.CLEAR else 1
         chosen = range(len(self.motors)) if motors is None else motors
-        self._settle()
+        self.drain()
         self._begin(chosen, repeats=repeats)
         for spec in (self.motors[i] for i in chosen):
             if command is SpecialCommand.ENABLE:
@@ -191,7 +165,7 @@ class MotorChain(Receiver):
 
     def refresh(self, timeout_s: float = 0.05) -> list[bool]:
         """Ask all motors for feedback; commands no motion. Returns, per motor, whether it answered."""
-        self._settle()
+        self.drain()
         self._begin(range(len(self.motors)))
         self._port.send([data_message(REGISTER_ID, encode_refresh(spec.can_id)) for spec in self.motors])
         return self._answered(timeout_s)
@@ -259,35 +233,21 @@ class MotorChain(Receiver):
         )
 
     def _begin(self, motors: Iterable[int], handle: bool = False, repeats: int = 1) -> None:
-        """Open a request: what has arrived until now belongs to earlier ones."""
-        if not self._requests.ahead:  # else they are still open, and answers come in order
-            self.drain()
+        """Open a question that is about to be sent; what has arrived until now has been taken."""
         self._port.synchronise()
-        self._requests.begin(motors, handle, repeats)
-
-    def _settle(self) -> None:
-        """Collect what is open: answers to commands are none to what follows them."""
-        self._requests.ahead = False
-        if self._requests.open:
-            self.collect(self.clock.now() + 2 * self.expected_wire_s)
-
-    def _collect_oldest(self, deadline_s: float) -> bool:
-        silent = self._close(deadline_s)
-        if silent:
-            self.lost = self.lost.copy()  # others keep what they have been given
-            self.lost[list(silent)] += 1
-        self.all_answered = not silent
-        return self.all_answered
+        self._requests.begin(motors, handle, repeats).sent_s = self.clock.now()
 
     def _close(self, deadline_s: float) -> set[int]:
-        """Close the oldest request; returns the motors that have not answered it."""
-        self._take_answers(self._requests.open[0], deadline_s)
-        request = self._requests.close()
-        if request.handle and self.encoder is not None:
+        """Wait for the answers to the newest question; returns the motors that have not answered it."""
+        request = self._requests.newest
+        self._take_answers(request, deadline_s)
+        if self._requests.give_up_handle() and self.encoder is not None:
             self.encoder.lost += 1
         return request.motors
 
     def _answered(self, timeout_s: float) -> list[bool]:
-        silent = self._close(self.clock.now() + timeout_s)
+        """Which motors have answered; what has not come in this time, which is long, is given up."""
+        silent = self._close(self.clock.now() + timeout_s + 2.0 * self.round_trip.one_way_s)
+        self._requests.give_up()
         self.publish()
         return [i not in silent for i in range(len(self.motors))]

@@ -1,11 +1,12 @@
-"""The newest feedback of every motor of a chain: decoded, unwrapped over turns, stamped."""
+"""The newest feedback of every motor of a chain: decoded, judged, stamped."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from lerobot_robot_yam.damiao.codec import ranges_of, unpack_feedback
+from lerobot_robot_yam.damiao.plausibility import Plausibility
 from lerobot_robot_yam.damiao.tables import Fault, motor_type
 
 
@@ -14,61 +15,98 @@ class FeedbackStore:
 
     `take` works on lists, since storing one float into an array costs more than decoding the frame;
     `publish` turns them into arrays of shape (n,), new ones each time, so that a reader may keep them.
+
+    Args:
+        types: of the motors.
+        turns: per motor, whether it may turn beyond the range of the wire, and is followed there.
     """
 
-    def __init__(self, types: Sequence[str]):
+    def __init__(self, types: Sequence[str], turns: Sequence[bool]):
         self._types = list(types)
         self._ranges = [ranges_of(name) for name in types]
+        rows = [motor_type(name) for name in types]
         # Half of the range that the wire carries positions modulo.
-        self._half = [motor_type(name).position_max_rad for name in types]
+        self._half = [row.position_max_rad if turning else math.inf for row, turning in zip(rows, turns, strict=True)]
+        self._judge = Plausibility(rows)
         count = len(self._types)
-        self._raw = [math.nan] * count
-        self._turns = [0] * count
+        self._turn_rad = [0.0] * count
         self._position = [0.0] * count
         self._velocity = [0.0] * count
         self._torque = [0.0] * count
         self._temp_mos = [0.0] * count
         self._temp_rotor = [0.0] * count
         self._stamp = [-math.inf] * count
+        self._asked = [-math.inf] * count
         self._fault: list[int] = [Fault.DISABLED] * count
         self._normal: list[int] = [Fault.NORMAL] * count
+        self._fresh = [True] * count  # the next reading says which turn it is on
         self.publish()
 
-    def take(self, index: int, data: bytes, stamp_s: float) -> None:
-        """Decode one feedback frame, 8 bytes, of motor number `index`. Hot: once per frame.
+    def take(self, index: int, data: bytes, asked_s: float, sampled_s: float, latest_s: float) -> None:
+        """Decode one feedback frame, 8 bytes, of motor number `index`; use it if it can be. Hot: once per frame.
 
-        Between two readings a motor is taken to have gone the shorter way round; the first is taken as it is.
+        Between two readings a motor that turns is taken to have gone the shorter way round; the first is taken as it
+        is.
+
+        Args:
+            asked_s: when the command went out that this answers.
+            sampled_s, latest_s: when the motor has sampled: most likely, and at the latest.
         """
-        feedback = unpack_feedback(self._ranges[index], data)
-        _, self._fault[index], raw, self._velocity[index], self._torque[index], mos, rotor = feedback
-        half = self._half[index]
-        step = raw - self._raw[index]  # NaN at first, and comparisons with it are false
-        if step > half:
-            self._turns[index] -= 1
-        elif step < -half:
-            self._turns[index] += 1
-        self._raw[index] = raw
-        self._position[index] = raw + self._turns[index] * (half + half)
-        self._temp_mos[index] = mos
-        self._temp_rotor[index] = rotor
-        self._stamp[index] = stamp_s
+        _, fault, position, velocity, torque, mos, rotor = unpack_feedback(self._ranges[index], data)
+        turn, half = self._turn_rad[index], self._half[index]
+        position += turn
+        if not self._fresh[index]:
+            step = position - self._position[index]
+            if step > half:
+                turn -= 2.0 * half
+                position -= 2.0 * half
+            elif step < -half:
+                turn += 2.0 * half
+                position += 2.0 * half
+        if not self._judge.accept(index, position, velocity, sampled_s, latest_s):
+            return
+        self._fresh[index] = False
+        self._turn_rad[index], self._position[index], self._velocity[index] = turn, position, velocity
+        self._torque[index], self._fault[index] = torque, fault
+        self._temp_mos[index], self._temp_rotor[index] = mos, rotor
+        self._stamp[index], self._asked[index] = sampled_s, asked_s
 
-    def assume(self, position_rad: np.ndarray) -> None:
-        """Where motors that have not answered yet are taken to be until they do, (n,) in motor coordinates."""
-        for index, stamp_s in enumerate(self._stamp):
-            if stamp_s == -math.inf:
-                self._position[index] = float(position_rad[index])
+    def assume(self, position_rad: np.ndarray, velocity_rad_s: np.ndarray, sampled_s: np.ndarray) -> None:
+        """Where motors were the last time that somebody has heard them, (n,) in motor coordinates.
+
+        They are taken to be there until they answer, and their first answers are judged by it.
+        """
+        rows = zip(position_rad.tolist(), velocity_rad_s.tolist(), sampled_s.tolist(), strict=True)
+        for index, (q, dq, at_s) in enumerate(rows):
+            if math.isfinite(at_s):
+                self._judge.assume(index, q, dq, at_s)
+            if self._stamp[index] == -math.inf:
+                self._position[index] = q
         self.publish()
 
-    def restart_turns(self) -> None:
-        """Forget the turns: the next reading is taken as it is."""
-        self._raw = [math.nan] * len(self._types)
-        self._turns = [0] * len(self._types)
+    def restart(self, motors: Iterable[int] | None = None) -> None:
+        """Take the next reading of these motors (default: all) as it is, on whatever turn, however far off."""
+        chosen = range(len(self._types)) if motors is None else list(motors)
+        self._judge.restart(chosen)
+        for index in chosen:
+            self._turn_rad[index], self._fresh[index] = 0.0, True
+
+    def distrust(self, motors: Iterable[int]) -> None:
+        """Use no readings of these motors until `restart`."""
+        self._judge.distrust(motors)
+        self.publish()
+
+    @property
+    def rejected(self) -> np.ndarray:
+        """(n,) answers that could not be, in total."""
+        return np.array(self._judge.rejected)
 
     def publish(self) -> None:
         """Make what was taken visible in the arrays."""
-        state = np.array((self._position, self._velocity, self._torque, self._temp_mos, self._temp_rotor, self._stamp))
+        motion = (self._position, self._velocity, self._torque)
+        state = np.array((*motion, self._temp_mos, self._temp_rotor, self._stamp, self._asked))
         self.position_rad, self.velocity_rad_s, self.torque_nm = state[0], state[1], state[2]
-        self.temp_mos_c, self.temp_rotor_c, self.stamp_s = state[3], state[4], state[5]
+        self.temp_mos_c, self.temp_rotor_c, self.stamp_s, self.asked_s = state[3], state[4], state[5], state[6]
         self.fault = np.array(self._fault)
-        self.all_normal = self._fault == self._normal
+        self.distrusted = np.array(self._judge.distrusted)
+        self.all_normal = self._fault == self._normal and not any(self._judge.distrusted)

@@ -9,12 +9,17 @@ from lerobot_robot_yam.errors import ConfigError
 
 @dataclass(frozen=True)
 class MotorSpec:
-    """One motor: name for messages, CAN id it listens on, type (of `MOTOR_TYPES`), way of answering."""
+    """One motor: name for messages, CAN id it listens on, type (of `MOTOR_TYPES`), way of answering.
+
+    `turns`: it may leave the range of positions that the wire can say, and is followed there. A joint of an arm never
+    does: what looks like that is a reading that cannot be.
+    """
 
     name: str
     can_id: int
     type: str
     receive_mode: ReceiveMode = ReceiveMode.P16
+    turns: bool = False
 
     @property
     def feedback_id(self) -> int:

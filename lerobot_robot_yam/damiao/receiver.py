@@ -1,6 +1,7 @@
 """What arrives on a channel of motors: every frame goes where it belongs, whenever it comes.
 
-Answers are told apart by identifier alone: a late or lost one ages its own motor and is never taken for another's.
+Answers are told apart by identifier: a late or lost one ages its own motor and is never taken for another's. Which
+command each belongs to is found out by `requests`, and when its sample was taken by `round_trip`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,6 +15,7 @@ from lerobot_robot_yam.damiao.feedback import FeedbackStore
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec, check_specs
 from lerobot_robot_yam.damiao.registers import decode_reply
 from lerobot_robot_yam.damiao.requests import Request, Requests
+from lerobot_robot_yam.damiao.round_trip import RoundTrip
 
 _NO_STATE = 0x10  # first bytes below carry no state: feedback of a disabled motor, or a register's answer
 
@@ -31,32 +33,38 @@ class Receiver(FeedbackStore):
         self._index = {spec.answer_key: i for i, spec in enumerate(self.motors)}
         self._command_ids = frozenset(spec.can_id for spec in self.motors)
         self._requests = Requests(len(self.motors))
+        self.round_trip = RoundTrip()
         self._late_registers = 0  # register replies that were given up on and may still come
         self.foreign_commands = 0
         self.foreign: dict[int, int] = {}
         self.error_frames = 0
-        super().__init__([spec.type for spec in self.motors])
+        super().__init__([spec.type for spec in self.motors], [spec.turns for spec in self.motors])
 
     def __len__(self) -> int:
         return len(self.motors)
 
     @property
     def duplicates(self) -> np.ndarray:
-        """(n,) answers beyond those asked for."""
+        """(n,) answers to no question; their contents are not used, since nobody knows how old they are."""
         return np.array(self._requests.duplicates)
 
+    @property
+    def lost(self) -> np.ndarray:
+        """(n,) answers that never came."""
+        return np.array(self._requests.lost)
+
     def age_s(self, now: float) -> np.ndarray:
-        """(n,) seconds from each motor's newest answer to `now` (the clock's time); inf if none came."""
-        return now - self.stamp_s
+        """(n,) seconds from the command that each motor has answered last to `now` (the clock's time); inf if none."""
+        return now - self.asked_s
 
     def drain(self) -> None:
         """Take everything that has already arrived, without waiting."""
         while (message := self._port.recv(0.0)) is not None:
             self._receive(message)
 
-    def _take_answers(self, request: Request, deadline_s: float, missing: int = 0) -> None:
-        """Take frames until at most so many of a request's answers are missing."""
-        while request.missing > missing:
+    def _take_answers(self, request: Request, deadline_s: float) -> None:
+        """Take frames until all of a request's answers have come."""
+        while request.missing:
             remaining_s = deadline_s - self.clock.now()
             message = self._port.recv(max(0.0, remaining_s))
             if message is not None:
@@ -89,8 +97,12 @@ class Receiver(FeedbackStore):
             else:
                 self._note_foreign(message.arbitration_id)
             return
-        self.take(index, data, self._port.arrival_s(message))
-        self._requests.answer(index)
+        request = self._requests.answer(index)
+        if request is None:
+            return
+        sent_s = request.sent_s
+        sampled_s, latest_s = self.round_trip.sampled_s(sent_s, self._port.arrival_s(message), index, request.asked)
+        self.take(index, data, sent_s, sampled_s, latest_s)
 
     def _receive_other(self, message: can.Message) -> None:
         can_id, ours = message.arbitration_id, is_classic_data(message)

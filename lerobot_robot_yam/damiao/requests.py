@@ -1,30 +1,52 @@
-"""What the motors of a chain have been asked, and whose answers are still to come."""
+"""Which command each answer belongs to.
+
+An answer does not say what it answers. Three rules find it out, for an adapter that takes any time, either way:
+
+1. A motor answers in the order in which it was asked. The oldest open question is the one that is answered.
+2. A wire keeps the order of ticks. Once a motor has answered tick k, what others owe for earlier ticks is lost.
+3. A channel that has lost whole ticks looks like one that has become slow. So, when every motor has owed more than
+   before for a while, two motors are left out of one tick each: the group of answers in which one is missing belongs
+   to the tick in which it was not asked. A single motor that owes more than the others is left out of one tick, too;
+   rule 2 then clears its debt.
+
+Until a loss is told from a delay an answer counts as that to the older question: it is taken for too old, never for
+too new.
+"""
 
 import math
-from collections.abc import Iterable
+from collections import deque
+from collections.abc import Iterable, Sequence
 
-_OUTSTANDING_MAX = 3  # per motor, answers that may still come; those beyond are duplicates
-# Requests in a row that are sent ahead. Then the wire is left alone once: an answer to somebody else's question to the
-# last motor looks like one to ours, and the true one would be taken for the next tick's from then on.
-_AHEAD_MAX = 250
+_OPEN_MAX = 128  # per motor: half a second at 250 Hz, and no motor is silent for so long without being told of
+_BEHIND_TICKS = 2  # in a row that one motor owes more than the others, before it is left out of one
+_APART_TICKS, _APART_MAX_TICKS = 8, 512  # between two ticks without the same motor
+_SLOW_TICKS = 50  # in a row that all owe more than they used to, before it is found out why
+_GROUP_MIN = 3  # motors, of whose answers one can be missing and be missed
 
 
 class Request:
-    """Answers that are still to come to one request.
+    """One question to several motors.
 
     Attributes:
+        number: of the question, growing.
+        asked: how many motors.
         motors: by index, those that have not answered.
         handle: whether the handle was asked and has not answered.
-        sent_s: when it had been sent (the chain's clock).
+        sent_s: when it was sent (the chain's clock).
 
     Args:
+        number: see there.
         motors: by index, those that are asked.
         handle: whether the handle is.
         patient: whether it is waited for, too.
     """
 
-    def __init__(self, motors: Iterable[int], handle: bool, patient: bool):
+    __slots__ = ("_patient", "asked", "handle", "motors", "number", "sent_s")
+
+    def __init__(self, number: int, motors: Iterable[int], handle: bool, patient: bool):
+        self.number = number
         self.motors = set(motors)
+        self.asked = len(self.motors)
         self.handle = handle
         self.sent_s = -math.inf
         self._patient = patient
@@ -36,60 +58,171 @@ class Request:
 
 
 class Requests:
-    """The requests to `count` motors that have not been closed.
+    """The questions to `count` motors that are open.
 
     Attributes:
-        open: oldest first: one, or two where one was sent ahead.
-        ahead: the next one will be.
-        in_step: every answer has come that was waited for, and no other.
-        duplicates: per motor, answers beyond those asked for.
+        newest: the last question.
+        heard: motors that have answered anything since somebody has cleared this.
+        duplicates: per motor, answers to no question.
+        lost: per motor, answers that never came to questions that were not given up.
     """
 
     def __init__(self, count: int):
-        self.open: list[Request] = []
-        self.ahead = self.in_step = False
+        self.newest = Request(0, (), False, False)
+        self.heard: set[int] = set()
         self.duplicates = [0] * count
-        self._outstanding = [0] * count
+        self.lost = [0] * count
+        self._open: list[deque[Request]] = [deque() for _ in range(count)]
+        self._answered = 0  # number of the newest question that somebody has answered
         self._handle_silent = False
-        self._ahead_in_a_row = 0
+        self._behind = [0] * count  # ticks in a row
+        self._left_out = [0] * count  # number of the last question that went out without this motor
+        self._apart = [_APART_TICKS] * count
+        self._usual = 0  # what every motor owes as it is asked again: more on a slow adapter
+        self._slow_ticks = 0
+        self._probe: list[tuple[int, int]] = []  # (motor, number of the question that went out without it)
+        self._shifts: list[int] = []  # by how much the probe has found answers to be counted as too old
+        self._silence: list[int] | None = None  # what each owed as nobody was asked
 
-    def begin(self, motors: Iterable[int], handle: bool, repeats: int) -> None:
-        """Open a request that every motor answers `repeats` times."""
+    def absent(self) -> Sequence[int]:
+        """Motors to leave out of the next tick, to learn whose answers come (rule 3)."""
+        owed = [len(waiting) for waiting in self._open]
+        if max(owed) == 0 == self._usual and not self._probe:  # nearly always
+            self._slow_ticks = 0
+            return ()
+        number = self.newest.number + 1
+        if self._silence is not None:
+            self._end_silence(owed)
+            return ()
+        if self._probe:
+            return self._go_on_probing(number)
+        least = min(owed)
+        self._usual = min(self._usual, least)
+        self._slow_ticks = self._slow_ticks + 1 if least > self._usual else 0
+        absent = [i for i, count in enumerate(owed) if self._is_behind(i, count > least, number)]
+        if self._slow_ticks < _SLOW_TICKS or absent:
+            return absent
+        self._slow_ticks = 0
+        if len(owed) < _GROUP_MIN:
+            self._silence = owed
+            return range(len(owed))
+        # The last in the order of identifiers: the first of a group are answered before it is known to have begun.
+        self._shifts, self._probe = [], [(len(owed) - 1, number)]
+        return [len(owed) - 1]
+
+    def _is_behind(self, motor: int, owes_more: bool, number: int) -> bool:
+        """Whether to leave out a motor that owes more than the others; less and less often if that does not help."""
+        if not owes_more:
+            self._behind[motor] = 0
+            if number - self._left_out[motor] > 2 * self._apart[motor]:
+                self._apart[motor] = _APART_TICKS
+            return False
+        self._behind[motor] += 1
+        if self._behind[motor] < _BEHIND_TICKS or number - self._left_out[motor] < self._apart[motor]:
+            return False
+        self._left_out[motor], self._behind[motor] = number, 0
+        self._apart[motor] = min(2 * self._apart[motor], _APART_MAX_TICKS)
+        return True
+
+    def _go_on_probing(self, number: int) -> Sequence[int]:
+        last = len(self._open) - 1
+        if len(self._probe) == 1:
+            self._probe.append((last - 1, number))
+            return [last - 1]
+        if self._answered > self._probe[-1][1]:  # nobody was missing in an earlier group: the channel is that slow
+            if not self._shifts:
+                self._usual = min(len(waiting) for waiting in self._open)
+            self._probe = []
+        elif number - self._probe[0][1] > _OPEN_MAX:
+            self._probe = []
+        return ()
+
+    def _end_silence(self, owed: list[int]) -> None:
+        """Too few motors for a group: nobody was asked for a tick. What has not been answered in it never will be."""
+        if owed == self._silence:
+            for i, waiting in enumerate(self._open):
+                self.lost[i] += len(waiting)
+                waiting.clear()
+        else:
+            self._usual = min(owed)
+        self._silence = None
+
+    def begin(self, motors: Iterable[int], handle: bool, repeats: int) -> Request:
+        """Open a question that every motor answers `repeats` times."""
         asked = list(motors)
-        for i in asked:
-            self._outstanding[i] = min(self._outstanding[i] + repeats, _OUTSTANDING_MAX)
-        kept = self.open[-1:] if self.ahead else []
-        dropped = self.open[: len(self.open) - len(kept)]  # as arms come up, or after an error
-        self._ahead_in_a_row = self._ahead_in_a_row + 1 if self.ahead else 0
-        self.in_step &= self._ahead_in_a_row < _AHEAD_MAX and not any(request.motors for request in dropped)
-        self.open, self.ahead = kept, False
         # A silent handle must not hold up every tick: it is waited for only while it answers.
-        self.open.append(Request(asked, handle, not self._handle_silent))
+        request = Request(self.newest.number + 1, asked, handle, not self._handle_silent)
+        for i in asked:
+            waiting = self._open[i]
+            for _ in range(repeats):
+                waiting.append(request)
+            while len(waiting) > _OPEN_MAX:
+                waiting.popleft()
+                self.lost[i] += 1
+        self.newest = request
+        return request
 
-    def answer(self, index: int) -> None:
-        """A motor has answered: the oldest request that has not heard of it. Hot: once per frame."""
-        if self.open and index in self.open[0].motors:  # nearly always
-            self.open[0].motors.remove(index)
-        else:
-            self.in_step = False
-            for request in self.open[1:]:
-                if index in request.motors:
-                    request.motors.remove(index)
-                    break
-        if self._outstanding[index]:
-            self._outstanding[index] -= 1
-        else:
+    def answer(self, index: int) -> Request | None:
+        """A motor has answered: which question; None when it was not asked. Hot: once per frame."""
+        waiting = self._open[index]
+        if not waiting:
             self.duplicates[index] += 1
+            return None
+        self.heard.add(index)
+        request = waiting.popleft()
+        if request.number > self._answered:
+            request = self._pass_on(request, waiting)
+        request.motors.discard(index)
+        return request
+
+    def _pass_on(self, request: Request, waiting: deque[Request]) -> Request:
+        """The first answer to a question: those before it are over (rule 2)."""
+        number = self._answered = request.number
+        for i, others in enumerate(self._open):
+            while others and others[0].number < number:
+                dropped = others.popleft().number
+                self.lost[i] += 1
+                for motor, without in self._probe:
+                    if motor == i and dropped < without:
+                        self._shifts.append(without - dropped)
+        if len(self._shifts) == 2:
+            first, second = self._shifts
+            self._probe, self._shifts = [], []
+            if first == second:
+                return self._catch_up(number + first, request, waiting)
+        return request
+
+    def _catch_up(self, number: int, request: Request, waiting: deque[Request]) -> Request:
+        """The answer at hand is really that to question `number`: all before it are lost."""
+        self._answered = number
+        while waiting and waiting[0].number <= number:
+            request = waiting.popleft()  # nobody will answer those between
+        self._usual = 0
+        for i, others in enumerate(self._open):
+            while others and others[0].number < number:
+                others.popleft()
+                self.lost[i] += 1
+        return request
+
+    def withdraw(self) -> None:
+        """The newest question was not sent, or not to all."""
+        for i, waiting in enumerate(self._open):
+            if waiting and waiting[-1] is self.newest:
+                waiting.pop()
+                self.lost[i] += 1
+
+    def give_up(self) -> None:
+        """Nobody waits for the answers to the newest question any more; those to older ones are given up with them."""
+        for i in self.newest.motors:
+            self._open[i].clear()
 
     def handle_answer(self) -> None:
-        """The handle has."""
+        """The handle has answered."""
         self._handle_silent = False
-        for request in self.open:
-            request.handle = False
+        self.newest.handle = False
 
-    def close(self) -> Request:
-        """Close the oldest request, whatever is missing."""
-        request = self.open.pop(0)
-        self.in_step &= not request.motors
-        self._handle_silent |= request.handle
-        return request
+    def give_up_handle(self) -> bool:
+        """The handle has not answered in time; whether it was asked."""
+        silent = self.newest.handle
+        self._handle_silent |= silent
+        return silent

@@ -5,6 +5,7 @@ python-damiao-driver for the register identifier and the watchdog count; Damiao'
 v1.3.6) for the gear ratios.
 """
 
+import math
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 
@@ -92,7 +93,9 @@ class MotorType:
 
     They equal the registers PMAX, VMAX and TMAX of the motor; with other numbers every decoded value
     would be scaled wrongly. Gains in Nm/rad and Nm s/rad. The gear ratio (register GR) is read-only and built in:
-    it tells which motor is really there; None where nobody has published it.
+    it tells which motor is really there; None where nobody has published it. The rotor's inertia, seen at the output,
+    is that of google-deepmind/mujoco_menagerie (i2rt_yam); of the DM3507 and the DM6248, nobody's, estimates from those
+    by size and gear.
     """
 
     name: str
@@ -100,18 +103,24 @@ class MotorType:
     velocity_max_rad_s: float
     torque_max_nm: float
     gear_ratio: float | None
+    rotor_inertia_kg_m2: float = 0.0  # 0: not known
     kp_max: float = 500.0
     kd_max: float = 5.0
+
+    @property
+    def acceleration_max_rad_s2(self) -> float:
+        """What its largest torque gives its own rotor; whatever it carries makes it slower."""
+        return self.torque_max_nm / self.rotor_inertia_kg_m2 if self.rotor_inertia_kg_m2 else math.inf
 
 
 MOTOR_TYPES: dict[str, MotorType] = {
     row.name: row
     for row in (
-        MotorType("DM3507", 12.5, 50.0, 5.0, 7.0),
-        MotorType("DM4310", 12.5, 30.0, 10.0, 10.0),
+        MotorType("DM3507", 12.5, 50.0, 5.0, 7.0, 0.0009),
+        MotorType("DM4310", 12.5, 30.0, 10.0, 10.0, 0.0018),
         MotorType("DM4310V", 3.1415926, 30.0, 10.0, 10.0),
-        MotorType("DM4340", 12.5, 10.0, 28.0, 40.0),
-        MotorType("DM6248", 12.5, 20.0, 120.0, 48.0),
+        MotorType("DM4340", 12.5, 10.0, 28.0, 40.0, 0.032),
+        MotorType("DM6248", 12.5, 20.0, 120.0, 48.0, 0.1),
         MotorType("DM8009", 12.5, 45.0, 54.0, 9.0),
         MotorType("DMH6215", 3.1415926, 30.0, 10.0, None),
         MotorType("DMH6215MIT", 12.5, 45.0, 10.0, None),

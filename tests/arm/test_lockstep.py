@@ -11,7 +11,7 @@ from lerobot_robot_yam.arm.session import ArmSession
 from lerobot_robot_yam.damiao.bus_port import data_message
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.registers import encode_refresh
-from lerobot_robot_yam.damiao.tables import FRAME_TIME_S, REGISTER_ID
+from lerobot_robot_yam.damiao.tables import REGISTER_ID
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError, MotorError, StaleStateError
 from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.rig.lockstep import LockstepBus, LockstepRig
@@ -167,22 +167,14 @@ def test_answers_to_commands_are_none_to_what_follows_them(rig):
 
 
 @pytest.mark.parametrize("rate_hz", [499.0, 0.0])
-def test_at_rates_that_fill_the_wire_it_is_never_idle(rig, rate_hz, monkeypatch):
-    command, send = ArmBody.command, ArmBody.send
+def test_at_rates_that_the_wire_does_not_allow_it_ticks_as_often_as_wire_and_laws_do(rig, rate_hz, monkeypatch):
+    command = ArmBody.command
 
     def slow_command(body, now, dt):  # here, thinking takes no time
-        rig.sleep(0.0005)
+        rig.sleep(0.0004)
         command(body, now, dt)
 
-    waiting_s = []  # for the wire, when commands are sent
-
-    def slow_send(body):
-        rig.sleep(0.00005)
-        waiting_s.append(rig.device.channels[body.config.channel].wire.free_at_s - rig.now())
-        send(body)
-
     monkeypatch.setattr(ArmBody, "command", slow_command)
-    monkeypatch.setattr(ArmBody, "send", slow_send)
     configs = [sim_config(rig, channel, rate_hz=rate_hz) for channel in CHANNELS]
     session = ArmSession(configs, isolation="lockstep")
     session.start()
@@ -192,12 +184,10 @@ def test_at_rates_that_fill_the_wire_it_is_never_idle(rig, rate_hz, monkeypatch)
     loop = session._runner._loop
     statistics, chains = loop.statistics, [controller.chain for controller in loop._controllers]
     before, ticks = rig.now(), statistics.cycles
-    waiting_s.clear()
     track(session, dict.fromkeys(CHANNELS, GOAL), 1.5)
     took_s, ticks = rig.now() - before, statistics.cycles - ticks
-    assert ticks / took_s > 0.99 * (rate_hz or 1 / chains[0].expected_wire_s)
+    assert ticks / took_s > 0.95 / (chains[0].expected_wire_s + 0.0008)
     assert not any(chain.lost.any() for chain in chains)
-    assert max(waiting_s) < FRAME_TIME_S  # or, on a real wire, commands would go before replies
     for channel in CHANNELS:
         state = session[channel].observe()
         assert np.abs(state.q - GOAL).max() < 0.02
@@ -209,26 +199,16 @@ def test_at_rates_that_fill_the_wire_it_is_never_idle(rig, rate_hz, monkeypatch)
         assert np.abs(np.array(arms[channel]["q"][1:4]) - Hardware(configs[0]).rest_q[1:4]).max() < 0.1
 
 
-def test_an_answer_to_somebody_else_puts_no_joint_behind_for_long(rig, monkeypatch):
-    send, waiting_s = ArmBody.send, []
-
-    def watched_send(body):
-        waiting_s.append(rig.device.channels[CHANNELS[0]].wire.free_at_s - rig.now())
-        send(body)
-
-    monkeypatch.setattr(ArmBody, "send", watched_send)
-    session = ArmSession([sim_config(rig, CHANNELS[0], rate_hz=0.0)], isolation="lockstep")
+def test_an_answer_to_somebody_else_is_not_taken_for_one_to_us(rig):
+    session = ArmSession([sim_config(rig, CHANNELS[0])], isolation="lockstep")
     session.start()
     track(session, {CHANNELS[0]: GOAL}, 0.5)
+    (controller,) = session._runner._loop._controllers
     with LockstepBus(CHANNELS[0], rig=rig.name) as other:
         other.send(data_message(REGISTER_ID, encode_refresh(7)))
-    waiting_s.clear()
     track(session, {CHANNELS[0]: GOAL}, 0.1)
-    assert max(waiting_s) > FRAME_TIME_S  # the next tick is sent when two replies are missing
-    track(session, {CHANNELS[0]: GOAL}, 0.5)
-    waiting_s.clear()
-    track(session, {CHANNELS[0]: GOAL}, 0.5)
-    assert max(waiting_s) < FRAME_TIME_S
+    assert controller.chain.duplicates.tolist() == [0] * 6 + [1]
+    assert not controller.chain.lost.any() and session[CHANNELS[0]].observe().trouble is None
     session.discard()
 
 

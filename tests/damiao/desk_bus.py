@@ -14,7 +14,10 @@ from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.damiao.registers import Opcode, Register
 from lerobot_robot_yam.damiao.tables import REGISTER_ID, motor_type
 
-SPECS = [MotorSpec(f"joint{i + 1}", i + 1, kind) for i, kind in enumerate(["DM4340"] * 3 + ["DM4310"] * 4)]
+SPECS = [
+    *(MotorSpec(f"joint{i + 1}", i + 1, kind) for i, kind in enumerate(["DM4340"] * 3 + ["DM4310"] * 3)),
+    MotorSpec("gripper", 7, "DM4310", turns=True),
+]
 
 
 class DeskBus(can.BusABC):

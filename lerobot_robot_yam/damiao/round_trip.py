@@ -1,0 +1,54 @@
+"""How long an adapter takes each way, and so when a motor took the sample that it sent.
+
+A motor samples when a command reaches it. Of a round trip only the sum is known:
+
+    arrival − sent = out + wire + back
+
+The quickest of the last answers are taken to have been as long on their way out as on their way back. What another one
+took longer it took on its way back: adapters hold back what they have received (USB polling, the 16 ms of a serial
+adapter), not what they are given to send.
+"""
+
+import math
+
+from lerobot_robot_yam.damiao.tables import FRAME_TIME_S
+
+_WINDOW_S = 0.15  # the quickest answer of one to two windows counts; longer than an adapter holds frames back
+SLOW_S = 0.002  # each way, above which an adapter is told to be slow: half a tick at 250 Hz
+
+
+class RoundTrip:
+    """Of one channel.
+
+    Attributes:
+        one_way_s: adapter's time each way, of the quickest answers of late.
+        longest_s: the longest round trip of an answer so far, wire included.
+    """
+
+    def __init__(self) -> None:
+        self.one_way_s = 0.0
+        self.longest_s = 0.0
+        self._until_s = -math.inf
+        self._before = self._now = math.inf  # quickest, without the wire, of the last window and of this one
+
+    def sampled_s(self, sent_s: float, arrived_s: float, place: int, count: int) -> tuple[float, float]:
+        """When a motor took the sample in its answer: most likely, and at the latest.
+
+        Args:
+            sent_s, arrived_s: of the command and of its answer (the same clock).
+            place: of the motor among those asked, from 0.
+            count: how many were asked.
+        """
+        took_s = arrived_s - sent_s
+        if took_s > self.longest_s:
+            self.longest_s = took_s
+        beside_wire_s = took_s - (count + place + 1) * FRAME_TIME_S
+        if arrived_s > self._until_s:
+            quiet = arrived_s > self._until_s + _WINDOW_S
+            self._before, self._now = math.inf if quiet else self._now, math.inf
+            self._until_s = arrived_s + _WINDOW_S
+        if beside_wire_s < self._now:
+            self._now = beside_wire_s
+        self.one_way_s = max(0.0, 0.5 * min(self._before, self._now))
+        latest_s = max(sent_s, arrived_s - self.one_way_s - FRAME_TIME_S)
+        return min(sent_s + self.one_way_s + (place + 1) * FRAME_TIME_S, latest_s), latest_s
