@@ -19,7 +19,7 @@ from collections.abc import Iterable, Sequence
 
 _OPEN_MAX = 128  # per motor: half a second at 250 Hz, and no motor is silent for so long without being told of
 _BEHIND_TICKS = 2  # in a row that one motor owes more than the others, before it is left out of one
-_APART_TICKS, _APART_MAX_TICKS = 8, 512  # between two ticks without the same motor
+_APART_TICKS, _APART_MAX_TICKS = 8, 128  # between two ticks without the same motor
 _SLOW_TICKS = 50  # in a row that all owe more than they used to, before it is found out why
 _GROUP_MIN = 3  # motors, of whose answers one can be missing and be missed
 
@@ -80,20 +80,24 @@ class Requests:
         self._apart = [_APART_TICKS] * count
         self._usual = 0  # what every motor owes as it is asked again: more on a slow adapter
         self._slow_ticks = 0
-        self._probe: list[tuple[int, int]] = []  # (motor, number of the question that went out without it)
-        self._shifts: list[int] = []  # by how much the probe has found answers to be counted as too old
+        self._losses = 0  # in all, a tick ago
+        self._probe: dict[int, int] = {}  # motor → number of the question that went out without it
+        self._shifts: dict[int, int] = {}  # motor → by how many questions it has shown answers to be taken for too old
         self._silence: list[int] | None = None  # what each owed as nobody was asked
 
     def absent(self) -> Sequence[int]:
         """Motors to leave out of the next tick, to learn whose answers come (rule 3)."""
         owed = [len(waiting) for waiting in self._open]
+        if self._silence is not None:
+            self._end_silence(owed)
+            return ()
         if max(owed) == 0 == self._usual and not self._probe:  # nearly always
             self._slow_ticks = 0
             return ()
         number = self.newest.number + 1
-        if self._silence is not None:
-            self._end_silence(owed)
-            return ()
+        losses, self._losses = self._losses, sum(self.lost)
+        if losses != self._losses:  # an answer that is missing for this reason looks like a question that was not asked
+            self._slow_ticks, self._probe = 0, {}
         if self._probe:
             return self._go_on_probing(number)
         least = min(owed)
@@ -107,8 +111,9 @@ class Requests:
             self._silence = owed
             return range(len(owed))
         # The last in the order of identifiers: the first of a group are answered before it is known to have begun.
-        self._shifts, self._probe = [], [(len(owed) - 1, number)]
-        return [len(owed) - 1]
+        last = len(owed) - 1
+        self._shifts, self._probe = {}, {last: number}
+        return [last]
 
     def _is_behind(self, motor: int, owes_more: bool, number: int) -> bool:
         """Whether to leave out a motor that owes more than the others; less and less often if that does not help."""
@@ -125,16 +130,16 @@ class Requests:
         return True
 
     def _go_on_probing(self, number: int) -> Sequence[int]:
-        last = len(self._open) - 1
-        if len(self._probe) == 1:
-            self._probe.append((last - 1, number))
-            return [last - 1]
-        if self._answered > self._probe[-1][1]:  # nobody was missing in an earlier group: the channel is that slow
+        second = len(self._open) - 2
+        if second not in self._probe:
+            self._probe[second] = number
+            return [second]
+        if self._answered > self._probe[second]:  # nobody was missing in an earlier group: the channel is that slow
             if not self._shifts:
                 self._usual = min(len(waiting) for waiting in self._open)
-            self._probe = []
-        elif number - self._probe[0][1] > _OPEN_MAX:
-            self._probe = []
+            self._probe = {}
+        elif number - self._probe[second] > _OPEN_MAX:
+            self._probe = {}
         return ()
 
     def _end_silence(self, owed: list[int]) -> None:
@@ -144,7 +149,7 @@ class Requests:
                 self.lost[i] += len(waiting)
                 waiting.clear()
         else:
-            self._usual = min(owed)
+            self._usual = min(self._silence or owed)
         self._silence = None
 
     def begin(self, motors: Iterable[int], handle: bool, repeats: int) -> Request:
@@ -171,32 +176,34 @@ class Requests:
         self.heard.add(index)
         request = waiting.popleft()
         if request.number > self._answered:
-            request = self._pass_on(request, waiting)
+            request = self._pass_on(request, index)
         request.motors.discard(index)
         return request
 
-    def _pass_on(self, request: Request, waiting: deque[Request]) -> Request:
+    def _pass_on(self, request: Request, index: int) -> Request:
         """The first answer to a question: those before it are over (rule 2)."""
         number = self._answered = request.number
         for i, others in enumerate(self._open):
+            if i in self._probe and i not in self._shifts and others and others[0].number < number:
+                if others[0].number < self._probe[i]:
+                    self._shifts[i] = self._probe[i] - others[0].number
+                continue  # what it owes tells nothing until the other one has been heard of
             while others and others[0].number < number:
-                dropped = others.popleft().number
+                others.popleft()
                 self.lost[i] += 1
-                for motor, without in self._probe:
-                    if motor == i and dropped < without:
-                        self._shifts.append(without - dropped)
-        if len(self._shifts) == 2:
-            first, second = self._shifts
-            self._probe, self._shifts = [], []
+        if len(self._shifts) == 2 and self._probe:
+            first, second = self._shifts.values()
+            self._probe, self._shifts = {}, {}
             if first == second:
-                return self._catch_up(number + first, request, waiting)
+                return self._catch_up(number + first, request, index)
         return request
 
-    def _catch_up(self, number: int, request: Request, waiting: deque[Request]) -> Request:
+    def _catch_up(self, number: int, request: Request, index: int) -> Request:
         """The answer at hand is really that to question `number`: all before it are lost."""
-        self._answered = number
+        self._answered, waiting = number, self._open[index]
         while waiting and waiting[0].number <= number:
-            request = waiting.popleft()  # nobody will answer those between
+            request = waiting.popleft()
+            self.lost[index] += 1
         self._usual = 0
         for i, others in enumerate(self._open):
             while others and others[0].number < number:
