@@ -60,6 +60,7 @@ class Watch:
         self._enabled = np.zeros(count)  # 1 with torque, 0 without
         self._speed, self._speed_at = np.zeros(count), np.zeros(count)
         self._torque, self._torque_at = np.zeros(count), np.zeros(count)
+        self._asked, self._asked_at = np.zeros(count), np.zeros(count)
         self._age = np.zeros(count)
         self._start_z, self._lowest_z = np.zeros(arms), np.full(arms, np.inf)
         self._touched_at = np.zeros(arms)
@@ -70,7 +71,8 @@ class Watch:
     def start(self, channel: str) -> None:
         """Record a channel, from now on and anew."""
         rows, arm = self._rows[channel], self._arm[channel]
-        for array in (self._speed, self._speed_at, self._torque, self._torque_at, self._age):
+        torques = (self._torque, self._torque_at, self._asked, self._asked_at)
+        for array in (self._speed, self._speed_at, *torques, self._age):
             array[rows] = 0.0
         mujoco.mj_kinematics(self._world.model, self._world.data)
         self._touched_at[arm] = 0.0
@@ -106,6 +108,7 @@ class Watch:
         speed *= self._enabled
         _keep_largest(speed, self._speed, self._speed_at, now)
         _keep_largest(np.abs(self._forces[self._actuators]), self._torque, self._torque_at, now)
+        _keep_largest(np.abs(world.asked_nm(self._actuators)), self._asked, self._asked_at, now)
         age = world.sim_s - np.array([motor.last_command_s for motor in self._all_motors])
         age *= self._enabled
         np.maximum(self._age, age, out=self._age)
@@ -136,6 +139,8 @@ class Watch:
             "max_speed_at_s": self._speed_at[rows],
             "max_torque_nm": self._torque[rows],
             "max_torque_at_s": self._torque_at[rows],
+            "max_asked_nm": self._asked[rows],
+            "max_asked_at_s": self._asked_at[rows],
             "max_command_age_s": self._age[rows],
             "min_tcp_z_m": self._lowest_z[arm],
             "max_tcp_drop_m": self._start_z[arm] - self._lowest_z[arm],
