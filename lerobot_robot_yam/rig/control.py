@@ -100,7 +100,7 @@ class RigOperations(ABC):
         self.request("watch", channel=channel, stop=True)
 
     def watch(self, channel: str) -> dict[str, Any]:
-        """What the rig itself saw since `watch_start`, every 2 to 4 ms of simulated time.
+        """What the rig itself saw since `watch_start`, every 2 to 4 ms of simulated time, torques every millisecond.
 
         Returns:
             since_s (monotonic); motors: n names, gripper last; max_speed_rad_s (n), of motors while enabled, and

@@ -113,10 +113,11 @@ class RigDevice:
         for name, hand in self.hands.items():
             if hand.gripping:
                 hand.advance(self._any_enabled(name))
-        if self.truth.on:
+        if self.truth.on or self.watch.on:
             for _ in range(count):
                 world.step(1)
                 self.truth.sample()
+                self.watch.sample_torques()
         else:
             world.step(count)
         sim_s = world.sim_s

@@ -1,7 +1,7 @@
 """Extremes that the rig records about its arms by itself, so that a soak can assert them without missing a tick.
 
-Off by default. While it is on for any channel, every advance of the physics (at most 4 ms of simulated time) is
-looked at, in one pass over all motors.
+Off by default. While it is on for any channel, torques are looked at in every step of the physics, and all else after
+every advance (at most 4 ms of simulated time), in one pass over all motors.
 """
 
 from collections import deque
@@ -97,6 +97,13 @@ class Watch:
         if channel in self.on:
             self._changes[channel].append(Change(self._clock.now(), motor, before != now, now, fault))
 
+    def sample_torques(self) -> None:
+        """Look at the step that was just simulated: a torque that is asked for may be gone after a few."""
+        if self.on:
+            now = self._world.stamp_s
+            _keep_largest(np.abs(self._forces[self._actuators]), self._torque, self._torque_at, now)
+            _keep_largest(np.abs(self._world.asked_nm(self._actuators)), self._asked, self._asked_at, now)
+
     def sample(self) -> None:
         """Look at the present state. Hot: 500 times a second while on."""
         world = self._world
@@ -107,8 +114,6 @@ class Watch:
         speed = np.abs(self._velocities[self._actuators])
         speed *= self._enabled
         _keep_largest(speed, self._speed, self._speed_at, now)
-        _keep_largest(np.abs(self._forces[self._actuators]), self._torque, self._torque_at, now)
-        _keep_largest(np.abs(world.asked_nm(self._actuators)), self._asked, self._asked_at, now)
         age = world.sim_s - np.array([motor.last_command_s for motor in self._all_motors])
         age *= self._enabled
         np.maximum(self._age, age, out=self._age)
