@@ -10,12 +10,12 @@ import random
 import socket
 from collections import deque
 from collections.abc import Sequence
-from typing import Protocol
 
 from lerobot_robot_yam.damiao import codec
 from lerobot_robot_yam.damiao.encoder import REQUEST_ID
 from lerobot_robot_yam.damiao.tables import POSITION_VELOCITY_OFFSET, REGISTER_ID, VELOCITY_OFFSET
 from lerobot_robot_yam.rig import wire
+from lerobot_robot_yam.rig.adapter import Adapter, Listener
 from lerobot_robot_yam.rig.client_link import BUS_OFF_FRAME_ID
 from lerobot_robot_yam.rig.foreign_driver import ForeignDriver
 from lerobot_robot_yam.rig.handle import SimHandle
@@ -26,12 +26,6 @@ from lerobot_robot_yam.rig.wire import Frame, Wire
 _TRACE_LENGTH = 500_000
 _BACKLOG_S = 0.05  # a real adapter's queue is full at about this
 _FOREIGN_KP, _FOREIGN_KD = 10.0, 1.0  # Nm/rad, Nm s/rad with which a foreign driver holds a motor
-
-
-class Listener(Protocol):
-    """A client of a channel: a socket, or what takes packets as one."""
-
-    def send(self, data: bytes, flags: int = 0, /) -> int: ...
 
 
 class Channel:
@@ -47,7 +41,7 @@ class Channel:
 
     def __init__(self, name: str, motors: Sequence[SimMotor], handle: SimHandle | None, latency_s: float, seed: int):
         self.name, self.motors, self.handle = name, list(motors), handle
-        self.latency_s = latency_s
+        self.adapter = Adapter(latency_s)
         self.link = Link()  # the interface, see `set_link`
         self.cable_out = False  # nothing gets through, and nobody is told
         self.foreign: ForeignDriver | None = None
@@ -73,34 +67,46 @@ class Channel:
         self.trace = deque(maxlen=_TRACE_LENGTH)
 
     def receive(self, sender: Listener, frames: Sequence[Frame], now_s: float) -> None:
-        """Put a client's packet on the wire and answer it."""
+        """Take a client's packet, which the adapter puts on the wire at once or when its latency has passed."""
         if self.cable_out or self.link.state or sender not in self.clients:
-            return
-        if self.wire.free_at_s - now_s > _BACKLOG_S + self.latency_s:
-            self.overflows += 1
             return
         if self.trace is not None:
             self.trace.extend((f.stamp_s, now_s, f.id, f.data[0] if f.data else 0) for f in frames)
-        latency, transmit = self.latency_s, self.wire.transmit
-        heard = [(transmit(wire.send_time(frame.stamp_s, now_s) + latency), frame) for frame in frames]
-        replies: list[Frame] = []
-        for through_s, frame in heard:
-            for reply in self._answers(frame, through_s):
-                replies.append(Frame(transmit(through_s) + latency, reply.id, reply.data))
-        if replies:
-            self._deliver(sender, replies)
+        latency_s = self.adapter.latency_s
+        timed = [(wire.send_time(frame.stamp_s, now_s) + latency_s, frame) for frame in frames]
+        if self.adapter.waits:
+            self.adapter.put(sender, timed)
+        else:
+            self._transmit(sender, timed, now_s + latency_s)
+
+    def pass_on(self, until_s: float) -> None:
+        """Do what the adapter's delays have put off until now."""
+        for sender, timed in self.adapter.take(until_s):
+            if not (self.cable_out or self.link.state) and sender in self.clients:
+                self._transmit(sender, timed, timed[0][0])
+        for client, frames in self.adapter.released(until_s):
+            if client in self.clients and self.link.state != LinkState.GONE:
+                self._hand_over(client, frames)
+
+    def _transmit(self, sender: Listener, timed: Sequence[tuple[float, Frame]], now_s: float) -> None:
+        """Put frames on the wire, each with the time at which it is ready, and answer them."""
+        if self.wire.free_at_s - now_s > _BACKLOG_S:
+            self.overflows += 1
+            return
+        transmit = self.wire.transmit
+        heard = [(transmit(ready_s), frame) for ready_s, frame in timed]
+        replies = [
+            (transmit(through_s), reply) for through_s, frame in heard for reply in self._answers(frame, through_s)
+        ]
         if len(self.clients) > 1:
-            others = [frame._replace(stamp_s=through_s + latency) for through_s, frame in heard] + replies
-            for client in self.clients:
-                if client is not sender:
-                    self._deliver(client, others)
+            self._deliver([client for client in self.clients if client is not sender], heard)
+        if replies:
+            self._deliver(self.clients, replies)
 
     def emit(self, frame: Frame, now_s: float) -> None:
         """A device speaks unasked."""
         if not (self.cable_out or self.link.state):
-            stamped = frame._replace(stamp_s=self.wire.transmit(now_s) + self.latency_s)
-            for client in self.clients:
-                self._deliver(client, [stamped])
+            self._deliver(self.clients, [(self.wire.transmit(now_s), frame)])
 
     def set_link(self, now_s: float, **change: bool) -> None:
         """Change the interface: down=, gone= or bus_off=; clients meet what `client_link` says.
@@ -114,7 +120,7 @@ class Channel:
             return
         if self.link.state == LinkState.BUS_OFF:
             for client in self.clients:
-                self._deliver(client, [Frame(now_s, BUS_OFF_FRAME_ID, bytes(8), wire.FLAG_ERROR)])
+                self._hand_over(client, [Frame(now_s, BUS_OFF_FRAME_ID, bytes(8), wire.FLAG_ERROR)])
         for client in self.clients:
             with contextlib.suppress(OSError):  # full or gone: then it does not wait for us either
                 client.send(wire.WAKE, socket.MSG_DONTWAIT)
@@ -152,27 +158,33 @@ class Channel:
         if frame.flags:  # extended or remote: nobody here listens
             return ()
         entry = self._by_id.get(frame.id)
+        offset: int | None
         if entry is not None:
             motor, offset = entry
-            if motor.faults.unheard(self._random):
-                return ()
-            answer = motor.command(offset, frame.data, at_s)
         elif frame.id == REGISTER_ID:
-            motor_id = int.from_bytes(frame.data[:2], "little")
-            entry = self._by_id.get(motor_id)
+            entry = self._by_id.get(int.from_bytes(frame.data[:2], "little"))
             if entry is None or entry[1]:
                 return ()
-            motor = entry[0]
-            if motor.faults.unheard(self._random):
-                return ()
-            answer = motor.request(frame.data, at_s)
-            if motor.can_id != motor_id:
-                self.identifiers_changed()
+            motor, offset = entry[0], None
         elif frame.id == REQUEST_ID and self.handle is not None:
             reply = self.handle.request(frame.data)
             return () if reply is None else (reply,)
         else:
             return ()
+        answers, twin = self._answers_of(motor, offset, frame.data, at_s), motor.twin
+        return answers if twin is None else (*answers, *self._answers_of(twin, offset, frame.data, at_s))
+
+    def _answers_of(self, motor: SimMotor, offset: int | None, data: bytes, at_s: float) -> Sequence[Frame]:
+        """Answers of one motor to a command, or without `offset` to a register request."""
+        if motor.faults.unheard(self._random):
+            return ()
+        if offset is not None:
+            answer = motor.command(offset, data, at_s)
+        else:
+            can_id = motor.can_id
+            answer = motor.request(data, at_s)
+            if motor.can_id != can_id:
+                self.identifiers_changed()
         if answer is None:
             return ()
         faults = motor.faults
@@ -184,7 +196,17 @@ class Channel:
             return ()
         return answers
 
-    def _deliver(self, client: Listener, frames: Sequence[Frame]) -> None:
+    def _deliver(self, clients: Sequence[Listener], timed: Sequence[tuple[float, Frame]]) -> None:
+        """Give clients frames, each with the time at which the wire delivers it."""
+        adapter = self.adapter
+        frames = [Frame(adapter.arrival_s(at_s), frame.id, frame.data, frame.flags) for at_s, frame in timed]
+        for client in clients:
+            if adapter.keeps:
+                adapter.keep(frames[-1].stamp_s, client, [frame._replace(stamp_s=at_s) for at_s, frame in timed])
+            else:
+                self._hand_over(client, frames)
+
+    def _hand_over(self, client: Listener, frames: Sequence[Frame]) -> None:
         try:
             client.send(wire.pack(frames), socket.MSG_DONTWAIT)
         except BlockingIOError:

@@ -15,10 +15,13 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig import fault_commands
 from lerobot_robot_yam.rig.device import RigDevice
 from lerobot_robot_yam.rig.lookup import body_of, channel_of, handle_of, number, vector, whole
+from lerobot_robot_yam.rig.motors import SimMotor
 
 _EVENTS_PER_ANSWER = 200
 _TRACE_PER_ANSWER = 1000
 _CHANGES_PER_ANSWER = 500
+_TRUTH_PER_ANSWER = 100
+_TRUTH_MAX_S = 120.0
 _SEED_MAX = 2**63 - 1
 
 Operation = Callable[[RigDevice, dict[str, Any]], dict[str, Any]]
@@ -89,16 +92,8 @@ def _state(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
             "held": row.channel in device.hands and device.hands[row.channel].gripping,
             "resists": row.channel in device.hands and device.hands[row.channel].resisted,
             "clients": len(channel.clients),
-            "motors": {
-                motor.name: {
-                    "id": motor.can_id,
-                    "enabled": motor.enabled,
-                    "fault": int(motor.fault),
-                    "torque_nm": motor.torque_nm,
-                    "motor_rad": motor.motor_angle_rad,
-                }
-                for motor in channel.motors
-            },
+            "motors": {motor.name: _motor(motor) for motor in channel.motors},
+            "second_motors": {motor.name: _motor(motor.twin) for motor in channel.motors if motor.twin is not None},
         }
         for site in ("tcp_site", "grasp_site"):
             index = mujoco.mj_name2id(world.model, mujoco.mjtObj.mjOBJ_SITE, f"{row.channel}/{site}")
@@ -124,6 +119,16 @@ def _state(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
     if request.get("bodies"):
         answer["bodies"] = world.bodies()
     return answer
+
+
+def _motor(motor: SimMotor) -> dict[str, Any]:
+    return {
+        "id": motor.can_id,
+        "enabled": motor.enabled,
+        "fault": int(motor.fault),
+        "torque_nm": motor.torque_nm,
+        "motor_rad": motor.motor_angle_rad,
+    }
 
 
 @_operation
@@ -247,3 +252,17 @@ def _watch(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
         watch.stop(channel)
         return {}
     return watch.report(channel, int(request.get("since", 0)), _CHANGES_PER_ANSWER)
+
+
+@_operation
+def _truth(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
+    channel, truth = channel_of(device, request).name, device.truth
+    if request.get("start"):
+        truth.start(channel, number(request.get("seconds", 1.0), 0.001, _TRUTH_MAX_S))
+        return {}
+    if not truth.knows(channel):
+        raise ConfigError(f"{channel}: the truth is not kept; call truth_start first")
+    if request.get("stop"):
+        truth.stop(channel)
+        return {}
+    return truth.report(channel, number(request.get("after_s", 0.0)), _TRUTH_PER_ANSWER)

@@ -15,6 +15,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from lerobot_robot_yam.errors import RigError
 from lerobot_robot_yam.rig.connection import RigConnection
 
@@ -46,9 +48,9 @@ class RigOperations(ABC):
         Returns:
             sim_s, monotonic_s; arms[channel]: q and dq (n,), opening 0 … 1 or None, trigger, buttons, held,
             resists (the hand has let go of an arm that worked against it), clients,
-            motors[name]: {id, enabled, fault, torque_nm, motor_rad}, tcp_site and grasp_site:
-            {pos (3,), mat (9,)}; props[name] and furniture[name]: {pos, quat}; joints[name], of furniture: m or rad;
-            with `bodies`, bodies[name]: position (3,).
+            motors[name]: {id, enabled, fault, torque_nm, motor_rad}, second_motors (of fault "second_arm") alike,
+            tcp_site and grasp_site: {pos (3,), mat (9,)}; props[name] and furniture[name]: {pos, quat};
+            joints[name], of furniture: m or rad; with `bodies`, bodies[name]: position (3,).
         """
         return self.request("state", bodies=bodies)
 
@@ -98,16 +100,17 @@ class RigOperations(ABC):
         self.request("watch", channel=channel, stop=True)
 
     def watch(self, channel: str) -> dict[str, Any]:
-        """What the rig itself saw since `watch_start`, every 2 to 4 ms of simulated time.
+        """What the rig itself saw since `watch_start`, every 2 to 4 ms of simulated time, torques every millisecond.
 
         Returns:
             since_s (monotonic); motors: n names, gripper last; max_speed_rad_s (n), of motors while enabled, and
-            max_torque_nm (n), magnitudes at the joint (gripper: at the motor), each with the monotonic time of the
-            largest, max_speed_at_s and max_torque_at_s (0 before the first); max_command_age_s (n): the longest that
-            an enabled motor acted on one command, simulated time; min_tcp_z_m; max_tcp_drop_m, below its height at the
-            start; touched_at_s: when it last touched anything, or pressed on itself with more than 50 N (0: never);
-            enabled_events: (monotonic_s, motor, enabled) of every change;
-            fault_events: (monotonic_s, motor, fault code).
+            max_torque_nm (n), magnitudes at the joint (gripper: at the motor), and max_asked_nm (n), the torque that
+            the command asked for before the motor's own limit cut it; each with the monotonic time of the largest,
+            max_speed_at_s, max_torque_at_s and max_asked_at_s (0 before the first); max_command_age_s (n): the longest
+            that an enabled motor acted on one command, simulated time; min_tcp_z_m; max_tcp_drop_m, below its height at
+            the start; touched_at_s: when it last touched anything, or pressed on itself with more than 50 N (0: never);
+            enabled_events: (monotonic_s, motor, enabled) of every change; fault_events: (monotonic_s, motor, fault
+            code).
 
         Raises:
             ConfigError: it was never started.
@@ -123,6 +126,35 @@ class RigOperations(ABC):
             found[key] = [tuple(row) for row in found[key]]
         del found["changes"]
         return found
+
+    def truth_start(self, channel: str, seconds: float = 1.0) -> None:
+        """From now on keep the last seconds (at most 120) of what the channel's shafts truly did, for `truth`."""
+        self.request("truth", channel=channel, start=True, seconds=seconds)
+
+    def truth_stop(self, channel: str) -> None:
+        """Keep it no longer."""
+        self.request("truth", channel=channel, stop=True)
+
+    def truth(self, channel: str, after_s: float = 0.0) -> dict[str, np.ndarray]:
+        """What the shafts of the channel's n motors truly did, one row per step of the physics (1 ms), oldest first.
+
+        Args:
+            after_s: only later rows, monotonic s.
+
+        Returns:
+            stamp_s (k,) monotonic; q (k, n), dq (k, n) at that time, joint sign, gripper at the motor; torque_nm (k, n)
+            that the motors applied in the step before; asked_nm (k, n), what their commands asked for then,
+            kp (q* − q) + kd (dq* − dq) + tau, not cut by the motors' own limits.
+
+        Raises:
+            ConfigError: `truth_start` was not called.
+        """
+        rows: list[Any] = []
+        while chunk := self.request("truth", channel=channel, after_s=after_s)["samples"]:
+            rows += chunk
+            after_s = chunk[-1][0]
+        columns = zip(*rows, strict=True) if rows else [()] * 5
+        return dict(zip(("stamp_s", "q", "dq", "torque_nm", "asked_nm"), map(np.array, columns), strict=True))
 
     # what tests change
 
@@ -155,10 +187,14 @@ class RigOperations(ABC):
             "silent" (bool): neither obeys nor answers.
             "drop_next" (answers), "loss_rate" (0 … 1), "delay_s" (s): answers are lost or late.
             "command_loss_rate" (0 … 1): it hears so many frames not.
-            "duplicate" (bool): every answer comes twice, as if two motors had one identifier.
+            "duplicate" (bool, or {"q_rad": rad}): a second motor has its identifiers, see "second_arm".
             "wrong_id" (identifier, or False): answers come under it; the registers know nothing of it.
             "corrupt_rate" (0 … 1; all_bytes=True): so many answers have random contents; motor number and fault
                 code stay right without all_bytes.
+            "reading" ({"position_rad", "velocity_rad_s", "torque_nm", "answers", "freeze"}, each optional, or False):
+                its answers lie, and its own servo does not know: they add these offsets (joint sign; positions wrap at
+                the end of the frame's range), the next `answers` of them or all; with "freeze": true they all repeat
+                the first one's position, velocity and torque.
             "temperatures_c" ([power stage, coil] °C, or False): sensors that lie; the motor does not act on them.
             "temperature_ramp" ({"rate_c_per_s", "from_c", "part": "both", "mos" or "rotor"}, or False): it warms (or
                 cools) from from_c on; at OT_VALUE (power stage, 0xB) or 100 °C (coil, 0xC) it switches itself off,
@@ -175,7 +211,18 @@ class RigOperations(ABC):
             "cable_out" (bool): nothing gets through, and nobody is told.
             "foreign" ({"id", "rate_hz", "payload": "hold" or "zero"}, or False): another computer sends frames to
                 that identifier: MIT commands to stay where the motor is, or eight zero bytes. Motors obey and answer.
-            "latency_s" (s, each way), "handle_silent" (bool).
+            "latency_s" (s): each way; commands reach the motors late, and answers the host. Time stamps are those of
+                the arrival at the host.
+            "hold_back" ({"seconds", "every_s", "stamped"}, or False): from now on, again every every_s or once, the
+                adapter keeps received frames back for so long and then gives them all at once, in order, stamped with
+                that moment; with "stamped": true with the time at which the wire delivered them.
+            "second_arm" (bool, or {"q_rad": rad per motor, joint sign}): another arm with the same identifiers is on
+                the bus. Each of its motors hears every frame and answers after the first arm's, from registers, fault
+                code and shaft of its own. It is limp until it is enabled, and nothing is mounted on its shafts: without
+                q_rad they are 0.3 rad from where the arm was when the rig started. `state` shows them as second_motors.
+            "payload_kg" (kg): a point mass sits at the tool; "link_mass" ({"link": "link3", "factor"}): a link weighs
+                so many times what the profile says.
+            "handle_silent" (bool).
 
         Raises:
             ConfigError: no such channel, motor or kind, or a value that does not fit.

@@ -6,6 +6,7 @@ import numpy as np
 
 from lerobot_robot_yam.arm.profile import ArmMotor, GripperMotor
 from lerobot_robot_yam.clock import SYSTEM, Clock
+from lerobot_robot_yam.rig.ballast import Ballast
 from lerobot_robot_yam.rig.channel import Channel
 from lerobot_robot_yam.rig.contacts import Contacts
 from lerobot_robot_yam.rig.drive import Drive
@@ -16,6 +17,7 @@ from lerobot_robot_yam.rig.judge import Judge
 from lerobot_robot_yam.rig.motors import SimMotor
 from lerobot_robot_yam.rig.scene import ArmPlacement, Scene, serial_number
 from lerobot_robot_yam.rig.task_session import TaskSession
+from lerobot_robot_yam.rig.truth import TruthRecorder
 from lerobot_robot_yam.rig.watch import Watch
 from lerobot_robot_yam.rig.world import World, gripper_stroke
 
@@ -36,12 +38,14 @@ class RigDevice:
         self.events = EventLog(clock)
         self.channels: dict[str, Channel] = {}
         self.hands: dict[str, Hand] = {}
+        self.ballast: dict[str, Ballast] = {}
         for index, row in enumerate(scene.arms):
             gripper = self.world.profiles[row.channel][1]
             handle = SimHandle() if gripper.handle_encoder else None
             seed = scene.options.seed + index
             channel = Channel(row.channel, self._motors(row), handle, scene.options.latency_s, seed)
             self.channels[row.channel] = channel
+            self.ballast[row.channel] = Ballast(self.world, row.channel)
             if row.role == "leader":
                 self.hands[row.channel] = Hand(self.world, row.channel, handle)
         places = {name: point[:2].tolist() for name, point in (scene.places or {}).items()}
@@ -52,6 +56,7 @@ class RigDevice:
         self._pushes: dict[int, float] = {}  # body → simulated time of the end
         self._all_motors = [motor for channel in self.channels.values() for motor in channel.motors]
         self.watch = Watch(self.world, list(self.channels.values()), clock)
+        self.truth = TruthRecorder(self.world, self.channels.values())
         self._advanced_s = 0.0
         self._next_slow_s = 0.0
 
@@ -65,7 +70,8 @@ class RigDevice:
         def log(kind: str, **details: Any) -> None:
             where = {"bodies": self.world.bodies(f"{row.channel}/")} if kind == "motor_disabled" else {}
             self.events.add(kind, channel=row.channel, **details, **where)
-            self.watch.note(row.channel, kind, **details)
+            if not kind.startswith("second_"):
+                self.watch.note(row.channel, kind, **details)
 
         found = []
         for i, motor in enumerate(motors):
@@ -83,8 +89,20 @@ class RigDevice:
             )
         return found
 
+    @property
+    def due_s(self) -> float:
+        """When an adapter of a channel is due to do something; infinity for never."""
+        return min(channel.adapter.due_s for channel in self.channels.values())
+
     def advance(self, now_s: float) -> None:
         """Simulate up to a time of the clock."""
+        while (due_s := self.due_s) <= now_s:
+            self._simulate(due_s)
+            for channel in self.channels.values():
+                channel.pass_on(due_s)
+        self._simulate(now_s)
+
+    def _simulate(self, now_s: float) -> None:
         world = self.world
         slips = world.slips
         count = world.due(now_s)
@@ -95,7 +113,13 @@ class RigDevice:
         for name, hand in self.hands.items():
             if hand.gripping:
                 hand.advance(self._any_enabled(name))
-        world.step(count)
+        if self.truth.on or self.watch.on:
+            for _ in range(count):
+                world.step(1)
+                self.truth.sample()
+                self.watch.sample_torques()
+        else:
+            world.step(count)
         sim_s = world.sim_s
         self.events.sim_s = sim_s
         if self.watch.on:

@@ -1,6 +1,6 @@
 """A motor's shaft in the simulated world: angle, velocity, torque, and what can be wrong with its mechanics."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from lerobot_robot_yam.errors import ConfigError
 
@@ -10,6 +10,20 @@ if TYPE_CHECKING:
 _CONTROL_MAX = 1e9  # MuJoCo drops all controls of the world when one exceeds 1e10; forces are limited far below
 _STIFF = 0.999  # impedance under which a shaft that friction holds creeps by 5 mrad/s; by default it is 0.5 rad/s
 _JAMMED = 1e5  # Nm s/rad: 10 Nm turn a jammed shaft by 0.1 mrad/s
+
+
+class Shaft(Protocol):
+    """What a motor turns: a `Drive` of the world, or a `LooseShaft`."""
+
+    actuator: int
+
+    def angle(self) -> float: ...
+    def velocity(self) -> float: ...
+    def torque(self) -> float: ...
+    def command(self, angle: float, velocity: float, kp: float, kd: float, torque: float) -> None: ...
+    def load(self, torque_nm: float) -> None: ...
+    def jam(self, jammed: bool) -> None: ...
+    def rub(self, friction_nm: float) -> None: ...
 
 
 class Drive:

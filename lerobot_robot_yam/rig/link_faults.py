@@ -16,21 +16,13 @@ class LinkFaults:
     loss_rate: float = 0.0  # share of answers lost
     command_loss_rate: float = 0.0  # share of commands and requests that the motor does not hear
     delay_s: float = 0.0  # answers come so much late
-    duplicate: bool = False  # a second motor has the same identifiers and answers too
     wrong_id: int | None = None  # answers come under this identifier; the registers know nothing of it
     corrupt_rate: float = 0.0  # share of answers with random contents
     corrupt_all: bool = False  # also in the first byte: motor number and fault code
 
     def any(self) -> bool:
         """Whether something is set that concerns the answers on the wire."""
-        return bool(
-            self.drop_next
-            or self.loss_rate
-            or self.delay_s
-            or self.duplicate
-            or self.corrupt_rate
-            or self.wrong_id is not None
-        )
+        return bool(self.drop_next or self.loss_rate or self.delay_s or self.corrupt_rate or self.wrong_id is not None)
 
     def unheard(self, chance: random.Random) -> bool:
         """Whether the frame that comes now is lost on its way to the motor."""
@@ -48,4 +40,4 @@ class LinkFaults:
         if self.corrupt_rate and chance.random() < self.corrupt_rate:
             kept = b"" if self.corrupt_all else answer.data[:1]
             answer = answer._replace(data=kept + chance.randbytes(len(answer.data) - len(kept)))
-        return (answer, answer) if self.duplicate else (answer,)
+        return (answer,)

@@ -191,7 +191,8 @@ class LockstepBus(can.BusABC):
                 continue
             if now >= deadline:
                 return None
-            until = min(deadline, arrived[0].stamp_s) if arrived else min(deadline, now + _STEP_S)
+            next_s = arrived[0].stamp_s if arrived else min(now + _STEP_S, self._wire.adapter.due_s)
+            until = min(deadline, max(next_s, now))
             clock.sleep(until - now)
 
     def _message(self, frame: Frame) -> can.Message:

@@ -9,6 +9,7 @@ import contextlib
 import math
 import random
 from collections.abc import Callable
+from typing import Any
 
 from lerobot_robot_yam.damiao import codec, registers
 from lerobot_robot_yam.damiao.codec import SpecialCommand
@@ -23,9 +24,11 @@ from lerobot_robot_yam.damiao.tables import (
     motor_type,
 )
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.drive import Drive
+from lerobot_robot_yam.rig.drive import Shaft
 from lerobot_robot_yam.rig.factory_registers import factory_registers
+from lerobot_robot_yam.rig.false_reading import FalseReading
 from lerobot_robot_yam.rig.link_faults import LinkFaults
+from lerobot_robot_yam.rig.loose_shaft import LooseShaft
 from lerobot_robot_yam.rig.thermometer import Ramp, Thermometer
 from lerobot_robot_yam.rig.wire import Frame
 from lerobot_robot_yam.rig.world import World
@@ -35,6 +38,8 @@ _POSITION_KP, _POSITION_KD = 100.0, 5.0
 _VELOCITY_KD = 5.0
 _RANGES: dict[int, str] = {Register.PMAX: "PMAX", Register.VMAX: "VMAX", Register.TMAX: "TMAX"}
 _AHEAD_S = 0.003  # a sample is carried on by at most this
+_TWIN_OFFSET_RAD = 0.3  # of a second motor from where the first one was when the rig started; our choice
+_TWIN_SERIAL = 100_000  # its serial number is by so much higher
 
 
 class SimMotor:
@@ -46,7 +51,7 @@ class SimMotor:
         kind: a row of `damiao.tables.MOTOR_TYPES`.
         direction: +1 or -1, motor angle against joint angle.
         zero_rad: motor angle at joint angle 0.
-        drive: its actuator.
+        drive: its shaft.
         world: for times and options.
         log: called with (kind of event, details).
         serial: its serial number.
@@ -59,7 +64,7 @@ class SimMotor:
         kind: str,
         direction: int,
         zero_rad: float,
-        drive: Drive,
+        drive: Shaft,
         world: World,
         log: Callable[..., None],
         serial: int,
@@ -69,8 +74,11 @@ class SimMotor:
         self.faults = LinkFaults()
         self.sticky_fault = False  # CLEAR does not help
         self.bias_nm = 0.0  # see `set_bias`
+        self.reading: FalseReading | None = None  # what it measures wrong
+        self.twin: SimMotor | None = None  # see `plug_in_twin`
         self.drive, self._world, self._log = drive, world, log
         self._direction, self._zero = direction, zero_rad
+        self._start_rad = drive.angle()
         self._row = motor_type(kind)
         options = world.scene.options
         self.thermometer = Thermometer(random.Random(options.seed * 1000 + can_id), options.stamp_temperatures)
@@ -148,9 +156,11 @@ class SimMotor:
         ahead = min(max(at_s - world.stamp_s, 0.0), _AHEAD_S)
         rate = self.drive.velocity()
         position = direction * (self.drive.angle() + rate * ahead) + self._zero
+        velocity, torque = direction * rate, direction * self.drive.torque()
+        if self.reading is not None:
+            position, velocity, torque = self.reading.of((position, velocity, torque), direction)
         if not -p_max <= position <= p_max:
             position = (position + p_max) % (2 * p_max) - p_max
-        velocity, torque = direction * rate, direction * self.drive.torque()
         if self._scales is not None:
             position, velocity, torque = (
                 x * s for x, s in zip((position, velocity, torque), self._scales, strict=True)
@@ -186,6 +196,8 @@ class SimMotor:
             self.fail(Fault.COMMUNICATION_LOST)
         if self.bias_nm:
             self.set_bias(self.bias_nm)
+        if self.twin is not None:
+            self.twin.look_after_itself()
 
     def set_bias(self, torque_nm: float) -> None:
         """While enabled the motor delivers so much more torque (joint sign, Nm) than it is told, and than it says."""
@@ -196,9 +208,26 @@ class SimMotor:
         """From now on the temperature of `thermometer.PARTS` rises, or falls."""
         self.thermometer.ramp = Ramp(rate_c_per_s, from_c, self._world.sim_s, part)
 
+    def plug_in_twin(self, angle_rad: float | None = None) -> None:
+        """From now on a second motor with the same identifiers hears every frame and answers after this one.
+
+        It is limp at first, has registers of its own and a shaft that nothing is mounted on, at `angle_rad` (joint
+        sign); it obeys MIT commands. Its events are called second_motor_enabled and so on.
+        """
+        angle = self._start_rad + _TWIN_OFFSET_RAD if angle_rad is None else angle_rad
+        shaft = LooseShaft(self._world, angle, self._row.torque_max_nm)
+        serial = int(self._registers[Register.SN]) + _TWIN_SERIAL
+
+        def log(kind: str, **details: Any) -> None:
+            self._log(f"second_{kind}", **details)
+
+        place = self._direction, self._zero
+        self.twin = SimMotor(self.name, self.can_id, self.kind, *place, shaft, self._world, log, serial)
+
     def repair(self) -> None:
         """Undo every injected fault; registers, and the fault code that the motor is in, stay."""
         self.faults = LinkFaults()
+        self.reading = self.twin = None
         self.sticky_fault = False
         self.thermometer.held = self.thermometer.ramp = None
         self.set_bias(0.0)

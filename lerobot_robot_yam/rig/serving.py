@@ -89,7 +89,7 @@ class RigServer:
         world.start(now)
         next_publish = next_house = now
         while not self._ending:
-            ready = self._poll.poll(_BATCH_S)
+            ready = self._poll.poll(max(0.0, min(_BATCH_S, device.due_s - time.monotonic())))
             self._wakes += 1
             now = time.monotonic()
             device.advance(now)

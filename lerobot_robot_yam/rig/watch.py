@@ -1,7 +1,7 @@
 """Extremes that the rig records about its arms by itself, so that a soak can assert them without missing a tick.
 
-Off by default. While it is on for any channel, every advance of the physics (at most 4 ms of simulated time) is
-looked at, in one pass over all motors.
+Off by default. While it is on for any channel, torques are looked at in every step of the physics, and all else after
+every advance (at most 4 ms of simulated time), in one pass over all motors.
 """
 
 from collections import deque
@@ -60,6 +60,7 @@ class Watch:
         self._enabled = np.zeros(count)  # 1 with torque, 0 without
         self._speed, self._speed_at = np.zeros(count), np.zeros(count)
         self._torque, self._torque_at = np.zeros(count), np.zeros(count)
+        self._asked, self._asked_at = np.zeros(count), np.zeros(count)
         self._age = np.zeros(count)
         self._start_z, self._lowest_z = np.zeros(arms), np.full(arms, np.inf)
         self._touched_at = np.zeros(arms)
@@ -70,7 +71,8 @@ class Watch:
     def start(self, channel: str) -> None:
         """Record a channel, from now on and anew."""
         rows, arm = self._rows[channel], self._arm[channel]
-        for array in (self._speed, self._speed_at, self._torque, self._torque_at, self._age):
+        torques = (self._torque, self._torque_at, self._asked, self._asked_at)
+        for array in (self._speed, self._speed_at, *torques, self._age):
             array[rows] = 0.0
         mujoco.mj_kinematics(self._world.model, self._world.data)
         self._touched_at[arm] = 0.0
@@ -95,6 +97,13 @@ class Watch:
         if channel in self.on:
             self._changes[channel].append(Change(self._clock.now(), motor, before != now, now, fault))
 
+    def sample_torques(self) -> None:
+        """Look at the step that was just simulated: a torque that is asked for may be gone after a few."""
+        if self.on:
+            now = self._world.stamp_s
+            _keep_largest(np.abs(self._forces[self._actuators]), self._torque, self._torque_at, now)
+            _keep_largest(np.abs(self._world.asked_nm(self._actuators)), self._asked, self._asked_at, now)
+
     def sample(self) -> None:
         """Look at the present state. Hot: 500 times a second while on."""
         world = self._world
@@ -105,7 +114,6 @@ class Watch:
         speed = np.abs(self._velocities[self._actuators])
         speed *= self._enabled
         _keep_largest(speed, self._speed, self._speed_at, now)
-        _keep_largest(np.abs(self._forces[self._actuators]), self._torque, self._torque_at, now)
         age = world.sim_s - np.array([motor.last_command_s for motor in self._all_motors])
         age *= self._enabled
         np.maximum(self._age, age, out=self._age)
@@ -136,6 +144,8 @@ class Watch:
             "max_speed_at_s": self._speed_at[rows],
             "max_torque_nm": self._torque[rows],
             "max_torque_at_s": self._torque_at[rows],
+            "max_asked_nm": self._asked[rows],
+            "max_asked_at_s": self._asked_at[rows],
             "max_command_age_s": self._age[rows],
             "min_tcp_z_m": self._lowest_z[arm],
             "max_tcp_drop_m": self._start_z[arm] - self._lowest_z[arm],

@@ -171,6 +171,13 @@ class World:
         self.qvel: list[float] = self.data.qvel.tolist()
         self.force: list[float] = self.data.actuator_force.tolist()
 
+    def asked_nm(self, actuators: np.ndarray) -> np.ndarray:
+        """Torques  kp (u* − u) + kd (u̇* − u̇) + tau  of the last step in Nm, which the motors' own limits do not cut."""
+        data, bias = self.data, self.model.actuator_biasprm[actuators]
+        position, velocity = data.actuator_length[actuators], data.actuator_velocity[actuators]
+        asked: np.ndarray = data.ctrl[actuators] + bias[:, 1] * position + bias[:, 2] * velocity
+        return asked
+
     def _look_up(self, channel: str) -> tuple[list[int], list[int], list[int]]:
         """Where an arm is in the state; by name, which takes too long for whoever holds up the replies."""
         arm, gripper = self.profiles[channel]

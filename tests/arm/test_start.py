@@ -11,7 +11,7 @@ from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.port import ArmPort
 from lerobot_robot_yam.arm.state import channel_key, command_path
-from lerobot_robot_yam.errors import BusError, EmergencyStopError
+from lerobot_robot_yam.errors import BusError, ChannelInUseError, EmergencyStopError
 
 from .rigged import lockstep_rig, sim_config
 
@@ -20,10 +20,10 @@ CHANNELS = ("follower_left", "follower_right")
 rig = lockstep_rig(*CHANNELS)
 
 
-@pytest.fixture
-def loop(rig):
-    """Everything is there and as configured; nothing is energised yet."""
-    configs = [sim_config(rig, channel) for channel in CHANNELS]
+@contextlib.contextmanager
+def loop_on(rig, **fields):
+    """A loop of both arms: everything is there and as configured; nothing is energised yet."""
+    configs = [sim_config(rig, channel, **fields) for channel in CHANNELS]
     keys = [channel_key(config.interface, config.channel, rig.name) for config in configs]
     with contextlib.ExitStack() as rest:
         buses = []
@@ -33,6 +33,12 @@ def loop(rig):
             rest.callback(buses[-1].shutdown)
         loop = build(configs, keys, buses, os.getpid())
         rest.callback(loop.close)
+        yield loop
+
+
+@pytest.fixture
+def loop(rig):
+    with loop_on(rig) as loop:
         yield loop
 
 
@@ -72,6 +78,20 @@ def test_what_happens_to_the_first_arm_while_the_second_comes_up_leaves_none_wit
     finally:
         stop.release()
     assert on(rig) == ({CHANNELS[0]} if happens == "adapter gone" else set())  # nothing reaches the motors there
+
+
+@pytest.mark.parametrize("foreign", [{"id": 3, "rate_hz": 30.0}, {"id": 0x13, "rate_hz": 30.0, "payload": "zero"}])
+def test_who_comes_up_listens_before_it_says_a_word(rig, foreign):
+    """Another computer drives the arm, or its motors answer somebody: not one frame of ours goes out."""
+    rig.fault(CHANNELS[1], None, "foreign", foreign)
+    rig.trace_start(CHANNELS[1])
+    with pytest.raises(ChannelInUseError, match=f"{CHANNELS[1]} is already being driven"), loop_on(rig):
+        pytest.fail("it has come up")
+    assert rig.trace(CHANNELS[1]) == []
+    assert not on(rig)
+    with pytest.raises(ChannelInUseError, match="another driver commands"), loop_on(rig, skip_listen=True) as loop:
+        loop.start()  # told not to listen, it notices later; then it has spoken
+    assert rig.trace(CHANNELS[1]) != [] and not on(rig)
 
 
 def test_what_a_killed_caller_has_left_is_swept(rig):

@@ -1,15 +1,18 @@
 """Who takes an arm over from a loop that has died knows what that knew, and moves nothing by it."""
 
 import contextlib
+import os
 
 import numpy as np
 import pytest
 
+from lerobot_robot_yam.arm.blocks import ControllerBlocks
 from lerobot_robot_yam.arm.bus import open_bus
 from lerobot_robot_yam.arm.controller import ArmController
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.state import STATE_DTYPE, channel_key, state_path
 from lerobot_robot_yam.damiao.tables import Fault
+from lerobot_robot_yam.errors import LifeCycleError
 from lerobot_robot_yam.shared_block import SharedBlock
 
 from .rigged import lockstep_rig, running_arm, sim_config, track
@@ -103,3 +106,24 @@ def test_nobody_takes_over_an_arm_that_is_limp(rig, heir_of, session):
     rig.cut_torque(CHANNEL)
     heir = heir_of(record)
     assert heir.mode is Mode.OFF
+
+
+def test_a_loop_whose_arm_another_process_has_taken_over_sends_it_nothing_more(rig, heir_of, session):
+    """It was taken for dead, and wakes up: two would pull the arm to and fro."""
+    track(session, {CHANNEL: POSE}, 1.5)
+    record = record_of(rig)
+    heir = heir_of(record)
+    pid = os.fork()
+    if not pid:  # the stand-by, as far as the blocks go
+        try:
+            key = channel_key("yam_lockstep", CHANNEL, rig.name)
+            ControllerBlocks(heir, key, os.getppid(), adopt=record).publish(rig.now(), 1)
+        finally:
+            os._exit(0)
+    os.waitpid(pid, 0)
+    assert record_of(rig)["owner_pid"] == pid
+    rig.trace_start(CHANNEL)
+    with pytest.raises(LifeCycleError, match="another process has taken the arms over"):
+        session.clock.sleep(0.05)
+    assert rig.trace(CHANNEL) == []
+    assert record_of(rig)["owner_pid"] == pid  # nor does it publish anything

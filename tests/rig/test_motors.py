@@ -273,9 +273,9 @@ def test_injected_faults(desk):
     faults = desk.motor(WRIST).faults
     faults.drop_next = 2
     assert [len(desk.send(enable)) for _ in range(3)] == [0, 0, 1]
-    faults.duplicate = True
+    desk.motor(WRIST).plug_in_twin()
     assert len(desk.send(enable)) == 2
-    faults.duplicate = False
+    desk.motor(WRIST).twin = None
     faults.delay_s = 0.02
     assert desk.send(enable) == []
     desk.run(0.03)

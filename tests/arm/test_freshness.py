@@ -1,0 +1,58 @@
+"""No caller acts on an old state: who looks, and who gives a target, is told that it is old."""
+
+import contextlib
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.arm.yam_arm import YamArm
+from lerobot_robot_yam.errors import StaleStateError
+
+from .rigged import lockstep_rig, sim_config
+
+CHANNEL = "follower_left"
+MAX_AGE_S = 0.03
+POSE = np.array([0.1, 0.5, 0.5, 0.0, 0.0, 0.0])
+
+rig = lockstep_rig(CHANNEL)
+
+
+@pytest.fixture
+def arm(rig):
+    arm = YamArm(sim_config(rig, CHANNEL, max_state_age_s=MAX_AGE_S), isolation="lockstep")
+    arm.connect()
+    yield arm
+    arm.disconnect()
+
+
+CALLS = {
+    "observe": lambda arm: arm.observe(),
+    "command": lambda arm: arm.command(POSE, 0.5),
+}
+
+
+@pytest.mark.parametrize("call", CALLS)
+@pytest.mark.parametrize("motor", ["joint_4", None])
+def test_a_state_that_is_too_old_is_refused_until_a_new_one_has_come(rig, arm, call, motor):
+    """Long before a silent motor is a fault."""
+    CALLS[call](arm)
+    rig.fault(CHANNEL, motor, "silent")
+    begin, refused_s = arm.clock.now(), None
+    while arm.clock.now() < begin + 0.08:
+        arm.clock.sleep(0.002)
+        with contextlib.suppress(StaleStateError):
+            CALLS[call](arm)
+            assert refused_s is None, "it was too old, and is older now"
+            continue
+        refused_s = refused_s or arm.clock.now() - begin
+    assert refused_s is not None and MAX_AGE_S - 0.008 < refused_s < MAX_AGE_S + 0.008
+    rig.fault(CHANNEL, motor, "silent", False)
+    arm.clock.sleep(0.02)
+    CALLS[call](arm)
+
+
+def test_who_is_refused_is_told_which_arm_and_how_old(rig, arm):
+    rig.fault(CHANNEL, None, "drop_next", 15)
+    arm.clock.sleep(0.05)
+    with pytest.raises(StaleStateError, match=rf"{CHANNEL} \({CHANNEL}\): newest state is 0\.0[45] s old"):
+        arm.observe()
