@@ -110,7 +110,7 @@ class ArmBody:
     def _unheard(self) -> np.ndarray:
         """(n,) bool, joints that answer no more, or not what can be, and have not said before that they have let go."""
         chain = self.chain
-        unheard = ~self._usable & ((chain.clock.now() - chain.stamp_s > SILENT_S) | chain.distrusted)
+        unheard = ~self._usable & ((chain.silence_s(chain.clock.now()) > SILENT_S) | chain.distrusted)
         unheard &= (chain.fault == Fault.NORMAL) | ~np.isfinite(chain.stamp_s)
         unheard[self.hardware.joints :] = False
         return unheard
@@ -231,8 +231,10 @@ class ArmBody:
         if not fast.any() or (self._landing is not None and self._landing.fade is not None):  # nearly always
             return
         gap = (self.setpoint.q - self.drive.motor_q)[: hw.joints]
-        heard = now - self.chain.stamp_s[: hw.joints] < _JUST_NOW_S
-        for joint in np.flatnonzero(fast & (gap * dq > 0.0) & (np.abs(gap) > _FREE_RAD) & heard):
+        age_s = now - self.chain.stamp_s[: hw.joints]
+        behind = np.abs(gap) > _FREE_RAD + self._free_speed * age_s  # its set-point has gone on since it was there
+        heard = age_s < _JUST_NOW_S + self.chain.round_trip.one_way_s
+        for joint in np.flatnonzero(fast & (gap * dq > 0.0) & behind & heard):
             logger.warning("%s: %s came free at %.1f rad/s; caught", self.name, hw.motors[joint].name, dq[joint])
             self.setpoint.fall_back(int(joint), float(self.q[joint]))
             self._came_free_s = now

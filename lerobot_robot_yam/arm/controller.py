@@ -118,7 +118,7 @@ class ArmController(ArmBody):
             logger.warning("%s: no target for %g s; it holds", self.name, self.config.command_timeout_s)
             self.setpoint.stop()
             self._enter(Mode.HOLD)
-        if self.mode is Mode.TRACK and now - self._heard_s() > _UNHEARD_S:
+        if self.mode is Mode.TRACK and now - self._heard_s() > _UNHEARD_S + self.chain.round_trip.one_way_s:
             self.setpoint.stop()  # or it would run ahead of an arm that does not hear, which would then hurry after it
         if self._landing is not None:
             self._advance_landing(now)

@@ -143,7 +143,8 @@ class ArmDrive:
             if (chain.stamp_s[motors] > asked_s).all():
                 break
             chain.refresh(_ANSWER_S)
-        heard = [i for i in motors if chain.clock.now() - chain.stamp_s[i] < SILENT_S]
+        silence_s = chain.silence_s(chain.clock.now())
+        heard = [i for i in motors if silence_s[i] < SILENT_S]
         off = [i for i in heard if chain.fault[i] != Fault.NORMAL]
         chain.special(SpecialCommand.CLEAR, _ANSWER_S, off)
         self._enable(off, _ANSWER_S, _REARM_ATTEMPTS)

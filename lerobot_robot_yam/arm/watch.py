@@ -43,7 +43,7 @@ class MotorWatch:
             trouble, message = self._strangers.check(now)
             return self._well if trouble is None else Finding(self._none, trouble, message)
         missed, lies = chain.missed, chain.distrusted
-        silent = (now - chain.stamp_s > SILENT_S) & (missed >= _MOTOR_MISSED)
+        silent = (chain.silence_s(now) > SILENT_S) & (missed >= _MOTOR_MISSED)
         bad = silent | lies | (chain.fault != Fault.NORMAL)
         falling = (missed >= _CHANNEL_MISSED).all() and not silent.all() and not (bad & ~silent).any()
         if falling:  # the others have fallen silent too: within SILENT_S it is the channel, or they answer again

@@ -123,8 +123,8 @@ class MotorChain(Receiver):
             BusError: the channel is gone.
         """
         silent = self._close(deadline_s)
-        self.all_answered = not silent
-        if silent or self.missed.any():
+        self.all_answered = not silent and self._requests.newest.asked == len(self.motors)
+        if not self.all_answered or self.missed.any():
             self.missed = np.where([i in self._requests.heard for i in range(len(self.motors))], 0, self.missed + 1)
         self._requests.heard.clear()
         self.publish()

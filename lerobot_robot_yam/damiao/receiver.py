@@ -57,6 +57,10 @@ class Receiver(FeedbackStore):
         """(n,) seconds from the command that each motor has answered last to `now` (the clock's time); inf if none."""
         return now - self.asked_s
 
+    def silence_s(self, now: float) -> np.ndarray:
+        """(n,) seconds for which nothing was heard of each motor, beyond what its adapter takes anyway."""
+        return now - self.stamp_s - 2.0 * self.round_trip.one_way_s
+
     def drain(self) -> None:
         """Take everything that has already arrived, without waiting."""
         while (message := self._port.recv(0.0)) is not None:

@@ -219,9 +219,13 @@ class Requests:
                 self.lost[i] += 1
 
     def give_up(self) -> None:
-        """Nobody waits for the answers to the newest question any more; those to older ones are given up with them."""
-        for i in self.newest.motors:
-            self._open[i].clear()
+        """The newest question has been waited for long enough: what has not come is lost, if others have answered it.
+
+        If nobody has, the channel may be that slow, and its answers are still to come.
+        """
+        if len(self.newest.motors) < self.newest.asked:
+            for i in self.newest.motors:
+                self._open[i].clear()
 
     def handle_answer(self) -> None:
         """The handle has answered."""

@@ -2,6 +2,7 @@
 
 import contextlib
 
+import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
@@ -90,6 +91,15 @@ def session_on(rig, *configs):
 def pause(rig, seconds):
     """Let time pass on a rig while no session runs on it."""
     (rig if isinstance(rig, LockstepRig) else SYSTEM).sleep(seconds)
+
+
+def carry(rig, clock, channel, q):
+    """A hand that brings an arm to a pose (n,), at 0.5 rad/s at most: no joint leaps."""
+    start = np.array(rig.state()["arms"][channel]["q"])[: len(q)]
+    steps = int(np.ceil(np.abs(np.array(q) - start).max() / 0.002))
+    for step in range(1, steps + 1):
+        rig.set_pose(channel, (start + (np.array(q) - start) * step / steps).tolist())
+        clock.sleep(0.004)
 
 
 def track(session, poses, seconds, gripper=0.5, **gains):

@@ -17,7 +17,7 @@ from lerobot_robot_yam.damiao.codec import encode_mit
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import ChannelInUseError, LifeCycleError, MotorError
 
-from .rigged import lockstep_rig, running_arm, sim_config, track
+from .rigged import carry, lockstep_rig, running_arm, sim_config, track
 
 CHANNEL = "follower_left"
 POSE = np.array([0.2, 1.0, 1.1, -0.3, 0.1, 0.1])
@@ -41,6 +41,18 @@ def go(session, q, seconds=1.5, **gains):
     track(session, {CHANNEL: q}, seconds, **gains)
 
 
+def push_away(rig, session):
+    """A hand takes a soft arm away from its targets, which go on."""
+
+    class Targets:
+        @staticmethod
+        def sleep(seconds):
+            session[CHANNEL].track(POSE, 0.5, kp=np.zeros(6), kd=np.ones(6))
+            session.clock.sleep(seconds)
+
+    carry(rig, Targets, CHANNEL, AWAY)
+
+
 def fastest(rig, session, act, seconds=0.4):
     """Greatest joint speed in rad/s while and after `act`."""
     rig.watch_start(CHANNEL)
@@ -58,7 +70,7 @@ def test_what_ends_floating_keeps_the_arm_where_a_hand_has_left_it(rig, session,
     go(session, POSE)
     session[CHANNEL].float()
     session.clock.sleep(0.1)
-    rig.set_pose(CHANNEL, AWAY)
+    carry(rig, session.clock, CHANNEL, AWAY)
     session.clock.sleep(0.1)
     stop = EmergencyStop()
     act = {
@@ -79,7 +91,7 @@ def test_what_ends_floating_keeps_the_arm_where_a_hand_has_left_it(rig, session,
 def test_soft_gains_end_with_their_targets(rig, session, how):
     go(session, POSE)
     go(session, POSE, 0.3, kp=np.zeros(6), kd=np.ones(6))
-    rig.set_pose(CHANNEL, AWAY)  # a hand pushes the soft arm away
+    push_away(rig, session)
     go(session, POSE, 0.1, kp=np.zeros(6), kd=np.ones(6))
     stop = EmergencyStop()
     act = {
@@ -100,7 +112,7 @@ def test_soft_gains_end_with_their_targets(rig, session, how):
 def test_a_target_without_gains_after_one_with_soft_gains_is_followed_at_the_speed_limit(rig, session):
     go(session, POSE)
     go(session, POSE, 0.2, kp=np.zeros(6), kd=np.ones(6))
-    rig.set_pose(CHANNEL, AWAY)
+    push_away(rig, session)
     go(session, POSE, 0.1, kp=np.zeros(6), kd=np.ones(6))
     limit = float(controller_of(session).hardware.speed_limit[0])
     assert fastest(rig, session, lambda: go(session, POSE, 1.0)) < 1.3 * limit
@@ -128,6 +140,7 @@ def test_an_arm_that_was_moved_between_inspection_and_enabling_is_held_where_it_
     energise = ControlLoop.start
 
     def late(loop):
+        rig.sleep(1.0)
         rig.set_pose(CHANNEL, AWAY)
         if lost:
             rig.fault(CHANNEL, "joint_1", "drop_next", lost)

@@ -140,8 +140,9 @@ def test_stiffer_gains_take_a_soft_arm_up_where_it_has_gone_to(rig, running, gai
     track(session, {CHANNEL: NEAR}, 1.5)
     soft = {"kp": np.zeros(6), "kd": np.ones(6)}
     track(session, {CHANNEL: NEAR}, 0.2, **soft)
-    rig.set_pose(CHANNEL, [0.4, *NEAR[1:]])  # a hand pushes it away
-    track(session, {CHANNEL: NEAR}, 0.1, **soft)
+    for way in np.linspace(0.0, 0.4, 40):  # a hand pushes it away
+        rig.set_pose(CHANNEL, [NEAR[0] + way * (0.4 - NEAR[0]) / 0.4, *NEAR[1:]])
+        track(session, {CHANNEL: NEAR}, 0.02, **soft)
     rig.watch_start(CHANNEL)
     for _ in range(30):
         session[CHANNEL].track(NEAR, 0.5, **gain)

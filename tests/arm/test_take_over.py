@@ -86,8 +86,9 @@ def test_who_takes_over_from_soft_gains_holds_the_arm_where_a_hand_keeps_it(rig,
     soft = {"kp": np.full(6, 1.0), "kd": np.ones(6)}
     track(session, {CHANNEL: POSE}, 1.5)
     track(session, {CHANNEL: POSE}, 0.2, **soft)
-    rig.set_pose(CHANNEL, POSE + 0.2)
-    track(session, {CHANNEL: POSE}, 0.1, **soft)
+    for way in np.linspace(0.0, 0.2, 40):
+        rig.set_pose(CHANNEL, POSE + way)
+        track(session, {CHANNEL: POSE}, 0.02, **soft)
     heir = heir_of(record_of(rig))
     assert np.abs(heir.setpoint.q[:6] - rig.state()["arms"][CHANNEL]["q"][:6]).max() < 0.05
 
