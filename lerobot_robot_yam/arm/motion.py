@@ -41,7 +41,8 @@ class Motion:
         # Nothing is sent beyond: the gripper keeps its own stops.
         beyond = np.append(np.full(hardware.joints, RANGE_TOLERANCE_RAD), [np.inf] * hardware.has_gripper)
         self._lower, self._upper = hardware.lower - beyond, hardware.upper + beyond
-        self._before: tuple[np.ndarray, np.ndarray] | None = None  # q, dq of the sample before
+        self._sample: tuple[np.ndarray, np.ndarray] | None = None  # q, dq
+        self._before: tuple[np.ndarray, np.ndarray] | None = None  # the last ones that were others
         self._dq_before = np.zeros(hardware.joints)
         self._ddq = np.zeros(hardware.joints)
 
@@ -143,9 +144,14 @@ class Motion:
 
     def _clip(self, q: np.ndarray, dq: np.ndarray) -> bool:
         """Within the torque limits and the joints' ranges: a reading beyond those takes no command along."""
-        q = np.minimum(np.maximum(q, self._lower), self._upper)
-        self._clipped = laws.clip_torque(self.commands, q, dq, self._hardware.torque_limit_nm, self._before)
-        out = self.commands
+        q, out = np.minimum(np.maximum(q, self._lower), self._upper), self.commands
+        if self._sample is None or self._before is None:
+            self._sample = self._before = (q, dq)
+        else:
+            (q_now, dq_now), (q_before, dq_before) = self._sample, self._before
+            new = (q != q_now) | (dq != dq_now)
+            self._before = np.where(new, q_now, q_before), np.where(new, dq_now, dq_before)
+            self._sample = (q, dq)
+        self._clipped = laws.clip_torque(out, q, dq, self._hardware.torque_limit_nm, self._before)
         out[:, laws.Q] = np.minimum(np.maximum(out[:, laws.Q], self._lower), self._upper)
-        self._before = (q, dq)
         return self._clipped

@@ -14,7 +14,7 @@ _CHANNEL_MISSED = 5  # of every motor: the first of them to be lost does not nam
 _WINDOW_S = 0.4  # strangers are counted over so long; told of within 0.5 s, also where a window ends too soon
 _DUPLICATES = 5  # answers beyond the questions and beyond those that merely came late
 _FOREIGN = 3  # commands of somebody else
-_LIES = "its readings jump as no joint can; check its cable and plug, and that no second arm shares the channel"
+_LIES = "readings that jump as no joint can; check cable and plug, and that no second arm shares the channel"
 
 
 @dataclass(frozen=True)
@@ -59,15 +59,16 @@ class MotorWatch:
                 f"no motor answers on {chain.channel} for {age:.2f} s: check motor power and the emergency stop, "
                 f"the CAN cable, and the link (ip -details link show {chain.channel})",
             )
-        parts = []
+        reasons: dict[str, list[str]] = {}
         for index in np.flatnonzero(bad):
             motor = chain.motors[index]
             age = now - chain.stamp_s[index]
             why = f"silent for {age:.2f} s" if silent[index] else fault_text(int(chain.fault[index]))
-            parts.append(f"{motor.name} (id {motor.can_id}): {_LIES if lies[index] else why}")
+            reasons.setdefault(_LIES if lies[index] else why, []).append(f"{motor.name} (id {motor.can_id})")
+        message = "; ".join(f"{', '.join(names)}: {why}" for why, names in reasons.items())
         faulty = np.flatnonzero(bad & ~silent & ~lies)
         trouble = FAULT_TROUBLE.get(int(chain.fault[faulty[0]]), Trouble.OVERLOAD) if len(faulty) else None
-        return Finding(bad, trouble or (Trouble.IMPLAUSIBLE if lies.any() else Trouble.MOTOR_SILENT), "; ".join(parts))
+        return Finding(bad, trouble or (Trouble.IMPLAUSIBLE if lies.any() else Trouble.MOTOR_SILENT), message)
 
 
 class _Strangers:

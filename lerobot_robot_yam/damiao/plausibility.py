@@ -2,8 +2,10 @@
 
 With v the speeds of both answers, Δt the time between their samples and a the largest acceleration of the motor:
 
-    min(v₀, v₁) Δt − s  ≤  q₁ − q₀  ≤  max(v₀, v₁) Δt + s,     s = noise + min(½ a Δt², v_max Δt)
-    |v₁|  ≤  |v₀| + a Δt + noise
+    min(v₀, v₁) Δt − s  ≤  q₁ − q₀  ≤  max(v₀, v₁) Δt + s,     s = noise + min(½ a Δt, 5 rad/s) Δt
+    |v₁|  ≤  |v₀| + min(a Δt, 10 rad/s) + noise
+
+The bare rotor of a small motor could do more than these two numbers say, but no joint is left alone so long.
 
 A blow may stop a joint at once, and is inside. A reading that is not is never used; it is forgotten but counted. When
 several come within a short time the motor is not believed any more, until somebody says so (`restart`): a lie that
@@ -17,6 +19,8 @@ from lerobot_robot_yam.damiao.tables import MotorType
 
 _NOISE_RAD = 0.005  # play in the gears and 13 codes of a position
 _NOISE_RAD_S = 0.5
+_UNSEEN_RAD_S = 5.0  # mean speed beyond what both samples say, between them
+_GAIN_RAD_S = 10.0
 _DOUBTS = 4  # answers that cannot be, of which one is forgotten for every so many good ones
 _FORGET = 1.0 / 50.0
 
@@ -34,7 +38,6 @@ class Plausibility:
 
     def __init__(self, types: Sequence[MotorType]):
         count = len(types)
-        self._speed = [row.velocity_max_rad_s for row in types]
         self._acceleration = [row.acceleration_max_rad_s2 for row in types]
         self._q = [math.nan] * count  # rad, the last good one
         self._dq = [0.0] * count
@@ -72,13 +75,13 @@ class Plausibility:
         least_s, most_s = sampled_s - self._at_s[motor], latest_s - self._at_s[motor]
         low, high = (before, dq) if before < dq else (dq, before)
         gained = self._acceleration[motor] * most_s
-        slack = _NOISE_RAD + min(0.5 * gained, self._speed[motor]) * most_s
+        slack = _NOISE_RAD + min(0.5 * gained, _UNSEEN_RAD_S) * most_s
         step = q - self._q[motor]
         # NaN at first: nothing is beyond it.
         if (
             step > high * (most_s if high > 0.0 else least_s) + slack
             or step < low * (most_s if low < 0.0 else least_s) - slack
-            or abs(dq) - abs(before) > gained + _NOISE_RAD_S
+            or abs(dq) - abs(before) > min(gained, _GAIN_RAD_S) + _NOISE_RAD_S
         ):
             self.rejected[motor] += 1
             self._doubt[motor] += 1.0

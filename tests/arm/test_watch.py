@@ -70,7 +70,8 @@ def test_a_lost_motor_stays_lost_while_the_others_miss_some_questions_too(chain)
 def test_a_doubled_motor_is_noticed_though_replies_get_lost(chain):
     rig, motors = chain
     watch = MotorWatch(motors)
-    rig.fault("follower_left", "joint_6", "duplicate")
+    where = rig.state()["arms"]["follower_left"]["q"][5]  # elsewhere, its readings would be those of a joint that leaps
+    rig.fault("follower_left", "joint_6", "duplicate", {"q_rad": where})
     begin = rig.now()
     finding = watch.check(begin)
     while finding.trouble is None:
