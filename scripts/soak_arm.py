@@ -21,18 +21,20 @@ class Arm:
 
     Args:
         channel: its CAN channel.
-        job: role; key of its blocks; speed_limit (7,) of the set-point; motor_speed_limit, torque_limit and kp (n,)
-            rad/s, Nm and Nm/rad at the motors, gripper last; rest_q (6,) rad; peer, channel of the robot's other arm.
+        job: role; key of its blocks; speed_limit (7,) of the set-point; motor_speed_limit, torque_limit, kp and kd
+            (n,) rad/s, Nm, Nm/rad and Nm s/rad at the motors, gripper last; rest_q (6,) rad; peer, channel of the
+            robot's other arm.
     """
 
     def __init__(self, channel: str, job: dict[str, Any]):
         self.channel, self.role, self.peer = channel, job["role"], job["peer"]
         self.motor_speed_limit = np.array(job["motor_speed_limit"])
         self.torque_limit = np.array(job["torque_limit"])
-        self.kp = np.array(job["kp"])
+        self.kp, self.kd = np.array(job["kp"]), np.array(job["kd"])
         self.rest_q = np.array(job["rest_q"])
         press_rad = np.zeros(GRIPPER + 1)
         press_rad[:GRIPPER] = PRESS_NM / np.maximum(self.kp[:GRIPPER], 1.0)
+        self.speed_limit = np.array(job["speed_limit"])[:GRIPPER]
         self.check = SetPointCheck(channel, np.array(job["speed_limit"]), job["role"] == "leader", press_rad)
         self.record: Any = None
         self.records = 0

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from soak_seeds import Seed
 
 from lerobot_robot_yam.arm.landing import LANDING_SPEED_RAD_S
 from lerobot_robot_yam.arm.lifecycle import Mode
@@ -22,6 +23,7 @@ _JITTER_S = 0.012  # between a record's stamp and the clock that its tick went b
 _SMALL = 2e-3  # rad or strokes
 _AT_MEASURED = 0.03  # rad or strokes: a set-point so near to the measured pose has been seeded from it
 _SETTLED_S = 0.15  # an arm that begins to land brakes from full speed first
+_CAME_FREE = "a joint that came free"
 _PEER_S = 0.15  # a peer has been told by then
 
 
@@ -61,6 +63,8 @@ class SetPointCheck:
     the gripper when its force limiter lets go. It then has to lie on the measured pose, or as near to it as what an
     emergency stop holds presses. That of a floating arm follows the arm and moves nothing.
 
+    Whether the arm truly was there, and truly came free, no record can tell: `take_seeds` gives what must be asked.
+
     Args:
         channel: the arm's.
         limits: (7,) rad/s, the gripper's in strokes/s.
@@ -78,8 +82,14 @@ class SetPointCheck:
         self._earlier_s = -math.inf
         self._landing_since: float | None = None
         self.seeds: Counter[str] = Counter()
+        self._unproven: list[Seed] = []
         self.largest_ratio = 0.0
         self.largest_landing_ratio = 0.0
+
+    def take_seeds(self) -> list[Seed]:
+        """The jumps since the last call that are right if the records are."""
+        seeds, self._unproven = self._unproven, []
+        return seeds
 
     def forget(self) -> None:
         """A new session begins."""
@@ -121,17 +131,18 @@ class SetPointCheck:
         taken_over = record["owner_pid"] != before["owner_pid"]
         let_go = not jumped[:GRIPPER].any() and bool(int(before["limited"]) & Limited.GRIPPER_FORCE)
         caught = bool(int(record["limited"]) & Limited.CAME_FREE)
-        if seeded and let_go:
-            self.seeds["gripper, as its force limiter lets go"] += 1
-            return []
-        if seeded and caught:
-            self.seeds["a joint that came free"] += 1
-            return []
-        if seeded and _stopped_in_fault(record, before):
-            self.seeds["an arm in trouble, at an emergency stop"] += 1
-            return []
-        if seeded and (old is not new or taken_over or new in (Mode.LAND, Mode.BRING_UP)):
-            self.seeds[f"{old.name} → {new.name}"] += 1
+        why = ""
+        if let_go:
+            why = "gripper, as its force limiter lets go"
+        elif _stopped_in_fault(record, before):
+            why = "an arm in trouble, at an emergency stop"
+        elif old is not new or taken_over or new in (Mode.LAND, Mode.BRING_UP):
+            why = f"{old.name} → {new.name}"
+        elif caught:
+            why = _CAME_FREE
+        if seeded and why:
+            self.seeds[why] += 1
+            self._note_seed(record, before, jumped, why)
             return []
         slot = int(np.nanargmax(np.where(jumped, moved, 0.0)))
         way = f"{before['setpoint'][slot]:.3f} to {record['setpoint'][slot]:.3f}, measured {record['q'][slot]:.3f}"
@@ -139,12 +150,31 @@ class SetPointCheck:
         what = f"slot {slot} from {way} within {took_s:.4f} s, {old.name} → {new.name}"
         return [Finding("no set-point jump", now, self._channel, what)]
 
+    def _note_seed(self, record: Any, before: Any, jumped: np.ndarray, why: str) -> None:
+        joints = slice(GRIPPER)
+        self._unproven.append(
+            Seed(
+                at_s=float(record["stamp_s"]),
+                why=why,
+                free=why == _CAME_FREE,
+                joints=jumped[joints],
+                setpoint=record["setpoint"][joints].copy(),
+                within_rad=self._within_rad(record, before)[joints],
+                age_s=float(record["stamp_s"]) - record["motor_stamp_s"][joints],
+            )
+        )
+
     def _on_measured(self, record: Any, before: Any) -> np.ndarray:
         """(7,) which set-points lie where the arm is, or was a record ago."""
         measured = np.minimum(np.abs(record["setpoint"] - record["q"]), np.abs(record["setpoint"] - before["q"]))
+        return measured < self._within_rad(record, before)
+
+    def _within_rad(self, record: Any, before: Any) -> np.ndarray:
+        """(7,) how far from the arm a set-point may be that has been seeded from it."""
         moving = np.nan_to_num(np.abs(record["dq"])) * _JITTER_S
         presses = mode_of(record) is Mode.STOPPED or _stopped_in_fault(record, before)
-        return measured < _AT_MEASURED + moving + (self._press_rad if presses else 0.0)
+        within: np.ndarray = _AT_MEASURED + moving + (self._press_rad if presses else 0.0)
+        return within
 
     def _judge_speed(self, setpoint: np.ndarray, mode: Mode, before_s: float, now: float) -> list[Finding]:
         window = self._window

@@ -12,6 +12,13 @@ WATCHDOG_S = 0.4  # a motor without a command for so long switches itself off
 _WATCHDOG_SLACK_S = 0.03  # between the rig's simulated time and the clock
 _CUTS = frozenset({"cable_out_briefly", "cable_out", "link_down", "bus_off", "adapter_gone", "motor_silent"})
 _DEATHS = frozenset({"kill_control", "stop_control"})
+# What lies is told from what is so, and only by this name; two arms on one channel by both.
+_EXPLAINS: dict[str, frozenset[Trouble]] = {
+    "reading_glitch": frozenset({Trouble.IMPLAUSIBLE}),  # several of them one after the other
+    "reading_lies": frozenset({Trouble.IMPLAUSIBLE}),
+    "garbled": frozenset({Trouble.IMPLAUSIBLE}),
+    "second_arm": frozenset({Trouble.IMPLAUSIBLE, Trouble.DUPLICATE_ID}),
+}
 TROUBLING = _CUTS | _DEATHS | {"motor_fault", "motor_hot"}
 _AFTER_S = 3.0  # so long after its end something may still be the cause of trouble
 _COMMUNICATION_LOST = 0xD
@@ -138,7 +145,11 @@ class Context:
         arm = self.arms[channel]
         if trouble in FAULT_TROUBLE.values() and any(since_s <= at_s for since_s in arm.faulty.values()):
             return True
-        return any(cause.kind in TROUBLING and cause.start_s <= at_s <= cause.end_s + within_s for cause in arm.causes)
+        return any(
+            (cause.kind in TROUBLING or trouble in _EXPLAINS.get(cause.kind, ()))
+            and cause.start_s <= at_s <= cause.end_s + within_s
+            for cause in arm.causes
+        )
 
     def undisturbed(self, channel: str, since_s: float, until_s: float, kinds: frozenset[str]) -> bool:
         """Whether every motor of the arm had torque all the time, and nothing of `kinds` was going on."""

@@ -93,6 +93,7 @@ class Device:
                 "motor_speed_limit": motor_speed.tolist(),
                 "torque_limit": hardware.torque_limit_nm.tolist(),
                 "kp": hardware.kp.tolist(),
+                "kd": hardware.kd.tolist(),
                 "rest_q": hardware.rest_q.tolist(),
             }
         return found

@@ -11,6 +11,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from soak_schedule import CAMERA, CHANNELS, LOSS_RATE, Injection
 
@@ -26,6 +27,7 @@ _POLL_S = 0.01
 _GAP_S = 0.2  # at least, between two that were kept waiting
 _FOR_CALLER = frozenset({"caller_stall", "malformed_action", "far_action"})
 _CHANNEL_FAULTS = {
+    "second_arm": "second_arm",
     "cable_out_briefly": "cable_out",
     "cable_out": "cable_out",
     "link_down": "link_down",
@@ -33,6 +35,15 @@ _CHANNEL_FAULTS = {
     "adapter_gone": "adapter_gone",
     "handle_silent": "handle_silent",
 }
+# The rig's name of a fault that takes the injection's value, and the value that undoes it.
+_VALUES: dict[str, tuple[str, Any]] = {
+    "reading_glitch": ("reading", False),
+    "reading_lies": ("reading", False),
+    "garbled": ("corrupt_rate", 0.0),
+    "slow_adapter": ("latency_s", 0.0),
+    "held_back": ("hold_back", False),
+}
+_DETAILS = {"garbled": {"all_bytes": True}}
 _HOT = {"rate_c_per_s": 0.1, "from_c": 96.0}
 
 
@@ -115,9 +126,10 @@ class Injector(threading.Thread):
         try:
             while self._active and not self._ended.is_set():
                 time.sleep(_POLL_S)
-            with self._lock:  # answers that are still to be lost: nobody has asked meanwhile
+            with self._lock:  # answers that are still to be lost, or to lie: nobody has asked meanwhile
                 for channel in CHANNELS if not self._ended.is_set() else ():
                     self._rig.fault(channel, None, "drop_next", 0)
+                    self._rig.fault(channel, None, "reading", False)
             yield
         finally:
             self._paused.clear()
@@ -167,6 +179,8 @@ class Injector(threading.Thread):
             rig.fault(channel, injection.motor, "temperature_ramp", _HOT)
         elif kind in _CHANNEL_FAULTS:
             rig.fault(channel, None, _CHANNEL_FAULTS[kind], True)
+        elif kind in _VALUES:
+            rig.fault(channel, injection.motor or None, _VALUES[kind][0], injection.value, **_DETAILS.get(kind, {}))
         elif kind == "camera_stall":
             rig.camera_fault(CAMERA, "stall", injection.seconds)
         elif kind == "emergency_stop":
@@ -188,6 +202,8 @@ class Injector(threading.Thread):
             rig.fault(channel, injection.motor, "temperature_ramp", False)
         elif kind in _CHANNEL_FAULTS:
             rig.fault(channel, None, _CHANNEL_FAULTS[kind], False)
+        elif kind in _VALUES:
+            rig.fault(channel, injection.motor or None, *_VALUES[kind])
         elif kind == "emergency_stop":
             EmergencyStop().release()
         rig.log("undone", injection=injection.number)

@@ -107,7 +107,7 @@ class Monitor:
                     Finding("no communication loss but where the link was cut", at_s, channel, f"{motor} reports 0xD")
                 )
             self._truth.take(event)
-        for finding in self._truth.judge():
+        for finding in [*self._truth.judge(), *self._truth.judge_seeds()]:
             self._report(finding)
         for at_s, channel, trouble in self._news:  # what obstructs a landing may be the arm itself, or the table
             if trouble is not Trouble.OBSTRUCTED and not self._context.explained(channel, trouble, at_s):

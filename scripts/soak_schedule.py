@@ -1,5 +1,6 @@
 """What goes wrong when: a random list of faults, the same for the same seed."""
 
+import math
 import random
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -26,7 +27,8 @@ class Injection:
         kind: a name in `KINDS`.
         channel: whose arm; empty when it concerns no arm in particular.
         motor: of that arm; empty when it concerns no motor in particular.
-        value: fault code, number of answers, force (3,) N, or which malformed action.
+        value: fault code, number of answers, offsets of a reading, share of answers, latency in s, times at which
+            frames are held back, force (3,) N, or which malformed action.
         seconds: how long it lasts; 0 when it is over at once.
     """
 
@@ -69,12 +71,41 @@ def _push(rng: random.Random) -> dict[str, Any]:
     }
 
 
+def _offset(rng: random.Random, low: float, high: float) -> float:
+    return round(rng.choice((-1.0, 1.0)) * rng.uniform(low, high), 3)
+
+
+def _glitch(rng: random.Random) -> dict[str, Any]:
+    """Fewer answers than make a fault, wrong by anything that a joint cannot have done meanwhile."""
+    value = {"position_rad": _offset(rng, 0.3, 13.0), "answers": rng.randint(1, 3)}
+    if rng.random() < 0.5:
+        value |= {"velocity_rad_s": _offset(rng, 0.0, 30.0), "torque_nm": _offset(rng, 0.0, 30.0)}
+    return _on_motor(rng, value)
+
+
+def _lie(rng: random.Random) -> dict[str, Any]:
+    turn = rng.choice((0.0, 0.0, 2 * math.pi))  # a turn that was miscounted, or anything
+    value = {"position_rad": math.copysign(turn, rng.uniform(-1, 1)) if turn else _offset(rng, 0.5, 9.0)}
+    return _on_motor(rng, value, rng.uniform(0.1, 1.0))
+
+
+def _held_back(rng: random.Random) -> dict[str, Any]:
+    value = {"seconds": round(rng.uniform(0.02, 0.08), 3), "every_s": round(rng.uniform(0.2, 0.5), 3)}
+    return _on_channel(rng, 0.5, 3.0) | {"value": value}
+
+
 # Mean seconds between two of a kind, and what one of them is. Motor faults come at even intervals.
 _EVEN = "motor_fault"
 KINDS: dict[str, tuple[float, Callable[[random.Random], dict[str, Any]]]] = {
     _EVEN: (30.0, lambda rng: _on_motor(rng, rng.choice(NIBBLES))),
     "lost_replies": (2.0, lambda rng: _on_motor(rng, rng.randint(1, 12))),
     "motor_silent": (75.0, lambda rng: _on_motor(rng, seconds=rng.uniform(0.03, 1.5))),
+    "reading_glitch": (4.0, _glitch),
+    "reading_lies": (60.0, _lie),
+    "garbled": (90.0, lambda rng: _on_channel(rng, 0.2, 1.0) | {"value": round(rng.uniform(0.1, 0.5), 2)}),
+    "second_arm": (150.0, lambda rng: _on_channel(rng, 0.2, 1.5)),
+    "slow_adapter": (60.0, lambda rng: _on_channel(rng, 0.5, 3.0) | {"value": round(rng.uniform(0.002, 0.02), 4)}),
+    "held_back": (40.0, _held_back),
     "motor_hot": (240.0, lambda rng: {"channel": rng.choice(CHANNELS), "motor": "joint_2", "seconds": 2.0}),
     "cable_out_briefly": (50.0, lambda rng: _on_channel(rng, 0.01, 0.28)),
     "cable_out": (200.0, lambda rng: _on_channel(rng, 0.5, 2.0)),
@@ -128,8 +159,6 @@ def hand_path(
     Returns:
         times (k,) s; joints (k, 6) rad; trigger (k,) 0 … 1.
     """
-    import math
-
     centre = (0.0, 0.9, 0.9, 0.0, 0.0, 0.0)
     reach = (0.45, 0.35, 0.35, 0.45, 0.5, 0.8)
     waves = [[(rng.uniform(0.15, 0.5), rng.uniform(0, 2 * math.pi)) for _ in range(2)] for _ in range(7)]

@@ -10,10 +10,12 @@ import numpy as np
 from soak_arm import Arm
 from soak_checks import READY, Finding, mode_of
 from soak_context import Context
+from soak_seeds import judge_seed
 
 from lerobot_robot_yam.arm.policy import stale_overshoot_rad_s
 from lerobot_robot_yam.arm.state import GRIPPER
 from lerobot_robot_yam.rig.control import RigControl
+from lerobot_robot_yam.rig.truth import beyond_clip_nm
 
 _SETTLE_S = 1.0  # an arm that was pushed, struck something, lost or got back a motor, moves by itself for so long
 _COASTS_S = 3.0  # a floating arm that was let go in motion comes to rest within so long
@@ -21,6 +23,7 @@ _SPEED_FACTOR, _SPEED_SLACK = 1.2, 0.15
 _GRIPPER_SPEED_FACTOR = 1.4  # it weighs next to nothing: what a late tick makes of its ramp, it overshoots
 _PUNCTUAL_S = 0.008  # a command is obeyed for a tick and the way over the wire
 _CUT_OFF_S = 0.02  # its ramp has gone on meanwhile, and it weighs next to nothing: it leaps to where that is
+_FREE_SPEED = 1.1  # of a joint's limit: faster, a joint that was blocked has come free
 _TORQUE_FACTOR, _TORQUE_SLACK_NM = 1.05, 1.0  # between two ticks a motor goes on by itself; a blow is sooner there
 _NOTICED_S = 0.3  # a motor without torque has been noticed by then
 _LANDED_RAD = 0.1  # joints 2 to 4 so near to the resting pose: landed
@@ -28,6 +31,10 @@ _CARRYING = slice(1, 4)  # joints 2 to 4 carry weight
 _FALL_M, _FALL_S = 0.01, 1.0  # nothing moves farther than this after torque was cut by us
 _TRUTH_RAD, _TRUTH_RAD_PER_S = 0.02, 3.0  # what a state may differ from the truth, and per second of its age
 _FRESH_S = 0.25
+_KNOWN_S = 0.012  # a command acts for a tick, on a state that is a tick old when it is sent, and each took its way
+_KEPT_S = 2.0  # of the true samples; longer than between two looks
+_SLOW_ADAPTERS = frozenset({"slow_adapter", "held_back"})
+_SLOW_S = 0.12  # how much older a state may be by them when a command rests on it
 _PUSHES = frozenset({"push"})
 _STALE_COMMANDS = frozenset(  # meanwhile motors act on what they were told last
     {
@@ -68,6 +75,7 @@ class Truth:
         self._at: dict[str, str] = {}
         for channel in arms:
             rig.watch_start(channel)
+            rig.truth_start(channel, _KEPT_S)
 
     def look(self) -> None:
         """Ask for extremes since the last look, and for the present pose."""
@@ -140,19 +148,43 @@ class Truth:
             if not (pushed or struck or self._happened(_STALE_COMMANDS, channel, since_s - 0.1, until_s)):
                 allowed = _TORQUE_FACTOR * arm.torque_limit + _TORQUE_SLACK_NM
                 allowed[:GRIPPER] += arm.kp[:GRIPPER] * arm.motor_speed_limit[:GRIPPER] * late_s
-                ratio = np.array(seen["max_torque_nm"])[:n] / allowed
+                ratio = self._asked(channel, seen, allowed, late_s) / allowed
                 torque = max(torque, float(ratio.max()))
                 i = int(ratio.argmax())
                 self._note("torque", float(ratio.max()), f"{channel} {seen['motors'][i]}")
                 if ratio.max() > 1.0:
-                    what = (
-                        f"{seen['motors'][i]} exerts {seen['max_torque_nm'][i]:.2f} Nm, clip {arm.torque_limit[i]:.1f}"
-                    )
-                    found.append(Finding("torque clip", seen["max_torque_at_s"][i], channel, what))
+                    asked = f"{ratio[i] * allowed[i]:.2f} Nm, clip {arm.torque_limit[i]:.1f}"
+                    what = f"{seen['motors'][i]} is asked for {asked}"
+                    found.append(Finding("torque clip", seen["max_asked_at_s"][i], channel, what))
         if self._windows:
             self._series.append((self._windows[-1][2], speed, torque))
         self._windows.clear()
         return found + self._judge_cuts() + self._judge_notice()
+
+    def _asked(self, channel: str, seen: Mapping[str, Any], allowed: np.ndarray, late_s: np.ndarray) -> np.ndarray:
+        """(n,) the largest torque that commands asked for; what the joints' own motion explains is left out."""
+        arm, n = self._arms[channel], len(allowed)
+        asked = np.array(seen["max_asked_nm"])[:n]
+        if (asked <= allowed).all():
+            return asked
+        known_s = np.full(n, _KNOWN_S)
+        known_s[:GRIPPER] += late_s
+        since_s = float(seen["since_s"])
+        if self._happened(_SLOW_ADAPTERS, channel, since_s - _SLOW_S, math.inf):
+            known_s += _SLOW_S
+        truth = self._rig.truth(channel, since_s - float(known_s.max()))
+        beyond: np.ndarray = beyond_clip_nm(truth, arm.kp[:n], arm.kd[:n], allowed, known_s)
+        return np.where(asked > allowed, allowed + np.where(beyond > 0.0, beyond, 0.0), asked)
+
+    def judge_seeds(self) -> list[Finding]:
+        """Set-points that jumped onto the arm, by the records: whether it was there."""
+        found = []
+        for channel, arm in self._arms.items():
+            for seed in arm.check.take_seeds():
+                what = judge_seed(seed, self._rig.truth(channel, seed.since_s), _FREE_SPEED * arm.speed_limit)
+                if what:
+                    found.append(Finding("no set-point jump", seed.at_s, channel, what))
+        return found
 
     @staticmethod
     def _factors(n: int) -> np.ndarray:

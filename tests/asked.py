@@ -3,32 +3,31 @@
 import numpy as np
 
 from lerobot_robot_yam.arm.hardware import Hardware
+from lerobot_robot_yam.rig.control import RigOperations
+from lerobot_robot_yam.rig.truth import beyond_clip_nm
 
 KNOWN_S = 0.012  # a command acts for a tick, on a state that is a tick old when it is sent, and each took its way
-SLACK_NM, SLACK = 0.5, 1.05  # what a frame cannot tell: kp and kd times half a bit; and a share of the clip
-_STEP_S = 0.001
+_SLACK_NM, _SLACK = 0.5, 1.05  # what a frame cannot tell: kp and kd times half a bit; and a share of the clip
+_KEPT_S = 30.0
 
 
-def beyond_clip_nm(truth: dict[str, np.ndarray], hardware: Hardware, known_s: np.ndarray | float) -> np.ndarray:
-    """The largest torque of each joint in Nm that commands asked for beyond the clip; 0 where all kept to it.
+def look_at(rig: RigOperations, channel: str) -> None:
+    """Record the arm's extremes, and what its motors do, from now on."""
+    rig.watch_start(channel)
+    rig.truth_start(channel, _KEPT_S)
 
-    A command that keeps to the clip by a state of up to `known_s` ago asks for more where the joint has moved since:
-    by  kp (q before − q now) + kd (dq before − dq now), which no driver can know. Whatever state before explains a
-    torque is taken to be the one that the driver knew.
+
+def beyond_nm(
+    rig: RigOperations, channel: str, hardware: Hardware, known_s: np.ndarray | float = KNOWN_S
+) -> np.ndarray:
+    """The largest torque of each joint in Nm that was asked for beyond the clip since `look_at`; see `beyond_clip_nm`.
 
     Args:
-        truth: of `RigOperations.truth`, steps of 1 ms.
         hardware: with the gains and clips of the commands.
-        known_s: (n,) or one for all joints.
+        known_s: (n,) or one for all joints: how old the state may be that a command rests on, with the command's age.
     """
     n = hardware.joints
-    kp, kd = hardware.kp[:n], hardware.kd[:n]
-    clip = SLACK * hardware.torque_limit_nm[:n] + SLACK_NM
-    q, dq, asked = (truth[key][:, :n] for key in ("q", "dq", "asked_nm"))
-    lags = np.broadcast_to(np.round(np.asarray(known_s) / _STEP_S).astype(int), n)
-    beyond = np.abs(asked) - clip
-    for lag in range(1, int(lags.max(initial=0)) + 1):
-        moved = kp * (q[:-lag] - q[lag:]) + kd * (dq[:-lag] - dq[lag:])
-        explained = np.where(lag <= lags, np.abs(asked[lag:] - moved) - clip, np.inf)
-        beyond[lag:] = np.minimum(beyond[lag:], explained)
-    return np.maximum(beyond.max(axis=0, initial=0.0), 0.0)
+    clip_nm = _SLACK * hardware.torque_limit_nm[:n] + _SLACK_NM
+    if (np.array(rig.watch(channel)["max_asked_nm"][:n]) <= clip_nm).all():
+        return np.zeros(n)
+    return beyond_clip_nm(rig.truth(channel), hardware.kp[:n], hardware.kd[:n], clip_nm, known_s)

@@ -29,9 +29,11 @@ def soak(monkeypatch):
     import soak_context
     import soak_obedience
     import soak_schedule
+    import soak_seeds
 
     class Modules:
         checks, context, schedule, obedience = soak_checks, soak_context, soak_schedule, soak_obedience
+        seeds = soak_seeds
 
     return Modules
 
@@ -155,6 +157,45 @@ def test_a_joint_that_came_free_may_start_again_from_where_it_is(soak):
     assert findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), [*ramp(0.0, 50), there])
 
 
+def truth(q_rad, dq_rad_s):
+    """True samples around the record that jumps: all joints at `q_rad`, and once as fast as `dq_rad_s`."""
+    stamps = 100.0 + np.arange(0.0, 0.3, 0.001)
+    dq = np.zeros((len(stamps), 7))
+    dq[190] = dq_rad_s
+    return {"stamp_s": stamps, "q": np.full((len(stamps), 7), q_rad), "dq": dq}
+
+
+@pytest.mark.parametrize(
+    ("q_rad", "dq_rad_s", "wrong"),
+    [
+        (0.5, 3.0, ""),  # it was there, and came free
+        (0.5, 0.4, "said to have come free, and moved at 0.40 rad/s at most"),
+        (0.0, 3.0, "sent to 0.500 rad, 0.500 from where it is"),
+        (0.0, 0.0, "sent to 0.500 rad, 0.500 from where it is"),  # one reading lied, of position and speed
+    ],
+)
+def test_a_joint_is_believed_to_have_come_free_only_where_the_rig_says_so(soak, q_rad, dq_rad_s, wrong):
+    check = soak.checks.SetPointCheck(CHANNEL, LIMITS)
+    there = record(50, np.full(7, 0.5))
+    there["limited"], there["dq"] = Limited.CAME_FREE, 3.0
+    there["motor_stamp_s"] = there["stamp_s"] - 0.002
+    assert not findings(check, [*ramp(0.0, 50), there])  # by the records all is well
+    (seed,) = check.take_seeds()
+    assert seed.free and seed.joints.all() and not check.take_seeds()
+    judged = soak.seeds.judge_seed(seed, truth(q_rad, dq_rad_s), 1.1 * LIMITS[:6])
+    assert wrong in judged if wrong else not judged
+
+
+def test_an_arm_that_is_armed_again_is_sent_to_where_it_is_and_not_to_where_a_reading_says(soak):
+    check = soak.checks.SetPointCheck(CHANNEL, LIMITS)
+    assert not findings(check, [*ramp(0.0, 50, Mode.FAULT), record(50, np.full(7, 0.5), Mode.HOLD)])
+    (seed,) = check.take_seeds()
+    assert not soak.seeds.judge_seed(seed, truth(0.5, 0.0), 1.1 * LIMITS[:6])
+    assert "FAULT → HOLD" in soak.seeds.judge_seed(seed, truth(0.5 - 2 * np.pi, 0.0), 1.1 * LIMITS[:6])
+    nothing = {key: value[:0] for key, value in truth(0.0, 0.0).items()}
+    assert not soak.seeds.judge_seed(seed, nothing, 1.1 * LIMITS[:6])  # the rig itself stood still
+
+
 def test_an_arm_in_trouble_and_its_peer_do_as_the_policy_says(soak):
     def looked(mode, peer_mode, trouble=Trouble.OVER_CURRENT):
         check = soak.checks.PolicyCheck({CHANNEL: PEER})
@@ -207,6 +248,26 @@ def test_trouble_needs_a_cause(soak):
 
 
 @pytest.mark.parametrize(
+    ("what", "trouble", "explained"),
+    [
+        ("reading_glitch", Trouble.IMPLAUSIBLE, True),
+        ("reading_lies", Trouble.IMPLAUSIBLE, True),
+        ("garbled", Trouble.IMPLAUSIBLE, True),
+        ("garbled", Trouble.OVER_CURRENT, False),  # a fault code in an answer that cannot be
+        ("reading_lies", Trouble.OVERLOAD, False),
+        ("second_arm", Trouble.DUPLICATE_ID, True),
+        ("second_arm", Trouble.DISABLED, False),  # the other one was
+        ("slow_adapter", Trouble.MOTOR_SILENT, False),
+        ("held_back", Trouble.BUS_SILENT, False),
+    ],
+)
+def test_what_lies_explains_only_that_it_is_not_believed(soak, what, trouble, explained):
+    context = soak.context.Context([CHANNEL, PEER], [(CHANNEL, PEER)])
+    context.take(injected(0, what, 10.0))
+    assert context.explained(CHANNEL, trouble, 10.1) is explained
+
+
+@pytest.mark.parametrize(
     ("mode", "stopped_s", "wrong"),
     [(Mode.STOPPED, 101.0, ""), (Mode.HOLD, 101.0, "stops"), (Mode.HOLD, None, ""), (Mode.TRACK, None, "silent")],
 )
@@ -228,6 +289,14 @@ def test_who_takes_a_stopped_arm_over_has_a_moment_to_look(soak):
     assert not [finding for row in rows for finding in check.look(row, 101.0)]
     rows = [record(tick, np.zeros(7), Mode.LAND) for tick in range(450, 460)]
     assert len([finding for row in rows for finding in check.look(row, 101.0)]) == 1
+
+
+def test_lies_are_such_as_cannot_be(soak):
+    lies = [i for i in soak.schedule.make_schedule(3600.0, 1) if i.kind in ("reading_glitch", "reading_lies")]
+    assert len(lies) > 500
+    assert min(abs(i.value["position_rad"]) for i in lies) >= 0.3
+    assert any(abs(i.value["position_rad"]) == pytest.approx(2 * np.pi) for i in lies)
+    assert max(i.value["answers"] for i in lies if i.kind == "reading_glitch") < 4  # from which on it is a fault
 
 
 def test_the_schedule_depends_on_the_seed_only(soak):
@@ -262,6 +331,7 @@ def test_the_monitor_sees_an_arm_fall(rig):
             "motor_speed_limit": [1.5] * 6 + [16.4],
             "torque_limit": hardware.torque_limit_nm.tolist(),
             "kp": hardware.kp.tolist(),
+            "kd": hardware.kd.tolist(),
             "rest_q": hardware.rest_q.tolist(),
         }
         for channel, other in ((CHANNEL, PEER), (PEER, CHANNEL))

@@ -260,9 +260,9 @@ def _truth(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
     if request.get("start"):
         truth.start(channel, number(request.get("seconds", 1.0), 0.001, _TRUTH_MAX_S))
         return {}
-    if not truth.knows(channel):
-        raise ConfigError(f"{channel}: the truth is not kept; call truth_start first")
     if request.get("stop"):
         truth.stop(channel)
         return {}
+    if not truth.knows(channel):
+        raise ConfigError(f"{channel}: the truth is not kept; call truth_start first")
     return truth.report(channel, number(request.get("after_s", 0.0)), _TRUTH_PER_ANSWER)

@@ -2,6 +2,8 @@
 
 from typing import TYPE_CHECKING, Protocol
 
+import numpy as np
+
 from lerobot_robot_yam.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -66,6 +68,11 @@ class Drive:
         v = self._world.qvel
         own = self._v
         return self._coefficient * (v[own[0]] if self._single else v[own[0]] + v[own[1]])
+
+    def read(self, qpos: np.ndarray, qvel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Angles (k,) in rad and velocities (k,) in rad/s in other states (k, nq), (k, nv) of the world."""
+        turned = self._base + self._coefficient * qpos[:, self._q].sum(axis=1)
+        return turned, self._coefficient * qvel[:, self._v].sum(axis=1)
 
     def torque(self) -> float:
         """Shaft torque of the last step in Nm."""

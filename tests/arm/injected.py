@@ -1,5 +1,6 @@
 """How each trouble of an arm is brought about on the rig, in which phases, and what a start says of it."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -57,6 +58,12 @@ FAULTS = {
     "duplicate-id": Injected(
         Trouble.DUPLICATE_ID, on_motor("duplicate"), ("bring_up", "hold", "track"), refused="more than one answer"
     ),
+    "second-arm": Injected(
+        Trouble.DUPLICATE_ID, on_channel("second_arm"), ("bring_up", "hold", "track"), refused="more than one answer"
+    ),
+    "leap": Injected(Trouble.IMPLAUSIBLE, on_motor("reading", {"position_rad": 2.0}), MOVING),
+    "turn": Injected(Trouble.IMPLAUSIBLE, on_motor("reading", {"position_rad": -2 * math.pi}), MOVING),
+    "garbled": Injected(Trouble.IMPLAUSIBLE, on_motor("corrupt_rate", 0.3, all_bytes=True), MOVING),
     "foreign-driver": Injected(
         Trouble.FOREIGN_DRIVER,
         on_channel("foreign", {"id": 3, "rate_hz": 100.0}),

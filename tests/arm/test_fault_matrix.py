@@ -14,7 +14,7 @@ from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.rig.lockstep import LockstepRig
 
-from ..asked import KNOWN_S, beyond_clip_nm
+from ..asked import KNOWN_S, beyond_nm, look_at
 from ..landed import MOST_M, moved_after_cut_m
 from .injected import FAULTS, LEADER, LEFT, MOTOR, RIGHT
 from .rigged import isolation_of, pause, session_on, sim_config, track
@@ -34,6 +34,10 @@ IN_LOCKSTEP = {
     "burst-lost-track",
     "wrong-id-bring_up",
     "duplicate-id-track",
+    "second-arm-hold",
+    "leap-track",
+    "turn-hold",
+    "garbled-land",
     "foreign-driver-hold",
     "handle-silent-hold",
     "warm-track",
@@ -93,6 +97,7 @@ def clean(rig):
     """Nothing is wrong any more, and every arm at rest."""
     for channel in (LEFT, RIGHT, LEADER):
         rig.clear_faults(channel)
+        rig.truth_stop(channel)
     rest = session_on(rig, config_of(rig, LEFT)).hardware(LEFT).rest_q.tolist()
     for channel in (LEFT, RIGHT, LEADER):
         rig.set_pose(channel, rest)
@@ -160,12 +165,6 @@ def check(rig, fault, phase):
         check_extremes(rig, channel)
 
 
-def look_at(rig, channel):
-    """Record its extremes, and what its motors do, from now on."""
-    rig.watch_start(channel)
-    rig.truth_start(channel, 60.0)
-
-
 def check_extremes(rig, channel):
     """No command asked for more torque than the clip. Nor was a motor faster than its limit and what a late command may
     add, unless a dead joint of its arm fell."""
@@ -183,8 +182,8 @@ def check_torque(rig, channel):
     hardware = Hardware(config_of(rig, channel))
     n = hardware.joints
     late_s = np.maximum(np.array(rig.watch(channel)["max_command_age_s"][:n]) - 0.008, 0.0)
-    beyond_nm = beyond_clip_nm(rig.truth(channel), hardware, KNOWN_S + late_s)
-    assert not beyond_nm.any(), beyond_nm
+    beyond = beyond_nm(rig, channel, hardware, KNOWN_S + late_s)
+    assert not beyond.any(), beyond
     return late_s
 
 

@@ -57,7 +57,7 @@ def last_event(rig):
     return events[-1]["number"] + 1 if events else 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.long)])
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "hung"])
 def test_the_stand_by_lands_both_arms(rig, number, caplog):
     channels = ("follower_left", "follower_right")
     session = start(rig, *channels)

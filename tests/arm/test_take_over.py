@@ -109,6 +109,7 @@ def test_nobody_takes_over_an_arm_that_is_limp(rig, heir_of, session):
     assert heir.mode is Mode.OFF
 
 
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")  # the child only writes, and ends
 def test_a_loop_whose_arm_another_process_has_taken_over_sends_it_nothing_more(rig, heir_of, session):
     """It was taken for dead, and wakes up: two would pull the arm to and fro."""
     track(session, {CHANNEL: POSE}, 1.5)

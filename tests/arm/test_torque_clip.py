@@ -9,7 +9,7 @@ import pytest
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.state import Limited
 
-from ..asked import KNOWN_S, beyond_clip_nm
+from ..asked import beyond_nm, look_at
 from .rigged import lockstep_rig, session_on, sim_config, track
 
 CHANNEL = "follower_left"
@@ -24,14 +24,14 @@ def session(rig):
     session = session_on(rig, sim_config(rig, CHANNEL, torque_limit_nm=CLIP_NM.tolist()))
     session.start()
     track(session, {CHANNEL: NEAR}, 1.5)
-    rig.truth_start(CHANNEL, 20.0)
+    look_at(rig, CHANNEL)
     yield session
     session.discard()
 
 
-def beyond_nm(rig):
-    hardware = Hardware(sim_config(rig, CHANNEL, torque_limit_nm=CLIP_NM.tolist()))
-    return beyond_clip_nm(rig.truth(CHANNEL), hardware, KNOWN_S)
+def assert_within_clip(rig):
+    beyond = beyond_nm(rig, CHANNEL, Hardware(sim_config(rig, CHANNEL, torque_limit_nm=CLIP_NM.tolist())))
+    assert not beyond.any(), beyond
 
 
 @pytest.mark.parametrize("joint", [1, 3, 6])
@@ -40,7 +40,7 @@ def test_a_blocked_joint_is_pressed_with_its_clip_and_no_more(rig, session, join
     far = NEAR.copy()
     far[joint - 1] += 0.8
     track(session, {CHANNEL: far}, 1.0)
-    assert not beyond_nm(rig).any(), beyond_nm(rig)
+    assert_within_clip(rig)
     pressed_nm = np.abs(rig.truth(CHANNEL)["torque_nm"][:, joint - 1]).max()
     assert pressed_nm == pytest.approx(CLIP_NM[joint - 1], rel=0.02)  # it does press
     assert Limited.TORQUE in session[CHANNEL].observe().limited
@@ -50,5 +50,5 @@ def test_a_blow_is_not_answered_with_more_than_the_clip(rig, session):
     """It is the damping that asks for it, and the spring soon after."""
     rig.push(CHANNEL, "gripper", [0.0, 60.0, 0.0], 0.3)
     track(session, {CHANNEL: NEAR}, 1.0)
-    assert not beyond_nm(rig).any(), beyond_nm(rig)
+    assert_within_clip(rig)
     assert np.abs(rig.truth(CHANNEL)["dq"][:, 0]).max() > 3.0

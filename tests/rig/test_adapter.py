@@ -21,16 +21,20 @@ LSB_RAD = 25.0 / 65535
 LIVE = pytest.param("live", marks=[pytest.mark.alone])
 
 
+def live(latency_s):
+    """On a live rig, too."""
+    return pytest.param("live", latency_s, marks=[pytest.mark.alone])
+
+
 @contextlib.contextmanager
-def wired(kind, **options):
+def wired(kind):
     """A rig of that kind, a bus on it, and its clock."""
-    with rig_of(kind, arms=[CHANNEL], friction=0, **options) as rig:
-        if kind == "live":
-            with can.Bus(interface="yam_sim", channel=CHANNEL, rig=rig.name) as bus:
-                yield rig, bus, time.monotonic, time.sleep
-        else:
-            with can.Bus(interface="yam_lockstep", channel=CHANNEL, rig=rig.name) as bus:
-                yield rig, bus, rig.now, rig.sleep
+    interface = "yam_sim" if kind == "live" else "yam_lockstep"
+    with (
+        rig_of(kind, arms=[CHANNEL], friction=0) as rig,
+        can.Bus(interface=interface, channel=CHANNEL, rig=rig.name) as bus,
+    ):
+        yield (rig, bus, time.monotonic, time.sleep) if kind == "live" else (rig, bus, rig.now, rig.sleep)
 
 
 @pytest.fixture(params=["lockstep", LIVE])
@@ -58,9 +62,13 @@ def swing(can_id=WRIST, tau=1.0):
     return message(can_id, codec.encode_mit(KIND, 0, 0, 0, 0.05, tau))
 
 
-@pytest.mark.parametrize("latency_s", [0.001, 0.005, 0.02, 0.04])
-def test_commands_reach_the_motor_late_and_answers_the_host(rigged, latency_s):
-    rig, bus, now, sleep = rigged
+@pytest.mark.parametrize("kind, latency_s", [*(("lockstep", s) for s in (0.001, 0.005, 0.02, 0.04)), live(0.005)])
+def test_commands_reach_the_motor_late_and_answers_the_host(kind, latency_s):
+    with wired(kind) as (rig, bus, now, sleep):
+        commands_reach_the_motor_late(rig, bus, now, sleep, latency_s)
+
+
+def commands_reach_the_motor_late(rig, bus, now, sleep, latency_s):
     enable(bus)
     rig.truth_start(CHANNEL, 5.0)
     rig.fault(CHANNEL, None, "latency_s", latency_s)
@@ -79,10 +87,14 @@ def test_commands_reach_the_motor_late_and_answers_the_host(rigged, latency_s):
     assert answer.timestamp <= got_s
 
 
-@pytest.mark.parametrize("latency_s", [0.0, 0.001, 0.005, 0.02, 0.04])
-def test_an_answer_tells_the_state_at_the_moment_of_the_answer(rigged, latency_s):
+@pytest.mark.parametrize("kind, latency_s", [*(("lockstep", s) for s in (0.0, 0.001, 0.005, 0.02, 0.04)), live(0.02)])
+def test_an_answer_tells_the_state_at_the_moment_of_the_answer(kind, latency_s):
     """Which is a latency before its stamp, up to its own way over the wire; and in order."""
-    rig, bus, now, sleep = rigged
+    with wired(kind) as (rig, bus, now, sleep):
+        answers_tell_the_state_of_their_moment(rig, bus, now, sleep, latency_s)
+
+
+def answers_tell_the_state_of_their_moment(rig, bus, now, sleep, latency_s):
     enable(bus)
     rig.fault(CHANNEL, None, "latency_s", latency_s)
     rig.truth_start(CHANNEL, 5.0)
@@ -214,6 +226,7 @@ def test_times_at_which_a_frame_is_released():
     assert HoldBack(10.0, 0.05).release_s(10.31) == 10.31
 
 
+@pytest.mark.alone
 def test_the_rig_wakes_in_time_for_a_late_command():
     with running_rig(arms=[CHANNEL], latency_s=0.002) as rig:
         with can.Bus(interface="yam_sim", channel=CHANNEL, rig=rig.name) as bus:

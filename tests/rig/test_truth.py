@@ -51,6 +51,17 @@ def test_every_step_is_kept_and_only_the_last_ones(rig):
         rig.truth(CHANNEL)
 
 
+def test_it_begins_anew_for_each_who_starts(rig):
+    rig.truth_start(CHANNEL)
+    rig.sleep(0.1)
+    rig.truth_start(CHANNEL, 0.5)
+    assert len(rig.truth(CHANNEL)["stamp_s"]) == 0
+    rig.sleep(0.1)
+    assert len(rig.truth(CHANNEL)["stamp_s"]) == 100
+    for _ in range(2):
+        rig.truth_stop(CHANNEL)
+
+
 def test_looking_changes_nothing(desk):
     def swing(looked):
         desk = Desk(friction=0)
