@@ -72,6 +72,7 @@ def test_a_doubled_motor_is_noticed_though_replies_get_lost(chain):
     watch = MotorWatch(motors)
     where = rig.state()["arms"]["follower_left"]["q"][5]  # elsewhere, its readings would be those of a joint that leaps
     rig.fault("follower_left", "joint_6", "duplicate", {"q_rad": where})
+    motors.special(SpecialCommand.ENABLE)  # both
     begin = rig.now()
     finding = watch.check(begin)
     while finding.trouble is None:
