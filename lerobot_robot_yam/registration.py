@@ -17,6 +17,7 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Any
 
+from lerobot_robot_yam import ffmpeg_message
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.lerobot_version import warn_if_newer
 from lerobot_robot_yam.other_plugins import distribution_of, is_foreign, mixture
@@ -63,6 +64,7 @@ def register_types(lerobot_module: str) -> None:
         ConfigError: another distribution has put its own files over ours.
     """
     warn_if_newer()
+    ffmpeg_message.shorten()
     for name in REGISTRIES[lerobot_module]:
         try:
             module = importlib.import_module(name)
