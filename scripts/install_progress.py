@@ -13,6 +13,7 @@ _LARGE_MB = 20.0  # downloads from here on are named
 _DOWNLOAD = re.compile(r"Downloading (?:\S*/)?(\S+?)-(\d\S*?)-\S*\.whl \(([\d.]+) (kB|MB|GB)\)")
 _INSTALL = re.compile(r"Installing collected packages: (.*)")
 _IN_MB = {"kB": 1e-3, "MB": 1.0, "GB": 1e3}
+_WARNINGS = 3  # that are shown: some come once for every package
 _TAIL = 30  # lines of pip's that are shown when it fails without an error of its own
 
 
@@ -81,7 +82,7 @@ def run_pip(arguments: list[str], progress: Progress, log: Path) -> int:
     """Run pip, show its steps, its warnings and errors, and keep all that it says in a file; returns its status."""
     command = [sys.executable, "-m", "pip", "--disable-pip-version-check", *arguments]
     lines: list[str] = []
-    failed, total_mb = False, 0.0
+    failed, warnings, total_mb = False, 0, 0.0
     progress.step("looking for what is needed")
     with (
         open(log, "w") as file,
@@ -92,8 +93,12 @@ def run_pip(arguments: list[str], progress: Progress, log: Path) -> int:
             file.write(line)
             lines.append(line.rstrip())
             failed = failed or line.lstrip().lower().startswith("error")
-            if failed or line.startswith("WARNING"):
+            if failed:
                 progress.say(lines[-1])
+            elif line.startswith("WARNING"):
+                warnings += 1
+                if warnings <= _WARNINGS:
+                    progress.say(lines[-1])
             elif found := _DOWNLOAD.search(line):
                 size_mb = float(found[3]) * _IN_MB[found[4]]
                 total_mb += size_mb
@@ -101,6 +106,8 @@ def run_pip(arguments: list[str], progress: Progress, log: Path) -> int:
             elif found := _INSTALL.search(line):
                 count = found[1].count(",") + 1
                 progress.step(f"unpacking {count} packages, {total_mb:.0f} MB of them downloaded just now")
+    if warnings > _WARNINGS:
+        progress.say(f"{warnings - _WARNINGS} more warnings of pip are in {log}")
     if pip.returncode and not failed:
         for line in lines[-_TAIL:]:
             progress.say(line)
