@@ -12,3 +12,6 @@ class BiYamFollower(FollowerBase):
 
     def __init__(self, config: BiYamFollowerConfig):
         super().__init__(config, config.arms(), config.all_cameras())
+
+
+BiI2rtYamFollower = BiYamFollower  # LeRobot looks for the device of a config by this name

@@ -8,9 +8,10 @@ from lerobot.robots.config import RobotConfig
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.follower_options import FollowerArmConfig, FollowerOptions
+from lerobot_robot_yam.registration import register_as
 
 
-@RobotConfig.register_subclass("bi_yam_follower")
+@register_as(RobotConfig, "bi_yam_follower", spare="bi_i2rt_yam_follower")
 @dataclass(kw_only=True)
 class BiYamFollowerConfig(RobotConfig, FollowerOptions):
     """Two follower arms. `cameras` keep their names, those of an arm get `left_` or `right_` in front."""
@@ -38,3 +39,8 @@ class BiYamFollowerConfig(RobotConfig, FollowerOptions):
             if None in (camera.width, camera.height, camera.fps):
                 raise ConfigError(f"camera {name}: give width, height and fps")
         return cameras
+
+
+@register_as(RobotConfig, "bi_i2rt_yam_follower")
+class BiI2rtYamFollowerConfig(BiYamFollowerConfig):
+    """The same by a name that no other plugin claims."""

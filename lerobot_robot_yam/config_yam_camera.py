@@ -5,8 +5,10 @@ from typing import Any
 
 from lerobot.cameras.configs import CameraConfig
 
+from lerobot_robot_yam.registration import register_as
 
-@CameraConfig.register_subclass("yam_sim")
+
+@register_as(CameraConfig, "yam_sim")
 @dataclass(kw_only=True)
 class YamSimCameraConfig(CameraConfig):
     """A camera of the virtual rig's scene.

@@ -15,6 +15,7 @@ from lerobot.robots.config import RobotConfig
 from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE
 
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.registration import register_as
 
 AGENT_POS = "agent_pos"
 
@@ -24,7 +25,7 @@ def eyes_of(robot: Any) -> dict[str, Any]:
     return {name: camera for name, camera in robot.all_cameras().items() if getattr(camera, "use_rgb", True)}
 
 
-@EnvConfig.register_subclass("yam")
+@register_as(EnvConfig, "yam")
 @dataclass
 class YamEnvConfig(EnvConfig):
     """A connected YAM robot as a gymnasium environment.

@@ -6,9 +6,10 @@ from lerobot.robots.config import RobotConfig
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.follower_options import FollowerOptions
+from lerobot_robot_yam.registration import register_as
 
 
-@RobotConfig.register_subclass("yam_follower")
+@register_as(RobotConfig, "yam_follower", spare="i2rt_yam_follower")
 @dataclass(kw_only=True)
 class YamFollowerConfig(RobotConfig, FollowerOptions, ArmConfig):
     """One follower arm: LeRobot's fields, `FollowerOptions`, and every field of `ArmConfig` (channel, gripper, …)."""
@@ -20,3 +21,8 @@ class YamFollowerConfig(RobotConfig, FollowerOptions, ArmConfig):
     def arms(self) -> dict[str, ArmConfig]:
         """The one arm, without a prefix."""
         return {"": self}
+
+
+@register_as(RobotConfig, "i2rt_yam_follower")
+class I2rtYamFollowerConfig(YamFollowerConfig):
+    """The same by a name that no other plugin claims."""

@@ -3,49 +3,49 @@
 `lerobot.robots.config` alone costs seconds and loads torch, and our own processes (control loop, virtual rig) import
 this package too. So each config module of ours is imported right after the LeRobot module that holds its registry:
 now, if that is loaded already, else by an import hook at the moment it is. Every LeRobot command loads those it needs.
+
+Other plugins claim some of our names. Each device therefore has a spare name, and a name that is taken costs us that
+name only.
 """
 
 import importlib
 import importlib.abc
-import importlib.metadata
+import logging
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Any
 
+from lerobot_robot_yam import ffmpeg_message
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.lerobot_version import warn_if_newer
+from lerobot_robot_yam.other_plugins import distribution_of, is_foreign, mixture
 
-# LeRobot's module: its registry, and for each type the module of ours that registers it.
-REGISTRIES: dict[str, tuple[str, dict[str, str]]] = {
+# LeRobot's modules that hold a registry, and our modules that register types there.
+REGISTRIES: dict[str, tuple[str, ...]] = {
     "lerobot.robots.config": (
-        "RobotConfig",
-        {
-            "yam_follower": "lerobot_robot_yam.config_yam_follower",
-            "bi_yam_follower": "lerobot_robot_yam.config_bi_yam_follower",
-        },
+        "lerobot_robot_yam.config_yam_follower",
+        "lerobot_robot_yam.config_bi_yam_follower",
     ),
     "lerobot.teleoperators.config": (
-        "TeleoperatorConfig",
-        {
-            "yam_leader": "lerobot_teleoperator_yam.config_yam_leader",
-            "bi_yam_leader": "lerobot_teleoperator_yam.config_bi_yam_leader",
-        },
+        "lerobot_teleoperator_yam.config_yam_leader",
+        "lerobot_teleoperator_yam.config_bi_yam_leader",
     ),
-    "lerobot.envs.configs": ("EnvConfig", {"yam": "lerobot_robot_yam.config_yam_env"}),
-    "lerobot.cameras.configs": ("CameraConfig", {"yam_sim": "lerobot_robot_yam.config_yam_camera"}),
-    "lerobot.configs.policies": (
-        "PreTrainedConfig",
-        {"yam_openpi": "lerobot_robot_yam.openpi.configuration_openpi"},
-    ),
+    "lerobot.envs.configs": ("lerobot_robot_yam.config_yam_env",),
+    "lerobot.cameras.configs": ("lerobot_robot_yam.config_yam_camera",),
+    "lerobot.configs.policies": ("lerobot_robot_yam.openpi.configuration_openpi",),
 }
+
+logger = logging.getLogger(__name__)
+_registering: set[str] = set()  # modules that have called `register_as`: ours, not somebody else's of the same name
 
 
 def register() -> None:
     """Register our types with the LeRobot that is loaded, and with what of it is loaded later.
 
     Raises:
-        ConfigError: another distribution has taken the name of one of our types.
+        ConfigError: another distribution has put its own files over ours.
     """
     waiting = set(REGISTRIES)
     for name in REGISTRIES:
@@ -61,23 +61,47 @@ def register_types(lerobot_module: str) -> None:
     """Register the types that belong into the registry of `lerobot_module`, which is loaded.
 
     Raises:
-        ConfigError: another distribution has taken the name of one of our types.
+        ConfigError: another distribution has put its own files over ours.
     """
-    registry_name, types = REGISTRIES[lerobot_module]
-    registry: Any = getattr(sys.modules[lerobot_module], registry_name)
-    for type_name, module in types.items():
-        holder = registry.get_known_choices().get(type_name)
-        if holder is not None and holder.__module__ != module:
-            raise ConfigError(
-                f"the LeRobot type {type_name!r} of lerobot_robot_yam is already taken by {holder.__module__} of "
-                f"{_distribution(holder.__module__)}; uninstall one of the two packages"
-            )
-        importlib.import_module(module)
+    warn_if_newer()
+    ffmpeg_message.shorten()
+    for name in REGISTRIES[lerobot_module]:
+        try:
+            module = importlib.import_module(name)
+        except Exception as error:
+            if name in _registering or not is_foreign(name):
+                raise
+            raise ConfigError("; ".join(mixture(name))) from error
+        if name not in _registering and not _is_initialising(module):
+            raise ConfigError("; ".join(mixture(name)))
 
 
-def _distribution(module: str) -> str:
-    names = importlib.metadata.packages_distributions().get(module.partition(".")[0])
-    return "distribution " + " / ".join(sorted(set(names))) if names else "an unknown distribution"
+def register_as[C: type](registry: Any, name: str, spare: str | None = None) -> Callable[[C], C]:
+    """Class decorator: enter a config class of ours into a registry of LeRobot.
+
+    Args:
+        registry: LeRobot's base class of such configs.
+        name: of the type. When another plugin has taken it, the class gets the spare name.
+        spare: name of a subclass that is the same otherwise, None where there is none.
+    """
+
+    def decorate(config_class: C) -> C:
+        _registering.add(config_class.__module__)
+        known = registry.get_known_choices()
+        holder = known.get(name)
+        if holder is None:
+            registry.register_subclass(name, config_class)
+            return config_class
+        ours = holder.__module__ == config_class.__module__
+        if not ours:
+            instead = f"use {spare!r}" if spare else "uninstall it to use ours"
+            owner = distribution_of(holder.__module__)
+            logger.warning("the LeRobot type %r is that of %s, not of the YAM driver; %s", name, owner, instead)
+            if spare and spare not in known:
+                registry.register_subclass(spare, config_class)
+        return config_class
+
+    return decorate
 
 
 def _is_initialising(module: ModuleType) -> bool:

@@ -276,3 +276,6 @@ class YamFollower(FollowerBase):
 
     def __init__(self, config: YamFollowerConfig):
         super().__init__(config, {"": config}, config.cameras)
+
+
+I2rtYamFollower = YamFollower  # LeRobot looks for the device of a config by this name

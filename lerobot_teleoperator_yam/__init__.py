@@ -3,7 +3,8 @@
 import importlib
 from typing import TYPE_CHECKING, Any
 
-import lerobot_robot_yam as lerobot_robot_yam  # registers all types, also for who imports only this package
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.other_plugins import mixture, overwritten
 
 if TYPE_CHECKING:
     from lerobot_teleoperator_yam.bi_yam_leader import BiYamLeader as BiYamLeader
@@ -18,6 +19,9 @@ _MODULES = {
     "BiYamLeaderConfig": "config_bi_yam_leader",
 }
 __all__ = list(_MODULES)
+
+if overwritten():
+    raise ConfigError("; ".join(mixture()))
 
 
 def __getattr__(name: str) -> Any:

@@ -12,3 +12,6 @@ class BiYamLeader(LeaderBase):
 
     def __init__(self, config: BiYamLeaderConfig):
         super().__init__(config, config.arms())
+
+
+BiI2rtYamLeader = BiYamLeader  # LeRobot looks for the device of a config by this name

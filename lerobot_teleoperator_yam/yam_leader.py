@@ -220,3 +220,6 @@ class YamLeader(LeaderBase):
 
     def __init__(self, config: YamLeaderConfig):
         super().__init__(config, {"": config})
+
+
+I2rtYamLeader = YamLeader  # LeRobot looks for the device of a config by this name

@@ -3,7 +3,6 @@
 python scripts/record_sim.py --dataset.num_episodes=5
 """
 
-import ctypes.util
 import os
 import signal
 import subprocess
@@ -23,8 +22,6 @@ def main(arguments: list[str]) -> int:
     command = ["lerobot-record", f"--config_path={ROOT / 'configs/sim/record.yaml'}", "--dataset.no_stamp=true"]
     command += [f"--dataset.root={data}", *(a for a in arguments if not a.startswith("--dataset.root="))]
     print("$", " ".join(command))
-    if ctypes.util.find_library("avutil") is None:
-        print("FFmpeg is not installed: LeRobot says so with tracebacks, and does as well with what it brings along.")
     sys.stdout.flush()
     child = subprocess.Popen(command)
     # Ctrl-C reaches both processes: LeRobot ends the recording, we wait for it. The others only reach us.

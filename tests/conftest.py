@@ -2,8 +2,10 @@
 
 import contextlib
 import fcntl
+import importlib.metadata
 import os
 import signal
+import sys
 import tempfile
 import threading
 import time
@@ -27,6 +29,7 @@ from tqdm import tqdm  # noqa: E402
 
 from lerobot_robot_yam.rig.control import RigControl, running_rig  # noqa: E402
 
+from . import lerobot_tree  # noqa: E402
 from .stillness import Stillness  # noqa: E402
 
 tqdm.monitor_interval = 0  # LeRobot shows progress bars, whose watching thread would outlive a test
@@ -41,10 +44,36 @@ _leaked = False  # it left something behind: the next attempt would take that fo
 _floor: IO[str] | None = None  # the lock that says who may use the machine, while we hold it
 
 
+def pytest_addoption(parser: pytest.Parser, pluginmanager: pytest.PytestPluginManager) -> None:
+    """`--lerobot=PATH`: the same tests with a newer LeRobot. With a space, pytest would take PATH for tests to run.
+
+    It is used from here on: the next conftest that is loaded may import LeRobot.
+    """
+    parser.addoption("--lerobot", type=Path, metavar="PATH", help="a checkout of LeRobot to use, not the installed one")
+    config = pluginmanager.get_plugin("pytestconfig")
+    assert isinstance(config, pytest.Config)
+    given = [word.partition("=")[2] for word in config.invocation_params.args if word.startswith("--lerobot=")]
+    if not given:
+        return
+    if _WORKER:  # which has its environment, but not its path, of the process that has started it
+        sys.path.insert(0, os.environ["PYTHONPATH"].partition(os.pathsep)[0])
+        return
+    (RUNTIME / "lerobot").mkdir()
+    try:
+        lerobot_tree.use(Path(given[-1]), RUNTIME / "lerobot")
+    except FileNotFoundError as error:
+        raise pytest.UsageError(f"--lerobot: {given[-1]} is no checkout of LeRobot ({error})") from error
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """One process for all workers."""
     if not _WORKER:
         config.add_cleanup(_stillness.start().kill)
+
+
+def pytest_report_header() -> str:
+    """Which LeRobot is tested."""
+    return f"lerobot {importlib.metadata.version('lerobot')}"
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -11,6 +11,7 @@ from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.process import RT_PRIORITY
 from lerobot_robot_yam.doctor.findings import Section
 from lerobot_robot_yam.doctor.usb import SYSFS, text_of
+from lerobot_robot_yam.other_plugins import mixture, overwritten
 from lerobot_robot_yam.sleep_lock import SWITCH_OFF, SleepLock, can_sleep
 
 _LIMITS_FILE = "/etc/security/limits.d/90-yam.conf"
@@ -62,6 +63,8 @@ def check_host(sysfs: Path, section: Section) -> None:
     if sysfs == SYSFS and can_sleep() and not _kept_awake():
         what = "it may go to sleep while arms are driven, and then they fall: its systemd does not let us forbid that"
         section.warn(where, what, SWITCH_OFF)
+    if overwritten():
+        section.problem(where, *mixture())
     stop = EmergencyStop()
     if stop.latched:
         what = f"the emergency stop is latched ({stop.reason()}): no session starts, arms that were driven still are"

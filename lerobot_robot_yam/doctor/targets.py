@@ -31,8 +31,8 @@ ARM_OPTIONS = {"robot": {"cameras"}, "teleop": {"ee_gripper", "follower_arm"}}
 _ARMS_OF_TWO = {"left_arm_config", "right_arm_config"}
 _REAL_CAMERAS = ("opencv", "intelrealsense")
 _DEVICES = {
-    "robot": ("robots", ("yam_follower", "bi_yam_follower")),
-    "teleop": ("teleoperators", ("yam_leader", "bi_yam_leader")),
+    "robot": ("robots", ("yam_follower", "bi_yam_follower", "i2rt_yam_follower", "bi_i2rt_yam_follower")),
+    "teleop": ("teleoperators", ("yam_leader", "bi_yam_leader", "i2rt_yam_leader", "bi_i2rt_yam_leader")),
 }
 
 
@@ -136,7 +136,9 @@ def from_config(path: Path, rig: str | None) -> Plan:
         if not isinstance(device, Mapping) or device.get("type") not in types:
             continue
         cameras.update(_cameras(device))
-        directory = Path(device.get("calibration_dir") or calibration_root() / folder / device["type"])
+        directory = Path(
+            device.get("calibration_dir") or calibration_root() / folder / device["type"].replace("i2rt_", "")
+        )
         arms = _arms(device, f"{path}, {section}")
         _check_options(section, device, arms, f"{path}, {section}")
         calibrate = _calibrate(section, device, arms)

@@ -7,12 +7,13 @@ from typing import Literal
 from lerobot.configs.policies import PreTrainedConfig
 
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.registration import register_as
 
 ActionSpace = Literal["joint_position", "cartesian_position"]
 _NOT_TRAINED = "a yam_openpi policy runs on its server and is trained there; lerobot-train has nothing to train"
 
 
-@PreTrainedConfig.register_subclass("yam_openpi")
+@register_as(PreTrainedConfig, "yam_openpi")
 @dataclass
 class YamOpenpiConfig(PreTrainedConfig):
     """Where the server is, what it is sent, and what its answers mean. Nothing is computed or stored here.

@@ -63,6 +63,10 @@ class YamOpenpiPolicy(PreTrainedPolicy):
             config = PreTrainedConfig.from_pretrained(pretrained_name_or_path, **options)
         return cls(config).eval()
 
+    def _save_pretrained(self, save_directory: Path, *_: Any, **__: Any) -> None:
+        """The config alone. LeRobot 0.6.2 would save not even that of a policy without weights."""
+        self.config._save_pretrained(save_directory)
+
     def close(self) -> None:
         """Hang up. Idempotent."""
         self._hang_up()

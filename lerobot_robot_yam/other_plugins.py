@@ -1,0 +1,57 @@
+"""Other plugins in the way: whose a module is, and whether somebody's files lie over ours.
+
+The package index has another project's `lerobot_robot_yam`, whose files are called like some of ours.
+"""
+
+import contextlib
+import importlib
+import importlib.metadata
+import importlib.util
+
+_US = "lerobot_robot_yam"
+_OURS_ALONE = f"{_US}/registration.py"  # no other distribution has such a file
+
+
+def distribution_of(module: str) -> str:
+    """Name and version of the distribution that a module comes from, and the module, for messages."""
+    package = module.partition(".")[0]
+    names = importlib.metadata.packages_distributions().get(package) or [package]
+    found = []
+    for name in sorted(set(names)):
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            found.append(f"{name} {importlib.metadata.version(name)}")
+    return f"{' / '.join(found) or 'an unknown distribution'} (module {module})"
+
+
+def overwritten() -> bool:
+    """Whether the package `lerobot_robot_yam` that Python imports is another project's, beside files of ours."""
+    return not hasattr(importlib.import_module(_US), "registration")  # which our __init__ imports
+
+
+def is_foreign(module: str) -> bool:
+    """Whether a module of ours that cannot be imported is gone, or others have installed a package over ours."""
+    return importlib.util.find_spec(module) is None or bool(_claimants(module.partition(".")[0]))
+
+
+def mixture(module: str = _US) -> tuple[str, str]:
+    """What is wrong when a module of ours is somebody else's or missing, and how to repair that, for messages."""
+    package = module.partition(".")[0]
+    others = _claimants(package)
+    theirs = " and ".join(f"{name} {version}" for name, version in others) or "another distribution"
+    names = " ".join(sorted({_US, *(name for name, _ in others)}))
+    what = f"{module} is not the YAM driver's: {theirs} has put its files over ours; such a mixture may drive no arm"
+    remedy = (
+        f"uninstall both (pip uninstall {names}, until none is left), delete what is left of the directory {package}, "
+        "and install the driver again from its clone"
+    )
+    return what, remedy
+
+
+def _claimants(package: str) -> list[tuple[str, str]]:
+    """Name and version of the distributions, other than ours, that have installed a package of this name."""
+    found = set()
+    for distribution in importlib.metadata.distributions():
+        files = {str(file) for file in distribution.files or ()}
+        if f"{package}/__init__.py" in files and _OURS_ALONE not in files:
+            found.add((distribution.metadata["Name"], distribution.version))
+    return sorted(found)
