@@ -64,12 +64,12 @@ class SpecialCommand(Enum):
     CLEAR = b"\xff\xff\xff\xff\xff\xff\xff\xfb"
 
 
-_SPECIAL = {command.value: command for command in SpecialCommand}
+SPECIAL_OF = {command.value: command for command in SpecialCommand}
 
 
 def decode_special(data: bytes) -> SpecialCommand | None:
     """The special command that `data` (8 bytes) is, or None for an ordinary command."""
-    return _SPECIAL.get(bytes(data))
+    return SPECIAL_OF.get(bytes(data))
 
 
 def encode_mit(motor_type: str, position: float, velocity: float, kp: float, kd: float, torque: float) -> bytes:
@@ -123,12 +123,14 @@ def decode_mit(motor_type: str, data: bytes) -> MitCommand:
     """
     if len(data) != 8:
         raise _wrong_length("MIT command", data)
-    try:
-        p_max, v_max, t_max, kp_max, kd_max = _ROWS[motor_type]
-    except KeyError:
-        raise _unknown_type(motor_type) from None
+    return MitCommand(*unpack_mit(ranges_of(motor_type), data))
+
+
+def unpack_mit(ranges: Ranges, data: bytes) -> tuple[float, float, float, float, float]:
+    """`decode_mit` of 8 bytes, for the virtual rig: the fields in the same order, with nothing checked."""
+    p_max, v_max, t_max, kp_max, kd_max = ranges
     word = int.from_bytes(data, "big")
-    return MitCommand(
+    return (
         (word >> 48) * (p_max + p_max) / _MAX16 - p_max,
         (word >> 36 & _MAX12) * (v_max + v_max) / _MAX12 - v_max,
         (word >> 24 & _MAX12) * kp_max / _MAX12,
@@ -203,21 +205,26 @@ def encode_feedback(
         position, velocity, torque, mos, rotor = _finite(
             "feedback frame", position=position, velocity=velocity, torque=torque, temp_mos=mos, temp_rotor=rotor
         )
-    try:
-        p_max, v_max, t_max, _, _ = _ROWS[motor_type]
-    except KeyError:
-        raise _unknown_type(motor_type) from None
+    return pack_feedback(
+        ranges_of(motor_type), fault << 4 | motor_id & 0xF, position, velocity, torque, int(mos), int(rotor)
+    )
+
+
+def pack_feedback(
+    ranges: Ranges, status: int, position: float, velocity: float, torque: float, temp_mos: int, temp_rotor: int
+) -> bytes:
+    """`encode_feedback` of finite numbers, for the virtual rig, with nothing checked; `status` is fault << 4 | id."""
+    p_max, v_max, t_max, _, _ = ranges
     position = p_max if position > p_max else -p_max if position < -p_max else position
     velocity = v_max if velocity > v_max else -v_max if velocity < -v_max else velocity
     torque = t_max if torque > t_max else -t_max if torque < -t_max else torque
     word = (
-        (fault & 0xF) << 60
-        | (motor_id & 0xF) << 56
+        (status & 0xFF) << 56
         | int((position + p_max) * _MAX16 / (p_max + p_max)) << 40
         | int((velocity + v_max) * _MAX12 / (v_max + v_max)) << 28
         | int((torque + t_max) * _MAX12 / (t_max + t_max)) << 16
-        | min(max(int(mos), 0), 0xFF) << 8
-        | min(max(int(rotor), 0), 0xFF)
+        | (temp_mos if 0 <= temp_mos <= 0xFF else 0 if temp_mos < 0 else 0xFF) << 8
+        | (temp_rotor if 0 <= temp_rotor <= 0xFF else 0 if temp_rotor < 0 else 0xFF)
     )
     return word.to_bytes(8, "big")
 

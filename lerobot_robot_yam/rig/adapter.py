@@ -92,6 +92,14 @@ class Adapter:
         self._given_s = at_s
         return at_s
 
+    def arrivals_s(self, through_s: list[float]) -> list[float]:
+        """`arrival_s` of frames in order."""
+        if self.hold is not None or through_s[0] + self.latency_s < self._given_s:
+            return [self.arrival_s(at_s) for at_s in through_s]
+        arrived_s = [at_s + self.latency_s for at_s in through_s]
+        self._given_s = arrived_s[-1]
+        return arrived_s
+
     @property
     def keeps(self) -> bool:
         """Whether frames wait in the adapter, as their stamps must not tell when they reach the host."""

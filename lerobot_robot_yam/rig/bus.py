@@ -24,6 +24,7 @@ from lerobot_robot_yam.errors import BusError, ConfigError
 from lerobot_robot_yam.rig import launch, wire
 from lerobot_robot_yam.rig.client_link import ClientLink
 from lerobot_robot_yam.rig.link_state import watch_link
+from lerobot_robot_yam.rig.messages import message_of, pack_messages
 from lerobot_robot_yam.rig.wire import Frame
 
 logger = logging.getLogger(__name__)
@@ -102,23 +103,15 @@ class YamSimBus(can.BusABC):
             BusError: the rig is gone or does not take frames, or a frame is not classic CAN.
             can.CanOperationError: as for `send`.
         """
-        now = time.monotonic()
-        frames = []
-        for message in messages:
-            if message.is_fd:
-                raise BusError(f"{self.channel_info}: CAN FD frame sent; the arms speak classic CAN")
-            flags = (wire.FLAG_EXTENDED if message.is_extended_id else 0) | (
-                wire.FLAG_REMOTE if message.is_remote_frame else 0
-            )
-            frames.append(Frame(now, message.arbitration_id, bytes(message.data), flags))
+        packet = pack_messages(messages, time.monotonic())
         if self._socket is None:
             raise BusError(f"{self.channel_info} is shut down")
-        if not self._link.check_send(len(frames)):
+        if not self._link.check_send(len(messages)):
             return
         try:
             if timeout is not None and not _wait(self._socket, select.POLLOUT, timeout):
                 raise BusError(f"{self.channel_info}: the rig takes no frames; is its process stopped?")
-            self._socket.send(wire.pack(frames))
+            self._socket.send(packet)
         except (BrokenPipeError, ConnectionResetError, ValueError) as error:  # ValueError: shut down meanwhile
             raise self._gone() from error
 
@@ -133,7 +126,7 @@ class YamSimBus(can.BusABC):
             if self._arrived:
                 wait = self._arrived[0].stamp_s - now
                 if wait <= 0.0:
-                    return self._message(self._arrived.popleft()), False
+                    return message_of(self._arrived.popleft(), self.channel), False
                 if deadline is not None and self._arrived[0].stamp_s > deadline:
                     # Nothing can arrive before the head: the wire keeps the order.
                     time.sleep(max(0.0, deadline - now))
@@ -165,17 +158,6 @@ class YamSimBus(can.BusABC):
             return
         except (OSError, ValueError) as error:  # reset, or shut down by another thread
             raise self._gone() from error
-
-    def _message(self, frame: Frame) -> can.Message:
-        return can.Message(
-            timestamp=frame.stamp_s,
-            arbitration_id=frame.id,
-            is_extended_id=bool(frame.flags & wire.FLAG_EXTENDED),
-            is_remote_frame=bool(frame.flags & wire.FLAG_REMOTE),
-            is_error_frame=bool(frame.flags & wire.FLAG_ERROR),
-            data=frame.data,
-            channel=self.channel,
-        )
 
     def _gone(self) -> BusError:
         crash = launch.rig_path(self.rig, "crash")

@@ -21,6 +21,7 @@ from lerobot_robot_yam.rig.foreign_driver import ForeignDriver
 from lerobot_robot_yam.rig.handle import SimHandle
 from lerobot_robot_yam.rig.link_state import Link, LinkState
 from lerobot_robot_yam.rig.motors import SimMotor
+from lerobot_robot_yam.rig.whole_tick import WholeTick
 from lerobot_robot_yam.rig.wire import Frame, Wire
 
 _TRACE_LENGTH = 500_000
@@ -52,6 +53,7 @@ class Channel:
         self._late: list[tuple[float, Frame]] = []
         self._random = random.Random(seed)
         self._by_id: dict[int, tuple[SimMotor, int]] = {}
+        self._tick = WholeTick(self.motors, handle)
         self.identifiers_changed()
 
     def identifiers_changed(self) -> None:
@@ -65,6 +67,37 @@ class Channel:
     def start_trace(self) -> None:
         """Record every frame that clients send, from now on."""
         self.trace = deque(maxlen=_TRACE_LENGTH)
+
+    @property
+    def tick_size(self) -> int:
+        """Bytes of a packet that holds a whole tick."""
+        return self._tick.size
+
+    def receive_packet(self, sender: Listener, packet: bytes, now_s: float) -> None:
+        """`receive` for frames as they come over a socket, see `wire`.
+
+        Raises:
+            BusError: the packet is not a whole number of records.
+        """
+        if self._is_plain(sender, now_s):
+            answer = self._tick.answer(packet, now_s, self.wire, self.adapter)
+            if answer is not None:
+                self._send(sender, answer)
+                return
+        self.receive(sender, wire.unpack(packet), now_s)
+
+    def _is_plain(self, sender: Listener, now_s: float) -> bool:
+        """Whether frames concern only motors and handle, reach them as they are, and are answered at once."""
+        adapter, handle = self.adapter, self.handle
+        return (
+            len(self.clients) == 1
+            and self.clients[0] is sender
+            and not (self.cable_out or self.link.state or adapter.waits or adapter.keeps)
+            and self.trace is None
+            and (handle is None or not handle.silent)
+            and self.wire.free_at_s - (now_s + adapter.latency_s) <= _BACKLOG_S
+            and all([motor.is_plain() for motor in self.motors])
+        )
 
     def receive(self, sender: Listener, frames: Sequence[Frame], now_s: float) -> None:
         """Take a client's packet, which the adapter puts on the wire at once or when its latency has passed."""
@@ -207,8 +240,11 @@ class Channel:
                 self._hand_over(client, frames)
 
     def _hand_over(self, client: Listener, frames: Sequence[Frame]) -> None:
+        self._send(client, wire.pack(frames))
+
+    def _send(self, client: Listener, packet: bytes) -> None:
         try:
-            client.send(wire.pack(frames), socket.MSG_DONTWAIT)
+            client.send(packet, socket.MSG_DONTWAIT)
         except BlockingIOError:
             self.overflows += 1
         except OSError:

@@ -47,6 +47,10 @@ class Contacts:
         }
         return {prop: frozenset(others) for prop, others in touching.items()}, held
 
+    def holds(self, prop: str) -> bool:
+        """Whether an arm's two fingers both touch a prop."""
+        return bool(self.look()[1][prop])
+
     def _pairs(self) -> set[tuple[int, int]]:
         """(prop, other body) of every contact of a prop."""
         touching = self._data.contact.dist[: self._data.ncon] <= 0.0

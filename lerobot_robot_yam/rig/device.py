@@ -1,5 +1,6 @@
 """The rig without its sockets: a world, the channels with motors and handles, hands, pushes, judges, the task."""
 
+import functools
 from typing import Any
 
 import numpy as np
@@ -92,7 +93,7 @@ class RigDevice:
     @property
     def due_s(self) -> float:
         """When an adapter of a channel is due to do something; infinity for never."""
-        return min(channel.adapter.due_s for channel in self.channels.values())
+        return min([channel.adapter.due_s for channel in self.channels.values()])
 
     def advance(self, now_s: float) -> None:
         """Simulate up to a time of the clock."""
@@ -139,10 +140,9 @@ class RigDevice:
             if sim_s >= end_s:
                 self.world.data.xfrc_applied[body] = 0.0
                 del self._pushes[body]
-        held = self._contacts.look()[1] if any(judge.moving for judge in self.judges.values()) else {}
         for name, judge in self.judges.items():
-            position = self.world.data.xpos[self._prop_bodies[name]]
-            for event in judge.update(sim_s, now_s, position, bool(held.get(name))):
+            position = self.world.data.xpos[self._prop_bodies[name]].tolist()
+            for event in judge.update(sim_s, now_s, position, functools.partial(self._contacts.holds, name)):
                 self.events.add(event.pop("kind"), **event)
         for event in self.task.update():
             self.events.add(event.pop("kind"), **event)

@@ -45,29 +45,29 @@ class Drive:
         self._world = world
         if not 1 <= len(joints) <= 2:
             raise ConfigError(f"actuator {actuator} must move one or two joints, not {joints}")
-        self._q = [int(model.joint(j).qposadr[0]) for j in joints]
-        self._v = [int(model.joint(j).dofadr[0]) for j in joints]
+        self.q = [int(model.joint(j).qposadr[0]) for j in joints]
+        self.v = [int(model.joint(j).dofadr[0]) for j in joints]
         self._single = len(joints) == 1
-        self._base = base_rad
-        self._coefficient = coefficient
-        self._gains = (0.0, 0.0)
+        self.base_rad = base_rad
+        self.coefficient = coefficient
+        self.gains = (0.0, 0.0)
         self._bias = model.actuator_biasprm[self.actuator]
         self._ctrl = world.data.ctrl
-        self._damping = model.dof_damping[self._v].copy()
-        self._friction = model.dof_frictionloss[self._v].copy()
-        self._impedance = model.dof_solimp[self._v, :2].copy()
+        self._damping = model.dof_damping[self.v].copy()
+        self._friction = model.dof_frictionloss[self.v].copy()
+        self._impedance = model.dof_solimp[self.v, :2].copy()
 
     def angle(self) -> float:
         """Shaft angle in rad."""
         q = self._world.qpos
-        own = self._q
-        return self._base + self._coefficient * (q[own[0]] if self._single else q[own[0]] + q[own[1]])
+        own = self.q
+        return self.base_rad + self.coefficient * (q[own[0]] if self._single else q[own[0]] + q[own[1]])
 
     def velocity(self) -> float:
         """Shaft velocity in rad/s."""
         v = self._world.qvel
-        own = self._v
-        return self._coefficient * (v[own[0]] if self._single else v[own[0]] + v[own[1]])
+        own = self.v
+        return self.coefficient * (v[own[0]] if self._single else v[own[0]] + v[own[1]])
 
     def read(self, qpos: np.ndarray, qvel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Angles (k,) in rad and velocities (k,) in rad/s in other states (k, nq), (k, nv) of the world."""
@@ -80,23 +80,27 @@ class Drive:
 
     def command(self, angle: float, velocity: float, kp: float, kd: float, torque: float) -> None:
         """From now on  kp (angle − u) + kd (velocity − u̇) + torque.  Units: rad, rad/s, Nm."""
-        if (kp, kd) != self._gains:
-            self._bias[1], self._bias[2] = -kp, -kd
-            self._gains = (kp, kd)
-        control = kp * (angle - self._base) + kd * velocity + torque
+        if (kp, kd) != self.gains:
+            self.set_gains(kp, kd)
+        control = kp * (angle - self.base_rad) + kd * velocity + torque
         self._ctrl[self.actuator] = min(max(control, -_CONTROL_MAX), _CONTROL_MAX)
+
+    def set_gains(self, kp: float, kd: float) -> None:
+        """Change the servo's gains alone."""
+        self._bias[1], self._bias[2] = -kp, -kd
+        self.gains = kp, kd
 
     def load(self, torque_nm: float) -> None:
         """From now on a torque from outside acts on the shaft; the actuator does not report it."""
-        self._world.data.qfrc_applied[self._v] = self._coefficient * torque_nm
+        self._world.data.qfrc_applied[self.v] = self.coefficient * torque_nm
 
     def jam(self, jammed: bool) -> None:
         """Make the shaft hardly turn at all, whatever pulls, or free it."""
-        jam = _JAMMED * self._coefficient**2
-        self._world.model.dof_damping[self._v] = jam if jammed else self._damping
+        jam = _JAMMED * self.coefficient**2
+        self._world.model.dof_damping[self.v] = jam if jammed else self._damping
 
     def rub(self, friction_nm: float) -> None:
         """From now on the shaft has so much more dry friction than the profile says."""
         model = self._world.model
-        model.dof_frictionloss[self._v] = self._friction + abs(self._coefficient) * friction_nm
-        model.dof_solimp[self._v, :2] = _STIFF if friction_nm else self._impedance
+        model.dof_frictionloss[self.v] = self._friction + abs(self.coefficient) * friction_nm
+        model.dof_solimp[self.v, :2] = _STIFF if friction_nm else self._impedance

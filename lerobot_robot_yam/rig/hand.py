@@ -4,6 +4,7 @@ The pull is a damped spring at each joint, integrated with the physics; the arm'
 A person feels an arm that goes its own way, as when it lands, and lets it go.
 """
 
+import bisect
 from collections.abc import Sequence
 
 import numpy as np
@@ -35,9 +36,10 @@ class Hand:
             Drive(world, f"{channel}/hand_{i + 1}", (f"{channel}/joint{i + 1}",), 0.0, 1.0) for i in range(count)
         ]
         self._start_s = 0.0
-        self._times: np.ndarray = np.zeros(1)
-        self._path: np.ndarray = np.zeros((1, count + 1))
-        self._rates: np.ndarray = np.zeros((1, count + 1))
+        # Plain lists, as `advance` takes single numbers from them. Each row: the joints, then the trigger.
+        self._times: list[float] = [0.0]
+        self._path: list[list[float]] = [[0.0] * (count + 1)]
+        self._rates: list[list[float]] = self._path
         self._next_s = 0.0
         self.gripping = False
         self.resisted = False  # the arm worked against the hand; it does not take hold again until `forgive`
@@ -59,10 +61,10 @@ class Hand:
         path = np.column_stack([joints, squeeze])
         if (np.diff(times) <= 0).any() or not np.isfinite(times).all() or not np.isfinite(path).all():
             raise ConfigError("a hand needs increasing times and finite values")
-        self._times, self._path = times, path
-        self._rates = np.zeros_like(path)
+        rates = np.zeros_like(path)
         if len(times) > 1:
-            self._rates[:-1] = np.diff(path, axis=0) / np.diff(times)[:, None]
+            rates[:-1] = np.diff(path, axis=0) / np.diff(times)[:, None]
+        self._times, self._path, self._rates = times.tolist(), path.tolist(), rates.tolist()
         self._start_s = self._next_s = self._world.sim_s
         if not self.gripping:
             self._easy_s = self._start_s
@@ -89,21 +91,20 @@ class Hand:
         if not self.gripping or now < self._next_s:
             return
         self._next_s = now + _PERIOD_S
-        if not energised or max(abs(drive.torque()) for drive in self._drives) < _RESIST_NM:
+        if not energised or all([abs(drive.torque()) < _RESIST_NM for drive in self._drives]):
             self._easy_s = now
         elif now - self._easy_s > _RESIST_S:
             self.resisted = True
             self.release()
             return
         t = now - self._start_s
-        index = int(np.searchsorted(self._times, t, side="right")) - 1
+        index = bisect.bisect_right(self._times, t) - 1
         row = max(index, 0)
         ahead = t - self._times[row] if index >= 0 else 0.0
         rates = self._rates[row]
-        target = (self._path[row] + rates * ahead).tolist()
-        rate = rates.tolist()
-        for i, drive in enumerate(self._drives):
-            drive.command(target[i], rate[i], HAND_KP, HAND_KD, 0.0)
+        targets = [start + rate * ahead for start, rate in zip(self._path[row], rates, strict=True)]
+        for drive, target, rate in zip(self._drives, targets, rates, strict=False):
+            drive.command(target, rate, HAND_KP, HAND_KD, 0.0)
         if self._handle is not None:
-            self._handle.trigger = min(max(target[-1], 0.0), 1.0)
-            self._handle.trigger_rate = rate[-1]
+            self._handle.trigger = min(max(targets[-1], 0.0), 1.0)
+            self._handle.trigger_rate = rates[-1]

@@ -5,10 +5,9 @@ hand. A cycle is a chain of transfers that brought it from one end place to the 
 logs its events.
 """
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
-
-import numpy as np
 
 LIFT_M = 0.05
 CARRY_M = 0.15
@@ -17,6 +16,8 @@ REST_SPEED_M_S = 0.01
 REST_S = 0.2
 PLACE_RADIUS_M = 0.06
 FALL_M = -0.05
+
+Point = tuple[float, ...]
 
 
 class Judge:
@@ -30,19 +31,19 @@ class Judge:
 
     def __init__(self, prop: str, places: Mapping[str, Sequence[float]], ends: Sequence[str] = ("A", "B")):
         self._prop = prop
-        self._places = {name: np.asarray(xy, float)[:2] for name, xy in places.items()}
+        self._places = {name: (float(xy[0]), float(xy[1])) for name, xy in places.items()}
         self._ends = tuple(ends)
-        self._last: tuple[float, np.ndarray] | None = None
-        self._rest: np.ndarray | None = None  # where it last lay still
+        self._last: tuple[float, Point] | None = None
+        self._rest: Point | None = None  # where it last lay still
         self._still_since: float | None = None
         self._moving: dict[str, Any] | None = None
         self._cycle: dict[str, Any] | None = None  # the start of the cycle under way
         self._fallen = False
 
-    def place_of(self, position_m: np.ndarray) -> str | None:
+    def place_of(self, position_m: Sequence[float]) -> str | None:
         """Name of the place the prop lies at, None when at none."""
         for name, xy in self._places.items():
-            if np.linalg.norm(position_m[:2] - xy) < PLACE_RADIUS_M:
+            if math.dist(position_m[:2], xy) < PLACE_RADIUS_M:
                 return name
         return None
 
@@ -51,21 +52,18 @@ class Judge:
         self._last = self._rest = self._still_since = self._moving = self._cycle = None
         self._fallen = False
 
-    @property
-    def moving(self) -> bool:
-        """Whether the prop has left the table, and whose hand it is in has to be known."""
-        return self._moving is not None
-
-    def update(self, time_s: float, wall_s: float, position_m: np.ndarray, held: bool) -> list[dict[str, Any]]:
+    def update(
+        self, time_s: float, wall_s: float, position_m: Sequence[float], held: Callable[[], bool]
+    ) -> list[dict[str, Any]]:
         """Take the prop's centre (3,) at a simulated and a monotonic time; return the events that this completes.
 
-        `held`: an arm's fingers are closed on it.
+        `held`: says whether an arm's fingers are closed on it; asked only where that matters.
 
         Events carry `kind` ("transfer", "drop", "cycle" or "fall"), `prop`, `start` and `end` as
         {"sim_s", "monotonic_s"}, and for the first three `lift_m`, `carry_m`, `from`, `to` ({"place", "xy_m"}).
         A "drop" is a prop that came down again without having been lifted and carried far enough.
         """
-        position = np.array(position_m, float)
+        position = tuple(position_m)
         if self._last is None:
             self._last = (time_s, position)
             return []
@@ -74,7 +72,7 @@ class Judge:
             return []
         self._last = (time_s, position)
         now = {"sim_s": round(time_s, 4), "monotonic_s": round(wall_s, 4)}
-        speed = float(np.linalg.norm(position - last)) / (time_s - last_s)
+        speed = math.dist(position, last) / (time_s - last_s)
         if position[2] < FALL_M:
             if self._fallen:
                 return []
@@ -83,7 +81,7 @@ class Judge:
             self._fallen = True
             return [{"kind": "fall", "prop": self._prop, "start": start, "end": now}]
         self._fallen = False
-        if speed < REST_SPEED_M_S and not held:
+        if speed < REST_SPEED_M_S and not (self._moving is not None and held()):
             self._still_since = time_s if self._still_since is None else self._still_since
         else:
             self._still_since = None
@@ -91,19 +89,19 @@ class Judge:
         if self._moving is None:
             if self._rest is not None and position[2] - self._rest[2] > AIRBORNE_M:
                 # Carrying counts from where it left the table: pushing it along the table does not.
-                self._moving = {"start": now, "from": np.array([*position[:2], self._rest[2]]), "lift_m": 0.0}
+                self._moving = {"start": now, "from": (*position[:2], self._rest[2]), "lift_m": 0.0}
             elif still:
                 self._rest = position
             return []
-        self._moving["lift_m"] = max(self._moving["lift_m"], float(position[2] - self._moving["from"][2]))
+        self._moving["lift_m"] = max(self._moving["lift_m"], position[2] - self._moving["from"][2])
         if not still or position[2] - self._moving["from"][2] > AIRBORNE_M:
             return []
         return self._settled(position, now)
 
-    def _settled(self, position: np.ndarray, now: dict[str, float]) -> list[dict[str, Any]]:
+    def _settled(self, position: Point, now: dict[str, float]) -> list[dict[str, Any]]:
         moving, self._moving, self._rest = self._moving, None, position
         assert moving is not None
-        carry = float(np.linalg.norm(position[:2] - moving["from"][:2]))
+        carry = math.dist(position[:2], moving["from"][:2])
         good = moving["lift_m"] >= LIFT_M and carry >= CARRY_M
         event = self._event("transfer" if good else "drop", moving, position, now, moving["lift_m"], carry)
         if not good:
@@ -116,7 +114,7 @@ class Judge:
             self._cycle["lift_m"] = min(self._cycle["lift_m"], moving["lift_m"])
             ends = {self.place_of(self._cycle["from"]), self.place_of(position)}
             if ends == set(self._ends):
-                span = float(np.linalg.norm(position[:2] - self._cycle["from"][:2]))
+                span = math.dist(position[:2], self._cycle["from"][:2])
                 events.append(self._event("cycle", self._cycle, position, now, self._cycle["lift_m"], span))
                 self._cycle = None
         return events
@@ -125,13 +123,13 @@ class Judge:
         self,
         kind: str,
         moving: dict[str, Any],
-        end: np.ndarray,
+        end: Point,
         now: dict[str, float],
         lift_m: float,
         carry_m: float,
     ) -> dict[str, Any]:
-        def where(position: np.ndarray) -> dict[str, Any]:
-            return {"place": self.place_of(position), "xy_m": [round(float(v), 4) for v in position[:2]]}
+        def where(position: Point) -> dict[str, Any]:
+            return {"place": self.place_of(position), "xy_m": [round(v, 4) for v in position[:2]]}
 
         return {
             "kind": kind,

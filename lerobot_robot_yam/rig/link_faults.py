@@ -2,7 +2,7 @@
 
 import random
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 
 from lerobot_robot_yam.rig.wire import Frame
 
@@ -19,6 +19,12 @@ class LinkFaults:
     wrong_id: int | None = None  # answers come under this identifier; the registers know nothing of it
     corrupt_rate: float = 0.0  # share of answers with random contents
     corrupt_all: bool = False  # also in the first byte: motor number and fault code
+    set: bool = field(default=False, init=False)  # whether anything is not as it is by default; kept up to date
+
+    def __setattr__(self, name: str, value: object) -> None:
+        super().__setattr__(name, value)
+        others = (row for row in fields(self) if row.name != "set")
+        self.__dict__["set"] = any(self.__dict__.get(row.name, row.default) != row.default for row in others)
 
     def any(self) -> bool:
         """Whether something is set that concerns the answers on the wire."""

@@ -25,6 +25,7 @@ from lerobot_robot_yam.rig.client_link import ClientLink
 from lerobot_robot_yam.rig.control import RigOperations
 from lerobot_robot_yam.rig.device import RigDevice
 from lerobot_robot_yam.rig.launch import rig_path
+from lerobot_robot_yam.rig.messages import message_of, pack_messages
 from lerobot_robot_yam.rig.scene import load_scene
 from lerobot_robot_yam.rig.wire import Frame
 from lerobot_robot_yam.shared_block import SharedBlock
@@ -161,17 +162,7 @@ class LockstepBus(can.BusABC):
         if self._mailbox not in self._wire.clients:
             raise BusError(f"{self.channel_info}: no such device; was the rig restarted?")
         now = self.clock.now()
-        frames = [
-            Frame(
-                now,
-                message.arbitration_id,
-                bytes(message.data),
-                (wire.FLAG_EXTENDED if message.is_extended_id else 0)
-                | (wire.FLAG_REMOTE if message.is_remote_frame else 0),
-            )
-            for message in messages
-        ]
-        self._wire.receive(self._mailbox, frames, now)
+        self._wire.receive_packet(self._mailbox, pack_messages(messages, now), now)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """The next frame; its time passes on the rig's clock.
@@ -185,7 +176,7 @@ class LockstepBus(can.BusABC):
             self._link.check_receive()
             now = clock.now()
             if arrived and arrived[0].stamp_s <= now:
-                message = self._message(arrived.popleft())
+                message = message_of(arrived.popleft(), self._wire.name)
                 if self._matches_filters(message):
                     return message
                 continue
@@ -194,16 +185,6 @@ class LockstepBus(can.BusABC):
             next_s = arrived[0].stamp_s if arrived else min(now + _STEP_S, self._wire.adapter.due_s)
             until = min(deadline, max(next_s, now))
             clock.sleep(until - now)
-
-    def _message(self, frame: Frame) -> can.Message:
-        return can.Message(
-            timestamp=frame.stamp_s,
-            arbitration_id=frame.id,
-            is_extended_id=bool(frame.flags & wire.FLAG_EXTENDED),
-            is_remote_frame=bool(frame.flags & wire.FLAG_REMOTE),
-            is_error_frame=bool(frame.flags & wire.FLAG_ERROR),
-            data=frame.data,
-        )
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         return self.recv(timeout), True

@@ -21,7 +21,6 @@ from lerobot_robot_yam.damiao.tables import (
     VELOCITY_OFFSET,
     ControlMode,
     Fault,
-    motor_type,
 )
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.drive import Shaft
@@ -37,7 +36,7 @@ from lerobot_robot_yam.rig.world import World
 _POSITION_KP, _POSITION_KD = 100.0, 5.0
 _VELOCITY_KD = 5.0
 _RANGES: dict[int, str] = {Register.PMAX: "PMAX", Register.VMAX: "VMAX", Register.TMAX: "TMAX"}
-_AHEAD_S = 0.003  # a sample is carried on by at most this
+AHEAD_S = 0.003  # a sample is carried on by at most this
 _TWIN_OFFSET_RAD = 0.3  # of a second motor from where the first one was when the rig started; our choice
 _TWIN_SERIAL = 100_000  # its serial number is by so much higher
 
@@ -76,10 +75,10 @@ class SimMotor:
         self.bias_nm = 0.0  # see `set_bias`
         self.reading: FalseReading | None = None  # what it measures wrong
         self.twin: SimMotor | None = None  # see `plug_in_twin`
-        self.drive, self._world, self._log = drive, world, log
-        self._direction, self._zero = direction, zero_rad
+        self.drive, self.world, self._log = drive, world, log
+        self.direction, self.zero_rad = direction, zero_rad
         self._start_rad = drive.angle()
-        self._row = motor_type(kind)
+        self.ranges = codec.ranges_of(kind)
         options = world.scene.options
         self.thermometer = Thermometer(random.Random(options.seed * 1000 + can_id), options.stamp_temperatures)
         self.last_command_s = 0.0  # simulated time
@@ -92,6 +91,24 @@ class SimMotor:
     def enabled(self) -> bool:
         """Whether the motor obeys commands."""
         return self.fault == Fault.NORMAL
+
+    def is_plain(self) -> bool:
+        """Whether it is enabled in MIT mode, measures and answers as it should, and nothing was done to its settings.
+
+        A row of such motors is served by `motor_row`.
+        """
+        return (
+            self.fault == Fault.NORMAL
+            and self._plainly_set
+            and self._goal is self.reading is self.twin is None
+            and not self.faults.set
+            and self.thermometer.true
+        )
+
+    @property
+    def layout(self) -> tuple[float, int, int]:
+        """What commands and registers can change of where it is: zero, command identifier, identifier of answers."""
+        return self.zero_rad, self.can_id, self.master_id
 
     @property
     def follows(self) -> bool:
@@ -106,7 +123,7 @@ class SimMotor:
     @property
     def motor_angle_rad(self) -> float:
         """True multi-turn motor angle in rad."""
-        return self._direction * self.drive.angle() + self._zero
+        return self.direction * self.drive.angle() + self.zero_rad
 
     # frames
 
@@ -114,17 +131,21 @@ class SimMotor:
         """Obey a frame to identifier can_id + offset that the wire delivers at `at_s`, and answer it."""
         if self.faults.silent:
             return None
-        special = codec.decode_special(data)
-        self.last_command_s = self._world.sim_s
+        return Frame(0.0, self.master_id, self.answer(offset, data, at_s))
+
+    def answer(self, offset: int, data: bytes, at_s: float) -> bytes:
+        """The same of a motor that is not silent: the data of its answer. Hot: once per frame."""
+        special = codec.SPECIAL_OF.get(data)
+        self.last_command_s = self.world.sim_s
         if special is not None:
             self._special(special)
         elif len(data) == 8 and self.fault == Fault.NORMAL:
             if offset == 0:
                 if self.mode == ControlMode.MIT:
-                    self._obey(*codec.decode_mit(self.kind, data))
+                    self._obey(*codec.unpack_mit(self.ranges, data))
             else:
                 self._obey_floats(offset, data)
-        return self.feedback(at_s)
+        return self.sample(at_s)
 
     def request(self, data: bytes, at_s: float) -> Frame | None:
         """Answer a register request addressed to this motor, delivered at `at_s`."""
@@ -134,7 +155,7 @@ class SimMotor:
         if request.opcode == Opcode.REFRESH:
             return self.feedback(at_s)
         if request.opcode == Opcode.STORE:
-            return Frame(0.0, self._master_id, bytes(data).ljust(8, b"\x00"))
+            return Frame(0.0, self.master_id, bytes(data).ljust(8, b"\x00"))
         if request.register not in self._registers:
             return None
         if request.opcode == Opcode.WRITE and registers.REGISTERS[request.register].writable:
@@ -144,21 +165,27 @@ class SimMotor:
         value = self._register(request.register)
         # Identifiers may just have changed; the answer still comes from the one that was asked.
         answer = registers.encode_reply(request.motor_id, request.opcode, request.register, value)
-        return Frame(0.0, self._master_id, answer)
+        return Frame(0.0, self.master_id, answer)
 
     def feedback(self, at_s: float) -> Frame:
-        """A feedback frame of the state at monotonic time `at_s`; its time stamp is for the caller to set.
+        """A feedback frame of the state at monotonic time `at_s`; its time stamp is for the caller to set."""
+        return Frame(0.0, self.master_id, self.sample(at_s))
+
+    def sample(self, at_s: float) -> bytes:
+        """Data of a feedback frame of the state at monotonic time `at_s`. Hot: once per frame.
 
         The physics may be behind that time by a packet's way over the wire; the position is carried on with the
         velocity, which over 3 ms is exact to less than the frame's last bit.
         """
-        p_max, direction, world = self._row.position_max_rad, self._direction, self._world
-        ahead = min(max(at_s - world.stamp_s, 0.0), _AHEAD_S)
-        rate = self.drive.velocity()
-        position = direction * (self.drive.angle() + rate * ahead) + self._zero
-        velocity, torque = direction * rate, direction * self.drive.torque()
+        direction, drive, world = self.direction, self.drive, self.world
+        ahead = at_s - world.stamp_s
+        ahead = 0.0 if ahead < 0.0 else AHEAD_S if ahead > AHEAD_S else ahead
+        rate = drive.velocity()
+        position = direction * (drive.angle() + rate * ahead) + self.zero_rad
+        velocity, torque = direction * rate, direction * drive.torque()
         if self.reading is not None:
             position, velocity, torque = self.reading.of((position, velocity, torque), direction)
+        p_max = self.ranges[0]
         if not -p_max <= position <= p_max:
             position = (position + p_max) % (2 * p_max) - p_max
         if self._scales is not None:
@@ -166,12 +193,8 @@ class SimMotor:
                 x * s for x, s in zip((position, velocity, torque), self._scales, strict=True)
             )
         mos, rotor = self.thermometer.read(velocity, torque, world.sim_s, world.stamp_s + ahead)
-        fault = self.fault
-        return Frame(
-            0.0,
-            self._master_id,
-            codec.encode_feedback(self.kind, self.can_id, fault, position, velocity, torque, mos, rotor),
-        )
+        status = self.fault << 4 | self.can_id & 0xF
+        return codec.pack_feedback(self.ranges, status, position, velocity, torque, mos, rotor)
 
     # state
 
@@ -187,7 +210,7 @@ class SimMotor:
 
     def look_after_itself(self) -> None:
         """Give up when too hot or without a command for too long; call every few ms of simulated time."""
-        sim_s = self._world.sim_s
+        sim_s = self.world.sim_s
         if self.thermometer.ramp is not None and self.fault in (Fault.NORMAL, Fault.DISABLED):
             hot = self.thermometer.tripped(self._registers[Register.OT_VALUE], sim_s)
             if hot is not None:
@@ -206,7 +229,7 @@ class SimMotor:
 
     def warm(self, rate_c_per_s: float, from_c: float, part: str) -> None:
         """From now on the temperature of `thermometer.PARTS` rises, or falls."""
-        self.thermometer.ramp = Ramp(rate_c_per_s, from_c, self._world.sim_s, part)
+        self.thermometer.ramp = Ramp(rate_c_per_s, from_c, self.world.sim_s, part)
 
     def plug_in_twin(self, angle_rad: float | None = None) -> None:
         """From now on a second motor with the same identifiers hears every frame and answers after this one.
@@ -215,14 +238,14 @@ class SimMotor:
         sign); it obeys MIT commands. Its events are called second_motor_enabled and so on.
         """
         angle = self._start_rad + _TWIN_OFFSET_RAD if angle_rad is None else angle_rad
-        shaft = LooseShaft(self._world, angle, self._row.torque_max_nm)
+        shaft = LooseShaft(self.world, angle, self.ranges[2])
         serial = int(self._registers[Register.SN]) + _TWIN_SERIAL
 
         def log(kind: str, **details: Any) -> None:
             self._log(f"second_{kind}", **details)
 
-        place = self._direction, self._zero
-        self.twin = SimMotor(self.name, self.can_id, self.kind, *place, shaft, self._world, log, serial)
+        place = self.direction, self.zero_rad
+        self.twin = SimMotor(self.name, self.can_id, self.kind, *place, shaft, self.world, log, serial)
 
     def repair(self) -> None:
         """Undo every injected fault; registers, and the fault code that the motor is in, stay."""
@@ -237,7 +260,7 @@ class SimMotor:
     def fail(self, fault: int) -> None:
         """Fall into a fault: torque off, or damping after a lost link if the scene says so."""
         self._limp()
-        options = self._world.scene.options
+        options = self.world.scene.options
         if fault == Fault.COMMUNICATION_LOST and options.watchdog == "damping":
             self.drive.command(0.0, 0.0, 0.0, options.watchdog_damping, 0.0)
         self.fault = fault
@@ -274,7 +297,7 @@ class SimMotor:
         elif special is SpecialCommand.DISABLE:
             self.disable()
         elif special is SpecialCommand.ZERO:
-            self._zero -= self.motor_angle_rad
+            self.zero_rad -= self.motor_angle_rad
         elif self.fault not in (Fault.NORMAL, Fault.DISABLED):
             if not self.sticky_fault:
                 self.fault = Fault.DISABLED
@@ -288,12 +311,12 @@ class SimMotor:
                 position, velocity, torque = (
                     x / s for x, s in zip((position, velocity, torque), self._scales, strict=True)
                 )
-        direction = self._direction
-        true = self._zero + direction * self.drive.angle()
-        p_max = self._row.position_max_rad
+        direction = self.direction
+        true = self.zero_rad + direction * self.drive.angle()
+        p_max = self.ranges[0]
         if not -p_max <= true <= p_max:  # the command means the turn that feedback reports
             position += true - ((true + p_max) % (2 * p_max) - p_max)
-        self.drive.command(direction * (position - self._zero), direction * velocity, kp, kd, direction * torque)
+        self.drive.command(direction * (position - self.zero_rad), direction * velocity, kp, kd, direction * torque)
 
     def _obey_floats(self, offset: int, data: bytes) -> None:
         """Position-velocity or velocity command, if the motor is in that mode and the numbers are finite."""
@@ -318,11 +341,11 @@ class SimMotor:
         held = self._registers
         self.can_id = int(held[Register.ESC_ID])
         self.mode = int(held[Register.CTRL_MODE])
-        self._master_id = int(held[Register.MST_ID])
+        self.master_id = int(held[Register.MST_ID])
         self._timeout_s = held[Register.TIMEOUT] * TIMEOUT_COUNT_S
         # The codec packs with the type's ranges; a motor set to others packs as if every value were scaled.
-        row = self._row
-        ranges = (row.position_max_rad, row.velocity_max_rad_s, row.torque_max_nm)
+        ranges = self.ranges[:3]
         held_ranges = (held[Register.PMAX], held[Register.VMAX], held[Register.TMAX])
         scales = tuple(mine / its for mine, its in zip(ranges, held_ranges, strict=True))
         self._scales: tuple[float, ...] | None = None if all(abs(s - 1) < 1e-6 for s in scales) else scales
+        self._plainly_set = self._scales is None and self.mode == ControlMode.MIT

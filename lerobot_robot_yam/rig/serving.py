@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from lerobot_robot_yam.errors import BusError, ConfigError, YamError
-from lerobot_robot_yam.rig import commands, wire
+from lerobot_robot_yam.rig import commands
 from lerobot_robot_yam.rig.camera_service import CameraService
 from lerobot_robot_yam.rig.channel import Channel
 from lerobot_robot_yam.rig.device import RigDevice
@@ -136,8 +136,8 @@ class RigServer:
                 self._poll.register(sock.fileno(), select.EPOLLIN)
 
     def _hear(self, client: Client) -> None:
-        """Take everything a client has sent; what has queued up counts as sent in one go."""
-        frames: list[wire.Frame] = []
+        """Take everything a client has sent; what has queued up counts as sent in one go, as a whole tick does."""
+        frames = b""
         gone = False
         try:
             while True:
@@ -146,18 +146,24 @@ class RigServer:
                     gone = True
                     break
                 if client.channel is not None:
-                    frames += wire.unpack(packet)
+                    frames += packet
+                    if len(packet) == client.channel.tick_size:
+                        break
                 elif not client.kind:
                     self._hello(client, packet)
                 else:
                     self._answer(client, self._ask(client, packet))
         except BlockingIOError:
             pass
-        except (OSError, YamError) as error:
+        except OSError as error:
             logger.info("a client is dropped: %s", error)
             gone = True
         if frames and client.channel is not None:
-            client.channel.receive(client.socket, frames, time.monotonic())
+            try:
+                client.channel.receive_packet(client.socket, frames, time.monotonic())
+            except YamError as error:
+                logger.info("a client is dropped: %s", error)
+                gone = True
         if gone:
             self._drop(client)
 

@@ -9,7 +9,7 @@ COIL_LIMIT_C = 100.0  # our choice for every motor; the power stage's limit is r
 _REST_C = (35.5, 40.5)  # power stage, coil; these and the gains: the vendor's simulation
 _GAIN_C_PER_W = (0.5, 0.8)
 _TIME_CONSTANT_S = (20.0, 60.0)  # our estimate
-_PERIOD_S = 0.02  # of measuring; our choice
+PERIOD_S = 0.02  # of measuring; our choice
 PARTS = ("both", "mos", "rotor")
 _STAMP_UNIT_S = 2e-4
 _STAMP_DIGIT = 84  # °C: below what our heat watch calls warm, so that no stamp is ever taken for heat
@@ -55,9 +55,14 @@ class Thermometer:
         self.held: tuple[float, float] | None = None
         self.ramp: Ramp | None = None
         self._chance = chance
-        self._warmth = [0.0, 0.0]  # above rest
-        self._measured_at_s = -_PERIOD_S
+        self._warmth = (0.0, 0.0)  # above rest
+        self.measured_at_s = -PERIOD_S
         self._measured = _REST_C
+
+    @property
+    def true(self) -> bool:
+        """Whether it reports what it measures, and then nothing else before the next measurement."""
+        return self.held is self.ramp is None and not self._stamped
 
     def read(self, velocity_rad_s: float, torque_nm: float, sim_s: float, sample_s: float) -> tuple[int, int]:
         """Reported power stage and coil of a sample taken at monotonic time `sample_s`.
@@ -67,7 +72,7 @@ class Thermometer:
         """
         if self._stamped:
             return stamped_bytes(sample_s)
-        if not 0.0 <= sim_s - self._measured_at_s < _PERIOD_S:
+        if not 0.0 <= sim_s - self.measured_at_s < PERIOD_S:
             self._measure(abs(velocity_rad_s * torque_nm), sim_s)
         mos, rotor = self._measured
         if self.held is not None:
@@ -79,14 +84,13 @@ class Thermometer:
         return int(mos), int(rotor)
 
     def _measure(self, power_w: float, sim_s: float) -> None:
-        elapsed, self._measured_at_s = max(0.0, sim_s - self._measured_at_s), sim_s
-        self._warmth = [
-            warmth + (gain * power_w - warmth) * min(elapsed / time_constant, 1.0)
-            for warmth, gain, time_constant in zip(self._warmth, _GAIN_C_PER_W, _TIME_CONSTANT_S, strict=True)
-        ]
+        elapsed_s, self.measured_at_s = max(0.0, sim_s - self.measured_at_s), sim_s
+        mos, rotor = self._warmth
+        mos += (_GAIN_C_PER_W[0] * power_w - mos) * min(elapsed_s / _TIME_CONSTANT_S[0], 1.0)
+        rotor += (_GAIN_C_PER_W[1] * power_w - rotor) * min(elapsed_s / _TIME_CONSTANT_S[1], 1.0)
+        self._warmth = mos, rotor
         noise = self._chance.random() - 0.5
-        mos, rotor = (rest + warmth + noise for rest, warmth in zip(_REST_C, self._warmth, strict=True))
-        self._measured = mos, rotor
+        self._measured = _REST_C[0] + mos + noise, _REST_C[1] + rotor + noise
 
     def tripped(self, mos_limit_c: float, sim_s: float) -> Fault | None:
         """The fault that the motor falls into because it is too hot."""

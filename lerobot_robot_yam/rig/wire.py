@@ -7,6 +7,7 @@ waits for it. So a whole tick travels as one packet each way and still takes the
 
 import struct
 from collections.abc import Iterable
+from itertools import accumulate, repeat
 from typing import NamedTuple
 
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S
@@ -36,7 +37,12 @@ class Frame(NamedTuple):
 
 def pack(frames: Iterable[Frame]) -> bytes:
     """Frames as one packet."""
-    return b"".join([_RECORD.pack(stamp, ident, len(data), flags, data) for stamp, ident, data, flags in frames])
+    return b"".join([pack_one(*frame) for frame in frames])
+
+
+def pack_one(stamp_s: float, ident: int, data: bytes | bytearray, flags: int) -> bytes:
+    """One frame as a record."""
+    return _RECORD.pack(stamp_s, ident, len(data), flags, data)
 
 
 def unpack(packet: bytes) -> list[Frame]:
@@ -70,6 +76,14 @@ class Wire:
         self.free_at_s = start + self.frame_time_s
         self.frames += 1
         return self.free_at_s
+
+    def transmit_all(self, ready_s: float, count: int) -> list[float]:
+        """`transmit` for so many frames, all ready at `ready_s`; the times at which each is through."""
+        start = ready_s if ready_s > self.free_at_s else self.free_at_s
+        _, *through_s = accumulate(repeat(self.frame_time_s, count), initial=start)
+        self.free_at_s = through_s[-1]
+        self.frames += count
+        return through_s
 
 
 def send_time(stamp_s: float, now_s: float) -> float:

@@ -7,6 +7,7 @@ followers' targets.
 
 import json
 from collections.abc import Callable
+from functools import partial
 
 import mujoco
 import numpy as np
@@ -134,8 +135,9 @@ class StandIn:
             # Actuator length counts from the closed stop.
             data.actuator(f"{follower}/{motor.name}").ctrl = motor.kp * self._opening[side] * (opened - closed)
         self.world.step(TICK_STEPS)
-        position, held = data.body(self.prop).xpos, bool(self._contacts.look()[1][self.prop])
-        self.events += self.judge.update(self.world.sim_s, self.world.sim_s, position, held) + self.task.update()
+        sim_s, position = self.world.sim_s, data.body(self.prop).xpos.tolist()
+        held = partial(self._contacts.holds, self.prop)
+        self.events += self.judge.update(sim_s, sim_s, position, held) + self.task.update()
 
     def _lead(self, side: str) -> tuple[np.ndarray, float]:
         """Where the leader is, and its trigger."""

@@ -19,7 +19,7 @@ def judged(
         track += list(np.linspace(start, end, int(move_s * 100)))
     track += [points[-1]] * int(lie_s * 100)
     times = [i / 100 for i in range(len(track))]
-    updates = [judge.update(at, 1000 + at, np.array(point), held) for at, point in zip(times, track, strict=True)]
+    updates = [judge.update(at, 1000 + at, point, lambda: held) for at, point in zip(times, track, strict=True)]
     return [event for events in updates for event in events]
 
 
@@ -64,9 +64,9 @@ def test_what_a_hand_still_holds_has_not_come_to_rest():
     low = (*M[:2], 0.025)  # 5 mm above the table
     judge = Judge("cube", PLACES)
     for at in np.arange(-1.0, 0.0, 0.01):
-        judge.update(at, 1000 + at, np.array(A), False)
+        judge.update(at, 1000 + at, A, lambda: False)
     assert judged(*over(A, low, 0.08), lie_s=0.5, judge=judge, held=True) == []
-    (event,) = [event for i in range(40) for event in judge.update(10 + i / 100, 1010.0, np.array(M), False)]
+    (event,) = [event for i in range(40) for event in judge.update(10 + i / 100, 1010.0, M, lambda: False)]
     assert event["kind"] == "transfer"
 
 

@@ -203,7 +203,7 @@ def test_storing_zero_makes_the_present_angle_zero(desk):
 
 def test_an_angle_beyond_the_range_wraps_and_commands_mean_the_reported_turn(desk):
     motor = desk.motor(WRIST)
-    motor._zero = 14.0  # as if the encoder had counted up
+    motor.zero_rad = 14.0  # as if the encoder had counted up
     desk.special(WRIST, SpecialCommand.ENABLE)
     position = desk.mit(WRIST).position
     assert position == pytest.approx(14.0 - 25.0, abs=1e-3)

@@ -47,7 +47,7 @@ def test_offsets_are_in_joint_sign():
     before = desk.special(SHOULDER, SpecialCommand.DISABLE).position
     lie(desk, SHOULDER, {"position_rad": 0.5})
     told = desk.special(SHOULDER, SpecialCommand.DISABLE).position
-    direction = np.sign(motor.motor_angle_rad - motor._zero) * np.sign(motor.drive.angle()) or 1.0
+    direction = np.sign(motor.motor_angle_rad - motor.zero_rad) * np.sign(motor.drive.angle()) or 1.0
     assert told - before == pytest.approx(0.5 * direction, abs=2 * LSB)
     desk.close()
 
