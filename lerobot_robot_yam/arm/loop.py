@@ -306,6 +306,9 @@ class ControlLoop:
         logger.info("control loop: %s; lost replies %s", self.statistics.summary(), lost)
         for controller, blocks in zip(self._controllers, self._blocks, strict=True):
             chain = controller.chain
+            if chain.round_trip.slow:
+                what = "%s (%s): %s; use an adapter that is quicker: the arm was seen and commanded that much too late"
+                logger.warning(what, controller.name, chain.channel, chain.round_trip.summary())
             if chain.error_frames:
                 what = "%s (%s): CAN error frames: %d; check cable, termination and bit-rate"
                 logger.warning(what, controller.name, chain.channel, chain.error_frames)

@@ -14,7 +14,8 @@ import math
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S
 
 _WINDOW_S = 0.15  # the quickest answer of one to two windows counts; longer than an adapter holds frames back
-SLOW_S = 0.002  # each way, above which an adapter is told to be slow: half a tick at 250 Hz
+SLOW_S = 0.002  # each way, above which an adapter is slow: half a tick at 250 Hz
+HELD_S = 0.02  # round trip, above which an adapter holds frames back: five ticks
 
 
 class RoundTrip:
@@ -22,14 +23,27 @@ class RoundTrip:
 
     Attributes:
         one_way_s: adapter's time each way, of the quickest answers of late.
+        slowest_s: the largest `one_way_s` so far.
         longest_s: the longest round trip of an answer so far, wire included.
     """
 
     def __init__(self) -> None:
         self.one_way_s = 0.0
-        self.longest_s = 0.0
+        self.slowest_s = self.longest_s = 0.0
         self._until_s = -math.inf
         self._before = self._now = math.inf  # quickest, without the wire, of the last window and of this one
+
+    @property
+    def slow(self) -> bool:
+        """Whether the adapter has been slow, or has held frames back."""
+        return self.slowest_s > SLOW_S or self.longest_s > HELD_S
+
+    def summary(self) -> str:
+        """How slow it was, for messages."""
+        return (
+            f"the CAN adapter took up to {self.slowest_s * 1e3:.0f} ms each way, an answer up to "
+            f"{self.longest_s * 1e3:.0f} ms"
+        )
 
     def sampled_s(self, sent_s: float, arrived_s: float, place: int, count: int) -> tuple[float, float]:
         """When a motor took the sample in its answer: most likely, and at the latest.
@@ -44,6 +58,7 @@ class RoundTrip:
             self.longest_s = took_s
         beside_wire_s = took_s - (count + place + 1) * FRAME_TIME_S
         if arrived_s > self._until_s:
+            self.slowest_s = max(self.slowest_s, self.one_way_s)  # that of a whole window
             quiet = arrived_s > self._until_s + _WINDOW_S
             self._before, self._now = math.inf if quiet else self._now, math.inf
             self._until_s = arrived_s + _WINDOW_S
