@@ -14,6 +14,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from lerobot_robot_yam.arm.mounting import mounted
 from lerobot_robot_yam.arm.profile import (
     ArmProfile,
     Body,
@@ -92,7 +93,7 @@ def build_spec(
     grasp_site. Raises ConfigError for unknown names or a broken profile.
     """
     arm = arm if isinstance(arm, ArmProfile) else load_arm(arm)
-    gripper = gripper if isinstance(gripper, GripperProfile) else load_gripper(gripper)
+    gripper = mounted(gripper if isinstance(gripper, GripperProfile) else load_gripper(gripper), arm)
     load = load or Load()
     spec = mujoco.MjSpec()
     spec.modelname = f"{arm.name}_{gripper.name}"

@@ -19,7 +19,7 @@ from lerobot_robot_yam.arm.profile_checks import check_arm, check_gripper
 from lerobot_robot_yam.arm.yaml_fields import array_field, merge, parse, read_yaml
 from lerobot_robot_yam.errors import ConfigError
 
-ARMS = ("yam", "yam_pro", "yam_ultra", "big_yam")
+ARMS = ("yam", "yam_pro", "yam_ultra", "yam_ultra_2", "big_yam")
 NO_ARM = "none"
 """Arm name for gripper-only use: no joints, the gripper fixed in the world."""
 GRIPPERS = (
@@ -166,6 +166,7 @@ class ArmProfile:
     """An arm: motors, gains, limits, simulation parameters, rest poses, links. Arrays have shape (n,).
 
     self_contacts: pairs of body names whose colliding shapes touch each other; other links pass through.
+    grasp_site_m: per gripper, where `grasp_site` is in the gripper's root body if not as the gripper's profile says.
     """
 
     name: str
@@ -183,6 +184,7 @@ class ArmProfile:
     armature_kg_m2: np.ndarray = array_field(-1)
     friction_nm: np.ndarray = array_field(-1)
     self_contacts: tuple[tuple[str, ...], ...] = ()
+    grasp_site_m: dict[str, np.ndarray] | None = array_field(3, default=None)
 
     @property
     def joint_count(self) -> int:
