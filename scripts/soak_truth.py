@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 from soak_arm import Arm
-from soak_checks import READY, Finding, mode_of
+from soak_checks import GRIPPER, READY, Finding, mode_of
 from soak_context import Context
 
 from lerobot_robot_yam.arm.policy import stale_overshoot_rad_s
-from lerobot_robot_yam.arm.state import GRIPPER
 from lerobot_robot_yam.rig.control import RigControl
 
 _SETTLE_S = 1.0  # an arm that was pushed, struck something, lost or got back a motor, moves by itself for so long

@@ -7,7 +7,7 @@ import numpy as np
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.model import Load
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile, load_arm, load_gripper
-from lerobot_robot_yam.arm.state import GRIPPER
+from lerobot_robot_yam.arm.state import MAX_MOTORS
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec, check_specs
 from lerobot_robot_yam.errors import ConfigError
 
@@ -17,9 +17,9 @@ class Hardware:
 
     Attributes:
         arm, gripper: profiles with overrides applied.
-        joints: number of arm joints (6, or 0 for gripper-only use).
+        joints: number of arm joints, 0 for gripper-only use.
         n: number of motors.
-        slots: (n,) slot of each motor in the shared records.
+        slots: of its motors in the shared records.
         direction, kp, kd, idle_kd, torque_limit_nm: (n,).
         lower, upper: (n,) command limits; rad, and 0 … 1 for the gripper.
     """
@@ -56,7 +56,9 @@ class Hardware:
         self.n = self.joints + (motor is not None)
         if self.n == 0:
             raise ConfigError(f"{config.name}: arm {config.arm!r} with gripper {config.gripper!r} has no motor")
-        self.slots = np.array([*range(self.joints), *([GRIPPER] if motor else [])])
+        if self.n > MAX_MOTORS:
+            raise ConfigError(f"{config.name}: arm {config.arm!r} has {self.n} motors; {MAX_MOTORS} can be driven")
+        self.slots = slice(self.n)
         self.motors = [MotorSpec(m.name, m.can_id, m.type) for m in self.arm.motors]
         joint = self.arm
         direction = [float(m.direction) for m in joint.motors]
