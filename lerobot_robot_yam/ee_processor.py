@@ -30,15 +30,14 @@ from lerobot_robot_yam.errors import ActionError
 from lerobot_robot_yam.feature_names import TOOL_NUMBERS
 
 _BASE_AXES = np.eye(3)
-_JOINTS = tuple(f"joint_{i + 1}.pos" for i in range(6))
 _TOOL = tuple(f"{name}.pos" for name in TOOL_NUMBERS)
 _EE = ("ee.x", "ee.y", "ee.z", "ee.wx", "ee.wy", "ee.wz")
-_GRIPPER, _EE_GRIPPER = "gripper.pos", "ee.gripper_pos"
+_GRIPPER_KEYS = {"joints": "gripper.pos", "tool": "gripper.pos", "ee": "ee.gripper_pos"}
 
 
 @dataclass
 class _ArmStep(ProcessorStep):
-    """Replaces six keys of one arm by six others, and the gripper's by its other name.
+    """Replaces the keys of one arm by others, and the gripper's by its other name.
 
     Attributes:
         arm, gripper: profile names.
@@ -53,9 +52,8 @@ class _ArmStep(ProcessorStep):
     prefix: str = ""
     use_degrees: bool = False
 
-    source: ClassVar[tuple[str, ...]]
-    target: ClassVar[tuple[str, ...]]
-    gripper_keys: ClassVar[tuple[str, str]]
+    reads: ClassVar[str]
+    writes: ClassVar[str]
     parts: ClassVar[tuple[TransitionKey, ...]] = (TransitionKey.ACTION, TransitionKey.OBSERVATION)
     _registry_name: ClassVar[str]
 
@@ -63,6 +61,10 @@ class _ArmStep(ProcessorStep):
         self._kinematics = YamKinematics(self.arm, self.gripper, self.site)
         self._reference = downward(self._kinematics)
         self._unit = np.pi / 180.0 if self.use_degrees else 1.0
+        self._joints = tuple(f"joint_{i + 1}.pos" for i in range(len(self._kinematics.lower)))
+        keys = {"joints": self._joints, "tool": _TOOL, "ee": _EE}
+        self._source, self._target = keys[self.reads], keys[self.writes]
+        self._gripper_keys = _GRIPPER_KEYS[self.reads], _GRIPPER_KEYS[self.writes]
 
     def get_config(self) -> dict[str, Any]:
         """What makes the step anew."""
@@ -70,7 +72,7 @@ class _ArmStep(ProcessorStep):
 
     @abstractmethod
     def convert(self, values: np.ndarray, transition: EnvTransition) -> np.ndarray:
-        """(6,) values of the `target` keys from those of the `source` keys."""
+        """Values of the keys that it writes from those of the keys that it reads."""
 
     def __call__(self, transition: EnvTransition) -> EnvTransition:
         """Convert the action, the observation, or both: what has the arm's keys.
@@ -78,7 +80,7 @@ class _ArmStep(ProcessorStep):
         Raises:
             ActionError: neither has them, some are missing, or their values are no pose.
         """
-        source = [self.prefix + key for key in self.source]
+        source = [self.prefix + key for key in self._source]
         changed, found = transition.copy(), False
         for part in self.parts:
             values = transition.get(part)
@@ -90,9 +92,9 @@ class _ArmStep(ProcessorStep):
 
     def _replace(self, values: Mapping[str, Any], source: list[str], transition: EnvTransition) -> dict[str, Any]:
         numbers = self.convert(_numbers(values, source), transition).tolist()
-        old, new = (self.prefix + key for key in self.gripper_keys)
+        old, new = (self.prefix + key for key in self._gripper_keys)
         replaced = {key: value for key, value in values.items() if key not in source and key != old}
-        replaced |= {self.prefix + key: number for key, number in zip(self.target, numbers, strict=True)}
+        replaced |= {self.prefix + key: number for key, number in zip(self._target, numbers, strict=True)}
         if old in values:
             replaced[new] = float(values[old])
         return replaced
@@ -108,10 +110,11 @@ class _ArmStep(ProcessorStep):
         for part in self.parts:
             name, kind = kinds[part]
             described = features.get(name) or {}
-            names = dict(zip((*self.source, self.gripper_keys[0]), (*self.target, self.gripper_keys[1]), strict=True))
-            for old, new in names.items():
-                if described.pop(self.prefix + old, None) is not None:
-                    described[self.prefix + new] = PolicyFeature(type=kind, shape=(1,))
+            old_gripper, new_gripper = self._gripper_keys
+            for old_keys, new_keys in ((self._source, self._target), ((old_gripper,), (new_gripper,))):
+                found = [described.pop(self.prefix + key, None) for key in old_keys]
+                if any(feature is not None for feature in found):
+                    described |= {self.prefix + key: PolicyFeature(type=kind, shape=(1,)) for key in new_keys}
         return features
 
 
@@ -120,7 +123,7 @@ class _ArmStep(ProcessorStep):
 class YamJointsToEE(_ArmStep):
     """Forward kinematics: joints to LeRobot's `ee.*`, in actions and observations."""
 
-    source, target, gripper_keys = _JOINTS, _EE, (_GRIPPER, _EE_GRIPPER)
+    reads, writes = "joints", "ee"
 
     def convert(self, values: np.ndarray, transition: EnvTransition) -> np.ndarray:
         return pose_to_vector(self._kinematics.fk(values * self._unit), _BASE_AXES)
@@ -134,7 +137,7 @@ class YamEEToJoints(_ArmStep):
     Starts from the joints in the transition's observation and follows its own path from there, until `reset`.
     """
 
-    source, target, gripper_keys = _EE, _JOINTS, (_EE_GRIPPER, _GRIPPER)
+    reads, writes = "ee", "joints"
     parts = (TransitionKey.ACTION,)
 
     def __post_init__(self) -> None:
@@ -145,7 +148,7 @@ class YamEEToJoints(_ArmStep):
         observed = transition.get(TransitionKey.OBSERVATION)
         if not isinstance(observed, dict):
             raise ActionError("yam_ee_to_joints needs an observation with joints beside the action")
-        q = _numbers(observed, [self.prefix + key for key in _JOINTS]) * self._unit
+        q = _numbers(observed, [self.prefix + key for key in self._joints]) * self._unit
         return self._tool.follow(vector_to_pose(values, _BASE_AXES), q) / self._unit
 
     def reset(self) -> None:
@@ -158,7 +161,7 @@ class YamEEToJoints(_ArmStep):
 class YamToolToEE(_ArmStep):
     """The keys of a robot with `action_space: ee` to LeRobot's `ee.*`, in actions and observations."""
 
-    source, target, gripper_keys = _TOOL, _EE, (_GRIPPER, _EE_GRIPPER)
+    reads, writes = "tool", "ee"
 
     def convert(self, values: np.ndarray, transition: EnvTransition) -> np.ndarray:
         return pose_to_vector(vector_to_pose(values, self._reference), _BASE_AXES)
@@ -169,7 +172,7 @@ class YamToolToEE(_ArmStep):
 class YamEEToTool(_ArmStep):
     """LeRobot's `ee.*` to the keys of a robot with `action_space: ee`, in actions and observations."""
 
-    source, target, gripper_keys = _EE, _TOOL, (_EE_GRIPPER, _GRIPPER)
+    reads, writes = "ee", "tool"
 
     def convert(self, values: np.ndarray, transition: EnvTransition) -> np.ndarray:
         return pose_to_vector(vector_to_pose(values, _BASE_AXES), self._reference)

@@ -102,7 +102,7 @@ class Tool:
         self._reached = _QUIET  # so many poses since the last one out of reach
 
     def numbers(self, q: np.ndarray) -> np.ndarray:
-        """(6,) `TOOL_NUMBERS` at joints `q` (6,) rad."""
+        """(6,) `TOOL_NUMBERS` at joints `q` (n,) rad."""
         return pose_to_vector(self._kinematics.fk(q), self._reference)
 
     def begin(self) -> None:
@@ -114,9 +114,9 @@ class Tool:
         return self.follow(vector_to_pose(numbers, self._reference), setpoint)
 
     def follow(self, pose: np.ndarray, setpoint: np.ndarray) -> np.ndarray:
-        """Joints (6,) rad for a pose (4, 4), or for the pose nearest to it that the arm reaches.
+        """Joints (n,) rad for a pose (4, 4), or for the pose nearest to it that the arm reaches.
 
-        A path begins at the arm's set-point (6,) rad and goes on from its own solutions: they say which branch it is
+        A path begins at the arm's set-point (n,) rad and goes on from its own solutions: they say which branch it is
         on, which an arm that lags behind does not. Only for a pose that is far from there any solution will do.
 
         Raises:

@@ -16,7 +16,7 @@ _SPACES = {
 
 
 def motor_names(prefix: str, arm: ArmConfig, handles: bool = False) -> list[str]:
-    """`joint_1` … `joint_6`, `gripper` behind a prefix such as `left_`.
+    """`joint_1`, `joint_2` …, `gripper` behind a prefix such as `left_`.
 
     Args:
         prefix: of the arm.

@@ -1,5 +1,5 @@
 """Joints or tool poses: which of them the actions of a data set or checkpoint are, and the refusal to take one for the
-other. Both are seven numbers an arm, so that nothing else would notice.
+other. Of an arm with six joints both are as many numbers, so that nothing else would notice.
 
 - The names of the values tell, wherever they are kept.
 - Statistics tell some joints: no tool of these arms gets 1.5 m away from its base, and joints get beyond 1.5 rad.

@@ -76,7 +76,7 @@ class FollowerBase(Robot):
 
     @cached_property
     def action_features(self) -> dict[str, type]:
-        """`joint_1.pos` … `joint_6.pos` (or `ee_x.pos` …), `gripper.pos`; of two arms with `left_`, then `right_`."""
+        """`joint_1.pos`, `joint_2.pos` … (or `ee_x.pos` …), `gripper.pos`; of two arms with `left_`, then `right_`."""
         return dict.fromkeys(self._space.keys, float)
 
     @property

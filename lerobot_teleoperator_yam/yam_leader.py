@@ -74,7 +74,7 @@ class LeaderBase(Teleoperator):
 
     @cached_property
     def action_features(self) -> dict[str, type]:
-        """`joint_1.pos` … `joint_6.pos` (or `ee_x.pos` …), `gripper.pos`; of two arms with `left_`, then `right_`."""
+        """`joint_1.pos`, `joint_2.pos` … (or `ee_x.pos` …), `gripper.pos`; of two arms with `left_`, then `right_`."""
         return dict.fromkeys(self._space.keys, float)
 
     @cached_property

@@ -12,8 +12,11 @@ from soak_seeds import Seed
 from lerobot_robot_yam.arm.landing import LANDING_SPEED_RAD_S
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.policy import POLICY, Response, Trouble
-from lerobot_robot_yam.arm.state import GRIPPER, Limited
+from lerobot_robot_yam.arm.profile import load_arm
+from lerobot_robot_yam.arm.state import Limited
 
+GRIPPER = load_arm("yam").joint_count
+"""Slot of the gripper in the records of the soak's arms: the one behind the joints."""
 READY = frozenset({Mode.HOLD, Mode.TRACK, Mode.FLOAT})
 _STANDS = frozenset({Mode.FAULT, Mode.STOPPED})
 MOVES = frozenset({Mode.TRACK, Mode.FLOAT})  # of its own will or its caller's
@@ -99,7 +102,7 @@ class SetPointCheck:
     def look(self, record: Any) -> list[Finding]:
         """Check one record against those before it."""
         before, mode = self._before, mode_of(record)
-        now, setpoint = float(record["stamp_s"]), record["setpoint"].copy()
+        now, setpoint = float(record["stamp_s"]), self._of(record, "setpoint").copy()
         if mode is Mode.BRING_UP:
             setpoint[GRIPPER] = math.nan  # its stops are being looked for: a stroke has no meaning yet
         self._before = record
@@ -113,7 +116,7 @@ class SetPointCheck:
             return []
         if not math.isfinite(earlier) or earlier > self._earlier_s:
             earlier = self._earlier_s - _TICK_S
-        moved = np.abs(setpoint - before["setpoint"])
+        moved = np.abs(setpoint - self._of(before, "setpoint"))
         if mode_of(before) is Mode.BRING_UP:
             moved[GRIPPER] = math.nan
         jumped = moved > self._limits * (now - earlier + _TICK_S) + _SMALL
@@ -124,6 +127,10 @@ class SetPointCheck:
             self._window.clear()  # seeded, by less than a jump: a joint without torque has sunk meanwhile
             return []
         return self._judge_speed(setpoint, mode, self._earlier_s, now)
+
+    def _of(self, record: Any, field: str) -> np.ndarray:
+        """(7,) of a record's field: the slots that an arm has limits for."""
+        return record[field][: len(self._limits)]
 
     def _judge_jump(self, record: Any, before: Any, moved: np.ndarray, jumped: np.ndarray, now: float) -> list[Finding]:
         old, new = mode_of(before), mode_of(record)
@@ -166,12 +173,14 @@ class SetPointCheck:
 
     def _on_measured(self, record: Any, before: Any) -> np.ndarray:
         """(7,) which set-points lie where the arm is, or was a record ago."""
-        measured = np.minimum(np.abs(record["setpoint"] - record["q"]), np.abs(record["setpoint"] - before["q"]))
-        return measured < self._within_rad(record, before)
+        setpoint = self._of(record, "setpoint")
+        measured = np.minimum(np.abs(setpoint - self._of(record, "q")), np.abs(setpoint - self._of(before, "q")))
+        on_measured: np.ndarray = measured < self._within_rad(record, before)
+        return on_measured
 
     def _within_rad(self, record: Any, before: Any) -> np.ndarray:
         """(7,) how far from the arm a set-point may be that has been seeded from it."""
-        moving = np.nan_to_num(np.abs(record["dq"])) * _JITTER_S
+        moving = np.nan_to_num(np.abs(self._of(record, "dq"))) * _JITTER_S
         presses = mode_of(record) is Mode.STOPPED or _stopped_in_fault(record, before)
         within: np.ndarray = _AT_MEASURED + moving + (self._press_rad if presses else 0.0)
         return within

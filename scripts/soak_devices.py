@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from soak_checks import GRIPPER
 from soak_schedule import CAMERA, CHANNELS, FOLLOWERS, LEADERS
 
 from lerobot_robot_yam.arm.hardware import Hardware
@@ -79,7 +80,7 @@ class Device:
         arms = self.device.config.arms() if hasattr(self.device.config, "arms") else {}
         for channel, config in zip(self.channels, arms.values(), strict=True):
             hardware = Hardware(config)
-            speed = np.full(7, np.nan)
+            speed = np.full(GRIPPER + 1, np.nan)
             speed[hardware.slots] = hardware.speed_limit
             motor_speed = hardware.speed_limit.copy()
             calibration = hardware.gripper.calibration

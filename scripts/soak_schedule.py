@@ -6,13 +6,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from lerobot_robot_yam.arm.profile import load_arm
+
 FOLLOWERS = ("follower_left", "follower_right")
 LEADERS = ("leader_left", "leader_right")
 CHANNELS = FOLLOWERS + LEADERS
 CAMERA = "top"
 LOSS_RATE = 0.01  # of all frames to and from all motors, all the time
 NIBBLES = (0x0, 0x8, 0x9, 0xA, 0xB, 0xC, 0xD, 0xE)  # every way in which a motor switches itself off
-_JOINTS = 6
+_JOINTS = load_arm("yam").joint_count
 _PUSHED = ("link2", "link3", "link4", "gripper")
 _MALFORMED = ("nan", "missing", "unknown", "text")
 

@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 from soak_arm import Arm
-from soak_checks import READY, Finding, mode_of
+from soak_checks import GRIPPER, READY, Finding, mode_of
 from soak_context import Context
 from soak_seeds import judge_seed
 
 from lerobot_robot_yam.arm.policy import stale_overshoot_rad_s
-from lerobot_robot_yam.arm.state import GRIPPER
 from lerobot_robot_yam.rig.control import RigControl
 from lerobot_robot_yam.rig.truth import beyond_clip_nm
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from lerobot.configs import FeatureType, PipelineFeatureType
+from lerobot.configs import FeatureType, PipelineFeatureType, PolicyFeature
 from lerobot.processor import RobotProcessorPipeline
 from lerobot.processor.converters import robot_action_observation_to_transition, transition_to_robot_action
 from lerobot.utils.rotation import Rotation
@@ -13,6 +13,8 @@ from lerobot_robot_yam.ee_processor import YamEEToJoints, YamEEToTool, YamJoints
 from lerobot_robot_yam.ee_space import Tool
 from lerobot_robot_yam.errors import ActionError
 from lerobot_robot_yam.feature_names import TOOL_NUMBERS
+
+from . import seven_joints
 
 Q = np.array([0.3, 1.2, 1.0, -1.0, 0.2, -0.3])
 EE = ["ee.x", "ee.y", "ee.z", "ee.wx", "ee.wy", "ee.wz"]
@@ -56,6 +58,21 @@ def test_joints_to_ee_and_back_along_a_path(use_degrees):
         wanted = joints(q, "left_") | {"right_joint_1.pos": 0.7}
         found = back((there((wanted, observed)), observed))
         assert found == pytest.approx(wanted, abs=1e-4 * unit)
+
+
+def test_an_arm_of_seven_joints_has_seven_keys_on_one_side_and_six_on_the_other():
+    there, back = pipeline(YamJointsToEE(arm=seven_joints.ARM)), pipeline(YamEEToJoints(arm=seven_joints.ARM))
+    wanted = joints(seven_joints.REACH)
+    theirs = there((wanted, {}))
+    assert list(theirs) == [*EE, "ee.gripper_pos"]
+    found = back((theirs, joints(np.add(seven_joints.REACH, 0.02))))
+    assert list(found) == seven_joints.KEYS
+    assert there((found, {})) == pytest.approx(theirs, abs=1e-4)
+    joint = PolicyFeature(type=FeatureType.ACTION, shape=(1,))
+    described = {PipelineFeatureType.ACTION: dict.fromkeys(seven_joints.KEYS, joint)}
+    assert list(there.transform_features(described)[PipelineFeatureType.ACTION]) == [*EE, "ee.gripper_pos"]
+    described = {PipelineFeatureType.ACTION: dict.fromkeys([*EE, "ee.gripper_pos"], joint)}
+    assert list(back.transform_features(described)[PipelineFeatureType.ACTION]) == seven_joints.KEYS
 
 
 def test_our_keys_and_lerobots_are_the_same_pose():

@@ -10,7 +10,15 @@ PACKAGES = ("lerobot_robot_yam", "lerobot_teleoperator_yam")
 BASE = {"clock", "errors", "log_thread", "other_plugins", "paths", "runtime", "shared_block", "realtime", "sleep_lock"}
 TOOLS = {"commands", "doctor"}  # console commands: above the arm, without LeRobot
 # What the rig may use of the arm: how it is built, not how it is driven.
-ARM_DESCRIPTION = {"arm.model", "arm.profile", "arm.dynamics", "arm.kinematics", "arm.shapes", "arm.yaml_fields"}
+ARM_DESCRIPTION = {
+    "arm.model",
+    "arm.mounting",
+    "arm.profile",
+    "arm.dynamics",
+    "arm.kinematics",
+    "arm.shapes",
+    "arm.yaml_fields",
+}
 # What LeRobot's face may use of the rig: its clients, not its insides.
 RIG_CLIENTS = {
     "cameras",

@@ -41,8 +41,9 @@ def soak(monkeypatch):
 def record(tick, setpoint, mode=Mode.TRACK, q=None, trouble="", pid=1):
     row = np.zeros((), STATE_DTYPE)
     row["tick"], row["stamp_s"], row["mode"], row["owner_pid"] = tick, 100.0 + tick * TICK_S, mode, pid
-    row["setpoint"] = setpoint
-    row["q"] = setpoint if q is None else q
+    slots = slice(len(setpoint))
+    row["setpoint"][slots] = setpoint
+    row["q"][slots] = setpoint if q is None else q
     row["trouble"] = trouble.encode()
     return row
 

@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 
 from lerobot_robot_yam.arm.model import build_spec
+from lerobot_robot_yam.arm.mounting import mounted
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile, Shape
 from lerobot_robot_yam.arm.workspace import WorkspaceConfig
 from lerobot_robot_yam.errors import ConfigError
@@ -76,7 +77,8 @@ class ArmParts:
         joints = [(arm.name, f"joint{j + 1}") for arm in arms for j in range(arm.arm.joint_count)]
         self._joint_bodies = [int(model.joint(f"{arm}/{joint}").bodyid[0]) for arm, joint in joints]
         self._joint_index = np.array([self._qpos(*joint) for joint in joints], dtype=int)
-        self._fingers = [[self._qpos(arm.name, joint) for joint in arm.gripper.finger_joints] for arm in arms]
+        fingers = [mounted(arm.gripper, arm.arm).finger_joints for arm in arms]
+        self._fingers = [[self._qpos(arm.name, joint) for joint in row] for arm, row in zip(arms, fingers, strict=True)]
         self._finger_range = [arm.gripper.finger_range_m for arm in arms]
         self.body = model.geom_bodyid.tolist()
         bodies = [model.body(body).name for body in self.body]

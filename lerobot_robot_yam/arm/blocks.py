@@ -53,14 +53,15 @@ class ControllerBlocks:
         self._record["gripper_stops_rad"] = np.nan
         if adopt is not None:
             self._record[()] = adopt
+        hardware = controller.hardware
+        self._record["joints"], self._record["motors"] = hardware.joints, hardware.n
         self._owner = self._record["owner_pid"] = os.getpid()
         self._first_tick = int(self._record["tick"])
         self._seen = 0
         self._ended = False
         self.published_mode = Mode.OFFLINE
-        self._slots = slots = controller.hardware.slots
-        motors = slice(slots[0], slots[-1] + 1)  # an arm's follow each other, and views of them are written quickest
-        self._per_motor = {field: self._record[field][motors] for field in _PER_MOTOR}
+        self._slots = hardware.slots
+        self._per_motor = {field: self._record[field][self._slots] for field in _PER_MOTOR}  # views
         self._seldom: tuple | None = None  # as published last, of what seldom changes
 
     def take(self, now: float) -> None:

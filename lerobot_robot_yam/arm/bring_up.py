@@ -9,6 +9,7 @@ from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.fingerprint import read_fingerprint
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.identity import check_identity
+from lerobot_robot_yam.arm.mounting import arm_ids, gripper_id
 from lerobot_robot_yam.arm.role import check_role, explain_missing
 from lerobot_robot_yam.damiao.bringup import LISTEN_S, check_bandwidth, listen, verify
 from lerobot_robot_yam.damiao.chain import MotorChain
@@ -47,7 +48,7 @@ def inspect(config: ArmConfig, hardware: Hardware, chain: MotorChain, bus: can.B
     if not config.skip_listen:
         listen(bus, LISTEN_S, [m.can_id for m in chain.motors], config.channel)
     if config.identity_path is not None:
-        found = read_fingerprint(bus, config.channel, config.interface)
+        found = read_fingerprint(bus, config.channel, config.interface, arm_ids(hardware.arm))
         if found.motors:  # else `verify` says it better
             check_identity(config.identity_path, found, config.channel, config.name, config.on_command_line)
     try:
@@ -55,12 +56,12 @@ def inspect(config: ArmConfig, hardware: Hardware, chain: MotorChain, bus: can.B
         if handle:
             prepare_handle(bus, config.channel)
     except MotorError as error:
-        swap = explain_missing(bus, config.channel, config.name, hardware.gripper)
+        swap = explain_missing(bus, config.channel, config.name, hardware.gripper, gripper_id(hardware.arm))
         if swap is None:
             raise
         raise MotorError(f"{swap} ({error})") from error
     if not handle and hardware.gripper.motor is None:
-        check_role(bus, config.channel, config.name, hardware.gripper)
+        check_role(bus, config.channel, config.name, hardware.gripper, gripper_id(hardware.arm))
     for _ in range(_ATTEMPTS):
         answered = chain.refresh()
         if all(answered):

@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from lerobot_robot_yam.arm.state import COMMAND_DTYPE, COMMAND_STRUCT, GRIPPER, SLOTS, Request, command_path
+from lerobot_robot_yam.arm.state import COMMAND_DTYPE, Request, command_path, packed
 from lerobot_robot_yam.shared_block import SharedBlock
 
-_UNSET = [math.nan] * SLOTS
 _GRIPPER_OPTIONS = {"dq": 0.0, "kp": math.nan, "kd": math.nan}  # it has its own
 
 
@@ -23,14 +22,19 @@ def _sweep(key: str) -> None:
 
 
 class CommandWriter:
-    """The command block of one arm; `key` names it. Any thread may write: who re-arms is often not who streams."""
+    """The command block of one arm; `key` names it. Any thread may write: who re-arms is often not who streams.
 
-    def __init__(self, key: str):
+    `motors`: of the arm, its gripper's with them.
+    """
+
+    def __init__(self, key: str, motors: int):
         _sweep(key)
         self._lock = threading.Lock()
         self._block = SharedBlock(command_path(key, os.getpid()), COMMAND_DTYPE, create=True)
-        self._stamp_s, self._number, self._target = 0.0, 0, _UNSET
-        self._options = [_UNSET] * len(_GRIPPER_OPTIONS)
+        self._pack = packed(COMMAND_DTYPE, motors)[0].pack
+        self._unset = [math.nan] * motors
+        self._stamp_s, self._number, self._target = 0.0, 0, self._unset
+        self._options = [self._unset] * len(_GRIPPER_OPTIONS)
         self._asked, self._requests = Request.NONE, 0
         self._write()
 
@@ -38,22 +42,19 @@ class CommandWriter:
         """Let go of the block."""
         self._block.close()
 
-    def aim(self, stamp_s: float, target: Sequence[float], joints: int, options: Mapping[str, np.ndarray]) -> None:
+    def aim(self, stamp_s: float, target: Sequence[float], options: Mapping[str, np.ndarray]) -> None:
         """Write a target given at `stamp_s` (the clock's time).
 
         Args:
             target: joints in rad; behind them the gripper, 0 closed … 1 open, where there is one.
-            joints: how many, 6 or 0.
             options: dq (rad/s), kp (Nm/rad), kd (Nm s/rad) of the joints, those that are given.
         """
-        gap = _UNSET[: GRIPPER - joints]
-        gripper = target[-1] if len(target) > joints else math.nan
         rows = [
-            [*options[field].tolist(), *gap, last] if field in options else _UNSET
+            [*options[field].tolist(), last][: len(target)] if field in options else self._unset
             for field, last in _GRIPPER_OPTIONS.items()
         ]
         with self._lock:
-            self._target, self._options = [*target[:joints], *gap, gripper], rows
+            self._target, self._options = list(target), rows
             self._stamp_s = stamp_s
             self._number += 1
             self._write()
@@ -69,4 +70,4 @@ class CommandWriter:
 
     def _write(self) -> None:
         values = [self._stamp_s, self._number, *self._target, *(value for row in self._options for value in row)]
-        self._block.write_bytes(COMMAND_STRUCT.pack(*values, self._asked, self._requests))
+        self._block.write_bytes(self._pack(*values, self._asked, self._requests))

@@ -16,7 +16,6 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.runtime import rig_name
 
 SOCKETCAN, VIRTUAL = "socketcan", "yam_sim"  # python-can interfaces: the kernel's, and the virtual rig
-_SIX = ("kp", "kd", "gravity_factor", "coulomb_friction_nm", "idle_kd", "torque_limit_nm", "effort_limit_nm")
 
 
 @dataclass(kw_only=True)
@@ -31,16 +30,16 @@ class ArmConfig:
         arm, gripper: profile names, or paths of YAML files of the same form.
         start: "hold" keeps the measured pose once energised (followers), "float" is gravity-compensated free
             motion (leaders).
-        kp, kd: position gains in Nm/rad and Nm s/rad, six joints.
+        kp, kd: position gains in Nm/rad and Nm s/rad, one per joint.
         gripper_kp, gripper_kd: gains of the gripper motor, same units.
-        gravity_factor: six factors on the modelled gravity torque.
-        coulomb_friction_nm: six friction torques that are fed forward; None switches the term off.
-        idle_kd: six damping gains while floating, Nm s/rad.
+        gravity_factor: per joint, factor on the modelled gravity torque.
+        coulomb_friction_nm: per joint, friction torque that is fed forward; None switches the term off.
+        idle_kd: per joint, damping gain while floating, Nm s/rad.
         payload_mass_kg, payload_com_m: a load fixed to the tool, centre in the frame of `tcp_site`.
         ee_inertia: replaces the end effector's inertia: centre (3, m), quaternion w x y z (4), moments (3, kg m²).
-        speed_limit_rad_s: six (or one) limits on the set-point's speed.
+        speed_limit_rad_s: limit on the set-point's speed, one per joint or one for all.
         gripper_speed_limit: strokes per second; None: the profile's.
-        torque_limit_nm: six clips on the commanded torque.
+        torque_limit_nm: per joint, clip on the commanded torque.
         max_relative_target: largest distance of a target from the measured position, rad (None: no such limit).
         gripper_stops_rad: motor angles [closed, open]; None: stored ones, else calibrated at start.
         gripper_force_limit_n: squeeze force above which the limiter reduces the command; None switches it off.
@@ -51,7 +50,7 @@ class ArmConfig:
         identity_path: binding file (`yam-identify --bind`) of the arm that belongs on this channel; None: not checked.
         workspace: floor, keep-out boxes and distances that the set-point keeps; by default nothing is checked.
         gripper_search: False seeks no unknown stops at the start, and puts those aside that do not fit.
-        effort_limit_nm: six measured torques above which, for 50 ms, the emergency stop is latched; None: no limit.
+        effort_limit_nm: per joint, measured torque that latches the emergency stop after 50 ms; None: no limit.
         hold_integral: make up, slowly and within bounds, for the sag that the gravity model leaves while holding.
         skip_listen: do not listen for foreign drivers before energising.
         estop_button: button of the teaching handle that latches the emergency stop: "top", "bottom", or None.

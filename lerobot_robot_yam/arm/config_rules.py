@@ -37,14 +37,15 @@ def _any(x: float) -> bool:
     return True
 
 
-# Per field: how many numbers (None: one), which numbers, and how to say so. `speed_limit_rad_s` takes one or six.
+_PER_JOINT = -1  # as many numbers as the arm has joints, which its profile knows: `hardware` counts them
+# Per field: how many numbers (None: one), which numbers, and how to say so.
 _NUMBERS: dict[str, tuple[int | None, Callable[[float], bool], str]] = {
     **dict.fromkeys(
         ("kp", "kd", "gravity_factor", "coulomb_friction_nm", "idle_kd", "torque_limit_nm"),
-        (6, _not_below_zero, "six numbers from zero up, one per joint"),
+        (_PER_JOINT, _not_below_zero, "numbers from zero up, one per joint"),
     ),
-    "effort_limit_nm": (6, _above_zero, "six numbers above zero, one per joint"),
-    "speed_limit_rad_s": (6, _above_zero, "one number above zero, or six"),
+    "effort_limit_nm": (_PER_JOINT, _above_zero, "numbers above zero, one per joint"),
+    "speed_limit_rad_s": (_PER_JOINT, _above_zero, "one number above zero, or one per joint"),
     "payload_com_m": (3, _any, "three numbers in metres"),
     "gripper_stops_rad": (2, _any, "[closed, open] in motor radians"),
     "ee_inertia": (10, _any, "centre (3), quaternion (4) and moments (3)"),
@@ -132,7 +133,7 @@ def _numbers(config: "ArmConfig", key: str, value: Any, kinds: tuple[Any, ...]) 
     if isinstance(value, np.ndarray) and value.ndim != 1:
         raise _refusal(config, key, takes)
     numbers = [_float(item) for item in value]
-    if count is not None and len(numbers) != count or not all(math.isfinite(x) and fits(x) for x in numbers):
+    if count not in (None, _PER_JOINT, len(numbers)) or not all(math.isfinite(x) and fits(x) for x in numbers):
         raise _refusal(config, key, takes)
     return numbers
 

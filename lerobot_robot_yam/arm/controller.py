@@ -204,7 +204,7 @@ class ArmController(ArmBody):
             self.gripper.stop_search()
         if self.hardware.joints:
             hw, q = self.hardware, self.q[: self.hardware.joints]
-            self._landing = Landing(self.name, hw.rest_q, hw.kp, q, self.setpoint, now)
+            self._landing = Landing(self.name, hw.rest_q, hw.kp, q, self.setpoint, now, hw.folding)
         else:
             self._switch_off()  # a gripper alone falls nowhere
 

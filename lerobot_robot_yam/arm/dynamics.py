@@ -16,7 +16,7 @@ from lerobot_robot_yam.errors import ConfigError
 
 
 class GravityModel:
-    """Rigid-body model of arm + end effector. n = 6 joints (0 for the arm-less arm); fingers stay closed.
+    """Rigid-body model of arm + end effector. n joints (0 for the arm-less arm); fingers stay closed.
 
     Not thread-safe: each thread needs its own.
     """

@@ -4,6 +4,7 @@ Reading asks for registers and for the handle's version only: nothing is written
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,8 +20,6 @@ from lerobot_robot_yam.damiao.tables import MOTOR_TYPES
 from lerobot_robot_yam.errors import MotorError
 
 SYSFS_NET = Path("/sys/class/net")
-JOINT_IDS = range(1, 7)
-GRIPPER_ID = 7
 
 _ATTEMPTS = 3
 _MOTOR_WAIT_S = 0.02
@@ -92,12 +91,11 @@ class Fingerprint:
         """Serial number by CAN id, of the motors that tell one."""
         return {can_id: motor.serial for can_id, motor in self.motors.items() if motor.serial is not None}
 
-    @property
-    def role(self) -> str:
-        """What kind of arm this looks like, in words."""
+    def role(self, gripper_id: int) -> str:
+        """What kind of arm this looks like, in words, if a gripper's motor has this CAN id."""
         if self.handle_firmware is not None:
             return "leader (a teaching handle answers)"
-        if GRIPPER_ID in self.motors:
+        if gripper_id in self.motors:
             return "follower (a gripper motor answers)"
         return "arm without handle and gripper motor" if self.motors else "nothing that answers"
 
@@ -129,18 +127,21 @@ class Fingerprint:
         return cls(motors, handle, adapter)
 
 
-def read_fingerprint(bus: can.BusABC, channel: str, interface: str, sysfs_net: Path = SYSFS_NET) -> Fingerprint:
+def read_fingerprint(
+    bus: can.BusABC, channel: str, interface: str, ids: Iterable[int], sysfs_net: Path = SYSFS_NET
+) -> Fingerprint:
     """Ask all ids of an arm, the handle and the kernel. Blocks for up to 0.5 s when much is missing.
 
     Args:
         bus: open bus; nobody else may be driving it.
         channel, interface: as given to python-can.
+        ids: of the motors that may be there, see `mounting.arm_ids`.
         sysfs_net: where the kernel lists its network interfaces.
 
     Raises:
         BusError: the channel is gone.
     """
-    chain = MotorChain(bus, [MotorSpec(f"motor {i}", i, "DM4310") for i in (*JOINT_IDS, GRIPPER_ID)], channel=channel)
+    chain = MotorChain(bus, [MotorSpec(f"motor {i}", i, "DM4310") for i in ids], channel=channel)
     motors = {
         spec.can_id: _read_motor(chain, index) for index, spec in enumerate(chain.motors) if _present(chain, index)
     }

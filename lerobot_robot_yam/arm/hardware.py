@@ -1,15 +1,17 @@
 """What a configuration amounts to: profiles with the user's overrides, and the derived constants of one arm."""
 
-from typing import Any
-
 import numpy as np
 
 from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.landing import Roles
 from lerobot_robot_yam.arm.model import Load
+from lerobot_robot_yam.arm.mounting import mounted
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile, load_arm, load_gripper
-from lerobot_robot_yam.arm.state import GRIPPER
+from lerobot_robot_yam.arm.state import MAX_MOTORS
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec, check_specs
 from lerobot_robot_yam.errors import ConfigError
+
+_OF_THE_PROFILE = ("kp", "kd", "gravity_factor", "idle_kd", "torque_limit_nm", "speed_limit_rad_s")
 
 
 class Hardware:
@@ -17,22 +19,15 @@ class Hardware:
 
     Attributes:
         arm, gripper: profiles with overrides applied.
-        joints: number of arm joints (6, or 0 for gripper-only use).
+        joints: number of arm joints, 0 for gripper-only use.
         n: number of motors.
-        slots: (n,) slot of each motor in the shared records.
+        slots: of its motors in the shared records.
         direction, kp, kd, idle_kd, torque_limit_nm: (n,).
         lower, upper: (n,) command limits; rad, and 0 … 1 for the gripper.
+        folding: which joint does what in a landing.
     """
 
     def __init__(self, config: ArmConfig):
-        overrides: dict[str, Any] = {}
-        for key in ("kp", "kd", "gravity_factor", "idle_kd", "torque_limit_nm"):
-            value = getattr(config, key)
-            if value is not None:
-                overrides[key] = value
-        if config.speed_limit_rad_s is not None:
-            limit = config.speed_limit_rad_s
-            overrides["speed_limit_rad_s"] = [limit] * 6 if isinstance(limit, int | float) else limit
         gripper_motor = {
             "kp": config.gripper_kp,
             "kd": config.gripper_kd,
@@ -40,10 +35,12 @@ class Hardware:
         }
         gripper_motor = {key: value for key, value in gripper_motor.items() if value is not None}
         try:
-            self.arm: ArmProfile = load_arm(config.arm, overrides)
-            self.gripper: GripperProfile = load_gripper(config.gripper)
-            if gripper_motor and self.gripper.motor is not None:
-                self.gripper = load_gripper(config.gripper, {"motor": gripper_motor})
+            given = _per_joint(config, load_arm(config.arm).joint_count)
+            self.arm: ArmProfile = load_arm(config.arm, {key: given[key] for key in _OF_THE_PROFILE if key in given})
+            gripper: GripperProfile = load_gripper(config.gripper)
+            if gripper_motor and gripper.motor is not None:
+                gripper = load_gripper(config.gripper, {"motor": gripper_motor})
+            self.gripper = mounted(gripper, self.arm)
         except ConfigError as error:
             raise ConfigError(f"{config.name}: {error}") from error
         if config.estop_button is not None and not self.gripper.handle_encoder:
@@ -56,7 +53,11 @@ class Hardware:
         self.n = self.joints + (motor is not None)
         if self.n == 0:
             raise ConfigError(f"{config.name}: arm {config.arm!r} with gripper {config.gripper!r} has no motor")
-        self.slots = np.array([*range(self.joints), *([GRIPPER] if motor else [])])
+        if self.n > MAX_MOTORS:
+            raise ConfigError(
+                f"{config.name}: arm {config.arm!r} has {self.n} motors, at most {MAX_MOTORS} can be driven"
+            )
+        self.slots = slice(self.n)
         self.motors = [MotorSpec(m.name, m.can_id, m.type) for m in self.arm.motors]
         joint = self.arm
         direction = [float(m.direction) for m in joint.motors]
@@ -83,9 +84,11 @@ class Hardware:
         self.kp, self.kd, self.idle_kd = np.array(kp), np.array(kd), np.array(idle_kd)
         self.torque_limit_nm = np.array(torque)
         self.lower, self.upper = np.array(lower), np.array(upper)
-        coulomb = config.coulomb_friction_nm
-        self.coulomb_nm = np.zeros(self.joints) if coulomb is None else np.array(coulomb[: self.joints], dtype=float)
+        self.coulomb_nm = np.array(given.get("coulomb_friction_nm", [0.0] * self.joints))
         self.speed_limit = np.array(speed)
+        names = [motor.name for motor in joint.motors]
+        named = (joint.folding.base, joint.folding.shoulder, joint.folding.elbow, joint.folding.wrist)
+        self.folding = Roles(*(names.index(name) if name in names else None for name in named))
         self.rest_q = joint.rest_q(self.gripper.name) if self.joints else np.zeros(0)
         x, y, z = config.payload_com_m
         self.load = Load(
@@ -98,3 +101,20 @@ class Hardware:
     def has_gripper(self) -> bool:
         """True when the end effector has a motor."""
         return self.gripper.motor is not None
+
+
+def _per_joint(config: ArmConfig, joints: int) -> dict[str, list[float]]:
+    """What the configuration gives for each joint, by field.
+
+    Raises:
+        ConfigError: not as many numbers as the arm has joints.
+    """
+    given = {}
+    for key in (*_OF_THE_PROFILE, "coulomb_friction_nm", "effort_limit_nm"):
+        value = getattr(config, key)
+        if value is None:
+            continue
+        given[key] = value if isinstance(value, list) else [value] * joints
+        if len(given[key]) != joints:
+            raise ConfigError(f"{key} takes {joints} numbers, one per joint of arm '{config.arm}'; got {value}")
+    return given

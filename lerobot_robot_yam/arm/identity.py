@@ -14,14 +14,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from lerobot_robot_yam.arm.fingerprint import GRIPPER_ID, JOINT_IDS, Fingerprint
+from lerobot_robot_yam.arm.fingerprint import Fingerprint
+from lerobot_robot_yam.arm.mounting import arm_ids
+from lerobot_robot_yam.arm.profile import ArmProfile
 from lerobot_robot_yam.errors import ConfigError, MotorError
 
 logger = logging.getLogger(__name__)
 
 _KIND = "yam arm binding"
 _VERSION = 1
-_WHOLE_ARMS = ({*JOINT_IDS}, {*JOINT_IDS, GRIPPER_ID}, {GRIPPER_ID})  # the last: a gripper without arm
 WIGGLE_ADVICE = "see which arm is which with yam-identify --wiggle"
 
 
@@ -152,8 +153,10 @@ def check_identity(
     return warnings
 
 
-def bind(path: Path | str, name: str, channel: str, found: Fingerprint, force: bool = False) -> list[str]:
-    """Store that what was found is the arm called `name`.
+def bind(
+    path: Path | str, name: str, channel: str, found: Fingerprint, arm: ArmProfile, force: bool = False
+) -> list[str]:
+    """Store that what was found is the arm called `name`, which has this profile.
 
     Returns:
         Notes on what would not be noticed later; empty when this arm differs from all siblings.
@@ -163,7 +166,8 @@ def bind(path: Path | str, name: str, channel: str, found: Fingerprint, force: b
         ConfigError: the file is damaged (and `force` is not set), or cannot be written.
     """
     path = Path(path)
-    if set(found.motors) not in _WHOLE_ARMS:
+    *joints, gripper = arm_ids(arm)
+    if set(found.motors) not in ({*joints}, {*joints, gripper}, {gripper}):  # the last: a gripper without arm
         raise MotorError(
             f"{name}: on channel {channel} answer motors (id {_listing(found.motors) or 'none'}), which is no whole "
             "arm, so it cannot be bound; check power and cables"

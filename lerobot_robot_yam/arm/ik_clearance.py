@@ -32,7 +32,7 @@ class SelfClearance:
         self._reach = self._parts.radius[first] + self._parts.radius[second] + limits + _NEAR_M
 
     def rows(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gradients (k, 6), m/rad, and slack (k,), m, of the pairs near their limit at `q` (6,). Below 0: too near."""
+        """Gradients (k, n), m/rad, and slack (k,), m, of the pairs near their limit at `q` (n,). Below 0: too near."""
         parts = self._parts
         parts.place(q)
         between = parts.centres[self._first] - parts.centres[self._second]
@@ -46,5 +46,5 @@ class SelfClearance:
         return np.array(gradients).reshape(len(slack), len(q)), np.array(slack)
 
     def kept(self, q: np.ndarray) -> bool:
-        """Whether every pair keeps its distance at `q` (6,)."""
+        """Whether every pair keeps its distance at `q` (n,)."""
         return bool((self.rows(q)[1] > -_ENOUGH_M).all())

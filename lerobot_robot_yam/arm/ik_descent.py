@@ -20,7 +20,6 @@ import numpy as np
 
 from lerobot_robot_yam.arm.ik_clearance import SelfClearance
 
-JOINTS = 6
 LEVER_M = 0.1
 """What counts as much as one radian of orientation error, in metres."""
 
@@ -35,7 +34,6 @@ _POSTURE = 1e-9  # w²: decides where the pose leaves freedom, at singularities;
 _UNBOUNDED = 1e30  # DAQP's infinity
 _FOUL_M = 1e-4  # by how much a step may spoil a distance, from curvature
 
-_NO_ROWS = np.zeros((0, JOINTS))
 _NO_SLACK = np.zeros(0)
 
 
@@ -43,16 +41,18 @@ class Descent:
     """Descends to a pose of `site` from wherever it is started. Not thread-safe.
 
     Args:
-        model: its first six joints are the arm's; others stay where `qpos0` has them.
+        model: its first joints are the arm's; others stay where `qpos0` has them.
+        joints: how many.
         site: name of a site of the model.
         clearance: distances to keep, None for none.
     """
 
-    def __init__(self, model: mujoco.MjModel, site: str, clearance: SelfClearance | None = None):
+    def __init__(self, model: mujoco.MjModel, joints: int, site: str, clearance: SelfClearance | None = None):
         self._configuration = mink.Configuration(model)
         self._task = mink.FrameTask(site, "site", position_cost=1.0, orientation_cost=LEVER_M)
         self._clearance = clearance
         self._full = model.qpos0.copy()
+        self._joints, self._no_rows = joints, np.zeros((0, joints))
 
     def aim(self, pose: np.ndarray) -> None:
         """Set the target, (4, 4)."""
@@ -61,10 +61,10 @@ class Descent:
     def run(
         self, q: np.ndarray, lower: np.ndarray, upper: np.ndarray, posture: np.ndarray, deadline_s: float
     ) -> np.ndarray:
-        """The joints (6,) where the descent from `q` ends; between `lower` and `upper`, as `q` has to be.
+        """The joints (n,) where the descent from `q` ends; between `lower` and `upper`, as `q` has to be.
 
         Args:
-            posture: (6,) what is preferred where the pose leaves a choice.
+            posture: (n,) what is preferred where the pose leaves a choice.
             deadline_s: monotonic time at which to stop where it is.
         """
         damping, (jacobian, error) = _DAMPING, self._residual(q)
@@ -75,7 +75,7 @@ class Descent:
             if _solved(error) or time.monotonic() > deadline_s:
                 break
             hessian = jacobian.T @ jacobian
-            hessian.flat[:: JOINTS + 1] += damping * min(cost, 1.0) + _POSTURE + _FLOOR
+            hessian.flat[:: len(q) + 1] += damping * min(cost, 1.0) + _POSTURE + _FLOOR
             gradient = _POSTURE * (q - posture) - error @ jacobian
             move = _solve_qp(hessian, gradient, np.maximum(lower - q, -step), np.minimum(upper - q, step), rows, slack)
             there = np.minimum(np.maximum(q + move, lower), upper)
@@ -96,15 +96,15 @@ class Descent:
         return q
 
     def _residual(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(6, 6) W J and (6,) W e."""
-        self._full[:JOINTS] = q
+        """(6, n) W J and (6,) W e: three of the position, three of the orientation."""
+        self._full[: self._joints] = q
         self._configuration.update(self._full)
         jacobian, error, _ = self._task.compute_qp_residual(self._configuration)
-        return jacobian[:, :JOINTS], error
+        return jacobian[:, : self._joints], error
 
     def _distances(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(k, 6) gradients and (k,) slack of the distances that may run short."""
-        return (_NO_ROWS, _NO_SLACK) if self._clearance is None else self._clearance.rows(q)
+        """(k, n) gradients and (k,) slack of the distances that may run short."""
+        return (self._no_rows, _NO_SLACK) if self._clearance is None else self._clearance.rows(q)
 
 
 def _solved(error: np.ndarray) -> bool:
@@ -127,7 +127,7 @@ def _solve_qp(
 ) -> np.ndarray:
     """argmin ½ x H x + g x within the box and rows · x ≥ −slack. A slack that is used up must not grow worse."""
     if not slack.size:
-        return daqp.solve(hessian, gradient, _NO_ROWS, upper, lower, np.zeros(JOINTS, np.int32))[0]
+        return daqp.solve(hessian, gradient, rows, upper, lower, np.zeros(upper.size, np.int32))[0]
     highest = np.concatenate([upper, np.full(slack.size, _UNBOUNDED)])
     lowest = np.concatenate([lower, -np.maximum(slack, 0.0)])
     return daqp.solve(hessian, gradient, rows, highest, lowest, np.zeros(highest.size, np.int32))[0]

@@ -18,8 +18,8 @@ class Starts:
     """Stored joint vectors and their poses.
 
     Args:
-        fk: (6,) to (4, 4).
-        lower, upper: (6,) joint limits, rad.
+        fk: (n,) to (4, 4).
+        lower, upper: (n,) joint limits, rad.
     """
 
     def __init__(self, fk: Callable[[np.ndarray], np.ndarray], lower: np.ndarray, upper: np.ndarray):
@@ -27,7 +27,7 @@ class Starts:
         self._poses = np.array([fk(q) for q in self._q])
 
     def nearest(self, pose: np.ndarray, count: int, near: np.ndarray | None = None) -> np.ndarray:
-        """(count, 6) joint vectors at most, those whose poses resemble `pose` (4, 4) most first.
+        """(count, n) joint vectors at most, those whose poses resemble `pose` (4, 4) most first.
 
         Rotations are compared by |R₁ − R₂|² ≈ 2 φ².
         """

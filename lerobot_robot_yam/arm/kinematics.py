@@ -18,9 +18,10 @@ import mujoco
 import numpy as np
 
 from lerobot_robot_yam.arm.ik_clearance import SelfClearance
-from lerobot_robot_yam.arm.ik_descent import JOINTS, LEVER_M, Descent
+from lerobot_robot_yam.arm.ik_descent import LEVER_M, Descent
 from lerobot_robot_yam.arm.ik_starts import Starts
 from lerobot_robot_yam.arm.model import build_spec
+from lerobot_robot_yam.arm.mounting import mounted
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile, load_arm, load_gripper
 from lerobot_robot_yam.arm.safety import finite_vector
 from lerobot_robot_yam.errors import ActionError, ConfigError
@@ -39,7 +40,7 @@ class IkResult:
     """What inverse kinematics came to.
 
     Attributes:
-        q: (6,) rad, within the joint limits.
+        q: (n,) rad, within the joint limits.
         converged: it is within 1e-4 m and 1e-3 rad of the target, and clear.
         clear: the arm's links keep their distance from each other; also True where that was not asked for.
         position_error_m, orientation_error_rad: what is left.
@@ -71,8 +72,8 @@ class YamKinematics:
             construction), the gripper open; None: not checked, which is many times faster.
 
     Attributes:
-        lower, upper: (6,) joint limits, rad.
-        middle: (6,) the middle of the joint ranges, rad.
+        lower, upper: (n,) joint limits, rad.
+        middle: (n,) the middle of the joint ranges, rad.
 
     Raises:
         ConfigError: no such arm, gripper or site, or an arm without joints.
@@ -87,43 +88,46 @@ class YamKinematics:
         collision_margin_m: float | None = None,
     ):
         arm = arm if isinstance(arm, ArmProfile) else load_arm(arm)
-        gripper = gripper if isinstance(gripper, GripperProfile) else load_gripper(gripper)
+        gripper = mounted(gripper if isinstance(gripper, GripperProfile) else load_gripper(gripper), arm)
         model = build_spec(arm, gripper, visuals=False).compile()
         keeps = collision_margin_m is not None and arm.joint_count
-        self._set_up(model, site, SelfClearance(arm, gripper, collision_margin_m or 0.0) if keeps else None)
+        clearance = SelfClearance(arm, gripper, collision_margin_m or 0.0) if keeps else None
+        self._set_up(model, arm.joint_count, site, clearance)
 
     @classmethod
     def of_model(cls, model: mujoco.MjModel, site: str = "tcp_site") -> "YamKinematics":
-        """Of a model as `model.build_model` makes it, its base at the origin.
+        """Of a model as `model.build_model` makes it, its base at the origin; the hinges it begins with are the arm's.
 
         Raises:
             ConfigError: no such site, or a model without an arm.
         """
         self = cls.__new__(cls)
-        self._set_up(model, site, None)
+        hinges = [kind == mujoco.mjtJoint.mjJNT_HINGE for kind in model.jnt_type]
+        self._set_up(model, (*hinges, False).index(False), site, None)
         return self
 
-    def _set_up(self, model: mujoco.MjModel, site: str, clearance: SelfClearance | None) -> None:
-        joints = [model.joint(i).name for i in range(min(JOINTS, model.njnt))]
-        if joints != [f"joint{i + 1}" for i in range(JOINTS)]:
-            raise ConfigError(f"kinematics need an arm with joint1 … joint{JOINTS} first, this model has {joints}")
+    def _set_up(self, model: mujoco.MjModel, joints: int, site: str, clearance: SelfClearance | None) -> None:
+        self._joints = joints
+        names = [model.joint(i).name for i in range(joints)]
+        if not joints or names != [f"joint{i + 1}" for i in range(joints)]:
+            raise ConfigError(f"kinematics need an arm with the hinges joint1, joint2 … first, this model has {names}")
         self._site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, site)
         if self._site < 0:
             names = [model.site(i).name for i in range(model.nsite)]
             raise ConfigError(f"this end effector has no site '{site}'; it has {names}")
         self._model, self._data = model, mujoco.MjData(model)
-        self._descent, self._clearance = Descent(model, site, clearance), clearance
-        self.lower, self.upper = model.jnt_range[:JOINTS].T.copy()
+        self._descent, self._clearance = Descent(model, joints, site, clearance), clearance
+        self.lower, self.upper = model.jnt_range[:joints].T.copy()
         self.middle = (self.lower + self.upper) / 2
         self._starts = Starts(self._pose, self.lower, self.upper)
 
     def fk(self, q: np.ndarray) -> np.ndarray:
-        """(4, 4) pose of the site at joints `q` (6,) rad, which may lie outside the limits.
+        """(4, 4) pose of the site at joints `q` (n,) rad, which may lie outside the limits.
 
         Raises:
             ActionError: wrong shape, or not finite.
         """
-        return self._pose(finite_vector("kinematics", "q", q, JOINTS))
+        return self._pose(finite_vector("kinematics", "q", q, self._joints))
 
     def ik(
         self,
@@ -138,7 +142,7 @@ class YamKinematics:
 
         Args:
             target: (4, 4).
-            near: (6,) rad, where to start, clipped to the limits; None: from whatever suits the target. The first
+            near: (n,) rad, where to start, clipped to the limits; None: from whatever suits the target. The first
                 solution found is taken, so one is near as a rule.
             attempts: descents at most; the second and further ones start at stored poses that resemble the target.
             budget_s: the second and further ones end after this time; the first one takes 2 ms at most.
@@ -155,7 +159,7 @@ class YamKinematics:
         pose = _rigid(target)
         lower, upper, start = self.lower, self.upper, None
         if near is not None:
-            start = np.clip(finite_vector("kinematics", "near", near, JOINTS), lower, upper)
+            start = np.clip(finite_vector("kinematics", "near", near, self._joints), lower, upper)
             if within_rad is not None:
                 lower, upper = np.maximum(lower, start - within_rad), np.minimum(upper, start + within_rad)
         self._descent.aim(pose)
@@ -194,7 +198,7 @@ class YamKinematics:
         return IkResult(q, near and clear, clear, position, orientation, attempts)
 
     def _pose(self, q: np.ndarray) -> np.ndarray:
-        self._data.qpos[:JOINTS] = q
+        self._data.qpos[: self._joints] = q
         mujoco.mj_kinematics(self._model, self._data)
         pose = np.eye(4)
         pose[:3, :3] = self._data.site_xmat[self._site].reshape(3, 3)

@@ -16,6 +16,7 @@ nothing.
 
 import logging
 from enum import Enum, auto
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,7 +30,6 @@ _RAMP_S = 0.12  # to that speed; a quicker start overshoots
 _WRIST_LIFT_RAD = 0.35  # how far above its resting place the wrist stays while the arm folds
 _SOFT_RAD = 0.3  # from here on the fold slows down: some joints end on their mechanical stops
 _SOFT_RAD_S2 = 5.0
-_SHOULDER, _ELBOW, _WRIST = 1, 2, 3  # joints 2 to 4 carry upper arm, forearm and wrist
 _OPEN_RAD = 1.2  # elbow with which the tool is highest while the upper arm lies
 _AT_POSE_RAD = 0.06
 _STUCK_RAD = 0.25  # set-point this far ahead of the arm: something is in the way
@@ -59,6 +59,15 @@ class Phase(Enum):
     OBSTRUCTED = auto()
 
 
+class Roles(NamedTuple):
+    """Indices of the joints of a `profile.Folding`; None where the arm has no such joint."""
+
+    base: int | None
+    shoulder: int | None
+    elbow: int | None
+    wrist: int | None
+
+
 class Landing:
     """One landing of the arm joints (n,).
 
@@ -69,18 +78,31 @@ class Landing:
         setpoint: the arm's set-point; its limits are lowered for good.
         q: (n,) rad, where the arm is.
         now: monotonic s.
+        roles: of its joints.
     """
 
-    def __init__(self, arm: str, rest_q: np.ndarray, kp: np.ndarray, q: np.ndarray, setpoint: SetPoint, now: float):
+    def __init__(
+        self,
+        arm: str,
+        rest_q: np.ndarray,
+        kp: np.ndarray,
+        q: np.ndarray,
+        setpoint: SetPoint,
+        now: float,
+        roles: Roles,
+    ):
         self._arm = arm
         self._setpoint = setpoint
         n = len(rest_q)
         self._rest = rest_q.copy()
-        self._rest[0] = q[0]  # the base may stay turned: it carries no weight
+        self._roles = roles
+        if roles.base is not None:
+            self._rest[roles.base] = q[roles.base]  # the base may stay turned: it carries no weight
         self._fold = self._rest.copy()
-        self._up = float(np.copysign(1.0, -rest_q[_WRIST]))  # which way the wrist is raised
-        self._fold[_WRIST] += self._up * _WRIST_LIFT_RAD
-        self._sag_rad = _SAG_NM / max(float(kp[_WRIST]), 1.0)
+        if roles.wrist is not None:
+            self._up = float(np.copysign(1.0, -rest_q[roles.wrist]))  # which way the wrist is raised
+            self._fold[roles.wrist] += self._up * _WRIST_LIFT_RAD
+            self._sag_rad = _SAG_NM / max(float(kp[roles.wrist]), 1.0)
         self._n = n
         lies = bool(np.abs(q - self._rest).max() < _AT_POSE_RAD)
         self.phase = Phase.LOWER if lies else Phase.FOLD
@@ -134,9 +156,9 @@ class Landing:
             way = self._setpoint.target[: self._n] - self._setpoint.q[: self._n]  # a base beyond its limit comes inside
             if np.abs(way).max() < _SOFT_RAD:
                 self._setpoint.acceleration_limit[: self._n] = _SOFT_RAD_S2
-            sag = self._up * (self._setpoint.q[_WRIST] - q[_WRIST])
-            if 0.0 < sag < self._sag_rad:
-                error[_WRIST] = 0.0
+            wrist = self._roles.wrist
+            if wrist is not None and 0.0 < self._up * (self._setpoint.q[wrist] - q[wrist]) < self._sag_rad:
+                error[wrist] = 0.0
             at_pose = error.max() < _AT_POSE_RAD
             if self._way and self._setpoint.arrived and error.max() < _STUCK_RAD:
                 self._begin_move(self._way.pop(0), now)
@@ -185,11 +207,11 @@ class Landing:
 
     def _barred(self, reason: str, now: float) -> None:
         """Something is in the way: go round; hold where that is barred, too, or sink where a motor is out."""
-        out = self._carriers_out()
-        if not self._goes_round:
+        out, over = self._carriers_out(), self._over_the_top()
+        if over and not self._goes_round:
             self._goes_round = True
             logger.warning("%s: on its way down %s; it goes round, over the top", self._arm, reason)
-            self._go(self._over_the_top(), now)
+            self._go(over, now)
         elif out and self._way:  # what bars the way up carries nothing
             self._go([self._fold], now)
         elif out:
@@ -202,15 +224,25 @@ class Landing:
 
     def _carriers_out(self) -> list[str]:
         """Joints that carry, and whose motors have been out since this move began: limp, or not heard."""
-        return [f"joint_{joint + 1}" for joint in (_SHOULDER, _ELBOW, _WRIST) if self._out[joint]]
+        base, first, _, last = self._roles
+        if first is None or last is None:  # any of them may
+            carriers = [joint for joint in range(self._n) if joint != base]
+        else:
+            carriers = list(range(first, last + 1))
+        return [f"joint_{joint + 1}" for joint in carriers if self._out[joint]]
 
     def _over_the_top(self) -> list[np.ndarray]:
+        """Poses on the way over what is in the way; none for an arm without shoulder or elbow."""
+        _, shoulder, elbow, wrist = self._roles
+        if shoulder is None or elbow is None:
+            return []
         level = self._setpoint.q[: self._n].copy()
-        level[_WRIST] = self._fold[_WRIST]
-        open_rad = max(_OPEN_RAD, level[_SHOULDER] - self._rest[_SHOULDER])
-        level[_ELBOW] = max(level[_ELBOW], self._rest[_ELBOW] + open_rad)
+        if wrist is not None:
+            level[wrist] = self._fold[wrist]
+        open_rad = max(_OPEN_RAD, level[shoulder] - self._rest[shoulder])
+        level[elbow] = max(level[elbow], self._rest[elbow] + open_rad)
         back = level.copy()
-        back[_SHOULDER], back[_ELBOW] = self._rest[_SHOULDER], self._rest[_ELBOW] + _OPEN_RAD
+        back[shoulder], back[elbow] = self._rest[shoulder], self._rest[elbow] + _OPEN_RAD
         return [level, back, self._fold]
 
     def _go(self, way: list[np.ndarray], now: float) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from lerobot_robot_yam.arm.mounting import mounted
 from lerobot_robot_yam.arm.profile import (
     ArmProfile,
     Body,
@@ -25,8 +26,6 @@ from lerobot_robot_yam.arm.profile import (
 from lerobot_robot_yam.arm.shapes import add_shape
 from lerobot_robot_yam.errors import ConfigError
 
-TIP_BODY = "link6"
-"""The arm's last body; the end effector's root body is attached to it."""
 EE_BODY = "gripper"
 
 # Sliding friction of motor housings on each other: coated metal, 0.2 … 0.4. With MuJoCo's 1, which is rubber's, a wrist
@@ -88,11 +87,11 @@ def build_spec(
 ) -> mujoco.MjSpec:
     """The editable model, base at the origin; attach it into a scene with `MjSpec.attach`.
 
-    Joints joint1 … joint6, then the fingers' joint7 and joint8; sites tcp_site and (but for the teaching handle)
-    grasp_site. Raises ConfigError for unknown names or a broken profile.
+    Joints joint1 … jointn, then the fingers' (joint7 and joint8, or numbered on); sites tcp_site and (but for the
+    teaching handle) grasp_site. Raises ConfigError for unknown names or a broken profile.
     """
     arm = arm if isinstance(arm, ArmProfile) else load_arm(arm)
-    gripper = gripper if isinstance(gripper, GripperProfile) else load_gripper(gripper)
+    gripper = mounted(gripper if isinstance(gripper, GripperProfile) else load_gripper(gripper), arm)
     load = load or Load()
     spec = mujoco.MjSpec()
     spec.modelname = f"{arm.name}_{gripper.name}"
@@ -128,6 +127,8 @@ def build_model(arm: str, gripper: str, **options) -> mujoco.MjModel:
 
 
 def _add_body(bodies: dict[str, mujoco.MjsBody], row: Body, inertial: Inertial) -> mujoco.MjsBody:
+    if row.name in bodies:
+        raise ConfigError(f"body '{row.name}': arm and end effector both have a body of this name")
     if row.parent not in bodies:
         raise ConfigError(f"body '{row.name}': unknown parent '{row.parent}'; known so far: {sorted(bodies)}")
     body = bodies[row.parent].add_body(name=row.name, pos=row.pos_m, quat=row.quat_wxyz)

@@ -52,7 +52,7 @@ class ArmPort:
         self.hardware = hardware
         self._key = key
         self._clock = clock
-        self._commands = CommandWriter(key)
+        self._commands = CommandWriter(key, hardware.n)
         self._states: SharedBlock | None = None
         self._period_s = 1.0 / config.rate_hz if config.rate_hz > 0 and clock is SYSTEM else 0.0
         self._lower, self._upper = hardware.lower.tolist(), hardware.upper.tolist()
@@ -86,7 +86,7 @@ class ArmPort:
         payload = None if self._states is None else self._states.read_bytes()
         if payload is None:
             raise LifeCycleError(f"{self.config.name}: not connected")
-        return ArmState(payload, self.hardware.joints, self.hardware.has_gripper)
+        return ArmState(payload)
 
     def mode(self) -> Mode:
         """Life-cycle state as last published, however old."""
@@ -173,10 +173,10 @@ class ArmPort:
         """Give a target; the loop moves the set-point there under its limits.
 
         Args:
-            q: (6,) rad.
+            q: (n,) rad.
             gripper: 0 closed … 1 open; None keeps the present set-point.
-            dq: (6,) rad/s with which the target moves, if known.
-            kp, kd: (6,) gains for this target instead of the configured ones, Nm/rad and Nm s/rad.
+            dq: (n,) rad/s with which the target moves, if known.
+            kp, kd: (n,) gains for this target instead of the configured ones, Nm/rad and Nm s/rad.
 
         Returns:
             The joints and gripper position really asked for, after the limits; those held while the arm takes no
@@ -210,7 +210,7 @@ class ArmPort:
             measured = list(state.positions)
         target, limited = limit_target(target, measured, self._lower, self._upper, relative)
         self._limit_log.note(limited)
-        self._commands.aim(self._clock.now(), target, n, options)
+        self._commands.aim(self._clock.now(), target, options)
         return np.array(target[:n]), target[-1] if hw.has_gripper else None
 
     def _checked_options(self, **given: Sequence[float] | np.ndarray | None) -> dict[str, np.ndarray]:

@@ -17,7 +17,7 @@ class PoseTracker:
 
     Args:
         kinematics: of the arm; nothing else may use it meanwhile from another thread.
-        q: (6,) rad, where the arm is.
+        q: (n,) rad, where the arm is.
     """
 
     def __init__(self, kinematics: YamKinematics, q: np.ndarray):
@@ -26,11 +26,11 @@ class PoseTracker:
 
     @property
     def q(self) -> np.ndarray:
-        """(6,) rad, the newest solution, or where it was started."""
+        """(n,) rad, the newest solution, or where it was started."""
         return self._q
 
     def restart(self, q: np.ndarray) -> None:
-        """Go on from `q` (6,) rad, standing still."""
+        """Go on from `q` (n,) rad, standing still."""
         self._q, self._step, self._moving = np.array(q, dtype=float), np.zeros(len(q)), False
 
     def solve(self, target: np.ndarray, *, attempts: int = 1, within_rad: float | None = None) -> IkResult:

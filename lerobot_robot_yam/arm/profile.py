@@ -4,11 +4,11 @@
 and `overrides` replaces any field of either: `load_arm("yam", {"kp": [...]})`.
 
 Conventions: SI units; quaternions w x y z; joint value = (motor angle - zero) * direction; a gripper command is
-0 closed … 1 open. Arm arrays have one entry per arm joint: n = 6, or 0 for the arm-less arm "none".
+0 closed … 1 open. Arm arrays have one entry per arm joint: n joints, 0 for the arm-less arm "none".
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from lerobot_robot_yam.arm.profile_checks import check_arm, check_gripper
 from lerobot_robot_yam.arm.yaml_fields import array_field, merge, parse, read_yaml
 from lerobot_robot_yam.errors import ConfigError
 
-ARMS = ("yam", "yam_pro", "yam_ultra", "big_yam")
+ARMS = ("yam", "yam_pro", "yam_ultra", "yam_ultra_2", "big_yam")
 NO_ARM = "none"
 """Arm name for gripper-only use: no joints, the gripper fixed in the world."""
 GRIPPERS = (
@@ -110,6 +110,20 @@ class ArmMotor:
 
 
 @dataclass(frozen=True)
+class Folding:
+    """The joints that a landing moves in turn, by the names of their motors; None where the arm has no such joint.
+
+    base: turns about the vertical and carries nothing, so that it stays as it is. shoulder, elbow: grow as the arm
+    unfolds; they lift the tool over what is in the way. wrist: stays raised while the arm folds, and is lowered last.
+    """
+
+    base: str | None = "joint_1"
+    shoulder: str | None = "joint_2"
+    elbow: str | None = "joint_3"
+    wrist: str | None = "joint_4"
+
+
+@dataclass(frozen=True)
 class GripperMotor:
     """The gripper's motor, its gains (Nm/rad, Nm s/rad) and limits; `speed_limit_per_s` in strokes/s."""
 
@@ -166,6 +180,10 @@ class ArmProfile:
     """An arm: motors, gains, limits, simulation parameters, rest poses, links. Arrays have shape (n,).
 
     self_contacts: pairs of body names whose colliding shapes touch each other; other links pass through.
+    gripper_can_id: of the motor of whatever gripper is on it; None: see `mounting.gripper_id`.
+    bent_q_rad: a pose of table work, the tool pointing down, from which the scripted operator plans.
+    zero_pose: in words, per motor, where its joint is at 0.
+    grasp_site_m: per gripper, where `grasp_site` is in the gripper's root body if not as the gripper's profile says.
     """
 
     name: str
@@ -183,10 +201,15 @@ class ArmProfile:
     armature_kg_m2: np.ndarray = array_field(-1)
     friction_nm: np.ndarray = array_field(-1)
     self_contacts: tuple[tuple[str, ...], ...] = ()
+    folding: Folding = Folding()
+    gripper_can_id: int | None = None
+    bent_q_rad: np.ndarray | None = array_field(-1, default=None)
+    zero_pose: dict[str, str] = field(default_factory=dict)
+    grasp_site_m: dict[str, np.ndarray] | None = array_field(3, default=None)
 
     @property
     def joint_count(self) -> int:
-        """Number of arm joints: 6, or 0 for the arm-less arm."""
+        """Number of arm joints, 0 for the arm-less arm."""
         return len(self.motors)
 
     def rest_q(self, gripper: str) -> np.ndarray:

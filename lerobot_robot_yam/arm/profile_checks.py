@@ -34,6 +34,7 @@ def check_arm(arm: "ArmProfile", where: str) -> None:
         raise ConfigError(f"{where}: {n} motors, {len(jointed)} jointed bodies, wrong lengths {lengths}")
     _check_motors(arm.motors, where)
     _check_bodies(arm.bodies, where)
+    _check_names(arm, [body.joint.name for body in arm.bodies if body.joint], where)
     rows = [motor_type(motor.type) for motor in arm.motors]
     position_max = np.array([row.position_max_rad for row in rows])
     lower, upper = arm.joint_limits_rad[:, 0], arm.joint_limits_rad[:, 1]
@@ -61,6 +62,22 @@ def check_arm(arm: "ArmProfile", where: str) -> None:
         )
     if not (lower < upper).all():
         raise ConfigError(f"{where}: each row of joint_limits_rad is [lower, upper]: {arm.joint_limits_rad.tolist()}")
+
+
+def _check_names(arm: "ArmProfile", joints: list[str], where: str) -> None:
+    """Joints are found by their names, in the order of the motors; what names a motor has to name one of the arm's."""
+    expected = [f"joint{i + 1}" for i in range(arm.joint_count)]
+    if joints != expected:
+        raise ConfigError(
+            f"{where}: joints of the bodies are named {expected}, in the order of the motors, not {joints}"
+        )
+    motors = [motor.name for motor in arm.motors]
+    folding = {f"folding.{role}": name for role, name in vars(arm.folding).items() if name is not None}
+    for key, name in {**folding, **{f"zero_pose.{name}": name for name in arm.zero_pose}}.items():
+        if motors and name not in motors:
+            raise ConfigError(f"{where}: {key}: there is no motor {name!r}; write null where the arm has no such joint")
+    if arm.gripper_can_id is not None and arm.gripper_can_id in [motor.can_id for motor in arm.motors]:
+        raise ConfigError(f"{where}: gripper_can_id {arm.gripper_can_id} is the id of a joint's motor")
 
 
 def check_gripper(gripper: "GripperProfile", where: str) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import can
 
-from lerobot_robot_yam.arm.fingerprint import GRIPPER_ID, gear_ratio, handle_firmware
+from lerobot_robot_yam.arm.fingerprint import gear_ratio, handle_firmware
 from lerobot_robot_yam.arm.profile import GripperProfile
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import MotorError
@@ -15,23 +15,27 @@ from lerobot_robot_yam.errors import MotorError
 
 @dataclass(frozen=True)
 class Role:
-    """What answers at the end of an arm: handle, gripper motor (with its gear ratio), both or neither."""
+    """What answers at the end of an arm: handle, gripper motor (with its gear ratio), both or neither.
+
+    gripper_id: CAN id at which a gripper's motor was asked for.
+    """
 
     handle: bool
     gripper_gear_ratio: float | None
+    gripper_id: int
 
     @property
     def has_gripper_motor(self) -> bool:
         return self.gripper_gear_ratio is not None
 
 
-def probe_role(bus: can.BusABC, channel: str) -> Role:
-    """Ask for the handle and for the gripper motor; up to 0.15 s when neither is there.
+def probe_role(bus: can.BusABC, channel: str, gripper_id: int) -> Role:
+    """Ask for the handle and for the gripper motor (`mounting.gripper_id`); up to 0.15 s when neither is there.
 
     Raises:
         BusError: the channel is gone.
     """
-    return Role(handle_firmware(bus, channel) is not None, gear_ratio(bus, channel, GRIPPER_ID))
+    return Role(handle_firmware(bus, channel) is not None, gear_ratio(bus, channel, gripper_id), gripper_id)
 
 
 def role_mistake(name: str, channel: str, gripper: GripperProfile, found: Role) -> str | None:
@@ -48,29 +52,29 @@ def role_mistake(name: str, channel: str, gripper: GripperProfile, found: Role) 
         )
     if not gripper.handle_encoder and gripper.motor is None and found.has_gripper_motor:
         return (
-            f"{name}: a gripper motor (id {GRIPPER_ID}) answers on channel {channel}, but gripper {gripper.name} has "
-            "none: set `gripper`, or look whether the cables are swapped"
+            f"{name}: a gripper motor (id {found.gripper_id}) answers on channel {channel}, but gripper {gripper.name} "
+            "has none: set `gripper`, or look whether the cables are swapped"
         )
     return None
 
 
-def explain_missing(bus: can.BusABC, channel: str, name: str, gripper: GripperProfile) -> str | None:
+def explain_missing(bus: can.BusABC, channel: str, name: str, gripper: GripperProfile, gripper_id: int) -> str | None:
     """For when a gripper motor or a handle does not answer: the swap that would explain it, or None.
 
     Raises:
         BusError: the channel is gone.
     """
-    return role_mistake(name, channel, gripper, probe_role(bus, channel))
+    return role_mistake(name, channel, gripper, probe_role(bus, channel, gripper_id))
 
 
-def check_role(bus: can.BusABC, channel: str, name: str, gripper: GripperProfile) -> None:
+def check_role(bus: can.BusABC, channel: str, name: str, gripper: GripperProfile, gripper_id: int) -> None:
     """For end effectors that have nothing to answer with, so that nothing would be missed on the wrong arm.
 
     Raises:
         MotorError: a handle or a gripper motor answers that the configuration does not know.
         BusError: the channel is gone.
     """
-    mistake = explain_missing(bus, channel, name, gripper)
+    mistake = explain_missing(bus, channel, name, gripper, gripper_id)
     if mistake is not None:
         raise MotorError(mistake)
 

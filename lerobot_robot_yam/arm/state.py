@@ -1,6 +1,7 @@
 """The two records that caller and control loop share for each arm: state (loop writes), command (caller writes).
 
-Slots 0–5 are the arm's joints, slot 6 the gripper; NaN where an arm has none. SI units; gripper 0 closed … 1 open.
+A record has a slot for each motor that an arm could have: first come its joints, then its gripper if that has a motor,
+and the rest is unused. The state says how many there are. SI units; gripper 0 closed … 1 open.
 """
 
 import math
@@ -12,11 +13,10 @@ import numpy as np
 
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.policy import Trouble
+from lerobot_robot_yam.damiao.motor_spec import MOTOR_IDS
 from lerobot_robot_yam.runtime import LOCK, STATE, runtime_dir, slug
 
-JOINTS = 6
-SLOTS = 7
-GRIPPER = 6
+MAX_MOTORS = len(MOTOR_IDS)  # of an arm
 
 
 class Limited(IntFlag):
@@ -54,18 +54,20 @@ STATE_DTYPE = np.dtype(
         ("tick", "u8"),
         ("mode", "u1"),
         ("limited", "u2"),
+        ("joints", "u1"),  # of the arm
+        ("motors", "u1"),  # the joints', and the gripper's if it has one
         ("gripper_blocked", "u1"),
-        ("q", "f8", SLOTS),
-        ("dq", "f8", SLOTS),
-        ("tau", "f8", SLOTS),
-        ("setpoint", "f8", SLOTS),
+        ("q", "f8", MAX_MOTORS),
+        ("dq", "f8", MAX_MOTORS),
+        ("tau", "f8", MAX_MOTORS),
+        ("setpoint", "f8", MAX_MOTORS),
         ("own_gains", "u1"),  # held to it with its own gains, not with softer ones of a target
-        ("motor_stamp_s", "f8", SLOTS),
-        ("temp_mos_c", "f4", SLOTS),
-        ("temp_rotor_c", "f4", SLOTS),
-        ("fault", "u1", SLOTS),
-        ("lost", "u8", SLOTS),
-        ("offset_rad", "f8", SLOTS),  # motor angle at joint zero: what a successor needs to know
+        ("motor_stamp_s", "f8", MAX_MOTORS),
+        ("temp_mos_c", "f4", MAX_MOTORS),
+        ("temp_rotor_c", "f4", MAX_MOTORS),
+        ("fault", "u1", MAX_MOTORS),
+        ("lost", "u8", MAX_MOTORS),
+        ("offset_rad", "f8", MAX_MOTORS),  # motor angle at joint zero: what a successor needs to know
         ("gripper_stops_rad", "f8", 2),  # closed, open; NaN until they are known
         ("trigger", "f8"),
         ("buttons", "u1", 2),
@@ -83,10 +85,10 @@ COMMAND_DTYPE = np.dtype(
     [
         ("target_stamp_s", "f8"),
         ("target_sequence", "u8"),
-        ("q", "f8", SLOTS),
-        ("dq", "f8", SLOTS),  # NaN: the loop derives it
-        ("kp", "f8", SLOTS),  # NaN: as configured
-        ("kd", "f8", SLOTS),
+        ("q", "f8", MAX_MOTORS),
+        ("dq", "f8", MAX_MOTORS),  # NaN: the loop derives it
+        ("kp", "f8", MAX_MOTORS),  # NaN: as configured
+        ("kd", "f8", MAX_MOTORS),
         ("request", "u1"),
         ("request_sequence", "u8"),
     ]
@@ -95,8 +97,8 @@ COMMAND_DTYPE = np.dtype(
 _STRUCT_CODES = {"f8": "d", "f4": "f", "u8": "Q", "u2": "H", "u1": "B"}
 
 
-def packed(dtype: np.dtype) -> tuple[struct.Struct, dict[str, int]]:
-    """A packed record type as a struct, and where each field begins among its values.
+def packed(dtype: np.dtype, motors: int) -> tuple[struct.Struct, dict[str, int]]:
+    """A packed record type as a struct, and where each field begins among its values; unused slots have none.
 
     Fields of numpy records cost 6 times as much to read as a tuple when the caches are cold, which they are in a
     caller that wakes up 30 times a second.
@@ -105,20 +107,21 @@ def packed(dtype: np.dtype) -> tuple[struct.Struct, dict[str, int]]:
     for name in dtype.names or ():
         field = dtype[name]
         length = math.prod(field.shape)
+        used = motors if field.shape == (MAX_MOTORS,) else length
         start[name] = count
         if field.base.kind == "S":
             layout += f"{field.base.itemsize}s"
         else:
-            layout += f"{length}{_STRUCT_CODES[field.base.str[1:]]}"
-        count += length
+            layout += f"{used}{_STRUCT_CODES[field.base.str[1:]]}{(length - used) * field.base.itemsize}x"
+        count += used
     return struct.Struct(layout), start
 
 
-_STATE, _AT = packed(STATE_DTYPE)
+_STATES = [packed(STATE_DTYPE, motors) for motors in range(MAX_MOTORS + 1)]
+_JOINTS_AT, _MOTORS_AT = (STATE_DTYPE.fields[name][1] for name in ("joints", "motors"))  # type: ignore[index]
 OWNER_AT = STATE_DTYPE.fields["owner_pid"][1]  # type: ignore[index]
 PUBLISHED_AT = STATE_DTYPE.fields["stamp_s"][1]  # type: ignore[index]
 _MODES = {int(mode): mode for mode in Mode}
-COMMAND_STRUCT, _ = packed(COMMAND_DTYPE)
 
 
 class ArmState:
@@ -128,27 +131,25 @@ class ArmState:
 
     Args:
         payload: the bytes of a state record.
-        joints: of the arm, 6, or 0 for a gripper alone.
-        has_gripper: whether the end effector has a motor.
     """
 
-    __slots__ = ("_gripper", "_joints", "_motors", "_values")
+    __slots__ = ("_at", "_joints", "_motors", "_values")
 
-    def __init__(self, payload: bytes, joints: int, has_gripper: bool):
-        self._values = _STATE.unpack(payload)
-        self._joints, self._gripper = joints, has_gripper
-        self._motors = slice(0 if joints else GRIPPER, SLOTS if has_gripper else JOINTS)
+    def __init__(self, payload: bytes):
+        self._joints, self._motors = payload[_JOINTS_AT], payload[_MOTORS_AT]
+        layout, self._at = _STATES[self._motors]
+        self._values = layout.unpack(payload)
 
     def _array(self, name: str) -> np.ndarray:
-        start = _AT[name]
+        start = self._at[name]
         return np.array(self._values[start : start + self._joints])
 
     def _per_motor(self, name: str) -> tuple:
-        start = _AT[name]
-        return self._values[start + self._motors.start : start + self._motors.stop]
+        start = self._at[name]
+        return self._values[start : start + self._motors]
 
     def _of_gripper(self, name: str) -> float | None:
-        return self._values[_AT[name] + GRIPPER] if self._gripper else None
+        return self._values[self._at[name] + self._joints] if self._motors > self._joints else None
 
     @property
     def stamp_s(self) -> float:
@@ -158,16 +159,16 @@ class ArmState:
     @property
     def published_s(self) -> float:
         """Monotonic time at which the control loop has written this state."""
-        return self._values[_AT["stamp_s"]]
+        return self._values[self._at["stamp_s"]]
 
     @property
     def mode(self) -> Mode:
         """Life-cycle state."""
-        return _MODES[self._values[_AT["mode"]]]
+        return _MODES[self._values[self._at["mode"]]]
 
     @property
     def q(self) -> np.ndarray:
-        """(6,) rad."""
+        """(joints,) rad."""
         return self._array("q")
 
     @property
@@ -182,17 +183,17 @@ class ArmState:
 
     @property
     def dq(self) -> np.ndarray:
-        """(6,) rad/s."""
+        """(joints,) rad/s."""
         return self._array("dq")
 
     @property
     def tau_nm(self) -> np.ndarray:
-        """(6,) Nm in joint coordinates."""
+        """(joints,) Nm in joint coordinates."""
         return self._array("tau")
 
     @property
     def setpoint_q(self) -> np.ndarray:
-        """(6,) rad, where the arm is asked to be."""
+        """(joints,) rad, where the arm is asked to be."""
         return self._array("setpoint")
 
     @property
@@ -218,20 +219,20 @@ class ArmState:
     @property
     def gripper_stops_rad(self) -> tuple[float, float] | None:
         """Motor angles of the gripper, closed and open; None while they are unknown."""
-        start = _AT["gripper_stops_rad"]
+        start = self._at["gripper_stops_rad"]
         closed, opened = self._values[start : start + 2]
         return None if math.isnan(closed) else (closed, opened)
 
     @property
     def trigger(self) -> float | None:
         """Teaching handle, 0 released … 1 squeezed; None without a handle or while it is silent."""
-        value = self._values[_AT["trigger"]]
+        value = self._values[self._at["trigger"]]
         return None if math.isnan(value) else value
 
     @property
     def buttons(self) -> tuple[bool, bool]:
         """The handle's two buttons."""
-        first = _AT["buttons"]
+        first = self._at["buttons"]
         return bool(self._values[first]), bool(self._values[first + 1])
 
     @property
@@ -257,7 +258,7 @@ class ArmState:
     @property
     def limited(self) -> Limited:
         """What the safety chain held back."""
-        return Limited(self._values[_AT["limited"]])
+        return Limited(self._values[self._at["limited"]])
 
     @property
     def trouble(self) -> Trouble | None:
@@ -266,17 +267,17 @@ class ArmState:
         return Trouble(text) if text else None
 
     def _text(self, name: str) -> str:
-        return self._values[_AT[name]].rstrip(b"\0").decode(errors="replace")
+        return self._values[self._at[name]].rstrip(b"\0").decode(errors="replace")
 
     @property
     def answered(self) -> int:
         """Number of the newest request that was carried out or refused."""
-        return self._values[_AT["request_sequence"]]
+        return self._values[self._at["request_sequence"]]
 
     @property
     def refusal(self) -> str | None:
         """Why that request was refused; None if it was not."""
-        return self._text("refusal") if self._values[_AT["request_refused"]] else None
+        return self._text("refusal") if self._values[self._at["request_refused"]] else None
 
     @property
     def message(self) -> str:

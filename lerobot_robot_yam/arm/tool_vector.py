@@ -19,7 +19,7 @@ _TIP = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # a quart
 
 def downward(kinematics: YamKinematics) -> np.ndarray:
     """R_down (3, 3) of an arm's site."""
-    return _TIP @ kinematics.fk(np.zeros(6))[:3, :3]
+    return _TIP @ kinematics.fk(np.zeros_like(kinematics.lower))[:3, :3]
 
 
 def pose_to_vector(pose: np.ndarray, reference: np.ndarray) -> np.ndarray:

@@ -101,11 +101,11 @@ class YamArm:
         """Give one target; repeat it at 10 Hz or faster, or the arm comes to rest.
 
         Args:
-            q: (6,) rad. dq: (6,) rad/s, the target's own speed. kp, kd: (6,) gains for this target.
+            q: (n,) rad. dq: (n,) rad/s, the target's own speed. kp, kd: (n,) gains for this target.
             gripper: 0 closed … 1 open, None keeps it.
 
         Returns:
-            (6,) what was really asked for after the limits.
+            (n,) what was really asked for after the limits.
 
         Raises:
             ActionError: wrong shape, not finite, or more than a motor takes; nothing was sent.

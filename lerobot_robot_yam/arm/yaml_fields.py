@@ -1,8 +1,8 @@
 """Strict YAML → frozen dataclass: unknown, missing and ill-typed keys are errors that name the place.
 
 Fields may be `int`, `float`, `str`, `bool`, `np.ndarray`, another dataclass, `T | None`, `tuple[T, ...]` or
-`dict[str, np.ndarray]`. An array field made with `array_field(*shape)` is checked against that shape (-1: any
-length), holds finite float64 and is read-only.
+`dict[str, T]`. An array field made with `array_field(*shape)` is checked against that shape (-1: any length), holds
+finite float64 and is read-only.
 """
 
 import dataclasses

@@ -14,10 +14,10 @@ from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL, ArmConfig
 from lerobot_robot_yam.arm.profile import ARMS, GRIPPERS
 from lerobot_robot_yam.arm.state import channel_key, lock_path
 from lerobot_robot_yam.damiao.bringup import LISTEN_S, listen
+from lerobot_robot_yam.damiao.motor_spec import MOTOR_IDS
 from lerobot_robot_yam.errors import ConfigError, YamError
 from lerobot_robot_yam.runtime import FileLock, rig_name
 
-_IDS = range(1, 8)
 _INTERRUPTED = 130  # the shell's own status after Ctrl-C
 
 
@@ -65,7 +65,7 @@ def own_bus(config: ArmConfig) -> Iterator[can.BusABC]:
     try:
         bus = open_bus(config)
         try:
-            listen(bus, LISTEN_S, _IDS, config.channel)
+            listen(bus, LISTEN_S, MOTOR_IDS, config.channel)
             yield bus
         finally:
             bus.shutdown()

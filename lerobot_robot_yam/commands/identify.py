@@ -4,7 +4,7 @@ yam-identify --channel can_follower_l                               shows what a
 yam-identify --channel can_follower_l --name left --bind left.json  remembers it as "left"
 yam-identify --channel can_follower_l --check left.json             is it still that arm? exit status 1 when not
 yam-identify --channel can_follower_l --wiggle                      ENERGISES the arm: its gripper closes and opens,
-                                                                    joint 6 turns a little
+                                                                    its last joint turns a little
 
 Only --wiggle energises anything, and asks first (--yes for scripts).
 """
@@ -15,8 +15,10 @@ import sys
 from collections.abc import Sequence
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.arm.fingerprint import GRIPPER_ID, Fingerprint, read_fingerprint
+from lerobot_robot_yam.arm.fingerprint import Fingerprint, read_fingerprint
 from lerobot_robot_yam.arm.identity import bind, check_identity
+from lerobot_robot_yam.arm.mounting import arm_ids, gripper_id
+from lerobot_robot_yam.arm.profile import load_arm
 from lerobot_robot_yam.arm.role import Role, likely_gripper
 from lerobot_robot_yam.commands.arm_command import (
     add_arm_arguments,
@@ -33,7 +35,7 @@ from lerobot_robot_yam.errors import ConfigError, MotorError
 from lerobot_robot_yam.paths import user_path
 
 
-def describe(channel: str, found: Fingerprint) -> str:
+def describe(channel: str, found: Fingerprint, role: str) -> str:
     """The fingerprint as a table."""
 
     def shown(value: object) -> str:
@@ -45,7 +47,7 @@ def describe(channel: str, found: Fingerprint) -> str:
     ]
     handle = "none" if found.handle_firmware is None else "firmware " + ".".join(map(str, found.handle_firmware))
     lines = [
-        f"channel {channel}: {found.role}",
+        f"channel {channel}: {role}",
         table(["motor id", "type", "gear", "serial", "firmware", "sub", "hardware"], rows),
         f"teaching handle: {handle}",
         f"adapter: {found.adapter or 'none known to the kernel'}",
@@ -66,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--wiggle",
         action="store_true",
-        help="ENERGISE the arm, close and open its gripper (not with --calibration), turn joint 6 by 0.08 rad",
+        help="ENERGISE the arm, close and open its gripper (not with --calibration), turn its last joint by 0.08 rad",
     )
     parser.add_argument(
         "--calibration", metavar="PATH", help="with --wiggle: the gripper's stored stops; it does not move then"
@@ -82,12 +84,14 @@ def _identify(args: argparse.Namespace) -> int:
     config = arm_config(args)
     if args.wiggle:
         need_terminal(args.yes)
+    arm = load_arm(config.arm)
     with own_bus(config) as bus:
-        found = read_fingerprint(bus, config.channel, config.interface)
+        found = read_fingerprint(bus, config.channel, config.interface, arm_ids(arm))
+    role = found.role(gripper_id(arm))
     if args.json:
-        sys.stdout.write(json.dumps({"channel": config.channel, "role": found.role, **found.to_dict()}) + "\n")
+        sys.stdout.write(json.dumps({"channel": config.channel, "role": role, **found.to_dict()}) + "\n")
     else:
-        sys.stdout.write(describe(config.channel, found) + "\n")
+        sys.stdout.write(describe(config.channel, found, role) + "\n")
     sys.stdout.flush()
     if not found.motors:
         raise MotorError(
@@ -98,7 +102,7 @@ def _identify(args: argparse.Namespace) -> int:
     if args.wiggle:
         name = _watch_it_move(args, config, found)
     if args.bind:
-        for note in bind(args.bind, name, config.channel, found, args.force):
+        for note in bind(args.bind, name, config.channel, found, arm, args.force):
             tell(f"note: {note}")
         tell(f"bound as {name!r} in {args.bind}")
     elif args.check:
@@ -111,8 +115,9 @@ def _watch_it_move(args: argparse.Namespace, config: ArmConfig, found: Fingerpri
     """Wiggle, and the name of the arm that moved, as the user says."""
     gripper = args.gripper
     if gripper is None:
-        gear = found.motors[GRIPPER_ID].gear_ratio if GRIPPER_ID in found.motors else None
-        gripper = likely_gripper(Role(found.handle_firmware is not None, gear))
+        can_id = gripper_id(load_arm(config.arm))
+        gear = found.motors[can_id].gear_ratio if can_id in found.motors else None
+        gripper = likely_gripper(Role(found.handle_firmware is not None, gear, can_id))
         tell(f"taking the gripper to be {gripper} (else give --gripper)")
     config = arm_config(args, gripper=gripper, calibration_path=args.calibration)
     tell(hazard(config))

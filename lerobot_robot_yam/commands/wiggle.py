@@ -3,8 +3,6 @@
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.profile import load_arm, load_gripper
 from lerobot_robot_yam.arm.yam_arm import YamArm
@@ -17,8 +15,8 @@ SPEED_RAD_S = 0.15
 def hazard(config: ArmConfig) -> str:
     """What is about to happen, for the person who shall confirm it."""
     text = (
-        f"HAZARD: this energises the arm on channel {config.channel}, which then holds its pose, turns joint 6 by "
-        f"±{WIGGLE_RAD} rad at up to {SPEED_RAD_S} rad/s, lands and goes limp. Keep hands off all arms and the "
+        f"HAZARD: this energises the arm on channel {config.channel}, which then holds its pose, turns its last joint "
+        f"by ±{WIGGLE_RAD} rad at up to {SPEED_RAD_S} rad/s, lands and goes limp. Keep hands off all arms and the "
         "emergency stop within reach."
     )
     path = config.calibration_path
@@ -41,13 +39,13 @@ def wiggle(config: ArmConfig, which: Callable[[], str | None] | None) -> str:
     Raises:
         YamError: what failed; the arm has landed, or was never energised.
     """
-    if load_arm(config.arm).joint_count != 6:
-        raise ConfigError(f"{config.name}: arm {config.arm!r} has no joint 6 to turn")
+    if not load_arm(config.arm).joint_count:
+        raise ConfigError(f"{config.name}: arm {config.arm!r} has no joint to turn")
     with YamArm(config, start="hold") as arm:
         home = arm.observe().setpoint_q
         while True:
             for offset in (WIGGLE_RAD, -WIGGLE_RAD, 0.0):
-                arm.move_to(home + offset * np.eye(6)[5], speed_rad_s=SPEED_RAD_S)
+                arm.move_to([*home[:-1], home[-1] + offset], speed_rad_s=SPEED_RAD_S)
             if which is None:
                 return ""
             answer = which()

@@ -1,6 +1,6 @@
 """Set the zero of an arm's joints: guided, verified, with every motor limp.
 
-yam-zero --channel can_follower_l                    all six joints
+yam-zero --channel can_follower_l                    all joints
 yam-zero --channel can_follower_l --joint joint_2 joint_3
 
 HAZARD: what the motors are told here is what every later session believes. A zero set in a wrong pose makes the arm
@@ -17,6 +17,7 @@ from collections.abc import Sequence
 import can
 
 from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.mounting import gripper_id
 from lerobot_robot_yam.arm.profile import NO_ARM, load_arm
 from lerobot_robot_yam.arm.role import likely_gripper, probe_role
 from lerobot_robot_yam.commands.arm_command import (
@@ -34,26 +35,18 @@ from lerobot_robot_yam.errors import ConfigError
 
 _WORD = "zero"
 _LIVE_S = 0.2
+_UNSAID = "where its model has it at 0 (the profile says nothing more)"
 _CHANGE_RAD = 0.05  # what a careful hand may be off by
-
-# The pose in which every joint is 0, from the packaged models (facts: zero_pose_check); the same for all of them.
-ZERO_POSE = {
-    "joint_1": "base: the folded arm in line with the base, tool pointing straight ahead (+x)",
-    "joint_2": "shoulder: upper arm laid back, level, pointing away from where the tool points; at its lower stop",
-    "joint_3": "elbow: forearm folded forward over the upper arm, level; at its lower stop",
-    "joint_4": "wrist pitch: tool in line with the forearm, level",
-    "joint_5": "wrist yaw: tool straight ahead, to neither side",
-    "joint_6": "wrist roll: tool upright, fingers opening sideways (a handle hanging down)",
-}
 
 
 def guidance(zeroing: Zeroing) -> str:
     """Where to put the chosen joints, with their ranges."""
+    arm = zeroing.hardware.arm
     lines = ["Put these joints by hand where the profile says zero is, and support the arm so that it stays there:"]
     for index in zeroing.chosen:
         name = zeroing.names[index]
-        low, high = zeroing.hardware.arm.joint_limits_rad[index]
-        lines.append(f"  {name} (range {low:+.2f} … {high:+.2f} rad): {ZERO_POSE.get(name, 'as its profile says')}")
+        low, high = arm.joint_limits_rad[index]
+        lines.append(f"  {name} (range {low:+.2f} … {high:+.2f} rad): {arm.zero_pose.get(name, _UNSAID)}")
     return "\n".join(lines)
 
 
@@ -114,7 +107,8 @@ def _with_gripper(args: argparse.Namespace, config: ArmConfig, bus: can.BusABC) 
     """The configuration with the gripper that answers, unless one was given: its motor shall not change."""
     if args.gripper is not None:
         return config
-    return arm_config(args, gripper=likely_gripper(probe_role(bus, config.channel)))
+    found = probe_role(bus, config.channel, gripper_id(load_arm(config.arm)))
+    return arm_config(args, gripper=likely_gripper(found))
 
 
 def _wait_until_placed(zeroing: Zeroing) -> None:

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 from lerobot_robot_yam.damiao.tables import ReceiveMode, motor_type
 from lerobot_robot_yam.errors import ConfigError
 
+MOTOR_IDS = range(1, 16)
+"""The ids of motors on one bus: those that the nibble in a feedback frame tells apart."""
+
 
 @dataclass(frozen=True)
 class MotorSpec:

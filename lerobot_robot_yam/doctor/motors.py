@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from lerobot_robot_yam.damiao.codec import decode_feedback
-from lerobot_robot_yam.damiao.motor_spec import MotorSpec
+from lerobot_robot_yam.damiao.motor_spec import MOTOR_IDS, MotorSpec
 from lerobot_robot_yam.damiao.registers import Register, register_row
 from lerobot_robot_yam.damiao.tables import (
     MOTOR_TYPES,
@@ -23,7 +23,6 @@ from lerobot_robot_yam.doctor.targets import LEADER_GRIPPER, Target
 
 _ROUNDS = 3
 _TIMEOUT_S, _SETTLE_S = 0.25, 0.03
-_IDS = range(1, 16)  # ids that the nibble in a feedback frame tells apart
 _RELATIVE_TOLERANCE = 1e-4  # float32 in the motor
 # The maker says so; others have seen that a motor takes it at once.
 _POWER_CYCLE = " (then switch the arm's power off and on: until then the motor may go by the old value)"
@@ -134,10 +133,10 @@ def _identity(target: Target, spec: MotorSpec) -> dict[str, Any]:
 def _roll_call(questions: Questions, expected: Sequence[int]) -> dict[int, tuple[list[Answer], int]]:
     """Per id that answers: its answers, and how often it was asked."""
     answers: dict[int, list[Answer]] = {}
-    asked = dict.fromkeys(_IDS, 0)
+    asked = dict.fromkeys(MOTOR_IDS, 0)
     for _ in range(_ROUNDS):
         # Ids that nobody expects are given less time, and only once.
-        absent = [can_id for can_id in _IDS if can_id not in expected and not asked[can_id]]
+        absent = [can_id for can_id in MOTOR_IDS if can_id not in expected and not asked[can_id]]
         for ids, timeout_s in ((list(expected), _TIMEOUT_S), (absent, _SETTLE_S)):
             for can_id in ids:
                 asked[can_id] += 1

@@ -85,7 +85,7 @@ def watch_session(target: Target, driver: str, section: Section) -> None:
 
 def _report(target: Target, driver: str, first: np.ndarray, record: np.ndarray, now: float, section: Section) -> None:
     hardware, channel = target.hardware(), target.channel
-    state = ArmState(record.tobytes(), hardware.joints, hardware.has_gripper)
+    state = ArmState(record.tobytes())
     age = now - float(record["stamp_s"])
     ticks, elapsed = int(record["tick"]) - int(first["tick"]), float(record["stamp_s"]) - float(first["stamp_s"])
     rate = ticks / elapsed if elapsed > 0 else 0.0

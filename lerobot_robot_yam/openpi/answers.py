@@ -82,8 +82,9 @@ def action_chunk(config: YamOpenpiConfig, answer: dict[str, Any], width: int) ->
         raise ActionError(f"{whose} have the shape {actions.shape}, not (steps, {width}); check its policy's outputs")
     if actions.shape[1] != width:
         raise ActionError(
-            f"{whose} have {actions.shape[1]} values, this robot's {width}; is it a policy for two arms (14 values) or "
-            f"one (7)? Where the state is wider than an action, --policy.action_dim says what to expect"
+            f"{whose} have {actions.shape[1]} values, this robot's {width}; is it a policy for another number of "
+            "arms, or for arms with other joints? Where the state is wider than an action, --policy.action_dim says "
+            "what to expect"
         )
     if len(actions) < (config.n_action_steps or 1):
         raise ActionError(

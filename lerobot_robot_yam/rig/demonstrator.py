@@ -2,7 +2,7 @@
 
     demonstrator = Demonstrator(rig, "lift_and_place", ["left", "right"])
     while not demonstrator.done:
-        targets = demonstrator.targets()      # side → joints (6,) and opening, for this instant
+        targets = demonstrator.targets()      # side → joints (n,) and opening, for this instant
         …                                     # send them, let time pass
 
 The operator's script blocks while it waits, so it runs in a thread of its own; only one of the two threads runs at any
@@ -28,7 +28,7 @@ class _Pull:
         self.values = np.column_stack([q_rad, 1.0 - np.asarray(trigger, float)])
 
     def at(self, now_s: float) -> np.ndarray:
-        """Joints and opening (7,)."""
+        """Joints and opening (n + 1,)."""
         return np.array([np.interp(now_s, self.times_s, column) for column in self.values.T])
 
 
@@ -58,7 +58,9 @@ class Demonstrator:
         self._thread.start()
 
     def targets(self) -> dict[str, np.ndarray]:
-        """Where each follower is asked to be now: joints and opening (7,). Before a hand moves: where it was at first.
+        """Where each follower is asked to be now: joints and opening (n + 1,).
+
+        Before a hand moves: where it was at first.
 
         Raises:
             YamError: the script failed.
@@ -120,7 +122,7 @@ class Demonstrator:
         return sight_of(self._rig.state(), self._sides)
 
     def pull(self, side: str, times_s: np.ndarray, q_rad: np.ndarray, trigger: np.ndarray) -> None:
-        """Move a side's target along (k, 6) joints at times from now (k,), with trigger 0 … 1 (k,)."""
+        """Move a side's target along (k, n) joints at times from now (k,), with trigger 0 … 1 (k,)."""
         self._pulls[side] = _Pull(self._rig.now(), times_s, q_rad, trigger)
 
     def let_go(self) -> None:

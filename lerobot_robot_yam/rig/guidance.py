@@ -36,7 +36,7 @@ class Hands(Protocol):
     def look(self) -> Sight: ...
 
     def pull(self, side: str, times_s: np.ndarray, q_rad: np.ndarray, trigger: np.ndarray) -> None:
-        """Pull the leader of a side along (k, 6) joints at times from now (k,), with trigger 0 … 1 (squeezed) (k,)."""
+        """Pull the leader of a side along (k, n) joints at times from now (k,), with trigger 0 … 1 (squeezed) (k,)."""
 
     def let_go(self) -> None: ...
 
@@ -51,7 +51,7 @@ class Guide:
     """Both hands. A path that is sent begins when the hand's last one has ended.
 
     Attributes:
-        q: where each hand is, or will be at the end of its path, (6,) per side.
+        q: where each hand is, or will be at the end of its path, (n,) per side.
         trigger: how far each hand squeezes, 0 … 1.
 
     Every method may raise Interrupted.

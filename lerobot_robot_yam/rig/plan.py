@@ -32,7 +32,7 @@ class Path:
 
     Attributes:
         times_s: (k,) seconds from the start, increasing, first 0.
-        q_rad: (k, 6).
+        q_rad: (k, n).
     """
 
     times_s: np.ndarray
@@ -44,11 +44,11 @@ class Path:
 
     @property
     def end_rad(self) -> np.ndarray:
-        """Last joint vector, (6,)."""
+        """Last joint vector, (n,)."""
         return self.q_rad[-1]
 
     def at(self, t_s: float) -> np.ndarray:
-        """Joint vector (6,) at t_s, linear between samples."""
+        """Joint vector (n,) at t_s, linear between samples."""
         return np.array([np.interp(t_s, self.times_s, column) for column in self.q_rad.T])
 
     def rest(self, t_s: float, ease_s: float = 0.4) -> "Path":
@@ -73,7 +73,8 @@ class ArmPlanner:
         yaw_rad: base heading.
         speed_rad_s: no joint moves faster than this.
         acceleration_rad_s2: nor accelerates faster than this.
-        seed_rad: (6,) a bent pose to start the inverse kinematics from.
+        seed_rad: (n,) a bent pose to start the inverse kinematics from; None: the middle of the joint ranges.
+        leads: joints that go ahead when the arm unfolds, from the elbow on.
 
     Attributes:
         base_m: base in the world, (3,).
@@ -86,14 +87,16 @@ class ArmPlanner:
         yaw_rad: float = 0.0,
         speed_rad_s: float = 1.2,
         acceleration_rad_s2: float = 7.0,
-        seed_rad: tuple[float, ...] = (0.0, 1.2, 1.0, -1.3, 0.0, 0.0),
+        seed_rad: np.ndarray | None = None,
+        leads: slice = slice(0),
     ):
         self.base_m = np.asarray(position_m, float)
         self._yaw = yaw_rad
         self._speed = speed_rad_s
         self._acceleration = acceleration_rad_s2
-        self._seed = np.asarray(seed_rad, float)
         self._kinematics = YamKinematics.of_model(model, "grasp_site")
+        self._seed = self._kinematics.middle if seed_rad is None else seed_rad
+        self._leads = leads
 
     def _to_base(self, position_m: np.ndarray) -> np.ndarray:
         c, s = np.cos(self._yaw), np.sin(self._yaw)
@@ -101,7 +104,7 @@ class ArmPlanner:
         return np.array([c * x + s * y, -s * x + c * y, z])
 
     def tool(self, q_rad: np.ndarray) -> tuple[np.ndarray, float]:
-        """World position (3,) and yaw of `grasp_site` at q_rad (6,)."""
+        """World position (3,) and yaw of `grasp_site` at q_rad (n,)."""
         pose = self._kinematics.fk(q_rad)
         rotation, (x, y, z) = pose[:3, :3], pose[:3, 3]
         c, s = np.cos(self._yaw), np.sin(self._yaw)
@@ -109,12 +112,12 @@ class ArmPlanner:
         return position, float(np.arctan2(-rotation[0, 1], rotation[1, 1])) + self._yaw
 
     def natural_yaw(self, position_m: np.ndarray) -> float:
-        """The yaw at which joint 6 is near zero: the direction from the base to the point."""
+        """The yaw at which the last joint is near zero: the direction from the base to the point."""
         x, y, _ = self._to_base(position_m)
         return float(np.arctan2(y, x)) + self._yaw
 
     def grasp_yaw(self, position_m: np.ndarray, prop_yaw_rad: float, turns: int = 4) -> float:
-        """Yaw that puts the fingers on two faces of the prop with the least turn of joint 6.
+        """Yaw that puts the fingers on two faces of the prop with the least turn of the last joint.
 
         turns: how often the prop looks the same to the fingers in a whole turn: 4 a cube, 2 a bar.
         """
@@ -123,7 +126,7 @@ class ArmPlanner:
         return float(prop_yaw_rad + part * np.round((natural - prop_yaw_rad) / part))
 
     def solve(self, position_m: np.ndarray, yaw_rad: float, q_near_rad: np.ndarray) -> np.ndarray | None:
-        """Joint vector (6,) that puts `grasp_site` there, close to q_near_rad; None when out of reach."""
+        """Joint vector (n,) that puts `grasp_site` there, close to q_near_rad; None when out of reach."""
         yaw = yaw_rad - self._yaw
         c, s = np.cos(yaw), np.sin(yaw)
         pose = np.eye(4)
@@ -149,7 +152,7 @@ class ArmPlanner:
         return self.pose(position_m, self.natural_yaw(position_m))
 
     def pose(self, position_m: np.ndarray, yaw_rad: float) -> np.ndarray:
-        """Joint vector (6,) for a tool pose.
+        """Joint vector (n,) for a tool pose.
 
         Raises:
             RigError: the arm cannot reach it.
@@ -189,8 +192,8 @@ class ArmPlanner:
     def unfold(self, start_rad: np.ndarray, end_rad: np.ndarray) -> Path:
         """As `joint_move`, the elbow ahead of the shoulder: a folded arm lifts its tool before it reaches out."""
         start, end = np.asarray(start_rad, float), np.asarray(end_rad, float)
-        first = np.array([0.3, 0.3, 0.0, 0.0, 0.0, 0.3])
-        last = np.array([1.0, 1.0, 0.7, 0.7, 0.7, 1.0])
+        first, last = np.full(len(start), 0.3), np.ones(len(start))
+        first[self._leads], last[self._leads] = 0.0, 0.7
 
         def joints(s: float) -> np.ndarray:
             return start + (end - start) * minimum_jerk((s - first) / (last - first))

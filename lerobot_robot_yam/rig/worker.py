@@ -32,7 +32,7 @@ class Worker:
         height_m: height of the tool on its way over the table.
 
     Attributes:
-        home_rad: the waiting pose, (6,).
+        home_rad: the waiting pose, (n,).
     """
 
     def __init__(self, guide: Guide, side: str, planner: ArmPlanner, home_m: np.ndarray, height_m: float):

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 
 from lerobot_robot_yam.arm.model import Physics, build_spec
+from lerobot_robot_yam.arm.mounting import mounted
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile, load_arm, load_gripper
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import ConfigError
@@ -69,7 +70,7 @@ def _add_camera(spec: mujoco.MjSpec, camera: Camera) -> None:
 
 def _attach_arm(spec: mujoco.MjSpec, row: ArmPlacement, scene: Scene) -> None:
     physics = Physics(friction_scale=scene.options.friction, armature_scale=scene.options.armature)
-    arm, gripper = load_arm(row.arm), load_gripper(row.gripper)
+    arm, gripper = profiles_of(row)
     frame = spec.worldbody.add_frame(pos=row.position_m, quat=yaw_quat(row.yaw_rad))
     spec.attach(build_spec(arm, gripper, physics=physics), prefix=f"{row.channel}/", frame=frame)
     for i, motor in enumerate(arm.motors):
@@ -86,6 +87,12 @@ def _attach_arm(spec: mujoco.MjSpec, row: ArmPlacement, scene: Scene) -> None:
         limit = motor_type(gripper.motor.type).torque_max_nm
         target = f"{row.channel}/gripper"
         _add_servo(spec, f"{row.channel}/{gripper.motor.name}", target, mujoco.mjtTrn.mjTRN_TENDON, limit)
+
+
+def profiles_of(row: ArmPlacement) -> tuple[ArmProfile, GripperProfile]:
+    """The arm, and its end effector as it is on that arm."""
+    arm = load_arm(row.arm)
+    return arm, mounted(load_gripper(row.gripper), arm)
 
 
 def gripper_stroke(row: ArmPlacement, gripper: GripperProfile) -> tuple[float, float]:
@@ -118,7 +125,7 @@ class World:
         self.data = mujoco.MjData(self.model)
         self.timestep_s = self.model.opt.timestep
         self.profiles: dict[str, tuple[ArmProfile, GripperProfile]] = {
-            row.channel: (load_arm(row.arm), load_gripper(row.gripper)) for row in scene.arms
+            row.channel: profiles_of(row) for row in scene.arms
         }
         self._addresses = {row.channel: self._look_up(row.channel) for row in scene.arms}
         for row in scene.arms:

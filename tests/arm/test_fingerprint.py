@@ -3,13 +3,15 @@
 import can
 
 from lerobot_robot_yam.arm.fingerprint import Adapter, read_adapter, read_fingerprint
+from lerobot_robot_yam.arm.mounting import arm_ids
+from lerobot_robot_yam.arm.profile import load_arm
 
 READ_ONLY = {0x7FF, 0x50E}
 
 
 def look(rig, channel):
     with can.Bus(interface="yam_sim", channel=channel, rig=rig.name) as bus:
-        return read_fingerprint(bus, channel, "yam_sim")
+        return read_fingerprint(bus, channel, "yam_sim", arm_ids(load_arm("yam")))
 
 
 def test_a_follower_and_a_leader_are_read_without_any_command(rig):
@@ -17,8 +19,9 @@ def test_a_follower_and_a_leader_are_read_without_any_command(rig):
         rig.trace_start(channel)
     found, other = look(rig, "follower_left"), look(rig, "leader_left")
     assert [m.kind for m in found.motors.values()] == ["DM4340"] * 3 + ["DM4310"] * 4
-    assert found.handle_firmware is None and "follower" in found.role
-    assert other.handle_firmware == (2, 4, 0) and sorted(other.motors) == [1, 2, 3, 4, 5, 6] and "leader" in other.role
+    assert found.handle_firmware is None and "follower" in found.role(7)
+    assert other.handle_firmware == (2, 4, 0) and "leader" in other.role(7)
+    assert sorted(other.motors) == [1, 2, 3, 4, 5, 6]
     assert len(set(found.serials.values()) | set(other.serials.values())) == 13
     for channel in ("follower_left", "leader_left"):
         sent = {ident for _, _, ident, _ in rig.trace(channel)}

@@ -11,15 +11,24 @@ from hypothesis import strategies as st
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.fingerprint import Adapter, Fingerprint, MotorPrint, read_fingerprint
-from lerobot_robot_yam.arm.identity import Binding, bind, check_identity, contradictions
+from lerobot_robot_yam.arm.identity import Binding, check_identity, contradictions
+from lerobot_robot_yam.arm.identity import bind as bind_arm
+from lerobot_robot_yam.arm.mounting import arm_ids
+from lerobot_robot_yam.arm.profile import load_arm
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.errors import ConfigError, MotorError
 from lerobot_robot_yam.rig.control import running_rig
 
+YAM = load_arm("yam")
+
+
+def bind(path, name, channel, found, force=False):
+    return bind_arm(path, name, channel, found, YAM, force)
+
 
 def look(rig, channel):
     with can.Bus(interface="yam_sim", channel=channel, rig=rig.name) as bus:
-        return read_fingerprint(bus, channel, "yam_sim")
+        return read_fingerprint(bus, channel, "yam_sim", arm_ids(YAM))
 
 
 def swap_cables(rig, one, other):

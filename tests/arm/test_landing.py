@@ -44,7 +44,7 @@ def land_and_watch(rig, arm, channel, but=""):
     but: a limp joint, whose speed is nobody's.
     """
     last_held, held_speeds = None, []
-    judged = [f"joint_{number}" != but for number in range(1, 7)]
+    judged = [f"joint_{number + 1}" != but for number in range(arm._session[channel].hardware.joints)]
     arm._session[channel].land()
     while True:
         state = rig.state(bodies=True)
@@ -123,7 +123,7 @@ def test_an_arm_lands_whose_base_stands_beyond_its_range(beyond_rad):
     most, end = np.full(hardware.n, 30.0), np.full(hardware.n, 5.0)  # rad/s²
     setpoint = SetPoint(hardware.speed_limit, most, hardware.lower, hardware.upper, end)
     setpoint.seed(np.append(q, 0.5))
-    landing = Landing("left", hardware.rest_q, hardware.kp, q, setpoint, 0.0)
+    landing = Landing("left", hardware.rest_q, hardware.kp, q, setpoint, 0.0, hardware.folding)
     for tick in range(1, 2500):
         now = tick * 0.004
         landing.advance(q, np.zeros(joints), np.ones(joints, bool), now)

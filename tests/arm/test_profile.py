@@ -55,6 +55,8 @@ def test_facts_that_contradict_older_documents():
     assert load_arm("yam").kp[3] == 10.0 and load_arm("yam_pro").kp[3] == 40.0
     assert [m.direction for m in load_arm("big_yam").motors] == [1, -1, 1, 1, 1, 1]
     assert load_arm("big_yam").gravity_factor.tolist() == [1.0, 1.2, 1.0, 1.1, 1.0, 1.0]
+    assert [m.type for m in load_arm("yam_ultra_2").motors] == ["DM4340"] * 4 + ["DM4310"] * 2
+    assert load_arm("yam_ultra_2").kd[3] == 3.0 and load_arm("yam_ultra").kd[3] == 1.5
     assert load_arm("yam").joint_limits_rad[2].tolist() == [0.0, 3.14159]
     assert load_gripper("flexible_4310").motor.direction == -1
 

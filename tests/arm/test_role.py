@@ -32,20 +32,20 @@ def test_the_wrong_role_is_named_without_any_binding(shared_rig, channel, grippe
     profile = load_gripper(gripper)
     with can.Bus(interface="yam_sim", channel=channel, rig=shared_rig.name) as bus:
         if message is None:
-            assert explain_missing(bus, channel, "left", profile) is None
-            check_role(bus, channel, "left", profile)
+            assert explain_missing(bus, channel, "left", profile, 7) is None
+            check_role(bus, channel, "left", profile, 7)
         else:
             with pytest.raises(MotorError, match=f"left: .*{message}"):
-                check_role(bus, channel, "left", profile)
+                check_role(bus, channel, "left", profile, 7)
 
 
 def test_a_dead_gripper_motor_is_not_taken_for_a_leader(rig):
     rig.fault("follower_left", "gripper", "silent")
     with can.Bus(interface="yam_sim", channel="follower_left", rig=rig.name) as bus:
-        assert explain_missing(bus, "follower_left", "left", load_gripper("linear_4310")) is None
+        assert explain_missing(bus, "follower_left", "left", load_gripper("linear_4310"), 7) is None
     rig.fault("leader_left", None, "handle_silent")
     with can.Bus(interface="yam_sim", channel="leader_left", rig=rig.name) as bus:
-        assert explain_missing(bus, "leader_left", "left", load_gripper("yam_teaching_handle")) is None
+        assert explain_missing(bus, "leader_left", "left", load_gripper("yam_teaching_handle"), 7) is None
 
 
 @pytest.mark.parametrize("gripper", ["linear_4310", "linear_3507", "no_gripper"])
@@ -54,9 +54,9 @@ def test_the_gripper_is_guessed_from_its_motor(gripper):
         running_rig(gripper=gripper) as rig,
         can.Bus(interface="yam_sim", channel="follower_left", rig=rig.name) as bus,
     ):
-        assert likely_gripper(probe_role(bus, "follower_left")) == gripper
+        assert likely_gripper(probe_role(bus, "follower_left", 7)) == gripper
 
 
 def test_a_handle_means_a_teaching_handle(shared_rig):
     with can.Bus(interface="yam_sim", channel="leader_left", rig=shared_rig.name) as bus:
-        assert likely_gripper(probe_role(bus, "leader_left")) == "yam_teaching_handle"
+        assert likely_gripper(probe_role(bus, "leader_left", 7)) == "yam_teaching_handle"

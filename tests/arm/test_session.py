@@ -263,7 +263,7 @@ def bad_motor_keeps_both_arms_limp(rig, isolation, kind):
         ({"arm": "yam_max"}, ConfigError, "unknown arm 'yam_max'; known: yam, yam_pro"),
         ({"gripper": "claw"}, ConfigError, "unknown gripper 'claw'"),
         ({"rate_hz": 900}, ConfigError, "at most 500 Hz"),
-        ({"kp": [1.0]}, ConfigError, "kp takes six numbers"),
+        ({"kp": [1.0]}, ConfigError, "kp takes 6 numbers"),
         ({"speed_limit_rad_s": 0.0}, ConfigError, "above zero"),
         ({"estop_button": "top"}, ConfigError, "estop_button.*linear_4310 has none"),
     ],

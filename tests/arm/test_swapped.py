@@ -5,6 +5,8 @@ import pytest
 
 from lerobot_robot_yam.arm.fingerprint import read_fingerprint
 from lerobot_robot_yam.arm.identity import Binding
+from lerobot_robot_yam.arm.mounting import arm_ids
+from lerobot_robot_yam.arm.profile import load_arm
 from lerobot_robot_yam.arm.session import ArmSession
 from lerobot_robot_yam.errors import ConfigError, MotorError
 from lerobot_robot_yam.rig.control import running_rig
@@ -18,7 +20,7 @@ FOLLOWERS = ("follower_left", "follower_right")
 
 def bind(rig, channel, path):
     with can.Bus(interface="yam_sim", channel=channel, rig=rig.name) as bus:
-        Binding(path.stem, channel, read_fingerprint(bus, channel, "yam_sim")).save(path)
+        Binding(path.stem, channel, read_fingerprint(bus, channel, "yam_sim", arm_ids(load_arm("yam")))).save(path)
 
 
 def enabled(rig):

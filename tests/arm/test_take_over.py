@@ -76,7 +76,7 @@ def test_who_takes_over_leaves_a_joint_that_is_not_heard_where_it_was_sent(rig, 
     assert POSE[1] - there > 0.3
     assert heir.setpoint.q[1] == pytest.approx(there, abs=0.05)
     assert heir.motion.commands[1, 0] == pytest.approx(there, abs=0.1)
-    slot = session[CHANNEL].hardware.slots[1]
+    slot = 1
     record["fault"][slot] = Fault.OVER_CURRENT  # it had let go before it fell silent
     assert heir_of(record).setpoint.q[1] == pytest.approx(record["q"][slot])
 
@@ -96,7 +96,7 @@ def test_who_takes_over_from_soft_gains_holds_the_arm_where_a_hand_keeps_it(rig,
 def test_who_takes_over_keeps_the_grip_on_a_thick_object(rig, heir_of, session):
     track(session, {CHANNEL: POSE}, 1.5)
     record = record_of(rig)
-    gripper = session[CHANNEL].hardware.slots[-1]
+    gripper = session[CHANNEL].hardware.joints
     record["setpoint"][gripper] = 0.0  # closed on something that keeps the fingers half open
     heir = heir_of(record)
     assert heir.q[-1] > 0.4 and heir.setpoint.q[-1] == 0.0

@@ -21,11 +21,15 @@ CALM = [f"--{device}.{side}_arm_config.rate_hz=100" for device in ("robot", "tel
 
 
 class Commands:
-    """Runs commands against one rig, which tells what they really did; None: each starts its own."""
+    """Runs commands against one rig, which tells what they really did; None: each starts its own.
 
-    def __init__(self, rig, directory):
+    `channels`: of the rig's arms.
+    """
+
+    def __init__(self, rig, directory, channels=CHANNELS):
         self.rig = rig
         self.directory = directory
+        self.channels = channels
 
     def start(self, name, *arguments, stdin=subprocess.DEVNULL, cwd=ROOT):
         """Start an installed command, such as lerobot-record, or Python's own options (name "-c", "-m")."""
@@ -66,7 +70,7 @@ class Commands:
     def enabled(self, *channels):
         """Channels of which every motor is enabled."""
         arms = self.rig.state()["arms"]
-        return [c for c in channels or CHANNELS if all(m["enabled"] for m in arms[c]["motors"].values())]
+        return [c for c in channels or self.channels if all(m["enabled"] for m in arms[c]["motors"].values())]
 
     def wait_enabled(self, process, *channels, timeout_s=60.0):
         """Wait until a command has energised these arms."""
@@ -79,10 +83,10 @@ class Commands:
     def assert_landed(self, but=()):
         """No motor is on, and cutting torque has moved no body by more than 1 cm, `but` of arms out of reach."""
         arms = self.rig.state()["arms"]
-        on = [(c, name) for c in CHANNELS for name, motor in arms[c]["motors"].items() if motor["enabled"]]
+        on = [(c, name) for c in self.channels for name, motor in arms[c]["motors"].items() if motor["enabled"]]
         assert not on, f"still enabled: {on}\n{self.output()[-4000:]}"
         time.sleep(1.5)
-        for channel in set(CHANNELS) - set(but):
+        for channel in set(self.channels) - set(but):
             assert moved_after_cut_m(self.rig, channel) < MOST_M, f"{channel} fell\n{self.output()[-4000:]}"
 
 

@@ -16,7 +16,7 @@ import pytest
 from lerobot_robot_yam.arm.joints import TURN
 from lerobot_robot_yam.arm.profile import ARMS, load_arm
 from lerobot_robot_yam.arm.yam_arm import YamArm
-from lerobot_robot_yam.commands.zero import ZERO_POSE, main
+from lerobot_robot_yam.commands.zero import main
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import Fault
@@ -95,10 +95,10 @@ def test_an_unresolvable_joint_is_shown_and_can_be_zeroed(tmp_path, capsys):
 @pytest.mark.parametrize("arm", ARMS)
 def test_every_joint_has_its_zero_pose_described_truthfully(arm):
     described = load_arm(arm)
-    assert list(ZERO_POSE) == [motor.name for motor in described.motors]
+    assert list(described.zero_pose) == [motor.name for motor in described.motors]
     for motor, (low, high) in zip(described.motors, described.joint_limits_rad, strict=True):
         assert low <= 0.0 <= high
-        assert ("lower stop" in ZERO_POSE[motor.name]) == (low == 0.0)
+        assert ("lower stop" in described.zero_pose[motor.name]) == (low == 0.0)
 
 
 # what speaks against it

@@ -150,6 +150,13 @@ def test_another_arm_than_the_profile_says(rig, capsys):
     assert len(problems) == 1 and "gear ratio is 40" in problems[0]["what"]
 
 
+def test_an_ultra_of_the_other_revision(rig, capsys):
+    """This rig's joint 4 is a DM4310."""
+    _, report = examine(capsys, *virtual(rig, f"{FOLLOWER}:yam_ultra_2", samples=0))
+    (problem,) = [f for f in report["findings"] if "gear ratio" in f["what"]]
+    assert "joint_4 (id 4)" in problem["where"] and "instead of 40 (DM4340)" in problem["what"]
+
+
 def test_a_channel_that_the_rig_does_not_have(rig, capsys):
     status, report = examine(capsys, *virtual(rig, "nowhere"))
     assert status == 1

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm.model import build_model
+from lerobot_robot_yam.arm.profile import load_arm
 from lerobot_robot_yam.errors import RigError
 from lerobot_robot_yam.rig.plan import ArmPlanner, Path, minimum_jerk
 
@@ -15,7 +16,8 @@ SPEED, ACCELERATION = 1.2, 7.0
 def planner(request):
     position, yaw = BASES[request.param]
     model = build_model("yam", "linear_4310", visuals=False)
-    return ArmPlanner(model, np.array(position), yaw, speed_rad_s=SPEED, acceleration_rad_s2=ACCELERATION)
+    limits = {"speed_rad_s": SPEED, "acceleration_rad_s2": ACCELERATION}
+    return ArmPlanner(model, np.array(position), yaw, **limits, seed_rad=load_arm("yam").bent_q_rad, leads=slice(2, -1))
 
 
 def in_front(planner: ArmPlanner, forward_m: float, left_m: float, up_m: float) -> np.ndarray:

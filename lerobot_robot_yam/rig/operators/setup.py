@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from lerobot_robot_yam.arm.model import build_model
+from lerobot_robot_yam.arm.profile import load_arm
 from lerobot_robot_yam.arm.yaml_fields import parse
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.plan import ArmPlanner
@@ -42,7 +43,7 @@ class Setup:
         return self.task.success[-1]
 
     def home_rad(self, side: str) -> np.ndarray:
-        """The waiting pose of a follower, (6,)."""
+        """The waiting pose of a follower, (n,)."""
         return self.planners[side].natural_pose(self.homes_m[side])
 
     def nearest(self, point_m: np.ndarray) -> str:
@@ -61,8 +62,16 @@ def make_planners(scene: Mapping[str, Any]) -> dict[str, ArmPlanner]:
     planners = {}
     for side in sides_of(scene):
         (row,) = [row for row in scene["arms"] if row["channel"] == f"follower_{side}"]
-        model = build_model(row["arm"], row["gripper"], visuals=False)
-        planners[side] = ArmPlanner(model, np.array(row["position_m"]), float(row["yaw_rad"]))
+        arm = load_arm(row["arm"])
+        names = [motor.name for motor in arm.motors]
+        leads = slice(names.index(arm.folding.elbow) if arm.folding.elbow in names else 0, -1)
+        planners[side] = ArmPlanner(
+            build_model(row["arm"], row["gripper"], visuals=False),
+            np.array(row["position_m"]),
+            float(row["yaw_rad"]),
+            seed_rad=arm.bent_q_rad,
+            leads=leads,
+        )
     return planners
 
 

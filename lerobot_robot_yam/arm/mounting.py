@@ -1,0 +1,62 @@
+"""What of an end effector depends on the arm that carries it."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from lerobot_robot_yam.arm.profile import ArmProfile, Body, GripperProfile
+from lerobot_robot_yam.errors import ConfigError
+
+TIP = "tip"
+"""Parent of an end effector's root body in its profile: the arm's last body, whatever it is called."""
+MAKERS_GRIPPER_ID = 7  # CAN id of the motor of every gripper that the maker sells
+
+_GRASP_SITE = "grasp_site"
+
+
+def gripper_id(arm: ArmProfile, own: int = MAKERS_GRIPPER_ID) -> int:
+    """CAN id of a gripper's motor on this arm: as its profile says; else `own`, or the next one if a joint has that."""
+    if arm.gripper_can_id is not None:
+        return arm.gripper_can_id
+    joints = [motor.can_id for motor in arm.motors]
+    return max(joints) + 1 if own in joints else own
+
+
+def arm_ids(arm: ArmProfile) -> tuple[int, ...]:
+    """CAN ids of all motors that may answer on this arm's channel: the joints', then a gripper's."""
+    return (*(motor.can_id for motor in arm.motors), gripper_id(arm))
+
+
+def mounted(gripper: GripperProfile, arm: ArmProfile) -> GripperProfile:
+    """The end effector as it is on this arm.
+
+    Its motor has the id that it has there; its root body is fixed to the arm's last body; its fingers' joints are
+    numbered on behind the arm's where they would have names of the arm's; its grasp point is where the arm's own
+    reference has it.
+
+    Raises:
+        ConfigError: a body is fixed to something else than the end effector or the arm's last body.
+    """
+    joints = {body.joint.name for body in arm.bodies if body.joint}
+    numbers = range(len(joints) + 1, len(joints) + 1 + len(gripper.finger_joints))
+    renamed = {}
+    if not joints.isdisjoint(gripper.finger_joints):
+        renamed = {name: f"joint{number}" for name, number in zip(gripper.finger_joints, numbers, strict=True)}
+    motor = gripper.motor and replace(gripper.motor, can_id=gripper_id(arm, gripper.motor.can_id))
+    bodies = tuple(_mounted(body, gripper, arm, renamed) for body in gripper.bodies)
+    return replace(gripper, motor=motor, bodies=bodies)
+
+
+def _mounted(body: Body, gripper: GripperProfile, arm: ArmProfile, renamed: Mapping[str, str]) -> Body:
+    tip = arm.bodies[-1].name
+    parents = {own.name: own.name for own in gripper.bodies} | {TIP: tip, tip: tip}
+    if body.parent not in parents:
+        raise ConfigError(
+            f"gripper '{gripper.name}': body {body.name} is fixed to '{body.parent}', which is neither one of its own "
+            f"bodies nor the last one of arm '{arm.name}' ({tip}); write `parent: {TIP}`"
+        )
+    joint = body.joint and replace(body.joint, name=renamed.get(body.joint.name, body.joint.name))
+    point = (arm.grasp_site_m or {}).get(gripper.name)
+    sites = tuple(
+        site if point is None or site.name != _GRASP_SITE else replace(site, pos_m=point) for site in body.sites
+    )
+    return replace(body, parent=parents[body.parent], joint=joint, sites=sites)

@@ -1,0 +1,48 @@
+"""Every arm with its profile: brings up, holds, tracks, lands; a profile with other motors is refused."""
+
+import contextlib
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.arm.lifecycle import Mode
+from lerobot_robot_yam.arm.profile import ARMS, load_arm
+from lerobot_robot_yam.errors import MotorError
+from lerobot_robot_yam.rig.lockstep import LockstepRig
+
+from ..landed import MOST_M
+from .rigged import arm_on
+from .test_landing import land_and_watch
+
+CHANNEL = "follower_left"
+REACH = [0.3, 0.8, 0.9, -0.2, 0.3, -0.4]
+
+
+@contextlib.contextmanager
+def rig_of(arm, **options):
+    with contextlib.closing(LockstepRig(arms=[CHANNEL], arm=arm, **options)) as rig:
+        yield rig
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_it_holds_tracks_and_lands(name):
+    joints = load_arm(name).joint_count
+    with rig_of(name) as rig, arm_on(rig, CHANNEL, arm=name, gravity_factor=[1.0] * joints) as arm:
+        before = arm.observe().q
+        arm.clock.sleep(0.5)
+        assert arm.observe().mode is Mode.HOLD and np.abs(arm.observe().q - before).max() < 0.02
+        arm.move_to(REACH, gripper=0.3)
+        arm.clock.sleep(0.5)
+        state = arm.observe()
+        assert state.q.shape == state.dq.shape == state.tau_nm.shape == (joints,)
+        assert np.abs(state.q - REACH).max() < 0.02 and abs(state.gripper - 0.3) < 0.02
+        moved, _ = land_and_watch(rig, arm, CHANNEL)
+        assert moved < MOST_M
+
+
+def test_an_ultra_of_the_other_revision_is_refused():
+    """They differ in the motor of joint 4, whose torques would be wrong by a factor of 2.8."""
+    with rig_of("yam_ultra_2") as rig:
+        with pytest.raises(MotorError, match=r"motor joint_4 \(id 4, DM4310\): Gr is 40 instead of 10"):
+            arm_on(rig, CHANNEL, arm="yam_ultra").connect()
+        assert not any(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())
