@@ -112,6 +112,7 @@ class ControllerBlocks:
         per_motor["setpoint"][:] = c.setpoint.q
         record["own_gains"] = c.motion.own_gains
         per_motor["motor_stamp_s"][:] = chain.stamp_s
+        record["asked_s"] = min(chain.asked_s.tolist())
         per_motor["temp_mos_c"][:] = chain.temp_mos_c
         per_motor["temp_rotor_c"][:] = chain.temp_rotor_c
         per_motor["fault"][:] = chain.fault

@@ -40,7 +40,7 @@ _WITHOUT_STOPS = {
 _ORPHAN_S = 1.0
 _NEARLY_S = 0.0013  # a state that comes so soon is worth waiting for: the one before it is a whole tick older
 _LATE_S = 0.003  # how long it is waited for beyond; the loop itself waits up to 2 ms for a reply
-_OLD_S = 0.0015  # a sample that is older than a tick and this is not the newest that could be had
+_OLD_S = 0.0025  # a sample that is older than a tick and this is not the newest that could be had
 _GLANCE_S = 0.00005
 
 
@@ -137,15 +137,15 @@ class ArmPort:
         if newest is None or newest[0] != sequence:  # who observes answers within one tick: it is not read twice
             newest = self._newest = (sequence, self._examined())
         state = newest[1]
-        self._check_age(state.stamp_s)
+        self._check_age(state.asked_s)
         return state
 
-    def _check_age(self, stamp_s: float) -> None:
-        age = self._clock.now() - stamp_s
+    def _check_age(self, asked_s: float) -> None:
+        age = self._clock.now() - asked_s
         if age > self.config.max_state_age_s:
             raise StaleStateError(
                 f"{self.config.name} ({self.config.channel}): newest state is {age:.2f} s old; "
-                "the control loop or a motor is silent"
+                "the control loop or a motor is silent, or the CAN adapter is that slow (yam-doctor)"
             )
 
     def _examined(self) -> ArmState:

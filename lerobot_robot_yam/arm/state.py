@@ -62,7 +62,8 @@ STATE_DTYPE = np.dtype(
         ("tau", "f8", MAX_MOTORS),
         ("setpoint", "f8", MAX_MOTORS),
         ("own_gains", "u1"),  # held to it with its own gains, not with softer ones of a target
-        ("motor_stamp_s", "f8", MAX_MOTORS),
+        ("motor_stamp_s", "f8", MAX_MOTORS),  # when each motor took the sample that it has sent
+        ("asked_s", "f8"),  # when the oldest of the commands went out that these answer
         ("temp_mos_c", "f4", MAX_MOTORS),
         ("temp_rotor_c", "f4", MAX_MOTORS),
         ("fault", "u1", MAX_MOTORS),
@@ -153,8 +154,18 @@ class ArmState:
 
     @property
     def stamp_s(self) -> float:
-        """Monotonic time at which the oldest of the motors' answers in this state arrived."""
+        """Monotonic time at which the oldest of the motors' samples in this state was taken."""
         return min(self._per_motor("motor_stamp_s"))
+
+    @property
+    def motor_stamps_s(self) -> np.ndarray:
+        """(n,) the same per motor."""
+        return np.array(self._per_motor("motor_stamp_s"))
+
+    @property
+    def asked_s(self) -> float:
+        """Monotonic time at which the oldest of the commands went out that are answered here: no sample is older."""
+        return self._values[self._at["asked_s"]]
 
     @property
     def published_s(self) -> float:

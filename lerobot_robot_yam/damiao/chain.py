@@ -22,6 +22,7 @@ from lerobot_robot_yam.damiao.registers import (
     encode_write,
     register_row,
 )
+from lerobot_robot_yam.damiao.requests import Request
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S, REGISTER_ID
 from lerobot_robot_yam.errors import ActionError, BusError, MotorError
 
@@ -154,7 +155,7 @@ class MotorChain(Receiver):
         repeats = CLEAR_REPEATS if command is SpecialCommand.CLEAR else 1
         chosen = range(len(self.motors)) if motors is None else motors
         self.drain()
-        self._begin(chosen, repeats=repeats)
+        self._begin(chosen, repeats=repeats).paced = True
         for spec in (self.motors[i] for i in chosen):
             if command is SpecialCommand.ENABLE:
                 self.clock.sleep(ENABLE_PAUSE_S)
@@ -232,10 +233,12 @@ class MotorChain(Receiver):
             f"{register_row(register).name}; check its power and cable"
         )
 
-    def _begin(self, motors: Iterable[int], handle: bool = False, repeats: int = 1) -> None:
+    def _begin(self, motors: Iterable[int], handle: bool = False, repeats: int = 1) -> Request:
         """Open a question that is about to be sent; what has arrived until now has been taken."""
         self._port.synchronise()
-        self._requests.begin(motors, handle, repeats).sent_s = self.clock.now()
+        request = self._requests.begin(motors, handle, repeats)
+        request.sent_s = self.clock.now()
+        return request
 
     def _close(self, deadline_s: float) -> set[int]:
         """Wait for the answers to the newest question; returns the motors that have not answered it."""

@@ -27,7 +27,7 @@ class FeedbackStore:
         rows = [motor_type(name) for name in types]
         # Half of the range that the wire carries positions modulo.
         self._half = [row.position_max_rad if turning else math.inf for row, turning in zip(rows, turns, strict=True)]
-        self._judge = Plausibility(rows)
+        self._judge = Plausibility(rows, turns)
         count = len(self._types)
         self._turn_rad = [0.0] * count
         self._position = [0.0] * count

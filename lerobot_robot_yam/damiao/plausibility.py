@@ -2,10 +2,11 @@
 
 With v the speeds of both answers, Δt the time between their samples and a the largest acceleration of the motor:
 
-    min(v₀, v₁) Δt − s  ≤  q₁ − q₀  ≤  max(v₀, v₁) Δt + s,     s = noise + min(½ a Δt, 5 rad/s) Δt
-    |v₁|  ≤  |v₀| + min(a Δt, 10 rad/s) + noise
+    min(v₀, v₁) Δt − s  ≤  q₁ − q₀  ≤  max(v₀, v₁) Δt + s,     s = noise + min(½ a Δt, u) Δt
+    |v₁|  ≤  |v₀| + min(a Δt, 2u) + noise
 
-The bare rotor of a small motor could do more than these two numbers say, but no joint is left alone so long.
+The bare rotor of a small motor could gain more speed unseen than u = 5 rad/s, but no joint of an arm is as light. A
+gripper is: its fingers open and close within half a second.
 
 A blow may stop a joint at once, and is inside. A reading that is not is never used; it is forgotten but counted. When
 several come within a short time the motor is not believed any more, until somebody says so (`restart`): a lie that
@@ -19,8 +20,7 @@ from lerobot_robot_yam.damiao.tables import MotorType
 
 _NOISE_RAD = 0.005  # play in the gears and 13 codes of a position
 _NOISE_RAD_S = 0.5
-_UNSEEN_RAD_S = 5.0  # mean speed beyond what both samples say, between them
-_GAIN_RAD_S = 10.0
+_UNSEEN_RAD_S = 5.0  # mean speed of a joint between two samples, beyond what both say
 _DOUBTS = 4  # answers that cannot be, of which one is forgotten for every so many good ones
 _FORGET = 1.0 / 50.0
 
@@ -30,14 +30,17 @@ class Plausibility:
 
     Args:
         types: of the motors.
+        light: per motor, whether it moves next to nothing, as a gripper's does.
 
     Attributes:
         rejected: per motor, answers that could not be, in total.
         distrusted: per motor, whether its answers are not used any more.
     """
 
-    def __init__(self, types: Sequence[MotorType]):
+    def __init__(self, types: Sequence[MotorType], light: Sequence[bool]):
         count = len(types)
+        speeds = zip(types, light, strict=True)
+        self._unseen = [row.velocity_max_rad_s if free else _UNSEEN_RAD_S for row, free in speeds]
         self._acceleration = [row.acceleration_max_rad_s2 for row in types]
         self._q = [math.nan] * count  # rad, the last good one
         self._dq = [0.0] * count
@@ -75,13 +78,13 @@ class Plausibility:
         least_s, most_s = sampled_s - self._at_s[motor], latest_s - self._at_s[motor]
         low, high = (before, dq) if before < dq else (dq, before)
         gained = self._acceleration[motor] * most_s
-        slack = _NOISE_RAD + min(0.5 * gained, _UNSEEN_RAD_S) * most_s
+        slack = _NOISE_RAD + min(0.5 * gained, self._unseen[motor]) * most_s
         step = q - self._q[motor]
         # NaN at first: nothing is beyond it.
         if (
             step > high * (most_s if high > 0.0 else least_s) + slack
             or step < low * (most_s if low < 0.0 else least_s) - slack
-            or abs(dq) - abs(before) > min(gained, _GAIN_RAD_S) + _NOISE_RAD_S
+            or abs(dq) - abs(before) > min(gained, 2.0 * self._unseen[motor]) + _NOISE_RAD_S
         ):
             self.rejected[motor] += 1
             self._doubt[motor] += 1.0

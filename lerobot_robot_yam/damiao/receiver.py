@@ -105,7 +105,8 @@ class Receiver(FeedbackStore):
         if request is None:
             return
         sent_s = request.sent_s
-        sampled_s, latest_s = self.round_trip.sampled_s(sent_s, self._port.arrival_s(message), index, request.asked)
+        arrived_s = self._port.arrival_s(message)
+        sampled_s, latest_s = self.round_trip.sampled_s(sent_s, arrived_s, index, request.asked, request.paced)
         self.take(index, data, sent_s, sampled_s, latest_s)
 
     def _receive_other(self, message: can.Message) -> None:

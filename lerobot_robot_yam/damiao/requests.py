@@ -33,6 +33,7 @@ class Request:
         motors: by index, those that have not answered.
         handle: whether the handle was asked and has not answered.
         sent_s: when it was sent (the chain's clock).
+        paced: whether there were pauses between the motors, so that `sent_s` is only that of the first.
 
     Args:
         number: see there.
@@ -41,7 +42,7 @@ class Request:
         patient: whether it is waited for, too.
     """
 
-    __slots__ = ("_patient", "asked", "handle", "motors", "number", "sent_s")
+    __slots__ = ("_patient", "asked", "handle", "motors", "number", "paced", "sent_s")
 
     def __init__(self, number: int, motors: Iterable[int], handle: bool, patient: bool):
         self.number = number
@@ -49,6 +50,7 @@ class Request:
         self.asked = len(self.motors)
         self.handle = handle
         self.sent_s = -math.inf
+        self.paced = False
         self._patient = patient
 
     @property

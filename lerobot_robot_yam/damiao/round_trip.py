@@ -45,18 +45,27 @@ class RoundTrip:
             f"{self.longest_s * 1e3:.0f} ms"
         )
 
-    def sampled_s(self, sent_s: float, arrived_s: float, place: int, count: int) -> tuple[float, float]:
+    def sampled_s(
+        self, sent_s: float, arrived_s: float, place: int, count: int, paced: bool = False
+    ) -> tuple[float, float]:
         """When a motor took the sample in its answer: most likely, and at the latest.
 
         Args:
             sent_s, arrived_s: of the command and of its answer (the same clock).
             place: of the motor among those asked, from 0.
             count: how many were asked.
+            paced: not all at once: this tells nothing about the adapter.
         """
-        took_s = arrived_s - sent_s
+        if not paced:
+            self._note(arrived_s - sent_s, arrived_s, count + place + 1)
+        latest_s = max(sent_s, arrived_s - self.one_way_s - FRAME_TIME_S)
+        return min(sent_s + self.one_way_s + (place + 1) * FRAME_TIME_S, latest_s), latest_s
+
+    def _note(self, took_s: float, arrived_s: float, frames: int) -> None:
+        """A round trip, of which so many frames were on the wire."""
         if took_s > self.longest_s:
             self.longest_s = took_s
-        beside_wire_s = took_s - (count + place + 1) * FRAME_TIME_S
+        beside_wire_s = took_s - frames * FRAME_TIME_S
         if arrived_s > self._until_s:
             self.slowest_s = max(self.slowest_s, self.one_way_s)  # that of a whole window
             quiet = arrived_s > self._until_s + _WINDOW_S
@@ -65,5 +74,3 @@ class RoundTrip:
         if beside_wire_s < self._now:
             self._now = beside_wire_s
         self.one_way_s = max(0.0, 0.5 * min(self._before, self._now))
-        latest_s = max(sent_s, arrived_s - self.one_way_s - FRAME_TIME_S)
-        return min(sent_s + self.one_way_s + (place + 1) * FRAME_TIME_S, latest_s), latest_s
