@@ -71,8 +71,8 @@ class Drive:
 
     def read(self, qpos: np.ndarray, qvel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Angles (k,) in rad and velocities (k,) in rad/s in other states (k, nq), (k, nv) of the world."""
-        turned = self._base + self._coefficient * qpos[:, self._q].sum(axis=1)
-        return turned, self._coefficient * qvel[:, self._v].sum(axis=1)
+        turned = self.base_rad + self.coefficient * qpos[:, self.q].sum(axis=1)
+        return turned, self.coefficient * qvel[:, self.v].sum(axis=1)
 
     def torque(self) -> float:
         """Shaft torque of the last step in Nm."""
