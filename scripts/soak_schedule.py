@@ -15,6 +15,7 @@ CAMERA = "top"
 LOSS_RATE = 0.01  # of all frames to and from all motors, all the time
 NIBBLES = (0x0, 0x8, 0x9, 0xA, 0xB, 0xC, 0xD, 0xE)  # every way in which a motor switches itself off
 _JOINTS = load_arm("yam").joint_count
+_BEYOND_RAD = 0.8  # what no motor can turn by within the four answers after which it is not believed any more
 _PUSHED = ("link2", "link3", "link4", "gripper")
 _MALFORMED = ("nan", "missing", "unknown", "text")
 
@@ -79,7 +80,7 @@ def _offset(rng: random.Random, low: float, high: float) -> float:
 
 def _glitch(rng: random.Random) -> dict[str, Any]:
     """Fewer answers than make a fault, wrong by anything that a joint cannot have done meanwhile."""
-    value = {"position_rad": _offset(rng, 0.3, 13.0), "answers": rng.randint(1, 3)}
+    value = {"position_rad": _offset(rng, _BEYOND_RAD, 13.0), "answers": rng.randint(1, 3)}
     if rng.random() < 0.5:
         value |= {"velocity_rad_s": _offset(rng, 0.0, 30.0), "torque_nm": _offset(rng, 0.0, 30.0)}
     return _on_motor(rng, value)
@@ -87,7 +88,7 @@ def _glitch(rng: random.Random) -> dict[str, Any]:
 
 def _lie(rng: random.Random) -> dict[str, Any]:
     turn = rng.choice((0.0, 0.0, 2 * math.pi))  # a turn that was miscounted, or anything
-    value = {"position_rad": math.copysign(turn, rng.uniform(-1, 1)) if turn else _offset(rng, 0.5, 9.0)}
+    value = {"position_rad": math.copysign(turn, rng.uniform(-1, 1)) if turn else _offset(rng, _BEYOND_RAD, 9.0)}
     return _on_motor(rng, value, rng.uniform(0.1, 1.0))
 
 
