@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
+from lerobot_robot_yam.damiao.round_trip import SLOW_S
 from lerobot_robot_yam.doctor.findings import Section
 from lerobot_robot_yam.doctor.questions import Questions
 from lerobot_robot_yam.doctor.targets import Target
@@ -15,6 +16,10 @@ _TIMEOUT_S = 0.25
 _GIVE_UP = 3  # lost in a row
 _LOST_MAX = 0.01  # share of lost replies
 _TICK_MS = 4.0  # of a loop at 250 Hz
+_QUICKER = (
+    "use another adapter; of a serial one, lower the latency timer: "
+    "echo 1 | sudo tee /sys/bus/usb-serial/devices/ttyUSB*/latency_timer"
+)
 
 
 def latency_section() -> Section:
@@ -55,6 +60,12 @@ def measure_latency(
             else:
                 times.append(seconds * 1e3)
                 in_a_row[can_id] = 0
+    quickest = min((ms for times in times_ms.values() if (ms := percentile(sorted(times), 0.5))), default=0.0)
+    if quickest > 2e3 * SLOW_S:
+        what = (
+            f"answers take {quickest:.1f} ms: the adapter is slow, and the arm is seen and commanded that much too late"
+        )
+        section.problem(target.channel, what, _QUICKER)
     for spec in motors:
         _report(target, spec, sorted(times_ms[spec.can_id]), lost[spec.can_id], section)
 

@@ -69,6 +69,10 @@ DEFECTS = {
         lambda rig: rig.fault(FOLLOWER, "joint_2", "loss_rate", 0.4),
         ("joint_2 (id 2)", "replies were lost", "CAN cables"),
     ),
+    "slow adapter": (
+        lambda rig: rig.fault(FOLLOWER, None, "latency_s", 0.008),
+        (FOLLOWER, "the adapter is slow", "use another adapter"),
+    ),
     "silent handle": (
         lambda rig: rig.fault(LEADER, None, "handle_silent"),
         (f"{LEADER} teaching handle", "does not answer", "check the handle's cable"),
@@ -84,7 +88,7 @@ DEFECTS = {
 def test_a_defect_is_found_and_its_remedy_named(sick, capsys, defect):
     seed, (where, what, remedy) = DEFECTS[defect]
     seed(sick)
-    samples = 12 if defect == "lost replies" else 0
+    samples = 12 if defect in ("lost replies", "slow adapter") else 0
     channel = LEADER_ARM if where.startswith(LEADER) else FOLLOWER
     status, report = examine(capsys, *virtual(sick, channel, samples=samples))
     severity = "warning" if defect.startswith("squeezed") else "problem"
