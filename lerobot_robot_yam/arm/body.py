@@ -192,6 +192,7 @@ class ArmBody:
         """From state and set-point to the commands of the next `send`."""
         q: np.ndarray = self.drive.motor_q
         dq: np.ndarray = self.drive.motor_dq
+        self.motion.before = self.drive.before
         if not self._all_usable:
             unheard = self._unheard()
             q, dq = np.where(unheard, self.setpoint.q, q), np.where(unheard, self.setpoint.dq, dq)

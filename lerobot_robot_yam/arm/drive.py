@@ -38,6 +38,7 @@ class ArmDrive:
     Attributes:
         q, dq, tau: (n,) rad, rad/s, Nm; the gripper's q is 0 closed … 1 open, its dq strokes/s.
         motor_q, motor_dq: the same, the gripper's in rad and rad/s.
+        before: q and dq as those, of each motor's sample before; NaN before there is one.
     """
 
     def __init__(self, config: ArmConfig, hardware: Hardware, bus: can.BusABC):
@@ -54,6 +55,7 @@ class ArmDrive:
         self.heat: HeatWatch | None = None  # known after `inspect`
         self.q, self.dq, self.tau = np.zeros(n), np.zeros(n), np.zeros(n)
         self.motor_q, self.motor_dq = np.zeros(n), np.zeros(n)
+        self.before = np.full(n, np.nan), np.full(n, np.nan)
         self.sent = np.zeros((n, 5))  # in joint coordinates
         self._packed: list[bytes] = []
         self._packed_of = b""
@@ -227,6 +229,7 @@ class ArmDrive:
         chain, direction = self.chain, self._hardware.direction
         self.motor_q = self._map.position(chain.position_rad)
         self.motor_dq = chain.velocity_rad_s * direction
+        self.before = self._map.position(chain.before_rad), chain.before_rad_s * direction
         self.tau = chain.torque_nm * direction
         self.q, self.dq = self.motor_q.copy(), self.motor_dq.copy()
         if self.gripper is not None:

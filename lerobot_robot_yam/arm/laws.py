@@ -91,8 +91,9 @@ def clip_torque(
     Args:
         out: (n, 5) commands, changed in place.
         q, dq: (n,) as measured.
-        before: the same of the sample before. A single wrong one must not move an arm: only what both ask for too much
-            is taken away. A blow waits for its second sample; until then the motor damps it by itself, as it did.
+        before: the same of the sample before, NaN where there is none. A single wrong one must not move an arm: only
+            what both ask for too much is taken away. A blow waits for its second sample; until then the motor damps it
+            by itself, as it did.
     """
     spring, damping = out[:, KP] * (out[:, Q] - q), out[:, KD] * (out[:, DQ] - dq)
     tau = spring + damping + out[:, TAU]
@@ -102,7 +103,8 @@ def clip_torque(
     if before is not None:
         earlier = out[:, KP] * (out[:, Q] - before[0]) + out[:, KD] * (out[:, DQ] - before[1]) + out[:, TAU]
         also = earlier - np.minimum(np.maximum(earlier, -limit_nm), limit_nm)
-        excess = np.where(excess * also > 0.0, np.copysign(np.minimum(np.abs(excess), np.abs(also)), excess), 0.0)
+        both = np.where(excess * also > 0.0, np.copysign(np.minimum(np.abs(excess), np.abs(also)), excess), 0.0)
+        excess = np.where(np.isnan(also), excess, both)
     from_spring = _share(excess, spring)
     from_damping = _share(excess - from_spring, damping)
     out[:, Q] -= from_spring / np.maximum(out[:, KP], 1e-9)

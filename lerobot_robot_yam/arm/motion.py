@@ -41,8 +41,7 @@ class Motion:
         # Nothing is sent beyond: the gripper keeps its own stops.
         beyond = np.append(np.full(hardware.joints, RANGE_TOLERANCE_RAD), [np.inf] * hardware.has_gripper)
         self._lower, self._upper = hardware.lower - beyond, hardware.upper + beyond
-        self._sample: tuple[np.ndarray, np.ndarray] | None = None  # q, dq
-        self._before: tuple[np.ndarray, np.ndarray] | None = None  # the last ones that were others
+        self.before = np.full(hardware.n, np.nan), np.full(hardware.n, np.nan)  # q, dq of the sample before
         self._dq_before = np.zeros(hardware.joints)
         self._ddq = np.zeros(hardware.joints)
 
@@ -145,13 +144,6 @@ class Motion:
     def _clip(self, q: np.ndarray, dq: np.ndarray) -> bool:
         """Within the torque limits and the joints' ranges: a reading beyond those takes no command along."""
         q, out = np.minimum(np.maximum(q, self._lower), self._upper), self.commands
-        if self._sample is None or self._before is None:
-            self._sample = self._before = (q, dq)
-        else:
-            (q_now, dq_now), (q_before, dq_before) = self._sample, self._before
-            new = (q != q_now) | (dq != dq_now)
-            self._before = np.where(new, q_now, q_before), np.where(new, dq_now, dq_before)
-            self._sample = (q, dq)
-        self._clipped = laws.clip_torque(out, q, dq, self._hardware.torque_limit_nm, self._before)
+        self._clipped = laws.clip_torque(out, q, dq, self._hardware.torque_limit_nm, self.before)
         out[:, laws.Q] = np.minimum(np.maximum(out[:, laws.Q], self._lower), self._upper)
         return self._clipped

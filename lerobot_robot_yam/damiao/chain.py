@@ -38,8 +38,9 @@ class MotorChain(Receiver):
     State, refreshed as new arrays by every `collect`, in motor coordinates, shape (n,):
         position_rad (where `MotorSpec.turns`, unwrapped from the first reading), velocity_rad_s, torque_nm,
         temp_mos_c, temp_rotor_c, stamp_s (the clock's time at which the motor has sampled this, -inf before the first
-        reply), asked_s (when the command went out that it answers), fault (int, see `tables.Fault`), distrusted (bool,
-        its readings cannot be and are not used any more), missed (int, questions in a row without an answer).
+        reply), before_rad and before_rad_s (the sample before that, NaN at first), asked_s (when the command went out
+        that it answers), fault (int, see `tables.Fault`), distrusted (bool, its readings cannot be and are not used any
+        more), missed (int, questions in a row without an answer).
     In short: `all_answered` (the last `send` that was collected) and `all_normal` (no fault, all enabled and trusted).
 
     Counters: `lost` (answers that never came), `rejected` (those that could not be), `duplicates` (answers to no

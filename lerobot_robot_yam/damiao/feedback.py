@@ -35,6 +35,8 @@ class FeedbackStore:
         self._torque = [0.0] * count
         self._temp_mos = [0.0] * count
         self._temp_rotor = [0.0] * count
+        self._before_q = [math.nan] * count
+        self._before_dq = [math.nan] * count
         self._stamp = [-math.inf] * count
         self._asked = [-math.inf] * count
         self._fault: list[int] = [Fault.DISABLED] * count
@@ -70,6 +72,7 @@ class FeedbackStore:
         self._torque[index], self._fault[index] = torque, fault
         self._temp_mos[index], self._temp_rotor[index] = mos, rotor
         self._stamp[index], self._asked[index] = sampled_s, asked_s
+        self._before_q[index], self._before_dq[index] = self._judge.before[index]
 
     def assume(self, position_rad: np.ndarray, velocity_rad_s: np.ndarray, sampled_s: np.ndarray) -> None:
         """Where motors were the last time that somebody has heard them, (n,) in motor coordinates.
@@ -104,9 +107,11 @@ class FeedbackStore:
     def publish(self) -> None:
         """Make what was taken visible in the arrays."""
         motion = (self._position, self._velocity, self._torque)
-        state = np.array((*motion, self._temp_mos, self._temp_rotor, self._stamp, self._asked))
+        before = (self._before_q, self._before_dq)
+        state = np.array((*motion, self._temp_mos, self._temp_rotor, self._stamp, self._asked, *before))
         self.position_rad, self.velocity_rad_s, self.torque_nm = state[0], state[1], state[2]
         self.temp_mos_c, self.temp_rotor_c, self.stamp_s, self.asked_s = state[3], state[4], state[5], state[6]
+        self.before_rad, self.before_rad_s = state[7], state[8]
         self.fault = np.array(self._fault)
         self.distrusted = np.array(self._judge.distrusted)
         self.all_normal = self._fault == self._normal and not any(self._judge.distrusted)

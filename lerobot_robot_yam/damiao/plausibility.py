@@ -38,6 +38,7 @@ class Plausibility:
         light: per motor, whether it moves next to nothing, as a gripper's does.
 
     Attributes:
+        before: per motor, position (rad) and speed (rad/s) of the sample that the last good one was judged by.
         rejected: per motor, answers that could not be, in total.
         distrusted: per motor, whether its answers are not used any more.
     """
@@ -47,6 +48,7 @@ class Plausibility:
         speeds = zip(types, light, strict=True)
         self._unseen = [row.velocity_max_rad_s if free else _UNSEEN_RAD_S for row, free in speeds]
         self._acceleration = [row.acceleration_max_rad_s2 for row in types]
+        self.before = [(math.nan, math.nan)] * count
         self._good: list[_Sample] = [_NOTHING] * count
         self._struck: list[_Sample | None] = [None] * count  # beyond by its speed alone
         self._heard_s = [math.nan] * count
@@ -86,14 +88,14 @@ class Plausibility:
         if struck is not None:  # hardly ever
             self._struck[motor] = None
             if _continues(struck, q, dq, sampled_s, latest_s, slack):
-                self._good[motor] = (q, dq, sampled_s)
+                self.before[motor], self._good[motor] = struck[:2], (q, dq, sampled_s)
                 self._doubt[motor] = max(0.0, self._doubt[motor] - 1.0)
                 return True
         good = self._good[motor]
         if _continues(good, q, dq, sampled_s, latest_s, slack):
             gained = min(self._acceleration[motor] * (latest_s - good[2]), 2.0 * unseen)
             if not abs(dq) - abs(good[1]) > gained + _NOISE_RAD_S:
-                self._good[motor] = (q, dq, sampled_s)
+                self.before[motor], self._good[motor] = good[:2], (q, dq, sampled_s)
                 if self._doubt[motor] > 0.0:
                     self._doubt[motor] = max(0.0, self._doubt[motor] - _FORGET)
                 return True
