@@ -30,7 +30,7 @@ from lerobot_robot_yam.arm.process_end import ProcessEnd
 from lerobot_robot_yam.arm.state import lock_path
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.log_thread import log_from_a_thread
-from lerobot_robot_yam.realtime import request_realtime
+from lerobot_robot_yam.realtime import avoid_oom_killer, request_realtime
 from lerobot_robot_yam.runtime import FileLock
 
 logger = logging.getLogger("lerobot_robot_yam.arm.process")
@@ -67,7 +67,8 @@ def control(
             buses.append(open_bus(config))
         loop = build(configs, keys, buses, pairs)
         if realtime:
-            logger.info("control loop of %s: %s", ", ".join(c.name for c in configs), request_realtime(RT_PRIORITY))
+            names, granted = ", ".join(c.name for c in configs), request_realtime(RT_PRIORITY)
+            logger.info("control loop of %s: %s, %s", names, granted, avoid_oom_killer())
             gc.disable()
         loop.start()
         loop.run(on_ready, must_land)

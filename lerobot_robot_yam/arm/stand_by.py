@@ -12,6 +12,7 @@ import os
 import select
 import signal
 import sys
+import threading
 import time
 from collections.abc import Sequence
 
@@ -27,13 +28,14 @@ from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.loop import ControlLoop
+from lerobot_robot_yam.arm.own_group import leave_group
 from lerobot_robot_yam.arm.policy import HUNG_S
 from lerobot_robot_yam.arm.process_end import ProcessEnd
 from lerobot_robot_yam.arm.state import lock_path
 from lerobot_robot_yam.damiao.encoder import HANDLE_IDS
 from lerobot_robot_yam.errors import ChannelInUseError
 from lerobot_robot_yam.log_thread import log_from_a_thread
-from lerobot_robot_yam.realtime import request_realtime
+from lerobot_robot_yam.realtime import avoid_oom_killer, request_realtime
 from lerobot_robot_yam.runtime import FileLock
 
 logger = logging.getLogger(__name__)
@@ -57,7 +59,9 @@ def spawn(configs: Sequence[ArmConfig], keys: Sequence[str], pairs: Sequence[Blo
                 os.dup2(nothing.fileno(), descriptor)
         for name in (signal.SIGINT, signal.SIGHUP, signal.SIGPIPE, signal.SIGTERM):
             signal.signal(name, signal.SIG_IGN)
+        avoid_oom_killer()
         with log_from_a_thread():
+            threading.Thread(target=_leave_group, name="yam-group", daemon=True).start()  # nobody waits for it
             stand_by = StandBy(configs, keys, pairs, control_pid)
             with keeps_awake(configs, quiet=True):  # now: no program is to be started while an arm falls
                 stand_by.run(rt_priority)
@@ -67,6 +71,10 @@ def spawn(configs: Sequence[ArmConfig], keys: Sequence[str], pairs: Sequence[Blo
     finally:
         sys.stderr.flush()
         os._exit(status)  # nothing of the control process's own clean-up is ours
+
+
+def _leave_group() -> None:
+    logger.info("the stand-by (%d) %s", os.getpid(), leave_group())
 
 
 class StandBy:
