@@ -5,6 +5,7 @@ import gc
 import os
 import platform
 import struct
+from pathlib import Path
 
 _LIBC = ctypes.CDLL(None, use_errno=True)
 _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}.get(platform.machine())
@@ -12,6 +13,7 @@ _SCHED_ATTR = struct.Struct("<IIQiIQQQII")  # size, policy, flags, nice, priorit
 _SHORT_SLICE_NS = 100_000  # the shortest slice that Linux >= 6.12 grants without privilege
 _PR_SET_TIMERSLACK = 29
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
+_OOM_SCORES = (-900, 0)  # of -1000 … 1000; below what a process had from whoever started it only root may go
 
 
 def request_realtime(priority: int) -> str:
@@ -27,6 +29,24 @@ def request_realtime(priority: int) -> str:
     gc.freeze()
     _LIBC.prctl(_PR_SET_TIMERSLACK, 1000, 0, 0, 0)
     return f"{_request_scheduling(priority)}, {_lock_memory()}"
+
+
+def avoid_oom_killer() -> str:
+    """Ask to be among the last that are killed when memory runs out. Children inherit it.
+
+    Returns:
+        What holds now, for the log: for example "out-of-memory score -900".
+    """
+    path = Path("/proc/self/oom_score_adj")
+    score = int(path.read_text())
+    for wish in _OOM_SCORES:
+        if wish < score:
+            try:
+                path.write_text(str(wish))
+                score = wish
+            except OSError:
+                pass  # needs privilege
+    return f"out-of-memory score {score}"
 
 
 def _request_scheduling(priority: int) -> str:

@@ -3,6 +3,7 @@
 Every file name carries the CAN channel and, on a virtual rig, the rig's id, so two rigs never meet.
 """
 
+import contextlib
 import fcntl
 import os
 import re
@@ -10,13 +11,14 @@ import stat
 from pathlib import Path
 from types import TracebackType
 
-from lerobot_robot_yam.errors import ChannelInUseError, ConfigError
+from lerobot_robot_yam.errors import BusError, ChannelInUseError, ConfigError
 
 ENV_RUNTIME_DIR = "YAM_RUNTIME_DIR"
 ENV_RIG = "YAM_RIG"
 AUTO_RIG = "auto-"
 LOCK, STATE = "lock-", "state-"  # with a channel's key: who drives it, and what it does
 _SHARED = (Path("/dev/shm"), Path("/tmp"))  # the same for every shell, unlike XDG_RUNTIME_DIR and TMPDIR
+_OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 _RIG_NAME_MAX = 64  # it is part of a socket's path, which may have 108 bytes in all
 
 
@@ -28,7 +30,7 @@ def runtime_dir() -> Path:
     stay short (108 bytes in all).
 
     Raises:
-        ConfigError: the directory cannot be made, or belongs to somebody else.
+        ConfigError: the directory cannot be made, belongs to somebody else, or is open to others.
     """
     path = _own_path()
     try:
@@ -37,6 +39,12 @@ def runtime_dir() -> Path:
         raise ConfigError(f"{path} cannot be used for sockets and locks ({error}); set {ENV_RUNTIME_DIR}") from error
     if not _is_directory_of(path, os.getuid()):
         raise ConfigError(f"{path} is not a directory of this user; set {ENV_RUNTIME_DIR} to one that is")
+    mode = stat.S_IMODE(path.stat().st_mode)
+    if mode & _OTHERS_WRITE:
+        raise ConfigError(
+            f"{path} is open to others (mode {mode:o}), who could stop or release your arms; close it with "
+            f"`chmod go-w {path}`, or set {ENV_RUNTIME_DIR} to a directory of yours alone"
+        )
     return path
 
 
@@ -115,9 +123,15 @@ class FileLock:
 
         Raises:
             ChannelInUseError: somebody else holds it (only when not blocking).
+            BusError: its file cannot be made.
         """
         while True:
-            fd = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            try:
+                fd = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            except OSError as error:
+                raise BusError(
+                    f"{self._what} cannot be locked: {self._path}: {error.strerror}; is {self._path.parent} full?"
+                ) from error
             try:
                 fcntl.flock(fd, fcntl.LOCK_EX | (0 if blocking else fcntl.LOCK_NB))
             except BlockingIOError:
@@ -128,16 +142,20 @@ class FileLock:
                     "else end it, and try again"
                 ) from None
             # The previous holder may have unlinked the file between our open and our lock.
-            try:
-                same = os.stat(self._path).st_ino == os.fstat(fd).st_ino
-            except FileNotFoundError:
-                same = False
-            if same:
+            if self._is_ours(fd):
                 break
             os.close(fd)
-        os.ftruncate(fd, 0)
-        os.pwrite(fd, f"{os.getpid()}\n".encode(), 0)
         self._fd = fd
+        with contextlib.suppress(OSError):  # on a full disk it is locked all the same
+            os.ftruncate(fd, 0)
+            os.pwrite(fd, f"{os.getpid()}\n".encode(), 0)
+
+    def _is_ours(self, fd: int) -> bool:
+        """Whether the file that is there now is the one that we have open."""
+        try:
+            return os.stat(self._path).st_ino == os.fstat(fd).st_ino
+        except FileNotFoundError:
+            return False
 
     @property
     def held(self) -> bool:
@@ -145,9 +163,11 @@ class FileLock:
         return self._fd is not None
 
     def release(self) -> None:
-        """Remove the file and let go; does nothing when not held."""
+        """Remove the file and let go, whatever has become of it; does nothing when not held."""
         if self._fd is not None:
-            self._path.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                if self._is_ours(self._fd):
+                    self._path.unlink()
             os.close(self._fd)
             self._fd = None
 
@@ -170,7 +190,7 @@ def sessions(directory: Path) -> dict[str, str]:
     for lock in sorted(directory.glob(f"{LOCK}*")):
         key = lock.name.removeprefix(LOCK)
         holder = _lock_holder(lock)
-        if holder is not None and (directory / f"{STATE}{key}").exists():
+        if holder is not None and os.path.lexists(directory / f"{STATE}{key}"):  # a link that a container cannot follow
             found[key] = holder
     return found
 

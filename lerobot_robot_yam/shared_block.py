@@ -1,10 +1,9 @@
-"""One record in a memory-mapped file: one writer, any number of readers, always a consistent copy.
+"""One record in memory that processes share: one writer, any number of readers, always a consistent copy.
 
-Not `multiprocessing.shared_memory`: in Python 3.12 any attached reader's exit unlinks the block. The sequence
-counter is odd while a write is under way; the checksum catches what a weakly ordered memory may reorder.
+The memory is sealed (`sealed_memory`): no other program can shrink it or write into it. The sequence counter is odd
+while a write is under way; the checksum catches what a weakly ordered memory may reorder.
 """
 
-import contextlib
 import mmap
 import os
 import struct
@@ -14,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lerobot_robot_yam import sealed_memory
 from lerobot_robot_yam.errors import StaleStateError
 
 _HEADER = struct.Struct("<QQII")  # magic, sequence, payload size, crc32 of payload
@@ -25,49 +25,83 @@ _SEQUENCE_AT, _CRC_AT = slice(8, 16), 20
 _READ_TIMEOUT_S = 0.25
 
 
-class SharedBlock:
-    """A fixed-size record of `dtype` shared through `path`.
-
-    Args:
-        path: the backing file.
-        dtype: a numpy structured dtype (or a plain one with a shape).
-        create: True for the one writer, which creates the file; False for a reader.
-        adopt: become the writer of a block whose writer has died; readers go on as if nothing had happened.
+def allocate(dtype: np.dtype) -> int:
+    """A descriptor of memory for one block of `dtype`, for who hands it to writer and readers.
 
     Raises:
-        FileNotFoundError: a reader came before the writer.
-        StaleStateError: the file is not a block of this layout (another version of this package wrote it).
+        OSError: there is no memory, or no descriptor left.
+    """
+    size = np.dtype(dtype).itemsize
+    descriptor = sealed_memory.allocate("yam", _HEADER.size + size)
+    os.pwrite(descriptor, _HEADER.pack(_MAGIC, 0, size, 0), 0)
+    return descriptor
+
+
+class SharedBlock:
+    """A fixed-size record of `dtype`.
+
+    Args:
+        path: where others find it, see `publish`; None: they are given its descriptor.
+        dtype: a numpy structured dtype (or a plain one with a shape).
+        create: True for the one writer, False for a reader.
+        descriptor: of its memory, closed with the block; None: the writer makes it, a reader looks for it at `path`.
+
+    Raises:
+        FileNotFoundError: a reader came before the writer, or after its end.
+        StaleStateError: `path` leads to no block of this layout (another version of this package made it).
+        OSError: the writer can have no memory, or cannot publish it.
     """
 
-    def __init__(self, path: Path, dtype: np.dtype, create: bool, adopt: bool = False):
+    def __init__(self, path: Path | None, dtype: np.dtype, create: bool, descriptor: int | None = None):
         self.path = path
         self.dtype = np.dtype(dtype)
-        self._owner = create or adopt
-        size = _HEADER.size + self.dtype.itemsize
-        if create:
-            scratch = path.with_name(f"{path.name}.{os.getpid()}")
-            with open(scratch, "w+b") as file:
-                os.fchmod(file.fileno(), 0o600)
-                file.write(_HEADER.pack(_MAGIC, 0, self.dtype.itemsize, 0))
-                file.truncate(size)
-                file.flush()
-                self._map = mmap.mmap(file.fileno(), size)
-                self._inode = os.fstat(file.fileno()).st_ino
-            scratch.rename(path)  # readers see a whole block or none
-        else:
-            with open(path, "r+b" if adopt else "rb") as file:
-                if os.fstat(file.fileno()).st_size != size:
-                    raise StaleStateError(f"{path} has another layout; end the process that wrote it")
-                access = mmap.PROT_READ | (mmap.PROT_WRITE if adopt else 0)
-                self._map = mmap.mmap(file.fileno(), size, prot=access)
-                self._inode = os.fstat(file.fileno()).st_ino
-            magic, _, payload, _ = _HEADER.unpack_from(self._map)
-            if magic != _MAGIC or payload != self.dtype.itemsize:
-                raise StaleStateError(f"{path} has another layout; end the process that wrote it")
+        self._link = ""  # where `path` leads, once we have published it
+        if descriptor is None:
+            descriptor = allocate(self.dtype) if create else self._found()
+        self.descriptor = descriptor
+        try:
+            self._map = sealed_memory.map_to_write(descriptor) if create else self._checked(descriptor)
+            self._inode = os.fstat(descriptor).st_ino
+            if create and path is not None:
+                self.publish(path)
+        except BaseException:
+            os.close(descriptor)
+            raise
         # A view stores eight bytes in one go; struct clears them first, and a reader could see that.
         self._sequence = memoryview(self._map)[_SEQUENCE_AT].cast("Q")
-        if adopt and self._sequence[0] % 2:  # it died in the middle of a write
-            self._sequence[0] += 1
+
+    def _found(self) -> int:
+        assert self.path is not None
+        try:
+            return sealed_memory.find(self.path)
+        except FileNotFoundError:
+            raise
+        except OSError as error:
+            raise StaleStateError(f"{self.path} leads to no block ({error.strerror})") from error
+
+    def _checked(self, descriptor: int) -> mmap.mmap:
+        """The memory, when it is a block of this layout."""
+        try:
+            mapped = sealed_memory.map_to_read(descriptor)
+            if len(mapped) == _HEADER.size + self.dtype.itemsize:
+                magic, _, payload, _ = _HEADER.unpack_from(mapped)
+                if magic == _MAGIC and payload == self.dtype.itemsize:
+                    return mapped
+        except (OSError, ValueError):  # a number that has been given again: the process that had it is gone
+            pass
+        raise StaleStateError(f"{self.path} has another layout; end the process that wrote it")
+
+    def publish(self, path: Path) -> None:
+        """Let others find it at `path` for as long as this process has it.
+
+        Raises:
+            OSError: nothing can be put there; who has the block already does not notice.
+        """
+        self.path, self._link = path, sealed_memory.publish(self.descriptor, path)
+
+    def adopt(self) -> None:
+        """Go on writing, in a child of a writer that has died; readers notice nothing."""
+        self._sequence[0] += self._sequence[0] % 2  # odd: it died in the middle of a write
 
     def write(self, record: np.ndarray | np.void) -> None:
         """Publish one record. Only the creator may call this."""
@@ -104,7 +138,7 @@ class SharedBlock:
             if sequence != stuck:  # whoever writes on is alive: it is we who were held up
                 deadline, stuck = now + _READ_TIMEOUT_S, sequence
             if now > deadline:
-                raise StaleStateError(f"{self.path}: its writer died in the middle of a write")
+                raise StaleStateError(f"{self.path or 'a block'}: its writer died in the middle of a write")
             time.sleep(0)
         return None
 
@@ -135,16 +169,19 @@ class SharedBlock:
 
     @property
     def current(self) -> bool:
-        """False when the file has been removed or replaced since."""
+        """False when `path` leads elsewhere by now, or nowhere."""
         try:
-            return self.path.stat().st_ino == self._inode
-        except FileNotFoundError:
+            return self.path is not None and self.path.stat().st_ino == self._inode
+        except OSError:
             return False
 
-    def close(self, remove: bool | None = None) -> None:
-        """Unmap, and remove the file; None: if this is its writer."""
+    def close(self, remove: bool = True) -> None:
+        """Unmap, and remove the link that we have made; `remove` False: somebody else still needs it. Idempotent."""
+        if self.descriptor < 0:
+            return
         self._sequence.release()
         self._map.close()
-        if (self._owner if remove is None else remove) and self.current:  # a successor may have put its own block here
-            with contextlib.suppress(FileNotFoundError):
-                self.path.unlink()
+        if remove and self._link and self.path is not None:
+            sealed_memory.unpublish(self.path, self._link)
+        os.close(self.descriptor)
+        self.descriptor = -1

@@ -15,6 +15,7 @@ from lerobot_robot_yam.action_space import make_action_space
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.config_rules import check_switches
 from lerobot_robot_yam.arm.state import ArmState
+from lerobot_robot_yam.arm.uncopied import Uncopied
 from lerobot_robot_yam.arm_group import ArmGroup, arm_config
 from lerobot_robot_yam.clock import Clock
 from lerobot_robot_yam.command_check import check_command
@@ -27,7 +28,7 @@ from lerobot_robot_yam.sim_cameras import beside_arms
 logger = logging.getLogger(__name__)
 
 
-class FollowerBase(Robot):
+class FollowerBase(Uncopied, Robot):
     """One follower arm or two.
 
     Args:

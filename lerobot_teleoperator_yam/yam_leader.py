@@ -13,6 +13,7 @@ from lerobot_robot_yam.action_space import make_action_space
 from lerobot_robot_yam.arm.config_rules import check_switches
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.profile import load_arm, load_gripper
+from lerobot_robot_yam.arm.uncopied import Uncopied
 from lerobot_robot_yam.arm_group import ArmGroup, arm_config
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
@@ -24,7 +25,7 @@ _OPEN = 1.0
 _PICKED_UP = 0.05  # of the stroke: so near to the opening that feedback has left, the trigger takes over
 
 
-class LeaderBase(Teleoperator):
+class LeaderBase(Uncopied, Teleoperator):
     """One leader arm or two. They float until `enable_torque`.
 
     Args:

@@ -7,7 +7,18 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = ("lerobot_robot_yam", "lerobot_teleoperator_yam")
-BASE = {"clock", "errors", "log_thread", "other_plugins", "paths", "runtime", "shared_block", "realtime", "sleep_lock"}
+BASE = {
+    "clock",
+    "errors",
+    "log_thread",
+    "other_plugins",
+    "paths",
+    "runtime",
+    "sealed_memory",
+    "shared_block",
+    "realtime",
+    "sleep_lock",
+}
 TOOLS = {"commands", "doctor"}  # console commands: above the arm, without LeRobot
 # What the rig may use of the arm: how it is built, not how it is driven.
 ARM_DESCRIPTION = {

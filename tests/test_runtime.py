@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.runtime import runtime_dir
+from lerobot_robot_yam.errors import BusError, ConfigError
+from lerobot_robot_yam.runtime import FileLock, runtime_dir
 
 SAY = "from lerobot_robot_yam.runtime import runtime_dir; print(runtime_dir())"
 
@@ -27,3 +27,24 @@ def test_a_directory_that_is_a_link_is_refused(monkeypatch, tmp_path):
     monkeypatch.setenv("YAM_RUNTIME_DIR", str(tmp_path / "link"))
     with pytest.raises(ConfigError, match="link is not a directory of this user; set YAM_RUNTIME_DIR"):
         runtime_dir()
+
+
+@pytest.mark.parametrize("mode", [0o770, 0o702, 0o1777])
+def test_a_directory_that_is_open_to_others_is_refused(monkeypatch, tmp_path, mode):
+    monkeypatch.setenv("YAM_RUNTIME_DIR", str(tmp_path))
+    tmp_path.chmod(0o755)  # others may look
+    assert runtime_dir() == tmp_path
+    tmp_path.chmod(mode)
+    with pytest.raises(ConfigError, match=rf"is open to others \(mode {mode:o}\).*chmod go-w .*YAM_RUNTIME_DIR"):
+        runtime_dir()
+
+
+def test_a_lock_ends_whatever_has_become_of_its_file(tmp_path):
+    lock = FileLock(tmp_path / "lock", "a channel")
+    lock.acquire()
+    (tmp_path / "lock").unlink()
+    (tmp_path / "lock").mkdir()
+    lock.release()
+    assert not lock.held and (tmp_path / "lock").is_dir()  # which is not its own
+    with pytest.raises(BusError, match="a channel cannot be locked: .*directory"):
+        lock.acquire()

@@ -1,16 +1,19 @@
 """The control loop's end of an arm's shared blocks: publish state, take targets and requests."""
 
+import logging
 import os
 
 import numpy as np
 
+from lerobot_robot_yam.arm.block_pair import BlockPair
 from lerobot_robot_yam.arm.controller import ArmController
 from lerobot_robot_yam.arm.gripper import GripperStops
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.policy import Trouble
-from lerobot_robot_yam.arm.state import COMMAND_DTYPE, OWNER_AT, STATE_DTYPE, Request, command_path, state_path
+from lerobot_robot_yam.arm.state import OWNER_AT, STATE_DTYPE, Request, state_path
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.shared_block import SharedBlock
+
+logger = logging.getLogger(__name__)
 
 _PER_MOTOR = (
     "q",
@@ -27,32 +30,29 @@ _PER_MOTOR = (
 
 
 class ControllerBlocks:
-    """Connects one controller with its two blocks. The caller has created the command block before.
+    """Connects one controller with its two blocks, and lets others watch its states.
 
     Args:
         controller: the arm.
-        key: name of the channel's blocks.
-        caller_pid: whose commands they take.
+        key: by which others find its states.
+        pair: its blocks.
         adopt: the last state of a loop that has died: its block is carried on, readers notice nothing.
     """
 
-    def __init__(self, controller: ArmController, key: str, caller_pid: int, adopt: np.ndarray | None = None):
+    def __init__(self, controller: ArmController, key: str, pair: BlockPair, adopt: np.ndarray | None = None):
         self._controller = controller
-        self._commands: SharedBlock | None = None
+        self._states, self._commands = pair
         try:
-            self._commands = SharedBlock(command_path(key, caller_pid), COMMAND_DTYPE, create=False)
-        except FileNotFoundError:
-            if adopt is None:
-                raise
-        path = state_path(key)
-        adopts = adopt is not None and path.exists()  # a log-out may have had the user's files removed
-        self._states = SharedBlock(path, STATE_DTYPE, create=not adopts, adopt=adopts)
+            self._states.publish(state_path(key))
+        except (OSError, YamError) as error:  # a full disk, a log-out that had the user's files removed
+            logger.warning("%s: nobody else can watch the arm: %s", controller.name, error)
         self._record = np.zeros((), STATE_DTYPE)
         for field in ("q", "dq", "tau", "setpoint", "motor_stamp_s", "temp_mos_c", "temp_rotor_c", "offset_rad"):
             self._record[field] = np.nan
         self._record["gripper_stops_rad"] = np.nan
         if adopt is not None:
             self._record[()] = adopt
+            self._states.adopt()
         hardware = controller.hardware
         self._record["joints"], self._record["motors"] = hardware.joints, hardware.n
         self._owner = self._record["owner_pid"] = os.getpid()
@@ -66,8 +66,6 @@ class ControllerBlocks:
 
     def take(self, now: float) -> None:
         """Give the controller what the caller has written since the last tick."""
-        if self._commands is None:
-            return
         sequence = self._commands.sequence()
         if sequence == self._seen:
             return
@@ -76,7 +74,7 @@ class ControllerBlocks:
             return
         self._seen = sequence
         record, controller = self._record, self._controller
-        if command["request_sequence"] != record["request_sequence"]:
+        if command["request_sequence"] > record["request_sequence"]:  # an older one has been taken back since
             record["request_sequence"] = command["request_sequence"]
             try:
                 controller.request(Request(int(command["request"])), now)
@@ -84,7 +82,7 @@ class ControllerBlocks:
             except YamError as error:
                 record["request_refused"] = 1
                 record["refusal"] = str(error).encode()[:400]
-        if command["target_sequence"] != record["target_sequence"]:
+        if command["target_sequence"] > record["target_sequence"]:
             record["target_sequence"] = command["target_sequence"]
             slots = self._slots
             dq = command["dq"][slots]
@@ -141,7 +139,6 @@ class ControllerBlocks:
         return self._states.peek(OWNER_AT) == self._owner
 
     def close(self, remove: bool) -> None:
-        """Remove the state block, or leave it to a stand-by, and the command block in case its caller has died."""
+        """Let go of both blocks, and have nobody find the states any more, unless a stand-by goes on with them."""
         self._states.close(remove)
-        if self._commands is not None:
-            self._commands.close(remove=True)
+        self._commands.close()

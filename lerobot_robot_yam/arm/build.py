@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from lerobot_robot_yam.arm.arm_parts import GuardedArm
+from lerobot_robot_yam.arm.block_pair import BlockPair
 from lerobot_robot_yam.arm.blocks import ControllerBlocks
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.controller import ArmController
@@ -19,10 +20,10 @@ def _workspace_guard(controllers: Sequence[ArmController]) -> WorkspaceGuard | N
     )
 
 
-def build(configs: Sequence[ArmConfig], keys: Sequence[str], buses: Sequence, caller_pid: int) -> ControlLoop:
+def build(
+    configs: Sequence[ArmConfig], keys: Sequence[str], buses: Sequence, pairs: Sequence[BlockPair]
+) -> ControlLoop:
     """Controllers on open buses, inspected: everything that can be refused without torque is refused here.
-
-    They take the commands of process `caller_pid`.
 
     Raises:
         YamError: names the part that is not as configured.
@@ -32,8 +33,8 @@ def build(configs: Sequence[ArmConfig], keys: Sequence[str], buses: Sequence, ca
         controller.inspect()
     blocks: list[ControllerBlocks] = []
     try:
-        for controller, key in zip(controllers, keys, strict=True):
-            blocks.append(ControllerBlocks(controller, key, caller_pid))
+        for controller, key, pair in zip(controllers, keys, pairs, strict=True):
+            blocks.append(ControllerBlocks(controller, key, pair))
         return ControlLoop(controllers, blocks, configs[0].rate_hz, _workspace_guard(controllers))
     except BaseException:
         for made in blocks:

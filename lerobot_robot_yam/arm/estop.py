@@ -1,12 +1,15 @@
 """The emergency stop of everything that one user drives on this machine: latched by anybody, released on purpose.
 
-A file is the latch: it outlives whoever made it, and looking whether it is there costs a loop 2 µs a tick.
+A file is the latch: it outlives whoever made it, and looking whether it is there costs a loop 4 µs a tick. On a disk
+that is full no file can be made. The sticky bit of the directory is the latch then: a change of mode needs no room.
 """
 
 import contextlib
+import errno
 import json
 import logging
 import os
+import stat
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,6 +21,8 @@ logger = logging.getLogger(__name__)
 
 _FILE = "emergency-stop"
 _MOST_BYTES = 65536
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.ENOMEM)
+_NO_ROOM = "unknown: there was no room to write it down"
 
 
 class EmergencyStop:
@@ -42,7 +47,7 @@ class EmergencyStop:
     @property
     def latched(self) -> bool:
         """Whether the stop is set."""
-        if os.access(self._name, os.F_OK):
+        if os.access(self._name, os.F_OK) or self._marked:
             if self._home is None:
                 self._home, self._unwritten = self._directory_number(), False
             return True
@@ -52,6 +57,14 @@ class EmergencyStop:
                 self.latch(f"{self.directory} was removed with the stop in it, by a log-out perhaps")
             return True
         return self._unwritten
+
+    @property
+    def _marked(self) -> bool:
+        """Whether the directory itself says so."""
+        try:
+            return bool(os.stat(self.directory, follow_symlinks=False).st_mode & stat.S_ISVTX)
+        except OSError:
+            return False
 
     def _directory_number(self) -> int:
         try:
@@ -68,7 +81,7 @@ class EmergencyStop:
                 data = json.loads(text.read(_MOST_BYTES))
             return f"{data['why']} (process {data['pid']}, {data['at']})"
         except FileNotFoundError:
-            return ""
+            return _NO_ROOM if self._marked else ""
         except (OSError, ValueError, KeyError, TypeError, RecursionError):
             return "unknown"
 
@@ -90,6 +103,10 @@ class EmergencyStop:
             except FileExistsError:
                 if not os.path.exists(self._name):  # a link to nowhere; else somebody was faster
                     raise
+            except OSError as error:
+                if error.errno not in _FULL:
+                    raise
+                os.fchmod(directory, stat.S_IMODE(os.fstat(directory).st_mode) | stat.S_ISVTX)
             else:
                 self._tell(file, why)
         self._unwritten = False
@@ -102,6 +119,9 @@ class EmergencyStop:
             OSError: it cannot be removed.
         """
         with contextlib.suppress(FileNotFoundError), self._inside() as directory:
+            mode = stat.S_IMODE(os.fstat(directory).st_mode)
+            if mode & stat.S_ISVTX:
+                os.fchmod(directory, mode & ~stat.S_ISVTX)
             os.unlink(_FILE, dir_fd=directory)
 
     @contextlib.contextmanager

@@ -1,11 +1,11 @@
 """A control loop that its caller ticks, for arms in a world that is simulated in lock-step."""
 
 import logging
-import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import can
 
+from lerobot_robot_yam.arm.block_pair import BlockPair, Descriptors
 from lerobot_robot_yam.arm.build import build
 from lerobot_robot_yam.arm.bus import open_bus
 from lerobot_robot_yam.arm.config import ArmConfig
@@ -28,6 +28,7 @@ class StepRunner:
     def __init__(self, configs: list[ArmConfig], keys: list[str]):
         self._configs, self._keys = configs, keys
         self._buses: list[can.BusABC] = []
+        self._pairs: list[BlockPair] = []
         self._loop: ControlLoop | None = None
         self._ticks: Iterator[None] = iter(())
         self._world: Clock = SYSTEM
@@ -48,8 +49,8 @@ class StepRunner:
             if next(self._ticks, False) is False:  # the arms are off, or have failed
                 self._world.sleep(max(0.0, until_s - self._world.now()))
 
-    def start(self) -> None:
-        """Bring the arms up.
+    def start(self, blocks: Sequence[Descriptors]) -> None:
+        """Bring the arms up; `blocks` of each, in the order of their configs.
 
         Raises:
             YamError: what failed.
@@ -58,7 +59,8 @@ class StepRunner:
             for config in self._configs:
                 self._buses.append(open_bus(config))
             self._world = clock_of(self._buses[0])
-            self._loop = build(self._configs, self._keys, self._buses, os.getpid())
+            self._pairs = [BlockPair.of(descriptors.copies()) for descriptors in blocks]
+            self._loop = build(self._configs, self._keys, self._buses, self._pairs)
             self._loop.start()
             ready: list[str] = []
             self._ticks = self._loop.ticks(ready.append, lambda: self._landing)
@@ -71,16 +73,17 @@ class StepRunner:
             self.discard()
             raise
 
-    def stop(self) -> bool:
-        """Land, in simulated time; True when it has ended."""
-        self._landing = True
+    def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
+        """Land, in simulated time; False when that does not end."""
+        self._landing, landed = True, True
         give_up_s = self._world.now() + _LAND_TIMEOUT_S
         for _ in self._ticks:
             if self._world.now() > give_up_s:
                 logger.error("the arms do not land; their world is thrown away")
+                landed = False
                 break
         self.discard()
-        return True
+        return landed
 
     def discard(self) -> None:
         """End at once, as the world does. Idempotent."""
@@ -88,6 +91,8 @@ class StepRunner:
         loop, self._loop = self._loop, None
         if loop is not None:
             loop.close()
+        for pair in self._pairs:
+            pair.close()
         buses, self._buses = self._buses, []
         for bus in buses:
             bus.shutdown()

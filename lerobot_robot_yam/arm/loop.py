@@ -44,6 +44,7 @@ class ControlLoop:
         blocks: in the same order.
         rate_hz: ticks per second; 0 runs as fast as the wire allows.
         workspace: of arms that are to be driven; what only lands them needs none.
+        stop: the emergency stop that it heeds; None: this user's.
     """
 
     def __init__(
@@ -52,13 +53,14 @@ class ControlLoop:
         blocks: Sequence[ControllerBlocks],
         rate_hz: float,
         workspace: WorkspaceGuard | None = None,
+        stop: EmergencyStop | None = None,
     ):
         self._controllers = controllers
         self._blocks = blocks
         self._period_s = 1.0 / rate_hz if rate_hz > 0 else 0.0
         self._wire_s = max(c.chain.expected_wire_s for c in controllers)
         self.statistics = LoopStatistics(self._period_s)
-        self._stop = EmergencyStop()
+        self._stop = stop or EmergencyStop()
         self._workspace = workspace
         self._clock = controllers[0].chain.clock
         self._failure = ""  # of the bring-up

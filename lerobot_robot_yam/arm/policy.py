@@ -222,7 +222,12 @@ POLICY: dict[Trouble, Rule] = {
         "not needed: the next target",
     ),
     Trouble.CALLER_DEAD: Rule(
-        "its process is gone (exception, signal, kill -9)", Response.LAND, Response.LAND, "—", PARENT_S, _RECONNECT
+        "its process is gone (exception, signal, kill -9), or executes another program",
+        Response.LAND,
+        Response.LAND,
+        "—",
+        PARENT_S,
+        _RECONNECT,
     ),
     Trouble.CAMERA_DEAD: Rule(
         "a camera is gone; its image is older than 0.8 s while the machine has time for us, or for 3 s than 0.5 s",

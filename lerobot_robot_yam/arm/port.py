@@ -1,11 +1,13 @@
 """The caller's handle on one arm: its state block to read, its command block to write."""
 
+import contextlib
 import logging
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from lerobot_robot_yam.arm.block_pair import Descriptors
 from lerobot_robot_yam.arm.command_writer import CommandWriter
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.hardware import Hardware
@@ -23,9 +25,9 @@ from lerobot_robot_yam.arm.state import (
 from lerobot_robot_yam.arm.stored_stops import await_stored
 from lerobot_robot_yam.clock import SYSTEM, Clock
 from lerobot_robot_yam.damiao.tables import motor_type
-from lerobot_robot_yam.errors import ChannelInUseError, GripperError, LifeCycleError, MotorError, StaleStateError
+from lerobot_robot_yam.errors import GripperError, LifeCycleError, MotorError, StaleStateError, YamError
 from lerobot_robot_yam.runtime import FileLock
-from lerobot_robot_yam.shared_block import SharedBlock
+from lerobot_robot_yam.shared_block import SharedBlock, allocate
 
 logger = logging.getLogger(__name__)
 
@@ -37,7 +39,6 @@ _WITHOUT_STOPS = {
     Mode.BRING_UP: "they are being sought; wait",
     Mode.STOPPED: "they are sought when the emergency stop is released (yam-estop release)",
 }
-_ORPHAN_S = 1.0
 _NEARLY_S = 0.0013  # a state that comes so soon is worth waiting for: the one before it is a whole tick older
 _LATE_S = 0.003  # how long it is waited for beyond; the loop itself waits up to 2 ms for a reply
 _OLD_S = 0.0025  # a sample that is older than a tick and this is not the newest that could be had
@@ -52,8 +53,8 @@ class ArmPort:
         self.hardware = hardware
         self._key = key
         self._clock = clock
-        self._commands = CommandWriter(key, hardware.n)
-        self._states: SharedBlock | None = None
+        self._commands = CommandWriter(config.name, hardware.n)
+        self._states: SharedBlock | None = SharedBlock(None, STATE_DTYPE, False, allocate(STATE_DTYPE))
         self._period_s = 1.0 / config.rate_hz if config.rate_hz > 0 and clock is SYSTEM else 0.0
         self._lower, self._upper = hardware.lower.tolist(), hardware.upper.tolist()
         types = [motor_type(motor.type) for motor in hardware.motors[: hardware.joints]]
@@ -65,10 +66,16 @@ class ArmPort:
         self._newest: tuple[int, ArmState] | None = None  # that was found to be well, and its number in the block
         self._limit_log = LimitLog(config.name)
 
-    def attach(self) -> None:
-        """Open the state block of the loop that now runs."""
-        self._states = SharedBlock(state_path(self._key), STATE_DTYPE, create=False)
-        self._newest = None
+    @property
+    def descriptors(self) -> Descriptors:
+        """Of the memory of both blocks, for the loop.
+
+        Raises:
+            LifeCycleError: closed.
+        """
+        if self._states is None:
+            raise LifeCycleError(f"{self.config.name}: not connected")
+        return Descriptors(self._states.descriptor, self._commands.descriptor)
 
     def close(self) -> None:
         """Let go of the blocks; the arm is not touched."""
@@ -287,25 +294,21 @@ class ArmPort:
         return state
 
     @property
-    def done(self) -> bool:
-        """True when nobody drives the arm any more: it is off, or its control loop has put its block away."""
-        return self._states is None or not self._states.current or self.mode() is Mode.OFF
-
-    @property
-    def orphaned(self) -> bool:
-        """True when control process and stand-by have both died: nobody drives the arm, and it is limp by now."""
-        if self._states is None or self._clock.now() - self.published().published_s < _ORPHAN_S:
-            return False
-        lock = FileLock(lock_path(self._key), self.config.channel)
+    def off(self) -> bool:
+        """Whether its control loop has said that the arm has no torque any more."""
         try:
-            lock.acquire()
-        except ChannelInUseError:
+            return self.mode() is Mode.OFF
+        except StaleStateError:  # it died in the middle of a write
             return False
-        lock.release()
+
+    def bury(self) -> None:
+        """Say what has become of an arm whose control process and stand-by have both died, and remove their files."""
         logger.critical("%s: nobody drives the arm; its motors have let go by themselves", self.config.name)
-        self._states.close(remove=True)
-        self._states = None
-        return True
+        with contextlib.suppress(OSError, YamError):
+            lock = FileLock(lock_path(self._key), self.config.channel)
+            lock.acquire()
+            state_path(self._key).unlink(missing_ok=True)
+            lock.release()
 
     def calibrate_gripper(self) -> None:
         """Search the gripper's stops anew and wait until they are found and stored.

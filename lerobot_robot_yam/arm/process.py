@@ -13,23 +13,24 @@ import os
 import signal
 import sys
 import threading
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import can
 
 from lerobot_robot_yam.arm import stand_by
+from lerobot_robot_yam.arm.block_pair import BlockPair, Descriptors
 from lerobot_robot_yam.arm.bring_up import refuse_stopped
 from lerobot_robot_yam.arm.build import build
 from lerobot_robot_yam.arm.bus import keeps_awake, open_bus
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.estop import EmergencyStop
+from lerobot_robot_yam.arm.lifeline import hung_up
 from lerobot_robot_yam.arm.loop import ControlLoop
 from lerobot_robot_yam.arm.process_end import ProcessEnd
 from lerobot_robot_yam.arm.state import lock_path
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.log_thread import log_from_a_thread
-from lerobot_robot_yam.realtime import request_realtime
+from lerobot_robot_yam.realtime import avoid_oom_killer, request_realtime
 from lerobot_robot_yam.runtime import FileLock
 
 logger = logging.getLogger("lerobot_robot_yam.arm.process")
@@ -41,9 +42,9 @@ _PARENT_LOOK_S = 0.02
 def control(
     configs: list[ArmConfig],
     keys: list[str],
+    pairs: Sequence[BlockPair],
     on_ready: Callable[[str], None],
     must_land: Callable[[], bool],
-    caller_pid: int,
     realtime: bool,
 ) -> None:
     """Lock, open, inspect, energise, run, land, release: the whole life of a robot's arms.
@@ -64,15 +65,18 @@ def control(
         awake.enter_context(keeps_awake(configs))
         for config in configs:
             buses.append(open_bus(config))
-        loop = build(configs, keys, buses, caller_pid)
+        loop = build(configs, keys, buses, pairs)
         if realtime:
-            logger.info("control loop of %s: %s", ", ".join(c.name for c in configs), request_realtime(RT_PRIORITY))
+            names, granted = ", ".join(c.name for c in configs), request_realtime(RT_PRIORITY)
+            logger.info("control loop of %s: %s, %s", names, granted, avoid_oom_killer())
             gc.disable()
         loop.start()
         loop.run(on_ready, must_land)
     finally:
         if loop is not None:
             loop.close(stand_by=realtime)
+        for pair in pairs:
+            pair.close()
         for bus in buses:
             bus.shutdown()
         awake.close()
@@ -104,15 +108,16 @@ def main() -> int:
     except FileNotFoundError:
         return 1  # nothing has been energised
     configs, keys = [ArmConfig(**arm) for arm in job["arms"]], job["keys"]
-    stand_by_pid = stand_by.spawn(configs, keys, parent, RT_PRIORITY)
+    pairs = [BlockPair.of(Descriptors(*descriptors)) for descriptors in job["blocks"]]
+    stand_by_pid = stand_by.spawn(configs, keys, pairs, RT_PRIORITY)
 
     orphaned = False
 
     def watch_parent() -> None:
         """In a thread: who looks at a dying process may get to clear its memory away, which can take a while."""
         nonlocal orphaned
-        while not parent_end.reached():
-            time.sleep(_PARENT_LOOK_S)
+        while not (hung_up(job["lifeline"], _PARENT_LOOK_S) or parent_end.reached()):
+            pass
         orphaned = True
 
     threading.Thread(target=watch_parent, name="yam-parent", daemon=True).start()
@@ -130,7 +135,7 @@ def main() -> int:
     def must_land() -> bool:
         nonlocal stop
         if not stop and (orphaned or os.getppid() != parent):
-            logger.warning("the process that started this one (%d) is gone: landing", parent)
+            logger.warning("the process that started this one (%d) is gone, or runs another program: landing", parent)
             stop = True
         watch_stand_by()
         return stop
@@ -147,7 +152,7 @@ def main() -> int:
 
     with log_from_a_thread():
         try:
-            control(configs, keys, tell, must_land, parent, realtime=True)
+            control(configs, keys, pairs, tell, must_land, realtime=True)
         except YamError as error:
             answer(error=str(error), kind=type(error).__name__)
             return 1

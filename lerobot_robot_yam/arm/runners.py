@@ -10,12 +10,14 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from lerobot_robot_yam import errors
+from lerobot_robot_yam.arm.block_pair import BlockPair, Descriptors
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.estop import EmergencyStop
+from lerobot_robot_yam.arm.lifeline import Lifeline
 from lerobot_robot_yam.clock import SYSTEM, Clock
 from lerobot_robot_yam.errors import YamError
 
@@ -38,15 +40,19 @@ class Runner(Protocol):
     def clock(self) -> Clock:
         """The caller's clock: what lets time pass for it, and for the arms."""
 
-    def start(self) -> None:
-        """Bring the arms up.
+    def start(self, blocks: Sequence[Descriptors]) -> None:
+        """Bring the arms up; `blocks` of each, in the order of their configs.
 
         Raises:
             YamError: what failed; nothing is energised.
         """
 
-    def stop(self) -> bool:
-        """Have it land and end; True when it has ended."""
+    def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
+        """Have it land and end; True when nobody drives the arms any more.
+
+        Args:
+            off: whether torque is off, for a loop that somebody else may have taken over.
+        """
 
 
 class ProcessRunner:
@@ -57,20 +63,26 @@ class ProcessRunner:
     def __init__(self, configs: list[ArmConfig], keys: list[str]):
         self._configs, self._keys = configs, keys
         self._child: subprocess.Popen[bytes] | None = None
+        self._lifeline: Lifeline | None = None
 
-    def start(self) -> None:
+    def start(self, blocks: Sequence[Descriptors]) -> None:
+        self._lifeline = lifeline = Lifeline()
         self._child = child = subprocess.Popen(
             [sys.executable, "-P", "-m", "lerobot_robot_yam.arm.process"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
+            pass_fds=[lifeline.far_end, *(descriptor for pair in blocks for descriptor in pair)],
             start_new_session=True,
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
         )
         job = {
             "arms": [dataclasses.asdict(config) for config in self._configs],
             "keys": self._keys,
+            "blocks": blocks,
+            "lifeline": lifeline.far_end,
             "parent_pid": os.getpid(),
         }
+        lifeline.hand_over()
         assert child.stdin is not None and child.stdout is not None
         child.stdin.write(json.dumps(job).encode() + b"\n")
         child.stdin.close()
@@ -85,16 +97,20 @@ class ProcessRunner:
         if "error" in reply:
             raise getattr(errors, reply["kind"], YamError)(reply["error"])
 
-    def stop(self) -> bool:
-        """Have it land and end; True when it has ended."""
+    def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
+        """Have it land and end; True when nobody drives the arms any more."""
         child, self._child = self._child, None
-        if child is None:
+        lifeline = self._lifeline
+        if child is None or lifeline is None:
             return True
         if child.poll() is None:
             child.send_signal(signal.SIGTERM)
         ended = wait_patiently(lambda: child.poll() is not None, outlives_us=os.getpid() != 1)  # 1: of a container
         if child.stdout is not None:
             child.stdout.close()
+        if ended:  # then a stand-by may have taken over
+            ended = wait_patiently(lambda: off() or lifeline.cut, outlives_us=True)
+        lifeline.close()
         return ended
 
 
@@ -107,6 +123,7 @@ class ThreadRunner:
         self._land = threading.Event()
         self._settled = threading.Event()
         self._error: BaseException | None = None
+        self._blocks: list[BlockPair] = []
         self._thread = threading.Thread(target=self._run, args=(configs, keys), name="yam-control", daemon=False)
 
     def _run(self, configs: list[ArmConfig], keys: list[str]) -> None:
@@ -117,9 +134,9 @@ class ThreadRunner:
             control(
                 configs,
                 keys,
+                self._blocks,
                 self._tell,
                 lambda: self._land.is_set() or not main.is_alive(),
-                os.getpid(),
                 realtime=False,
             )
         except BaseException as error:
@@ -133,15 +150,16 @@ class ThreadRunner:
         self._error = errors.MotorError(failure) if failure else None
         self._settled.set()
 
-    def start(self) -> None:
+    def start(self, blocks: Sequence[Descriptors]) -> None:
+        self._blocks = [BlockPair.of(descriptors.copies()) for descriptors in blocks]
         self._thread.start()
         if not self._settled.wait(_START_TIMEOUT_S):
             raise YamError(f"the control loop did not come up within {_START_TIMEOUT_S:.0f} s")
         if self._error is not None:
             raise self._error
 
-    def stop(self) -> bool:
-        """Have it land and end; True when it has ended."""
+    def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
+        """Have it land and end; True when nobody drives the arms any more."""
         self._land.set()
         return self._thread.ident is None or wait_patiently(lambda: not self._thread.is_alive(), outlives_us=False)
 

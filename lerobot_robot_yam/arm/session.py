@@ -2,6 +2,7 @@
 
 import dataclasses
 import logging
+import os
 from collections.abc import Sequence
 from typing import Literal, get_args
 
@@ -9,8 +10,9 @@ from lerobot_robot_yam.arm.config import VIRTUAL, ArmConfig, check_together
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.port import ArmPort
-from lerobot_robot_yam.arm.runners import ProcessRunner, Runner, ThreadRunner, wait_patiently
+from lerobot_robot_yam.arm.runners import ProcessRunner, Runner, ThreadRunner
 from lerobot_robot_yam.arm.state import channel_key
+from lerobot_robot_yam.arm.uncopied import Uncopied
 from lerobot_robot_yam.clock import SYSTEM, Clock
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError, YamError
 from lerobot_robot_yam.runtime import rig_name
@@ -22,7 +24,7 @@ Isolation = Literal["process", "thread", "lockstep"]
 _LAND_TIMEOUT_S = 60.0  # the longest way down at landing speed, and one retry
 
 
-class ArmSession:
+class ArmSession(Uncopied):
     """All arms of one robot or teleoperator, driven by one control loop.
 
         session = ArmSession([ArmConfig(name="left", channel="can_follower_l"), …])
@@ -57,6 +59,7 @@ class ArmSession:
         self._hardware = {config.name: Hardware(config) for config in self._configs}
         self._ports: dict[str, ArmPort] = {}
         self._runner: Runner | None = None
+        self._pid = 0  # of the process that has started it
 
     def __getitem__(self, name: str) -> ArmPort:
         """Port of the arm called `name`.
@@ -107,15 +110,13 @@ class ArmSession:
         try:
             for config, key in zip(self._configs, self._keys, strict=True):
                 ports[config.name] = ArmPort(config, self._hardware[config.name], key, runner.clock)
-            runner.start()
-            for port in ports.values():
-                port.attach()
+            runner.start([port.descriptors for port in ports.values()])
         except BaseException:
             runner.stop()
             for port in ports.values():
                 port.close()
             raise
-        self._ports, self._runner = ports, runner
+        self._ports, self._runner, self._pid = ports, runner, os.getpid()
 
     def _new_runner(self, configs: list[ArmConfig]) -> Runner:
         if self._isolation == "lockstep":
@@ -130,17 +131,32 @@ class ArmSession:
         return SYSTEM if self._runner is None else self._runner.clock
 
     def stop(self) -> None:
-        """Land every arm, cut torque, end the loop. Idempotent; Ctrl-C does not hurry it."""
+        """Land every arm, cut torque, end the loop. Idempotent; Ctrl-C does not hurry it.
+
+        In a forked child it lets go of what belongs to the parent, whose arms go on.
+        """
         runner, self._runner = self._runner, None
         if runner is None:
             return
+        ports = list(self._ports.values())
         try:
-            if runner.stop():  # then a stand-by may have taken over
-                wait_patiently(lambda: all(port.done or port.orphaned for port in self._ports.values()), True)
+            if self._forked:
+                return
+            if runner.stop(lambda: all(port.off for port in ports)):
+                for port in ports:
+                    if not port.off:
+                        port.bury()
         finally:
-            ports, self._ports = self._ports, {}
-            for port in ports.values():
-                port.close()
+            self._let_go()
+
+    @property
+    def _forked(self) -> bool:
+        return os.getpid() != self._pid
+
+    def _let_go(self) -> None:
+        ports, self._ports = self._ports, {}
+        for port in ports.values():
+            port.close()
 
     def discard(self) -> None:
         """Leave a world in lock-step that is thrown away: nothing lands. Idempotent.
@@ -154,11 +170,10 @@ class ArmSession:
             return
         if not isinstance(self._runner, StepRunner):
             raise LifeCycleError("only arms in lock-step can be discarded; stop the session, so that the arms land")
-        self._runner.discard()
+        if not self._forked:
+            self._runner.discard()
         self._runner = None
-        ports, self._ports = self._ports, {}
-        for port in ports.values():
-            port.close()
+        self._let_go()
 
     def rearm(self) -> None:
         """Enable again what has failed, and let all arms of the session take targets again.

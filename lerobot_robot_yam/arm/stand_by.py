@@ -12,28 +12,31 @@ import os
 import select
 import signal
 import sys
+import threading
 import time
 from collections.abc import Sequence
 
 import numpy as np
 
+from lerobot_robot_yam.arm.block_pair import BlockPair
 from lerobot_robot_yam.arm.blocks import ControllerBlocks
 from lerobot_robot_yam.arm.body import gravity_model
 from lerobot_robot_yam.arm.bus import keeps_awake, open_bus
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.controller import ArmController
+from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.loop import ControlLoop
+from lerobot_robot_yam.arm.own_group import leave_group
 from lerobot_robot_yam.arm.policy import HUNG_S
 from lerobot_robot_yam.arm.process_end import ProcessEnd
-from lerobot_robot_yam.arm.state import STATE_DTYPE, lock_path, state_path
+from lerobot_robot_yam.arm.state import lock_path
 from lerobot_robot_yam.damiao.encoder import HANDLE_IDS
-from lerobot_robot_yam.errors import ChannelInUseError, YamError
+from lerobot_robot_yam.errors import ChannelInUseError
 from lerobot_robot_yam.log_thread import log_from_a_thread
-from lerobot_robot_yam.realtime import request_realtime
+from lerobot_robot_yam.realtime import avoid_oom_killer, request_realtime
 from lerobot_robot_yam.runtime import FileLock
-from lerobot_robot_yam.shared_block import SharedBlock
 
 logger = logging.getLogger(__name__)
 
@@ -42,11 +45,8 @@ _CLEARED_MS = 5000  # what the kernel takes at most to free the locks of the dea
 _HUNG_LOOKS = round(HUNG_S / _LOOK_S)  # looks in a row, not time: a machine that stood still has not looked
 
 
-def spawn(configs: Sequence[ArmConfig], keys: Sequence[str], caller_pid: int, rt_priority: int) -> int:
-    """Fork the stand-by of this process, which must not have opened anything yet. Returns its pid.
-
-    `caller_pid` is the process that started this one.
-    """
+def spawn(configs: Sequence[ArmConfig], keys: Sequence[str], pairs: Sequence[BlockPair], rt_priority: int) -> int:
+    """Fork the stand-by of this process, which must have opened nothing but its blocks. Returns its pid."""
     control_pid = os.getpid()
     pid = os.fork()
     if pid:
@@ -59,8 +59,10 @@ def spawn(configs: Sequence[ArmConfig], keys: Sequence[str], caller_pid: int, rt
                 os.dup2(nothing.fileno(), descriptor)
         for name in (signal.SIGINT, signal.SIGHUP, signal.SIGPIPE, signal.SIGTERM):
             signal.signal(name, signal.SIG_IGN)
+        avoid_oom_killer()
         with log_from_a_thread():
-            stand_by = StandBy(configs, keys, caller_pid, control_pid)
+            threading.Thread(target=_leave_group, name="yam-group", daemon=True).start()  # nobody waits for it
+            stand_by = StandBy(configs, keys, pairs, control_pid)
             with keeps_awake(configs, quiet=True):  # now: no program is to be started while an arm falls
                 stand_by.run(rt_priority)
         status = 0
@@ -71,25 +73,32 @@ def spawn(configs: Sequence[ArmConfig], keys: Sequence[str], caller_pid: int, rt
         os._exit(status)  # nothing of the control process's own clean-up is ours
 
 
+def _leave_group() -> None:
+    logger.info("the stand-by (%d) %s", os.getpid(), leave_group())
+
+
 class StandBy:
     """Watches one control process.
 
     Args:
-        configs, keys: its arms and the names of their blocks.
-        caller_pid: who gave it commands.
+        configs, keys, pairs: its arms, the names by which others find them, and their blocks.
         control_pid: its process.
+
+    Whatever happens to files from now on, it has what it needs.
     """
 
-    def __init__(self, configs: Sequence[ArmConfig], keys: Sequence[str], caller_pid: int, control_pid: int):
-        self._caller_pid = caller_pid
-        self._configs, self._keys, self._pid = configs, keys, control_pid
+    def __init__(self, configs: Sequence[ArmConfig], keys: Sequence[str], pairs: Sequence[BlockPair], control_pid: int):
+        self._configs, self._keys, self._pairs, self._pid = configs, keys, pairs, control_pid
+        self._locks = [
+            FileLock(lock_path(key), f"CAN channel {config.channel}") for config, key in zip(configs, keys, strict=True)
+        ]
+        self._stop = EmergencyStop()
         self._process = os.pidfd_open(control_pid)
         self._end = ProcessEnd(control_pid)
         self._poll = select.poll()
         self._poll.register(self._process, select.POLLIN)
         self._hardware = [Hardware(config) for config in configs]
         self._gravity = [gravity_model(hardware) for hardware in self._hardware]
-        self._blocks: list[SharedBlock | None] = [None] * len(keys)
         self._records: list[np.ndarray | None] = [None] * len(keys)
 
     def run(self, rt_priority: int) -> None:
@@ -111,30 +120,21 @@ class StandBy:
     def _look(self) -> int:
         """Read the newest states; returns the newest tick."""
         newest = 0
-        for index, key in enumerate(self._keys):
-            block = self._blocks[index]
-            if block is None or not block.current:  # there may have been one of an earlier session
-                with contextlib.suppress(FileNotFoundError, YamError):  # removed by who tidies up, it still speaks
-                    block = self._blocks[index] = SharedBlock(state_path(key), STATE_DTYPE, create=False)
-            if block is not None:
-                record = block.glance()  # who is killed in the middle of a write leaves none
-                if record is not None and record["owner_pid"] == self._pid:
-                    self._records[index] = record
-                    newest = max(newest, int(record["tick"]))
+        for index, pair in enumerate(self._pairs):
+            record = pair.states.glance()  # who is killed in the middle of a write leaves none
+            if record is not None:
+                self._records[index] = record
+                newest = max(newest, int(record["tick"]))
         return newest
 
     def _driving(self) -> bool:
-        """Whether some arm is energised; who puts its block away has said before that it is off."""
+        """Whether some arm is energised."""
         return any(record is not None and record["mode"] not in (Mode.OFF, Mode.OFFLINE) for record in self._records)
 
     def _take_over(self) -> None:
         begin = time.monotonic()
         logger.error("the control process (%d) has died: taking its arms over and landing them", self._pid)
         controllers, blocks, buses = [], [], []
-        locks = [
-            FileLock(lock_path(key), f"CAN channel {c.channel}")
-            for c, key in zip(self._configs, self._keys, strict=True)
-        ]
         for index, (config, key) in enumerate(zip(self._configs, self._keys, strict=True)):
             record = self._records[index]
             if record is None:
@@ -145,24 +145,24 @@ class StandBy:
                 buses.append(bus)
                 controller = ArmController(config, bus, self._hardware[index], self._gravity[index])
                 controller.adopt(record, time.monotonic())
-                blocks.append(ControllerBlocks(controller, key, self._caller_pid, adopt=record))
+                blocks.append(ControllerBlocks(controller, key, self._pairs[index], adopt=record))
                 controllers.append(controller)
             except Exception as error:  # the other arm can still be landed
                 logger.critical("%s cannot be taken over: %s", config.name, error)
         try:
             if controllers:
-                loop = ControlLoop(controllers, blocks, self._configs[0].rate_hz)
+                loop = ControlLoop(controllers, blocks, self._configs[0].rate_hz, stop=self._stop)
                 logger.error("taken over within %.0f ms", (time.monotonic() - begin) * 1e3)
                 try:
-                    loop.run(must_land=lambda: _take(locks))
+                    loop.run(must_land=lambda: _take(self._locks))
                 finally:
                     loop.close()
         finally:
             for bus in buses:
                 bus.shutdown()
             self._poll.poll(_CLEARED_MS)
-            _take(locks)  # to remove their files
-            for lock in locks:
+            _take(self._locks)  # to remove their files
+            for lock in self._locks:
                 lock.release()
 
 

@@ -306,11 +306,6 @@ def state_path(key: str) -> Path:
     return runtime_dir() / f"{STATE}{key}"
 
 
-def command_path(key: str, caller_pid: int) -> Path:
-    """Command block of a channel, by the process that writes it: another one may be trying to start meanwhile."""
-    return runtime_dir() / f"command-{key}.{caller_pid}"
-
-
 def lock_path(key: str) -> Path:
     """Lock of a channel."""
     return runtime_dir() / f"{LOCK}{key}"

@@ -24,6 +24,7 @@ from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.safety import finite_vector
 from lerobot_robot_yam.arm.session import ArmSession, Isolation
 from lerobot_robot_yam.arm.state import ArmState
+from lerobot_robot_yam.arm.uncopied import Uncopied
 from lerobot_robot_yam.clock import Clock
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError
 
@@ -33,7 +34,7 @@ _SETTLE_TIMEOUT_S = 2.0
 Vector = Sequence[float] | np.ndarray
 
 
-class YamArm:
+class YamArm(Uncopied):
     """A YAM arm on one CAN channel. SI units; gripper 0 closed … 1 open.
 
     Args:

@@ -16,6 +16,7 @@ from lerobot_robot_yam.errors import ConfigError, PolicyServerError
 
 try:
     from websockets.exceptions import ConnectionClosed, InvalidStatus, InvalidURI, WebSocketException
+    from websockets.frames import CloseCode
     from websockets.sync.client import ClientConnection, connect
 
     from lerobot_robot_yam.openpi import wire
@@ -30,6 +31,7 @@ logger = logging.getLogger(__name__)
 _RETRY_S = 0.25
 _CLOSE_TIMEOUT_S = 1.0  # for the goodbye of a server that may be stuck
 _UNAUTHORISED = (401, 403)
+_MOST_BYTES = 16 * 2**20  # of an answer: a chunk of 1000 actions for two arms has 0.1 MiB
 
 
 class ServerConnection:
@@ -117,7 +119,7 @@ class ServerConnection:
                     self._url,
                     additional_headers=self._headers,
                     compression=None,  # as openpi's client: images would cost milliseconds
-                    max_size=None,
+                    max_size=_MOST_BYTES,
                     open_timeout=self._connect_timeout_s,
                     close_timeout=_CLOSE_TIMEOUT_S,
                     ping_interval=None,  # the server cannot answer pings while it computes; `_exchange` has a time-out
@@ -140,6 +142,7 @@ class ServerConnection:
             try:
                 greeting = connection.recv(self._connect_timeout_s)
             except (TimeoutError, ConnectionClosed) as error:
+                self._check_size(error)
                 raise PolicyServerError(f"the {self._name} did not greet ({_words(error)}); is it one?") from error
             metadata = self._decode(greeting)
             logger.info("connected to the %s, which says of itself: %s", self._name, metadata)
@@ -172,12 +175,22 @@ class ServerConnection:
                     f"the {self._name} has not answered within {timeout_s:g} s; is it overloaded, or still compiling "
                     f"(--policy.first_response_timeout_s, --policy.response_timeout_s)?"
                 ) from error
+            self._check_size(error)
             raise PolicyServerError(
                 f"the {self._name} has closed the connection ({_words(error)}); its own log should say why"
             ) from error
         finally:
             timer.cancel()
             timer.join()
+
+    def _check_size(self, error: Exception) -> None:
+        """Raise an error of its own where it was us who closed the connection, since a message was too large."""
+        ours = error.sent if isinstance(error, ConnectionClosed) else None
+        if ours is not None and ours.code == CloseCode.MESSAGE_TOO_BIG:
+            raise PolicyServerError(
+                f"the {self._name} has sent a message of more than {_MOST_BYTES / 2**20:.0f} MiB, which no chunk of "
+                "actions has; is it an openpi server?"
+            ) from error
 
     def _decode(self, data: bytes | str) -> dict[str, Any]:
         try:

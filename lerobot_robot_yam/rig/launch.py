@@ -29,7 +29,7 @@ _HELLO_TIMEOUT_S = 10.0
 _PROBE_TIMEOUT_S = 0.2
 _said: set[tuple[str, str]] = set()  # options of which it has been said that they have no effect
 # Files of a rig, and blocks of its arms, whose name says which process has made it.
-_MADE_BY = re.compile(r"(?:rig|state|command)-((?:auto|rig|env)-(\d+)(?:-\d+)?)\.(?!lock$)")
+_MADE_BY = re.compile(r"(?:rig|state)-((?:auto|rig|env)-(\d+)(?:-\d+)?)\.(?!lock$)")
 MAX_PACKET = 1 << 17  # bytes; no packet of either side is longer
 
 # Run by the process we wait for: it leaves at once, so the server becomes a child of init and no zombie of ours.

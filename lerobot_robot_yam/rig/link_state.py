@@ -1,15 +1,15 @@
 """State of a channel's network interface, and how the clients of other processes see it.
 
-One 64-bit word per channel in a mapped file: written by the rig, looked at by each client before it sends or
+One 64-bit word per channel in sealed memory: written by the rig, looked at by each client before it sends or
 receives. A word costs a client nothing, reaches one that never reads its socket, and cannot get lost.
 """
 
-import contextlib
-import mmap
 import os
 from collections.abc import Callable
 from enum import IntEnum
 from pathlib import Path
+
+from lerobot_robot_yam import sealed_memory
 
 _WORD = 8
 _STATE_BITS, _UNPLUG_BITS = 8, 24  # of the word, from below; the rest counts changes
@@ -81,16 +81,13 @@ class Link:
 
 
 class LinkTable:
-    """The words of all channels of a rig, in the file `path`; the rig's side."""
+    """The words of all channels of a rig, which others find at `path`; the rig's side."""
 
     def __init__(self, path: Path, count: int):
         self._path = path
-        scratch = path.with_name(f"{path.name}.{os.getpid()}")
-        with open(scratch, "w+b") as file:
-            os.fchmod(file.fileno(), 0o600)
-            file.truncate(count * _WORD)
-            self._map = mmap.mmap(file.fileno(), count * _WORD)
-        scratch.rename(path)
+        self._descriptor = sealed_memory.allocate(path.name, count * _WORD)
+        self._map = sealed_memory.map_to_write(self._descriptor)
+        self._link = sealed_memory.publish(self._descriptor, path)
         # A view stores eight bytes in one go; struct clears them first, and a reader could see that.
         self._words = memoryview(self._map).cast("Q")
 
@@ -99,13 +96,13 @@ class LinkTable:
         self._words[index] = word
 
     def close(self) -> None:
-        """Show every link as up, so that clients hear of the rig's end instead, and remove the file."""
+        """Show every link as up, so that clients hear of the rig's end instead, and remove the link."""
         for index in range(len(self._words)):
             self._words[index] &= ~((1 << _STATE_BITS) - 1)  # that is UP; of what was unplugged nobody is to hear now
         self._words.release()
         self._map.close()
-        with contextlib.suppress(FileNotFoundError):
-            self._path.unlink()
+        sealed_memory.unpublish(self._path, self._link)
+        os.close(self._descriptor)
 
 
 def watch_link(path: Path, index: int) -> memoryview:
@@ -114,6 +111,9 @@ def watch_link(path: Path, index: int) -> memoryview:
     Raises:
         OSError: the rig has ended.
     """
-    with open(path, "rb") as file:
-        mapped = mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ)
+    descriptor = sealed_memory.find(path)
+    try:
+        mapped = sealed_memory.map_to_read(descriptor)
+    finally:
+        os.close(descriptor)
     return memoryview(mapped)[index * _WORD : (index + 1) * _WORD].cast("Q")

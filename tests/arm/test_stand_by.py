@@ -7,6 +7,7 @@ import signal
 import struct
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ import pytest
 from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.session import ArmSession
-from lerobot_robot_yam.arm.state import STATE_DTYPE, channel_key, command_path, lock_path, state_path
+from lerobot_robot_yam.arm.state import STATE_DTYPE, channel_key, lock_path, state_path
 from lerobot_robot_yam.errors import MotorError, StaleStateError, YamError
 from lerobot_robot_yam.rig.control import runs
 from lerobot_robot_yam.shared_block import SharedBlock
@@ -139,6 +140,16 @@ def wait_mode(arm, mode, timeout_s=1.0):
         time.sleep(0.005)
 
 
+def block_in(pid, link):
+    """Where a process has mapped the block to which `link` leads."""
+    inode = os.stat(link).st_ino
+    for line in Path(f"/proc/{pid}/maps").read_text().splitlines():
+        addresses, access, _, _, number, *_ = line.split()
+        if int(number) == inode and access.startswith("rw"):
+            return int(addresses.split("-")[0], 16)
+    raise AssertionError("it has no such mapping")
+
+
 def test_killed_in_the_middle_of_a_write(rig):
     """The state that it leaves can never be read; nobody waits for it."""
     channel = "follower_left"
@@ -150,9 +161,10 @@ def test_killed_in_the_middle_of_a_write(rig):
         since = last_event(rig)
         os.kill(pid, signal.SIGSTOP)
         os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOWAIT)
-        with open(path, "r+b", buffering=0) as file:
-            os.pwrite(file.fileno(), struct.pack("<Q", block.sequence() | 1), 8)
-            os.pwrite(file.fileno(), bytes(32), 64)
+        begin = block_in(pid, os.readlink(path))
+        with open(f"/proc/{pid}/mem", "r+b", buffering=0) as memory:  # nobody else can write into it
+            os.pwrite(memory.fileno(), struct.pack("<Q", block.sequence() | 1), begin + 8)
+            os.pwrite(memory.fileno(), bytes(32), begin + 64)
         os.kill(pid, signal.SIGKILL)
         killed = time.monotonic()
         while (record := block.glance()) is None or record["mode"] != Mode.LAND:
@@ -206,7 +218,7 @@ def test_killed_after_its_files_were_removed(rig):
     try:
         stretch(session, 1.5, channel)
         since, key = last_event(rig), channel_key("yam_sim", channel, rig.name)
-        for path in (state_path(key), command_path(key, os.getpid()), lock_path(key)):
+        for path in (state_path(key), lock_path(key)):
             path.unlink()
         time.sleep(0.3)
         session[channel].observe()  # and nothing has happened yet

@@ -1,16 +1,16 @@
 """The start of two arms: both get torque, or none; whatever comes between."""
 
 import contextlib
-import os
 
 import pytest
 
+from lerobot_robot_yam.arm.block_pair import BlockPair
 from lerobot_robot_yam.arm.build import build
 from lerobot_robot_yam.arm.bus import open_bus
 from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.port import ArmPort
-from lerobot_robot_yam.arm.state import channel_key, command_path
+from lerobot_robot_yam.arm.state import channel_key
 from lerobot_robot_yam.errors import BusError, ChannelInUseError, EmergencyStopError
 
 from .rigged import lockstep_rig, sim_config
@@ -26,12 +26,15 @@ def loop_on(rig):
     configs = [sim_config(rig, channel) for channel in CHANNELS]
     keys = [channel_key(config.interface, config.channel, rig.name) for config in configs]
     with contextlib.ExitStack() as rest:
-        buses = []
+        buses, pairs = [], []
         for config, key in zip(configs, keys, strict=True):
-            rest.callback(ArmPort(config, Hardware(config), key).close)
+            port = ArmPort(config, Hardware(config), key)
+            rest.callback(port.close)
+            pairs.append(BlockPair.of(port.descriptors.copies()))
+            rest.callback(pairs[-1].close)
             buses.append(open_bus(config))
             rest.callback(buses[-1].shutdown)
-        loop = build(configs, keys, buses, os.getpid())
+        loop = build(configs, keys, buses, pairs)
         rest.callback(loop.close)
         yield loop
 
@@ -89,12 +92,3 @@ def test_who_comes_up_listens_before_it_says_a_word(rig, foreign):
         pytest.fail("it has come up")
     assert rig.trace(CHANNELS[1]) == []
     assert not on(rig)
-
-
-def test_what_a_killed_caller_has_left_is_swept(rig):
-    (channel, *_), dead = CHANNELS, 2**22  # above every process number
-    key = channel_key("yam_sim", channel, rig.name)
-    left, config = command_path(key, dead), sim_config(rig, channel)
-    left.touch()
-    ArmPort(config, Hardware(config), key).close()
-    assert not left.exists() and not command_path(key, os.getpid()).exists()

@@ -50,6 +50,11 @@ def record_of(rig):
         block.close()
 
 
+def newest_of(session):
+    """The same, where the link to the block has ended with who has published it last."""
+    return session[CHANNEL]._states.read()
+
+
 @pytest.mark.parametrize("silent", [False, True])
 def test_who_takes_over_has_its_commands_ready_and_does_not_give_up_on_silence(rig, heir_of, session, silent):
     track(session, {CHANNEL: POSE}, 1.5)
@@ -119,13 +124,15 @@ def test_a_loop_whose_arm_another_process_has_taken_over_sends_it_nothing_more(r
     if not pid:  # the stand-by, as far as the blocks go
         try:
             key = channel_key("yam_lockstep", CHANNEL, rig.name)
-            ControllerBlocks(heir, key, os.getppid(), adopt=record).publish(rig.now(), 1)
+            pair = session._runner._pairs[0]  # which the stand-by has inherited
+            ControllerBlocks(heir, key, pair, adopt=record).publish(rig.now(), 1)
         finally:
             os._exit(0)
     os.waitpid(pid, 0)
-    assert record_of(rig)["owner_pid"] == pid
+    assert newest_of(session)["owner_pid"] == pid
     rig.trace_start(CHANNEL)
     with pytest.raises(LifeCycleError, match="another process has taken the arms over"):
         session.clock.sleep(0.05)
     assert rig.trace(CHANNEL) == []
-    assert record_of(rig)["owner_pid"] == pid  # nor does it publish anything
+    assert newest_of(session)["owner_pid"] == pid  # nor does it publish anything
+    state_path(channel_key("yam_lockstep", CHANNEL, rig.name)).unlink()  # it has ended without removing its link

@@ -2,6 +2,9 @@
 
 import json
 import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -14,6 +17,7 @@ from lerobot_robot_yam.runtime import FileLock, runtime_dir
 from tests.arm.rigged import sim_config
 from tests.arm.test_estop import wait_mode
 
+ROOT = Path(__file__).parents[2]
 UID = os.getuid()
 
 
@@ -137,3 +141,49 @@ def test_a_stop_that_nobody_hears_of_is_an_error(capsys, monkeypatch):
     assert "NOTHING IS STOPPED" in said.err and not said.out
     status, said = answer(capsys)
     assert status == 1 and not said["latched"] and "/dev/null/gone" in said["missed"]
+
+
+STOPPED_ON_A_FULL_DISK = """
+import errno, sys
+from lerobot_robot_yam.arm.lifecycle import Mode
+from lerobot_robot_yam.commands.estop import main
+from lerobot_robot_yam.runtime import runtime_dir
+from tests.arm.rigged import rig_of, session_on, sim_config
+full = sys.argv[1]
+with rig_of("lockstep", arms=["follower_left"]) as rig:
+    session = session_on(rig, sim_config(rig, "follower_left"))
+    session.start()
+    def is_soon(mode):
+        session.clock.sleep(0.1)
+        return session["follower_left"].mode() is mode
+    try:
+        for number in range(1000):
+            with open(runtime_dir() / f"filler-{number}", "wb") as file:
+                file.write(bytes(4096 * (full == "no room")))
+    except OSError as error:
+        assert error.errno == errno.ENOSPC
+    else:
+        raise AssertionError("it is not full")
+    for _ in range(2):
+        assert is_soon(Mode.HOLD)
+        assert main([]) == 0 and is_soon(Mode.STOPPED)
+        assert main(["status"]) == 1
+        assert main(["release"]) == 0
+    session.discard()
+"""
+
+
+@pytest.mark.parametrize("full", ["no file", "no room"])
+def test_it_stops_arms_on_a_disk_that_is_full(full, tmp_path):
+    """A small disk of its own, in a name space of its own."""
+    mount = 'mount -t tmpfs -o size=256k,nr_inodes="$FILES",mode=700 none "$YAM_RUNTIME_DIR" && exec "$@"'
+    command = ["unshare", "--map-root-user", "--mount", "sh", "-c", mount, "sh", sys.executable, "-c"]
+    if subprocess.run(command[:3] + ["true"], capture_output=True).returncode:
+        pytest.skip("this machine lets nobody mount a small disk for a test")
+    files = {"no file": "40", "no room": "400"}[full]
+    environment = {**os.environ, "YAM_RUNTIME_DIR": str(tmp_path), "FILES": files}
+    done = subprocess.run(
+        [*command, STOPPED_ON_A_FULL_DISK, full], env=environment, cwd=ROOT, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("emergency stop latched") == 4

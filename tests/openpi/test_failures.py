@@ -47,6 +47,7 @@ def test_actions_that_cannot_be_used_are_errors(made, answer, named):
         (TRACEBACK, "KeyError: 'observation/image'"),
         (b"\xc1", "does not speak openpi's protocol"),
         (b"\x05", "a int instead of a dictionary"),
+        (bytes(17 * 2**20), "more than 16 MiB, which no chunk of actions has"),
     ],
 )
 def test_failures_of_the_server_are_errors(made, answer, named):

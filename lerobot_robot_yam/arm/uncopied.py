@@ -1,0 +1,15 @@
+"""What stands for arms in the world cannot be copied: thrown away, LeRobot's copy would disconnect, and land them."""
+
+from typing import NoReturn, SupportsIndex
+
+from lerobot_robot_yam.errors import LifeCycleError
+
+
+class Uncopied:
+    """Refuses `copy.copy`, `copy.deepcopy` and `pickle`."""
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
+        raise LifeCycleError(
+            f"a {type(self).__name__} stands for arms and can be neither copied nor pickled: its copy would drive, and "
+            "land, the same arms; hand on the object itself, or its config, from which another can be made"
+        )
