@@ -50,11 +50,15 @@ class Adapter:
 
     Args:
         latency_s: each way.
+
+    Attributes:
+        due_s: when something is due next, at the wire or at a client; infinity for never.
     """
 
     def __init__(self, latency_s: float):
         self.latency_s = latency_s
         self.hold: HoldBack | None = None
+        self.due_s = math.inf
         self._given_s = -math.inf  # time of the last frame given to clients
         self._sent: deque[tuple[float, Listener, Frame]] = deque()  # due at the wire
         self._kept: deque[tuple[float, Listener, list[Frame]]] = deque()  # due at the client, with older stamps
@@ -64,16 +68,11 @@ class Adapter:
         """Whether commands wait before they reach the wire."""
         return self.latency_s >= _WAITS_FROM_S or bool(self._sent)
 
-    @property
-    def due_s(self) -> float:
-        """When something is due next, at the wire or at a client; infinity for never."""
-        due_s = self._sent[0][0] if self._sent else math.inf
-        return min(due_s, self._kept[0][0]) if self._kept else due_s
-
     def put(self, sender: Listener, timed: Sequence[tuple[float, Frame]]) -> None:
         """Take a client's frames, each with the time at which it is due at the wire."""
         for due_s, frame in timed:
             self._sent.append((max(due_s, self._sent[-1][0]) if self._sent else due_s, sender, frame))
+        self._look_ahead()
 
     def take(self, until_s: float) -> Iterator[tuple[Listener, list[tuple[float, Frame]]]]:
         """Frames that are due at the wire, in order, those of one client at one time together."""
@@ -82,6 +81,7 @@ class Adapter:
             group = []
             while self._sent and self._sent[0][:2] == (due_s, sender):
                 group.append((due_s, self._sent.popleft()[2]))
+            self._look_ahead()
             yield sender, group
 
     def arrival_s(self, through_s: float) -> float:
@@ -108,12 +108,18 @@ class Adapter:
     def keep(self, until_s: float, client: Listener, frames: list[Frame]) -> None:
         """Give a client these frames at that time."""
         self._kept.append((until_s, client, frames))
+        self._look_ahead()
 
     def released(self, until_s: float) -> Iterator[tuple[Listener, list[Frame]]]:
         """What was kept and is due at a client, in order."""
         while self._kept and self._kept[0][0] <= until_s:
-            yield self._kept.popleft()[1:]
+            released = self._kept.popleft()[1:]
+            self._look_ahead()
+            yield released
 
     def repair(self, latency_s: float) -> None:
         """Keep nothing back from now on; what is under way arrives."""
         self.latency_s, self.hold = latency_s, None
+
+    def _look_ahead(self) -> None:
+        self.due_s = min(queue[0][0] if queue else math.inf for queue in (self._sent, self._kept))

@@ -56,6 +56,7 @@ class RigDevice:
         self._prop_bodies = {name: self.world.model.body(name).id for name in self.judges}
         self._pushes: dict[int, float] = {}  # body → simulated time of the end
         self._all_motors = [motor for channel in self.channels.values() for motor in channel.motors]
+        self._adapters = [channel.adapter for channel in self.channels.values()]
         self.watch = Watch(self.world, list(self.channels.values()), clock)
         self.truth = TruthRecorder(self.world, self.channels.values())
         self._advanced_s = 0.0
@@ -93,7 +94,7 @@ class RigDevice:
     @property
     def due_s(self) -> float:
         """When an adapter of a channel is due to do something; infinity for never."""
-        return min([channel.adapter.due_s for channel in self.channels.values()])
+        return min([adapter.due_s for adapter in self._adapters])
 
     def advance(self, now_s: float) -> None:
         """Simulate up to a time of the clock."""
@@ -127,7 +128,7 @@ class RigDevice:
             self.watch.sample()
         elapsed, self._advanced_s = sim_s - self._advanced_s, sim_s
         for motor in self._all_motors:
-            if motor.follows:
+            if motor.goal is not None:
                 motor.advance(elapsed)
         if sim_s >= self._next_slow_s:
             self._next_slow_s = sim_s + _SLOW_PERIOD_S

@@ -35,6 +35,7 @@ class Hand:
         self._drives = [
             Drive(world, f"{channel}/hand_{i + 1}", (f"{channel}/joint{i + 1}",), 0.0, 1.0) for i in range(count)
         ]
+        self._actuators = [drive.actuator for drive in self._drives]
         self._start_s = 0.0
         # Plain lists, as `advance` takes single numbers from them. Each row: the joints, then the trigger.
         self._times: list[float] = [0.0]
@@ -69,6 +70,9 @@ class Hand:
         if not self.gripping:
             self._easy_s = self._start_s
         self.gripping = not self.resisted
+        if self.gripping:
+            for drive in self._drives:
+                drive.set_gains(HAND_KP, HAND_KD)
 
     def release(self) -> None:
         """Let go; the trigger springs back."""
@@ -91,7 +95,8 @@ class Hand:
         if not self.gripping or now < self._next_s:
             return
         self._next_s = now + _PERIOD_S
-        if not energised or all([abs(drive.torque()) < _RESIST_NM for drive in self._drives]):
+        force, actuators = self._world.force, self._actuators
+        if not energised or all([abs(force[actuator]) < _RESIST_NM for actuator in actuators]):
             self._easy_s = now
         elif now - self._easy_s > _RESIST_S:
             self.resisted = True
@@ -103,8 +108,8 @@ class Hand:
         ahead = t - self._times[row] if index >= 0 else 0.0
         rates = self._rates[row]
         targets = [start + rate * ahead for start, rate in zip(self._path[row], rates, strict=True)]
-        for drive, target, rate in zip(self._drives, targets, rates, strict=False):
-            drive.command(target, rate, HAND_KP, HAND_KD, 0.0)
+        pull = [HAND_KP * target + HAND_KD * rate for target, rate in zip(targets, rates, strict=True)]
+        self._world.data.ctrl[actuators] = pull[: len(actuators)]
         if self._handle is not None:
             self._handle.trigger = min(max(targets[-1], 0.0), 1.0)
             self._handle.trigger_rate = rates[-1]

@@ -82,7 +82,7 @@ class SimMotor:
         options = world.scene.options
         self.thermometer = Thermometer(random.Random(options.seed * 1000 + can_id), options.stamp_temperatures)
         self.last_command_s = 0.0  # simulated time
-        self._goal: tuple[float, float] | None = None  # position-velocity mode: target and its speed limit
+        self.goal: tuple[float, float] | None = None  # of a position-velocity move under way: target and speed limit
         self._reference = 0.0
         self._registers = factory_registers(can_id, kind, serial)
         self._registers_changed()
@@ -100,20 +100,11 @@ class SimMotor:
         return (
             self.fault == Fault.NORMAL
             and self._plainly_set
-            and self._goal is self.reading is self.twin is None
+            and self.goal is self.reading is self.twin is None
             and not self.faults.set
-            and self.thermometer.true
+            and self.thermometer.held is self.thermometer.ramp is None
+            and not self.thermometer.stamped
         )
-
-    @property
-    def layout(self) -> tuple[float, int, int]:
-        """What commands and registers can change of where it is: zero, command identifier, identifier of answers."""
-        return self.zero_rad, self.can_id, self.master_id
-
-    @property
-    def follows(self) -> bool:
-        """Whether `advance` must be called: a position-velocity move is under way."""
-        return self._goal is not None
 
     @property
     def torque_nm(self) -> float:
@@ -199,10 +190,10 @@ class SimMotor:
     # state
 
     def advance(self, elapsed_s: float) -> None:
-        """Move the reference of a position-velocity move on."""
-        if self._goal is None:
+        """Move the reference of a position-velocity move on; call while there is a `goal`."""
+        if self.goal is None:
             return
-        target, speed = self._goal
+        target, speed = self.goal
         step = abs(speed) * elapsed_s
         self._reference += min(max(target - self._reference, -step), step)
         velocity = math.copysign(abs(speed), target - self._reference) if self._reference != target else 0.0
@@ -306,7 +297,7 @@ class SimMotor:
     def _obey(self, position: float, velocity: float, kp: float, kd: float, torque: float, scale: bool = True) -> None:
         """Servo to a command in motor coordinates; `scale`: it came packed in the motor's own ranges."""
         if scale:
-            self._goal = None
+            self.goal = None
             if self._scales is not None:
                 position, velocity, torque = (
                     x / s for x, s in zip((position, velocity, torque), self._scales, strict=True)
@@ -324,12 +315,12 @@ class SimMotor:
         if not (math.isfinite(first) and math.isfinite(second)):
             return
         if offset == POSITION_VELOCITY_OFFSET and self.mode == ControlMode.POSITION_VELOCITY:
-            self._goal = first, second
+            self.goal = first, second
         elif offset == VELOCITY_OFFSET and self.mode == ControlMode.VELOCITY:
             self._obey(0.0, first, 0.0, _VELOCITY_KD, 0.0, scale=False)
 
     def _limp(self) -> None:
-        self._goal = None
+        self.goal = None
         self.drive.command(0.0, 0.0, 0.0, 0.0, 0.0)
 
     def _register(self, register: int) -> float | int:

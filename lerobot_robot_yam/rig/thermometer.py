@@ -51,7 +51,7 @@ class Thermometer:
     """
 
     def __init__(self, chance: random.Random, stamped: bool = False):
-        self._stamped = stamped
+        self.stamped = stamped
         self.held: tuple[float, float] | None = None
         self.ramp: Ramp | None = None
         self._chance = chance
@@ -59,18 +59,13 @@ class Thermometer:
         self.measured_at_s = -PERIOD_S
         self._measured = _REST_C
 
-    @property
-    def true(self) -> bool:
-        """Whether it reports what it measures, and then nothing else before the next measurement."""
-        return self.held is self.ramp is None and not self._stamped
-
     def read(self, velocity_rad_s: float, torque_nm: float, sim_s: float, sample_s: float) -> tuple[int, int]:
         """Reported power stage and coil of a sample taken at monotonic time `sample_s`.
 
         Without a fault it is the vendor simulation's formula, which has no inertia, behind one: metal does not follow
         the power within a tick.
         """
-        if self._stamped:
+        if self.stamped:
             return stamped_bytes(sample_s)
         if not 0.0 <= sim_s - self.measured_at_s < PERIOD_S:
             self._measure(abs(velocity_rad_s * torque_nm), sim_s)

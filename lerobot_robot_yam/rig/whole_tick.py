@@ -27,9 +27,6 @@ _LONG, _SHORT = 0xFFFF, 0xFFF  # steps of a frame's fields, see `codec`
 _SPECIAL = b"\xff" * 7  # begins every special command
 _REQUEST = encode_report_request()
 
-Layout = list[tuple[float, int, int]]
-"""Of each motor what commands and registers can change: zero, command identifier, identifier of its answers."""
-
 
 class WholeTick:
     """The motors of a channel, all on a `Drive`, and its handle.
@@ -48,7 +45,9 @@ class WholeTick:
         self._records = struct.Struct("<" + "dQ8s" * (count + rest))
         self.size = self._records.size  # of a packet
         self._commands = struct.Struct(">" + "16xHHHH" * count + "24x" * rest)
-        self._layout: Layout = []
+        self._zeros: list[float] = []
+        self._ids: list[int] = []
+        self._answer_ids: list[int] = []
         self._measured_s: list[float] = []
         self._temperatures = [0] * count
 
@@ -66,9 +65,13 @@ class WholeTick:
         """
         if len(packet) != self.size or _SPECIAL in packet:
             return None
-        layout = [motor.layout for motor in self._motors]
-        if layout != self._layout:
-            self._lay_out(layout)
+        motors = self._motors
+        if (
+            [motor.zero_rad for motor in motors] != self._zeros
+            or [motor.can_id for motor in motors] != self._ids
+            or [motor.master_id for motor in motors] != self._answer_ids
+        ):
+            self._lay_out()
         fields = self._records.unpack(packet)
         sent_s, count = fields[0], len(self._heads)
         if fields[1::3] != self._heads or fields[0::3] != (sent_s,) * count:
@@ -144,11 +147,13 @@ class WholeTick:
             self._measured_s = [motor.thermometer.measured_at_s for motor in self._motors]
         return answers
 
-    def _lay_out(self, layout: Layout) -> None:
-        """Note what stays the same from tick to tick."""
-        self._layout = layout
-        heads = [_head(motor.can_id, 8) for motor in self._motors]
-        self._answer_heads = [_head(motor.master_id, 8) for motor in self._motors]
+    def _lay_out(self) -> None:
+        """Note what is the same from tick to tick; other frames can change zeros and identifiers."""
+        self._zeros = [motor.zero_rad for motor in self._motors]
+        self._ids = [motor.can_id for motor in self._motors]
+        self._answer_ids = [motor.master_id for motor in self._motors]
+        heads = [_head(ident, 8) for ident in self._ids]
+        self._answer_heads = [_head(ident, 8) for ident in self._answer_ids]
         if self._handle is not None:
             report = self._handle.report()
             heads.append(_head(REQUEST_ID, len(_REQUEST)))

@@ -117,7 +117,12 @@ def _add_servo(spec: mujoco.MjSpec, name: str, target: str, kind: mujoco.mjtTrn,
 
 
 class World:
-    """Model, state and simulated time. `qpos`, `qvel` and `force` are lists, fresh after each advance."""
+    """Model, state and simulated time. `qpos`, `qvel` and `force` are lists, fresh after each step.
+
+    Attributes:
+        sim_s: simulated time in s.
+        stamp_s: monotonic time that the present state stands for.
+    """
 
     def __init__(self, scene: Scene):
         self.scene = scene
@@ -132,32 +137,25 @@ class World:
             arm, gripper = self.profiles[row.channel]
             self.set_pose(row.channel, arm.rest_q(gripper.name) if row.q_rad is None else row.q_rad)
         mujoco.mj_forward(self.model, self.data)
-        self.steps = 0
         self.slips = 0
         self.slipped_s = 0.0  # how far, the last time
         self._slip_told_s = -math.inf
         self._anchor_s = 0.0  # monotonic time of simulated time 0
+        self.steps = 0
+        self._tell_time()
         self.refresh()
-
-    @property
-    def sim_s(self) -> float:
-        """Simulated time in s."""
-        return self.steps * self.timestep_s
-
-    @property
-    def stamp_s(self) -> float:
-        """Monotonic time that the present state stands for."""
-        return self._anchor_s + self.steps * self.timestep_s
 
     def start(self, now_s: float) -> None:
         """Simulated time runs from now on."""
         self._anchor_s = now_s - self.sim_s
+        self._tell_time()
 
     def due(self, now_s: float) -> int:
         """Steps to do until now; gives time up (a slip) when too far behind."""
         behind = now_s - self.stamp_s
         if behind > _SLIP_S:
             self._anchor_s += behind
+            self._tell_time()
             self.slips += 1
             self.slipped_s = behind
             if now_s - self._slip_told_s > _SLIP_TELL_S:
@@ -172,7 +170,12 @@ class World:
         """Simulate `count` steps."""
         mujoco.mj_step(self.model, self.data, count)
         self.steps += count
+        self._tell_time()
         self.refresh()
+
+    def _tell_time(self) -> None:
+        self.sim_s = self.steps * self.timestep_s
+        self.stamp_s = self._anchor_s + self.sim_s
 
     def refresh(self) -> None:
         """Copy the state into plain lists: the motors read single numbers, which numpy makes slow."""
