@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from lerobot_robot_yam.arm.model import build_spec
+from lerobot_robot_yam.arm.model import base_quat, build_spec
 from lerobot_robot_yam.arm.mounting import mounted
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile, Shape
 from lerobot_robot_yam.arm.workspace import WorkspaceConfig
@@ -39,6 +39,7 @@ class GuardedArm:
     arm: ArmProfile
     gripper: GripperProfile
     workspace: WorkspaceConfig
+    tilt_rad: tuple[float, float] = (0.0, 0.0)
 
 
 class ArmParts:
@@ -182,11 +183,11 @@ def _build(arms: Sequence[GuardedArm]) -> mujoco.MjModel:
     world = spec.worldbody
     for arm in arms:
         place = arm.workspace
-        frame = world.add_frame(pos=place.base_position_m, quat=_yaw_quat(place.base_yaw_rad))
+        frame = world.add_frame(pos=place.base_position_m, quat=base_quat(place.base_yaw_rad, arm.tilt_rad))
         spec.attach(_with_hulls(arm), prefix=f"{arm.name}/", frame=frame)
         for box in place.keep_out:
             geom = world.add_geom(name=f"{arm.name}/keep-out '{box.name}'", type=mujoco.mjtGeom.mjGEOM_BOX)
-            geom.pos, geom.quat = box.center_m, _yaw_quat(box.yaw_rad)
+            geom.pos, geom.quat = box.center_m, base_quat(box.yaw_rad)
             geom.size = [extent / 2 for extent in box.size_m]
         if place.floor_z_m is not None:
             geom = world.add_geom(name=f"{arm.name}/floor", type=mujoco.mjtGeom.mjGEOM_BOX, size=_FLOOR_HALF_M)
@@ -230,7 +231,3 @@ def _frame_along(axis: np.ndarray) -> np.ndarray:
     x = np.cross(z, np.eye(3)[np.abs(z).argmin()])
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(z, x), z])
-
-
-def _yaw_quat(yaw_rad: float) -> list[float]:
-    return [math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2)]

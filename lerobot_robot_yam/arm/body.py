@@ -68,7 +68,8 @@ class ArmBody:
         self.trouble: Trouble | None = None
         self.message = ""
         self.limited = Limited.NOTHING
-        self.motion = Motion(hw, gravity or gravity_model(hw), self.gripper, config.hold_integral)
+        gravity = gravity or gravity_model(hw)
+        self.motion = Motion(hw, gravity, self.gripper, config.hold_integral, config.float_speed_rad_s)
         self._bad = np.zeros(hw.n, dtype=bool)  # motors that cannot be relied on
         self._usable, self._all_usable = ~self._bad, True
         self._floats = config.start == "float"
@@ -94,6 +95,11 @@ class ArmBody:
     def here(self) -> np.ndarray:
         """(n,) as `q`, but a joint whose motor is not heard, and may obey all the same, is where it was sent."""
         return self.q if self._all_usable else np.where(self._unheard(), self.setpoint.q, self.q)
+
+    @property
+    def afloat(self) -> bool:
+        """Whether only the model carries it."""
+        return self.mode is Mode.FLOAT or (self.mode is Mode.STOPPED and self._floats)
 
     def _check(self, now: float) -> Finding:
         """Which motors can be relied on from here on."""
@@ -196,7 +202,7 @@ class ArmBody:
         if not self._all_usable:
             unheard = self._unheard()
             q, dq = np.where(unheard, self.setpoint.q, q), np.where(unheard, self.setpoint.dq, dq)
-        if self.mode is Mode.FLOAT or (self.mode is Mode.STOPPED and self._floats):
+        if self.afloat:
             self.setpoint.seed(self.here)  # whatever ends the floating finds it where the arm is
             if self.limited:
                 self.limited &= ~_TOLD_AFLOAT
@@ -204,15 +210,16 @@ class ArmBody:
         else:
             self._catch(now)
             fade = None if self._landing is None else self._landing.fade
+            learns = self._landing is not None and self._landing.learns
             gripper = float(self.drive.dq[-1]), float(self.drive.tau[-1])
             stopped = self.mode is Mode.STOPPED
             holding = (stopped or self.mode is Mode.HOLD) and self._all_usable
             pressed = self.gripper is not None and self.gripper.force_limited
-            self._tell(self.motion.follow(now, dt, q, dq, self.setpoint, gripper, holding, stopped, fade))
+            self._tell(self.motion.follow(now, dt, q, dq, self.setpoint, gripper, holding, stopped, learns, fade))
             if pressed and self.gripper is not None and not self.gripper.force_limited:
                 # What it has pressed on is gone: from here on at its own speed, not in one leap after the set-point.
                 self.setpoint.reseed(self.hardware.n - 1, float(self.q[-1]))
-                self._tell(self.motion.follow(now, 0.0, q, dq, self.setpoint, gripper, holding, stopped, fade))
+                self._tell(self.motion.follow(now, 0.0, q, dq, self.setpoint, gripper, holding, stopped, learns, fade))
             if now - self._came_free_s < _TOLD_S:  # a target meanwhile tells anew what limits it
                 self.limited |= Limited.CAME_FREE
             elif self._came_free_s > -math.inf:  # while an arm holds, no target comes to take it back
@@ -309,7 +316,9 @@ class ArmBody:
         else:
             self._unreachable_since = None
         before = self._landing.phase
-        self._landing.advance(self.q[:joints], self.drive.dq[:joints], self._usable[:joints], now)
+        q, dq, usable = self.q[:joints], self.drive.dq[:joints], self._usable[:joints]
+        explained = self.motion.explains(q, np.where(usable, self.setpoint.q[:joints] - q, 0.0))
+        self._landing.advance(q, dq, usable, now, explained)
         if self._landing.phase is Phase.OBSTRUCTED and before is not Phase.OBSTRUCTED:
             self.trouble, self.message = Trouble.OBSTRUCTED, "landing is obstructed; holding"
         if self._landing.phase is Phase.LANDED:
@@ -337,4 +346,6 @@ class ArmBody:
 
 def gravity_model(hardware: Hardware) -> GravityModel | None:
     """Model of an arm; None for a gripper alone."""
-    return GravityModel(hardware.arm, hardware.gripper, load=hardware.load) if hardware.joints else None
+    if not hardware.joints:
+        return None
+    return GravityModel(hardware.arm, hardware.gripper, load=hardware.load, tilt_rad=hardware.tilt_rad)

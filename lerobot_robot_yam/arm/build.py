@@ -16,7 +16,10 @@ def _workspace_guard(controllers: Sequence[ArmController]) -> WorkspaceGuard | N
     if not any(c.config.workspace.limits_anything for c in controllers):
         return None
     return WorkspaceGuard(
-        [GuardedArm(c.name, c.hardware.arm, c.hardware.gripper, c.config.workspace) for c in controllers]
+        [
+            GuardedArm(c.name, c.hardware.arm, c.hardware.gripper, c.config.workspace, c.hardware.tilt_rad)
+            for c in controllers
+        ]
     )
 
 

@@ -40,6 +40,10 @@ class ArmConfig:
         speed_limit_rad_s: limit on the set-point's speed, one per joint or one for all.
         gripper_speed_limit: strokes per second; None: the profile's.
         torque_limit_nm: per joint, clip on the commanded torque.
+        float_speed_rad_s: floating joints are damped when they are faster, and held when they stay so.
+        base_tilt_rad: [roll, pitch] of a base that does not stand upright, as in URDF: a wall is [1.57, 0], a ceiling
+            [3.14, 0]. Model and landing go by it.
+        rest_q_rad: per joint, where the arm lands; None: the profile's, folded on a table.
         max_relative_target: largest distance of a target from the measured position, rad (None: no such limit).
         gripper_stops_rad: motor angles [closed, open]; None: stored ones, else calibrated at start.
         gripper_force_limit_n: squeeze force above which the limiter reduces the command; None switches it off.
@@ -76,6 +80,9 @@ class ArmConfig:
     speed_limit_rad_s: list[float] | float | None = None
     gripper_speed_limit: float | None = None
     torque_limit_nm: list[float] | None = None
+    float_speed_rad_s: float = 3.0
+    base_tilt_rad: list[float] = field(default_factory=lambda: [0.0, 0.0])
+    rest_q_rad: list[float] | None = None
     max_relative_target: float | None = None
     gripper_stops_rad: list[float] | None = None
     gripper_force_limit_n: float | None = 50.0

@@ -21,6 +21,14 @@ if TYPE_CHECKING:
 
 _PATHS = ("calibration_path", "identity_path")
 _TEXT_MAX = 100  # bytes of a channel's name, which becomes part of file names
+GRAVITY_FACTOR_MOST = 2.0  # the vendor's are 1.0 to 1.2; a model that is further off is another arm's
+PAYLOAD_MOST_KG = 3.0  # outstretched, joint 2 of a YAM carries 2.1 kg, joint 3 of a big one 3.8
+_FRICTION_MOST_NM = 1.0  # more than a joint has pushes it on by itself; the vendor's are 0.06 to 0.3
+_TOOL_M = 0.5  # from the tool's tip: as long as the arm's links
+_FLOAT_SPEEDS_RAD_S = (0.5, 10.0)  # slower is no floating; the motors' own limit is 10 and more
+_TIMEOUTS_S = (0.02, 10.0)  # from the quickest stream of targets to the slowest that is one
+_AGES_S = (0.02, 2.0)  # some ticks; and what is older has nothing to do with where an arm is
+_FORCES_N = (1.0, 200.0)  # what a finger feels, and four times the default: beyond it the limiter does nothing
 _RATE_MIN_HZ = 100.0  # the motors' watchdog, and the stand-by's, want to hear more often than that of a slow loop
 _RATE_MAX_HZ = 1000.0
 
@@ -37,23 +45,46 @@ def _any(x: float) -> bool:
     return True
 
 
+def _one_within(what: str, low: float, high: float, unit: str) -> tuple[None, Callable[[float], bool], str]:
+    return None, lambda x: low <= x <= high, f"{what} within {low:g} … {high:g} {unit}"
+
+
+def _within(low: float, high: float) -> Callable[[float], bool]:
+    return lambda x: low <= x <= high
+
+
 _PER_JOINT = -1  # as many numbers as the arm has joints, which its profile knows: `hardware` counts them
-# Per field: how many numbers (None: one), which numbers, and how to say so.
+# Per field: how many numbers (None: one), which numbers, and how to say so. What depends on the motors (gains, torques,
+# speeds) has its bounds in `profile_checks`.
 _NUMBERS: dict[str, tuple[int | None, Callable[[float], bool], str]] = {
     **dict.fromkeys(
-        ("kp", "kd", "gravity_factor", "coulomb_friction_nm", "idle_kd", "torque_limit_nm"),
+        ("kp", "kd", "idle_kd", "torque_limit_nm"),
         (_PER_JOINT, _not_below_zero, "numbers from zero up, one per joint"),
+    ),
+    "gravity_factor": (
+        _PER_JOINT,
+        _within(0.0, GRAVITY_FACTOR_MOST),
+        f"numbers within 0 … {GRAVITY_FACTOR_MOST:g}, one per joint",
+    ),
+    "coulomb_friction_nm": (
+        _PER_JOINT,
+        _within(0.0, _FRICTION_MOST_NM),
+        f"numbers within 0 … {_FRICTION_MOST_NM:g} Nm, one per joint",
     ),
     "effort_limit_nm": (_PER_JOINT, _above_zero, "numbers above zero, one per joint"),
     "speed_limit_rad_s": (_PER_JOINT, _above_zero, "one number above zero, or one per joint"),
-    "payload_com_m": (3, _any, "three numbers in metres"),
+    "float_speed_rad_s": _one_within("a speed", *_FLOAT_SPEEDS_RAD_S, "rad/s"),
+    "payload_mass_kg": _one_within("a mass", 0.0, PAYLOAD_MOST_KG, "kg"),
+    "payload_com_m": (3, _within(-_TOOL_M, _TOOL_M), f"three numbers within ±{_TOOL_M:g} m"),
+    "base_tilt_rad": (2, _within(-3.15, 3.15), "[roll, pitch] within a half turn, ±3.14"),
+    "rest_q_rad": (_PER_JOINT, _any, "angles in rad, one per joint"),
     "gripper_stops_rad": (2, _any, "[closed, open] in motor radians"),
     "ee_inertia": (10, _any, "centre (3), quaternion (4) and moments (3)"),
-    **dict.fromkeys(
-        ("gripper_speed_limit", "command_timeout_s", "max_state_age_s", "max_relative_target", "gripper_force_limit_n"),
-        (None, _above_zero, "a number above zero"),
-    ),
-    **dict.fromkeys(("gripper_kp", "gripper_kd", "payload_mass_kg"), (None, _not_below_zero, "a number from zero up")),
+    "command_timeout_s": _one_within("a time", *_TIMEOUTS_S, "s"),
+    "max_state_age_s": _one_within("a time", *_AGES_S, "s"),
+    "gripper_force_limit_n": _one_within("a force", *_FORCES_N, "N, or null for none"),
+    **dict.fromkeys(("gripper_speed_limit", "max_relative_target"), (None, _above_zero, "a number above zero")),
+    **dict.fromkeys(("gripper_kp", "gripper_kd"), (None, _not_below_zero, "a number from zero up")),
     "rate_hz": (
         None,
         lambda x: x == 0.0 or _RATE_MIN_HZ <= x <= _RATE_MAX_HZ,
@@ -94,6 +125,8 @@ def check(config: "ArmConfig") -> None:
                 raise _refusal(config, field.name, " or ".join(map(repr, choices)))
     if config.ee_inertia is not None and (min(config.ee_inertia[7:]) <= 0.0 or not any(config.ee_inertia[3:7])):
         raise _refusal(config, "ee_inertia", "a quaternion that is not zero, and moments above zero")
+    if config.ee_inertia is not None and max(map(abs, config.ee_inertia[:3])) > _TOOL_M:
+        raise _refusal(config, "ee_inertia", f"a centre within ±{_TOOL_M:g} m")
 
 
 def check_switches(device: str, options: Any) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from lerobot_robot_yam.arm.body import LEFT_BEHIND_RAD, ArmBody
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.dynamics import GravityModel
+from lerobot_robot_yam.arm.floating import Floating
 from lerobot_robot_yam.arm.handle import HandleWatch
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.heat import Stage
@@ -29,6 +30,7 @@ logger = logging.getLogger(__name__)
 _UNHEARD_S = 0.03  # seven ticks
 _END_AGAIN_S = 1.0
 _REARM_TICKS = 8  # in which a motor has to say that it is enabled: an answer may get lost
+_HELD = (Mode.BRING_UP, Mode.HOLD, Mode.TRACK, Mode.FAULT)
 _SEED_RAD = 0.3  # a set-point further than this from the arm is not what holds it
 _RELEASE_FIRST = "the emergency stop is latched: look at the arms, then `yam-estop release`"
 
@@ -50,6 +52,7 @@ class ArmController(ArmBody):
     ):
         super().__init__(config, bus, hardware, gravity)
         self._after_search = Mode.FLOAT if self._floats else Mode.HOLD
+        self._floating = Floating(self.drive, self.motion, self.hardware)
         self._must_land = False  # as soon as the emergency stop is released
         self._end_again_at = -math.inf
         self._halted = False  # by the other arm's trouble
@@ -111,6 +114,10 @@ class ArmController(ArmBody):
             self._stop()
         elif self.mode is Mode.STOPPED:
             self._resume(now)
+        wrong = self._floating.watch(now, self.mode in _HELD and self._all_usable, self.afloat)
+        if wrong:
+            self._floating.brake(self.setpoint)
+            self._suffer(Trouble.RUNAWAY, wrong, now)
         if self.mode is Mode.BRING_UP:
             self._bring_up(now)
         if self.mode is Mode.TRACK and now - self._last_target_at > self.config.command_timeout_s:
@@ -176,6 +183,7 @@ class ArmController(ArmBody):
             if self.mode is Mode.BRING_UP:
                 self._after_search = Mode.FLOAT
             elif self.mode not in (Mode.FLOAT, Mode.STOPPED):
+                self._floating.check(self.name)
                 self._enter(Mode.FLOAT)
         elif request is Request.CALIBRATE_GRIPPER:
             if self.gripper is None:
@@ -204,7 +212,7 @@ class ArmController(ArmBody):
             self.gripper.stop_search()
         if self.hardware.joints:
             hw, q = self.hardware, self.q[: self.hardware.joints]
-            self._landing = Landing(self.name, hw.rest_q, hw.kp, q, self.setpoint, now, hw.folding)
+            self._landing = Landing(self.name, hw.rest_q, hw.kp, q, self.setpoint, now, hw.folding, hw.lies_at_rest)
         else:
             self._switch_off()  # a gripper alone falls nowhere
 
@@ -285,6 +293,8 @@ class ArmController(ArmBody):
                 raise LifeCycleError(f"{self.name}: {self.message}; {_RELEASE_FIRST}")
             if not POLICY[self.trouble].in_place:
                 raise LifeCycleError(f"{self.name}: {self.message}; {POLICY[self.trouble].rearm}")
+            if self._floats:
+                self._floating.check(self.name)
             failed = np.flatnonzero(~self._usable).tolist()
             again = self.drive.clear_and_enable(failed)
             before = self.setpoint.q.copy()
@@ -307,6 +317,7 @@ class ArmController(ArmBody):
             else:
                 self._enter(Mode.FLOAT if self._floats else Mode.HOLD)
         if self._halted_afloat and self.mode is Mode.HOLD:
+            self._floating.check(self.name)
             self._enter(Mode.FLOAT)
         logger.warning("%s: re-armed", self.name)
         self._halted = self._halted_afloat = False
@@ -358,4 +369,12 @@ class ArmController(ArmBody):
                 return
             self.drive.shift_gripper(shift)
             self.setpoint.reseed(self.hardware.n - 1, float(self.q[-1]))
-        self._enter(Mode.HOLD if self._halted else self._after_search)
+        after = Mode.HOLD if self._halted else self._after_search
+        if after is Mode.FLOAT:
+            wrong = self._floating.settled()
+            if wrong is None:
+                return
+            if wrong:
+                self._suffer(Trouble.WEIGHT, f"{self.name} does not float: {wrong}", now)
+                return
+        self._enter(after)

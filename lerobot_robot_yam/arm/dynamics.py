@@ -5,12 +5,13 @@ torque that holds the pose still. Kinematics + centres of mass + RNE take a few 
 run collision and constraints for nothing.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from lerobot_robot_yam.arm.model import Load, build_spec
+from lerobot_robot_yam.arm.model import Load, base_quat, build_spec
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile, load_arm
 from lerobot_robot_yam.errors import ConfigError
 
@@ -27,15 +28,23 @@ class GravityModel:
         gripper: str | Path | GripperProfile,
         *,
         load: Load | None = None,
+        tilt_rad: Sequence[float] = (0.0, 0.0),
         **load_fields,
     ):
-        """`load`, or its fields as keywords: payload_mass_kg, payload_com_m, ee_mass_kg, ee_inertia."""
+        """`load`, or its fields as keywords: payload_mass_kg, payload_com_m, ee_mass_kg, ee_inertia.
+
+        tilt_rad: [roll, pitch] of the base, see `model.base_quat`.
+        """
         profile = arm if isinstance(arm, ArmProfile) else load_arm(arm)
         self.joint_count = profile.joint_count
         self.model = build_spec(profile, gripper, load=load or Load(**load_fields), visuals=False).compile()
+        if any(tilt_rad):
+            back = base_quat(0.0, tilt_rad) * [1, -1, -1, -1]
+            mujoco.mju_rotVecQuat(self.model.opt.gravity, self.model.opt.gravity.copy(), back)
         self._data = mujoco.MjData(self.model)
         self._qpos, self._qacc = self._data.qpos[: self.joint_count], self._data.qacc[: self.joint_count]  # views
         self._tau = np.zeros(self.model.nv)
+        self._tcp = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, "tcp_site")
         self._unit = np.eye(self.model.nv)
 
     def torque(self, q: np.ndarray) -> np.ndarray:
@@ -55,6 +64,14 @@ class GravityModel:
         self._qacc[:] = ddq
         mujoco.mj_rne(self.model, self._data, 1, self._tau)
         return holding, self._tau[: self.joint_count] - holding
+
+    def torque_per_kg(self, q: np.ndarray) -> np.ndarray:
+        """(n,) Nm per kg that a load at the tool adds to `torque` at `q` (n,) rad: −J(q)ᵀ g."""
+        self._move(q)
+        jacobian = np.zeros((3, self.model.nv))
+        mujoco.mj_jacSite(self.model, self._data, jacobian, None, self._tcp)
+        per_kg: np.ndarray = -(self.model.opt.gravity @ jacobian)[: self.joint_count]
+        return per_kg
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """(n, n) kg m² joint-space inertia at `q` (n,) rad, links only (no rotor inertia)."""

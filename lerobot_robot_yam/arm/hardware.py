@@ -25,6 +25,9 @@ class Hardware:
         direction, kp, kd, idle_kd, torque_limit_nm: (n,).
         lower, upper: (n,) command limits; rad, and 0 … 1 for the gripper.
         folding: which joint does what in a landing.
+        rest_q: (joints,) rad, where it lands.
+        tilt_rad: roll and pitch of its base.
+        lies_at_rest: it is known that cutting torque at rest_q moves nothing.
     """
 
     def __init__(self, config: ArmConfig):
@@ -89,13 +92,24 @@ class Hardware:
         names = [motor.name for motor in joint.motors]
         named = (joint.folding.base, joint.folding.shoulder, joint.folding.elbow, joint.folding.wrist)
         self.folding = Roles(*(names.index(name) if name in names else None for name in named))
-        self.rest_q = joint.rest_q(self.gripper.name) if self.joints else np.zeros(0)
+        self.rest_q = self._rest_q(config.name, given.get("rest_q_rad"))
+        self.tilt_rad = (config.base_tilt_rad[0], config.base_tilt_rad[1])
+        self.lies_at_rest = config.rest_q_rad is None and not any(self.tilt_rad)
         x, y, z = config.payload_com_m
         self.load = Load(
             payload_mass_kg=config.payload_mass_kg,
             payload_com_m=(x, y, z),
             ee_inertia=None if config.ee_inertia is None else tuple(config.ee_inertia),
         )
+
+    def _rest_q(self, name: str, given: list[float] | None) -> np.ndarray:
+        if given is None or not self.joints:
+            return self.arm.rest_q(self.gripper.name) if self.joints else np.zeros(0)
+        rest, (low, high) = np.array(given), self.arm.joint_limits_rad.T
+        if not ((rest >= low) & (rest <= high)).all():
+            limits = f"{low.tolist()} … {high.tolist()}"
+            raise ConfigError(f"{name}: rest_q_rad {rest.tolist()} is not within the joints' limits {limits}")
+        return rest
 
     @property
     def has_gripper(self) -> bool:
@@ -110,7 +124,7 @@ def _per_joint(config: ArmConfig, joints: int) -> dict[str, list[float]]:
         ConfigError: not as many numbers as the arm has joints.
     """
     given = {}
-    for key in (*_OF_THE_PROFILE, "coulomb_friction_nm", "effort_limit_nm"):
+    for key in (*_OF_THE_PROFILE, "coulomb_friction_nm", "effort_limit_nm", "rest_q_rad"):
         value = getattr(config, key)
         if value is None:
             continue

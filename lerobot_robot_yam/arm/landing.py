@@ -7,11 +7,16 @@
     fade    stiffness and feed-forward to nothing under full damping; whatever is still unsupported sinks slowly
     still   wait until nothing moves; only then may torque be cut
 
-If both ways are barred the arm keeps holding and says so, and tries again. An arm without one of the motors that carry
-it may never get there (a limp wrist stands in its way): it sinks onto what it has met on its way down.
+If both ways are barred the arm keeps holding and says so, and tries again; the third time it sinks slowly onto what is
+below it. An arm without one of the motors that carry it may never get there (a limp wrist stands in its way): it sinks
+onto what it has met on its way down.
 
-A load that nobody has told the model of makes the soft wrist sag; it is about to be lowered anyway, so that obstructs
-nothing.
+An arm whose model is wrong hangs off its set-point. What the model may miss, because it is wrong by a load or a factor,
+is learnt then; what a weight cannot explain is an obstacle. A load that nobody has told the model of makes the soft
+wrist sag; it is about to be lowered anyway, so that obstructs nothing.
+
+An arm whose base is tilted, or that has a resting pose of its own, does not lie there. From there it sinks to where it
+hangs or lies, and torque is cut when nothing moves any more.
 """
 
 import logging
@@ -37,6 +42,8 @@ _CONTACT_RAD = 0.12
 _SAG_NM = 5.0  # of the wrist's stiffness: 2 kg at 0.25 m. What takes more is no load but something in its way
 _STUCK_S = 0.5
 _RETRY_S = 3.0
+_LEARN_S = 2.0
+_TRIES = 3  # ways that are barred; then it sinks
 _FADE_S = 0.15
 _SINK_S = 1.5  # the same where it does not lie yet, if it stays below
 _SINK_RAD_S = 0.3
@@ -79,6 +86,7 @@ class Landing:
         q: (n,) rad, where the arm is.
         now: monotonic s.
         roles: of its joints.
+        lies_at_rest: the arm lies at rest_q. Otherwise it sinks from there to where it hangs or lies.
     """
 
     def __init__(
@@ -90,13 +98,14 @@ class Landing:
         setpoint: SetPoint,
         now: float,
         roles: Roles,
+        lies_at_rest: bool = True,
     ):
         self._arm = arm
         self._setpoint = setpoint
         n = len(rest_q)
         self._rest = rest_q.copy()
         self._roles = roles
-        if roles.base is not None:
+        if roles.base is not None and lies_at_rest:
             self._rest[roles.base] = q[roles.base]  # the base may stay turned: it carries no weight
         self._fold = self._rest.copy()
         if roles.wrist is not None:
@@ -110,6 +119,10 @@ class Landing:
         self._speed = np.zeros(n)
         self._way: list[np.ndarray] = []  # poses still to come of the fold
         self._goes_round = False
+        self._barred_times = 0
+        self.learns = self._may_learn = False
+        self._lies_at_rest = lies_at_rest
+        self._sinks = not lies_at_rest  # rather than to be let go at once, where it may not lie yet
         self._out = np.ones(n, dtype=bool)  # since this move began
         self._answers = ~self._out
         self._stuck_since: float | None = None
@@ -142,10 +155,15 @@ class Landing:
             return None
         return self._shares, np.where(self._answers, self.damping, 1.0)
 
-    def advance(self, q: np.ndarray, dq: np.ndarray, usable: np.ndarray, now: float) -> None:
-        """One tick; sets `phase`, `share` (of stiffness and feed-forward), `damping` (its share), and the set-point.
+    def advance(self, q: np.ndarray, dq: np.ndarray, usable: np.ndarray, now: float, explained: bool = True) -> None:
+        """One tick; sets `phase`, `share` (of stiffness and feed-forward), `damping` (its share), `learns` (what the
+        model misses), and the set-point.
 
-        `usable` (n,) bool: joints whose motors answer; the others cannot be waited for.
+        Args:
+            q, dq: (n,) rad, rad/s.
+            usable: (n,) bool, joints whose motors answer; the others cannot be waited for.
+            now: s.
+            explained: a wrong model can be why the arm is not where its set-point is.
         """
         self._start(now)
         dt, self._before = now - self._before, now
@@ -163,26 +181,30 @@ class Landing:
             if self._way and self._setpoint.arrived and error.max() < _STUCK_RAD:
                 self._begin_move(self._way.pop(0), now)
             elif at_pose and self._setpoint.arrived:
-                self._enter(Phase.LOWER, now)
-                self._begin_move(self._rest, now)
-            elif self._stuck(error.max() > _STUCK_RAD or (self._setpoint.arrived and not at_pose), now):
-                self._give_way(q, usable)
+                self._lower(now)
+            elif self._setpoint.arrived and explained and error.max() < _STUCK_RAD:
+                self._may_learn = True
+                if self._stuck(True, now, _LEARN_S):
+                    self._sinks = True
+                    self._lower(now)
+            elif self._stuck(error.max() > _STUCK_RAD or self._setpoint.arrived, now):
+                self._give_way(self._pressed_less(self._setpoint.q[: self._n], q), usable)
                 self._barred(f"joint_{int(error.argmax()) + 1} is obstructed or carries too much", now)
         elif self.phase is Phase.OBSTRUCTED:
             if now - self._since > _RETRY_S:
-                self._goes_round = False
+                self._goes_round, self._may_learn = False, True
                 self._go([self._fold], now)
         elif self.phase is Phase.LOWER:
             if self._setpoint.arrived or self._stuck(error.max() > _CONTACT_RAD, now, patience_s=0.1):
                 self._give_way(q, usable)
-                self._enter(Phase.SINK if self._carriers_out() else Phase.FADE, now)
+                self._enter(Phase.SINK if self._sinks or self._carriers_out() else Phase.FADE, now)
         elif self.phase is Phase.FADE:
             self.share = max(0.0, self.share - dt / _FADE_S)
             self._end_when_still(q, dq, usable, now, _STILL_S, self.share == 0.0)
         elif self.phase is Phase.SINK:
             before, most = self._setpoint.q[: self._n], _SINK_RAD_S * dt
             trail = np.clip(q, before - most, before + most)
-            self._give_way(np.clip(trail, q - self._lag_rad, q + self._lag_rad), usable)
+            self._give_way(self._pressed_less(trail, q), usable)
             slow = np.abs(np.where(usable, dq, 0.0)).max() < _SINK_RAD_S
             if not slow:
                 self.share, self.damping = min(self.share + dt / _STIFFEN_S, 1.0), 1.0
@@ -193,6 +215,7 @@ class Landing:
             loose = self.share == 0.0 and self.damping == _LOOSE
             self._end_when_still(q, dq, usable, now, _SUNK_S, loose)
 
+        self.learns = self._may_learn and explained and self.fade is None
         if self.fade is not None:
             self._shares = np.where(usable, self.share, np.minimum(self._shares, self.share))
 
@@ -207,7 +230,7 @@ class Landing:
 
     def _barred(self, reason: str, now: float) -> None:
         """Something is in the way: go round; hold where that is barred, too, or sink where a motor is out."""
-        out, over = self._carriers_out(), self._over_the_top()
+        out, over = self._carriers_out(), self._over_the_top() if self._lies_at_rest else []
         if over and not self._goes_round:
             self._goes_round = True
             logger.warning("%s: on its way down %s; it goes round, over the top", self._arm, reason)
@@ -217,10 +240,14 @@ class Landing:
         elif out:
             logger.warning("%s: %s, and %s is out; it sinks where it is", self._arm, reason, ", ".join(out))
             self._enter(Phase.SINK, now)
-        else:
+        elif (barred := self._barred_times + 1) < _TRIES:
+            self._barred_times = barred
             self._enter(Phase.OBSTRUCTED, now)
             text = "%s: cannot land, %s; holding. Free the way or take the load, and keep clear: I try again"
             logger.error(text, self._arm, reason)
+        else:
+            logger.error("%s: cannot land, %s; it sinks slowly where it is", self._arm, reason)
+            self._enter(Phase.SINK, now)
 
     def _carriers_out(self) -> list[str]:
         """Joints that carry, and whose motors have been out since this move began: limp, or not heard."""
@@ -245,6 +272,11 @@ class Landing:
         back[shoulder], back[elbow] = self._rest[shoulder], self._rest[elbow] + _OPEN_RAD
         return [level, back, self._fold]
 
+    def _lower(self, now: float) -> None:
+        self._may_learn = False
+        self._enter(Phase.LOWER, now)
+        self._begin_move(self._rest, now)
+
     def _go(self, way: list[np.ndarray], now: float) -> None:
         self._enter(Phase.FOLD, now)
         first, *self._way = way
@@ -264,8 +296,13 @@ class Landing:
             self._stuck_since = now
         return now - self._stuck_since > patience_s
 
+    def _pressed_less(self, setpoint: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """The set-point where its pull may be a load that the model does not know, and is not much if it is not."""
+        least: np.ndarray = np.minimum(np.maximum(setpoint, q - self._lag_rad), q + self._lag_rad)
+        return least
+
     def _give_way(self, q: np.ndarray, usable: np.ndarray) -> None:
-        """Stop pushing: the set-point goes to where the arm is, as far as anybody knows where that is."""
+        """The set-point goes to q, at rest, as far as anybody knows where that is."""
         seed = self._setpoint.q.copy()
         seed[: self._n] = np.where(usable, q, seed[: self._n])
         self._setpoint.seed(seed)

@@ -7,6 +7,7 @@ coupled fingers, for the virtual rig.
     scene.attach(build_spec("yam", "linear_4310", physics=Physics()), prefix="left_", frame=frame)
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -75,6 +76,20 @@ class Load:
                 "ee_inertia needs 10 numbers (centre of mass 3, quaternion 4, principal moments 3 > 0), "
                 f"got {list(self.ee_inertia)}"
             )
+
+
+def base_quat(yaw_rad: float, tilt_rad: Sequence[float] = (0.0, 0.0)) -> np.ndarray:
+    """(4,) w x y z of a base turned by roll about its x, then pitch about y, then yaw about z, axes of the world.
+
+    That is the order of URDF's rpy. tilt_rad: [roll, pitch]; [1.57, 0] is a wall, [3.14, 0] a ceiling.
+    """
+    quat = np.array([math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2)])
+    for angle, axis in ((tilt_rad[1], [0.0, 1.0, 0.0]), (tilt_rad[0], [1.0, 0.0, 0.0])):
+        if angle:  # upright bases are what they are, to the last bit
+            turn, before = np.empty(4), quat.copy()
+            mujoco.mju_axisAngle2Quat(turn, np.array(axis), angle)
+            mujoco.mju_mulQuat(quat, before, turn)
+    return quat
 
 
 def build_spec(

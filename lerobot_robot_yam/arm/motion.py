@@ -3,7 +3,9 @@
 import numpy as np
 
 from lerobot_robot_yam.arm import laws
+from lerobot_robot_yam.arm.config_rules import PAYLOAD_MOST_KG
 from lerobot_robot_yam.arm.dynamics import GravityModel
+from lerobot_robot_yam.arm.float_speed import FloatSpeed
 from lerobot_robot_yam.arm.gripper_axis import GripperAxis
 from lerobot_robot_yam.arm.hardware import Hardware
 from lerobot_robot_yam.arm.hold_integral import HoldIntegral
@@ -15,7 +17,8 @@ from lerobot_robot_yam.arm.state import Limited
 _STILL_RAD_S = 1e-3
 _WORTH_SAYING_RAD = 0.01  # rest lies on a limit for some joints
 _SMOOTH_S = 0.008  # two ticks; with three, joints overshoot the speed limit by up to 26 % at a start, with two by 22
-_LANDING_KD = 5.0  # Nm s/rad, the most that the motors take: what is still unsupported sinks slowly
+_RUBS = 0.05  # of the torque limit, 1.4 Nm of a DM4340: what friction holds back
+_MOST_KD = 5.0  # Nm s/rad, the most that the motors take: what is still unsupported sinks slowly
 
 
 class Motion:
@@ -26,22 +29,34 @@ class Motion:
         gravity: its model; None for a gripper alone.
         gripper: its gripper's axis, if it has a motor.
         hold_integral: make up for sag while holding.
+        float_speed_rad_s: from where on floating joints are damped.
+
+    Attributes:
+        weight_nm: (joints,) what the model says that the arm weighs, as of the last commands.
     """
 
     def __init__(
-        self, hardware: Hardware, gravity: GravityModel | None, gripper: GripperAxis | None, hold_integral: bool
+        self,
+        hardware: Hardware,
+        gravity: GravityModel | None,
+        gripper: GripperAxis | None,
+        hold_integral: bool,
+        float_speed_rad_s: float,
     ):
         self._hardware, self._gravity, self._gripper = hardware, gravity, gripper
         self.commands = np.zeros((hardware.n, 5))
         self.kp, self.kd = hardware.kp.copy(), hardware.kd.copy()
         self.own_gains = True  # and not those of a target
         self._integral = HoldIntegral.for_stiffness(hardware.kp[: hardware.joints]) if hold_integral else None
+        self._landing: HoldIntegral | None = None  # what gravity models miss of an arm that lands
         self._rubs = bool(hardware.coulomb_nm.any())
         self._clipped = False
         # Nothing is sent beyond: the gripper keeps its own stops.
         beyond = np.append(np.full(hardware.joints, RANGE_TOLERANCE_RAD), [np.inf] * hardware.has_gripper)
         self._lower, self._upper = hardware.lower - beyond, hardware.upper + beyond
         self.before = np.full(hardware.n, np.nan), np.full(hardware.n, np.nan)  # q, dq of the sample before
+        self.weight_nm: np.ndarray = np.zeros(hardware.joints)
+        self.float_speed = FloatSpeed(float_speed_rad_s, hardware.joints)
         self._dq_before = np.zeros(hardware.joints)
         self._ddq = np.zeros(hardware.joints)
 
@@ -55,7 +70,25 @@ class Motion:
     @property
     def sag_nm(self) -> np.ndarray:
         """(joints,) with which it carries what gravity models miss."""
-        return np.zeros(self._hardware.joints) if self._integral is None else self._integral.tau
+        zero = np.zeros(self._hardware.joints)
+        return sum((part.tau for part in (self._integral, self._landing) if part is not None), zero)
+
+    def explains(self, q: np.ndarray, error: np.ndarray) -> bool:
+        """Whether a model that is wrong about the arm's weight can be why it hangs `error` (joints,) rad behind."""
+        hw, j = self._hardware, slice(self._hardware.joints)
+        missed = np.abs(self.kp[j] * error + self.sag_nm)
+        return bool((missed <= self._may_weigh_nm(q) + _RUBS * hw.torque_limit_nm[j]).all())
+
+    def carries(self, q: np.ndarray, joint: int) -> bool:
+        """Whether the joint carries a weight at q (joints,): those upright arms turn on do not."""
+        return bool(self._may_weigh_nm(q)[joint] > _RUBS * self._hardware.torque_limit_nm[joint])
+
+    def _may_weigh_nm(self, q: np.ndarray) -> np.ndarray:
+        """(joints,) Nm by which a model may be wrong: all that it says, and the heaviest load."""
+        if self._gravity is None:
+            return np.zeros(self._hardware.joints)
+        load_nm: np.ndarray = PAYLOAD_MOST_KG * np.abs(self._gravity.torque_per_kg(q))
+        return load_nm + np.abs(self._gravity.torque(q))
 
     def float_free(self, q: np.ndarray, dq: np.ndarray, dt: float) -> Limited:
         """Gravity-compensated free motion, pushed back gently beyond the joint limits.
@@ -65,11 +98,15 @@ class Motion:
         hw, out = self._hardware, self.commands
         j = slice(hw.joints)
         self._ddq[:] = self._dq_before[:] = 0.0
+        self._landing = None
         tau = self._feed_forward(q)
         tau[j] += self._friction(dq[j])
         if self._integral is not None:
             self._integral.reset()  # a hand that pulls looks like sag, and would be thrown off
         laws.float_free(out, q, hw.idle_kd, tau)
+        share = self.float_speed.share(dq[j], dt)
+        if share is not None:
+            out[j, laws.KD] += share * (_MOST_KD - hw.idle_kd[j])
         wall = laws.soft_wall(out[j], q[j], dq[j], hw.lower[j], hw.upper[j], hw.kp[j], hw.kd[j], hw.torque_limit_nm[j])
         beyond = Limited.JOINT_LIMIT if wall > _WORTH_SAYING_RAD else Limited.NOTHING
         return beyond | Limited.TORQUE if self._clip(q, dq) else beyond
@@ -84,6 +121,7 @@ class Motion:
         gripper: tuple[float, float],
         holding: bool,
         stopped: bool,
+        learns: bool,
         fade: tuple[np.ndarray, np.ndarray] | None,
     ) -> Limited:
         """Hold or track the set-point.
@@ -94,21 +132,29 @@ class Motion:
             gripper: measured rate and torque of the gripper, strokes/s and Nm.
             holding: the arm holds, with all its motors; nobody gives targets.
             stopped: the emergency stop is latched: what is made up for sag stays, since more of it would move the arm.
+            learns: the arm lands and hangs off its set-point: the model is wrong, and what it misses is learnt.
             fade: (joints,) shares of stiffness with feed-forward, and of the landing's damping, that are left while
                 landing ends; None: the arm's own.
         """
         hw, out = self._hardware, self.commands
         j = slice(hw.joints)
+        self.float_speed.reset()
         limited = Limited.NOTHING
         q_set, dq_set = setpoint.q.copy(), setpoint.dq.copy()
         self._follow_acceleration(dq_set[j], dt)
         tau = self._feed_forward(q)
         still = holding and bool(np.abs(dq_set[j]).max(initial=0.0) < _STILL_RAD_S)
-        tau[j] += self._friction(dq_set[j]) + self._sag(q_set[j] - q[j], 0.0 if stopped else dt, still)
+        error = q_set[j] - q[j]
+        tau[j] += self._friction(dq_set[j]) + self._sag(error, 0.0 if stopped else dt, still)
+        if learns:
+            self._landing = self._landing or HoldIntegral.for_landing(hw.kp[j], hw.torque_limit_nm[j])
+            self._landing.advance(error, dt, True, self._clipped)
+        if self._landing is not None:
+            tau[j] += self._landing.tau
         laws.follow(out, q_set, dq_set, self.kp, self.kd, tau)
         if fade is not None:
             share, damping = fade
-            laws.fade(out[j], share, damping * _LANDING_KD)
+            laws.fade(out[j], share, damping * _MOST_KD)
         if self._gripper is not None:
             u, u_rate = float(q_set[-1]), float(dq_set[-1])
             self._gripper.command(out[-1], now, u, u_rate, float(q[-1]), *gripper)
@@ -138,7 +184,8 @@ class Motion:
         tau = np.zeros(hw.n)
         if self._gravity is not None:
             weight, inertia = self._gravity.torques(q[: hw.joints], self._ddq)
-            tau[: hw.joints] = weight * hw.arm.gravity_factor + inertia + hw.arm.armature_kg_m2 * self._ddq
+            self.weight_nm = weight * hw.arm.gravity_factor
+            tau[: hw.joints] = self.weight_nm + inertia + hw.arm.armature_kg_m2 * self._ddq
         return tau
 
     def _clip(self, q: np.ndarray, dq: np.ndarray) -> bool:

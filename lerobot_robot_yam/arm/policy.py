@@ -59,6 +59,8 @@ class Trouble(StrEnum):
     INTERNAL_ERROR = "defect in our own code"
     GRIPPER = "gripper stops not found"
     OBSTRUCTED = "landing obstructed"
+    WEIGHT = "weight is not the model's"
+    RUNAWAY = "floats away by itself"
 
 
 @dataclass(frozen=True)
@@ -286,7 +288,26 @@ POLICY: dict[Trouble, Rule] = {
         Response.GO_ON,
         "a warning in the log that names the joint, an error once it holds",
         1.0,
-        "free the way or take the load, and keep clear: it tries again every 3 s",
+        "free the way or take the load, and keep clear: it tries again every 3 s. After three ways that are barred it "
+        "sinks slowly where it is, and cuts torque when it lies or hangs still",
+    ),
+    Trouble.WEIGHT: Rule(
+        "the torque that holds an arm before it floats is over 20 % (and 2 % of the motor's range) off the model's",
+        Response.HOLD,
+        Response.HOLD,
+        "MotorError that names joints, torques and what to check; at bring-up once the arms have landed. From `float` "
+        "and `disable_torque` LifeCycleError, and the arm goes on holding",
+        3.0,
+        _REARM,
+    ),
+    Trouble.RUNAWAY: Rule(
+        "a floating joint is faster than `float_speed_rad_s` for 0.25 s, though it is damped then; also during an "
+        "emergency stop",
+        Response.HOLD,
+        Response.HOLD,
+        "MotorError that names the joint and what to check",
+        1.0,
+        _REARM,
     ),
 }
 
@@ -325,7 +346,8 @@ def document() -> str:
         "their own watchdog ends torque and the arm falls. Only mechanics can help then.",
         "",
         "While the emergency stop is latched nothing lands, whatever ends: followers hold and leaders float, the loop",
-        "goes on commanding them after its caller has gone, and `yam-estop release` lands them at once.",
+        "goes on commanding them after its caller has gone, and `yam-estop release` lands them at once. A leader that",
+        "floats away by itself meanwhile is held.",
         "",
         "Until somebody commands them again, motors go on with what they were told last. A joint whose last command",
         f"accelerated it exceeds its speed limit by up to {STALE_OVERSHOOT_RAD_S} rad/s (arm stretched out); after a",

@@ -32,6 +32,7 @@ from lerobot_robot_yam.shared_block import SharedBlock, allocate
 logger = logging.getLogger(__name__)
 
 _REQUEST_TIMEOUT_S = 1.0
+_LET_GO_S = 1.0
 _SEARCH_TIMEOUT_S = 20.0
 _FAILED = (Mode.FAULT, Mode.LAND, Mode.OFF)  # with a message: not because the caller has asked for it
 _CALIBRATE = "calibrate it (lerobot-calibrate)"
@@ -245,9 +246,17 @@ class ArmPort:
         """Gravity-compensated free motion.
 
         Raises:
-            LifeCycleError: not from the present state.
+            LifeCycleError: not from the present state, or it would run away; a hand that pulls at it has one second to
+                let go.
         """
-        self._request(Request.FLOAT)
+        deadline = self._clock.now() + _LET_GO_S
+        while True:
+            try:
+                return self._request(Request.FLOAT)
+            except LifeCycleError:
+                if self.mode() not in (Mode.HOLD, Mode.TRACK) or self._clock.now() > deadline:
+                    raise
+            self._clock.sleep(0.05)
 
     def land(self) -> None:
         """Begin to land; `mode()` becomes OFF when torque has been cut.

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lerobot_robot_yam.arm.config_rules import GRAVITY_FACTOR_MOST
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import ConfigError
 
@@ -17,7 +18,9 @@ if TYPE_CHECKING:
     from lerobot_robot_yam.arm.profile import ArmMotor, ArmProfile, Body, GripperMotor, GripperProfile, Limiter
 
 _REST_TOLERANCE_RAD = 0.15  # rest lies on a limit of joints 2 and 3; measured values may lie so far outside
-_GRAVITY_FACTOR_MAX = 10.0  # far beyond what any model is wrong by
+_KP_LEAST = 1.0  # Nm/rad: an arm that is held less than that falls
+_KD_LEAST = 0.02  # of kp, in s: with less it swings; the makers' are 0.025 to 0.15
+_TORQUE_LEAST = 0.1  # of the motor's range: less carries no arm
 _LEAST = 1e-9  # smaller divisors are zero for our purposes
 _ROUNDING = 1e-6  # of published moments
 _FINGER_TRAVEL_M = (1e-3, 1.0)  # the makers' are 0.040 to 0.048; the gearing, its square in the inertia, divides by it
@@ -36,16 +39,17 @@ def check_arm(arm: "ArmProfile", where: str) -> None:
     _check_bodies(arm.bodies, where)
     _check_names(arm, [body.joint.name for body in arm.bodies if body.joint], where)
     rows = [motor_type(motor.type) for motor in arm.motors]
+    torque_max = np.array([row.torque_max_nm for row in rows])
     position_max = np.array([row.position_max_rad for row in rows])
     lower, upper = arm.joint_limits_rad[:, 0], arm.joint_limits_rad[:, 1]
     ranges: dict[str, tuple[np.ndarray, float | np.ndarray, float | np.ndarray]] = {
-        "kp": (arm.kp, 0.0, np.array([row.kp_max for row in rows])),
-        "kd": (arm.kd, 0.0, np.array([row.kd_max for row in rows])),
+        "kp": (arm.kp, _KP_LEAST, np.array([row.kp_max for row in rows])),
+        "kd": (arm.kd, _KD_LEAST * arm.kp, np.array([row.kd_max for row in rows])),
         "idle_kd": (arm.idle_kd, 0.0, np.array([row.kd_max for row in rows])),
-        "gravity_factor": (arm.gravity_factor, 0.0, _GRAVITY_FACTOR_MAX),
-        "coulomb_friction_nm": (arm.coulomb_friction_nm, 0.0, np.array([row.torque_max_nm for row in rows])),
+        "gravity_factor": (arm.gravity_factor, 0.0, GRAVITY_FACTOR_MOST),
+        "coulomb_friction_nm": (arm.coulomb_friction_nm, 0.0, torque_max),
         "joint_limits_rad": (arm.joint_limits_rad, -position_max[:, None], position_max[:, None]),
-        "torque_limit_nm": (arm.torque_limit_nm, 0.0, np.inf),
+        "torque_limit_nm": (arm.torque_limit_nm, _TORQUE_LEAST * torque_max, torque_max),
         "armature_kg_m2": (arm.armature_kg_m2, 0.0, np.inf),
         "friction_nm": (arm.friction_nm, 0.0, np.inf),
     }
@@ -96,18 +100,18 @@ def check_gripper(gripper: "GripperProfile", where: str) -> None:
         return
     _check_motors([motor], where)
     row = motor_type(motor.type)
-    for key, value, most in (
-        ("motor.kp", motor.kp, row.kp_max),
-        ("motor.kd", motor.kd, row.kd_max),
-        ("motor.idle_kd", motor.idle_kd, row.kd_max),
-        ("motor.torque_limit_nm", motor.torque_limit_nm, np.inf),
-        ("motor.armature_kg_m2", motor.armature_kg_m2, np.inf),
-        ("motor.friction_nm", motor.friction_nm, np.inf),
-        ("calibration.torque_nm", calibration.torque_nm, row.torque_max_nm),
-        ("calibration.pause_s", calibration.pause_s, np.inf),
+    for key, value, least, most in (
+        ("motor.kp", motor.kp, 0.0, row.kp_max),
+        ("motor.kd", motor.kd, _KD_LEAST * motor.kp, row.kd_max),
+        ("motor.idle_kd", motor.idle_kd, 0.0, row.kd_max),
+        ("motor.torque_limit_nm", motor.torque_limit_nm, _TORQUE_LEAST * row.torque_max_nm, row.torque_max_nm),
+        ("motor.armature_kg_m2", motor.armature_kg_m2, 0.0, np.inf),
+        ("motor.friction_nm", motor.friction_nm, 0.0, np.inf),
+        ("calibration.torque_nm", calibration.torque_nm, 0.0, row.torque_max_nm),
+        ("calibration.pause_s", calibration.pause_s, 0.0, np.inf),
     ):
-        if not 0.0 <= value <= most:
-            raise ConfigError(f"{where}: {key} {value:g} is not within 0 … {most:g}")
+        if not least <= value <= most:
+            raise ConfigError(f"{where}: {key} {value:g} is not within {least:g} … {most:g}")
     for key, value in (
         ("motor.speed_limit_per_s", motor.speed_limit_per_s),
         ("calibration.torque_nm", calibration.torque_nm),
@@ -125,6 +129,11 @@ def check_gripper(gripper: "GripperProfile", where: str) -> None:
         raise ConfigError(
             f"{where}: nominal_stops_rad [{closed:g}, {opened:g}] contradict closed_is_larger "
             f"{calibration.closed_is_larger} or the span {calibration.min_span_rad:g} … {calibration.max_span_rad:g}"
+        )
+    fastest = row.velocity_max_rad_s / gripper.stroke_rad
+    if motor.speed_limit_per_s > fastest:
+        raise ConfigError(
+            f"{where}: motor.speed_limit_per_s {motor.speed_limit_per_s:g} is more than the motor's {fastest:.3g}"
         )
     if gripper.limiter is not None:
         _check_limiter(gripper.limiter, motor.kp, where)

@@ -34,6 +34,8 @@ _ARM_SERIALS = 1000  # serial numbers that belong to one arm
 class ArmPlacement:
     """An arm on the table. Base at `position_m`, turned by `yaw_rad` about the vertical.
 
+    tilt_rad: [roll, pitch] of a base that does not stand upright, see `model.base_quat`.
+
     q_rad: start pose (n,), default the rest pose. stops_rad: gripper stops [closed, open] in joint space (motor
     angle * direction), default the profile's. zero_offset_rad: motor angle at joint value 0, per motor (gripper
     last), default 0. number: 1 for the scene's first arm, whichever are selected; filled in by `load_scene`.
@@ -45,6 +47,7 @@ class ArmPlacement:
     gripper: str
     position_m: np.ndarray = array_field(3)
     yaw_rad: float = 0.0
+    tilt_rad: np.ndarray = array_field(2, default=(0, 0))
     q_rad: np.ndarray | None = array_field(-1, default=None)
     stops_rad: np.ndarray | None = array_field(2, default=None)
     zero_offset_rad: np.ndarray | None = array_field(-1, default=None)

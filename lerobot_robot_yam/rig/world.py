@@ -11,12 +11,12 @@ import math
 import mujoco
 import numpy as np
 
-from lerobot_robot_yam.arm.model import Physics, build_spec
+from lerobot_robot_yam.arm.model import Physics, base_quat, build_spec
 from lerobot_robot_yam.arm.mounting import mounted
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile, load_arm, load_gripper
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.furnish import add_things, yaw_quat
+from lerobot_robot_yam.rig.furnish import add_things
 from lerobot_robot_yam.rig.scene import ArmPlacement, Camera, Scene
 from lerobot_robot_yam.rig.scenery import add_scenery
 
@@ -71,7 +71,7 @@ def _add_camera(spec: mujoco.MjSpec, camera: Camera) -> None:
 def _attach_arm(spec: mujoco.MjSpec, row: ArmPlacement, scene: Scene) -> None:
     physics = Physics(friction_scale=scene.options.friction, armature_scale=scene.options.armature)
     arm, gripper = profiles_of(row)
-    frame = spec.worldbody.add_frame(pos=row.position_m, quat=yaw_quat(row.yaw_rad))
+    frame = spec.worldbody.add_frame(pos=row.position_m, quat=base_quat(row.yaw_rad, row.tilt_rad.tolist()))
     spec.attach(build_spec(arm, gripper, physics=physics), prefix=f"{row.channel}/", frame=frame)
     for i, motor in enumerate(arm.motors):
         target = f"{row.channel}/joint{i + 1}"

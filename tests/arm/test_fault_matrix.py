@@ -47,7 +47,7 @@ IN_LOCKSTEP = {
 
 def test_the_matrix_is_wide_enough():
     assert len(CASES) >= 60 and {case.id for case in CASES} >= IN_LOCKSTEP
-    elsewhere = {  # test_{stand_by,session,two_arms,estop,landing}, cli/test_interrupted_recording
+    elsewhere = {  # test_{stand_by,session,two_arms,estop,landing,floating}, cli/test_interrupted_recording
         Trouble.CONTROL_DEAD,
         Trouble.CONTROL_HUNG,
         Trouble.STAND_BY_DEAD,
@@ -60,6 +60,8 @@ def test_the_matrix_is_wide_enough():
         Trouble.INTERNAL_ERROR,
         Trouble.LOOP_SLOW,
         Trouble.GRIPPER,
+        Trouble.WEIGHT,
+        Trouble.RUNAWAY,
     }
     assert {fault.trouble for fault in FAULTS.values()} | elsewhere == set(POLICY)
 
