@@ -107,7 +107,7 @@ class ControllerBlocks:
         per_motor["q"][:] = drive.q
         per_motor["dq"][:] = drive.dq
         per_motor["tau"][:] = drive.tau
-        per_motor["setpoint"][:] = c.setpoint.q
+        per_motor["setpoint"][:] = c.setpoint.asked[0]
         record["own_gains"] = c.motion.own_gains
         per_motor["motor_stamp_s"][:] = chain.stamp_s
         record["asked_s"] = min(chain.asked_s.tolist())

@@ -268,7 +268,7 @@ class ArmBody:
             if kp is None:
                 self.setpoint.reseed(int(joint), keeps)
             else:  # its target follows at once
-                self.setpoint.q[joint] = keeps
+                self.setpoint.shift(int(joint), keeps)
 
     def _press_less(self) -> None:
         """Who stops everything may be in the arm's way: what is left of its pull carries a load, and hurts nobody."""

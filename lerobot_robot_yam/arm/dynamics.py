@@ -42,7 +42,8 @@ class GravityModel:
             back = base_quat(0.0, tilt_rad) * [1, -1, -1, -1]
             mujoco.mju_rotVecQuat(self.model.opt.gravity, self.model.opt.gravity.copy(), back)
         self._data = mujoco.MjData(self.model)
-        self._qpos, self._qacc = self._data.qpos[: self.joint_count], self._data.qacc[: self.joint_count]  # views
+        n, data = self.joint_count, self._data
+        self._qpos, self._qvel, self._qacc = data.qpos[:n], data.qvel[:n], data.qacc[:n]  # views
         self._tau = np.zeros(self.model.nv)
         self._tcp = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, "tcp_site")
         self._unit = np.eye(self.model.nv)
@@ -53,17 +54,23 @@ class GravityModel:
         mujoco.mj_rne(self.model, self._data, 0, self._tau)
         return self._tau[: self.joint_count].copy()
 
-    def torques(self, q: np.ndarray, ddq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n,) Nm that hold pose `q` (n,) rad still, and (n,) Nm that accelerate it from there by `ddq` (n,) rad/s².
+    def torques(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """g(q), C(q, dq) dq and M(q) ddq: (n,) Nm that hold pose `q`, that speed `dq` and acceleration `ddq` add.
 
-        The latter is M(q) ddq of the links; rotors come on top.
+        In rad, rad/s and rad/s², (n,) each. Links only; rotors come on top.
         """
+        data, tau = self._data, self._tau[: self.joint_count]
         holding = self.torque(q)
-        if not ddq.any():
-            return holding, np.zeros_like(holding)
-        self._qacc[:] = ddq
-        mujoco.mj_rne(self.model, self._data, 1, self._tau)
-        return holding, self._tau[: self.joint_count] - holding
+        if not (dq.any() or ddq.any()):
+            return holding, np.zeros_like(holding), np.zeros_like(holding)
+        self._qvel[:], self._qacc[:] = dq, ddq
+        mujoco.mj_comVel(self.model, data)
+        mujoco.mj_rne(self.model, data, 0, self._tau)
+        moving = tau.copy()
+        mujoco.mj_rne(self.model, data, 1, self._tau)
+        accelerating = tau - moving
+        self._qvel[:] = data.cvel[:] = 0.0  # whoever asks next may mean an arm at rest
+        return holding, moving - holding, accelerating
 
     def torque_per_kg(self, q: np.ndarray) -> np.ndarray:
         """(n,) Nm per kg that a load at the tool adds to `torque` at `q` (n,) rad: −J(q)ᵀ g."""

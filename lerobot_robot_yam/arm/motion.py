@@ -16,9 +16,10 @@ from lerobot_robot_yam.arm.state import Limited
 
 _STILL_RAD_S = 1e-3
 _WORTH_SAYING_RAD = 0.01  # rest lies on a limit for some joints
-_SMOOTH_S = 0.008  # two ticks; with three, joints overshoot the speed limit by up to 26 % at a start, with two by 22
 _RUBS = 0.05  # of the torque limit, 1.4 Nm of a DM4340: what friction holds back
 _MOST_KD = 5.0  # Nm s/rad, the most that the motors take: what is still unsupported sinks slowly
+_PLANNED_SHARE = 0.9  # of the torque limit, for the set-point; the rest is for what models do not know
+_LEAST_SHARE = 0.2  # of the acceleration: a set-point must always be able to brake
 
 
 class Motion:
@@ -57,8 +58,6 @@ class Motion:
         self.before = np.full(hardware.n, np.nan), np.full(hardware.n, np.nan)  # q, dq of the sample before
         self.weight_nm: np.ndarray = np.zeros(hardware.joints)
         self.float_speed = FloatSpeed(float_speed_rad_s, hardware.joints)
-        self._dq_before = np.zeros(hardware.joints)
-        self._ddq = np.zeros(hardware.joints)
 
     def gains(self, kp: np.ndarray | None = None, kd: np.ndarray | None = None) -> None:
         """Use these gains (n,) from now on; NaN or None means as configured."""
@@ -97,9 +96,8 @@ class Motion:
         """
         hw, out = self._hardware, self.commands
         j = slice(hw.joints)
-        self._ddq[:] = self._dq_before[:] = 0.0
         self._landing = None
-        tau = self._feed_forward(q)
+        tau = self._weight(q)
         tau[j] += self._friction(dq[j])
         if self._integral is not None:
             self._integral.reset()  # a hand that pulls looks like sag, and would be thrown off
@@ -140,9 +138,10 @@ class Motion:
         j = slice(hw.joints)
         self.float_speed.reset()
         limited = Limited.NOTHING
-        q_set, dq_set = setpoint.q.copy(), setpoint.dq.copy()
-        self._follow_acceleration(dq_set[j], dt)
-        tau = self._feed_forward(q)
+        tau, held_back = self._feed_forward(q, setpoint)
+        if held_back:
+            limited |= Limited.TORQUE
+        q_set, dq_set = setpoint.asked
         still = holding and bool(np.abs(dq_set[j]).max(initial=0.0) < _STILL_RAD_S)
         error = q_set[j] - q[j]
         tau[j] += self._friction(dq_set[j]) + self._sag(error, 0.0 if stopped else dt, still)
@@ -168,25 +167,40 @@ class Motion:
     def _sag(self, error: np.ndarray, dt: float, holding: bool) -> np.ndarray | float:
         return 0.0 if self._integral is None else self._integral.advance(error, dt, holding, self._clipped)
 
-    def _follow_acceleration(self, dq_set: np.ndarray, dt: float) -> None:
-        """Acceleration of the set-point, smoothed: new targets change it in steps that an arm must not feel."""
-        if dt > 0.0:
-            wanted = np.minimum(np.maximum((dq_set - self._dq_before) / dt, -MOST_RAD_S2), MOST_RAD_S2)
-            self._ddq += (wanted - self._ddq) * min(dt / _SMOOTH_S, 1.0)
-        self._dq_before[:] = dq_set
-
-    def _feed_forward(self, q: np.ndarray) -> np.ndarray:
-        """Torque that carries the arm and gives it the set-point's acceleration.
-
-        Without the latter these gains answer a quick start with up to twice the set-point's speed.
-        """
+    def _weight(self, q: np.ndarray) -> np.ndarray:
+        """(n,) Nm that carry the arm at rest."""
         hw = self._hardware
         tau = np.zeros(hw.n)
         if self._gravity is not None:
-            weight, inertia = self._gravity.torques(q[: hw.joints], self._ddq)
-            self.weight_nm = weight * hw.arm.gravity_factor
-            tau[: hw.joints] = self.weight_nm + inertia + hw.arm.armature_kg_m2 * self._ddq
+            self.weight_nm = self._gravity.torque(q[: hw.joints]) * hw.arm.gravity_factor
+            tau[: hw.joints] = self.weight_nm
         return tau
+
+    def _feed_forward(self, q: np.ndarray, setpoint: SetPoint) -> tuple[np.ndarray, bool]:
+        """(n,) Nm that carry the arm along the set-point, with its speed and acceleration.
+
+        Without the latter two these gains answer a quick start with up to twice the set-point's speed. An acceleration
+        that takes more torque than there is holds the set-point back (True then): an arm that cannot follow would
+        hurry after it as soon as it can.
+        """
+        hw = self._hardware
+        tau = np.zeros(hw.n)
+        if self._gravity is None:
+            return tau, False
+        j = slice(hw.joints)
+        ddq = np.minimum(np.maximum(setpoint.asked_ddq[j], -MOST_RAD_S2), MOST_RAD_S2)
+        weight, turning, inertia = self._gravity.torques(q[j], setpoint.asked[1, j], ddq)
+        self.weight_nm = weight * hw.arm.gravity_factor
+        steady, inertia = self.weight_nm + turning, inertia + hw.arm.armature_kg_m2 * ddq
+        tau[j] = steady + inertia
+        most = _PLANNED_SHARE * hw.torque_limit_nm[j]
+        if (np.abs(tau[j]) <= most).all():  # nearly always
+            return tau, False
+        room = most - steady * np.sign(inertia)
+        share = max(float(np.min(room / np.maximum(np.abs(inertia), 1e-9), initial=1.0)), _LEAST_SHARE)
+        setpoint.hold_back(np.append(np.full(hw.joints, share), [1.0] * hw.has_gripper))
+        tau[j] = steady + share * inertia
+        return tau, share < 1.0
 
     def _clip(self, q: np.ndarray, dq: np.ndarray) -> bool:
         """Within the torque limits and the joints' ranges: a reading beyond those takes no command along."""

@@ -4,15 +4,21 @@ Callers send targets at 30–60 Hz; the loop runs at 250 Hz. Each new target is 
 in a straight line per joint, so the arm sees ramps and not steps, and the ramp's slope is given to the motors as dq*
 (without it, kd alone makes these gains lag by 60–150 ms). Speed and acceleration are limited always, the
 ends of the range are approached slowly, and nothing jumps.
+
+Each tick plans one step. The motors are asked for the weighted mean of the last three plans, and for the acceleration
+across them. So position, speed and acceleration belong to one smooth motion. An acceleration that comes later than its
+speed makes an arm start late, hurry after its set-point and exceed the speed limit. The mean lies one tick behind the
+plan; a moving target is planned for one tick ahead, so that nothing lags.
 """
 
 import math
 
 import numpy as np
 
-_PERIOD_RANGE_S = (1 / 250, 0.1)  # caller periods outside are not a stream
+_PERIOD_RANGE_S = (1 / 400, 0.1)  # caller periods outside are not a stream; ticks of 250 Hz are no exact 4 ms
 _PERIOD_GAIN = 0.2  # smoothing of the measured caller period
 _STREAM_GAP = 1.5  # caller periods without a target after which the stream counts as ended
+_WEIGHTS = np.array([0.25, 0.5, 0.25])  # of the last three plans
 
 
 class SetPoint:
@@ -23,6 +29,10 @@ class SetPoint:
         acceleration_limit: (n,) largest |d dq*/dt|, unit/s².
         lower, upper: (n,) range that the set-point never leaves; seeded outside, it only moves inwards.
         end_deceleration: (n,) with which it comes to rest at an end of the range, unit/s².
+
+    Attributes:
+        q, dq: (n,) position and speed as planned last.
+        target: (n,) where it goes.
     """
 
     def __init__(
@@ -40,8 +50,10 @@ class SetPoint:
         self._lower, self._upper = lower, upper
         n = len(self.speed_limit)
         self._ways = np.zeros((3, n))
-        self.q: np.ndarray = np.zeros(n)
-        self.dq: np.ndarray = np.zeros(n)
+        self._plans = np.zeros((3, 2, n))  # q and dq: of this tick, of the one before, and of the one before that
+        self.q: np.ndarray = self._plans[0, 0]
+        self.dq: np.ndarray = self._plans[0, 1]
+        self._took_s = (math.inf, math.inf)  # this tick and the one before
         self.target: np.ndarray = np.zeros(n)
         self._target_velocity: np.ndarray = np.zeros(n)
         self._target_at = -math.inf
@@ -51,20 +63,23 @@ class SetPoint:
 
     def seed(self, q: np.ndarray) -> None:
         """Start again, at rest, from the measured position (n,)."""
-        self.q[:] = q
-        self.dq[:] = 0.0
+        self._plans[:, 0], self._plans[:, 1] = q, 0.0
         self.target[:] = q
         self._target_velocity[:] = 0.0
         self._target_at = self._arrive_at = -math.inf
 
     def reseed(self, index: int, value: float) -> None:
         """Start one coordinate again, at rest, from its measured value."""
-        self.q[index] = self.target[index] = value
-        self.dq[index] = self._target_velocity[index] = 0.0
+        self.fall_back(index, value)
+        self.target[index], self._target_velocity[index] = value, 0.0
 
     def fall_back(self, index: int, value: float) -> None:
         """As `reseed`, but its target stays: it goes there from its measured value."""
-        self.q[index], self.dq[index] = value, 0.0
+        self._plans[:, 0, index], self._plans[:, 1, index] = value, 0.0
+
+    def shift(self, index: int, value: float) -> None:
+        """Go on from another value of one coordinate, as fast as before; its target stays."""
+        self._plans[:, 0, index] = value
 
     def aim(self, target: np.ndarray, now: float, velocity: np.ndarray | None = None) -> None:
         """Take a new target (n,), to be reached within about one caller period if the limits allow it.
@@ -94,7 +109,7 @@ class SetPoint:
         self._arrive_at = -math.inf
 
     def advance(self, now: float, dt: float) -> None:
-        """Move `q` and `dq` on by one tick of `dt` seconds, if any.
+        """Plan the next step, of one tick of `dt` seconds, if any.
 
         v = (target − q) / time left, within the speed from which the remaining way still allows to slow down to the
         target's own speed: |v − v_target| ≤ sqrt(2 a |target − q|).
@@ -103,7 +118,7 @@ class SetPoint:
             return
         if now - self._target_at > _STREAM_GAP * self._period:
             self._target_velocity[:] = 0.0
-        gap = self.target - self.q
+        gap = self.target + self._target_velocity * dt - self.q  # where it is when the motors are asked for this plan
         left = max(self._arrive_at - now, dt)
         to_target, to_lower, to_upper = self._ways
         np.abs(gap, out=to_target)
@@ -115,10 +130,32 @@ class SetPoint:
         down, up = np.minimum(self.speed_limit, down), np.minimum(self.speed_limit, up)
         wanted = np.minimum(np.maximum(wanted, -down), up)
         step = self.acceleration_limit * dt
-        self.dq += np.minimum(np.maximum(wanted - self.dq, -step), step)
-        q = self.q + self.dq * dt
-        self.q = np.minimum(np.maximum(q, np.minimum(self._lower, self.q)), np.maximum(self._upper, self.q))
-        self.dq = np.where(self.q == q, self.dq, 0.0)
+        self._plans[1:] = self._plans[:-1]
+        self._took_s = dt, self._took_s[0]
+        self._step(self.dq + np.minimum(np.maximum(wanted - self.dq, -step), step))
+
+    def hold_back(self, share: np.ndarray) -> None:
+        """Plan this tick anew, such that `asked_ddq` is only these shares (n,) of what it is."""
+        before = self._plans[2, 1]
+        self._step(before + share * (self.dq - before))
+
+    def _step(self, dq: np.ndarray) -> None:
+        """Plan this tick: move on from the plan before with speed `dq` (n,), within the range."""
+        start = self._plans[1, 0]
+        q = start + dq * self._took_s[0]
+        self.q[:] = np.minimum(np.maximum(q, np.minimum(self._lower, start)), np.maximum(self._upper, start))
+        self.dq[:] = np.where(self.q == q, dq, 0.0)
+
+    @property
+    def asked(self) -> np.ndarray:
+        """(2, n) position and speed that the motors are asked for."""
+        mean: np.ndarray = _WEIGHTS @ self._plans.reshape(3, -1)
+        return mean.reshape(2, -1)
+
+    @property
+    def asked_ddq(self) -> np.ndarray:
+        """(n,) acceleration of the motion that the motors are asked for, unit/s²."""
+        return (self._plans[0, 1] - self._plans[2, 1]) / sum(self._took_s)
 
     @property
     def arrived(self) -> bool:

@@ -54,6 +54,23 @@ def test_mass_matrix_matches_reference(arm):
         np.testing.assert_allclose(model.mass_matrix(np.array(case["q"])), case["M"], rtol=0, atol=1e-6)
 
 
+@pytest.mark.parametrize("arm", ARMS)
+def test_moving_and_accelerating_take_what_lagrange_says(arm):
+    """c_i = Σ_jk (∂M_ij/∂q_k − ½ ∂M_jk/∂q_i) dq_j dq_k, and M ddq."""
+    model, step = GravityModel(arm, "linear_4310"), 1e-5
+    dq, ddq = np.array([1.0, -1.5, 1.2, 0.8, -2.0, 3.0]), np.array([30.0, -20.0, 10.0, 5.0, -30.0, 30.0])
+    slopes = [(model.mass_matrix(Q + step * e) - model.mass_matrix(Q - step * e)) / (2 * step) for e in np.eye(6)]
+    by_k = np.moveaxis(np.array(slopes), 0, 2)  # (i, j, k)
+    moving = np.einsum("ijk,j,k->i", by_k, dq, dq) - 0.5 * np.einsum("jki,j,k->i", by_k, dq, dq)
+    at_rest = model.torque(Q)
+    holding, turning, accelerating = model.torques(Q, dq, ddq)
+    np.testing.assert_array_equal(holding, at_rest)
+    np.testing.assert_allclose(turning, moving, atol=1e-6)
+    np.testing.assert_allclose(accelerating, model.mass_matrix(Q) @ ddq, atol=1e-9)
+    assert np.abs(turning).max() > 0.1
+    np.testing.assert_array_equal(model.torque(Q), at_rest)  # nothing of the motion is left
+
+
 def test_torque_is_the_gradient_of_potential_energy_of_a_payload():
     """The payload's share of tau is d(m g z)/dq at its own place in the tool frame."""
     mass, com = 0.7, (0.02, -0.01, 0.15)

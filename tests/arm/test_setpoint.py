@@ -16,14 +16,14 @@ def make(n=1, lower=-3.0, upper=3.0):
 
 
 def run(setpoint, seconds, start=0.0, target=None, fps=30):
-    """Rows of (t, q, dq); `target(t)` is aimed at fps times a second."""
+    """Rows of (t, q, dq) as asked for; `target(t)` is aimed at fps times a second."""
     rows, aim_at = [], start
     for t in np.arange(start, start + seconds, DT):
         if target is not None and t >= aim_at:
             setpoint.aim(np.array([target(t)]), t)
             aim_at += 1 / fps
         setpoint.advance(t, DT)
-        rows.append((t, setpoint.q[0], setpoint.dq[0]))
+        rows.append((t, *setpoint.asked[:, 0]))
     return np.array(rows)
 
 
@@ -59,7 +59,7 @@ def test_a_target_that_claims_a_speed_does_not_lead_the_set_point_away_from_it(d
         if tick % 8 == 0:
             setpoint.aim(np.array([0.2]), tick * DT, np.array([dq]))
         setpoint.advance(tick * DT, DT)
-    assert setpoint.q[0] == pytest.approx(0.2, abs=SPEED**2 / (2 * ACCELERATION) + SPEED * DT)
+    assert setpoint.asked[0, 0] == pytest.approx(0.2, abs=SPEED**2 / (2 * ACCELERATION) + SPEED * DT + 1e-12)
 
 
 def test_seeding_outside_the_limits_does_not_jump_and_only_moves_inwards():
@@ -91,6 +91,49 @@ def test_a_stream_that_ends_comes_to_rest_near_its_last_target():
     assert setpoint.arrived
     assert setpoint.q[0] == pytest.approx(last, abs=1e-3)
     assert rows[:, 1].max() < last + 0.02
+
+
+def test_position_speed_and_acceleration_that_are_asked_for_belong_to_one_motion():
+    setpoint, rng = make(), np.random.default_rng(0)
+    rows = []
+    for tick in range(1000):
+        if tick % 8 == 0:
+            setpoint.aim(rng.uniform(-0.5, 0.5, 1), tick * DT)
+        setpoint.advance(tick * DT, DT)
+        rows.append((*setpoint.asked[:, 0], setpoint.asked_ddq[0]))
+    q, dq, ddq = np.array(rows)[1:].T
+    np.testing.assert_allclose(np.diff(q) / DT, dq[1:], atol=1e-9)
+    np.testing.assert_allclose(np.diff(dq) / DT, (ddq[1:] + ddq[:-1]) / 2.0, atol=1e-9)
+    assert np.abs(dq).max() <= SPEED + 1e-9 and np.abs(ddq).max() <= ACCELERATION + 1e-6
+    assert np.abs(np.diff(ddq)).max() <= ACCELERATION + 1e-6  # from none to all of it, or to as much of its opposite
+
+
+def test_holding_back_takes_a_share_of_the_acceleration_and_keeps_to_the_range():
+    setpoint = make(n=2, lower=np.array([-3.0, -3.0]), upper=np.array([3.0, 0.001]))
+    setpoint.aim(np.array([1.0, 1.0]), 0.0)
+    for tick in range(3):
+        setpoint.advance(tick * DT, DT)
+    before = setpoint.asked_ddq.copy()
+    setpoint.hold_back(np.array([0.25, 1.0]))
+    assert before[0] == pytest.approx(ACCELERATION)
+    np.testing.assert_allclose(setpoint.asked_ddq, [0.25 * before[0], before[1]])
+    for tick in range(3, 400):
+        setpoint.advance(tick * DT, DT)
+        if tick < 50:
+            setpoint.hold_back(np.array([0.5, 0.5]))
+        assert setpoint.asked[0, 1] <= 0.001
+    assert setpoint.arrived
+
+
+@pytest.mark.parametrize("change", ["seed", "reseed", "fall_back", "shift"])
+def test_what_starts_again_is_asked_for_at_once(change):
+    """Nothing of the plans before is left in the mean."""
+    setpoint = make()
+    run(setpoint, 0.5, target=lambda t: 1.2 * t)
+    speed = setpoint.asked[1, 0]
+    getattr(setpoint, change)(*([np.array([-0.4])] if change == "seed" else [0, -0.4]))
+    assert setpoint.asked[0, 0] == -0.4
+    assert setpoint.asked[1, 0] == (speed if change == "shift" else 0.0)
 
 
 def test_stop_brakes_within_the_acceleration_limit():
