@@ -140,7 +140,7 @@ def test_a_late_tick_adds_no_more_speed_than_its_command_accelerates(rig):
             session.clock.sleep(0.004)
             rig.sleep(rng.uniform(0.002, 0.026) if rng.random() < 0.25 else 0.0)
     seen = rig.watch(CHANNELS[0])
-    allowed = 1.3 * Hardware(config(rig, CHANNELS[0])).speed_limit[:6]
+    allowed = 1.1 * Hardware(config(rig, CHANNELS[0])).speed_limit[:6]
     late = [stale_overshoot_rad_s(age_s - 0.008) for age_s in seen["max_command_age_s"][:6]]
     speed = np.array(seen["max_speed_rad_s"][:6])
     assert (speed > allowed).any()  # late ticks do matter

@@ -115,7 +115,7 @@ def test_a_target_without_gains_after_one_with_soft_gains_is_followed_at_the_spe
     push_away(rig, session)
     go(session, POSE, 0.1, kp=np.zeros(6), kd=np.ones(6))
     limit = float(controller_of(session).hardware.speed_limit[0])
-    assert fastest(rig, session, lambda: go(session, POSE, 1.0)) < 1.3 * limit
+    assert fastest(rig, session, lambda: go(session, POSE, 1.0)) < 1.1 * limit
     assert np.abs(q_of(rig) - POSE).max() < 0.03
 
 
