@@ -155,7 +155,7 @@ class MotorChain(Receiver):
             self.restart()
         repeats = CLEAR_REPEATS if command is SpecialCommand.CLEAR else 1
         chosen = range(len(self.motors)) if motors is None else motors
-        self.drain()
+        self._settle()
         self._begin(chosen, repeats=repeats).paced = True
         for spec in (self.motors[i] for i in chosen):
             if command is SpecialCommand.ENABLE:
@@ -167,7 +167,7 @@ class MotorChain(Receiver):
 
     def refresh(self, timeout_s: float = 0.05) -> list[bool]:
         """Ask all motors for feedback; commands no motion. Returns, per motor, whether it answered."""
-        self.drain()
+        self._settle()
         self._begin(range(len(self.motors)))
         self._port.send([data_message(REGISTER_ID, encode_refresh(spec.can_id)) for spec in self.motors])
         return self._answered(timeout_s)
@@ -241,6 +241,22 @@ class MotorChain(Receiver):
         request.sent_s = self.clock.now()
         return request
 
+    def _settle(self) -> None:
+        """Wait as long as answers to earlier questions can take: they must not be taken for answers to the next one.
+
+        Nothing is given up before the first answer: nobody knows then how long they take.
+        """
+        self.drain()
+        longest_s = self.round_trip.longest_s
+        if not self._requests.owed or not longest_s:
+            return
+        deadline_s = self._requests.newest.sent_s + longest_s
+        while self._requests.owed and (left_s := deadline_s - self.clock.now()) > 0.0:
+            message = self._port.recv(left_s)
+            if message is not None:
+                self._receive(message)
+        self._requests.forget()
+
     def _close(self, deadline_s: float) -> set[int]:
         """Wait for the answers to the newest question; returns the motors that have not answered it."""
         request = self._requests.newest
@@ -250,8 +266,6 @@ class MotorChain(Receiver):
         return request.motors
 
     def _answered(self, timeout_s: float) -> list[bool]:
-        """Which motors have answered; what has not come in this time, which is long, is given up."""
         silent = self._close(self.clock.now() + timeout_s + 2.0 * self.round_trip.one_way_s)
-        self._requests.give_up()
         self.publish()
         return [i not in silent for i in range(len(self.motors))]

@@ -66,7 +66,7 @@ class Requests:
         newest: the last question.
         heard: motors that have answered anything since somebody has cleared this.
         duplicates: per motor, answers to no question.
-        lost: per motor, answers that never came to questions that were not given up.
+        lost: per motor, answers that never came.
     """
 
     def __init__(self, count: int):
@@ -147,9 +147,7 @@ class Requests:
     def _end_silence(self, owed: list[int]) -> None:
         """Too few motors for a group: nobody was asked for a tick. What has not been answered in it never will be."""
         if owed == self._silence:
-            for i, waiting in enumerate(self._open):
-                self.lost[i] += len(waiting)
-                waiting.clear()
+            self.forget()
         else:
             self._usual = min(self._silence or owed)
         self._silence = None
@@ -220,14 +218,16 @@ class Requests:
                 waiting.pop()
                 self.lost[i] += 1
 
-    def give_up(self) -> None:
-        """The newest question has been waited for long enough: what has not come is lost, if others have answered it.
+    @property
+    def owed(self) -> bool:
+        """Whether any answer is still to come."""
+        return any(self._open)
 
-        If nobody has, the channel may be that slow, and its answers are still to come.
-        """
-        if len(self.newest.motors) < self.newest.asked:
-            for i in self.newest.motors:
-                self._open[i].clear()
+    def forget(self) -> None:
+        """What has not come by now is lost."""
+        for i, waiting in enumerate(self._open):
+            self.lost[i] += len(waiting)
+            waiting.clear()
 
     def handle_answer(self) -> None:
         """The handle has answered."""

@@ -191,7 +191,7 @@ def test_the_driver_meets_bus_off_as_silence_and_then_an_error(rig, bus):
     chain = chain_on(bus)
     rig.fault(CHANNEL, None, "bus_off")
     chain.exchange(np.zeros((7, 5)))
-    assert (chain.lost == 1).all()
+    assert (chain.missed == 1).all()
     assert chain.error_frames == 1
     with pytest.raises(BusError, match="No buffer space"):
         chain.exchange(np.zeros((7, 5)))
@@ -199,10 +199,11 @@ def test_the_driver_meets_bus_off_as_silence_and_then_an_error(rig, bus):
 
 def test_a_cable_that_is_out_is_only_silence(rig, bus):
     chain = chain_on(bus)
+    assert all(chain.refresh(1.0))
     rig.fault(CHANNEL, None, "cable_out")
     for _ in range(20):
         chain.exchange(np.zeros((7, 5)))
-    assert (chain.lost == 20).all()
+    assert (chain.missed == 20).all()
     assert chain.error_frames == 0
     rig.fault(CHANNEL, None, "cable_out", False)
     assert all(chain.refresh(1.0))
