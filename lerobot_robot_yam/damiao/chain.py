@@ -267,5 +267,6 @@ class MotorChain(Receiver):
 
     def _answered(self, timeout_s: float) -> list[bool]:
         silent = self._close(self.clock.now() + timeout_s + 2.0 * self.round_trip.one_way_s)
+        self._requests.heard.clear()
         self.publish()
         return [i not in silent for i in range(len(self.motors))]
