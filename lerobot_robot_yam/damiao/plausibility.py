@@ -26,8 +26,8 @@ _UNSEEN_RAD_S = 5.0  # mean speed of a joint between two samples, beyond what bo
 _DOUBTS = 4  # answers that cannot be, of which one is forgotten for every so many good ones
 _FORGET = 1.0 / 50.0
 
-_Sample = tuple[float, float, float]  # q rad, dq rad/s, when s
-_NOTHING: _Sample = (math.nan, 0.0, math.nan)  # nothing is beyond what follows it
+_Sample = tuple[float, float, float, float]  # q rad, dq rad/s, when most likely and at the latest, s
+_NOTHING: _Sample = (math.nan, 0.0, math.nan, math.nan)  # nothing is beyond what follows it
 
 
 class Plausibility:
@@ -68,7 +68,7 @@ class Plausibility:
 
     def assume(self, motor: int, q: float, dq: float, at_s: float) -> None:
         """Judge the next answer by this one, which somebody else has had."""
-        self._good[motor], self._heard_s[motor] = (q, dq, at_s), at_s
+        self._good[motor], self._heard_s[motor] = (q, dq, at_s, at_s), at_s
 
     def accept(self, motor: int, q: float, dq: float, sampled_s: float, latest_s: float) -> bool:
         """Whether an answer can be believed. Hot: once per frame.
@@ -82,34 +82,35 @@ class Plausibility:
         if self.distrusted[motor]:
             self.rejected[motor] += 1
             return False
-        unseen = self._unseen[motor]
+        unseen, sample = self._unseen[motor], (q, dq, sampled_s, latest_s)
         slack = _NOISE_RAD + min(0.5 * self._acceleration[motor] * since_s, unseen) * since_s
         struck = self._struck[motor]
         if struck is not None:  # hardly ever
             self._struck[motor] = None
-            if _continues(struck, q, dq, sampled_s, latest_s, slack):
-                self.before[motor], self._good[motor] = struck[:2], (q, dq, sampled_s)
+            if _continues(struck, sample, slack):
+                self.before[motor], self._good[motor] = struck[:2], sample
                 self._doubt[motor] = max(0.0, self._doubt[motor] - 1.0)
                 return True
         good = self._good[motor]
-        if _continues(good, q, dq, sampled_s, latest_s, slack):
+        if _continues(good, sample, slack):
             gained = min(self._acceleration[motor] * (latest_s - good[2]), 2.0 * unseen)
             if not abs(dq) - abs(good[1]) > gained + _NOISE_RAD_S:
-                self.before[motor], self._good[motor] = good[:2], (q, dq, sampled_s)
+                self.before[motor], self._good[motor] = good[:2], sample
                 if self._doubt[motor] > 0.0:
                     self._doubt[motor] = max(0.0, self._doubt[motor] - _FORGET)
                 return True
-            self._struck[motor] = (q, dq, sampled_s)
+            self._struck[motor] = sample
         self.rejected[motor] += 1
         self._doubt[motor] += 1.0
         self.distrusted[motor] = self._doubt[motor] > _DOUBTS - 0.5
         return False
 
 
-def _continues(before: _Sample, q: float, dq: float, sampled_s: float, latest_s: float, slack: float) -> bool:
+def _continues(before: _Sample, after: _Sample, slack: float) -> bool:
     """Whether a joint can have got from one sample to another; from none, always."""
-    q_before, dq_before, at_s = before
-    least_s, most_s = sampled_s - at_s, latest_s - at_s
+    q_before, dq_before, early_s, late_s = before
+    q, dq, sampled_s, latest_s = after
+    least_s, most_s = max(0.0, sampled_s - late_s), latest_s - early_s
     low, high = (dq_before, dq) if dq_before < dq else (dq, dq_before)
     step = q - q_before
     beyond = step > high * (most_s if high > 0.0 else least_s) + slack

@@ -98,7 +98,7 @@ def _report(target: Target, driver: str, first: np.ndarray, record: np.ndarray, 
         "message": state.message,
     }
     lost_before = first["lost"][hardware.slots].tolist()
-    for row, before in zip(_motor_rows(target, state, record, now), lost_before, strict=True):
+    for row, before in zip(_motor_rows(target, record, now), lost_before, strict=True):
         section.rows.append({**head, **row})
         _check_motor(channel, row, state.mode, row["lost"] - before, ticks, section)
     what = f"is driven by {driver}: watched, nothing was asked"
@@ -124,10 +124,11 @@ def _rearm(state: ArmState) -> str:
     return "remove the cause, then re-arm the session or connect again"
 
 
-def _motor_rows(target: Target, state: ArmState, record: np.ndarray, now: float) -> list[dict[str, Any]]:
+def _motor_rows(target: Target, record: np.ndarray, now: float) -> list[dict[str, Any]]:
+    """One per motor of the profile; a session that nobody has described may drive fewer."""
     hardware = target.hardware()
-    stamps = record["motor_stamp_s"][hardware.slots]
-    columns = (hardware.motors, stamps, state.fault, state.lost, state.temp_mos_c, state.temp_rotor_c)
+    fields = ("motor_stamp_s", "fault", "lost", "temp_mos_c", "temp_rotor_c")
+    columns = (hardware.motors, *(record[field][hardware.slots].tolist() for field in fields))
     return [
         {
             "name": spec.name,

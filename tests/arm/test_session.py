@@ -163,7 +163,7 @@ def test_floating_carries_the_weight_and_holding_takes_over_where_the_arm_is(rig
         before = arm.observe().q
         arm.clock.sleep(1.0)
         assert np.abs(arm.observe().q - before).max() < 0.03  # does not fall
-        rig.push("follower_left", "link6", [0, 12, 0], 0.6)
+        rig.push("follower_left", "link6", [0, 12, 0], 0.2)
         arm.clock.sleep(0.8)
         moved = arm.observe().q
         assert abs(moved[0] - before[0]) > 0.05  # and is free to move
