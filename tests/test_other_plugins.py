@@ -116,7 +116,7 @@ def test_another_projects_leaders_over_ours_are_noticed(theirs, tmp_path):
 
 def test_another_projects_package_over_ours_is_noticed_by_what_of_ours_still_runs(tmp_path):
     """LeRobot imports nothing else of us then: it is up to the leaders, and to the doctor."""
-    theirs = {"__init__.py": "from .config_yam_follower import __name__", "config_yam_follower.py": ""}
+    theirs = {"__init__.py": "from . import config_yam_follower", "config_yam_follower.py": ""}
     overlay(tmp_path, "lerobot_robot_yam", theirs)
     leaders = run(tmp_path, "import lerobot_teleoperator_yam")
     assert "ConfigError: lerobot_robot_yam is not the YAM driver's: lerobot_robot_yam 0.1.2" in leaders.stderr
