@@ -89,6 +89,7 @@ class Recording:
         }
         for side in ("left_arm_config", "right_arm_config"):
             del config["teleop"][side]["can_options"]  # no operator: the test moves the leaders
+            config["teleop"][side]["float_speed_rad_s"] = 4.0  # its hand is quicker than an operator's
         config["dataset"] |= {"root": str(self.root), "no_stamp": True, "fps": FPS, "num_episodes": 3}
         config["dataset"] |= {"episode_time_s": SECONDS, "reset_time_s": 0}
         self.config = commands.directory / "record.yaml"
