@@ -261,7 +261,10 @@ class RigOperations(ABC):
         q: Sequence[Sequence[float]],
         trigger: float | Sequence[float] = 0.0,
     ) -> None:
-        """Grip a leader and pull it along q (k, n) at times (k,) s from now, with limited force, then hold it."""
+        """Grip a leader and pull it with limited force, from where it is, along q (k, n) at times (k,) s from now.
+
+        Then hold it there.
+        """
         self.request("hand", channel=channel, times=times, q=q, trigger=trigger)
 
     def release(self, channel: str) -> None:

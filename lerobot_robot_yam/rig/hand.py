@@ -32,6 +32,7 @@ class Hand:
         self._world = world
         self._handle = handle
         count = world.profiles[channel][0].joint_count
+        self._addresses = world.joint_addresses(channel)
         self._drives = [
             Drive(world, f"{channel}/hand_{i + 1}", (f"{channel}/joint{i + 1}",), 0.0, 1.0) for i in range(count)
         ]
@@ -47,7 +48,9 @@ class Hand:
         self._easy_s = 0.0  # when the arm last gave way
 
     def move(self, times_s: Sequence[float], q_rad: Sequence[Sequence[float]], trigger: Sequence[float]) -> None:
-        """Grip and pull along q_rad (k, n) at times_s (k,) from now, straight between, holding the last.
+        """Grip and pull from where the arm is along q_rad (k, n) at times_s (k,) from now, straight between.
+
+        It holds the last of them.
 
         trigger (k,): 0 released … 1 squeezed.
 
@@ -60,6 +63,9 @@ class Hand:
         if times.ndim != 1 or len(times) < 1 or joints.shape != (len(times), count):
             raise ConfigError(f"a hand needs times (k,) and joints (k, {count}), not {times.shape} and {joints.shape}")
         path = np.column_stack([joints, squeeze])
+        if times[0] > 0.0:
+            here = [*(self._world.qpos[address] for address in self._addresses), path[0, -1]]
+            times, path = np.insert(times, 0, 0.0), np.insert(path, 0, here, axis=0)
         if (np.diff(times) <= 0).any() or not np.isfinite(times).all() or not np.isfinite(path).all():
             raise ConfigError("a hand needs increasing times and finite values")
         rates = np.zeros_like(path)
