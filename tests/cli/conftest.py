@@ -1,6 +1,7 @@
 """LeRobot's own commands, run as a user runs them, against a named rig that the test watches."""
 
 import os
+import re
 import subprocess
 import sys
 import time
@@ -30,6 +31,7 @@ class Commands:
         self.rig = rig
         self.directory = directory
         self.channels = channels
+        self._said_before = 0  # characters of output when the last command was started
 
     def start(self, name, *arguments, stdin=subprocess.DEVNULL, cwd=ROOT):
         """Start an installed command, such as lerobot-record, or Python's own options (name "-c", "-m")."""
@@ -39,6 +41,7 @@ class Commands:
         environment["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
         if self.rig is not None:
             environment["YAM_RIG"] = self.rig.name
+        self._said_before = len(self.output())
         with open(self.directory / "output.txt", "ab") as output:
             return subprocess.Popen(
                 [*program, *arguments],
@@ -65,7 +68,8 @@ class Commands:
 
     def output(self):
         """What all commands of this test have printed."""
-        return (self.directory / "output.txt").read_text(errors="replace")
+        path = self.directory / "output.txt"
+        return path.read_text(errors="replace") if path.exists() else ""
 
     def enabled(self, *channels):
         """Channels of which every motor is enabled."""
@@ -76,6 +80,18 @@ class Commands:
         """Wait until a command has energised these arms."""
         deadline = time.monotonic() + timeout_s
         while self.enabled(*channels) != list(channels):
+            assert process.poll() is None, self.output()[-4000:]
+            assert time.monotonic() < deadline, self.output()[-4000:]
+            time.sleep(0.1)
+
+    def connected(self):
+        """Whether the last command has connected its robot and its teleoperator: from then on leaders float."""
+        return len(re.findall(r"Yam(?:Follower|Leader) connected\n", self.output()[self._said_before :])) == 2
+
+    def wait_connected(self, process, timeout_s=60.0):
+        """Wait until it has."""
+        deadline = time.monotonic() + timeout_s
+        while not self.connected():
             assert process.poll() is None, self.output()[-4000:]
             assert time.monotonic() < deadline, self.output()[-4000:]
             time.sleep(0.1)

@@ -10,7 +10,7 @@ import yaml
 from lerobot.datasets import LeRobotDataset
 
 from lerobot_robot_yam.feature_names import TOOL_NUMBERS
-from tests.cli.conftest import CHANNELS, ROOT
+from tests.cli.conftest import ROOT
 
 logger = logging.getLogger(__name__)
 
@@ -72,7 +72,7 @@ def recorded(shared_ee_commands):
     path.write_text(yaml.safe_dump(config))
     process = commands.start("lerobot-record", f"--config_path={path}")
     try:
-        commands.wait_enabled(process, *CHANNELS, timeout_s=START_S)
+        commands.wait_connected(process, START_S)
         for side, q in START.items():
             commands.rig.hand(f"leader_{side}", [2.0], [q])
         while "Recording episode" not in commands.output():

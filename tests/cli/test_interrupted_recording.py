@@ -89,7 +89,6 @@ class Recording:
         }
         for side in ("left_arm_config", "right_arm_config"):
             del config["teleop"][side]["can_options"]  # no operator: the test moves the leaders
-            config["teleop"][side]["float_speed_rad_s"] = 4.0  # its hand is quicker than an operator's
         config["dataset"] |= {"root": str(self.root), "no_stamp": True, "fps": FPS, "num_episodes": 3}
         config["dataset"] |= {"episode_time_s": SECONDS, "reset_time_s": 0}
         self.config = commands.directory / "record.yaml"
@@ -109,7 +108,7 @@ class Recording:
         commands = self.commands
         self.printed = len(commands.output()) if (commands.directory / "output.txt").exists() else 0
         self.process = commands.start("lerobot-record", f"--config_path={self.config}")
-        self.wait(lambda: commands.enabled() == list(CHANNELS))
+        self.wait(commands.connected)
         for side, turn in (("left", 0.4), ("right", -0.4)):
             commands.rig.hand(f"leader_{side}", [2.0], [[turn, 1.2, 1.1, -0.5, 0.2, 0.3]])
         self.wait(lambda: "Recording episode 1" in self.output())

@@ -54,7 +54,7 @@ def recorded(tmp_path_factory):
             "--dataset.push_to_hub=false",
             "--play_sounds=false",
         )
-        commands.wait_enabled(process, FOLLOWER, LEADER)
+        commands.wait_connected(process)
         start = rig.state()["arms"][LEADER]["q"]
         rig.hand(LEADER, [0.5, 2.5, 4.0, 5.0], [start, REACH, REACH, start], [0.0, 0.0, 1.0, 0.0])
         assert commands.finish(process, 150.0) == 0, commands.output()[-4000:]
