@@ -20,6 +20,7 @@ _RUBS = 0.05  # of the torque limit, 1.4 Nm of a DM4340: what friction holds bac
 _MOST_KD = 5.0  # Nm s/rad, the most that the motors take: what is still unsupported sinks slowly
 _PLANNED_SHARE = 0.9  # of the torque limit, for the set-point; the rest is for what models do not know
 _LEAST_SHARE = 0.2  # of the acceleration: a set-point must always be able to brake
+_AHEAD_TICKS = 1.5  # from a sample to the middle of the tick during which its command holds
 
 
 class Motion:
@@ -138,7 +139,7 @@ class Motion:
         j = slice(hw.joints)
         self.float_speed.reset()
         limited = Limited.NOTHING
-        tau, held_back = self._feed_forward(q, setpoint)
+        tau, held_back = self._feed_forward(q, setpoint, dt)
         if held_back:
             limited |= Limited.TORQUE
         q_set, dq_set = setpoint.asked
@@ -176,12 +177,12 @@ class Motion:
             tau[: hw.joints] = self.weight_nm
         return tau
 
-    def _feed_forward(self, q: np.ndarray, setpoint: SetPoint) -> tuple[np.ndarray, bool]:
-        """(n,) Nm that carry the arm along the set-point, with its speed and acceleration.
+    def _feed_forward(self, q: np.ndarray, setpoint: SetPoint, dt: float) -> tuple[np.ndarray, bool]:
+        """(n,) Nm that carry the arm along the set-point, with its speed and acceleration; and whether it is held back.
 
-        Without the latter two these gains answer a quick start with up to twice the set-point's speed. An acceleration
-        that takes more torque than there is holds the set-point back (True then): an arm that cannot follow would
-        hurry after it as soon as it can.
+        Without the latter two these gains answer a quick start with up to twice the set-point's speed. The set-point is
+        held back where its acceleration takes more torque than there is: an arm that cannot follow would hurry after it
+        later.
         """
         hw = self._hardware
         tau = np.zeros(hw.n)
@@ -189,7 +190,8 @@ class Motion:
             return tau, False
         j = slice(hw.joints)
         ddq = np.minimum(np.maximum(setpoint.asked_ddq[j], -MOST_RAD_S2), MOST_RAD_S2)
-        weight, turning, inertia = self._gravity.torques(q[j], setpoint.asked[1, j], ddq)
+        dq = setpoint.asked[1, j]
+        weight, turning, inertia = self._gravity.torques(q[j] + _AHEAD_TICKS * dt * dq, dq, ddq)
         self.weight_nm = weight * hw.arm.gravity_factor
         steady, inertia = self.weight_nm + turning, inertia + hw.arm.armature_kg_m2 * ddq
         tau[j] = steady + inertia

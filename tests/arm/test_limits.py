@@ -66,7 +66,7 @@ def test_an_arm_that_is_pushed_beyond_a_limit_is_pushed_back_and_the_session_goe
 def test_targets_that_jump_at_odd_times_do_not_drive_an_arm_into_its_stops(rig, running, seed):
     """From rest, where two joints lie on their stops: struck at full speed, these throw the wrist.
 
-    The wrist lies on the shoulder motor. What pushes it off there is an obstacle, and may make it faster than that.
+    The wrist lies on the shoulder motor. What pushes it off there is an obstacle, and makes it faster than 1.1 times.
     """
     session = running(sim_config(rig, LEFT, rate_hz=125))
     rest = session[LEFT].observe().setpoint_q

@@ -82,11 +82,11 @@ def drive():
     """`drive(arm, ...)`: a `Driven` arm, which ends with the test."""
     with ExitStack() as stack:
 
-        def start(arm, gripper="linear_4310", limit_rad_s=None, friction=1.0):
+        def start(arm, gripper="linear_4310", friction=1.0, **fields):
             options = {"arms": [CHANNEL], "arm": arm, "gripper": gripper, "friction": friction}
             rig = stack.enter_context(rig_of("lockstep", **options))
-            fields = {"arm": arm, "gripper": gripper, "gripper_stops_rad": stops_of(gripper)}
-            driven = Driven(rig, sim_config(rig, CHANNEL, speed_limit_rad_s=limit_rad_s, **fields))
+            fields = {"arm": arm, "gripper": gripper, "gripper_stops_rad": stops_of(gripper)} | fields
+            driven = Driven(rig, sim_config(rig, CHANNEL, **fields))
             stack.callback(driven.session.discard)
             return driven
 
@@ -94,19 +94,21 @@ def drive():
 
 
 @pytest.mark.parametrize(
-    ("arm", "limit_rad_s", "kind", "amplitude", "rate_hz", "fps"),
+    ("arm", "fields", "kind", "flips_hz", "fps"),
     [
-        ("yam", None, "uniform", 0.6, 0.0, 8),
-        ("yam", None, "flips", 0.6, 3.0, 30),
-        ("yam", 0.5, "uniform", 0.6, 0.0, 10),
-        ("yam", 3.0, "uniform", 0.6, 0.0, 5),
-        ("big_yam", None, "uniform", 0.6, 0.0, 10),  # torque ends before acceleration does
-        ("yam_ultra", None, "square", 0.6, 1.5, 30),
+        ("yam", {}, "uniform", 0.0, 8),
+        ("yam", {}, "flips", 3.0, 30),
+        ("yam", {"speed_limit_rad_s": 0.5}, "uniform", 0.0, 10),
+        ("yam", {"speed_limit_rad_s": 3.0}, "uniform", 0.0, 5),
+        ("yam", {"rate_hz": 125.0}, "uniform", 0.0, 8),
+        ("yam", {"rate_hz": 100.0}, "uniform", 0.0, 5),
+        ("big_yam", {}, "uniform", 0.0, 10),  # torque ends before acceleration does
+        ("yam_ultra", {}, "square", 1.5, 30),
     ],
 )
-def test_targets_that_jump_drive_no_joint_beyond_its_speed(drive, arm, limit_rad_s, kind, amplitude, rate_hz, fps):
-    driven = drive(arm, limit_rad_s=limit_rad_s)
-    fastest = driven.fastest(KINDS[kind](np.random.default_rng(1), amplitude, rate_hz), fps, 3.0)
+def test_targets_that_jump_drive_no_joint_beyond_its_speed(drive, arm, fields, kind, flips_hz, fps):
+    driven = drive(arm, **fields)
+    fastest = driven.fastest(KINDS[kind](np.random.default_rng(2), 0.6, flips_hz), fps, 3.0)
     assert 0.95 < fastest.max() < MOST, fastest
 
 
@@ -142,7 +144,7 @@ def test_random_streams_drive_no_joint_beyond_its_speed(drive, arm, seed, record
     rng = np.random.default_rng([seed, ARMS.index(arm)])
     gripper = str(rng.choice([name for name in GRIPPERS if name != "yam_teaching_handle"]))
     limit_rad_s = [None, 0.5, 1.0, 3.0][rng.integers(4)]
-    driven, worst = drive(arm, gripper, limit_rad_s, friction=float(rng.choice([0.0, 1.0, 3.0]))), 0.0
+    driven, worst = drive(arm, gripper, friction=float(rng.integers(2)), speed_limit_rad_s=limit_rad_s), 0.0
     for _ in range(8):
         kind = str(rng.choice(list(KINDS)))
         amplitude, rate_hz = float(rng.choice([0.05, 0.2, 0.6])), float(rng.uniform(0.5, 8.0))
