@@ -105,7 +105,9 @@ class Motion:
         laws.float_free(out, q, hw.idle_kd, tau)
         share = self.float_speed.share(dq[j], dt)
         if share is not None:
-            out[j, laws.KD] += share * (_MOST_KD - hw.idle_kd[j])
+            # Within what the torque limit leaves: the clip would turn a speed that was read wrongly into a real one.
+            room = np.maximum(hw.torque_limit_nm[j] - np.abs(tau[j]), 0.0) / np.maximum(np.abs(dq[j]), 1e-9)
+            out[j, laws.KD] = np.minimum(out[j, laws.KD] + share * (_MOST_KD - hw.idle_kd[j]), room)
         wall = laws.soft_wall(out[j], q[j], dq[j], hw.lower[j], hw.upper[j], hw.kp[j], hw.kd[j], hw.torque_limit_nm[j])
         beyond = Limited.JOINT_LIMIT if wall > _WORTH_SAYING_RAD else Limited.NOTHING
         return beyond | Limited.TORQUE if self._clip(q, dq) else beyond

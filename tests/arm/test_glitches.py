@@ -174,6 +174,27 @@ def test_a_motor_that_goes_on_lying_is_not_believed_again(rig, held):
     judge.check("re-armed")
 
 
+def test_a_refused_reading_is_not_published(rig, held):
+    rig.fault(CHANNEL, "joint_2", "reading", {"position_rad": 6.283})
+    held.clock.sleep(0.1)
+    with pytest.raises(LifeCycleError, match="still reads"):
+        held[CHANNEL].rearm()
+    held.clock.sleep(0.02)
+    assert abs(held[CHANNEL].published().q[1] - POSE[1]) < 0.02
+
+
+@pytest.mark.parametrize("speed_rad_s", [3.6, 7.2, 18.0])
+def test_a_wrong_speed_is_not_damped_with_more_torque_than_there_is(rig, held, speed_rad_s):
+    """Fast enough for the damping that ends a runaway: the clip must not make the motor drive at the speed it reads."""
+    held[CHANNEL].float()
+    held.clock.sleep(0.05)
+    judge = Judge(rig, held)
+    for joint in ("joint_4", "joint_5", "joint_6"):
+        rig.fault(CHANNEL, joint, "reading", {"velocity_rad_s": speed_rad_s, "answers": 20})
+    held.clock.sleep(0.15)
+    judge.check(f"{speed_rad_s} rad/s")
+
+
 def test_an_arm_lands_of_which_one_motor_lies(rig, held):
     rig.fault(CHANNEL, "joint_3", "reading", {"position_rad": 2.0})
     held.clock.sleep(0.1)
