@@ -75,13 +75,15 @@ class ControllerBlocks:
         self._seen = sequence
         record, controller = self._record, self._controller
         if command["request_sequence"] > record["request_sequence"]:  # an older one has been taken back since
-            record["request_sequence"] = command["request_sequence"]
+            refused = False
             try:
                 controller.request(Request(int(command["request"])), now)
-                record["request_refused"] = 0
             except YamError as error:
-                record["request_refused"] = 1
+                refused = True
                 record["refusal"] = str(error).encode()[:400]
+            finally:  # not before: the record is also written while a request is carried out
+                record["request_refused"] = refused
+                record["request_sequence"] = command["request_sequence"]
         if command["target_sequence"] > record["target_sequence"]:
             record["target_sequence"] = command["target_sequence"]
             slots = self._slots
@@ -123,6 +125,12 @@ class ControllerBlocks:
         record["gripper_blocked"] = c.gripper is not None and c.gripper.stalled
         self._note_seldom(None if c.gripper is None else c.gripper.stops, c.trouble, c.message)
         self._states.write(record)
+
+    def beat(self, tick: int) -> None:
+        """Say that the loop lives while it waits; the arm's state is as it was."""
+        if not self._ended:
+            self._record["tick"] = self._first_tick + tick
+            self._states.write(self._record)
 
     def _note_seldom(self, stops: GripperStops | None, trouble: Trouble | None, message: str) -> None:
         """Put into the record what hardly ever changes; texts take longest."""

@@ -25,6 +25,7 @@ _ANSWER_S = 0.006  # motors answer within a few ms, and meanwhile nobody command
 _ASK_AGAIN = 5  # a question or its answer may get lost
 _REARM_ATTEMPTS = 2  # of seven motors 27 ms each, and the loop must not seem to hang
 _SOON_S = 0.02  # where nobody is waiting
+_OFF_S = 0.01  # three times; meanwhile nobody commands the other arm
 _PUSHED_RAD = 0.5  # what a hand or a load can have pushed a joint away that held its set-point
 
 
@@ -39,6 +40,7 @@ class ArmDrive:
         q, dq, tau: (n,) rad, rad/s, Nm; the gripper's q is 0 closed … 1 open, its dq strokes/s.
         motor_q, motor_dq: the same, the gripper's in rad and rad/s.
         before: q and dq as those, of each motor's sample before; NaN before there is one.
+        meanwhile: called between questions that a running loop waits for, so that it may hold the other arms.
     """
 
     def __init__(self, config: ArmConfig, hardware: Hardware, bus: can.BusABC):
@@ -57,6 +59,7 @@ class ArmDrive:
         self.motor_q, self.motor_dq = np.zeros(n), np.zeros(n)
         self.before = np.full(n, np.nan), np.full(n, np.nan)
         self.sent = np.zeros((n, 5))  # in joint coordinates
+        self.meanwhile: Callable[[], None] = lambda: None
         self._packed: list[bytes] = []
         self._packed_of = b""
 
@@ -107,6 +110,7 @@ class ArmDrive:
         Raises:
             MotorError: one does not answer.
         """
+        self.chain.believe(range(len(self.chain)))
         silent = [self.chain.motors[i] for i in self._enable(range(len(self.chain)), _SOON_S, _ASK_AGAIN, meanwhile)]
         self.read()
         if silent:
@@ -138,52 +142,66 @@ class ArmDrive:
             MotorError: one is where its joint cannot be. Those that were enabled are disabled again; one that had kept
                 its torque keeps it, and is not believed.
         """
-        chain = self.chain
+        with self.chain.in_haste():
+            return self._clear_and_enable(motors)
+
+    def _clear_and_enable(self, motors: Sequence[int]) -> list[int]:
+        chain, believed_rad = self.chain, self.chain.position_rad
         chain.restart(motors)
         asked_s = chain.clock.now()
         for _ in range(_ASK_AGAIN):
             if (chain.stamp_s[motors] > asked_s).all():
                 break
             chain.refresh(_ANSWER_S)
+            self.meanwhile()
         silence_s = chain.silence_s(chain.clock.now())
         heard = [i for i in motors if silence_s[i] < SILENT_S]
         off = [i for i in heard if chain.fault[i] != Fault.NORMAL]
         chain.special(SpecialCommand.CLEAR, _ANSWER_S, off)
-        self._enable(off, _ANSWER_S, _REARM_ATTEMPTS)
+        self.meanwhile()
+        self._enable(off, _ANSWER_S, _REARM_ATTEMPTS, self.meanwhile)
         self.read()
         try:
             self._resolve([i for i in off if i < self._hardware.joints])  # without power it forgets its turn
-            self._compare([i for i in heard if i not in off and i < self._hardware.joints])  # with power it does not
+            kept = [i for i in heard if i not in off and i < self._hardware.joints]  # with power it does not
+            self._compare(kept, believed_rad)
         except YamError:
             chain.special(SpecialCommand.DISABLE, _ANSWER_S, off)
             raise
         self.read()
         return heard
 
-    def _compare(self, joints: Sequence[int]) -> None:
+    def _compare(self, joints: Sequence[int], believed_rad: np.ndarray) -> None:
         """
         Raises:
-            MotorError: one says to be where it cannot have got from where it was sent last.
+            MotorError: some say to be where they cannot have got from where they were sent last. They are not believed,
+                but taken to be at `believed_rad`, (n,) motor coordinates.
         """
         gap = np.abs(self.motor_q - self.sent[:, laws.Q])
-        for index in joints:
-            if gap[index] > _PUSHED_RAD:
-                self.chain.distrust([index])
-                motor = self._hardware.motors[index]
-                raise MotorError(
-                    f"{self._config.name} ({self._config.channel}): {motor.name} (id {motor.can_id}) still reads "
-                    f"{self.motor_q[index]:.2f} rad and was sent to {self.sent[index, laws.Q]:.2f}; check its cable "
-                    "and plug, let the arm land, and connect again"
-                )
+        lying = [index for index in joints if gap[index] > _PUSHED_RAD]
+        if not lying:
+            return
+        told = "; ".join(
+            f"{self._hardware.motors[index].name} (id {self._hardware.motors[index].can_id}) still reads "
+            f"{self.motor_q[index]:.2f} rad and was sent to {self.sent[index, laws.Q]:.2f}"
+            for index in lying
+        )
+        self.chain.distrust(lying, believed_rad)
+        self.read()
+        raise MotorError(
+            f"{self._config.name} ({self._config.channel}): {told}; check cables and plugs, let the arm land, and "
+            "connect again"
+        )
 
     def disable(self) -> list[str]:
         """Cut torque. Returns the motors that have not confirmed it."""
-        confirmed = np.zeros(len(self.chain), dtype=bool)
-        for _ in range(3):
-            confirmed |= self.chain.special(SpecialCommand.DISABLE, _SOON_S)
-            if confirmed.all():
-                break
-        return [self.chain.motors[i].name for i in np.flatnonzero(~confirmed)]
+        with self.chain.in_haste():
+            for _ in range(3):
+                self.chain.special(SpecialCommand.DISABLE, _OFF_S)
+                self.meanwhile()
+                if (self.chain.fault != Fault.NORMAL).all():
+                    break
+        return [self.chain.motors[i].name for i in np.flatnonzero(self.chain.fault == Fault.NORMAL)]
 
     def pack(self, commands: np.ndarray) -> None:
         """Have the frames of commands (n, 5) ready: to make them takes longer than to send them, and may be early.

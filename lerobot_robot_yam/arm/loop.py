@@ -5,6 +5,8 @@
 Deadlines are absolute; after an overrun the loop starts anew from now: no burst, no drift.
 """
 
+import contextlib
+import functools
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -67,6 +69,8 @@ class ControlLoop:
         self._ready = True  # no arm is coming up; who takes arms over never has one that is
         self._tick = 0
         self._last = 0.0  # when the laws were asked last
+        for controller in controllers:
+            controller.drive.meanwhile = functools.partial(self._hold_others, controller)
 
     def start(self) -> None:
         """Energise every arm, or none.
@@ -97,6 +101,15 @@ class ControlLoop:
                 controller.abandon()
                 blocks.publish(self._clock.now(), self._tick)
             raise
+
+    def _hold_others(self, waiting: ArmController) -> None:
+        """While one arm waits for its motors the others keep their commands, and a stand-by sees the loop live."""
+        self._tick += 1
+        for controller, blocks in zip(self._controllers, self._blocks, strict=True):
+            if controller is not waiting and controller.mode in ENERGISED:
+                with contextlib.suppress(BusError):  # the next tick will see it
+                    controller.send()
+            blocks.beat(self._tick)
 
     def run(
         self, on_ready: Callable[[str], None] = lambda _: None, must_land: Callable[[], bool] = lambda: False

@@ -3,7 +3,8 @@
 What has arrived is drained before the next tick is sent, so old data cannot pile up in the socket.
 """
 
-from collections.abc import Iterable, Sequence
+import contextlib
+from collections.abc import Iterable, Iterator, Sequence
 
 import can
 import numpy as np
@@ -30,6 +31,8 @@ ENABLE_PAUSE_S = 0.003  # the vendor's driver leaves this much time before each 
 CLEAR_REPEATS = 3  # and sends "clear error" this many times
 # After them, as long as they and their answers take on the wire: a link brought up by default has room for 20 frames.
 _CLEAR_PAUSE_S = 2 * CLEAR_REPEATS * FRAME_TIME_S
+_SETTLE_S = 0.01  # beyond what answers usually take, for those that were held up
+_HASTE_S = 0.04  # the most that a loop waits for an adapter; a third of the time after which it is taken for hung
 
 
 class MotorChain(Receiver):
@@ -66,6 +69,7 @@ class MotorChain(Receiver):
         if encoder is not None:
             self._messages.append(data_message(REQUEST_ID, encode_report_request()))
 
+        self._ticked = self._hasty = False  # since the last question; whether a loop waits
         self.missed: np.ndarray = np.zeros(len(self.motors), dtype=int)
         self.all_answered = False
 
@@ -110,6 +114,7 @@ class MotorChain(Receiver):
         if absent:  # hardly ever
             messages = [message for i, message in enumerate(messages) if i not in absent]
         self._begin([i for i in range(count) if i not in absent], handle=self.encoder is not None)
+        self._ticked = True
         try:
             self._port.send(messages)
         except BusError:
@@ -149,13 +154,15 @@ class MotorChain(Receiver):
     ) -> list[bool]:
         """Send a special command to motors (by index; default all), and say who of all answered within `timeout_s`.
 
-        ENABLE makes motors obey; ZERO moves their origin, so that the next reading is taken as it is.
+        ENABLE makes motors obey; ZERO moves their origin, so that the next reading is taken as it is. DISABLE in haste
+        does not wait for answers to ticks: whether torque is off is in `fault`, whichever question a motor answers.
         """
         if command is SpecialCommand.ZERO:
             self.restart()
         repeats = CLEAR_REPEATS if command is SpecialCommand.CLEAR else 1
         chosen = range(len(self.motors)) if motors is None else motors
-        self._settle()
+        if command is not SpecialCommand.DISABLE or not self._hasty:
+            self._settle()
         self._begin(chosen, repeats=repeats).paced = True
         for spec in (self.motors[i] for i in chosen):
             if command is SpecialCommand.ENABLE:
@@ -241,6 +248,15 @@ class MotorChain(Receiver):
         request.sent_s = self.clock.now()
         return request
 
+    @contextlib.contextmanager
+    def in_haste(self) -> Iterator[None]:
+        """Inside the block a loop waits: answers that take longer than usual are given up, and may be mistaken."""
+        self._hasty = True
+        try:
+            yield
+        finally:
+            self._hasty = False
+
     def _settle(self) -> None:
         """Wait as long as answers to earlier questions can take: they must not be taken for answers to the next one.
 
@@ -250,6 +266,10 @@ class MotorChain(Receiver):
         longest_s = self.round_trip.longest_s
         if not self._requests.owed or not longest_s:
             return
+        if self._hasty:  # what a question has not been answered in its own time is not waited for again
+            usual_s = min(2.0 * self.round_trip.one_way_s, _HASTE_S)
+            longest_s = min(longest_s, usual_s + _SETTLE_S) if self._ticked else 0.0
+        self._ticked = False
         deadline_s = self._requests.newest.sent_s + longest_s
         while self._requests.owed and (left_s := deadline_s - self.clock.now()) > 0.0:
             message = self._port.recv(left_s)
@@ -266,7 +286,10 @@ class MotorChain(Receiver):
         return request.motors
 
     def _answered(self, timeout_s: float) -> list[bool]:
-        silent = self._close(self.clock.now() + timeout_s + 2.0 * self.round_trip.one_way_s)
+        both_ways_s = 2.0 * self.round_trip.one_way_s
+        silent = self._close(
+            self.clock.now() + timeout_s + (min(both_ways_s, _HASTE_S) if self._hasty else both_ways_s)
+        )
         self._requests.heard.clear()
         self.publish()
         return [i not in silent for i in range(len(self.motors))]

@@ -44,15 +44,17 @@ class FeedbackStore:
         self._fresh = [True] * count  # the next reading says which turn it is on
         self.publish()
 
-    def take(self, index: int, data: bytes, asked_s: float, sampled_s: float, latest_s: float) -> None:
+    def take(
+        self, index: int, data: bytes, asked_s: float, sampled_s: float, latest_s: float, arrived_s: float
+    ) -> None:
         """Decode one feedback frame, 8 bytes, of motor number `index`; use it if it can be. Hot: once per frame.
 
         Between two readings a motor that turns is taken to have gone the shorter way round; the first is taken as it
         is.
 
         Args:
-            asked_s: when the command went out that this answers.
-            sampled_s, latest_s: when the motor has sampled: most likely, and at the latest.
+            asked_s, arrived_s: when the command went out that this answers, and when this came.
+            sampled_s, latest_s: when the motor has sampled in between: most likely, and at the latest.
         """
         _, fault, position, velocity, torque, mos, rotor = unpack_feedback(self._ranges[index], data)
         turn, half = self._turn_rad[index], self._half[index]
@@ -65,7 +67,7 @@ class FeedbackStore:
             elif step < -half:
                 turn += 2.0 * half
                 position += 2.0 * half
-        if not self._judge.accept(index, position, velocity, sampled_s, latest_s):
+        if not self._judge.accept(index, position, velocity, sampled_s, latest_s, asked_s, arrived_s):
             return
         self._fresh[index] = False
         self._turn_rad[index], self._position[index], self._velocity[index] = turn, position, velocity
@@ -94,9 +96,15 @@ class FeedbackStore:
         for index in chosen:
             self._turn_rad[index], self._fresh[index] = 0.0, True
 
-    def distrust(self, motors: Iterable[int]) -> None:
-        """Use no readings of these motors until `restart`."""
+    def believe(self, motors: Iterable[int]) -> None:
+        """Take the next readings of these motors however far off: limp joints may have been moved."""
+        self._judge.restart(motors)
+
+    def distrust(self, motors: Sequence[int], position_rad: np.ndarray) -> None:
+        """Use no readings of these motors until `restart`; they are where they were believed last, (n,) in all."""
         self._judge.distrust(motors)
+        for index in motors:
+            self._position[index], self._velocity[index] = float(position_rad[index]), 0.0
         self.publish()
 
     @property

@@ -4,30 +4,49 @@ With v the speeds of both answers, Δt the time between their samples, δt the t
 a the largest acceleration of the motor:
 
     min(v₀, v₁) Δt − s  ≤  q₁ − q₀  ≤  max(v₀, v₁) Δt + s,     s = noise + min(½ a δt, u) δt
-    |v₁|  ≤  |v₀| + min(a Δt, 2u) + noise
+    |v₁|  ≤  |v₀| + min(a Δt, g) + noise
 
-The bare rotor of a small motor could gain more speed unseen than u = 5 rad/s, but no joint of an arm is as light. A
-gripper is: its fingers open and close within half a second.
+The bare rotor of a small motor could gain more speed than g = 2.5 rad/s, and on average u = 5 rad/s, unseen, but no
+joint of an arm is as light. A gripper is: its fingers open and close within half a second.
 
-A reading that is not within is never used; it is forgotten but counted. A blow may give a joint more speed than that,
-but it does not move it at once: a reading that is beyond by its speed alone waits for the next one, which is judged by
-it. When several readings that cannot be come within a short time the motor is not believed any more, until somebody
-says so (`restart`).
+A reading that is not within is never used; it is forgotten but counted. Three kinds wait for the next one, which is
+then judged by them:
+
+- beyond by its speed alone: a blow may give a joint more speed, but does not move it at once;
+- of a joint, and within only because nothing was heard for more than 0.02 s;
+- within only if the adapter has just become slower or quicker: then all that is known of a sample is that it was taken
+  after its command was sent and before its answer arrived.
+
+When several readings that cannot be come within a short time the motor is not believed any more, until somebody says so
+(`restart`).
 """
 
 import math
 from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 from lerobot_robot_yam.damiao.tables import MotorType
 
 _NOISE_RAD = 0.005  # play in the gears and 13 codes of a position
 _NOISE_RAD_S = 0.5
 _UNSEEN_RAD_S = 5.0  # mean speed of a joint between two samples, beyond what both say
+_GAINED_RAD_S = 2.5  # by a joint from one sample to the next
 _DOUBTS = 4  # answers that cannot be, of which one is forgotten for every so many good ones
 _FORGET = 1.0 / 50.0
 
-_Sample = tuple[float, float, float, float]  # q rad, dq rad/s, when most likely and at the latest, s
-_NOTHING: _Sample = (math.nan, 0.0, math.nan, math.nan)  # nothing is beyond what follows it
+_UNHEARD_S = 0.02  # five ticks: nobody has seen what it did meanwhile, and one reading is not enough to tell
+
+
+class _Sample(NamedTuple):
+    q: float  # rad
+    dq: float  # rad/s
+    likely_s: float  # when it was taken
+    latest_s: float  # the same at the latest, if the adapter is as it was
+    asked_s: float
+    arrived_s: float
+
+
+_NOTHING = _Sample(math.nan, 0.0, math.nan, math.nan, math.nan, math.nan)  # nothing is beyond what follows it
 
 
 class Plausibility:
@@ -45,12 +64,14 @@ class Plausibility:
 
     def __init__(self, types: Sequence[MotorType], light: Sequence[bool]):
         count = len(types)
-        speeds = zip(types, light, strict=True)
-        self._unseen = [row.velocity_max_rad_s if free else _UNSEEN_RAD_S for row, free in speeds]
+        rows = list(zip(types, light, strict=True))
+        self._light = list(light)
+        self._unseen = [row.velocity_max_rad_s if free else _UNSEEN_RAD_S for row, free in rows]
+        self._gained = [2.0 * row.velocity_max_rad_s if free else _GAINED_RAD_S for row, free in rows]
         self._acceleration = [row.acceleration_max_rad_s2 for row in types]
         self.before = [(math.nan, math.nan)] * count
         self._good: list[_Sample] = [_NOTHING] * count
-        self._struck: list[_Sample | None] = [None] * count  # beyond by its speed alone
+        self._struck: list[_Sample | None] = [None] * count  # waits for the next one
         self._heard_s = [math.nan] * count
         self._doubt = [0.0] * count
         self.rejected = [0] * count
@@ -68,22 +89,25 @@ class Plausibility:
 
     def assume(self, motor: int, q: float, dq: float, at_s: float) -> None:
         """Judge the next answer by this one, which somebody else has had."""
-        self._good[motor], self._heard_s[motor] = (q, dq, at_s, at_s), at_s
+        self._good[motor], self._heard_s[motor] = _Sample(q, dq, at_s, at_s, at_s, at_s), at_s
 
-    def accept(self, motor: int, q: float, dq: float, sampled_s: float, latest_s: float) -> bool:
+    def accept(
+        self, motor: int, q: float, dq: float, sampled_s: float, latest_s: float, asked_s: float, arrived_s: float
+    ) -> bool:
         """Whether an answer can be believed. Hot: once per frame.
 
         Args:
             motor: by index.
             q, dq: rad, rad/s.
             sampled_s, latest_s: when its sample was taken: most likely, and at the latest.
+            asked_s, arrived_s: between which it was taken for certain.
         """
         since_s, self._heard_s[motor] = latest_s - self._heard_s[motor], latest_s
         if self.distrusted[motor]:
             self.rejected[motor] += 1
             return False
-        unseen, sample = self._unseen[motor], (q, dq, sampled_s, latest_s)
-        slack = _NOISE_RAD + min(0.5 * self._acceleration[motor] * since_s, unseen) * since_s
+        sample = _Sample(q, dq, sampled_s, latest_s, asked_s, arrived_s)
+        slack = self._slack(motor, since_s if self._light[motor] else min(since_s, _UNHEARD_S))
         struck = self._struck[motor]
         if struck is not None:  # hardly ever
             self._struck[motor] = None
@@ -93,25 +117,39 @@ class Plausibility:
                 return True
         good = self._good[motor]
         if _continues(good, sample, slack):
-            gained = min(self._acceleration[motor] * (latest_s - good[2]), 2.0 * unseen)
-            if not abs(dq) - abs(good[1]) > gained + _NOISE_RAD_S:
+            gained = min(self._acceleration[motor] * (latest_s - good.likely_s), self._gained[motor])
+            if not abs(dq) - abs(good.dq) > gained + _NOISE_RAD_S:
                 self.before[motor], self._good[motor] = good[:2], sample
                 if self._doubt[motor] > 0.0:
                     self._doubt[motor] = max(0.0, self._doubt[motor] - _FORGET)
                 return True
+            self._struck[motor] = sample
+        elif _may_continue(good, sample, self._slack(motor, since_s)):
             self._struck[motor] = sample
         self.rejected[motor] += 1
         self._doubt[motor] += 1.0
         self.distrusted[motor] = self._doubt[motor] > _DOUBTS - 0.5
         return False
 
+    def _slack(self, motor: int, unheard_s: float) -> float:
+        """How far a motor can get in that time beyond what its speeds say, rad."""
+        return _NOISE_RAD + min(0.5 * self._acceleration[motor] * unheard_s, self._unseen[motor]) * unheard_s
+
 
 def _continues(before: _Sample, after: _Sample, slack: float) -> bool:
-    """Whether a joint can have got from one sample to another; from none, always."""
-    q_before, dq_before, early_s, late_s = before
-    q, dq, sampled_s, latest_s = after
-    least_s, most_s = max(0.0, sampled_s - late_s), latest_s - early_s
-    low, high = (dq_before, dq) if dq_before < dq else (dq, dq_before)
-    step = q - q_before
+    """Whether a joint can have got from one sample to another, if the adapter is as it was; from none, always."""
+    return _reaches(before, after, after.likely_s - before.latest_s, after.latest_s - before.likely_s, slack)
+
+
+def _may_continue(before: _Sample, after: _Sample, slack: float) -> bool:
+    """The same if the adapter may have become slower or quicker in between."""
+    return _reaches(before, after, after.asked_s - before.arrived_s, after.arrived_s - before.asked_s, slack)
+
+
+def _reaches(before: _Sample, after: _Sample, least_s: float, most_s: float, slack: float) -> bool:
+    """Whether a joint can have got from one sample to another within least_s … most_s."""
+    least_s = max(0.0, least_s)
+    low, high = (before.dq, after.dq) if before.dq < after.dq else (after.dq, before.dq)
+    step = after.q - before.q
     beyond = step > high * (most_s if high > 0.0 else least_s) + slack
     return not (beyond or step < low * (most_s if low < 0.0 else least_s) - slack)

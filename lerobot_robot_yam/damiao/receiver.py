@@ -107,7 +107,7 @@ class Receiver(FeedbackStore):
         sent_s = request.sent_s
         arrived_s = self._port.arrival_s(message)
         sampled_s, latest_s = self.round_trip.sampled_s(sent_s, arrived_s, index, request.asked, request.paced)
-        self.take(index, data, sent_s, sampled_s, latest_s)
+        self.take(index, data, sent_s, sampled_s, latest_s, arrived_s)
 
     def _receive_other(self, message: can.Message) -> None:
         can_id, ours = message.arbitration_id, is_classic_data(message)

@@ -68,6 +68,23 @@ def test_an_adapter_that_becomes_slow():
         session.discard()
 
 
+@pytest.mark.parametrize("latency_s", [0.005, 0.02])
+def test_an_adapter_that_becomes_quick_makes_nobody_distrust_a_fast_gripper(latency_s):
+    with rig_of("lockstep", arms=[CHANNEL], latency_s=latency_s) as rig:
+        session = session_on(rig, sim_config(rig, CHANNEL, gripper_force_limit_n=None))
+        session.start()
+        for opening in (1.0, 0.0, 1.0, 0.0):
+            rig.fault(CHANNEL, None, "latency_s", latency_s)
+            track(session, {CHANNEL: MIDDLE}, 1.0, gripper=opening)
+            session[CHANNEL].track(MIDDLE, 1.0 - opening)
+            session.clock.sleep(0.15)
+            assert abs(session[CHANNEL].published().gripper_rate) > 1.0, "it is meant to move"
+            rig.fault(CHANNEL, None, "latency_s", 0.0)
+            track(session, {CHANNEL: MIDDLE}, 0.5, gripper=1.0 - opening)
+            assert session[CHANNEL].published().trouble is None
+        session.discard()
+
+
 @pytest.mark.parametrize(
     "hold",
     [{"seconds": 0.03, "every_s": 0.2}, {"seconds": 0.08, "every_s": 0.25}, {"seconds": 0.016, "every_s": 0.017}],

@@ -71,3 +71,28 @@ def test_an_arm_that_holds_because_of_the_other_is_released_with_it_and_not_befo
         assert {session[channel].mode() for channel in (LEFT, RIGHT)} == {Mode.TRACK}
     finally:
         session.stop()
+
+
+@pytest.mark.parametrize("latency_s", [0.0, 0.04])
+def test_an_arm_that_switches_off_on_a_bad_wire_keeps_the_other_one_waiting_for_no_long(rig, latency_s):
+    """A stand-by takes a loop for hung that has not ticked for 0.14 s."""
+    session = session_on(rig, sim_config(rig, LEFT), sim_config(rig, RIGHT))
+    session.start()
+    try:
+        track(session, {LEFT: AWAY, RIGHT: AWAY}, 1.5)
+        rig.fault(LEFT, None, "latency_s", latency_s)
+        for kind in ("loss_rate", "command_loss_rate"):
+            rig.fault(LEFT, None, kind, 0.2)
+        session[LEFT].land()
+        block = session[RIGHT]
+        longest_s, before = 0.0, block.published().published_s
+        deadline = session.clock.now() + 20.0
+        while session[LEFT].mode() is not Mode.OFF:
+            assert session.clock.now() < deadline
+            session.clock.sleep(0.004)
+            now = block.published().published_s
+            longest_s, before = max(longest_s, now - before), now
+        assert longest_s < 0.1
+    finally:
+        rig.clear_faults(LEFT)
+        session.discard()

@@ -61,7 +61,7 @@ def test_a_frame_counts_for_its_motor_or_for_nobody(frames):
             elif index is not None:
                 answers[index] += 1
                 if answers[index] == 1:  # the question's; the others are nobody's
-                    model.take(index, message.data, 0.0, 0.0, 0.0)
+                    model.take(index, message.data, 0.0, 0.0, 0.0, 0.0)
             elif not on_handle:
                 foreign += 1
                 commands += is_classic_data(message) and message.arbitration_id in {s.can_id for s in SPECS}
@@ -210,7 +210,7 @@ def test_turns_are_followed_however_far(kind, start, steps):
         position += step * (2 * half - 2 * step_rad)
         now += 10.0  # in which it may have gone anywhere
         wrapped = (position + half) % (2 * half) - half
-        store.take(0, codec.encode_feedback(kind, 1, 1, wrapped, 0, 0, 0, 0), now, now, now)
+        store.take(0, codec.encode_feedback(kind, 1, 1, wrapped, 0, 0, 0, 0), now, now, now, now)
         store.publish()
         assert abs(store.position_rad[0] - position) <= 1.001 * step_rad
 
