@@ -27,6 +27,7 @@ _SMALL = 2e-3  # rad or strokes
 _AT_MEASURED = 0.03  # rad or strokes: a set-point so near to the measured pose has been seeded from it
 _SETTLED_S = 0.15  # an arm that begins to land brakes from full speed first
 _CAME_FREE = "a joint that came free"
+_PRESSES_LESS = "a landing that meets something presses less"
 _PEER_S = 0.15  # a peer has been told by then
 
 
@@ -149,7 +150,11 @@ class SetPointCheck:
             why = _CAME_FREE
         if seeded and why:
             self.seeds[why] += 1
-            self._note_seed(record, before, jumped, why)
+            if new is not Mode.FLOAT:  # nothing is sent to where a floating joint is said to be
+                self._note_seed(record, before, jumped, why)
+            return []
+        if new is Mode.LAND and self._presses_less(record, before)[jumped].all():
+            self.seeds[_PRESSES_LESS] += 1
             return []
         slot = int(np.nanargmax(np.where(jumped, moved, 0.0)))
         way = f"{before['setpoint'][slot]:.3f} to {record['setpoint'][slot]:.3f}, measured {record['q'][slot]:.3f}"
@@ -170,6 +175,12 @@ class SetPointCheck:
                 age_s=float(record["stamp_s"]) - record["motor_stamp_s"][joints],
             )
         )
+
+    def _presses_less(self, record: Any, before: Any) -> np.ndarray:
+        """(7,) which set-points went nearer to where the arm is, and not past it."""
+        here, now, then = self._of(record, "q"), self._of(record, "setpoint"), self._of(before, "setpoint")
+        nearer: np.ndarray = (now - here) * (now - then) <= 0.0
+        return nearer
 
     def _on_measured(self, record: Any, before: Any) -> np.ndarray:
         """(7,) which set-points lie where the arm is, or was a record ago."""

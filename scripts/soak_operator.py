@@ -12,6 +12,7 @@ from soak_devices import Device
 from soak_injector import Injector
 from soak_schedule import LEADERS, hand_path
 
+from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.rig.control import RigControl
 
@@ -22,6 +23,7 @@ _HAND_S = 40.0
 _IMPATIENT = 0.25  # how often the operator tries before the fault is gone
 _ATTEMPTS = 3
 _SETTLE_S = 0.6  # the motors' watchdog, and a little
+_LATE_LANDING_S = 15.0  # a stretched arm takes less
 
 
 class Operator:
@@ -37,6 +39,7 @@ class Operator:
     def __init__(self, rig: RigControl, injector: Injector, seed: int, violation: Callable[[str, str, str], None]):
         self._rig, self._injector, self._violation = rig, injector, violation
         self._chance = random.Random(f"{seed} operator")
+        self._stopped_at_end = False
         self._guided_until_s = 0.0  # the hands know where to go until then
         self._used: set[str] = set()  # devices that have been connected before
         self.counts: Counter[str] = Counter()
@@ -102,6 +105,7 @@ class Operator:
             device.device.disconnect()
         except Exception as error:
             self._violation("each recovery succeeds", device.name, f"disconnect: {type(error).__name__}: {error}")
+        self._stopped_at_end = EmergencyStop().latched  # then its control loop lands it when that is released
         self.counts["disconnected"] += 1
         logger.info("%s: disconnected in %.1f s", device.name, time.monotonic() - begin)
 
@@ -125,13 +129,19 @@ class Operator:
         self.counts["connected"] += 1
 
     def check_limp(self, device: Device) -> None:
-        """Nothing is energised after disconnecting."""
+        """Nothing is energised after disconnecting, or after the release of an emergency stop that came before that."""
+        deadline = time.monotonic() + _LATE_LANDING_S
         time.sleep(_SETTLE_S)  # what could not be reached lets go by itself
+        while self._stopped_at_end and self._energised(device) and time.monotonic() < deadline:
+            time.sleep(_SETTLE_S)
+        for channel, energised in self._energised(device).items():
+            self._violation("nothing energised afterwards", channel, ", ".join(energised))
+
+    def _energised(self, device: Device) -> dict[str, list[str]]:
+        """Motors by channel, of channels that have some."""
         arms = self._rig.state()["arms"]
-        for channel in device.channels:
-            energised = [name for name, motor in arms[channel]["motors"].items() if motor["enabled"]]
-            if energised:
-                self._violation("nothing energised afterwards", channel, ", ".join(energised))
+        on = {c: [name for name, motor in arms[c]["motors"].items() if motor["enabled"]] for c in device.channels}
+        return {channel: names for channel, names in on.items() if names}
 
     def guide(self) -> None:
         """Tell the hands on the leaders where to go next, when they do not know."""
