@@ -70,6 +70,7 @@ def evaluate(commands, name, policy, episodes, rigs):
     return info["per_task"][0]["metrics"]["successes"]
 
 
+@pytest.mark.long
 def test_what_succeeded_on_one_rig_succeeds_again_on_two_side_by_side(commands):
     outcomes = demonstrated(2, commands.directory / "actions.npz")
     policy = save_replayed(commands.directory / "policy", arms=1, actions=str(commands.directory / "actions.npz"))
