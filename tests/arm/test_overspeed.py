@@ -144,7 +144,8 @@ def test_random_streams_drive_no_joint_beyond_its_speed(drive, arm, seed, record
     rng = np.random.default_rng([seed, ARMS.index(arm)])
     gripper = str(rng.choice([name for name in GRIPPERS if name != "yam_teaching_handle"]))
     limit_rad_s = [None, 0.5, 1.0, 3.0][rng.integers(4)]
-    driven, worst = drive(arm, gripper, friction=float(rng.integers(2)), speed_limit_rad_s=limit_rad_s), 0.0
+    friction = float(rng.choice([0.0, 1.0, 3.0]))
+    driven, worst = drive(arm, gripper, friction=friction, speed_limit_rad_s=limit_rad_s), 0.0
     for _ in range(8):
         kind = str(rng.choice(list(KINDS)))
         amplitude, rate_hz = float(rng.choice([0.05, 0.2, 0.6])), float(rng.uniform(0.5, 8.0))

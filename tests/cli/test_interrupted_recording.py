@@ -106,7 +106,7 @@ class Recording:
     def began(self):
         """Start it and raise the arms; whether its second episode has begun."""
         commands = self.commands
-        self.printed = len(commands.output()) if (commands.directory / "output.txt").exists() else 0
+        self.printed = len(commands.output())
         self.process = commands.start("lerobot-record", f"--config_path={self.config}")
         self.wait(commands.connected)
         for side, turn in (("left", 0.4), ("right", -0.4)):
