@@ -6,7 +6,7 @@ a the largest acceleration of the motor:
     min(v₀, v₁) Δt − s  ≤  q₁ − q₀  ≤  max(v₀, v₁) Δt + s,     s = noise + min(½ a δt, u) δt
     |v₁|  ≤  |v₀| + min(a Δt, g) + noise
 
-The bare rotor of a small motor could gain more speed than g = 2.5 rad/s, and on average u = 5 rad/s, unseen, but no
+The bare rotor of a small motor could gain more speed than g = 2.5 rad/s, and on average u = 2 rad/s, unseen, but no
 joint of an arm is as light. A gripper is: its fingers open and close within half a second.
 
 A reading that is not within is never used; it is forgotten but counted. Three kinds wait for the next one, which is
@@ -29,7 +29,7 @@ from lerobot_robot_yam.damiao.tables import MotorType
 
 _NOISE_RAD = 0.005  # play in the gears and 13 codes of a position
 _NOISE_RAD_S = 0.5
-_UNSEEN_RAD_S = 5.0  # mean speed of a joint between two samples, beyond what both say
+_UNSEEN_RAD_S = 2.0  # mean speed of a joint between two samples, beyond what both say
 _GAINED_RAD_S = 2.5  # by a joint from one sample to the next
 _DOUBTS = 4  # answers that cannot be, of which one is forgotten for every so many good ones
 _FORGET = 1.0 / 50.0

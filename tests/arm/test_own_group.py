@@ -1,6 +1,7 @@
 """The stand-by leaves the control group of the others: what freezes those does not freeze it."""
 
 import contextlib
+import errno
 import os
 import subprocess
 import sys
@@ -44,7 +45,7 @@ def group():
         for path in (*ours.iterdir(), ours):
             if path.is_dir():
                 empty(path)
-                path.rmdir()
+                remove(path)
 
 
 def empty(path):
@@ -53,6 +54,18 @@ def empty(path):
     deadline = time.monotonic() + 5.0
     while (path / "cgroup.procs").read_text():
         assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def remove(path):
+    """The kernel keeps a group busy for a moment after its last process has left `cgroup.procs`."""
+    deadline = time.monotonic() + 5.0
+    while True:
+        try:
+            return path.rmdir()
+        except OSError as error:
+            if error.errno != errno.EBUSY or time.monotonic() > deadline:
+                raise
         time.sleep(0.02)
 
 
