@@ -7,8 +7,8 @@ from lerobot.cameras.configs import CameraConfig
 from lerobot.robots.config import RobotConfig
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.follower_options import FollowerArmConfig, FollowerOptions
-from lerobot_robot_yam.registration import register_as
+from lerobot_robot_yam.face.devices.follower_options import FollowerArmConfig, FollowerOptions
+from lerobot_robot_yam.face.registration import register_as
 
 
 @register_as(RobotConfig, "bi_yam_follower", spare="bi_i2rt_yam_follower")

@@ -5,7 +5,7 @@ from typing import Any
 
 from lerobot.cameras.configs import CameraConfig
 
-from lerobot_robot_yam.registration import register_as
+from lerobot_robot_yam.face.registration import register_as
 
 
 @register_as(CameraConfig, "yam_sim")

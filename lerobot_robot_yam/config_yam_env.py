@@ -15,7 +15,7 @@ from lerobot.robots.config import RobotConfig
 from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.registration import register_as
+from lerobot_robot_yam.face.registration import register_as
 
 AGENT_POS = "agent_pos"
 

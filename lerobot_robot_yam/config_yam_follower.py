@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from lerobot.robots.config import RobotConfig
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.follower_options import FollowerOptions
-from lerobot_robot_yam.registration import register_as
+from lerobot_robot_yam.face.devices.follower_options import FollowerOptions
+from lerobot_robot_yam.face.registration import register_as
 
 
 @register_as(RobotConfig, "yam_follower", spare="i2rt_yam_follower")

@@ -7,10 +7,10 @@ from lerobot.cameras.camera import Camera
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
 
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
-from lerobot_robot_yam.rig.cameras import RigCamera
-from lerobot_robot_yam.rig.lockstep import find_lockstep
-from lerobot_robot_yam.rig.lockstep_cameras import LockstepCamera
-from lerobot_robot_yam.rig.scene import load_scene
+from lerobot_robot_yam.rig.client.rendered_camera import RigCamera
+from lerobot_robot_yam.rig.lockstep.lockstep_cameras import LockstepCamera
+from lerobot_robot_yam.rig.lockstep.lockstep_rig import find_lockstep
+from lerobot_robot_yam.rig.scene.scene import load_scene
 
 
 class YamSimCamera(Camera):

@@ -11,20 +11,20 @@ import gymnasium as gym
 import numpy as np
 from lerobot.robots.utils import make_robot_from_config
 
-from lerobot_robot_yam.arm.profile import load_gripper
+from lerobot_robot_yam.arm.profile_files import load_gripper
 from lerobot_robot_yam.config_yam_env import AGENT_POS, YamEnvConfig, eyes_of
-from lerobot_robot_yam.env_checks import check_render_camera, check_reset_pose
 from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError
-from lerobot_robot_yam.feature_names import motors_of
-from lerobot_robot_yam.in_lockstep import put_in_lockstep
-from lerobot_robot_yam.referee import CallableReferee, OperatorReferee, Referee, RigReferee, find_judge
-from lerobot_robot_yam.rig.cameras import RigCamera
-from lerobot_robot_yam.rig.control import RigControl, RigOperations
-from lerobot_robot_yam.rig.lockstep import LockstepRig
-from lerobot_robot_yam.rig.lockstep_cameras import LockstepCamera
-from lerobot_robot_yam.rig.operators.setup import make_setup
-from lerobot_robot_yam.rig.scene import SCENES, load_scene
-from lerobot_robot_yam.rig.tasks import Task
+from lerobot_robot_yam.face.devices.feature_names import motors_of
+from lerobot_robot_yam.face.envs.env_checks import check_render_camera, check_reset_pose
+from lerobot_robot_yam.face.envs.in_lockstep import put_in_lockstep
+from lerobot_robot_yam.face.envs.referee import CallableReferee, OperatorReferee, Referee, RigReferee, find_judge
+from lerobot_robot_yam.rig.client.rendered_camera import RigCamera
+from lerobot_robot_yam.rig.client.rig_control import RigControl, RigOperations
+from lerobot_robot_yam.rig.lockstep.lockstep_cameras import LockstepCamera
+from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
+from lerobot_robot_yam.rig.operator.scripts.setup import make_setup
+from lerobot_robot_yam.rig.scene.scene import SCENES, load_scene
+from lerobot_robot_yam.rig.scene.tasks import Task
 from lerobot_robot_yam.yam_follower import FollowerBase
 
 logger = logging.getLogger(__name__)

@@ -11,19 +11,19 @@ from lerobot.cameras.utils import make_cameras_from_configs
 from lerobot.robots.robot import Robot
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
 
-from lerobot_robot_yam.action_space import make_action_space
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.arm.config_rules import check_switches
-from lerobot_robot_yam.arm.state import ArmState
-from lerobot_robot_yam.arm.uncopied import Uncopied
-from lerobot_robot_yam.arm_group import ArmGroup, arm_config
-from lerobot_robot_yam.clock import Clock
-from lerobot_robot_yam.command_check import check_command
+from lerobot_robot_yam.arm.config_checks import check_switches
 from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
-from lerobot_robot_yam.follower_options import FollowerOptions
-from lerobot_robot_yam.images import newest_images
-from lerobot_robot_yam.recording import recorded_name
-from lerobot_robot_yam.sim_cameras import beside_arms
+from lerobot_robot_yam.face.datasets.recording import recorded_name
+from lerobot_robot_yam.face.devices.action_space import make_action_space
+from lerobot_robot_yam.face.devices.arm_group import ArmGroup, arm_config
+from lerobot_robot_yam.face.devices.command_check import check_command
+from lerobot_robot_yam.face.devices.follower_options import FollowerOptions
+from lerobot_robot_yam.face.devices.images import newest_images
+from lerobot_robot_yam.face.devices.sim_cameras import beside_arms
+from lerobot_robot_yam.state.records import ArmState
+from lerobot_robot_yam.system.clock import Clock
+from lerobot_robot_yam.system.uncopyable import Uncopied
 
 logger = logging.getLogger(__name__)
 

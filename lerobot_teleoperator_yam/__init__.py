@@ -4,7 +4,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.other_plugins import mixture, overwritten
+from lerobot_robot_yam.system.other_plugins import mixture, overwritten
 
 if TYPE_CHECKING:
     from lerobot_teleoperator_yam.bi_yam_leader import BiYamLeader as BiYamLeader

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from lerobot.teleoperators.config import TeleoperatorConfig
 
-from lerobot_robot_yam.registration import register_as
+from lerobot_robot_yam.face.registration import register_as
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig, LeaderOptions
 
 

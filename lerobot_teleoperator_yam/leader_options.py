@@ -1,6 +1,6 @@
 """What a leader shows LeRobot, one arm or two.
 
-In a module of its own, so that no config module needs another one (see `lerobot_robot_yam.registration`).
+In a module of its own, so that no config module needs another one (see `lerobot_robot_yam.face.registration`).
 """
 
 from dataclasses import dataclass

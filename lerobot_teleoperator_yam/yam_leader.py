@@ -9,13 +9,13 @@ import numpy as np
 from lerobot.teleoperators.teleoperator import Teleoperator
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
 
-from lerobot_robot_yam.action_space import make_action_space
-from lerobot_robot_yam.arm.config_rules import check_switches
-from lerobot_robot_yam.arm.lifecycle import Mode
-from lerobot_robot_yam.arm.profile import load_arm, load_gripper
-from lerobot_robot_yam.arm.uncopied import Uncopied
-from lerobot_robot_yam.arm_group import ArmGroup, arm_config
+from lerobot_robot_yam.arm.config_checks import check_switches
+from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.face.devices.action_space import make_action_space
+from lerobot_robot_yam.face.devices.arm_group import ArmGroup, arm_config
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.system.uncopyable import Uncopied
 from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig, LeaderOptions
 

@@ -21,7 +21,7 @@ from bench_measures import STEPS, Results, Settings, report
 from bench_report import json_text, plot, table
 from tqdm import tqdm
 
-from lerobot_robot_yam.rig.control import RigControl
+from lerobot_robot_yam.rig.client.rig_control import RigControl
 
 logger = logging.getLogger("bench")
 

@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from lerobot_robot_yam.rig.thermometer import sample_age_s
+from lerobot_robot_yam.rig.devices.thermometer import sample_age_s
 
 _CHANNELS = ("follower_left", "follower_right")
 _SIDES = ("left", "right")
@@ -42,7 +42,7 @@ class OurSession:
 
     def __init__(self, arms: int, isolation: str = "process", rate_hz: float = 250.0):
         from lerobot_robot_yam.arm.config import ArmConfig
-        from lerobot_robot_yam.arm.session import ArmSession
+        from lerobot_robot_yam.session.arm_session import ArmSession
 
         self._names = _SIDES[:arms]
         configs = [

@@ -22,9 +22,9 @@ import numpy as np
 from bench_ik_placo import PlacoArm
 from tqdm import tqdm
 
+from lerobot_robot_yam.arm.ik.pose_tracker import PoseTracker
 from lerobot_robot_yam.arm.kinematics import YamKinematics
-from lerobot_robot_yam.arm.pose_tracker import PoseTracker
-from lerobot_robot_yam.arm.profile import ARMS
+from lerobot_robot_yam.arm.profile_files import ARMS
 
 GRIPPER = "linear_4310"
 BUDGET_S, CLOCK_S = 0.1, 1.0

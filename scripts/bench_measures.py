@@ -18,7 +18,7 @@ from bench_runner import CHANNEL, BenchError, Subject, driver, measure_periods, 
 from bench_windows import Periods, cpu_s, percentiles
 
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S
-from lerobot_robot_yam.rig.control import RigControl
+from lerobot_robot_yam.rig.client.rig_control import RigControl
 
 MOTORS = 7
 WIRE_LIMIT_HZ = 1.0 / (2 * MOTORS * FRAME_TIME_S)  # a command and a reply per motor

@@ -17,7 +17,7 @@ import numpy as np
 from bench_windows import WINDOW_S, Periods, Windows, periods
 
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.rig.control import RigControl, running_rig
+from lerobot_robot_yam.rig.client.rig_control import RigControl, running_rig
 
 CHANNEL = "follower_left"  # where ticks are stamped
 _BLOCK_WINDOWS = 10  # windows between two readings of the rig's trace, which takes the rig a moment

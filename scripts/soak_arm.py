@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from soak_checks import GRIPPER, SetPointCheck, mode_of
 
-from lerobot_robot_yam.arm.body import PRESS_NM
-from lerobot_robot_yam.arm.lifecycle import Mode
-from lerobot_robot_yam.arm.state import STATE_DTYPE, state_path
+from lerobot_robot_yam.control.actuation import PRESS_NM
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.shared_block import SharedBlock
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.records import STATE_DTYPE, state_path
+from lerobot_robot_yam.system.shared_block import SharedBlock
 
 _KEPT, _AROUND_S = 500, 0.3
 

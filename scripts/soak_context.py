@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from lerobot_robot_yam.arm.policy import FAULT_TROUBLE, Trouble
+from lerobot_robot_yam.state.faults import FAULT_TROUBLE, Trouble
 
 WATCHDOG_S = 0.4  # a motor without a command for so long switches itself off
 _WATCHDOG_SLACK_S = 0.03  # between the rig's simulated time and the clock

@@ -10,16 +10,16 @@ import numpy as np
 from soak_checks import GRIPPER
 from soak_schedule import CAMERA, CHANNELS, FOLLOWERS, LEADERS
 
-from lerobot_robot_yam.arm.hardware import Hardware
-from lerobot_robot_yam.arm.lifecycle import Mode
-from lerobot_robot_yam.arm.policy import POLICY, Trouble
-from lerobot_robot_yam.arm.state import STATE_DTYPE, Limited, channel_key, state_path
+from lerobot_robot_yam.arm.resolved_arm import Hardware
 from lerobot_robot_yam.bi_yam_follower import BiYamFollower
 from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.follower_options import FollowerArmConfig
-from lerobot_robot_yam.shared_block import SharedBlock
+from lerobot_robot_yam.face.devices.follower_options import FollowerArmConfig
+from lerobot_robot_yam.state.faults import POLICY, Trouble
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.records import STATE_DTYPE, Limited, channel_key, state_path
+from lerobot_robot_yam.system.shared_block import SharedBlock
 from lerobot_teleoperator_yam.bi_yam_leader import BiYamLeader
 from lerobot_teleoperator_yam.config_bi_yam_leader import BiYamLeaderConfig
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig

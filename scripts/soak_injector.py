@@ -15,11 +15,11 @@ from typing import Any
 
 from soak_schedule import CAMERA, CHANNELS, LOSS_RATE, Injection
 
-from lerobot_robot_yam.arm.estop import EmergencyStop
-from lerobot_robot_yam.arm.state import STATE_DTYPE, state_path
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.rig.control import RigControl
-from lerobot_robot_yam.shared_block import SharedBlock
+from lerobot_robot_yam.rig.client.rig_control import RigControl
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.state.records import STATE_DTYPE, state_path
+from lerobot_robot_yam.system.shared_block import SharedBlock
 
 logger = logging.getLogger("soak")
 

@@ -17,10 +17,10 @@ from soak_obedience import ObedienceCheck
 from soak_stalls import ProcessorWatch
 from soak_truth import Truth
 
-from lerobot_robot_yam.arm.estop import EmergencyStop
-from lerobot_robot_yam.arm.policy import Trouble
-from lerobot_robot_yam.realtime import request_realtime
-from lerobot_robot_yam.rig.control import RigControl
+from lerobot_robot_yam.rig.client.rig_control import RigControl
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.state.faults import Trouble
+from lerobot_robot_yam.system.realtime import request_realtime
 
 _PERIOD_S = 0.004
 _RIG_PERIOD_S = 0.2

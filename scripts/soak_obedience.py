@@ -6,7 +6,7 @@ from typing import Any
 from soak_checks import Finding, mode_of
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.arm.lifecycle import Mode
+from lerobot_robot_yam.state.modes import Mode
 
 _STILL = frozenset({Mode.STOPPED, Mode.FAULT, Mode.OFF, Mode.OFFLINE})
 _STOP_S = 0.1  # in which an emergency stop has reached every arm

@@ -12,9 +12,9 @@ from soak_devices import Device
 from soak_injector import Injector
 from soak_schedule import LEADERS, hand_path
 
-from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.rig.control import RigControl
+from lerobot_robot_yam.rig.client.rig_control import RigControl
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 
 logger = logging.getLogger("soak")
 

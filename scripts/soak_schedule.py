@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from lerobot_robot_yam.arm.profile import load_arm
+from lerobot_robot_yam.arm.profile_files import load_arm
 
 FOLLOWERS = ("follower_left", "follower_right")
 LEADERS = ("leader_left", "leader_right")

@@ -12,9 +12,9 @@ from soak_checks import GRIPPER, READY, Finding, mode_of
 from soak_context import Context
 from soak_seeds import judge_seed
 
-from lerobot_robot_yam.arm.policy import stale_overshoot_rad_s
-from lerobot_robot_yam.rig.control import RigControl
-from lerobot_robot_yam.rig.truth import beyond_clip_nm
+from lerobot_robot_yam.rig.client.rig_control import RigControl
+from lerobot_robot_yam.rig.judging.truth import beyond_clip_nm
+from lerobot_robot_yam.state.faults import stale_overshoot_rad_s
 
 _SETTLE_S = 1.0  # an arm that was pushed, struck something, lost or got back a motor, moves by itself for so long
 _COASTS_S = 3.0  # a floating arm that was let go in motion comes to rest within so long

@@ -27,10 +27,9 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 import pytest  # noqa: E402
 from tqdm import tqdm  # noqa: E402
 
-from lerobot_robot_yam.rig.control import RigControl, running_rig  # noqa: E402
-
-from . import lerobot_tree  # noqa: E402
-from .stillness import Stillness  # noqa: E402
+from lerobot_robot_yam.rig.client.rig_control import RigControl, running_rig  # noqa: E402
+from tests.support import lerobot_tree  # noqa: E402
+from tests.support.stillness import Stillness  # noqa: E402
 
 tqdm.monitor_interval = 0  # LeRobot shows progress bars, whose watching thread would outlive a test
 

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parent.parent
+from tests.support.paths import ROOT
+
 PACKAGES = ("lerobot_robot_yam", "lerobot_teleoperator_yam")
 BASE = {
     "clock",
@@ -107,9 +108,9 @@ def test_imports_go_downwards(name, path):
 
 
 def test_the_rule_can_fail():
-    assert not allowed("lerobot_robot_yam.damiao.chain", "lerobot_robot_yam.arm.loop")
-    assert not allowed("lerobot_robot_yam.arm.loop", "lerobot_robot_yam.rig.world")
-    assert not allowed("lerobot_robot_yam.arm.loop", "lerobot_robot_yam.yam_follower")
-    assert not allowed("lerobot_robot_yam.rig.world", "lerobot_robot_yam.arm.controller")
-    assert not allowed("lerobot_robot_yam.yam_env", "lerobot_robot_yam.rig.world")
+    assert not allowed("lerobot_robot_yam.damiao.chain", "lerobot_robot_yam.control.loop")
+    assert not allowed("lerobot_robot_yam.control.loop", "lerobot_robot_yam.rig.world.world")
+    assert not allowed("lerobot_robot_yam.control.loop", "lerobot_robot_yam.yam_follower")
+    assert not allowed("lerobot_robot_yam.rig.world.world", "lerobot_robot_yam.control.arm_controller")
+    assert not allowed("lerobot_robot_yam.yam_env", "lerobot_robot_yam.rig.world.world")
     assert not allowed("lerobot_robot_yam.errors", "lerobot_robot_yam.damiao.codec")

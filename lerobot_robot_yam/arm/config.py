@@ -10,10 +10,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from lerobot_robot_yam.arm import config_rules
-from lerobot_robot_yam.arm.workspace import WorkspaceConfig
+from lerobot_robot_yam.arm import config_checks
+from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.runtime import rig_name
+from lerobot_robot_yam.system.runtime_files import rig_name
 
 SOCKETCAN, VIRTUAL = "socketcan", "yam_sim"  # python-can interfaces: the kernel's, and the virtual rig
 
@@ -101,7 +101,7 @@ class ArmConfig:
     def __post_init__(self) -> None:
         if isinstance(self.workspace, Mapping):  # as it comes out of JSON
             self.workspace = WorkspaceConfig.from_mapping(self.workspace)
-        config_rules.check(self)
+        config_checks.check(self)
         self.workspace.check(self.name)
 
     def to_json(self) -> str:

@@ -12,7 +12,8 @@ import mujoco
 import numpy as np
 
 from lerobot_robot_yam.arm.model import Load, base_quat, build_spec
-from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile, load_arm
+from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
+from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.errors import ConfigError
 
 

@@ -17,13 +17,14 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from lerobot_robot_yam.arm.ik_clearance import SelfClearance
-from lerobot_robot_yam.arm.ik_descent import LEVER_M, Descent
-from lerobot_robot_yam.arm.ik_starts import Starts
+from lerobot_robot_yam.arm.ik.descent import LEVER_M, Descent
+from lerobot_robot_yam.arm.ik.self_clearance import SelfClearance
+from lerobot_robot_yam.arm.ik.starts import Starts
 from lerobot_robot_yam.arm.model import build_spec
 from lerobot_robot_yam.arm.mounting import mounted
-from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile, load_arm, load_gripper
-from lerobot_robot_yam.arm.safety import finite_vector
+from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
+from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
+from lerobot_robot_yam.arm.validation import finite_vector
 from lerobot_robot_yam.errors import ActionError, ConfigError
 
 POSITION_TOLERANCE_M, ORIENTATION_TOLERANCE_RAD = 1e-4, 1e-3

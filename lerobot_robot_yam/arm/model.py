@@ -16,14 +16,8 @@ import mujoco
 import numpy as np
 
 from lerobot_robot_yam.arm.mounting import mounted
-from lerobot_robot_yam.arm.profile import (
-    ArmProfile,
-    Body,
-    GripperProfile,
-    Inertial,
-    load_arm,
-    load_gripper,
-)
+from lerobot_robot_yam.arm.profile import ArmProfile, Body, GripperProfile, Inertial
+from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.arm.shapes import add_shape
 from lerobot_robot_yam.errors import ConfigError
 

@@ -1,37 +1,15 @@
-"""Arm and gripper profiles: every number that describes the hardware, from the YAML files in `profiles/`.
-
-`load_arm("yam")`, `load_gripper("linear_4310")`. A path to a YAML file of one's own works in place of a name,
-and `overrides` replaces any field of either: `load_arm("yam", {"kp": [...]})`.
+"""Arm and gripper profiles: every number that describes the hardware. `profile_files` reads them.
 
 Conventions: SI units; quaternions w x y z; joint value = (motor angle - zero) * direction; a gripper command is
 0 closed … 1 open. Arm arrays have one entry per arm joint: n joints, 0 for the arm-less arm "none".
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cache
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from lerobot_robot_yam.arm.profile_checks import check_arm, check_gripper
-from lerobot_robot_yam.arm.yaml_fields import array_field, merge, parse, read_yaml
 from lerobot_robot_yam.errors import ConfigError
-
-ARMS = ("yam", "yam_pro", "yam_ultra", "yam_ultra_2", "big_yam")
-NO_ARM = "none"
-"""Arm name for gripper-only use: no joints, the gripper fixed in the world."""
-GRIPPERS = (
-    "crank_4310",
-    "linear_3507",
-    "linear_4310",
-    "flexible_4310",
-    "yam_teaching_handle",
-    "no_gripper",
-)
-
-_DIRECTORY = Path(__file__).parent / "profiles"
+from lerobot_robot_yam.system.strict_yaml import array_field
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,36 +227,3 @@ class GripperProfile:
             return 0.0
         closed, opened = self.calibration.nominal_stops_rad
         return float(abs(opened - closed))
-
-
-def load_arm(name: str | Path, overrides: Mapping[str, Any] | None = None) -> ArmProfile:
-    """The profile of an arm by name (`ARMS` or "none") or YAML path. Raises ConfigError."""
-    where = f"arm '{name}'"
-    profile = parse(ArmProfile, _document("arm", "arms", (*ARMS, NO_ARM), name, overrides), where)
-    check_arm(profile, where)
-    return profile
-
-
-def load_gripper(name: str | Path, overrides: Mapping[str, Any] | None = None) -> GripperProfile:
-    """The profile of an end effector by name (`GRIPPERS`) or YAML path. Raises ConfigError."""
-    where = f"gripper '{name}'"
-    profile = parse(GripperProfile, _document("gripper", "grippers", GRIPPERS, name, overrides), where)
-    check_gripper(profile, where)
-    return profile
-
-
-def _document(
-    what: str, folder: str, names: tuple[str, ...], name: str | Path, overrides: Mapping[str, Any] | None
-) -> dict[str, Any]:
-    if name in names:
-        document = _packaged(folder, str(name))
-    elif str(name).endswith((".yaml", ".yml")):
-        document = read_yaml(Path(name))
-    else:
-        raise ConfigError(f"unknown {what} '{name}'; known: {', '.join(names)}, or a path to a YAML profile")
-    return merge(document, overrides or {})
-
-
-@cache
-def _packaged(folder: str, name: str) -> dict[str, Any]:
-    return read_yaml(_DIRECTORY / folder / f"{name}.yaml")

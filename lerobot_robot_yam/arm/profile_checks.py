@@ -6,16 +6,13 @@ the rest is what a quantity means (a mass is above zero, a lower limit below the
 
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lerobot_robot_yam.arm.config_rules import GRAVITY_FACTOR_MOST
+from lerobot_robot_yam.arm.config_checks import GRAVITY_FACTOR_MOST
+from lerobot_robot_yam.arm.profile import ArmMotor, ArmProfile, Body, GripperMotor, GripperProfile, Limiter
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import ConfigError
-
-if TYPE_CHECKING:
-    from lerobot_robot_yam.arm.profile import ArmMotor, ArmProfile, Body, GripperMotor, GripperProfile, Limiter
 
 _REST_TOLERANCE_RAD = 0.15  # rest lies on a limit of joints 2 and 3; measured values may lie so far outside
 _KP_LEAST = 1.0  # Nm/rad: an arm that is held less than that falls
@@ -27,7 +24,7 @@ _FINGER_TRAVEL_M = (1e-3, 1.0)  # the makers' are 0.040 to 0.048; the gearing, i
 _FORCE_MAPS = ("linear", "crank")
 
 
-def check_arm(arm: "ArmProfile", where: str) -> None:
+def check_arm(arm: ArmProfile, where: str) -> None:
     """Raises ConfigError naming the field of an arm's profile (or override) that cannot be."""
     n = arm.joint_count
     jointed = [body for body in arm.bodies if body.joint]
@@ -68,7 +65,7 @@ def check_arm(arm: "ArmProfile", where: str) -> None:
         raise ConfigError(f"{where}: each row of joint_limits_rad is [lower, upper]: {arm.joint_limits_rad.tolist()}")
 
 
-def _check_names(arm: "ArmProfile", joints: list[str], where: str) -> None:
+def _check_names(arm: ArmProfile, joints: list[str], where: str) -> None:
     """Joints are found by their names, in the order of the motors; what names a motor has to name one of the arm's."""
     expected = [f"joint{i + 1}" for i in range(arm.joint_count)]
     if joints != expected:
@@ -84,7 +81,7 @@ def _check_names(arm: "ArmProfile", joints: list[str], where: str) -> None:
         raise ConfigError(f"{where}: gripper_can_id {arm.gripper_can_id} is the id of a joint's motor")
 
 
-def check_gripper(gripper: "GripperProfile", where: str) -> None:
+def check_gripper(gripper: GripperProfile, where: str) -> None:
     """Raises ConfigError naming the field of an end effector's profile that cannot be."""
     _check_bodies(gripper.bodies, where)
     fingers, motor, calibration = gripper.finger_joints, gripper.motor, gripper.calibration
@@ -139,7 +136,7 @@ def check_gripper(gripper: "GripperProfile", where: str) -> None:
         _check_limiter(gripper.limiter, motor.kp, where)
 
 
-def _check_limiter(limiter: "Limiter", kp: float, where: str) -> None:
+def _check_limiter(limiter: Limiter, kp: float, where: str) -> None:
     """What the limiter divides by, or compares with, must not be zero."""
     if limiter.force_map not in _FORCE_MAPS:
         raise ConfigError(f"{where}: limiter.force_map is one of {_FORCE_MAPS}, not {limiter.force_map!r}")
@@ -162,7 +159,7 @@ def _check_limiter(limiter: "Limiter", kp: float, where: str) -> None:
         raise ConfigError(f"{where}: limiter.sign is 1 or -1, not {limiter.sign:g}")
 
 
-def _check_motors(motors: "Iterable[ArmMotor | GripperMotor]", where: str) -> None:
+def _check_motors(motors: Iterable[ArmMotor | GripperMotor], where: str) -> None:
     names: set[str] = set()
     ids: set[int] = set()
     for motor in motors:
@@ -175,7 +172,7 @@ def _check_motors(motors: "Iterable[ArmMotor | GripperMotor]", where: str) -> No
         ids.add(motor.can_id)
 
 
-def _check_bodies(bodies: "Iterable[Body]", where: str) -> None:
+def _check_bodies(bodies: Iterable[Body], where: str) -> None:
     names = [body.name for body in bodies] + [body.joint.name for body in bodies if body.joint]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:

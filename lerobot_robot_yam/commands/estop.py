@@ -17,9 +17,9 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from lerobot_robot_yam.arm.estop import EmergencyStop
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.runtime import ENV_RUNTIME_DIR, runtime_dir, runtime_dirs, sessions
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.system.runtime_files import ENV_RUNTIME_DIR, runtime_dir, runtime_dirs, sessions
 
 _UNHEARD = (
     "NO SESSION RUNS HERE THAT HEARS IT: if an arm moves, use the hardware's emergency stop. It is driven by another "

@@ -15,12 +15,9 @@ import sys
 from collections.abc import Sequence
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.arm.fingerprint import Fingerprint, read_fingerprint
-from lerobot_robot_yam.arm.identity import bind, check_identity
 from lerobot_robot_yam.arm.mounting import arm_ids, gripper_id
-from lerobot_robot_yam.arm.profile import load_arm
-from lerobot_robot_yam.arm.role import Role, likely_gripper
-from lerobot_robot_yam.commands.arm_command import (
+from lerobot_robot_yam.arm.profile_files import load_arm
+from lerobot_robot_yam.commands.lib.arm_command import (
     add_arm_arguments,
     arm_config,
     ask,
@@ -30,9 +27,12 @@ from lerobot_robot_yam.commands.arm_command import (
     table,
     tell,
 )
-from lerobot_robot_yam.commands.wiggle import hazard, wiggle
+from lerobot_robot_yam.commands.lib.wiggle import hazard, wiggle
+from lerobot_robot_yam.control.preflight.binding import bind, check_identity
+from lerobot_robot_yam.control.preflight.fingerprint import Fingerprint, read_fingerprint
+from lerobot_robot_yam.control.preflight.role import Role, likely_gripper
 from lerobot_robot_yam.errors import ConfigError, MotorError
-from lerobot_robot_yam.paths import user_path
+from lerobot_robot_yam.system.paths import user_path
 
 
 def describe(channel: str, found: Fingerprint, role: str) -> str:

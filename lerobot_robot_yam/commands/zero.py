@@ -18,9 +18,8 @@ import can
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.mounting import gripper_id
-from lerobot_robot_yam.arm.profile import NO_ARM, load_arm
-from lerobot_robot_yam.arm.role import likely_gripper, probe_role
-from lerobot_robot_yam.commands.arm_command import (
+from lerobot_robot_yam.arm.profile_files import NO_ARM, load_arm
+from lerobot_robot_yam.commands.lib.arm_command import (
     add_arm_arguments,
     arm_config,
     ask,
@@ -30,7 +29,8 @@ from lerobot_robot_yam.commands.arm_command import (
     table,
     tell,
 )
-from lerobot_robot_yam.commands.zeroing import Reading, Zeroing
+from lerobot_robot_yam.commands.lib.zeroing import Reading, Zeroing
+from lerobot_robot_yam.control.preflight.role import likely_gripper, probe_role
 from lerobot_robot_yam.errors import ConfigError
 
 _WORD = "zero"

@@ -8,8 +8,8 @@ from typing import Any
 
 import can
 
-from lerobot_robot_yam.clock import clock_of
 from lerobot_robot_yam.errors import BusError
+from lerobot_robot_yam.system.clock import clock_of
 
 _STAMP_TRUST_S = 1.0  # a bus's own stamp is used when it lies at most this far in the past
 _EPOCH_S = 1e9  # stamps above are seconds since 1970, python-can's custom; below, seconds of the monotonic clock

@@ -8,6 +8,8 @@ from lerobot_robot_yam.errors import ConfigError
 
 MOTOR_IDS = range(1, 16)
 """The ids of motors on one bus: those that the nibble in a feedback frame tells apart."""
+MAX_MOTORS = len(MOTOR_IDS)
+"""The most that one bus carries."""
 
 
 @dataclass(frozen=True)

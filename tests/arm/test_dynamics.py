@@ -1,17 +1,16 @@
 """Gravity torques, kinematics and inertia against published reference values and physical laws."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.model import Load
-from lerobot_robot_yam.arm.profile import ARMS, GRIPPERS, load_gripper
+from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS, load_gripper
 from lerobot_robot_yam.errors import ConfigError
+from tests.support.paths import GOLDEN
 
-GOLDEN = Path(__file__).parents[1] / "golden"
 Q = np.array([0.3, 1.0, 1.2, -0.4, 0.5, -0.6])
 
 

@@ -5,14 +5,13 @@ import contextlib
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.arm.lifecycle import Mode
-from lerobot_robot_yam.arm.profile import ARMS, load_arm
+from lerobot_robot_yam.arm.profile_files import ARMS, load_arm
 from lerobot_robot_yam.errors import MotorError
-from lerobot_robot_yam.rig.lockstep import LockstepRig
-
-from ..landed import MOST_M
-from .rigged import arm_on
-from .test_landing import land_and_watch
+from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
+from lerobot_robot_yam.state.modes import Mode
+from tests.control.test_landing import land_and_watch
+from tests.support.landed import MOST_M
+from tests.support.rigged import arm_on
 
 CHANNEL = "follower_left"
 REACH = [0.3, 0.8, 0.9, -0.2, 0.3, -0.4]

@@ -1,26 +1,26 @@
 """Kinematics: published poses, poses found again, paths followed, limits kept, nonsense refused."""
 
 import json
-from pathlib import Path
 
 import mink
 import mujoco
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.arm.arm_parts import GuardedArm
-from lerobot_robot_yam.arm.clearance import Clearance
-from lerobot_robot_yam.arm.ik_descent import LEVER_M
+from lerobot_robot_yam.arm.collision.clearance import Clearance
+from lerobot_robot_yam.arm.collision.parts import GuardedArm
+from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
+from lerobot_robot_yam.arm.ik.descent import LEVER_M
+from lerobot_robot_yam.arm.ik.pose_tracker import PoseTracker
 from lerobot_robot_yam.arm.kinematics import YamKinematics, pose_distance_m, pose_errors
 from lerobot_robot_yam.arm.model import build_model
-from lerobot_robot_yam.arm.pose_tracker import PoseTracker
-from lerobot_robot_yam.arm.profile import ARMS, GRIPPERS, load_arm, load_gripper
-from lerobot_robot_yam.arm.tool_vector import downward, pose_to_vector, vector_to_pose
-from lerobot_robot_yam.arm.workspace import WorkspaceConfig
+from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS, load_arm, load_gripper
+from lerobot_robot_yam.arm.tool_pose import downward, pose_to_vector, vector_to_pose
 from lerobot_robot_yam.errors import ActionError, ConfigError
+from tests.support.paths import GOLDEN as GOLDEN_FILES
 
-GOLDEN = json.loads((Path(__file__).parents[1] / "golden" / "fk.json").read_text())["cases"]
-REVISED = json.loads((Path(__file__).parents[1] / "golden" / "yam_ultra_2.json").read_text())["fk"]  # see test_dynamics
+GOLDEN = json.loads((GOLDEN_FILES / "fk.json").read_text())["cases"]
+REVISED = json.loads((GOLDEN_FILES / "yam_ultra_2.json").read_text())["fk"]  # see test_dynamics
 GRIPPER = "linear_4310"
 SITES = ("tcp_site", "grasp_site")
 BENT = np.array([0.3, 1.2, 1.0, -1.0, 0.2, -0.3])

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm.model import Physics, build_model, build_spec
-from lerobot_robot_yam.arm.profile import ARMS, GRIPPERS, load_arm, load_gripper
+from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS, load_arm, load_gripper
 from lerobot_robot_yam.errors import ConfigError
 
 COMBINATIONS = [(arm, gripper) for arm in ARMS for gripper in GRIPPERS]

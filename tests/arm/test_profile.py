@@ -5,8 +5,8 @@ import pytest
 import yaml
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.arm.hardware import Hardware
-from lerobot_robot_yam.arm.profile import ARMS, GRIPPERS, NO_ARM, load_arm, load_gripper
+from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS, NO_ARM, load_arm, load_gripper
+from lerobot_robot_yam.arm.resolved_arm import Hardware
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import ConfigError
 
@@ -113,9 +113,9 @@ def test_arrays_are_read_only():
 
 
 def test_own_profile_by_path(tmp_path):
-    from lerobot_robot_yam.arm import profile
+    from lerobot_robot_yam.arm import profile_files
 
-    document = yaml.safe_load((profile._DIRECTORY / "arms" / "yam.yaml").read_text())
+    document = yaml.safe_load((profile_files._DIRECTORY / "arms" / "yam.yaml").read_text())
     document["name"] = "mine"
     path = tmp_path / "mine.yaml"
     path.write_text(yaml.safe_dump(document))

@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm.dynamics import GravityModel
-from lerobot_robot_yam.arm.landing import LANDING_SPEED_RAD_S
-from lerobot_robot_yam.arm.lifecycle import Mode
 from lerobot_robot_yam.arm.model import base_quat, build_model
+from lerobot_robot_yam.control.landing import LANDING_SPEED_RAD_S
 from lerobot_robot_yam.errors import MotorError
-from lerobot_robot_yam.rig.lockstep import LockstepRig
-
-from ..landed import MOST_M
-from . import test_wrong_model
-from .rigged import session_on, sim_config, track
+from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
+from lerobot_robot_yam.state.modes import Mode
+from tests.control import test_wrong_model
+from tests.support.landed import MOST_M
+from tests.support.rigged import session_on, sim_config, track
 
 TILTS = {"wall": [1.5708, 0.0], "nose down": [0.0, 1.5708], "ceiling": [3.1416, 0.0], "slope": [0.5, 0.3]}
 POSE = np.array([0.3, 1.0, 1.0, 0.2, 0.2, 0.1])

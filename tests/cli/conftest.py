@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from lerobot_robot_yam.rig.control import running_rig
-from tests.landed import MOST_M, moved_after_cut_m
+from lerobot_robot_yam.rig.client.rig_control import running_rig
+from tests.support.landed import MOST_M, moved_after_cut_m
+from tests.support.paths import ROOT
 
-ROOT = Path(__file__).parent.parent.parent
 CHANNELS = ("follower_left", "follower_right", "leader_left", "leader_right")
 
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import yaml
 
-from tests.cli.rolling import FOLLOWERS, FPS, Rollout, config
 from tests.policy_plugin.checkpoints import save_act
+from tests.support.rolling import FOLLOWERS, FPS, Rollout, config
 
 pytestmark = pytest.mark.alone
 

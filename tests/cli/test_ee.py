@@ -9,7 +9,7 @@ import pytest
 import yaml
 from lerobot.datasets import LeRobotDataset
 
-from lerobot_robot_yam.feature_names import TOOL_NUMBERS
+from lerobot_robot_yam.face.devices.feature_names import TOOL_NUMBERS
 from tests.cli.conftest import ROOT
 
 logger = logging.getLogger(__name__)

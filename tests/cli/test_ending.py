@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from .conftest import CALM
+from tests.cli.conftest import CALM
 
 pytestmark = pytest.mark.alone
 
@@ -52,7 +52,7 @@ def test_teleoperate_runs_at_60_hz(shared_commands):
     "first, second",
     [
         (signal.SIGINT, signal.SIGINT),
-        pytest.param(signal.SIGTERM, None, marks=pytest.mark.long),  # of a robot alone: tests/test_signals.py
+        pytest.param(signal.SIGTERM, None, marks=pytest.mark.long),  # of a robot alone: tests/system/test_signals.py
         pytest.param(signal.SIGHUP, signal.SIGTERM, marks=pytest.mark.long),
     ],
 )
@@ -72,7 +72,7 @@ CALLER = """
 import time
 from pathlib import Path
 from lerobot_robot_yam import BiYamFollower, BiYamFollowerConfig
-from lerobot_robot_yam.follower_options import FollowerArmConfig
+from lerobot_robot_yam.face.devices.follower_options import FollowerArmConfig
 
 arm = {{"interface": "yam_sim", "gravity_factor": [1.0] * 6}}
 arms = {{f"{{side}}_arm_config": FollowerArmConfig(channel=f"follower_{{side}}", **arm) for side in ("left", "right")}}

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from lerobot.configs.eval import EvalPipelineConfig
 
-from lerobot_robot_yam.configs_command import config_path
-from lerobot_robot_yam.demonstration import demonstrate
-from lerobot_robot_yam.rig.tasks import SCRIPTS
+from lerobot_robot_yam.commands.configs import config_path
+from lerobot_robot_yam.commands.lib.demonstration import demonstrate
+from lerobot_robot_yam.rig.scene.tasks import SCRIPTS
 from lerobot_robot_yam.yam_env import YamEnv
 from tests.cli.conftest import Commands
+from tests.face.envs.test_yam_env import two_arms
 from tests.policy_plugin.checkpoints import save_replayed
-from tests.test_yam_env import two_arms
 
 CONFIG = "train/lift_and_place_eval"
 SEED = 1000  # LeRobot's own

@@ -7,10 +7,10 @@ import time
 
 import pytest
 
-from lerobot_robot_yam.rig.control import running_rig
+from lerobot_robot_yam.rig.client.rig_control import running_rig
 from tests.cli.conftest import Commands
-from tests.landed import MOST_M, moved_after_cut_m
 from tests.policy_plugin.checkpoints import save_replayed
+from tests.support.landed import MOST_M, moved_after_cut_m
 
 pytestmark = pytest.mark.alone
 

@@ -4,19 +4,17 @@ import importlib
 import json
 import shutil
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 from lerobot.datasets import video_utils
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
-from lerobot_robot_yam.configs_command import config_path
+from lerobot_robot_yam.commands.configs import config_path
+from lerobot_robot_yam.commands.gather import _open, environment, gather
 from lerobot_robot_yam.errors import ConfigError, RigError
-from lerobot_robot_yam.gather import _open, environment, gather
 from tests.cli.conftest import Commands
-
-ROOT = Path(__file__).parents[2]
+from tests.support.paths import ROOT
 
 
 def test_demonstrations_are_gathered_and_more_of_them_later(tmp_path):

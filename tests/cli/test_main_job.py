@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from lerobot.datasets import LeRobotDataset
 
-from lerobot_robot_yam.rig.control import running_rig
-from tests.arm.rigged import sim_config
+from lerobot_robot_yam.rig.client.rig_control import running_rig
 from tests.cli.conftest import Commands
 from tests.cli.test_record import BI_KEYS, CAMERAS, MOVES, motion
-from tests.set_points import SetPointWatch
+from tests.support.rigged import sim_config
+from tests.support.set_points import SetPointWatch
 
 pytestmark = [pytest.mark.long, pytest.mark.alone, pytest.mark.timeout(900)]
 

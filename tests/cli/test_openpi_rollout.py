@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from tests.cli.conftest import ROOT
-from tests.openpi.server import RAISE_RAD, STEPS
+from tests.support.openpi_server import RAISE_RAD, STEPS
 
 pytestmark = [pytest.mark.long, pytest.mark.alone]
 
@@ -22,12 +22,12 @@ STILL_RAD = 0.02  # what a held arm may still settle
 
 
 class Server:
-    """`tests/openpi/server.py` as a process."""
+    """`tests/support/openpi_server.py` as a process."""
 
     def __init__(self, directory, *arguments):
         self.log = directory / "server.jsonl"
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "tests.openpi.server", f"--log={self.log}", *arguments],
+            [sys.executable, "-m", "tests.support.openpi_server", f"--log={self.log}", *arguments],
             cwd=ROOT,
             start_new_session=True,
         )

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from lerobot.datasets import LeRobotDataset
 
-from ..arm.rigged import sim_config
-from ..set_points import SetPointWatch
-from .conftest import CALM
+from tests.cli.conftest import CALM
+from tests.support.rigged import sim_config
+from tests.support.set_points import SetPointWatch
 
 pytestmark = pytest.mark.alone
 

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from lerobot.datasets import LeRobotDataset
 
-from tests.cli.rolling import FOLLOWERS, FPS, Rollout, config, data_set, one_arm
 from tests.cli.test_record import BI_KEYS, KEYS
 from tests.policy_plugin.checkpoints import statistics
-from tests.recordings import KEYS as ACTION_KEYS
+from tests.support.recordings import KEYS as ACTION_KEYS
+from tests.support.rolling import FOLLOWERS, FPS, Rollout, config, data_set, one_arm
 
 pytestmark = pytest.mark.alone
 

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from tests.plugins import THEIR_TYPES, write_plugin
+from tests.support.plugins import THEIR_TYPES, write_plugin
 
 pytestmark = pytest.mark.alone
 

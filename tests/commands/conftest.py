@@ -1,7 +1,7 @@
 import pytest
 
-from lerobot_robot_yam.rig.control import running_rig
-from tests.commands.crooked_arm import OFFSETS, scene
+from lerobot_robot_yam.rig.client.rig_control import running_rig
+from tests.support.crooked_arm import OFFSETS, scene
 
 
 @pytest.fixture

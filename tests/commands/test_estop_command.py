@@ -4,20 +4,19 @@ import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
-from lerobot_robot_yam import runtime
-from lerobot_robot_yam.arm.estop import EmergencyStop
-from lerobot_robot_yam.arm.lifecycle import Mode
-from lerobot_robot_yam.arm.session import ArmSession
 from lerobot_robot_yam.commands.estop import main
-from lerobot_robot_yam.runtime import FileLock, runtime_dir
-from tests.arm.rigged import sim_config
-from tests.arm.test_estop import wait_mode
+from lerobot_robot_yam.session.arm_session import ArmSession
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.system import runtime_files
+from lerobot_robot_yam.system.runtime_files import FileLock, runtime_dir
+from tests.state.test_emergency_stop import wait_mode
+from tests.support.paths import ROOT
+from tests.support.rigged import sim_config
 
-ROOT = Path(__file__).parents[2]
 UID = os.getuid()
 
 
@@ -76,7 +75,7 @@ def shared(monkeypatch, tmp_path):
     places = (tmp_path / "first", tmp_path / "second")
     for place in places:
         place.mkdir()
-    monkeypatch.setattr(runtime, "_SHARED", places)
+    monkeypatch.setattr(runtime_files, "_SHARED", places)
     return places
 
 
@@ -145,10 +144,10 @@ def test_a_stop_that_nobody_hears_of_is_an_error(capsys, monkeypatch):
 
 STOPPED_ON_A_FULL_DISK = """
 import errno, sys
-from lerobot_robot_yam.arm.lifecycle import Mode
+from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.commands.estop import main
-from lerobot_robot_yam.runtime import runtime_dir
-from tests.arm.rigged import rig_of, session_on, sim_config
+from lerobot_robot_yam.system.runtime_files import runtime_dir
+from tests.support.rigged import rig_of, session_on, sim_config
 full = sys.argv[1]
 with rig_of("lockstep", arms=["follower_left"]) as rig:
     session = session_on(rig, sim_config(rig, "follower_left"))

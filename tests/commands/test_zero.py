@@ -13,16 +13,16 @@ import can
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.arm.joints import TURN
-from lerobot_robot_yam.arm.profile import ARMS, load_arm
-from lerobot_robot_yam.arm.yam_arm import YamArm
+from lerobot_robot_yam.arm.joint_map import TURN
+from lerobot_robot_yam.arm.profile_files import ARMS, load_arm
 from lerobot_robot_yam.commands.zero import main
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import MotorError
-from lerobot_robot_yam.rig.control import running_rig
-from tests.commands.crooked_arm import OFFSETS, arguments, config, events, motor_rad, scene, sent
+from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.session.yam_arm import YamArm
+from tests.support.crooked_arm import OFFSETS, arguments, config, events, motor_rad, scene, sent
 
 
 def test_all_joints_are_zeroed_where_they_are_and_the_gripper_is_not(crooked, capsys):

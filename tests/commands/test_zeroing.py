@@ -8,11 +8,11 @@ import can
 import pytest
 import yaml
 
-from lerobot_robot_yam.arm import profile
-from lerobot_robot_yam.commands.zeroing import Zeroing
+from lerobot_robot_yam.arm import profile_files
+from lerobot_robot_yam.commands.lib.zeroing import Zeroing
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.errors import ConfigError, MotorError
-from tests.commands.crooked_arm import config, sent
+from tests.support.crooked_arm import config, sent
 
 
 def test_a_motor_that_is_enabled_behind_our_back_refuses(crooked):
@@ -98,7 +98,7 @@ def test_a_motor_that_is_silent_while_it_writes_is_waited_for_and_then_named(cro
 
 
 def test_a_range_without_zero_is_refused(crooked, tmp_path):
-    packaged = Path(profile.__file__).parent / "profiles" / "arms" / "yam.yaml"
+    packaged = Path(profile_files.__file__).parent / "profiles" / "arms" / "yam.yaml"
     document = yaml.safe_load(packaged.read_text())
     document["joint_limits_rad"][1] = [0.5, 3.0]
     for rest in document["rest_q_rad"].values():

@@ -3,8 +3,7 @@
 import pytest
 
 from lerobot_robot_yam.damiao.chain import MotorChain
-
-from .desk_bus import SPECS, DeskBus
+from tests.support.desk_bus import SPECS, DeskBus
 
 
 @pytest.fixture

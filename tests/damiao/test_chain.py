@@ -12,8 +12,7 @@ from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.damiao.registers import Opcode, Register, encode_reply
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S, ReceiveMode
 from lerobot_robot_yam.errors import ActionError, BusError, ConfigError, MotorError
-
-from .desk_bus import SPECS, DeskBus
+from tests.support.desk_bus import SPECS, DeskBus
 
 STEP_RAD = 25.0 / 65535  # one code of the position
 

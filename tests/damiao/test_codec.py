@@ -1,6 +1,5 @@
 import json
 import math
-from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -10,8 +9,9 @@ from lerobot_robot_yam.damiao import codec
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.tables import MOTOR_TYPES, VELOCITY_OFFSET, motor_type
 from lerobot_robot_yam.errors import ActionError, ConfigError
+from tests.support.paths import GOLDEN as GOLDEN_FILES
 
-GOLDEN = json.loads((Path(__file__).parents[1] / "golden" / "mit_frames.json").read_text())
+GOLDEN = json.loads((GOLDEN_FILES / "mit_frames.json").read_text())
 TYPES = sorted(MOTOR_TYPES)
 any_value = st.floats(-200, 200)
 

@@ -9,8 +9,7 @@ from lerobot_robot_yam.damiao.encoder import (
 )
 from lerobot_robot_yam.damiao.handle_check import prepare_handle
 from lerobot_robot_yam.errors import MotorError
-
-from .desk_bus import DeskBus
+from tests.support.desk_bus import DeskBus
 
 
 @pytest.fixture

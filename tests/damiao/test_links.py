@@ -9,9 +9,8 @@ from lerobot_robot_yam.damiao.bus_port import BusPort
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S
-
-from .desk_bus import SPECS, DeskBus
-from .test_chain import commands, tick
+from tests.damiao.test_chain import commands, tick
+from tests.support.desk_bus import SPECS, DeskBus
 
 
 def test_kernel_stamps_are_used_where_believable(bus):

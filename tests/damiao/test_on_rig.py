@@ -7,7 +7,7 @@ import can
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.damiao import bringup
+from lerobot_robot_yam.damiao import motor_inspection
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.encoder import HandleEncoder
@@ -23,8 +23,8 @@ GRIPPER = MotorSpec("gripper", 7, "DM4310")
 def test_bring_up_and_exchange_with_a_follower():
     with can.Bus(interface="yam_sim", channel="follower_left") as bus:
         chain = MotorChain(bus, [*ARM, GRIPPER], channel="follower_left")
-        bringup.listen(bus, bringup.LISTEN_S, range(1, 8), chain.channel)
-        bringup.verify(chain)
+        motor_inspection.listen(bus, motor_inspection.LISTEN_S, range(1, 8), chain.channel)
+        motor_inspection.verify(chain)
         assert chain.fault.tolist() == [Fault.DISABLED] * 7
         assert all(chain.special(SpecialCommand.ENABLE))
         commands = np.zeros((7, 5))
@@ -45,7 +45,7 @@ def test_a_leader_has_a_handle():
         assert prepare_handle(bus, "leader_left").report_frequency_hz == 0
         handle = HandleEncoder()
         chain = MotorChain(bus, ARM, channel="leader_left", encoder=handle)
-        bringup.verify(chain)
+        motor_inspection.verify(chain)
         chain.exchange(np.zeros((6, 5)), timeout_s=0.5)
         assert handle.stamp_s > 0
         assert handle.lost == 0
@@ -67,7 +67,7 @@ def test_a_second_driver_on_the_wire_is_heard():
         thread.start()
         try:
             with pytest.raises(ChannelInUseError, match="follower_left.*0x7FF"):
-                bringup.listen(ours, 0.2, range(1, 8), "follower_left")
+                motor_inspection.listen(ours, 0.2, range(1, 8), "follower_left")
         finally:
             stop.set()
             thread.join()

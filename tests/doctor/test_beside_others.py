@@ -7,15 +7,14 @@ import can
 import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.arm.state import lock_path
-from lerobot_robot_yam.arm.yam_arm import YamArm
 from lerobot_robot_yam.damiao import encoder
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.registers import Opcode, Register
 from lerobot_robot_yam.damiao.tables import REGISTER_ID, Fault
-from lerobot_robot_yam.runtime import FileLock
-
-from .desk import FOLLOWER, LEADER, LEADER_ARM, MOTORS, examine, found, virtual
+from lerobot_robot_yam.session.yam_arm import YamArm
+from lerobot_robot_yam.state.records import lock_path
+from lerobot_robot_yam.system.runtime_files import FileLock
+from tests.support.doctor_desk import FOLLOWER, LEADER, LEADER_ARM, MOTORS, examine, found, virtual
 
 HARMLESS = {Opcode.READ, Opcode.REFRESH}
 HANDLE_QUESTIONS = {encoder.OP_REPORT, encoder.OP_VERSION, encoder.OP_READ_EEPROM}

@@ -4,9 +4,8 @@ import can
 import pytest
 
 from lerobot_robot_yam.damiao.registers import Register
-from lerobot_robot_yam.rig.bus import YamSimBus
-
-from .desk import FOLLOWER, LEADER, LEADER_ARM, Sysfs, examine, found, replay_tools
+from lerobot_robot_yam.rig.client.sim_bus import YamSimBus
+from tests.support.doctor_desk import FOLLOWER, LEADER, LEADER_ARM, Sysfs, examine, found, replay_tools
 
 
 @pytest.mark.parametrize(

@@ -3,14 +3,22 @@
 import can
 import pytest
 
-from lerobot_robot_yam.damiao import bringup
+from lerobot_robot_yam.damiao import motor_inspection
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.registers import Register, encode_write
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import MotorError
-
-from .desk import FOLLOWER, LEADER, LEADER_ARM, MOTORS, examine, found, set_report_frequency, virtual
+from tests.support.doctor_desk import (
+    FOLLOWER,
+    LEADER,
+    LEADER_ARM,
+    MOTORS,
+    examine,
+    found,
+    set_report_frequency,
+    virtual,
+)
 
 DEFECTS = {
     "missing motor": (
@@ -186,7 +194,7 @@ def test_what_a_session_would_refuse_is_found(sick, capsys, register):
         can.Bus(interface="yam_sim", channel=FOLLOWER, rig=sick.name) as bus,
         pytest.raises(MotorError, match="joint_4"),
     ):
-        bringup.verify(MotorChain(bus, MOTORS, channel=FOLLOWER))
+        motor_inspection.verify(MotorChain(bus, MOTORS, channel=FOLLOWER))
     status, report = examine(capsys, *virtual(sick, FOLLOWER, samples=0))
     assert status == 1
     (problem,) = found(report, "problem", "joint_4")

@@ -9,17 +9,17 @@ import pytest
 import torch
 from hypothesis import strategies as st
 
-from lerobot_robot_yam.arm.safety import action_vector, finite_vector, limit_target
-from lerobot_robot_yam.arm.state import Limited
+from lerobot_robot_yam.arm.validation import finite_vector
 from lerobot_robot_yam.bi_yam_follower import BiYamFollower
 from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig
 from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
 from lerobot_robot_yam.errors import ActionError
-from lerobot_robot_yam.follower_options import FollowerArmConfig
-from lerobot_robot_yam.rig.lockstep import LockstepRig
+from lerobot_robot_yam.face.devices.follower_options import FollowerArmConfig
+from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
+from lerobot_robot_yam.session.target_limits import action_vector, limit_target
+from lerobot_robot_yam.state.records import Limited
 from lerobot_robot_yam.yam_follower import YamFollower
-
-from .cases import SPECIAL, finite, for_all, junk, numbers
+from tests.support.cases import SPECIAL, finite, for_all, junk, numbers
 
 SINGLE = [*(f"joint_{n}.pos" for n in range(1, 7)), "gripper.pos"]
 FREE = dict(zip(SINGLE, [0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.5], strict=True))  # an arm in the air

@@ -11,9 +11,8 @@ from lerobot_robot_yam.damiao.encoder import HandleEncoder
 from lerobot_robot_yam.damiao.registers import decode_reply, decode_request
 from lerobot_robot_yam.damiao.tables import MOTOR_TYPES
 from lerobot_robot_yam.errors import ActionError, BusError
-
-from .cases import for_all, numbers
-from .frames import payloads
+from tests.support.cases import for_all, numbers
+from tests.support.frames import payloads
 
 # Sums of numpy's small types overflow with a warning; what is returned or raised is what counts.
 pytestmark = pytest.mark.filterwarnings("ignore:overflow", "ignore:invalid value")

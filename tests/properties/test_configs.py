@@ -9,19 +9,19 @@ import pytest
 import yaml
 from hypothesis import strategies as st
 
-from lerobot_robot_yam.arm import profile as profiles
+from lerobot_robot_yam.arm import profile_files as profiles
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.dynamics import GravityModel
-from lerobot_robot_yam.arm.hardware import Hardware
-from lerobot_robot_yam.arm.profile import ARMS, GRIPPERS, NO_ARM, ArmProfile, GripperProfile, load_arm, load_gripper
+from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 from lerobot_robot_yam.arm.profile_checks import check_arm, check_gripper
-from lerobot_robot_yam.arm.yaml_fields import parse, read_yaml
+from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS, NO_ARM, load_arm, load_gripper
+from lerobot_robot_yam.arm.resolved_arm import Hardware
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig import scene as scenes
-from lerobot_robot_yam.rig.scene import Options, load_scene
-from lerobot_robot_yam.runtime import rig_name
-
-from .cases import documents, finite, for_all, junk, mutations, numbers, workspaces
+from lerobot_robot_yam.rig.scene.scene import Options, load_scene
+from lerobot_robot_yam.rig.scene.scene import scene as scenes
+from lerobot_robot_yam.system.runtime_files import rig_name
+from lerobot_robot_yam.system.strict_yaml import parse, read_yaml
+from tests.support.cases import documents, finite, for_all, junk, mutations, numbers, workspaces
 
 pytestmark = pytest.mark.filterwarnings("ignore:overflow", "ignore:invalid value", "ignore:Inertia matrix")
 

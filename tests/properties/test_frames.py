@@ -25,9 +25,8 @@ from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.damiao.registers import decode_reply
 from lerobot_robot_yam.damiao.tables import MOTOR_TYPES
 from lerobot_robot_yam.errors import MotorError
-
-from .cases import finite, for_all
-from .frames import SPECS, NoisyBus, impostors, is_classic_data, messages
+from tests.support.cases import finite, for_all
+from tests.support.frames import SPECS, NoisyBus, impostors, is_classic_data, messages
 
 
 def owner(message):

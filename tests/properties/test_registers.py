@@ -7,17 +7,16 @@ import can
 import pytest
 from hypothesis import strategies as st
 
-from lerobot_robot_yam.damiao import bringup, registers
-from lerobot_robot_yam.damiao.bringup import listen, verify
+from lerobot_robot_yam.damiao import motor_inspection, registers
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand
+from lerobot_robot_yam.damiao.motor_inspection import listen, verify
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.damiao.registers import REGISTERS, Opcode, Register
 from lerobot_robot_yam.damiao.tables import REGISTER_ID, motor_type
 from lerobot_robot_yam.errors import ChannelInUseError, ConfigError, MotorError
-
-from .cases import for_all, numbers
-from .frames import NoisyBus, impostors, is_classic_data, messages
+from tests.support.cases import for_all, numbers
+from tests.support.frames import NoisyBus, impostors, is_classic_data, messages
 
 pytestmark = pytest.mark.filterwarnings("ignore:overflow", "ignore:invalid value")  # of numpy's small types
 
@@ -83,7 +82,7 @@ def same(register, found, expected):
 def no_wait():
     """The second answer of a pair of motors comes at once on a desk."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bringup, "_DUPLICATE_WAIT_S", 0.0)
+        patch.setattr(motor_inspection, "_DUPLICATE_WAIT_S", 0.0)
         yield
 
 

@@ -8,13 +8,12 @@ from hypothesis import strategies as st
 
 from lerobot_robot_yam.damiao.codec import SpecialCommand, decode_feedback, encode_mit
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S, Fault, motor_type
-from lerobot_robot_yam.rig import commands
-from lerobot_robot_yam.rig.adapter import Adapter, HoldBack
-from lerobot_robot_yam.rig.wire import Frame
-from tests.rig.desk import Desk
-
-from .cases import finite, for_all
-from .test_rig_frames import client_frames
+from lerobot_robot_yam.rig.bus.adapter import Adapter, HoldBack
+from lerobot_robot_yam.rig.devices.packets import Frame
+from lerobot_robot_yam.rig.simulation import rig_commands
+from tests.properties.test_rig_frames import client_frames
+from tests.support.cases import finite, for_all
+from tests.support.rig_desk import Desk
 
 CHANNEL = "leader_left"
 KIND = "DM4310"
@@ -34,7 +33,7 @@ LIE = st.fixed_dictionaries(
 
 def fault(desk, motor, kind, value=True, **details):
     request = {"op": "fault", "channel": CHANNEL, "motor": motor, "kind": kind, "value": value, **details}
-    commands.ask(desk.device, request)
+    rig_commands.ask(desk.device, request)
 
 
 def swing(lies, garbled, doubled):

@@ -13,11 +13,10 @@ from lerobot_robot_yam.damiao.encoder import HANDLE_IDS, REQUEST_ID
 from lerobot_robot_yam.damiao.registers import REGISTERS, Opcode, Register, decode_reply
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S, REGISTER_ID, motor_type
 from lerobot_robot_yam.errors import BusError
-from lerobot_robot_yam.rig import wire
-from lerobot_robot_yam.rig.wire import Frame, Wire
-from tests.rig.desk import Desk
-
-from .cases import for_all
+from lerobot_robot_yam.rig.devices import packets
+from lerobot_robot_yam.rig.devices.packets import Frame, Wire
+from tests.support.cases import for_all
+from tests.support.rig_desk import Desk
 
 NAME = "leader_left"
 IDS = range(1, 7)
@@ -143,20 +142,20 @@ def test_only_the_motor_that_was_meant_answers(shared_rig, frames):
     frames=st.lists(stored_frames(), max_size=5),
 )
 def test_packets_are_whole_or_refused(packet, frames):
-    again = wire.unpack(wire.pack(frames))
+    again = packets.unpack(packets.pack(frames))
     assert [tuple(f)[1:] for f in again] == [tuple(f)[1:] for f in frames]
     try:
-        for frame in wire.unpack(packet):
+        for frame in packets.unpack(packet):
             assert len(frame.data) <= 8
     except BusError:
-        assert len(packet) % wire.RECORD_SIZE
+        assert len(packet) % packets.RECORD_SIZE
 
 
 @for_all(stamps=st.lists(st.floats(), min_size=1, max_size=20), now=st.floats(0, 1e7))
 def test_the_wire_keeps_order_and_time_whatever_the_senders_clock_says(stamps, now):
     line, last = Wire(), -math.inf
     for stamp in stamps:
-        sent = wire.send_time(stamp, now)
+        sent = packets.send_time(stamp, now)
         assert now - 0.06 <= sent <= now
         through = line.transmit(sent)
         assert through >= last and through >= sent + 0.9 * FRAME_TIME_S

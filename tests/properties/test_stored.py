@@ -9,18 +9,17 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from lerobot_robot_yam import shared_block
-from lerobot_robot_yam.arm.estop import EmergencyStop
-from lerobot_robot_yam.arm.fingerprint import Adapter, Fingerprint, MotorPrint
-from lerobot_robot_yam.arm.gripper import GripperStops, verify_stops
-from lerobot_robot_yam.arm.identity import Binding, check_identity
-from lerobot_robot_yam.arm.profile import load_gripper
-from lerobot_robot_yam.arm.stored_stops import load_stops, save_stops
+from lerobot_robot_yam.arm.profile_files import load_gripper
+from lerobot_robot_yam.control.gripper.homing import GripperStops, verify_stops
+from lerobot_robot_yam.control.gripper.stored_stops import load_stops, save_stops
+from lerobot_robot_yam.control.preflight.binding import Binding, check_identity
+from lerobot_robot_yam.control.preflight.fingerprint import Adapter, Fingerprint, MotorPrint
 from lerobot_robot_yam.errors import ChannelInUseError, ConfigError, GripperError, MotorError, StaleStateError
-from lerobot_robot_yam.runtime import FileLock
-from lerobot_robot_yam.shared_block import SharedBlock
-
-from .cases import SPECIAL, documents, for_all, mutations, numbers
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.system import shared_block
+from lerobot_robot_yam.system.runtime_files import FileLock
+from lerobot_robot_yam.system.shared_block import SharedBlock
+from tests.support.cases import SPECIAL, documents, for_all, mutations, numbers
 
 DTYPE = np.dtype([("counter", "u8"), ("values", "f8", 6), ("text", "S9")])
 HEADER = 24  # bytes before the record: magic, sequence, size, checksum

@@ -1,0 +1,202 @@
+"""What the values of an `ArmConfig` must be: first the type that the field declares, then what the quantity means.
+
+Ranges that depend on the motors come later, with the profile (`profile_checks`).
+"""
+
+import dataclasses
+import json
+import math
+import types
+import typing
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.system.paths import user_path
+
+_PATHS = ("calibration_path", "identity_path")
+_TEXT_MAX = 100  # bytes of a channel's name, which becomes part of file names
+GRAVITY_FACTOR_MOST = 2.0  # the vendor's are 1.0 to 1.2; a model that is further off is another arm's
+PAYLOAD_MOST_KG = 3.0  # outstretched, joint 2 of a YAM carries 2.1 kg, joint 3 of a big one 3.8
+_FRICTION_MOST_NM = 1.0  # more than a joint has pushes it on by itself; the vendor's are 0.06 to 0.3
+_TOOL_M = 0.5  # from the tool's tip: as long as the arm's links
+_FLOAT_SPEEDS_RAD_S = (0.5, 10.0)  # slower is no floating; the motors' own limit is 10 and more
+_TIMEOUTS_S = (0.02, 10.0)  # from the quickest stream of targets to the slowest that is one
+_AGES_S = (0.02, 2.0)  # some ticks; and what is older has nothing to do with where an arm is
+_FORCES_N = (1.0, 200.0)  # what a finger feels, and four times the default: beyond it the limiter does nothing
+_RATE_MIN_HZ = 100.0  # the motors' watchdog, and the stand-by's, want to hear more often than that of a slow loop
+_RATE_MAX_HZ = 1000.0
+
+
+def _above_zero(x: float) -> bool:
+    return x > 0.0
+
+
+def _not_below_zero(x: float) -> bool:
+    return x >= 0.0
+
+
+def _any(x: float) -> bool:
+    return True
+
+
+def _one_within(what: str, low: float, high: float, unit: str) -> tuple[None, Callable[[float], bool], str]:
+    return None, lambda x: low <= x <= high, f"{what} within {low:g} … {high:g} {unit}"
+
+
+def _within(low: float, high: float) -> Callable[[float], bool]:
+    return lambda x: low <= x <= high
+
+
+_PER_JOINT = -1  # as many numbers as the arm has joints, which its profile knows: `hardware` counts them
+# Per field: how many numbers (None: one), which numbers, and how to say so. What depends on the motors (gains, torques,
+# speeds) has its bounds in `profile_checks`.
+_NUMBERS: dict[str, tuple[int | None, Callable[[float], bool], str]] = {
+    **dict.fromkeys(
+        ("kp", "kd", "idle_kd", "torque_limit_nm"),
+        (_PER_JOINT, _not_below_zero, "numbers from zero up, one per joint"),
+    ),
+    "gravity_factor": (
+        _PER_JOINT,
+        _within(0.0, GRAVITY_FACTOR_MOST),
+        f"numbers within 0 … {GRAVITY_FACTOR_MOST:g}, one per joint",
+    ),
+    "coulomb_friction_nm": (
+        _PER_JOINT,
+        _within(0.0, _FRICTION_MOST_NM),
+        f"numbers within 0 … {_FRICTION_MOST_NM:g} Nm, one per joint",
+    ),
+    "effort_limit_nm": (_PER_JOINT, _above_zero, "numbers above zero, one per joint"),
+    "speed_limit_rad_s": (_PER_JOINT, _above_zero, "one number above zero, or one per joint"),
+    "float_speed_rad_s": _one_within("a speed", *_FLOAT_SPEEDS_RAD_S, "rad/s"),
+    "payload_mass_kg": _one_within("a mass", 0.0, PAYLOAD_MOST_KG, "kg"),
+    "payload_com_m": (3, _within(-_TOOL_M, _TOOL_M), f"three numbers within ±{_TOOL_M:g} m"),
+    "base_tilt_rad": (2, _within(-3.15, 3.15), "[roll, pitch] within a half turn, ±3.14"),
+    "rest_q_rad": (_PER_JOINT, _any, "angles in rad, one per joint"),
+    "gripper_stops_rad": (2, _any, "[closed, open] in motor radians"),
+    "ee_inertia": (10, _any, "centre (3), quaternion (4) and moments (3)"),
+    "command_timeout_s": _one_within("a time", *_TIMEOUTS_S, "s"),
+    "max_state_age_s": _one_within("a time", *_AGES_S, "s"),
+    "gripper_force_limit_n": _one_within("a force", *_FORCES_N, "N, or null for none"),
+    **dict.fromkeys(("gripper_speed_limit", "max_relative_target"), (None, _above_zero, "a number above zero")),
+    **dict.fromkeys(("gripper_kp", "gripper_kd"), (None, _not_below_zero, "a number from zero up")),
+    "rate_hz": (
+        None,
+        lambda x: x == 0.0 or _RATE_MIN_HZ <= x <= _RATE_MAX_HZ,
+        f"a rate within {_RATE_MIN_HZ:g} … {_RATE_MAX_HZ:g}, or 0 for as fast as the wire allows",
+    ),
+}
+
+
+def check(config: Any) -> None:
+    """Refuse what an arm cannot be driven with; numbers become floats, sequences of them lists, paths lose their `~`.
+
+    Raises:
+        ConfigError: names the arm, the field, and what it takes.
+    """
+    if config.channel == "":
+        raise ConfigError(f"{config.name}: no CAN channel given; set `channel`, such as can_follower_l")
+    hints = typing.get_type_hints(type(config))
+    for field in dataclasses.fields(config):
+        value = getattr(config, field.name)
+        kinds = _members(hints[field.name])
+        if value is None:
+            if type(None) not in kinds:
+                raise _refusal(config, field.name, "a value")
+        elif float in kinds or list in kinds:
+            setattr(config, field.name, _numbers(config, field.name, value, kinds))
+        elif bool in kinds and not isinstance(value, bool):
+            raise _refusal(config, field.name, "true or false")
+        elif any(_is_dataclass(kind) and not isinstance(value, kind) for kind in kinds):
+            raise _refusal(config, field.name, "a mapping of its fields")
+        elif dict in kinds:
+            _check_options(config, field.name, value)
+        elif str in kinds:
+            _check_text(config, field.name, value)
+            if field.name in _PATHS:
+                setattr(config, field.name, str(user_path(value)))
+        elif choices := [kind for kind in kinds if isinstance(kind, str)]:
+            if not isinstance(value, str) or value not in choices:
+                raise _refusal(config, field.name, " or ".join(map(repr, choices)))
+    if config.ee_inertia is not None and (min(config.ee_inertia[7:]) <= 0.0 or not any(config.ee_inertia[3:7])):
+        raise _refusal(config, "ee_inertia", "a quaternion that is not zero, and moments above zero")
+    if config.ee_inertia is not None and max(map(abs, config.ee_inertia[:3])) > _TOOL_M:
+        raise _refusal(config, "ee_inertia", f"a centre within ±{_TOOL_M:g} m")
+
+
+def check_switches(device: str, options: Any) -> None:
+    """Refuse a switch of a device's config that is neither on nor off: LeRobot's parser lets null through.
+
+    Raises:
+        ConfigError: names the device and the field.
+    """
+    for name, hint in typing.get_type_hints(type(options)).items():
+        if hint is bool and not isinstance(value := getattr(options, name), bool):
+            raise ConfigError(f"{device}: {name} takes true or false; got {value!r}")
+
+
+def _is_dataclass(kind: Any) -> bool:
+    return isinstance(kind, type) and dataclasses.is_dataclass(kind)
+
+
+def _members(hint: Any) -> tuple[Any, ...]:
+    """Types of a hint, `Literal`s as their values: `float | None` is (float, NoneType)."""
+    if typing.get_origin(hint) in (types.UnionType, typing.Union):
+        return tuple(kind for part in typing.get_args(hint) for kind in _members(part))
+    if typing.get_origin(hint) is typing.Literal:
+        return typing.get_args(hint)
+    return (typing.get_origin(hint) or hint,)
+
+
+def _numbers(config: Any, key: str, value: Any, kinds: tuple[Any, ...]) -> float | list[float]:
+    one = float in kinds
+    count, fits, takes = _NUMBERS.get(key, (None, _any, "a number" if one else "a list of numbers"))
+    if one and not isinstance(value, Sequence | np.ndarray):
+        number = _float(value)
+        if not math.isfinite(number) or not fits(number):
+            raise _refusal(config, key, takes)
+        return number
+    if list not in kinds or isinstance(value, str | bytes) or not isinstance(value, Sequence | np.ndarray):
+        raise _refusal(config, key, takes)
+    if isinstance(value, np.ndarray) and value.ndim != 1:
+        raise _refusal(config, key, takes)
+    numbers = [_float(item) for item in value]
+    if count not in (None, _PER_JOINT, len(numbers)) or not all(math.isfinite(x) and fits(x) for x in numbers):
+        raise _refusal(config, key, takes)
+    return numbers
+
+
+def _float(value: Any) -> float:
+    """A real number as a float; NaN, which no rule admits, for what is none."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:  # an integer beyond any float
+        return math.nan
+
+
+def _check_text(config: Any, key: str, value: Any) -> None:
+    if not isinstance(value, str) or not value or not value.isprintable():
+        raise _refusal(config, key, "a text")
+    if key == "channel" and len(value.encode()) > _TEXT_MAX:
+        raise _refusal(config, key, f"a text of at most {_TEXT_MAX} bytes")
+
+
+def _check_options(config: Any, key: str, value: Any) -> None:
+    """They travel to the control process as JSON, and become keyword arguments there."""
+    if not isinstance(value, dict) or not all(isinstance(name, str) for name in value):
+        raise _refusal(config, key, "names and values, such as {rig: auto}")
+    taken = sorted({"interface", "channel"} & value.keys())
+    if taken:
+        raise ConfigError(f"{config.name}: {key} has {taken}, which are fields of their own")
+    try:
+        json.dumps(value)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise ConfigError(f"{config.name}: {key} takes plain values only ({error})") from error
+
+
+def _refusal(config: Any, key: str, takes: str) -> ConfigError:
+    return ConfigError(f"{config.name}: {key} takes {takes}; got {getattr(config, key)!r}")

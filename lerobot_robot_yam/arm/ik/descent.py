@@ -1,0 +1,133 @@
+"""Damped least squares from one start: the inner loop of inverse kinematics.
+
+With the error twist e of the site in its own frame and its Jacobian J (mink's FrameTask), each iteration solves
+
+    min   ½ |W (J Δq − e)|²  +  ½ μ |Δq|²  +  ½ w² |q + Δq − q_posture|²
+    s.t.  q_lower ≤ q + Δq ≤ q_upper,   |Δq_j| ≤ Δ_max,   d_k(q) + ∇d_k · Δq ≥ limit_k
+
+as a box-constrained QP (DAQP, which takes the box as such: a fifth of the time of the same problem through
+`mink.solve_ik`). Levenberg's μ falls with the error, so that the last steps are Newton's, and grows when a step does
+not help: far from the solution and near singularities it is gradient descent. The last row is optional, see
+`ik_clearance`.
+"""
+
+import time
+
+import daqp
+import mink
+import mujoco
+import numpy as np
+
+from lerobot_robot_yam.arm.ik.self_clearance import SelfClearance
+
+LEVER_M = 0.1
+"""What counts as much as one radian of orientation error, in metres."""
+
+_ITERATIONS = 25
+_STOP_M, _STOP_RAD = 1e-6, 1e-5  # a hundredth of what counts as solved: paths come out smooth
+_STUCK = 1e-3  # a step that gains a smaller share of the cost ends the descent
+_STEP_RAD = 0.7  # farther than this the linearisation is not believed
+_CAREFUL_STEP_RAD = 0.2  # where distances have to be kept: they bend more than poses do
+_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-6, 1e3
+_FLOOR = 1e-12  # of the Hessian: QP solvers need it definite
+_POSTURE = 1e-9  # w²: decides where the pose leaves freedom, at singularities; elsewhere below 1e-8 m
+_UNBOUNDED = 1e30  # DAQP's infinity
+_FOUL_M = 1e-4  # by how much a step may spoil a distance, from curvature
+
+_NO_SLACK = np.zeros(0)
+
+
+class Descent:
+    """Descends to a pose of `site` from wherever it is started. Not thread-safe.
+
+    Args:
+        model: its first joints are the arm's; others stay where `qpos0` has them.
+        joints: how many.
+        site: name of a site of the model.
+        clearance: distances to keep, None for none.
+    """
+
+    def __init__(self, model: mujoco.MjModel, joints: int, site: str, clearance: SelfClearance | None = None):
+        self._configuration = mink.Configuration(model)
+        self._task = mink.FrameTask(site, "site", position_cost=1.0, orientation_cost=LEVER_M)
+        self._clearance = clearance
+        self._full = model.qpos0.copy()
+        self._joints, self._no_rows = joints, np.zeros((0, joints))
+
+    def aim(self, pose: np.ndarray) -> None:
+        """Set the target, (4, 4)."""
+        self._task.set_target(mink.SE3.from_matrix(pose))
+
+    def run(
+        self, q: np.ndarray, lower: np.ndarray, upper: np.ndarray, posture: np.ndarray, deadline_s: float
+    ) -> np.ndarray:
+        """The joints (n,) where the descent from `q` ends; between `lower` and `upper`, as `q` has to be.
+
+        Args:
+            posture: (n,) what is preferred where the pose leaves a choice.
+            deadline_s: monotonic time at which to stop where it is.
+        """
+        damping, (jacobian, error) = _DAMPING, self._residual(q)
+        cost = float(error @ error)
+        rows, slack = self._distances(q)
+        step = _STEP_RAD if self._clearance is None else _CAREFUL_STEP_RAD
+        for _ in range(_ITERATIONS):
+            if _solved(error) or time.monotonic() > deadline_s:
+                break
+            hessian = jacobian.T @ jacobian
+            hessian.flat[:: len(q) + 1] += damping * min(cost, 1.0) + _POSTURE + _FLOOR
+            gradient = _POSTURE * (q - posture) - error @ jacobian
+            move = _solve_qp(hessian, gradient, np.maximum(lower - q, -step), np.minimum(upper - q, step), rows, slack)
+            there = np.minimum(np.maximum(q + move, lower), upper)
+            there_jacobian, there_error = self._residual(there)
+            there_cost = float(there_error @ there_error)
+            there_rows, there_slack = self._distances(there)
+            if not there_cost < cost or _worst(there_slack) < min(_worst(slack), 0.0) - _FOUL_M:
+                damping = max(damping, 1e-3) * 10.0
+                if damping > _MOST_DAMPING:
+                    break
+                continue
+            gained = cost - there_cost
+            q, jacobian, error, cost = there, there_jacobian, there_error, there_cost
+            rows, slack = there_rows, there_slack
+            damping = max(damping / 5.0, _LEAST_DAMPING)
+            if gained < _STUCK * (cost + gained):
+                break
+        return q
+
+    def _residual(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(6, n) W J and (6,) W e: three of the position, three of the orientation."""
+        self._full[: self._joints] = q
+        self._configuration.update(self._full)
+        jacobian, error, _ = self._task.compute_qp_residual(self._configuration)
+        return jacobian[:, : self._joints], error
+
+    def _distances(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(k, n) gradients and (k,) slack of the distances that may run short."""
+        return (self._no_rows, _NO_SLACK) if self._clearance is None else self._clearance.rows(q)
+
+
+def _solved(error: np.ndarray) -> bool:
+    x, y, z, a, b, c = error.tolist()
+    near = max(abs(x), abs(y), abs(z)) < _STOP_M
+    return near and max(abs(a), abs(b), abs(c)) < _STOP_RAD * LEVER_M
+
+
+def _worst(slack: np.ndarray) -> float:
+    return float(slack.min()) if slack.size else 0.0
+
+
+def _solve_qp(
+    hessian: np.ndarray,
+    gradient: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    rows: np.ndarray,
+    slack: np.ndarray,
+) -> np.ndarray:
+    """argmin ½ x H x + g x within the box and rows · x ≥ −slack. A slack that is used up must not grow worse."""
+    if not slack.size:
+        return daqp.solve(hessian, gradient, rows, upper, lower, np.zeros(upper.size, np.int32))[0]
+    highest = np.concatenate([upper, np.full(slack.size, _UNBOUNDED)])
+    lowest = np.concatenate([lower, -np.maximum(slack, 0.0)])
+    return daqp.solve(hessian, gradient, rows, highest, lowest, np.zeros(highest.size, np.int32))[0]

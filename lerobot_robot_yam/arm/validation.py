@@ -1,0 +1,80 @@
+"""Numbers as callers give them: checked once, and private from then on."""
+
+import math
+
+import numpy as np
+
+from lerobot_robot_yam.errors import ActionError
+
+_NUMERIC = "fiu"  # kinds of numpy types whose values are real numbers
+
+
+def finite_vector(arm: str, what: str, value: object, n: int) -> np.ndarray:
+    """`value` as a private (n,) float array.
+
+    Raises:
+        ActionError: wrong length or type, NaN or infinity; names the element.
+    """
+    try:
+        given = np.asarray(value)
+        if given.dtype.kind not in _NUMERIC + "O":  # text would be parsed, imaginary parts dropped
+            raise TypeError(f"{given.dtype} is no type of numbers")
+        if given.dtype.kind == "O":
+            given = np.array([_number(item) for item in given.flat]).reshape(given.shape)
+        vector = given.astype(float)
+    except (TypeError, ValueError, OverflowError, RuntimeError) as error:  # RuntimeError: a tensor with a gradient
+        raise ActionError(f"{arm}: {what} must be {n} numbers ({error})") from error
+    if vector.shape != (n,):
+        raise ActionError(f"{arm}: {what} must have shape ({n},), not {vector.shape}")
+    for index, number in enumerate(vector.tolist()):
+        if not math.isfinite(number):
+            raise ActionError(f"{arm}: {what}[{index}] is {number}; nothing was sent")
+    return vector
+
+
+def finite_number(arm: str, what: str, value: object) -> float:
+    """`value` as a float.
+
+    Raises:
+        ActionError: no number, NaN or infinity.
+    """
+    try:
+        number = value if type(value) is float else _number(value)
+    except Exception as error:  # whatever turning it into a number raises, it is none
+        raise ActionError(f"{arm}: {what} is not a number but {type(value).__name__} ({error})") from error
+    if not math.isfinite(number):
+        raise ActionError(f"{arm}: {what} is {number}; nothing was sent")
+    return number
+
+
+def check_range(arm: str, what: str, value: np.ndarray, low: float, high: np.ndarray) -> None:
+    """Refuse what a motor's frame cannot carry: the torque limit would reckon with it, and the motor with less.
+
+    Args:
+        arm, what: for messages.
+        value: (n,) per joint.
+        low: smallest share of `high` that is possible: 0, or -1.
+        high: (n,) largest value.
+
+    Raises:
+        ActionError: names the joint and its range.
+    """
+    outside = np.flatnonzero((value < low * high) | (value > high))
+    if len(outside):
+        i = int(outside[0])
+        raise ActionError(
+            f"{arm}: {what} of joint_{i + 1} is {value[i]:g}; its motor takes {low * high[i]:g} … {high[i]:g}; "
+            "nothing was sent"
+        )
+
+
+def _number(value: object) -> float:
+    """One number as a float; raises whatever the value's type raises, TypeError for what only looks like one."""
+    if isinstance(value, str | bytes | bytearray | bool):
+        raise TypeError("text and truth values are no positions")
+    if isinstance(value, np.ndarray | np.generic) and value.dtype.kind not in _NUMERIC:
+        raise TypeError(f"{value.dtype} is no type of numbers")
+    shape = tuple(getattr(value, "shape", ()))
+    if shape:
+        raise TypeError(f"it has shape {shape}")
+    return float(value)  # type: ignore[arg-type]

@@ -1,0 +1,184 @@
+"""Is the rig fit to be used? Reads and asks, sends no command, energises nothing.
+
+yam-doctor                                             all CAN interfaces, cameras, this computer
+yam-doctor --config_path=configs/real/record.yaml      the arms and cameras of a LeRobot run config
+yam-doctor --channel can_follower_l:yam:linear_4310 --channel can_leader_l:yam:yam_teaching_handle
+yam-doctor --interface yam_sim --rig NAME --channel follower_left      a virtual rig
+
+Exit status: 0 healthy, 1 problems, 2 wrong usage. Warnings and notes do not change it.
+"""
+
+import argparse
+import io
+import logging
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS
+from lerobot_robot_yam.doctor.check_adapters import (
+    RULES_DIRECTORIES,
+    adapters_section,
+    check_adapters,
+    read_adapters,
+    read_rules,
+)
+from lerobot_robot_yam.doctor.check_calibration import calibration_section, check_calibrations
+from lerobot_robot_yam.doctor.check_cameras import DEV, cameras_section, check_cameras, read_cameras
+from lerobot_robot_yam.doctor.check_channel import ChannelSections, examine_channel
+from lerobot_robot_yam.doctor.check_host import check_host, host_section
+from lerobot_robot_yam.doctor.check_link import (
+    IP_COMMAND,
+    TC_COMMAND,
+    Link,
+    check_links,
+    links_section,
+    parse_links,
+    tool_output,
+)
+from lerobot_robot_yam.doctor.kit.findings import Section
+from lerobot_robot_yam.doctor.kit.report import as_json, as_text, exit_status
+from lerobot_robot_yam.doctor.kit.targets import (
+    SOCKETCAN,
+    VIRTUAL,
+    Plan,
+    calibration_root,
+    from_config,
+    from_option,
+    undeclared,
+)
+from lerobot_robot_yam.doctor.kit.usb import SYSFS
+from lerobot_robot_yam.errors import ConfigError
+
+_SAMPLES = 200
+
+
+@dataclass(frozen=True)
+class System:
+    """Where this computer describes itself; other directories stand for another computer."""
+
+    sysfs: Path = SYSFS
+    dev: Path = DEV
+    rules: Sequence[Path] = RULES_DIRECTORIES
+
+
+def examine(plan: Plan, samples: int = _SAMPLES, system: System | None = None) -> list[Section]:
+    """Look at everything in the plan; with no target in it, at all CAN interfaces of this computer.
+
+    Args:
+        plan: arms and cameras.
+        samples: questions per motor for the reply latency; 0 leaves it out.
+        system: where to look.
+    """
+    system = system or System()
+    targets, channels = list(plan.targets), ChannelSections()
+    interfaces, adapters, cameras = links_section(), adapters_section(), cameras_section()
+    links: dict[str, Link] | None = None
+    if plan.real:
+        wanted = [target.channel for target in targets if target.real]
+        links = _read_links(wanted, system, interfaces)
+        if not targets:
+            wanted = list(links or ())
+            targets = [undeclared(name) for name in wanted]
+        check_adapters(read_adapters(system.sysfs), wanted, read_rules(system.rules), adapters)
+    if plan.real or plan.real_cameras:
+        check_cameras(read_cameras(system.sysfs), plan.cameras, system.dev, cameras)
+    for target in targets:
+        link = links.get(target.channel) if links is not None and target.real else None
+        if link is not None or links is None or not target.real:  # else it is not there
+            examine_channel(target, link, samples, channels, _say)
+    calibration, host = calibration_section(), host_section()
+    check_calibrations(targets, calibration_root(), calibration)
+    check_host(system.sysfs, host)
+    return [interfaces, adapters, *channels.all(), calibration, cameras, host]
+
+
+def _read_links(wanted: Sequence[str], system: System, section: Section) -> dict[str, Link] | None:
+    """Links that the system's tools show, None when these fail; the section takes what is wrong about the wanted ones.
+
+    With none wanted, all are.
+    """
+    text, reason = tool_output(IP_COMMAND)
+    try:
+        if text is None:
+            raise ValueError(reason)
+        links = {link.name: link for link in parse_links(text, tool_output(TC_COMMAND)[0])}
+    except ValueError as error:
+        what = f"the state of the CAN interfaces is unknown: {' '.join(IP_COMMAND)} failed ({error})"
+        section.warn("this computer", what, "sudo apt install iproute2")
+        return None
+    check_links(list(links.values()), wanted or list(links), section)
+    plugged = f"plug the adapter in (`lsusb -d 1d50:606f` lists it); the system shows {', '.join(links) or 'none'}"
+    if not links and not wanted:
+        section.problem("this computer", "it has no CAN interface", plugged)
+    for name in wanted:
+        if name in links:
+            continue
+        if (system.sysfs / "class" / "net" / name).exists():
+            section.note(name, "is no CAN controller (vcan?): the state of its link is unknown", "none needed")
+            links[name] = Link(name=name, up=True)
+        else:
+            section.problem(name, "there is no such interface", plugged)
+    return links
+
+
+def _say(text: str) -> None:
+    sys.stderr.write(f"yam-doctor: {text} …\n")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="yam-doctor", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--channel",
+        action="append",
+        default=[],
+        metavar="NAME[:ARM[:GRIPPER]]",
+        help=f"an arm, repeatable. ARM: {', '.join(ARMS)} (default yam); GRIPPER: {', '.join(GRIPPERS)} "
+        "(default linear_4310; a leader's must be named)",
+    )
+    parser.add_argument("--interface", help=f"python-can interface (default {SOCKETCAN}, with --rig {VIRTUAL})")
+    parser.add_argument("--rig", help="name of the virtual rig")
+    parser.add_argument("--config_path", type=Path, metavar="FILE", help="LeRobot run config with our robots")
+    parser.add_argument("--samples", type=int, default=_SAMPLES, help="questions per motor for the reply latency")
+    parser.add_argument("--json", action="store_true", help="one JSON object instead of tables")
+    parser.add_argument("--sysfs", type=Path, default=SYSFS, help="where sysfs is (a copy of another computer's)")
+    return parser
+
+
+def _plan(args: argparse.Namespace) -> Plan:
+    if args.samples < 0:
+        raise ConfigError("--samples is 0 or more")
+    if args.config_path is not None:
+        if args.channel:
+            raise ConfigError("give --channel or --config_path, not both")
+        return from_config(args.config_path, args.rig)
+    interface = args.interface or (VIRTUAL if args.rig else SOCKETCAN)
+    if interface != SOCKETCAN and not args.channel:
+        raise ConfigError(f"name the channels of interface {interface}: --channel NAME[:ARM[:GRIPPER]]")
+    targets = [from_option(text, interface, args.rig) for text in args.channel]
+    if len({target.channel for target in targets}) < len(targets):
+        raise ConfigError("a channel is named twice")
+    return Plan(tuple(targets))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of `yam-doctor`; returns the exit status."""
+    args = _parser().parse_args(arguments)
+    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s %(message)s")
+    try:
+        plan = _plan(args)
+    except ConfigError as error:
+        sys.stderr.write(f"yam-doctor: {error}\n")
+        return 2
+    sections = examine(plan, args.samples, System(sysfs=args.sysfs))
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # a terminal that cannot show a character
+    sys.stdout.write((as_json(sections) if args.json else as_text(sections)) + "\n")
+    return exit_status(sections)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

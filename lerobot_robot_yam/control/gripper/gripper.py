@@ -1,0 +1,219 @@
+"""The gripper's part of an arm: search for its stops, normalised coordinate, force-limited command."""
+
+import logging
+import threading
+from pathlib import Path
+
+import numpy as np
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.profile import GripperProfile
+from lerobot_robot_yam.control.gripper.force_derating import GripForce
+from lerobot_robot_yam.control.gripper.force_limiter import ForceLimiter
+from lerobot_robot_yam.control.gripper.homing import GripperStops, Search, find_stops, verify_stops
+from lerobot_robot_yam.control.gripper.stored_stops import load_stops, save_stops
+from lerobot_robot_yam.control.laws import mit_laws
+from lerobot_robot_yam.errors import GripperError
+
+logger = logging.getLogger(__name__)
+
+
+class GripperAxis:
+    """One gripper motor, joint-space motor angles in, MIT command out.
+
+    Args:
+        config, profile: the arm's configuration and its gripper.
+        kp, kd: gains with which the motor is driven, Nm/rad and Nm s/rad.
+    """
+
+    def __init__(self, config: ArmConfig, profile: GripperProfile, kp: float, kd: float):
+        assert profile.motor is not None and profile.calibration is not None
+        self._torque_limit_nm = profile.motor.torque_limit_nm
+        self._name = config.name
+        self._profile, self._calibration = profile, profile.calibration
+        self._kp, self._kd = kp, kd
+        self._force_limit_n = config.gripper_force_limit_n
+        self._path = None if config.calibration_path is None else Path(config.calibration_path)
+        self._configured = None if config.gripper_stops_rad is None else GripperStops(*config.gripper_stops_rad)
+        self.stops: GripperStops | None = None
+        self._proven: GripperStops | None = None
+        self._search: Search | None = None
+        self._push = (0.0, kd)
+        self._limiter: ForceLimiter | None = None
+        self._grip = GripForce()
+        self._anew = self._may_fail = False
+
+    @property
+    def searching(self) -> bool:
+        """True while the stops are being found or verified."""
+        return self._search is not None
+
+    @property
+    def force_limited(self) -> bool:
+        """True while the limiter holds the squeeze back."""
+        return self._limiter is not None and self._limiter.clogged
+
+    @property
+    def stalled(self) -> bool:
+        """True while it holds an object with reduced force, having pressed on it for a while."""
+        return self._grip.stalled
+
+    def derate(self, level: float) -> None:
+        """Reduce the force as the motor's heat level, 0 cool … 1 at its trip, asks for."""
+        self._grip.derate(level)
+
+    def begin(self, calibrate: bool = False) -> None:
+        """Start to verify the known stops, or to find them when there are none or `calibrate` says so.
+
+        Known are, first of all, those that this session has found or verified, then configured, then stored ones.
+
+        Raises:
+            GripperError: the stored stops are damaged or impossible.
+        """
+        known = self._proven or self._configured
+        if calibrate:
+            known = None
+        elif known is None:
+            if self._path is not None:
+                known = load_stops(self._name, self._path, self._profile.name)
+            if known is None:
+                logger.warning("%s: no gripper stops are known; searching them, keep the fingers free", self._name)
+        self._anew, self._may_fail = known is None, False
+        if known is None:
+            self._search = find_stops(self._name, self._calibration)
+        else:
+            self._search = verify_stops(self._name, self._calibration, known)
+        self.stops = self._limiter = None
+        self._push = next(self._search)
+
+    def begin_if_known(self) -> None:
+        """As `begin`, for who calibrates afterwards: seeks nothing, and puts stops aside that do not fit."""
+        try:
+            if self._configured is None and (
+                self._path is None or load_stops(self._name, self._path, self._profile.name) is None
+            ):
+                return
+            self.begin()
+            self._may_fail = True
+        except GripperError as error:
+            self._put_aside(error)
+
+    def _put_aside(self, error: GripperError) -> None:
+        logger.warning("%s; its stops are unknown until then", error)
+        self.stop_search()
+
+    def advance(self, now: float, motor_rad: float) -> float | None:
+        """One tick of the search. Returns the shift of the reading, rad, once the stops are known; else None.
+
+        Raises:
+            GripperError: the search failed.
+        """
+        assert self._search is not None
+        try:
+            self._push = self._search.send((now, motor_rad))
+        except StopIteration as found:
+            self._search = None
+            stops = GripperStops(found.value.closed_rad, found.value.open_rad)
+            self._use(stops)
+            if self._anew and self._configured is not None:
+                logger.warning(
+                    "%s: `gripper_stops_rad` is configured and counts again from the next start; set it to "
+                    "[%.3f, %.3f] or remove it to use what was found now",
+                    self._name,
+                    stops.closed_rad,
+                    stops.open_rad,
+                )
+            if self._anew and self._path is not None:
+                try:
+                    threading.Thread(target=self._store, args=(self._path, stops), daemon=True).start()
+                except RuntimeError as error:
+                    logger.error("%s: the gripper's stops are not stored: %s", self._name, error)
+            return float(found.value.shift_rad)
+        except GripperError as error:
+            if self._may_fail:
+                self._put_aside(error)
+                return None
+            self.stop_search()
+            raise
+        return None
+
+    def _store(self, path: Path, stops: GripperStops) -> None:
+        """In a thread: a file system can take longer than motors wait for commands."""
+        try:
+            save_stops(self._name, path, self._profile.name, stops)
+        except GripperError as error:  # the arm can be driven; who asked for a calibration looks for the file
+            logger.error("%s", error)
+
+    def adopt(self, closed_rad: float, open_rad: float) -> None:
+        """Take over stops that another loop has verified; NaN: there are none, the motor is kept still."""
+        if np.isfinite([closed_rad, open_rad]).all():
+            self._use(GripperStops(closed_rad, open_rad))
+        else:
+            self.stop_search()
+
+    def _use(self, stops: GripperStops) -> None:
+        self.stops = self._proven = stops
+        if self._force_limit_n is not None and self._profile.limiter is not None:
+            ends = (stops.closed_rad, stops.open_rad)
+            self._limiter = ForceLimiter(self._profile.limiter, self._kp, ends, self._force_limit_n)
+
+    def stop_search(self) -> None:
+        """Give the search up, keep still."""
+        self._search = None
+        self._push = (0.0, self._kd)
+
+    def normalised(self, motor_rad: float, motor_rate: float) -> tuple[float, float]:
+        """Position 0 closed … 1 open and rate 1/s; zeros until the stops are known."""
+        if self.stops is None:
+            return 0.0, 0.0
+        return self.stops.normalised(motor_rad), motor_rate / self.stops.span_rad
+
+    def command(
+        self, row: np.ndarray, now: float, u: float, u_rate: float, motor_rad: float, rate: float, tau: float
+    ) -> None:
+        """Fill the gripper's command row for set-point `u` moving at `u_rate`; `rate` and `tau` are measured."""
+        if self.stops is None:
+            speed, kd = self._push
+            row[:] = motor_rad, speed, 0.0, kd, 0.0
+            return
+        span = self.stops.span_rad
+        outwards = tau if span > 0.0 else -tau
+        u_now = self.stops.normalised(motor_rad)
+        if self._grip.update(now, u, u_now, rate, outwards):
+            self._tell_stall()
+        target = self.stops.motor(u)
+        row[mit_laws.DQ] = u_rate * span
+        if self._limiter is not None and u > u_now:
+            self._limiter.release(now, tau)
+            self._limiter.sent(target)
+        elif self._limiter is not None:
+            assert self._force_limit_n is not None
+            self._limiter.max_force_n = self._force_limit_n * self._grip.factor
+            limited = self._limiter.limit(now, target, motor_rad, rate, tau)
+            low, high = sorted((self.stops.closed_rad, self.stops.open_rad))
+            target = min(max(limited, low), high)
+            self._limiter.sent(target)
+            if self._limiter.clogged:
+                row[mit_laws.DQ] = 0.0
+        row[mit_laws.Q] = target
+        if not self.force_limited:
+            self._clip(row, motor_rad, rate * span)
+
+    def _clip(self, row: np.ndarray, motor_rad: float, motor_rate: float) -> None:
+        """What the limiter does not reduce (no limiter, or pressing outwards) the torque clip does."""
+        most = self._torque_limit_nm
+        if self._grip.stalled:
+            most = min(most, self._grip.press_nm)
+        if most * self._grip.factor < self._torque_limit_nm:
+            limit = np.array([most * self._grip.factor])
+            mit_laws.clip_torque(row[np.newaxis], np.array([motor_rad]), np.array([motor_rate]), limit)
+
+    def _tell_stall(self) -> None:
+        if self._grip.opening:
+            logger.warning(
+                "%s: the gripper is blocked while it opens and eases off; if nothing is in its way, its "
+                "stops are wrong: calibrate again (lerobot-calibrate)",
+                self._name,
+            )
+        else:
+            logger.info("%s: the gripper holds an object; easing off to spare its motor", self._name)

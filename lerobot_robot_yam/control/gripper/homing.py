@@ -1,0 +1,152 @@
+"""The gripper's normalised coordinate and how its stops are found and verified.
+
+u = (motor − closed) / (open − closed), 0 closed … 1 open. The stroke exceeds one turn while a motor knows its angle
+within one turn only, so stored stops are never taken on trust: an angle that fits two turns is resolved by a gentle
+move towards open, with at most the calibration torque. An object between the fingers is not a stop.
+"""
+
+import logging
+import math
+from collections.abc import Generator
+from dataclasses import dataclass
+
+from lerobot_robot_yam.arm.joint_map import TURN
+from lerobot_robot_yam.arm.profile import Calibration
+from lerobot_robot_yam.errors import GripperError
+
+logger = logging.getLogger(__name__)
+
+_SPEED_RAD_S = 5.0  # of the search; with kd = torque / speed a blocked motor pushes with just the calibration torque
+_STOP_TOLERANCE_RAD = 0.06  # how far a stop may lie from where it was stored
+_NUDGE_RAD = 0.6  # a move of this length leaves the zone in which two turns fit
+_WRONG_WAY_RAD = 0.15  # against the command: more than play and a finger's spring
+_MOVED_RAD = 0.03  # less is play, not a move
+
+Search = Generator[tuple[float, float], tuple[float, float], "GripperStops"]
+"""Yields (dq*, kd) for the gripper motor, is sent (now_s, motor_rad), returns the stops."""
+
+
+@dataclass(frozen=True)
+class GripperStops:
+    """Joint-space motor angles of the two stops, rad, and the shift that puts the present reading on their turn."""
+
+    closed_rad: float
+    open_rad: float
+    shift_rad: float = 0.0
+
+    def normalised(self, motor_rad: float) -> float:
+        """0 closed … 1 open; measured values may lie slightly outside."""
+        return (motor_rad - self.closed_rad) / (self.open_rad - self.closed_rad)
+
+    def motor(self, u: float) -> float:
+        """Motor angle of normalised position `u`, rad."""
+        return self.closed_rad + u * (self.open_rad - self.closed_rad)
+
+    @property
+    def span_rad(self) -> float:
+        """open − closed, signed."""
+        return self.open_rad - self.closed_rad
+
+
+def check_span(arm: str, calibration: Calibration, closed_rad: float, open_rad: float) -> None:
+    """Refuse stops that cannot be the gripper's two ends.
+
+    Raises:
+        GripperError: too narrow (an object, a blocked finger), too wide, or in the wrong order (inverted mapping).
+    """
+    span = abs(open_rad - closed_rad)
+    if not calibration.min_span_rad <= span <= calibration.max_span_rad:
+        raise GripperError(
+            f"{arm}: gripper stops {closed_rad:.3f} (closed) and {open_rad:.3f} (open) span {span:.3f} rad, not "
+            f"{calibration.min_span_rad:.2f} … {calibration.max_span_rad:.2f}; take any object out of the fingers, "
+            "look for a blocked finger and calibrate again (lerobot-calibrate)"
+        )
+    if (closed_rad > open_rad) != calibration.closed_is_larger:
+        raise GripperError(
+            f"{arm}: gripper stops closed {closed_rad:.3f}, open {open_rad:.3f} rad are inverted for this gripper; "
+            "check the motor direction in the profile and calibrate again (lerobot-calibrate)"
+        )
+
+
+def _push(
+    arm: str, opening: bool, calibration: Calibration, most_rad: float
+) -> Generator[tuple[float, float], tuple[float, float], tuple[float, bool]]:
+    """Drive one way until standstill or `most_rad`; returns (motor_rad, stood still)."""
+    direction = 1.0 if opening is not calibration.closed_is_larger else -1.0
+    kd = calibration.torque_nm / _SPEED_RAD_S
+    now, position = yield (0.0, kd)
+    start, start_at, checked, checked_at, still = position, now, position, now, 0
+    while still < calibration.standstill_checks:
+        now, position = yield (direction * _SPEED_RAD_S, kd)
+        if direction * (position - start) <= -_WRONG_WAY_RAD:
+            raise GripperError(
+                f"{arm}: told to {'open' if opening else 'close'}, the gripper moves the other way "
+                f"({start:.2f} → {position:.2f} rad): its mapping is inverted, or somebody moves the fingers; "
+                "check the gripper and the motor direction in the profile"
+            )
+        if direction * (position - start) >= most_rad:
+            return position, False
+        if now - checked_at >= calibration.check_interval_s:
+            still = still + 1 if abs(position - checked) < calibration.standstill_rad else 0
+            checked, checked_at = position, now
+        if now - start_at > calibration.timeout_per_direction_s:
+            raise GripperError(
+                f"{arm}: gripper still moves {calibration.timeout_per_direction_s:.1f} s after the search began "
+                f"({start:.2f} → {position:.2f} rad); is a finger detached from its motor?"
+            )
+    return position, True
+
+
+def _never_moved(arm: str, calibration: Calibration, position: float) -> GripperError:
+    return GripperError(
+        f"{arm}: the gripper does not move from {position:.3f} rad under {calibration.torque_nm:.1f} Nm; "
+        "look for jammed fingers and for motor power, then calibrate again (lerobot-calibrate)"
+    )
+
+
+def find_stops(arm: str, calibration: Calibration) -> Search:
+    """Search both stops: close, then open, each until standstill at no more than the calibration torque.
+
+    Raises:
+        GripperError: the stops do not make sense.
+    """
+    closed_rad, _ = yield from _push(arm, False, calibration, math.inf)
+    open_rad, _ = yield from _push(arm, True, calibration, math.inf)
+    if abs(open_rad - closed_rad) < _MOVED_RAD:
+        raise _never_moved(arm, calibration, closed_rad)
+    check_span(arm, calibration, closed_rad, open_rad)
+    logger.info("%s: gripper calibrated, closed %.3f rad, open %.3f rad", arm, closed_rad, open_rad)
+    return GripperStops(closed_rad, open_rad)
+
+
+def _fitting_turns(position: float, stops: GripperStops) -> list[float]:
+    low = min(stops.closed_rad, stops.open_rad) - _STOP_TOLERANCE_RAD
+    high = max(stops.closed_rad, stops.open_rad) + _STOP_TOLERANCE_RAD
+    first, last = math.ceil((low - position) / TURN), math.floor((high - position) / TURN)
+    return [turn * TURN for turn in range(first, last + 1)]
+
+
+def verify_stops(arm: str, calibration: Calibration, stored: GripperStops) -> Search:
+    """Put the reading on the turn of the stored stops, moving a little towards open if two turns fit.
+
+    Raises:
+        GripperError: the reading contradicts the stored stops.
+    """
+    check_span(arm, calibration, stored.closed_rad, stored.open_rad)
+    _, position = yield (0.0, 0.0)
+    turns = _fitting_turns(position, stored)
+    if len(turns) > 1:
+        before = position
+        position, blocked = yield from _push(arm, True, calibration, _NUDGE_RAD)
+        turns = _fitting_turns(position, stored)
+        if blocked:  # only the open stop itself may stop a hand that opens
+            turns = [turn for turn in turns if abs(position + turn - stored.open_rad) <= _STOP_TOLERANCE_RAD]
+            if not turns and abs(position - before) < _MOVED_RAD:
+                raise _never_moved(arm, calibration, position)
+    if len(turns) != 1:
+        raise GripperError(
+            f"{arm}: the gripper reads {position:.3f} rad, which does not fit its stored stops closed "
+            f"{stored.closed_rad:.3f}, open {stored.open_rad:.3f}; "
+            "free its fingers and calibrate again (lerobot-calibrate)"
+        )
+    return GripperStops(stored.closed_rad, stored.open_rad, shift_rad=turns[0])

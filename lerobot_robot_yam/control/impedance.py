@@ -1,0 +1,216 @@
+"""From set-point and measured state to this tick's MIT commands: feed-forward, laws, clips. No life cycle, no clock."""
+
+import numpy as np
+
+from lerobot_robot_yam.arm.config_checks import PAYLOAD_MOST_KG
+from lerobot_robot_yam.arm.dynamics import GravityModel
+from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD
+from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.control.gripper.gripper import GripperAxis
+from lerobot_robot_yam.control.laws import mit_laws
+from lerobot_robot_yam.control.laws.float_damping import FloatSpeed
+from lerobot_robot_yam.control.laws.hold_integral import HoldIntegral
+from lerobot_robot_yam.control.laws.set_point import SetPoint
+from lerobot_robot_yam.state.faults import MOST_RAD_S2
+from lerobot_robot_yam.state.records import Limited
+
+_STILL_RAD_S = 1e-3
+_WORTH_SAYING_RAD = 0.01  # rest lies on a limit for some joints
+_RUBS = 0.05  # of the torque limit, 1.4 Nm of a DM4340: what friction holds back
+_MOST_KD = 5.0  # Nm s/rad, the most that the motors take: what is still unsupported sinks slowly
+_PLANNED_SHARE = 0.9  # of the torque limit, for the set-point; the rest is for what models do not know
+_LEAST_SHARE = 0.2  # of the acceleration: a set-point must always be able to brake
+_AHEAD_TICKS = 1.5  # from a sample to the middle of the tick during which its command holds
+
+
+class Motion:
+    """Commands of one arm, (n, 5) in joint coordinates.
+
+    Args:
+        hardware: the arm.
+        gravity: its model; None for a gripper alone.
+        gripper: its gripper's axis, if it has a motor.
+        hold_integral: make up for sag while holding.
+        float_speed_rad_s: from where on floating joints are damped.
+
+    Attributes:
+        weight_nm: (joints,) what the model says that the arm weighs, as of the last commands.
+    """
+
+    def __init__(
+        self,
+        hardware: Hardware,
+        gravity: GravityModel | None,
+        gripper: GripperAxis | None,
+        hold_integral: bool,
+        float_speed_rad_s: float,
+    ):
+        self._hardware, self._gravity, self._gripper = hardware, gravity, gripper
+        self.commands = np.zeros((hardware.n, 5))
+        self.kp, self.kd = hardware.kp.copy(), hardware.kd.copy()
+        self.own_gains = True  # and not those of a target
+        self._integral = HoldIntegral.for_stiffness(hardware.kp[: hardware.joints]) if hold_integral else None
+        self._landing: HoldIntegral | None = None  # what gravity models miss of an arm that lands
+        self._rubs = bool(hardware.coulomb_nm.any())
+        self._clipped = False
+        # Nothing is sent beyond: the gripper keeps its own stops.
+        beyond = np.append(np.full(hardware.joints, RANGE_TOLERANCE_RAD), [np.inf] * hardware.has_gripper)
+        self._lower, self._upper = hardware.lower - beyond, hardware.upper + beyond
+        self.before = np.full(hardware.n, np.nan), np.full(hardware.n, np.nan)  # q, dq of the sample before
+        self.weight_nm: np.ndarray = np.zeros(hardware.joints)
+        self.float_speed = FloatSpeed(float_speed_rad_s, hardware.joints)
+
+    def gains(self, kp: np.ndarray | None = None, kd: np.ndarray | None = None) -> None:
+        """Use these gains (n,) from now on; NaN or None means as configured."""
+        hw = self._hardware
+        self.kp = hw.kp if kp is None else np.where(np.isnan(kp), hw.kp, kp)
+        self.kd = hw.kd if kd is None else np.where(np.isnan(kd), hw.kd, kd)
+        self.own_gains = np.array_equal(self.kp, hw.kp) and np.array_equal(self.kd, hw.kd)
+
+    @property
+    def sag_nm(self) -> np.ndarray:
+        """(joints,) with which it carries what gravity models miss."""
+        zero = np.zeros(self._hardware.joints)
+        return sum((part.tau for part in (self._integral, self._landing) if part is not None), zero)
+
+    def explains(self, q: np.ndarray, error: np.ndarray) -> bool:
+        """Whether a model that is wrong about the arm's weight can be why it hangs `error` (joints,) rad behind."""
+        hw, j = self._hardware, slice(self._hardware.joints)
+        missed = np.abs(self.kp[j] * error + self.sag_nm)
+        return bool((missed <= self._may_weigh_nm(q) + _RUBS * hw.torque_limit_nm[j]).all())
+
+    def carries(self, q: np.ndarray, joint: int) -> bool:
+        """Whether the joint carries a weight at q (joints,): those upright arms turn on do not."""
+        return bool(self._may_weigh_nm(q)[joint] > _RUBS * self._hardware.torque_limit_nm[joint])
+
+    def _may_weigh_nm(self, q: np.ndarray) -> np.ndarray:
+        """(joints,) Nm by which a model may be wrong: all that it says, and the heaviest load."""
+        if self._gravity is None:
+            return np.zeros(self._hardware.joints)
+        load_nm: np.ndarray = PAYLOAD_MOST_KG * np.abs(self._gravity.torque_per_kg(q))
+        return load_nm + np.abs(self._gravity.torque(q))
+
+    def float_free(self, q: np.ndarray, dq: np.ndarray, dt: float) -> Limited:
+        """Gravity-compensated free motion, pushed back gently beyond the joint limits.
+
+        q, dq: (n,) of the motors, gripper in rad; dt: s.
+        """
+        hw, out = self._hardware, self.commands
+        j = slice(hw.joints)
+        self._landing = None
+        tau = self._weight(q)
+        tau[j] += self._friction(dq[j])
+        if self._integral is not None:
+            self._integral.reset()  # a hand that pulls looks like sag, and would be thrown off
+        mit_laws.float_free(out, q, hw.idle_kd, tau)
+        share = self.float_speed.share(dq[j], dt)
+        if share is not None:
+            # Within what the torque limit leaves: the clip would turn a speed that was read wrongly into a real one.
+            room = np.maximum(hw.torque_limit_nm[j] - np.abs(tau[j]), 0.0) / np.maximum(np.abs(dq[j]), 1e-9)
+            out[j, mit_laws.KD] = np.minimum(out[j, mit_laws.KD] + share * (_MOST_KD - hw.idle_kd[j]), room)
+        wall = mit_laws.soft_wall(
+            out[j], q[j], dq[j], hw.lower[j], hw.upper[j], hw.kp[j], hw.kd[j], hw.torque_limit_nm[j]
+        )
+        beyond = Limited.JOINT_LIMIT if wall > _WORTH_SAYING_RAD else Limited.NOTHING
+        return beyond | Limited.TORQUE if self._clip(q, dq) else beyond
+
+    def follow(
+        self,
+        now: float,
+        dt: float,
+        q: np.ndarray,
+        dq: np.ndarray,
+        setpoint: SetPoint,
+        gripper: tuple[float, float],
+        holding: bool,
+        stopped: bool,
+        learns: bool,
+        fade: tuple[np.ndarray, np.ndarray] | None,
+    ) -> Limited:
+        """Hold or track the set-point.
+
+        Args:
+            now, dt: s.
+            q, dq: (n,) of the motors, gripper in rad.
+            gripper: measured rate and torque of the gripper, strokes/s and Nm.
+            holding: the arm holds, with all its motors; nobody gives targets.
+            stopped: the emergency stop is latched: what is made up for sag stays, since more of it would move the arm.
+            learns: the arm lands and hangs off its set-point: the model is wrong, and what it misses is learnt.
+            fade: (joints,) shares of stiffness with feed-forward, and of the landing's damping, that are left while
+                landing ends; None: the arm's own.
+        """
+        hw, out = self._hardware, self.commands
+        j = slice(hw.joints)
+        self.float_speed.reset()
+        limited = Limited.NOTHING
+        tau, held_back = self._feed_forward(q, setpoint, dt)
+        if held_back:
+            limited |= Limited.TORQUE
+        q_set, dq_set = setpoint.asked
+        still = holding and bool(np.abs(dq_set[j]).max(initial=0.0) < _STILL_RAD_S)
+        error = q_set[j] - q[j]
+        tau[j] += self._friction(dq_set[j]) + self._sag(error, 0.0 if stopped else dt, still)
+        if learns:
+            self._landing = self._landing or HoldIntegral.for_landing(hw.kp[j], hw.torque_limit_nm[j])
+            self._landing.advance(error, dt, True, self._clipped)
+        if self._landing is not None:
+            tau[j] += self._landing.tau
+        mit_laws.follow(out, q_set, dq_set, self.kp, self.kd, tau)
+        if fade is not None:
+            share, damping = fade
+            mit_laws.fade(out[j], share, damping * _MOST_KD)
+        if self._gripper is not None:
+            u, u_rate = float(q_set[-1]), float(dq_set[-1])
+            self._gripper.command(out[-1], now, u, u_rate, float(q[-1]), *gripper)
+            if self._gripper.force_limited:
+                limited |= Limited.GRIPPER_FORCE
+        return limited | Limited.TORQUE if self._clip(q, dq) else limited
+
+    def _friction(self, dq: np.ndarray) -> np.ndarray | float:
+        return mit_laws.friction(dq, self._hardware.coulomb_nm) if self._rubs else 0.0
+
+    def _sag(self, error: np.ndarray, dt: float, holding: bool) -> np.ndarray | float:
+        return 0.0 if self._integral is None else self._integral.advance(error, dt, holding, self._clipped)
+
+    def _weight(self, q: np.ndarray) -> np.ndarray:
+        """(n,) Nm that carry the arm at rest."""
+        hw = self._hardware
+        tau = np.zeros(hw.n)
+        if self._gravity is not None:
+            self.weight_nm = self._gravity.torque(q[: hw.joints]) * hw.arm.gravity_factor
+            tau[: hw.joints] = self.weight_nm
+        return tau
+
+    def _feed_forward(self, q: np.ndarray, setpoint: SetPoint, dt: float) -> tuple[np.ndarray, bool]:
+        """(n,) Nm that carry the arm along the set-point, with its speed and acceleration; and whether it is held back.
+
+        Without the latter two these gains answer a quick start with up to twice the set-point's speed. The set-point is
+        held back where its acceleration takes more torque than there is: an arm that cannot follow would hurry after it
+        later.
+        """
+        hw = self._hardware
+        tau = np.zeros(hw.n)
+        if self._gravity is None:
+            return tau, False
+        j = slice(hw.joints)
+        ddq = np.minimum(np.maximum(setpoint.asked_ddq[j], -MOST_RAD_S2), MOST_RAD_S2)
+        dq = setpoint.asked[1, j]
+        weight, turning, inertia = self._gravity.torques(q[j] + _AHEAD_TICKS * dt * dq, dq, ddq)
+        self.weight_nm = weight * hw.arm.gravity_factor
+        steady, inertia = self.weight_nm + turning, inertia + hw.arm.armature_kg_m2 * ddq
+        tau[j] = steady + inertia
+        most = _PLANNED_SHARE * hw.torque_limit_nm[j]
+        if (np.abs(tau[j]) <= most).all():  # nearly always
+            return tau, False
+        room = most - steady * np.sign(inertia)
+        share = max(float(np.min(room / np.maximum(np.abs(inertia), 1e-9), initial=1.0)), _LEAST_SHARE)
+        setpoint.hold_back(np.append(np.full(hw.joints, share), [1.0] * hw.has_gripper))
+        tau[j] = steady + share * inertia
+        return tau, share < 1.0
+
+    def _clip(self, q: np.ndarray, dq: np.ndarray) -> bool:
+        """Within the torque limits and the joints' ranges: a reading beyond those takes no command along."""
+        q, out = np.minimum(np.maximum(q, self._lower), self._upper), self.commands
+        self._clipped = mit_laws.clip_torque(out, q, dq, self._hardware.torque_limit_nm, self.before)
+        out[:, mit_laws.Q] = np.minimum(np.maximum(out[:, mit_laws.Q], self._lower), self._upper)
+        return self._clipped

@@ -1,0 +1,263 @@
+"""The motors of one arm as joints: bring-up checks, commands out, positions in. No life cycle, no laws."""
+
+from collections.abc import Callable, Iterable, Sequence
+
+import can
+import numpy as np
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.joint_map import JointMap, resolve_turn
+from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.control.gripper.gripper import GripperAxis
+from lerobot_robot_yam.control.laws import mit_laws
+from lerobot_robot_yam.control.preflight import arm_inspection
+from lerobot_robot_yam.control.safety.channel_monitor import Finding, MotorWatch
+from lerobot_robot_yam.control.safety.thermal_monitor import HeatWatch, trips_c
+from lerobot_robot_yam.damiao.chain import MotorChain
+from lerobot_robot_yam.damiao.codec import SpecialCommand
+from lerobot_robot_yam.damiao.encoder import HandleEncoder
+from lerobot_robot_yam.damiao.quantisation import Quantiser
+from lerobot_robot_yam.damiao.registers import Register
+from lerobot_robot_yam.damiao.tables import Fault
+from lerobot_robot_yam.errors import MotorError, YamError
+from lerobot_robot_yam.state.faults import SILENT_S
+
+_ANSWER_S = 0.006  # motors answer within a few ms, and meanwhile nobody commands the other arm
+_ASK_AGAIN = 5  # a question or its answer may get lost
+_REARM_ATTEMPTS = 2  # of seven motors 27 ms each, and the loop must not seem to hang
+_SOON_S = 0.02  # where nobody is waiting
+_OFF_S = 0.01  # three times; meanwhile nobody commands the other arm
+_PUSHED_RAD = 0.5  # what a hand or a load can have pushed a joint away that held its set-point
+
+
+class ArmDrive:
+    """Motors of one channel in joint coordinates, n motors, the gripper's last.
+
+    Args:
+        config, hardware: the arm.
+        bus: an open bus; not closed here.
+
+    Attributes:
+        q, dq, tau: (n,) rad, rad/s, Nm; the gripper's q is 0 closed … 1 open, its dq strokes/s.
+        motor_q, motor_dq: the same, the gripper's in rad and rad/s.
+        before: q and dq as those, of each motor's sample before; NaN before there is one.
+        meanwhile: called between questions that a running loop waits for, so that it may hold the other arms.
+    """
+
+    def __init__(self, config: ArmConfig, hardware: Hardware, bus: can.BusABC):
+        self._config, self._hardware, self._bus = config, hardware, bus
+        hw, n = hardware, hardware.n
+        self.encoder = HandleEncoder() if hw.gripper.handle_encoder else None
+        self.chain = MotorChain(bus, hw.motors, channel=config.channel, encoder=self.encoder)
+        self.gripper = None
+        if hw.has_gripper:
+            self.gripper = GripperAxis(config, hw.gripper, float(hw.kp[-1]), float(hw.kd[-1]))
+        self._quantiser = Quantiser([motor.type for motor in hw.motors])
+        self._map = JointMap(hw.direction, np.zeros(n))
+        self._watch = MotorWatch(self.chain)
+        self.heat: HeatWatch | None = None  # known after `inspect`
+        self.q, self.dq, self.tau = np.zeros(n), np.zeros(n), np.zeros(n)
+        self.motor_q, self.motor_dq = np.zeros(n), np.zeros(n)
+        self.before = np.full(n, np.nan), np.full(n, np.nan)
+        self.sent = np.zeros((n, 5))  # in joint coordinates
+        self.meanwhile: Callable[[], None] = lambda: None
+        self._packed: list[bytes] = []
+        self._packed_of = b""
+
+    @property
+    def offset_rad(self) -> np.ndarray:
+        """(n,) motor angle at joint zero."""
+        return self._map.offset_rad
+
+    def inspect(self) -> None:
+        """Is everything there and as configured? Sends no command that moves or energises anything.
+
+        Raises:
+            YamError: names the part that is not.
+        """
+        arm_inspection.inspect(self._config, self._hardware, self.chain, self._bus)
+        self.read()
+        self._resolve(range(self._hardware.joints))
+        if self.gripper is not None:
+            (self.gripper.begin if self._config.gripper_search else self.gripper.begin_if_known)()
+        self.read()
+        ot_value_c = [self.chain.read_register(i, Register.OT_VALUE) for i in range(len(self.chain))]
+        self.heat = HeatWatch(self._config.name, *trips_c(ot_value_c), [m.name for m in self.chain.motors])
+        arm_inspection.clear_stale_faults(self._config, self.chain)
+
+    def adopt(self, record: np.ndarray) -> None:
+        """Know what a loop that has died knew; `record` is the state that it has published last."""
+        slots = self._hardware.slots
+        self._map.offset_rad[:] = np.nan_to_num(record["offset_rad"][slots])
+        motor_q, motor_dq = np.nan_to_num(record["q"][slots]), np.nan_to_num(record["dq"][slots])
+        if self.gripper is not None:
+            self.gripper.adopt(*record["gripper_stops_rad"].tolist())
+            if self.gripper.stops is not None:
+                motor_q[-1] = self.gripper.stops.motor(float(motor_q[-1]))
+                motor_dq[-1] *= self.gripper.stops.span_rad
+        direction = self._hardware.direction
+        self.chain.assume(self._map.motor(motor_q), motor_dq * direction, record["motor_stamp_s"][slots])
+        for _ in range(3):
+            if all(self.chain.refresh(timeout_s=0.01)):
+                break
+        self.read()
+
+    def enable(self, meanwhile: Callable[[], None] = lambda: None) -> None:
+        """Enable all motors, and hear where they are by now; they wait for a command, without torque.
+
+        Args:
+            meanwhile: called between questions.
+
+        Raises:
+            MotorError: one does not answer.
+        """
+        self.chain.believe(range(len(self.chain)))
+        silent = [self.chain.motors[i] for i in self._enable(range(len(self.chain)), _SOON_S, _ASK_AGAIN, meanwhile)]
+        self.read()
+        if silent:
+            names = ", ".join(f"{motor.name} (id {motor.can_id})" for motor in silent)
+            raise MotorError(
+                f"{self._config.name} ({self._config.channel}): cannot enable {names}: no answer; check power and cable"
+            )
+
+    def _enable(
+        self, motors: Iterable[int], timeout_s: float, attempts: int, meanwhile: Callable[[], None] = lambda: None
+    ) -> list[int]:
+        """ENABLE, again where it or its answer has got lost; returns the motors that have not answered."""
+        off, silent = list(motors), []
+        for _ in range(attempts):
+            answered = self.chain.special(SpecialCommand.ENABLE, timeout_s, off)
+            silent = [i for i in off if not answered[i]]
+            off = [i for i in off if not answered[i] or self.chain.fault[i] == Fault.DISABLED]
+            if not off:
+                break
+            meanwhile()
+        return silent
+
+    def clear_and_enable(self, motors: Sequence[int]) -> list[int]:
+        """Believe these motors again, clear the faults of those that have one, and enable them: without torque.
+
+        Nothing is sent to one that has not been heard for long: it may still hold its joint. Returns the others.
+
+        Raises:
+            MotorError: one is where its joint cannot be. Those that were enabled are disabled again; one that had kept
+                its torque keeps it, and is not believed.
+        """
+        with self.chain.in_haste():
+            return self._clear_and_enable(motors)
+
+    def _clear_and_enable(self, motors: Sequence[int]) -> list[int]:
+        chain, believed_rad = self.chain, self.chain.position_rad
+        chain.restart(motors)
+        asked_s = chain.clock.now()
+        for _ in range(_ASK_AGAIN):
+            if (chain.stamp_s[motors] > asked_s).all():
+                break
+            chain.refresh(_ANSWER_S)
+            self.meanwhile()
+        silence_s = chain.silence_s(chain.clock.now())
+        heard = [i for i in motors if silence_s[i] < SILENT_S]
+        off = [i for i in heard if chain.fault[i] != Fault.NORMAL]
+        chain.special(SpecialCommand.CLEAR, _ANSWER_S, off)
+        self.meanwhile()
+        self._enable(off, _ANSWER_S, _REARM_ATTEMPTS, self.meanwhile)
+        self.read()
+        try:
+            self._resolve([i for i in off if i < self._hardware.joints])  # without power it forgets its turn
+            kept = [i for i in heard if i not in off and i < self._hardware.joints]  # with power it does not
+            self._compare(kept, believed_rad)
+        except YamError:
+            chain.special(SpecialCommand.DISABLE, _ANSWER_S, off)
+            raise
+        self.read()
+        return heard
+
+    def _compare(self, joints: Sequence[int], believed_rad: np.ndarray) -> None:
+        """
+        Raises:
+            MotorError: some say to be where they cannot have got from where they were sent last. They are not believed,
+                but taken to be at `believed_rad`, (n,) motor coordinates.
+        """
+        gap = np.abs(self.motor_q - self.sent[:, mit_laws.Q])
+        lying = [index for index in joints if gap[index] > _PUSHED_RAD]
+        if not lying:
+            return
+        told = "; ".join(
+            f"{self._hardware.motors[index].name} (id {self._hardware.motors[index].can_id}) still reads "
+            f"{self.motor_q[index]:.2f} rad and was sent to {self.sent[index, mit_laws.Q]:.2f}"
+            for index in lying
+        )
+        self.chain.distrust(lying, believed_rad)
+        self.read()
+        raise MotorError(
+            f"{self._config.name} ({self._config.channel}): {told}; check cables and plugs, let the arm land, and "
+            "connect again"
+        )
+
+    def disable(self) -> list[str]:
+        """Cut torque. Returns the motors that have not confirmed it."""
+        with self.chain.in_haste():
+            for _ in range(3):
+                self.chain.special(SpecialCommand.DISABLE, _OFF_S)
+                self.meanwhile()
+                if (self.chain.fault != Fault.NORMAL).all():
+                    break
+        return [self.chain.motors[i].name for i in np.flatnonzero(self.chain.fault == Fault.NORMAL)]
+
+    def pack(self, commands: np.ndarray) -> None:
+        """Have the frames of commands (n, 5) ready: to make them takes longer than to send them, and may be early.
+
+        Raises:
+            ActionError: they are not finite.
+        """
+        made_of = commands.tobytes() + self._map.offset_rad.tobytes()
+        if made_of != self._packed_of:
+            self._packed = self.chain.pack(self._quantiser.compensate(self._map.commands(commands)))
+            self._packed_of = made_of
+
+    def send(self, commands: np.ndarray) -> None:
+        """Put commands (n, 5) on the wire.
+
+        Raises:
+            BusError: the channel does not take them.
+            ActionError: they are not finite.
+        """
+        self.pack(commands)
+        self.chain.send_packed(self._packed)
+        self.sent[:] = commands
+
+    def check(self, now: float) -> Finding:
+        """Which motors cannot be relied on."""
+        return self._watch.check(now)
+
+    def exchange(self, commands: np.ndarray) -> Finding:
+        """One tick on its own: send, wait, collect, check."""
+        self.send(commands)
+        clock = self.chain.clock
+        clock.sleep(self.chain.expected_wire_s)
+        self.chain.collect(clock.now() + 0.002)
+        return self.check(clock.now())
+
+    def shift_gripper(self, shift_rad: float) -> None:
+        """Put the gripper's reading on the turn of its stops."""
+        self._map.shift(self._hardware.n - 1, shift_rad)
+        self.read()
+
+    def read(self) -> None:
+        """From the newest replies to joint coordinates."""
+        chain, direction = self.chain, self._hardware.direction
+        self.motor_q = self._map.position(chain.position_rad)
+        self.motor_dq = chain.velocity_rad_s * direction
+        self.before = self._map.position(chain.before_rad), chain.before_rad_s * direction
+        self.tau = chain.torque_nm * direction
+        self.q, self.dq = self.motor_q.copy(), self.motor_dq.copy()
+        if self.gripper is not None:
+            self.q[-1], self.dq[-1] = self.gripper.normalised(float(self.motor_q[-1]), float(self.motor_dq[-1]))
+
+    def _resolve(self, joints: Sequence[int]) -> None:
+        arm = self._hardware.arm
+        for index in joints:
+            low, high = arm.joint_limits_rad[index]
+            angle = float(self.motor_q[index])
+            name, place = arm.motors[index].name, self._config.on_command_line
+            self._map.shift(index, resolve_turn(self._config.name, name, angle, low, high, place))

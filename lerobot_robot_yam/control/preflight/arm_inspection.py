@@ -1,0 +1,81 @@
+"""Everything that is asked of an arm before it is energised; it sends no command that moves or energises anything."""
+
+import logging
+
+import can
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.mounting import arm_ids, gripper_id
+from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.control.preflight.binding import check_identity
+from lerobot_robot_yam.control.preflight.fingerprint import read_fingerprint
+from lerobot_robot_yam.control.preflight.role import check_role, explain_missing
+from lerobot_robot_yam.damiao.chain import MotorChain
+from lerobot_robot_yam.damiao.codec import SpecialCommand
+from lerobot_robot_yam.damiao.handle_check import prepare_handle
+from lerobot_robot_yam.damiao.motor_inspection import LISTEN_S, check_bandwidth, listen, verify
+from lerobot_robot_yam.damiao.tables import fault_text
+from lerobot_robot_yam.errors import EmergencyStopError, MotorError
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+
+logger = logging.getLogger(__name__)
+
+_ATTEMPTS = 5
+
+
+def refuse_stopped(name: str, stop: EmergencyStop) -> None:
+    """Nothing is energised while the emergency stop is latched.
+
+    Raises:
+        EmergencyStopError: it is.
+    """
+    reason = stop.reason()
+    if reason:
+        raise EmergencyStopError(
+            f"{name}: the emergency stop is latched: {reason}. Look at the arms, then `yam-estop release`"
+        )
+
+
+def inspect(config: ArmConfig, hardware: Hardware, chain: MotorChain, bus: can.BusABC) -> None:
+    """Is everything there, alone on the channel, and as configured?
+
+    Raises:
+        YamError: names the part that is not.
+    """
+    refuse_stopped(config.name, EmergencyStop())
+    handle = hardware.gripper.handle_encoder
+    check_bandwidth(len(chain), handle, config.rate_hz)
+    if not config.skip_listen:
+        listen(bus, LISTEN_S, [m.can_id for m in chain.motors], config.channel)
+    if config.identity_path is not None:
+        found = read_fingerprint(bus, config.channel, config.interface, arm_ids(hardware.arm))
+        if found.motors:  # else `verify` says it better
+            check_identity(config.identity_path, found, config.channel, config.name, config.on_command_line)
+    try:
+        verify(chain)
+        if handle:
+            prepare_handle(bus, config.channel)
+    except MotorError as error:
+        swap = explain_missing(bus, config.channel, config.name, hardware.gripper, gripper_id(hardware.arm))
+        if swap is None:
+            raise
+        raise MotorError(f"{swap} ({error})") from error
+    if not handle and hardware.gripper.motor is None:
+        check_role(bus, config.channel, config.name, hardware.gripper, gripper_id(hardware.arm))
+    for _ in range(_ATTEMPTS):
+        answered = chain.refresh()
+        if all(answered):
+            return
+    silent = [m.name for m, heard in zip(chain.motors, answered, strict=True) if not heard]
+    raise MotorError(
+        f"{config.name} ({config.channel}): no feedback from {', '.join(silent)}, though registers are answered; "
+        "check the cable and the motor's MST_ID (yam-doctor)"
+    )
+
+
+def clear_stale_faults(config: ArmConfig, chain: MotorChain) -> None:
+    """Clear what an earlier session left behind: connecting again is how an operator re-arms. Said, never silent."""
+    stale = {m.name: fault_text(f) for m, f in zip(chain.motors, chain.fault.tolist(), strict=True) if f > 1}
+    if stale:
+        logger.warning("%s: clearing what an earlier session left behind: %s", config.name, stale)
+        chain.special(SpecialCommand.CLEAR)

@@ -1,0 +1,303 @@
+"""Which arm is on this channel? A binding file remembers what an arm was recognised by; a session compares.
+
+Contradictions (another serial number, another motor type, a handle or a motor that was not there) refuse. Changes
+that have an innocent explanation (another adapter or channel name, new firmware, something silent) are warnings,
+unless a sibling, another binding in the same directory, fits without any: then the arms are swapped.
+"""
+
+import contextlib
+import json
+import logging
+import os
+import shlex
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from lerobot_robot_yam.arm.mounting import arm_ids
+from lerobot_robot_yam.arm.profile import ArmProfile
+from lerobot_robot_yam.control.preflight.fingerprint import Fingerprint
+from lerobot_robot_yam.errors import ConfigError, MotorError
+
+logger = logging.getLogger(__name__)
+
+_KIND = "yam arm binding"
+_VERSION = 1
+WIGGLE_ADVICE = "see which arm is which with yam-identify --wiggle"
+
+
+@dataclass(frozen=True)
+class Binding:
+    """An arm by the name that people call it, where it was when it was bound, and its marks."""
+
+    name: str
+    channel: str
+    fingerprint: Fingerprint
+
+    def save(self, path: Path) -> None:
+        """Write the file so that a crash in the middle leaves the old one.
+
+        Raises:
+            ConfigError: it cannot be written.
+        """
+        data = {"kind": _KIND, "version": _VERSION, "name": self.name, "channel": self.channel}
+        scratch = path.with_name(f"{path.name}.{os.getpid()}")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with scratch.open("w") as file:
+                file.write(json.dumps({**data, "fingerprint": self.fingerprint.to_dict()}, indent=1) + "\n")
+                file.flush()
+                os.fsync(file.fileno())
+            scratch.replace(path)
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                scratch.unlink(missing_ok=True)
+            raise ConfigError(f"cannot write the arm binding {path}: {error}; choose another path") from error
+
+    @classmethod
+    def load(cls, path: Path, place: str = "--channel CHANNEL") -> "Binding | None":
+        """The binding in a file; None when there is no file. `place`: of the arm, as options of `yam-identify`.
+
+        Raises:
+            ConfigError: the file is damaged, or something else.
+        """
+        try:
+            data = json.loads(path.read_bytes())
+            if data["kind"] != _KIND or data["version"] != _VERSION:
+                raise ValueError(f"kind {data['kind']!r}, version {data['version']!r}")
+            name, channel = data["name"], data["channel"]
+            if not isinstance(name, str) or not isinstance(channel, str):
+                raise ValueError("name and channel are not text")
+            return cls(name, channel, Fingerprint.from_dict(data["fingerprint"]))
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise ConfigError(f"cannot read the arm binding {path}: {error}") from error
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
+            raise ConfigError(
+                f"{path} is not a readable arm binding ({error!r}); delete it and bind the arm again: "
+                f"yam-identify {place} --bind {shlex.quote(str(path))}"
+            ) from error
+
+
+def contradictions(bound: Fingerprint, found: Fingerprint) -> list[str]:
+    """What one arm cannot have become by itself, in words; empty when both may be the same arm."""
+    reasons = []
+    common = sorted(bound.motors.keys() & found.motors.keys())
+    other = [i for i in common if i in bound.serials and i in found.serials and bound.serials[i] != found.serials[i]]
+    if other:
+        told = [i for i in common if i in bound.serials and i in found.serials]
+        reasons.append(f"{len(other)} of {len(told)} motors have another serial number (id {_listing(other)})")
+    gears = {i: {bound.motors[i].gear_ratio, found.motors[i].gear_ratio} - {None} for i in common}
+    kinds = [i for i in common if len(gears[i]) > 1]
+    if kinds:
+        reasons.append(f"motors of another type (id {_listing(kinds)})")
+    extra = sorted(found.motors.keys() - bound.motors.keys())
+    if extra:
+        reasons.append(f"motors that were not there (id {_listing(extra)})")
+    if found.handle_firmware is not None and bound.handle_firmware is None:
+        reasons.append("a teaching handle that was not there")
+    return reasons
+
+
+def changes(bound: Fingerprint, found: Fingerprint) -> list[str]:
+    """What differs and may have an innocent explanation, in words."""
+    reasons = []
+    silent = sorted(bound.motors.keys() - found.motors.keys())
+    if silent:
+        reasons.append(f"motors do not answer (id {_listing(silent)})")
+    if bound.handle_firmware is not None and found.handle_firmware is None:
+        reasons.append("the teaching handle does not answer")
+    elif bound.handle_firmware != found.handle_firmware and bound.handle_firmware is not None:
+        reasons.append("the teaching handle has another firmware")
+    common = sorted(bound.motors.keys() & found.motors.keys())
+    firmware = [i for i in common if _versions(bound, i) != _versions(found, i)]
+    if firmware:
+        reasons.append(f"motors have another firmware (id {_listing(firmware)})")
+    if bound.adapter != found.adapter:
+        reasons.append(f"another adapter or port (bound: {bound.adapter}; now: {found.adapter})")
+    return reasons
+
+
+def check_identity(
+    path: Path | str, found: Fingerprint, channel: str, name: str, place: str | None = None
+) -> list[str]:
+    """Is what was found on `channel` the arm that is bound in `path`?
+
+    Args:
+        path: the binding file of the arm that is expected; its directory is searched for siblings.
+        found: see `read_fingerprint`.
+        channel, name: where, and for which arm of the configuration; for messages.
+        place: the channel as options of `yam-identify`, where `--channel` does not say it all.
+
+    Returns:
+        Warnings, logged already; empty when everything is as bound.
+
+    Raises:
+        MotorError: it is another arm, named as far as it is bound; or nothing answers.
+        ConfigError: there is no such file, or it is damaged.
+    """
+    path, place = Path(path), place or f"--channel {channel}"
+    if not found.motors:
+        raise MotorError(f"{name}: nothing answers on channel {channel}; check motor power, cable and bit-rate")
+    binding = Binding.load(path, place)
+    if binding is None:  # who asks for the check must not go without it for a slip of the pen
+        raise ConfigError(
+            f"{name}: there is no arm binding {path}; correct `identity_path`, or bind the arm: "
+            f"yam-identify {place} --bind {shlex.quote(str(path))}"
+        )
+    again = f"yam-identify {place} --name {shlex.quote(binding.name)} --bind {shlex.quote(str(path))}"
+    warnings = _compare(binding, path, found, channel, name, again)
+    for warning in warnings:
+        logger.warning(warning)
+    return warnings
+
+
+def bind(
+    path: Path | str, name: str, channel: str, found: Fingerprint, arm: ArmProfile, force: bool = False
+) -> list[str]:
+    """Store that what was found is the arm called `name`, which has this profile.
+
+    Returns:
+        Notes on what would not be noticed later; empty when this arm differs from all siblings.
+
+    Raises:
+        MotorError: motors do not answer; or `path` holds another arm, and `force` is not set.
+        ConfigError: the file is damaged (and `force` is not set), or cannot be written.
+    """
+    path = Path(path)
+    *joints, gripper = arm_ids(arm)
+    if set(found.motors) not in ({*joints}, {*joints, gripper}, {gripper}):  # the last: a gripper without arm
+        raise MotorError(
+            f"{name}: on channel {channel} answer motors (id {_listing(found.motors) or 'none'}), which is no whole "
+            "arm, so it cannot be bound; check power and cables"
+        )
+    if not force:
+        old = Binding.load(path)
+        against = [] if old is None else contradictions(old.fingerprint, found)
+        if old is not None and against:
+            raise MotorError(
+                f"{path} already binds {old.name!r}, and the arm on channel {channel} is another one: "
+                f"{'; '.join(against)}. Choose another path, or replace the binding with --force"
+            )
+    Binding(name, channel, found).save(path)
+    return _notes(found, siblings(path))
+
+
+def siblings(path: Path) -> list[Binding]:
+    """The other bindings in the directory of `path`; other files there are passed over."""
+    found = []
+    for other in sorted(path.parent.glob("*.json")):
+        if other.name == path.name:
+            continue
+        try:
+            binding = Binding.load(other)
+        except ConfigError as error:
+            logger.debug("not a binding: %s", error)
+            continue
+        if binding is not None:
+            found.append(binding)
+    return found
+
+
+def _compare(binding: Binding, path: Path, found: Fingerprint, channel: str, name: str, again: str) -> list[str]:
+    """Warnings; raises MotorError when a contradiction or a better fitting sibling says that it is another arm.
+
+    `again`: the command that binds what is there.
+    """
+    against = contradictions(binding.fingerprint, found)
+    different = changes(binding.fingerprint, found)
+    if binding.channel != channel:
+        different.append(f"another channel name (bound: {binding.channel}; now: {channel})")
+    others = siblings(path)
+    possible = [other for other in others if not contradictions(other.fingerprint, found)]
+    exact = [other for other in possible if not changes(other.fingerprint, found)]
+    if against:
+        raise MotorError(_other_arm(binding, exact or possible, path, found, channel, name, against, again))
+    if different and exact:
+        raise MotorError(_other_arm(binding, exact, path, found, channel, name, different, again))
+    warnings = []
+    if different:
+        warnings.append(
+            f"{name}: the arm on channel {channel} fits {binding.name!r}, but {'; '.join(different)}. "
+            f"If that is intended, bind it again: {again}"
+        )
+    if exact:
+        twins = ", ".join(repr(other.name) for other in exact)
+        warnings.append(
+            f"{name}: the arm on channel {channel} cannot be told apart from {twins}: same serial numbers, "
+            f"no other adapter. A swap would go unnoticed; {WIGGLE_ADVICE}"
+        )
+    return warnings
+
+
+def _other_arm(
+    expected: Binding,
+    fitting: list[Binding],
+    path: Path,
+    found: Fingerprint,
+    channel: str,
+    name: str,
+    reasons: list[str],
+    again: str,
+) -> str:
+    why = "; ".join(reasons)
+    if fitting:
+        carried = " or ".join(repr(other.name) for other in fitting)
+        return (
+            f"{name}: channel {channel} carries the arm bound as {carried}, not {expected.name!r}: "
+            f"{_what_is_swapped(expected, fitting, found)} are swapped ({why}). Put them right, or if this is how it "
+            f"shall be, bind again: {again} --force"
+        )
+    exchanged = [i for i, serial in expected.fingerprint.serials.items() if found.serials.get(i) == serial]
+    guess = (
+        "If motors were exchanged or added, bind the arm again"
+        if exchanged
+        else "Look for swapped cables; if it is the right arm, bind it again"
+    )
+    return (
+        f"{name}: channel {channel} does not carry the arm bound as {expected.name!r} ({why}), nor any other arm bound "
+        f"in {path.parent}. {guess}: {again} --force"
+    )
+
+
+def _what_is_swapped(expected: Binding, fitting: list[Binding], found: Fingerprint) -> str:
+    if found.adapter is not None and found.adapter == expected.fingerprint.adapter:
+        return "the CAN cables"  # the expected adapter, another arm behind it
+    if found.adapter is not None and any(found.adapter == other.fingerprint.adapter for other in fitting):
+        return "the adapters' names"  # the other arm came with its adapter
+    return "cables or adapters"
+
+
+def _notes(found: Fingerprint, others: Iterable[Binding]) -> list[str]:
+    """What a later check could not notice."""
+    notes = []
+    serials = set(found.serials.values())
+    if len(found.serials) < 2 or len(serials) == 1:
+        notes.append(
+            f"the motors tell no serial numbers of their own ({sorted(serials) or 'none'}), so an identical arm could "
+            f"not be told apart from this one; {WIGGLE_ADVICE}"
+        )
+    for other in others:
+        if contradictions(other.fingerprint, found) or contradictions(found, other.fingerprint):
+            continue
+        if other.fingerprint.adapter == found.adapter:
+            notes.append(
+                f"this arm cannot be told apart from the one bound as {other.name!r}, or it is the same one; "
+                f"{WIGGLE_ADVICE}"
+            )
+        else:
+            notes.append(
+                f"only the adapter tells this arm from {other.name!r}: swapped adapters would be noticed, swapped CAN "
+                f"cables would not; {WIGGLE_ADVICE}"
+            )
+    return notes
+
+
+def _versions(print_: Fingerprint, can_id: int) -> tuple[int | None, int | None]:
+    motor = print_.motors[can_id]
+    return motor.software, motor.sub
+
+
+def _listing(ids: Iterable[int]) -> str:
+    return ", ".join(map(str, ids))

@@ -1,0 +1,70 @@
+"""Opening an arm's CAN channel, with errors that say what to check."""
+
+import contextlib
+import logging
+from collections.abc import Sequence
+
+import can
+
+from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL, ArmConfig
+from lerobot_robot_yam.errors import BusError, YamError
+from lerobot_robot_yam.system.sleep_lock import kept_awake
+
+logger = logging.getLogger(__name__)
+
+# LeRobot's commands open the root logger to every level, and python-can would make a record of each frame it receives.
+logging.getLogger("can.bus").setLevel(logging.INFO)
+
+_BITRATE = 1_000_000
+_ID_MASK = 0x7FF
+_KNOWN = (SOCKETCAN, VIRTUAL, "yam_lockstep")
+
+
+def open_bus(config: ArmConfig, only: Sequence[int] | None = None) -> can.BusABC:
+    """Open the arm's channel, classic CAN at 1 Mbit/s.
+
+    Args:
+        config: the arm.
+        only: identifiers to be heard; None: all.
+
+    Raises:
+        BusError: unknown interface or channel, or it cannot be opened.
+    """
+    if config.interface not in _KNOWN:
+        logger.warning(
+            "%s: python-can's %r has been tried with no arm: some interfaces take seconds to open, and no stand-by can "
+            "then land an arm in time, or have clocks that drift; the kernel's (socketcan) is the one to use",
+            config.name,
+            config.interface,
+        )
+    filters = None if only is None else [{"can_id": i, "can_mask": _ID_MASK, "extended": False} for i in only]
+    try:
+        return can.Bus(
+            interface=config.interface,
+            channel=config.channel,
+            can_filters=filters,
+            ignore_config=True,  # what a file elsewhere says of buses is not meant for arms
+            **{"bitrate": _BITRATE, **config.can_options},
+        )
+    except YamError:
+        raise
+    except (can.CanError, OSError, ValueError, TypeError, NotImplementedError) as error:
+        if isinstance(error, NotImplementedError):
+            advice = f"take {SOCKETCAN}, or {VIRTUAL} for the virtual rig"
+        elif config.interface == SOCKETCAN:
+            advice = (
+                "is the adapter plugged in and the link up? "
+                f"(sudo ip link set {config.channel} up txqueuelen 100 type can bitrate {_BITRATE})"
+            )
+        else:
+            advice = "is the adapter plugged in, and is that what the interface calls it?"
+        raise BusError(
+            f"{config.name}: cannot open CAN channel {config.channel!r} through interface {config.interface!r}: "
+            f"{error}; {advice}"
+        ) from error
+
+
+def keeps_awake(configs: Sequence[ArmConfig], quiet: bool = False) -> contextlib.AbstractContextManager[None]:
+    """Keeps the computer from sleeping as long as real arms are driven; `quiet`: somebody else logs it."""
+    real = [config.name for config in configs if config.interface != VIRTUAL]
+    return kept_awake(", ".join(real), quiet) if real else contextlib.nullcontext()

@@ -1,0 +1,88 @@
+"""Is this the kind of arm that the configuration speaks of? A leader has a teaching handle, a follower a gripper motor.
+
+Tells swapped cables apart from dead motors without any binding. Asks only; energises nothing.
+"""
+
+from dataclasses import dataclass
+
+import can
+
+from lerobot_robot_yam.arm.profile import GripperProfile
+from lerobot_robot_yam.control.preflight.fingerprint import gear_ratio, handle_firmware
+from lerobot_robot_yam.damiao.tables import motor_type
+from lerobot_robot_yam.errors import MotorError
+
+
+@dataclass(frozen=True)
+class Role:
+    """What answers at the end of an arm: handle, gripper motor (with its gear ratio), both or neither.
+
+    gripper_id: CAN id at which a gripper's motor was asked for.
+    """
+
+    handle: bool
+    gripper_gear_ratio: float | None
+    gripper_id: int
+
+    @property
+    def has_gripper_motor(self) -> bool:
+        return self.gripper_gear_ratio is not None
+
+
+def probe_role(bus: can.BusABC, channel: str, gripper_id: int) -> Role:
+    """Ask for the handle and for the gripper motor (`mounting.gripper_id`); up to 0.15 s when neither is there.
+
+    Raises:
+        BusError: the channel is gone.
+    """
+    return Role(handle_firmware(bus, channel) is not None, gear_ratio(bus, channel, gripper_id), gripper_id)
+
+
+def role_mistake(name: str, channel: str, gripper: GripperProfile, found: Role) -> str | None:
+    """What is wrong when `found` is not what the profile `gripper` describes; None when it may be right."""
+    if gripper.handle_encoder and not found.handle and found.has_gripper_motor:
+        return (
+            f"{name}: channel {channel} carries a follower (a gripper motor answers, no teaching handle does), but "
+            "it is configured as a leader: are the cables or channels swapped?"
+        )
+    if not gripper.handle_encoder and found.handle and not (gripper.motor and found.has_gripper_motor):
+        return (
+            f"{name}: channel {channel} carries a leader (a teaching handle answers), but it is configured as a "
+            f"follower with gripper {gripper.name}: are the cables or channels swapped?"
+        )
+    if not gripper.handle_encoder and gripper.motor is None and found.has_gripper_motor:
+        return (
+            f"{name}: a gripper motor (id {found.gripper_id}) answers on channel {channel}, but gripper {gripper.name} "
+            "has none: set `gripper`, or look whether the cables are swapped"
+        )
+    return None
+
+
+def explain_missing(bus: can.BusABC, channel: str, name: str, gripper: GripperProfile, gripper_id: int) -> str | None:
+    """For when a gripper motor or a handle does not answer: the swap that would explain it, or None.
+
+    Raises:
+        BusError: the channel is gone.
+    """
+    return role_mistake(name, channel, gripper, probe_role(bus, channel, gripper_id))
+
+
+def check_role(bus: can.BusABC, channel: str, name: str, gripper: GripperProfile, gripper_id: int) -> None:
+    """For end effectors that have nothing to answer with, so that nothing would be missed on the wrong arm.
+
+    Raises:
+        MotorError: a handle or a gripper motor answers that the configuration does not know.
+        BusError: the channel is gone.
+    """
+    mistake = explain_missing(bus, channel, name, gripper, gripper_id)
+    if mistake is not None:
+        raise MotorError(mistake)
+
+
+def likely_gripper(found: Role) -> str:
+    """Name of a gripper profile that fits; motors of one type do not tell their grippers apart."""
+    if found.handle:
+        return "yam_teaching_handle"
+    if found.gripper_gear_ratio is None:
+        return "no_gripper"
+    return "linear_3507" if found.gripper_gear_ratio == motor_type("DM3507").gear_ratio else "linear_4310"

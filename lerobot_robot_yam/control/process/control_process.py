@@ -1,0 +1,167 @@
+"""The control process: `python -m lerobot_robot_yam.control.process.control_process`, started by `ArmSession`.
+
+One JSON line on standard input says which arms; one on standard output says "ready" or what went wrong. It imports
+neither lerobot nor torch, lives in a session of its own so that Ctrl-C does not reach it, and lands its arms when it
+is told to (SIGTERM) or when its parent is gone.
+"""
+
+import contextlib
+import gc
+import json
+import logging
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Sequence
+
+import can
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.control.loop import ControlLoop
+from lerobot_robot_yam.control.loop_builder import build
+from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
+from lerobot_robot_yam.control.preflight.open_bus import keeps_awake, open_bus
+from lerobot_robot_yam.control.process import stand_by
+from lerobot_robot_yam.control.process.lifeline import hung_up
+from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.state.block_pair import BlockPair, Descriptors
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.state.records import lock_path
+from lerobot_robot_yam.system.log_thread import log_from_a_thread
+from lerobot_robot_yam.system.process_end import ProcessEnd
+from lerobot_robot_yam.system.realtime import avoid_oom_killer, request_realtime
+from lerobot_robot_yam.system.runtime_files import FileLock
+
+logger = logging.getLogger("lerobot_robot_yam.control.process.control_process")
+
+RT_PRIORITY = 20
+_PARENT_LOOK_S = 0.02
+
+
+def control(
+    configs: list[ArmConfig],
+    keys: list[str],
+    pairs: Sequence[BlockPair],
+    on_ready: Callable[[str], None],
+    must_land: Callable[[], bool],
+    realtime: bool,
+) -> None:
+    """Lock, open, inspect, energise, run, land, release: the whole life of a robot's arms.
+
+    Raises:
+        YamError: bring-up failed; nothing is energised and everything is released.
+    """
+    locks: list[FileLock] = []
+    buses: list[can.BusABC] = []
+    loop: ControlLoop | None = None
+    awake = contextlib.ExitStack()
+    try:
+        refuse_stopped(configs[0].name, EmergencyStop())  # else who still holds the arms would be told to be ended
+        for config, key in zip(configs, keys, strict=True):
+            lock = FileLock(lock_path(key), f"CAN channel {config.channel}")
+            lock.acquire()
+            locks.append(lock)
+        awake.enter_context(keeps_awake(configs))
+        for config in configs:
+            buses.append(open_bus(config))
+        loop = build(configs, keys, buses, pairs)
+        if realtime:
+            names, granted = ", ".join(c.name for c in configs), request_realtime(RT_PRIORITY)
+            logger.info("control loop of %s: %s, %s", names, granted, avoid_oom_killer())
+            gc.disable()
+        loop.start()
+        loop.run(on_ready, must_land)
+    finally:
+        if loop is not None:
+            loop.close(stand_by=realtime)
+        for pair in pairs:
+            pair.close()
+        for bus in buses:
+            bus.shutdown()
+        awake.close()
+        for lock in locks:
+            lock.release()
+
+
+def main() -> int:
+    """Entry point of the process."""
+    logging.basicConfig(
+        level=logging.INFO,
+        format="%(levelname)s %(asctime)s %(name)s %(message)s",
+        datefmt="%Y-%m-%d %H:%M:%S",
+    )
+    logging.raiseExceptions = False  # the terminal may be gone while the arms still have to land
+    for name in (signal.SIGINT, signal.SIGHUP, signal.SIGPIPE):
+        signal.signal(name, signal.SIG_IGN)
+    stop = False
+
+    def request_stop(*_: object) -> None:
+        nonlocal stop
+        stop = True
+
+    signal.signal(signal.SIGTERM, request_stop)
+    job = json.loads(sys.stdin.readline())
+    parent = int(job["parent_pid"])
+    try:
+        parent_end = ProcessEnd(parent)
+    except FileNotFoundError:
+        return 1  # nothing has been energised
+    configs, keys = [ArmConfig(**arm) for arm in job["arms"]], job["keys"]
+    pairs = [BlockPair.of(Descriptors(*descriptors)) for descriptors in job["blocks"]]
+    stand_by_pid = stand_by.spawn(configs, keys, pairs, RT_PRIORITY)
+
+    orphaned = False
+
+    def watch_parent() -> None:
+        """In a thread: who looks at a dying process may get to clear its memory away, which can take a while."""
+        nonlocal orphaned
+        while not (hung_up(job["lifeline"], _PARENT_LOOK_S) or parent_end.reached()):
+            pass
+        orphaned = True
+
+    threading.Thread(target=watch_parent, name="yam-parent", daemon=True).start()
+
+    def watch_stand_by() -> None:
+        nonlocal stand_by_pid
+        try:
+            ended = bool(stand_by_pid) and os.waitpid(stand_by_pid, os.WNOHANG)[0] != 0
+        except ChildProcessError:  # who started us ignores SIGCHLD, and so do we: the kernel keeps no ended children
+            ended = True
+        if ended:
+            stand_by_pid = 0
+            logger.warning("the stand-by has died: should this process be killed, the arms will fall; connect again")
+
+    def must_land() -> bool:
+        nonlocal stop
+        if not stop and (orphaned or os.getppid() != parent):
+            logger.warning("the process that started this one (%d) is gone, or runs another program: landing", parent)
+            stop = True
+        watch_stand_by()
+        return stop
+
+    def answer(**fields: object) -> None:
+        try:
+            sys.stdout.write(json.dumps(fields) + "\n")
+            sys.stdout.flush()
+        except OSError:
+            pass  # a parent that no longer listens is noticed by must_land
+
+    def tell(failure: str) -> None:
+        answer(**({"error": failure, "kind": "MotorError"} if failure else {"ready": True}))
+
+    with log_from_a_thread():
+        try:
+            control(configs, keys, pairs, tell, must_land, realtime=True)
+        except YamError as error:
+            answer(error=str(error), kind=type(error).__name__)
+            return 1
+        except Exception as error:
+            logger.exception("control process failed")
+            answer(error=f"control process failed: {error!r}", kind="YamError")
+            return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,175 @@
+"""The stand-by: a process that waits with everything in hand to land the arms should the control process die.
+
+It is forked off before the control process opens anything, builds its own models, and then only waits on the other's
+pid, looking into the state blocks 50 times a second. If that process is gone (kill -9, out of memory) or has not
+ticked for a third of the motors' watchdog (stopped, stuck in the kernel: it is killed first), the stand-by opens the
+channels, lands what is energised, and takes the channel locks as the kernel frees them with their owner.
+"""
+
+import contextlib
+import logging
+import os
+import select
+import signal
+import sys
+import threading
+import time
+from collections.abc import Sequence
+
+import numpy as np
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.control.actuation import gravity_model
+from lerobot_robot_yam.control.arm_controller import ArmController
+from lerobot_robot_yam.control.loop import ControlLoop
+from lerobot_robot_yam.control.preflight.open_bus import keeps_awake, open_bus
+from lerobot_robot_yam.control.process.control_group import leave_group
+from lerobot_robot_yam.control.state_publisher import ControllerBlocks
+from lerobot_robot_yam.damiao.encoder import HANDLE_IDS
+from lerobot_robot_yam.errors import ChannelInUseError
+from lerobot_robot_yam.state.block_pair import BlockPair
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.state.faults import HUNG_S
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.records import lock_path
+from lerobot_robot_yam.system.log_thread import log_from_a_thread
+from lerobot_robot_yam.system.process_end import ProcessEnd
+from lerobot_robot_yam.system.realtime import avoid_oom_killer, request_realtime
+from lerobot_robot_yam.system.runtime_files import FileLock
+
+logger = logging.getLogger(__name__)
+
+_LOOK_S = 0.02
+_CLEARED_MS = 5000  # what the kernel takes at most to free the locks of the dead
+_HUNG_LOOKS = round(HUNG_S / _LOOK_S)  # looks in a row, not time: a machine that stood still has not looked
+
+
+def spawn(configs: Sequence[ArmConfig], keys: Sequence[str], pairs: Sequence[BlockPair], rt_priority: int) -> int:
+    """Fork the stand-by of this process, which must have opened nothing but its blocks. Returns its pid."""
+    control_pid = os.getpid()
+    pid = os.fork()
+    if pid:
+        return pid
+    status = 1
+    try:
+        os.setsid()  # a signal to the control process's group is not for us
+        with open(os.devnull, "r+b") as nothing:
+            for descriptor in (0, 1):  # or the caller would never see the end of the control process's output
+                os.dup2(nothing.fileno(), descriptor)
+        for name in (signal.SIGINT, signal.SIGHUP, signal.SIGPIPE, signal.SIGTERM):
+            signal.signal(name, signal.SIG_IGN)
+        avoid_oom_killer()
+        with log_from_a_thread():
+            threading.Thread(target=_leave_group, name="yam-group", daemon=True).start()  # nobody waits for it
+            stand_by = StandBy(configs, keys, pairs, control_pid)
+            with keeps_awake(configs, quiet=True):  # now: no program is to be started while an arm falls
+                stand_by.run(rt_priority)
+        status = 0
+    except BaseException:
+        logger.exception("stand-by failed")
+    finally:
+        sys.stderr.flush()
+        os._exit(status)  # nothing of the control process's own clean-up is ours
+
+
+def _leave_group() -> None:
+    logger.info("the stand-by (%d) %s", os.getpid(), leave_group())
+
+
+class StandBy:
+    """Watches one control process.
+
+    Args:
+        configs, keys, pairs: its arms, the names by which others find them, and their blocks.
+        control_pid: its process.
+
+    Whatever happens to files from now on, it has what it needs.
+    """
+
+    def __init__(self, configs: Sequence[ArmConfig], keys: Sequence[str], pairs: Sequence[BlockPair], control_pid: int):
+        self._configs, self._keys, self._pairs, self._pid = configs, keys, pairs, control_pid
+        self._locks = [
+            FileLock(lock_path(key), f"CAN channel {config.channel}") for config, key in zip(configs, keys, strict=True)
+        ]
+        self._stop = EmergencyStop()
+        self._process = os.pidfd_open(control_pid)
+        self._end = ProcessEnd(control_pid)
+        self._poll = select.poll()
+        self._poll.register(self._process, select.POLLIN)
+        self._hardware = [Hardware(config) for config in configs]
+        self._gravity = [gravity_model(hardware) for hardware in self._hardware]
+        self._records: list[np.ndarray | None] = [None] * len(keys)
+
+    def run(self, rt_priority: int) -> None:
+        """Wait for the control process's end; land what it has left in the air."""
+        request_realtime(rt_priority)
+        ticks, idle = -1, 0
+        while not (self._poll.poll(_LOOK_S * 1e3) or self._end.reached()):
+            before, ticks = ticks, self._look()
+            idle = idle + 1 if ticks == before and self._driving() else 0
+            if idle >= _HUNG_LOOKS:
+                logger.error("the control process (%d) has not ticked for %.2f s: ending it", self._pid, HUNG_S)
+                with contextlib.suppress(ProcessLookupError):
+                    signal.pidfd_send_signal(self._process, signal.SIGKILL)
+                break  # it executes nothing any more, however long the kernel takes to clear it away
+        self._look()
+        if self._driving():
+            self._take_over()
+
+    def _look(self) -> int:
+        """Read the newest states; returns the newest tick."""
+        newest = 0
+        for index, pair in enumerate(self._pairs):
+            record = pair.states.glance()  # who is killed in the middle of a write leaves none
+            if record is not None:
+                self._records[index] = record
+                newest = max(newest, int(record["tick"]))
+        return newest
+
+    def _driving(self) -> bool:
+        """Whether some arm is energised."""
+        return any(record is not None and record["mode"] not in (Mode.OFF, Mode.OFFLINE) for record in self._records)
+
+    def _take_over(self) -> None:
+        begin = time.monotonic()
+        logger.error("the control process (%d) has died: taking its arms over and landing them", self._pid)
+        controllers, blocks, buses = [], [], []
+        for index, (config, key) in enumerate(zip(self._configs, self._keys, strict=True)):
+            record = self._records[index]
+            if record is None:
+                continue
+            try:
+                replies = [motor.feedback_id for motor in self._hardware[index].motors]
+                bus = open_bus(config, [*replies, *HANDLE_IDS])
+                buses.append(bus)
+                controller = ArmController(config, bus, self._hardware[index], self._gravity[index])
+                controller.adopt(record, time.monotonic())
+                blocks.append(ControllerBlocks(controller, key, self._pairs[index], adopt=record))
+                controllers.append(controller)
+            except Exception as error:  # the other arm can still be landed
+                logger.critical("%s cannot be taken over: %s", config.name, error)
+        try:
+            if controllers:
+                loop = ControlLoop(controllers, blocks, self._configs[0].rate_hz, stop=self._stop)
+                logger.error("taken over within %.0f ms", (time.monotonic() - begin) * 1e3)
+                try:
+                    loop.run(must_land=lambda: _take(self._locks))
+                finally:
+                    loop.close()
+        finally:
+            for bus in buses:
+                bus.shutdown()
+            self._poll.poll(_CLEARED_MS)
+            _take(self._locks)  # to remove their files
+            for lock in self._locks:
+                lock.release()
+
+
+def _take(locks: Sequence[FileLock]) -> bool:
+    """Take the locks as soon as the kernel has taken them from the dead; True: land, and again if a fault ends it."""
+    for lock in locks:
+        if not lock.held:
+            with contextlib.suppress(ChannelInUseError, OSError):  # a full disk must not end the landing
+                lock.acquire()
+    return True

@@ -1,0 +1,105 @@
+"""Who on the channel has stopped to answer, to obey or to tell the truth, and whether somebody else talks there."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from lerobot_robot_yam.damiao.chain import MotorChain
+from lerobot_robot_yam.damiao.tables import Fault, fault_text
+from lerobot_robot_yam.state.faults import FAULT_TROUBLE, SILENT_S, Trouble
+
+_MOTOR_MISSED = 10  # a lost motor has let so many questions in a row go by: a machine that stood still has not asked
+_CHANNEL_MISSED = 5  # of every motor: the first of them to be lost does not name the trouble
+_WINDOW_S = 0.4  # strangers are counted over so long; told of within 0.5 s, also where a window ends too soon
+_DUPLICATES = 5  # answers beyond the questions and beyond those that merely came late
+_FOREIGN = 3  # commands of somebody else
+_LIES = "readings that jump as no joint can; check cable and plug, and that no second arm shares the channel"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a watch has found: bad (n,) bool, motors that cannot be relied on; trouble None when all is well."""
+
+    bad: np.ndarray
+    trouble: Trouble | None = None
+    message: str = ""
+
+
+class MotorWatch:
+    """Which motors of a chain are silent, do not obey or cannot be believed. Ask once per tick."""
+
+    def __init__(self, chain: MotorChain):
+        self._chain = chain
+        self._none = self._bad = np.zeros(len(chain), dtype=bool)
+        self._well = Finding(self._none)
+        self._strangers = _Strangers(chain)
+
+    def check(self, now: float) -> Finding:
+        """State of every motor; the message names each in trouble with its reason."""
+        chain = self._chain
+        if chain.all_answered and chain.all_normal:  # nearly always
+            self._bad = self._none
+            trouble, message = self._strangers.check(now)
+            return self._well if trouble is None else Finding(self._none, trouble, message)
+        missed, lies = chain.missed, chain.distrusted
+        silent = (chain.silence_s(now) > SILENT_S) & (missed >= _MOTOR_MISSED)
+        bad = silent | lies | (chain.fault != Fault.NORMAL)
+        falling = (missed >= _CHANNEL_MISSED).all() and not silent.all() and not (bad & ~silent).any()
+        if falling:  # the others have fallen silent too: within SILENT_S it is the channel, or they answer again
+            return Finding(self._bad)
+        self._bad = bad
+        if not bad.any():
+            return Finding(bad, *self._strangers.check(now))
+        if silent.all():
+            age = float((now - chain.stamp_s).min())
+            return Finding(
+                bad,
+                Trouble.BUS_SILENT,
+                f"no motor answers on {chain.channel} for {age:.2f} s: check motor power and the emergency stop, "
+                f"the CAN cable, and the link (ip -details link show {chain.channel})",
+            )
+        reasons: dict[str, list[str]] = {}
+        for index in np.flatnonzero(bad):
+            motor = chain.motors[index]
+            age = now - chain.stamp_s[index]
+            why = f"silent for {age:.2f} s" if silent[index] else fault_text(int(chain.fault[index]))
+            reasons.setdefault(_LIES if lies[index] else why, []).append(f"{motor.name} (id {motor.can_id})")
+        message = "; ".join(f"{', '.join(names)}: {why}" for why, names in reasons.items())
+        faulty = np.flatnonzero(bad & ~silent & ~lies)
+        trouble = FAULT_TROUBLE.get(int(chain.fault[faulty[0]]), Trouble.OVERLOAD) if len(faulty) else None
+        return Finding(bad, trouble or (Trouble.IMPLAUSIBLE if lies.any() else Trouble.MOTOR_SILENT), message)
+
+
+class _Strangers:
+    """Frames that should not be there: second answers, commands of another driver."""
+
+    def __init__(self, chain: MotorChain):
+        self._chain = chain
+        self._since, self._lost = -math.inf, chain.lost
+        self._note(0.0)
+
+    def _note(self, now: float) -> None:
+        chain = self._chain
+        self._since, self._lost_before, self._lost = now, self._lost, chain.lost
+        self._doubled, self._foreign = chain.duplicates, chain.foreign_commands
+
+    def check(self, now: float) -> tuple[Trouble | None, str]:
+        if now - self._since < _WINDOW_S:
+            return None, ""
+        chain = self._chain
+        # A late answer comes when it is no longer expected: each lost one explains one of those beyond the questions,
+        # also where it was given up in the window before.
+        beyond = chain.duplicates - self._doubled - (chain.lost - self._lost_before)
+        doubled = np.flatnonzero(beyond >= _DUPLICATES)
+        foreign = chain.foreign_commands - self._foreign
+        self._note(now)
+        if foreign >= _FOREIGN:
+            return (  # whose answers are doubled too
+                Trouble.FOREIGN_DRIVER,
+                f"another driver commands the motors on {chain.channel} ({foreign} frames in {_WINDOW_S} s); stop it",
+            )
+        if len(doubled):
+            names = ", ".join(f"{chain.motors[i].name} (id {chain.motors[i].can_id})" for i in doubled)
+            return Trouble.DUPLICATE_ID, f"more than one answer from {names}: two motors share an id"
+        return None, ""

@@ -1,0 +1,323 @@
+"""Keeps the set-points of all arms of a control loop clear of each other, of keep-out boxes and of the floor.
+
+A set-point cannot stop at once. What is judged is therefore where it would come to rest if it braked after the step,
+all joints in proportion, so that it keeps its direction:
+
+    q_rest = q + dq T / 2        T = max |dq_j| / a_j
+
+The step and the way to its resting place are one straight line, and `clearance` judges all of it. As long as every
+step that was taken has a way to rest without conflict, there is always something to fall back on: to brake. What is
+done about a conflict is tried in this order, each proposal judged like the step itself:
+
+    1. the step as wanted
+    2. the joints that bring the parts together are slowed, just as far as the limit demands; the others go on
+    3. those joints brake
+    4. the arms concerned brake
+    5. all arms brake
+"""
+
+from collections.abc import Collection, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from lerobot_robot_yam.arm.collision.clearance import Clearance, Conflict
+from lerobot_robot_yam.arm.collision.pairs import Pair
+from lerobot_robot_yam.arm.collision.parts import GuardedArm
+from lerobot_robot_yam.control.laws.set_point import SetPoint
+
+_RESERVE = 0.02  # share of the way to the limit that a slowed step leaves: its own judgement must not fail by rounding
+_MOST_SLOWED = 4  # pairs at a time; the time that a tick takes is bounded
+_LONG_WAY = 1000  # looks at a move of any length, which is no tick's
+_ROUNDS = 3  # of slowing down: to slow for one pair may take from another what parts it
+_GAIN_M = 1e-7  # a joint that adds less to a distance has no part in it
+_STANDS = 1e-3  # a smaller share of a step is none: an arm that leans on a limit stands still
+
+
+class Nearness(NamedTuple):
+    """Two parts, their distance in m (negative: how deep they are in each other) and the distance that they keep.
+
+    arms: indices of the arms that can change the distance.
+    """
+
+    first: str
+    second: str
+    distance_m: float
+    limit_m: float
+    arms: tuple[int, ...]
+
+    def __str__(self) -> str:
+        return f"{self.first} – {self.second}, {round(self.distance_m * 1000)} mm"
+
+
+class Verdict(NamedTuple):
+    """What may be taken of a step.
+
+    q, dq: per arm (joints,), where the set-points may go. blocked: per arm, whether it is held back. because: the
+    pairs in conflict, with their distances before the step; empty when no arm is blocked.
+    """
+
+    q: list[np.ndarray]
+    dq: list[np.ndarray]
+    blocked: tuple[bool, ...]
+    because: tuple[Nearness, ...]
+
+    def message(self, arm: int) -> str:
+        """What holds this arm back: "left link4 – keep-out 'camera mast', 12 mm"; empty when nothing does."""
+        return "; ".join(str(row) for row in self.because if arm in row.arms) if self.blocked[arm] else ""
+
+
+class _Step(NamedTuple):
+    """One tick of dt seconds of all joints (N,): as wanted (q, dq), and as it is when all of them brake by `decel`."""
+
+    start: np.ndarray
+    q: np.ndarray
+    dq: np.ndarray
+    q_brake: np.ndarray
+    dq_brake: np.ndarray
+    decel: np.ndarray
+    dt: float
+
+    @classmethod
+    def plan(
+        cls, start: np.ndarray, speed: np.ndarray, q: np.ndarray, dq: np.ndarray, decel: np.ndarray, dt: float
+    ) -> "_Step":
+        """From (start, speed) to (q, dq)."""
+        to_rest_s = _braking_time(speed, decel)
+        dq_brake = speed * max(1.0 - dt / to_rest_s, 0.0) if to_rest_s > 0.0 else np.zeros_like(speed)
+        return cls(start, q, dq, start + dq_brake * dt, dq_brake, decel, dt)
+
+    def take(self, share: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+        """(q, dq) of a step between braking (share 0) and as wanted (1)."""
+        q = self.q_brake + share * (self.q - self.q_brake)
+        return q, self.dq_brake + share * (self.dq - self.dq_brake)
+
+    def way(self, share: np.ndarray | float) -> tuple[np.ndarray, np.ndarray, float]:
+        """The straight way to where such a step comes to rest: from, to, and the share of it that is the step."""
+        q, dq = self.take(share)
+        braking_s = _braking_time(dq, self.decel)
+        return self.start, q + dq * (braking_s / 2), self.dt / (self.dt + braking_s / 2) if self.dt > 0.0 else 1.0
+
+    def rests(self, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where joints come to rest after such a step, and where a joint does that brakes while the others go on."""
+        q, dq = self.take(share)
+        braking_s = _braking_time(dq, self.decel)
+        return q + dq * (braking_s / 2), self.q_brake + self.dq_brake * (braking_s / 2)
+
+
+def _braking_time(dq: np.ndarray, decel: np.ndarray) -> float:
+    return float((np.abs(dq) / decel).max(initial=0.0))
+
+
+class WorkspaceGuard:
+    """Judges the set-points of all arms of one control loop.
+
+    Grippers count as wide open until `open_grippers` says otherwise.
+
+    Args:
+        arms: in the order of all lists below.
+
+    Raises:
+        ConfigError: a workspace that cannot be used, or arms that stand in one another.
+    """
+
+    def __init__(self, arms: Sequence[GuardedArm]):
+        self._clearance = Clearance(arms)
+        self._joints = self._clearance.parts.joints
+        ends = np.cumsum(self._joints).tolist()
+        self._parts = [slice(end - n, end) for end, n in zip(ends, self._joints, strict=True)]
+        self._arm_of = np.repeat(np.arange(len(arms)), self._joints)
+        self._lower, self._upper = np.concatenate([arm.arm.joint_limits_rad for arm in arms]).T
+        self._memory: tuple[np.ndarray, Verdict] | None = None
+
+    def open_grippers(self, openings: Sequence[float]) -> None:
+        """How far the grippers are open, 0 closed … 1 open, one number per arm."""
+        if self._clearance.parts.open_grippers(openings):
+            self._memory = None
+
+    def clearance(self, q: Sequence[np.ndarray]) -> Nearness | None:
+        """The pair nearest to its limit, with the arms at q (joints,) each; None when nothing is limited.
+
+        Measures every pair: for tools and tests, not for the control loop.
+        """
+        self._clearance.parts.place(np.concatenate(q))
+        nearest = self._clearance.nearest()
+        return None if nearest is None else self._nearness(*nearest)
+
+    def allow(self, q_now: Sequence[np.ndarray], q_next: Sequence[np.ndarray]) -> Verdict:
+        """Judge a straight move from rest to rest, q (joints,) per arm: each goes to `q_next` or stays at `q_now`.
+
+        Of any length; not for the control loop.
+        """
+        now, then = np.concatenate(q_now), np.concatenate(q_next)
+        stays = np.zeros(len(self._joints), dtype=bool)
+        first = conflicts = self._clearance.conflicts(now, then, most_steps=_LONG_WAY)
+        while conflicts and not stays.all():
+            to_blame = {arm for conflict in conflicts for arm in self._to_blame(conflict, now, then)}
+            if stays[list(to_blame)].all():
+                to_blame = {arm for conflict in conflicts for arm in conflict.pair.arms}
+            if stays[list(to_blame)].all():
+                break
+            stays[list(to_blame)] = True
+            then = np.where(stays[self._arm_of], now, then)
+            conflicts = self._clearance.conflicts(now, then, most_steps=_LONG_WAY)
+        return self._verdict(then, np.zeros_like(then), stays, first)
+
+    def advance(
+        self,
+        setpoints: Sequence[SetPoint],
+        measured: Sequence[np.ndarray],
+        guarded: Sequence[bool],
+        now: float,
+        dt: float,
+    ) -> Verdict:
+        """Advance all set-points by one tick, as `SetPoint.advance` does, but for what would be in conflict.
+
+        Speed and acceleration limits hold for what is taken, too.
+
+        Args:
+            setpoints: of the arms; their first coordinates are the joints, further ones are left alone.
+            measured: joints (joints,) or more of every arm, rad: where an arm is that is not guarded.
+            guarded: arms that may be held back. The others (floating, landing, off) are only in the way.
+            now, dt: monotonic time and length of the tick, s.
+        """
+        start = self._row([s.q for s in setpoints], measured, guarded)
+        still = [np.zeros(n) for n in self._joints]
+        speed = self._row([s.dq for s in setpoints], still, guarded)
+        for setpoint in setpoints:
+            setpoint.advance(now, dt)
+        q = self._row([s.q for s in setpoints], measured, guarded)
+        dq = self._row([s.dq for s in setpoints], still, guarded)
+        inputs = np.concatenate([start, speed, q, dq, guarded])
+        if self._memory is not None and np.array_equal(self._memory[0], inputs):
+            verdict = self._memory[1]
+        else:
+            decel = np.concatenate([s.acceleration_limit[:n] for s, n in zip(setpoints, self._joints, strict=True)])
+            step = _Step.plan(start, speed, q, dq, decel, dt)
+            verdict = self._settle(step, np.asarray(guarded)[self._arm_of])
+            self._memory = (inputs, verdict)
+        for setpoint, n, q_arm, dq_arm, blocked in zip(
+            setpoints, self._joints, verdict.q, verdict.dq, verdict.blocked, strict=True
+        ):
+            if blocked:
+                setpoint.q[:n], setpoint.dq[:n] = q_arm, dq_arm
+        return verdict
+
+    def _row(self, ours: Sequence[np.ndarray], theirs: Sequence[np.ndarray], guarded: Sequence[bool]) -> np.ndarray:
+        """All joints in a row (N,): of the guarded arms from `ours`, of the others from `theirs`."""
+        return np.concatenate(
+            [(a if g else b)[:n] for a, b, g, n in zip(ours, theirs, guarded, self._joints, strict=True)]
+        )
+
+    def _settle(self, step: _Step, movable: np.ndarray) -> Verdict:
+        """The step, or the first of the proposals of the module's docstring that is not in conflict."""
+        first = conflicts = self._clearance.conflicts(*step.way(1.0))
+        if not conflicts:
+            return self._verdict(step.q, step.dq, np.zeros(len(self._joints), dtype=bool), [])
+        share: np.ndarray = np.ones(len(step.q))
+        approaching = np.zeros(len(share), dtype=bool)
+        for _ in range(_ROUNDS):
+            slower, bring_together = self._slow(step, share, conflicts, movable)
+            share = share * slower
+            approaching |= bring_together
+            conflicts = self._clearance.conflicts(*step.way(share))
+            if not conflicts:
+                break
+        if conflicts:
+            share, conflicts = self._brake(step, approaching)
+        if conflicts:
+            arms = {arm for conflict in (*first, *conflicts) for arm in conflict.pair.arms}
+            share, conflicts = self._brake(step, self._joints_of(arms) & movable)
+        if conflicts:
+            share = np.where(movable, 0.0, 1.0)
+        q, dq = self._within_limits(step.start, *step.take(share))
+        held = np.zeros(len(self._joints), dtype=bool)
+        held[self._arm_of[share < 1.0]] = True
+        return self._verdict(q, dq, held, first)
+
+    def _within_limits(self, start: np.ndarray, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """As `SetPoint` has it: joints that brake in proportion may be too fast for a limit that is near."""
+        inside = np.minimum(np.maximum(q, np.minimum(self._lower, start)), np.maximum(self._upper, start))
+        return inside, np.where(inside == q, dq, 0.0)
+
+    def _brake(self, step: _Step, joints: np.ndarray) -> tuple[np.ndarray, list[Conflict]]:
+        share = np.where(joints, 0.0, 1.0)
+        return share, self._clearance.conflicts(*step.way(share))
+
+    def _slow(
+        self, step: _Step, share: np.ndarray, conflicts: Sequence[Conflict], movable: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Factors (N,) on `share` that leave every pair its distance, and which joints bring a pair together.
+
+        With c_j what braking joint j alone adds to the distance, factor_j = 1 - min(1, mu c_j): the joint that does
+        most to bring the parts together is slowed most, and mu is such that the distances add up to what is lacking.
+        """
+        factor = np.ones(len(share))
+        approaching = np.zeros(len(share), dtype=bool)
+        conflicts = conflicts[:_MOST_SLOWED]
+        rests, brakes = step.rests(share)
+        gains = np.zeros((len(conflicts), len(share)))
+        concerned = [self._joints_of(conflict.pair.arms) & movable for conflict in conflicts]
+        for j in np.flatnonzero(np.any(concerned, axis=0) & (rests != brakes)).tolist():
+            changed = rests.copy()
+            changed[j] = brakes[j]
+            for i, conflict in enumerate(conflicts):
+                self._clearance.parts.place(step.start + conflict.share * (changed - step.start))
+                gains[i, j] = self._clearance.distance(conflict.pair) - conflict.there_m
+        for conflict, gain, joints in zip(conflicts, gains, concerned, strict=True):
+            closer = joints & (gain > _GAIN_M)
+            if not closer.any():
+                factor[joints] = 0.0
+                approaching |= joints
+                continue
+            lacking = conflict.floor_m - conflict.there_m
+            lacking += _RESERVE * max(gain[closer].sum() - lacking, 0.0)
+            slowed = 1.0 - _fill(gain[closer], lacking)
+            factor[closer] = np.minimum(factor[closer], np.where(slowed < _STANDS, 0.0, slowed))
+            approaching |= closer
+        return factor, approaching
+
+    def _to_blame(self, conflict: Conflict, now: np.ndarray, then: np.ndarray) -> list[int]:
+        """The arms whose own part of the move brings the pair together; all its arms when none does alone."""
+        arms = conflict.pair.arms
+        if len(arms) == 1:
+            return list(arms)
+        alone = []
+        for arm in arms:
+            without = np.where(self._arm_of == arm, now, then)
+            self._clearance.parts.place(now + conflict.share * (without - now))
+            if self._clearance.distance(conflict.pair) - conflict.there_m > _GAIN_M:
+                alone.append(arm)
+        return alone or list(arms)
+
+    def _verdict(self, q: np.ndarray, dq: np.ndarray, blocked: np.ndarray, conflicts: Sequence[Conflict]) -> Verdict:
+        because: dict[tuple[str, str], Nearness] = {}
+        for conflict in conflicts if blocked.any() else ():
+            row = self._nearness(conflict.pair, conflict.before_m)
+            because.setdefault((row.first, row.second), row)
+        q_by_arm, dq_by_arm = ([row[part] for part in self._parts] for row in (q, dq))
+        return Verdict(q_by_arm, dq_by_arm, tuple(blocked.tolist()), tuple(because.values()))
+
+    def _nearness(self, pair: Pair, distance: float) -> Nearness:
+        names = self._clearance.parts.part_names
+        return Nearness(names[pair.first], names[pair.second], distance, pair.limit_m, pair.arms)
+
+    def _joints_of(self, arms: Collection[int]) -> np.ndarray:
+        """(N,) which joints are of these arms."""
+        return np.any([self._arm_of == arm for arm in arms], axis=0)
+
+
+def _fill(gains: np.ndarray, needed: float) -> np.ndarray:
+    """Parts (n,) of 0 … 1 in proportion to `gains`, cut off at 1, such that sum(parts * gains) = needed.
+
+    All 1 when even that is less than needed.
+    """
+    full = np.zeros(len(gains), dtype=bool)
+    while not full.all():
+        free = gains[~full]
+        parts = gains * ((needed - gains[full].sum()) / free.dot(free))
+        over = (parts >= 1.0) & ~full
+        if not over.any():
+            return np.where(full, 1.0, np.maximum(parts, 0.0))
+        full |= over
+    return np.ones(len(gains))

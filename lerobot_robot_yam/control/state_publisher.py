@@ -1,0 +1,152 @@
+"""The control loop's end of an arm's shared blocks: publish state, take targets and requests."""
+
+import logging
+import os
+
+import numpy as np
+
+from lerobot_robot_yam.control.arm_controller import ArmController
+from lerobot_robot_yam.control.gripper.homing import GripperStops
+from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.state.block_pair import BlockPair
+from lerobot_robot_yam.state.faults import Trouble
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.records import OWNER_AT, STATE_DTYPE, Request, state_path
+
+logger = logging.getLogger(__name__)
+
+_PER_MOTOR = (
+    "q",
+    "dq",
+    "tau",
+    "setpoint",
+    "motor_stamp_s",
+    "temp_mos_c",
+    "temp_rotor_c",
+    "fault",
+    "lost",
+    "offset_rad",
+)
+
+
+class ControllerBlocks:
+    """Connects one controller with its two blocks, and lets others watch its states.
+
+    Args:
+        controller: the arm.
+        key: by which others find its states.
+        pair: its blocks.
+        adopt: the last state of a loop that has died: its block is carried on, readers notice nothing.
+    """
+
+    def __init__(self, controller: ArmController, key: str, pair: BlockPair, adopt: np.ndarray | None = None):
+        self._controller = controller
+        self._states, self._commands = pair
+        try:
+            self._states.publish(state_path(key))
+        except (OSError, YamError) as error:  # a full disk, a log-out that had the user's files removed
+            logger.warning("%s: nobody else can watch the arm: %s", controller.name, error)
+        self._record = np.zeros((), STATE_DTYPE)
+        for field in ("q", "dq", "tau", "setpoint", "motor_stamp_s", "temp_mos_c", "temp_rotor_c", "offset_rad"):
+            self._record[field] = np.nan
+        self._record["gripper_stops_rad"] = np.nan
+        if adopt is not None:
+            self._record[()] = adopt
+            self._states.adopt()
+        hardware = controller.hardware
+        self._record["joints"], self._record["motors"] = hardware.joints, hardware.n
+        self._owner = self._record["owner_pid"] = os.getpid()
+        self._first_tick = int(self._record["tick"])
+        self._seen = 0
+        self._ended = False
+        self.published_mode = Mode.OFFLINE
+        self._slots = hardware.slots
+        self._per_motor = {field: self._record[field][self._slots] for field in _PER_MOTOR}  # views
+        self._seldom: tuple | None = None  # as published last, of what seldom changes
+
+    def take(self, now: float) -> None:
+        """Give the controller what the caller has written since the last tick."""
+        sequence = self._commands.sequence()
+        if sequence == self._seen:
+            return
+        command = self._commands.glance()  # a caller that is held up, or dies, in the middle holds up nobody
+        if command is None:
+            return
+        self._seen = sequence
+        record, controller = self._record, self._controller
+        if command["request_sequence"] > record["request_sequence"]:  # an older one has been taken back since
+            refused = False
+            try:
+                controller.request(Request(int(command["request"])), now)
+            except YamError as error:
+                refused = True
+                record["refusal"] = str(error).encode()[:400]
+            finally:  # not before: the record is also written while a request is carried out
+                record["request_refused"] = refused
+                record["request_sequence"] = command["request_sequence"]
+        if command["target_sequence"] > record["target_sequence"]:
+            record["target_sequence"] = command["target_sequence"]
+            slots = self._slots
+            dq = command["dq"][slots]
+            velocity = None if np.isnan(dq).any() else dq
+            if now - command["target_stamp_s"] <= controller.config.command_timeout_s:
+                controller.aim(command["q"][slots], now, velocity, command["kp"][slots], command["kd"][slots])
+
+    def publish(self, now: float, tick: int, mode: Mode | None = None) -> None:
+        """Write the arm's state as of this tick; that of an arm which is off is written once, then it stands.
+
+        Args:
+            mode: to say instead of the arm's own.
+        """
+        if self._ended:
+            return
+        c, record, per_motor = self._controller, self._record, self._per_motor
+        chain, drive = c.chain, c.drive
+        record["stamp_s"] = now
+        record["tick"] = self._first_tick + tick
+        record["mode"] = c.mode if mode is None else mode
+        record["limited"] = c.limited
+        per_motor["q"][:] = drive.q
+        per_motor["dq"][:] = drive.dq
+        per_motor["tau"][:] = drive.tau
+        per_motor["setpoint"][:] = c.setpoint.asked[0]
+        record["own_gains"] = c.motion.own_gains
+        per_motor["motor_stamp_s"][:] = chain.stamp_s
+        record["asked_s"] = min(chain.asked_s.tolist())
+        per_motor["temp_mos_c"][:] = chain.temp_mos_c
+        per_motor["temp_rotor_c"][:] = chain.temp_rotor_c
+        per_motor["fault"][:] = chain.fault
+        per_motor["lost"][:] = chain.lost
+        self._ended = c.mode is Mode.OFF
+        self.published_mode = c.mode
+        if not self._ended:  # the handle of an arm that is off is not asked any more
+            record["trigger"], record["buttons"], record["handle_stamp_s"] = c.handle
+        per_motor["offset_rad"][:] = drive.offset_rad
+        record["gripper_blocked"] = c.gripper is not None and c.gripper.stalled
+        self._note_seldom(None if c.gripper is None else c.gripper.stops, c.trouble, c.message)
+        self._states.write(record)
+
+    def beat(self, tick: int) -> None:
+        """Say that the loop lives while it waits; the arm's state is as it was."""
+        if not self._ended:
+            self._record["tick"] = self._first_tick + tick
+            self._states.write(self._record)
+
+    def _note_seldom(self, stops: GripperStops | None, trouble: Trouble | None, message: str) -> None:
+        """Put into the record what hardly ever changes; texts take longest."""
+        seldom = (stops, trouble, message)
+        if seldom != self._seldom:
+            self._record["gripper_stops_rad"] = np.nan if stops is None else (stops.closed_rad, stops.open_rad)
+            self._record["trouble"] = (trouble or "").encode()
+            self._record["message"] = message.encode()[:400]
+            self._seldom = seldom
+
+    @property
+    def owned(self) -> bool:
+        """False once another loop has taken the arm over."""
+        return self._states.peek(OWNER_AT) == self._owner
+
+    def close(self, remove: bool) -> None:
+        """Let go of both blocks, and have nobody find the states any more, unless a stand-by goes on with them."""
+        self._states.close(remove)
+        self._commands.close()

@@ -1,0 +1,182 @@
+"""Before a motor is energised: is the channel free, the wire wide enough, are the motors the right ones?"""
+
+import logging
+import math
+from collections.abc import Collection
+
+import can
+
+from lerobot_robot_yam.damiao.bus_port import is_classic_data
+from lerobot_robot_yam.damiao.chain import MotorChain
+from lerobot_robot_yam.damiao.registers import Register, register_row
+from lerobot_robot_yam.damiao.tables import (
+    BANDWIDTH_MARGIN,
+    BITRATE,
+    BITS_PER_FRAME,
+    FORCE_POSITION_OFFSET,
+    POSITION_VELOCITY_OFFSET,
+    REGISTER_ID,
+    TIMEOUT_COUNT_S,
+    VELOCITY_OFFSET,
+    WATCHDOG_S,
+    ControlMode,
+    motor_type,
+)
+from lerobot_robot_yam.errors import BusError, ChannelInUseError, ConfigError, MotorError
+from lerobot_robot_yam.system.clock import clock_of
+
+logger = logging.getLogger(__name__)
+
+LISTEN_S = 0.05
+_MOST_LATE_FRAMES = 1_000  # more than a bus carries while one listens
+_PRESENCE_ATTEMPTS = 3
+_DUPLICATE_WAIT_S = 0.01
+_RELATIVE_TOLERANCE = 1e-4  # of float registers: a float32 on the motor's side, rounded constants on ours
+_FLOAT_RANGES = (Register.PMAX, Register.VMAX, Register.TMAX)
+
+
+def check_bandwidth(motors: int, encoder: bool, rate_hz: float, bitrate: int = BITRATE) -> None:
+    """Refuse a loop rate that the wire cannot carry: 2 · devices · 130 bit · rate ≤ bitrate / 1.1.
+
+    Raises:
+        ConfigError: it cannot; the message says which rate it can.
+    """
+    bits_per_tick = 2 * (motors + encoder) * BITS_PER_FRAME
+    limit_hz = bitrate / BANDWIDTH_MARGIN / bits_per_tick
+    if rate_hz > limit_hz:
+        raise ConfigError(
+            f"{motors} motors{' and a handle' if encoder else ''} at {rate_hz:g} Hz do not fit a CAN bus of "
+            f"{bitrate} bit/s; at most {limit_hz:.0f} Hz do"
+        )
+
+
+def listen(bus: can.BusABC, seconds: float, ids: Collection[int], channel: str = "") -> None:
+    """Listen without sending: does somebody else drive motors `ids` on this bus?
+
+    A lock keeps out our own processes only. Answers of motors count as well as commands: motors speak only
+    when spoken to. Other devices may talk; they are logged.
+
+    Raises:
+        ChannelInUseError: frames of a foreign driver were seen.
+        BusError: the channel cannot be read.
+    """
+    commands = {
+        base + i for base in (0, POSITION_VELOCITY_OFFSET, VELOCITY_OFFSET, FORCE_POSITION_OFFSET) for i in ids
+    } | {REGISTER_ID}
+    answers = {i + 16 for i in ids} | {0}
+    seen: dict[int, int] = {}
+    clock = clock_of(bus)
+    deadline = clock.now() + seconds
+    try:
+        # What has arrived by the deadline counts even if we were not running then; a flood does not keep us for ever.
+        late = 0
+        while late < _MOST_LATE_FRAMES:
+            remaining = deadline - clock.now()
+            late += remaining <= 0.0
+            message = bus.recv(max(remaining, 0.0))
+            if message is None and remaining <= 0.0:
+                break
+            if message is not None and is_classic_data(message):
+                seen[message.arbitration_id] = seen.get(message.arbitration_id, 0) + 1
+    except (can.CanError, OSError) as error:
+        raise BusError(f"CAN channel {channel}: receive failed ({error}); check the adapter and link") from error
+    traffic = {can_id: count for can_id, count in seen.items() if can_id in commands or can_id in answers}
+    if traffic:
+        listing = ", ".join(f"0x{can_id:X} ({count})" for can_id, count in sorted(traffic.items()))
+        raise ChannelInUseError(
+            f"CAN channel {channel} is already being driven: heard identifiers {listing} within "
+            f"{seconds * 1e3:.0f} ms before sending anything; stop the other program, or the other computer "
+            "on this bus, and try again"
+        )
+    if seen:
+        logger.info("CAN channel %s: other devices talk: %s", channel, ", ".join(f"0x{i:X}" for i in sorted(seen)))
+
+
+def verify(chain: MotorChain) -> None:
+    """Check that every motor is there, alone with its id, and set up as the profile says. Energises nothing.
+
+    That is: PMAX, VMAX, TMAX and GR of the type, MST_ID of the receive mode, CTRL_MODE MIT and the TIMEOUT of
+    `WATCHDOG_S`.
+
+    Raises:
+        MotorError: names motors and registers, expected against found, and what to check.
+    """
+    _check_presence(chain)
+    contradictions: list[str] = []
+    for i, spec in enumerate(chain.motors):
+        row = motor_type(spec.type)
+        expected: dict[Register, float] = {
+            Register.PMAX: row.position_max_rad,
+            Register.VMAX: row.velocity_max_rad_s,
+            Register.TMAX: row.torque_max_nm,
+            Register.TIMEOUT: round(WATCHDOG_S / TIMEOUT_COUNT_S),
+            Register.MST_ID: spec.feedback_id,
+            Register.CTRL_MODE: ControlMode.MIT,
+        }
+        if row.gear_ratio is not None:
+            expected[Register.GR] = row.gear_ratio
+        for register, value in expected.items():
+            found = chain.read_register(i, register)
+            if not _equal(register, found, value):
+                name, unit = register_row(register).name, register_row(register).unit
+                contradictions.append(
+                    f"motor {spec.name} (id {spec.can_id}, {spec.type}): {name} is {found:g} instead of "
+                    f"{value:g} {unit}"
+                )
+    if contradictions:
+        raise MotorError(
+            f"{chain.channel}: " + "; ".join(contradictions) + ". Check that arm and gripper in the configuration "
+            "match the hardware, or correct the registers of the motor"
+        )
+
+
+def _equal(register: Register, found: float, expected: float) -> bool:
+    """Identifiers, counts and serial numbers exactly; floats as exactly as both sides can hold them."""
+    if register_row(register).kind == "uint32":
+        return found == expected
+    return math.isclose(found, expected, rel_tol=_RELATIVE_TOLERANCE)
+
+
+def missing_motors(chain: MotorChain) -> list[str]:
+    """Names of the motors that answer neither a refresh nor a register request."""
+    present = [False] * len(chain)
+    for _ in range(_PRESENCE_ATTEMPTS):
+        present = [a or b for a, b in zip(present, chain.refresh(), strict=True)]
+        if all(present):
+            return []
+    return [spec.name for i, spec in enumerate(chain.motors) if not present[i] and not _answers_register(chain, i)]
+
+
+def _answers_register(chain: MotorChain, motor: int) -> bool:
+    try:
+        chain.read_register(motor, Register.ESC_ID, timeout_s=0.02, attempts=1)
+    except MotorError:
+        return False
+    return True
+
+
+def _check_presence(chain: MotorChain) -> None:
+    missing = missing_motors(chain)
+    if missing:
+        ids = {spec.name: spec.can_id for spec in chain.motors}
+        names = ", ".join(f"{name} (id {ids[name]})" for name in missing)
+        strangers = ", ".join(f"0x{can_id:X}" for can_id in sorted(chain.foreign))
+        raise MotorError(
+            f"{chain.channel}: no answer from {len(missing)} of {len(chain)} motors: {names}. Check motor "
+            "power and the emergency stop, the CAN cable and its terminator, the bit-rate (classic CAN, "
+            "1 Mbit/s) and the motor ids"
+            + (f"; unexpected answers came from {strangers}: a motor may have another MST_ID" if strangers else "")
+        )
+    # The second answer of a pair of motors with one id comes after the one that ended the wait.
+    chain.clock.sleep(_DUPLICATE_WAIT_S)
+    chain.drain()
+    doubled = [
+        f"{spec.name} (id {spec.can_id})"
+        for spec, count in zip(chain.motors, chain.duplicates.tolist(), strict=True)
+        if count
+    ]
+    if doubled:
+        raise MotorError(
+            f"{chain.channel}: more than one answer from {', '.join(doubled)}: two motors share an id, or "
+            "another program drives this bus; give every motor its own id"
+        )

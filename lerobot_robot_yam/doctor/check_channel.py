@@ -1,0 +1,141 @@
+"""One channel: is it free? Then ask what is on it; otherwise watch the session that drives it."""
+
+import dataclasses
+import errno
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import can
+
+from lerobot_robot_yam.control.preflight.open_bus import open_bus
+from lerobot_robot_yam.damiao.motor_inspection import listen
+from lerobot_robot_yam.doctor.check_handle import handle_firmware, handles_section, inspect_handle
+from lerobot_robot_yam.doctor.check_latency import latency_section, measure_latency
+from lerobot_robot_yam.doctor.check_link import QUEUE_LENGTH, Link
+from lerobot_robot_yam.doctor.check_motors import inspect_motors, motors_section
+from lerobot_robot_yam.doctor.check_session import driver_of, sessions_section, watch_session
+from lerobot_robot_yam.doctor.kit.findings import Section
+from lerobot_robot_yam.doctor.kit.questions import Questions
+from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Target
+from lerobot_robot_yam.errors import BusError, ChannelInUseError, YamError
+from lerobot_robot_yam.state.records import lock_path
+from lerobot_robot_yam.system.runtime_files import FileLock
+
+_LISTEN_S = 0.3  # longer than a session's 50 ms: a slow foreign poller is heard too
+
+
+@dataclass
+class ChannelSections:
+    """Where the channels put what they find."""
+
+    channels: Section = field(
+        default_factory=lambda: Section(
+            "channels", "Channels", {"channel": "channel", "arm": "arm", "gripper": "gripper", "examined": "examined"}
+        )
+    )
+    motors: Section = field(default_factory=motors_section)
+    handles: Section = field(default_factory=handles_section)
+    latency: Section = field(default_factory=latency_section)
+    sessions: Section = field(default_factory=sessions_section)
+
+    def all(self) -> list[Section]:
+        """In the order of the report."""
+        return [self.channels, self.motors, self.handles, self.sessions, self.latency]
+
+
+def examine_channel(
+    target: Target, link: Link | None, samples: int, sections: ChannelSections, say: Callable[[str], None]
+) -> None:
+    """Examine one channel.
+
+    Args:
+        target: the arm.
+        link: state of its interface; None when there is none or it is unknown.
+        samples: questions per motor for the latency; 0 leaves it out.
+        sections: take what is found.
+        say: told what is being done.
+    """
+    config = target.config
+    row = {"channel": target.channel, "arm": config.arm, "gripper": config.gripper, "examined": "asked"}
+    sections.channels.rows.append(row)
+    if config.identity_path is not None and not Path(config.identity_path).exists():
+        what = f"there is no arm binding {config.identity_path} (`identity_path`): no session will start"
+        remedy = f"yam-identify {config.on_command_line} --bind {config.identity_path}"
+        sections.channels.problem(target.channel, what, remedy)
+    if link is not None and not link.usable:
+        row["examined"] = "not asked: its interface is not usable"
+        return
+    lock = FileLock(lock_path(target.key), f"CAN channel {target.channel}")
+    try:
+        lock.acquire()
+    except ChannelInUseError:
+        row["examined"] = "watched: somebody drives it"
+        say(f"{target.channel}: somebody drives it; watching")
+        watch_session(target, driver_of(target), sections.sessions)
+        return
+    try:
+        bus = open_bus(config)
+        try:
+            asked = _ask(bus, target, samples, sections, say)
+            row["arm"], row["gripper"] = asked.config.arm, asked.config.gripper
+        finally:
+            bus.shutdown()
+    except ChannelInUseError as error:
+        row["examined"] = "not asked: a foreign driver is heard"
+        sections.channels.problem(target.channel, str(error), "stop the program that drives this bus")
+    except YamError as error:
+        row["examined"] = "failed"
+        sections.channels.problem(target.channel, str(error), _bus_remedy(target, link, error))
+    finally:
+        lock.release()
+
+
+def _ask(
+    bus: can.BusABC, target: Target, samples: int, sections: ChannelSections, say: Callable[[str], None]
+) -> Target:
+    """Ask everything; returns the target as it turned out to be."""
+    channel = target.channel
+    say(f"{channel}: listening")
+    listen(bus, _LISTEN_S, range(1, 16), channel)
+    questions = Questions(bus, channel)
+    expected = target.hardware().gripper.handle_encoder
+    firmware = handle_firmware(questions, expected)
+    if firmware is not None and not target.declared:
+        target = dataclasses.replace(target, config=dataclasses.replace(target.config, gripper=LEADER_GRIPPER))
+    hardware = target.hardware()
+    say(f"{channel}: asking {len(hardware.motors)} motors")
+    present = inspect_motors(questions, target, firmware is not None, sections.motors)
+    if hardware.gripper.handle_encoder or firmware is not None:
+        inspect_handle(questions, target, firmware, sections.handles)
+    if firmware is not None and hardware.gripper.motor is None and not hardware.gripper.handle_encoder:
+        what = f"a teaching handle answers, which gripper profile {target.config.gripper} does not have"
+        sections.handles.problem(channel, what, f"name it --channel {channel}:{target.config.arm}:{LEADER_GRIPPER}")
+    if not target.declared and present:
+        what = f"nobody has said what is on it; taken for arm {target.config.arm} with {target.config.gripper}"
+        sections.channels.note(channel, what, f"name it: --channel {channel}:ARM:GRIPPER, or --config_path FILE")
+    if samples and present:
+        say(f"{channel}: {samples} questions to each of {len(present)} motors")
+        measure_latency(questions, target, present, samples, sections.latency)
+    return target
+
+
+def _bus_remedy(target: Target, link: Link | None, error: Exception) -> str:
+    """What repairs a channel that failed while it was asked."""
+    if not target.real:
+        return "check the names of channel and rig"
+    link = link or Link(name=target.channel, up=True)
+    if isinstance(error, BusError) and _error_number(error) == errno.ENOBUFS:
+        return link.repair(QUEUE_LENGTH)
+    return link.repair()
+
+
+def _error_number(error: BaseException) -> int | None:
+    """errno of the system call behind an error, wherever python-can has put it."""
+    cause: BaseException | None = error
+    while cause is not None:
+        number = getattr(cause, "error_code", None) or getattr(cause, "errno", None)
+        if isinstance(number, int):
+            return number
+        cause = cause.__cause__
+    return None

@@ -1,0 +1,116 @@
+"""The teaching handle of one channel: firmware, report mode, trigger. Its settings are left as they are."""
+
+from typing import Any
+
+from lerobot_robot_yam.damiao.encoder import (
+    EEPROM_REPORT_FREQUENCY_HIGH,
+    EEPROM_REPORT_FREQUENCY_LOW,
+    FIRMWARE_REQUIRED,
+    REPORT_ID,
+    REQUEST_ID,
+    TRIGGER_TRAVEL_RAD,
+    HandleReport,
+    decode_eeprom_byte,
+    decode_frequency,
+    decode_report,
+    decode_version,
+    encode_eeprom_read,
+    encode_report_request,
+    encode_version_request,
+)
+from lerobot_robot_yam.doctor.kit.findings import Section
+from lerobot_robot_yam.doctor.kit.questions import Questions
+from lerobot_robot_yam.doctor.kit.remedies import report_on_request, zero_trigger
+from lerobot_robot_yam.doctor.kit.targets import Target
+
+_TIMEOUT_S, _ATTEMPTS = 0.1, 3
+_REPORT_BYTES = 6
+_BEYOND = 1.15  # of the trigger's travel: more cannot be a trigger with the right zero
+_RELEASED = 0.1  # of the trigger's travel
+
+
+def handles_section() -> Section:
+    """An empty section for `inspect_handle`."""
+    columns = {
+        "channel": "channel",
+        "firmware": "firmware",
+        "report_frequency_hz": "reports by itself at Hz",
+        "trigger": "trigger",
+        "trigger_rad": "rad",
+        "buttons": "buttons",
+    }
+    return Section("handles", "Teaching handles", columns)
+
+
+def handle_firmware(questions: Questions, expected: bool) -> tuple[int, int, int] | None:
+    """Firmware version of the handle on the channel, None when none answers.
+
+    Args:
+        questions: the open channel.
+        expected: whether there should be one; otherwise it is asked once only.
+    """
+    return questions.handle(
+        encode_version_request(), REQUEST_ID, decode_version, _TIMEOUT_S, _ATTEMPTS if expected else 1
+    )
+
+
+def inspect_handle(
+    questions: Questions, target: Target, firmware: tuple[int, int, int] | None, section: Section
+) -> None:
+    """Ask the handle, and check what it says.
+
+    Raises:
+        BusError: the channel is gone.
+    """
+    where = f"{target.channel} teaching handle"
+    report = questions.handle(encode_report_request(), REPORT_ID, _report, _TIMEOUT_S, _ATTEMPTS)
+    if firmware is None and report is None:
+        section.rows.append({"channel": target.channel, "firmware": "no answer"})
+        what = "does not answer: the arm works without it, but has no trigger and no buttons"
+        section.problem(where, what, "check the handle's cable, or name a gripper profile without a handle")
+        return
+    low = _eeprom(questions, EEPROM_REPORT_FREQUENCY_LOW)
+    high = _eeprom(questions, EEPROM_REPORT_FREQUENCY_HIGH)
+    frequency = None if low is None or high is None else decode_frequency(low, high)
+    row: dict[str, Any] = {
+        "channel": target.channel,
+        "firmware": firmware and _dotted(firmware),
+        "report_frequency_hz": frequency,
+        "trigger": report and round(report.trigger, 3),
+        "trigger_rad": report and round(report.position_rad, 4),
+        "buttons": report and [int(button) for button in report.buttons],
+    }
+    section.rows.append(row)
+    if firmware is not None and firmware < FIRMWARE_REQUIRED:
+        what = f"has firmware {_dotted(firmware)}; {_dotted(FIRMWARE_REQUIRED)} or later is needed"
+        section.problem(where, what, "update its firmware with the arm vendor's tool")
+    if frequency:
+        what = f"reports by itself at {frequency} Hz, which takes the bus from the motors; it should wait to be asked"
+        section.problem(where, what, report_on_request(target))
+    for name, value in (("firmware", firmware), ("report frequency", frequency), ("trigger", report)):
+        if value is None:
+            section.warn(where, f"its {name} is unknown: it does not tell", "run yam-doctor again")
+    if report is not None:
+        _check_trigger(target, where, report, section)
+
+
+def _check_trigger(target: Target, where: str, report: HandleReport, section: Section) -> None:
+    angle = abs(report.position_rad)
+    if angle > TRIGGER_TRAVEL_RAD * _BEYOND:
+        what = f"the trigger reads {report.position_rad:.3f} rad, beyond its travel of {TRIGGER_TRAVEL_RAD} rad"
+        section.problem(where, what, f"release the trigger, then set its zero: {zero_trigger(target)}")
+    elif report.trigger > _RELEASED:
+        what = f"the trigger reads {report.trigger:.2f}: it is squeezed, or its zero is wrong"
+        section.warn(where, what, f"release it; if it still reads so, set its zero: {zero_trigger(target)}")
+
+
+def _report(data: bytes) -> HandleReport | None:
+    return decode_report(data) if len(data) == _REPORT_BYTES else None
+
+
+def _eeprom(questions: Questions, offset: int) -> int | None:
+    return questions.handle(encode_eeprom_read(offset), REQUEST_ID, decode_eeprom_byte, _TIMEOUT_S, _ATTEMPTS)
+
+
+def _dotted(version: tuple[int, int, int]) -> str:
+    return ".".join(map(str, version))

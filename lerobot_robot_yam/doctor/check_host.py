@@ -1,0 +1,97 @@
+"""What this computer grants to a control loop: real-time scheduling, locked memory, CPUs; and the emergency stop."""
+
+import os
+import platform
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+from lerobot_robot_yam.control.process.control_process import RT_PRIORITY
+from lerobot_robot_yam.doctor.kit.findings import Section
+from lerobot_robot_yam.doctor.kit.usb import SYSFS, text_of
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.system.other_plugins import mixture, overwritten
+from lerobot_robot_yam.system.sleep_lock import SWITCH_OFF, SleepLock, can_sleep
+
+_LIMITS_FILE = "/etc/security/limits.d/90-yam.conf"
+_CPUS_MIN = 4  # the loop, LeRobot, the video encoder and the system
+# In a process of its own, since what is granted stays granted.
+_ASK = (
+    "import sys; from lerobot_robot_yam.system.realtime import request_realtime; "
+    f"sys.stdout.write(request_realtime({RT_PRIORITY}))"
+)
+_ASK_TIMEOUT_S = 30.0
+
+
+def host_section() -> Section:
+    """An empty section for `check_host`."""
+    return Section("host", "This computer", {"what": "what", "value": "value"})
+
+
+def check_host(sysfs: Path, section: Section) -> None:
+    """Ask for what the control loop asks for, in a short-lived process, and say what was granted."""
+    granted = _granted()
+    cpus = len(os.sched_getaffinity(0))
+    governor = text_of(sysfs / "devices/system/cpu/cpu0/cpufreq/scaling_governor")
+    facts = {
+        "granted to the control loop": granted,
+        "RLIMIT_RTPRIO": _limit(resource.RLIMIT_RTPRIO),
+        "RLIMIT_MEMLOCK": _limit(resource.RLIMIT_MEMLOCK),
+        "kernel": platform.release(),
+        "CPUs": cpus,
+        "CPU governor": governor,
+    }
+    section.rows += [{"what": key, "value": value} for key, value in facts.items()]
+    limits = f"printf '%s - rtprio {RT_PRIORITY}\\n%s - memlock unlimited\\n' $USER $USER | sudo tee {_LIMITS_FILE}"
+    limits += " (then log in again)"
+    where = "this computer"
+    if granted is None:
+        section.warn(where, "what the kernel grants is unknown: asking for it failed", limits)
+    elif "SCHED_FIFO" not in granted:
+        short = "slices" in granted  # as good as SCHED_FIFO beside one busy process
+        what = f"the control loop gets {granted}; SCHED_FIFO is not permitted"
+        (section.note if short else section.warn)(where, what, limits)
+    if granted is not None and "memory not locked" in granted:
+        section.warn(where, "memory cannot be locked: the control loop may wait for the disk", limits)
+    if cpus < _CPUS_MIN:
+        what = f"{cpus} CPUs for control loop, LeRobot, video encoder and cameras"
+        section.note(where, what, "record fewer or smaller pictures, or use a computer with more CPUs")
+    if governor == "powersave":
+        what = "the CPU governor is powersave: wake-ups may be late"
+        section.note(where, what, "sudo cpupower frequency-set -g performance")
+    if sysfs == SYSFS and can_sleep() and not _kept_awake():
+        what = "it may go to sleep while arms are driven, and then they fall: its systemd does not let us forbid that"
+        section.warn(where, what, SWITCH_OFF)
+    if overwritten():
+        section.problem(where, *mixture())
+    stop = EmergencyStop()
+    if stop.latched:
+        what = f"the emergency stop is latched ({stop.reason()}): no session starts, arms that were driven still are"
+        section.problem(where, what, "look at the arms, then: yam-estop release")
+
+
+def _granted() -> str | None:
+    try:
+        done = subprocess.run(
+            [sys.executable, "-P", "-c", _ASK], capture_output=True, text=True, timeout=_ASK_TIMEOUT_S, check=True
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip() or None
+
+
+def _kept_awake() -> bool:
+    try:
+        lock = SleepLock()
+    except OSError:
+        return False
+    try:
+        return lock.granted()[1]
+    finally:
+        lock.release()
+
+
+def _limit(which: int) -> str:
+    soft, _ = resource.getrlimit(which)
+    return "unlimited" if soft == resource.RLIM_INFINITY else str(soft)

@@ -1,0 +1,119 @@
+"""How long motors take to answer, one question at a time."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+from lerobot_robot_yam.damiao.motor_spec import MotorSpec
+from lerobot_robot_yam.damiao.round_trip import SLOW_S
+from lerobot_robot_yam.doctor.kit.findings import Section
+from lerobot_robot_yam.doctor.kit.questions import Questions
+from lerobot_robot_yam.doctor.kit.targets import Target
+
+BIN_EDGES_MS = (0.3, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # upper edges; one more bin takes the rest
+BLOCKS = "·▁▂▃▄▅▆▇█"
+_LABELS = (*(f"≤{edge:g}" for edge in BIN_EDGES_MS), "more")
+_TIMEOUT_S = 0.25
+_GIVE_UP = 3  # lost in a row
+_LOST_MAX = 0.01  # share of lost replies
+_TICK_MS = 4.0  # of a loop at 250 Hz
+_QUICKER = (
+    "use another adapter; of a serial one, lower the latency timer: "
+    "echo 1 | sudo tee /sys/bus/usb-serial/devices/ttyUSB*/latency_timer"
+)
+
+
+def latency_section() -> Section:
+    """An empty section for `measure_latency`."""
+    columns = {
+        "channel": "channel",
+        "id": "id",
+        "name": "motor",
+        "samples": "samples",
+        "lost": "lost",
+        "p50_ms": "p50 ms",
+        "p99_ms": "p99 ms",
+        "max_ms": "max ms",
+        "histogram": " ".join(_LABELS),
+    }
+    return Section("latency", "Reply latency", columns)
+
+
+def measure_latency(
+    questions: Questions, target: Target, motors: Sequence[MotorSpec], samples: int, section: Section
+) -> None:
+    """Ask each motor `samples` times for feedback, in turn; rows and findings.
+
+    Raises:
+        BusError: the channel is gone.
+    """
+    times_ms: dict[int, list[float]] = {spec.can_id: [] for spec in motors}
+    lost = dict.fromkeys(times_ms, 0)
+    in_a_row = dict.fromkeys(times_ms, 0)
+    for _ in range(samples):
+        for can_id, times in times_ms.items():
+            if in_a_row[can_id] >= _GIVE_UP:
+                continue
+            seconds = questions.round_trip_s(can_id, _TIMEOUT_S)
+            if seconds is None:
+                lost[can_id] += 1
+                in_a_row[can_id] += 1
+            else:
+                times.append(seconds * 1e3)
+                in_a_row[can_id] = 0
+    quickest = min((ms for times in times_ms.values() if (ms := percentile(sorted(times), 0.5))), default=0.0)
+    if quickest > 2e3 * SLOW_S:
+        what = (
+            f"answers take {quickest:.1f} ms: the adapter is slow, and the arm is seen and commanded that much too late"
+        )
+        section.problem(target.channel, what, _QUICKER)
+    for spec in motors:
+        _report(target, spec, sorted(times_ms[spec.can_id]), lost[spec.can_id], section)
+
+
+def _report(target: Target, spec: MotorSpec, times_ms: Sequence[float], lost: int, section: Section) -> None:
+    asked = len(times_ms) + lost
+    counts = histogram(times_ms)
+    p99 = percentile(times_ms, 0.99)
+    section.rows.append(
+        {
+            "channel": target.channel,
+            "id": spec.can_id,
+            "name": spec.name,
+            "samples": asked,
+            "lost": lost,
+            "p50_ms": percentile(times_ms, 0.5),
+            "p99_ms": p99,
+            "max_ms": round(times_ms[-1], 3) if times_ms else None,
+            "histogram": bars(counts),
+            "bin_edges_ms": list(BIN_EDGES_MS),
+            "counts": counts,
+        }
+    )
+    where = f"{target.channel} motor {spec.name} (id {spec.can_id})"
+    if lost:
+        what = f"{lost} of {asked} replies were lost"
+        add = section.problem if lost > _LOST_MAX * asked else section.warn
+        add(where, what, "reseat the CAN cables of the arm and check the terminators (120 Ω at both ends)")
+    if p99 is not None and p99 > _TICK_MS:
+        what = f"one reply in a hundred takes longer than {p99:.1f} ms; a tick of the loop is {_TICK_MS:g} ms"
+        section.warn(where, what, "plug the adapter into a USB port of its own, and stop what keeps the CPUs busy")
+
+
+def histogram(times_ms: Sequence[float]) -> list[int]:
+    """Counts per bin of `BIN_EDGES_MS`, and of what lies above."""
+    edges = (float("-inf"), *BIN_EDGES_MS, float("inf"))
+    return [sum(low < value <= high for value in times_ms) for low, high in pairwise(edges)]
+
+
+def percentile(ordered: Sequence[float], share: float) -> float | None:
+    """The value below which `share` of an ordered list lies, ms; None of an empty one."""
+    if not ordered:
+        return None
+    return round(ordered[min(int(share * len(ordered)), len(ordered) - 1)], 3)
+
+
+def bars(counts: Sequence[int]) -> str:
+    """A block per bin, as high as its count, below the bin's label; a bin with anything in it shows at least a line."""
+    most, steps = max(max(counts), 1), len(BLOCKS) - 1
+    blocks = (BLOCKS[-(-count * steps // most)] for count in counts)
+    return " ".join(block.ljust(len(label)) for block, label in zip(blocks, _LABELS, strict=True)).rstrip()

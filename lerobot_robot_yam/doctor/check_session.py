@@ -1,0 +1,162 @@
+"""Watching a live session from outside: its state block is read, nothing is written and nothing asked on the bus."""
+
+import math
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lerobot_robot_yam.damiao.tables import Fault, fault_text
+from lerobot_robot_yam.doctor.kit.findings import Section
+from lerobot_robot_yam.doctor.kit.targets import Target
+from lerobot_robot_yam.errors import StaleStateError
+from lerobot_robot_yam.state.modes import ENERGISED, Mode
+from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState, lock_path, state_path
+from lerobot_robot_yam.system.shared_block import SharedBlock
+
+_WATCH_S = 0.5
+_LOST_MAX = 0.01  # share of lost replies
+_LATE_SHARE = 0.9  # of the configured rate
+
+
+def sessions_section() -> Section:
+    """An empty section for `watch_session`."""
+    columns = {
+        "channel": "channel",
+        "driver": "driven by",
+        "mode": "mode",
+        "rate_hz": "Hz",
+        "age_ms": "age ms",
+        "name": "motor",
+        "state": "state",
+        "motor_age_ms": "reply ms ago",
+        "lost": "lost",
+        "temp_mos_c": "MOS °C",
+        "temp_rotor_c": "coil °C",
+    }
+    return Section("sessions", "Live sessions (watched, not asked)", columns)
+
+
+def driver_of(target: Target) -> str:
+    """Who holds the channel's lock: "process 1234 (python -m …)"."""
+    try:
+        pid = lock_path(target.key).read_text().strip()
+    except OSError:
+        return "unknown"
+    try:
+        words = Path(f"/proc/{int(pid)}/cmdline").read_bytes().split(b"\0")
+    except (OSError, ValueError):
+        return f"process {pid or 'unknown'}"
+    first, *rest = (word.decode(errors="replace") for word in words)
+    program = " ".join([os.path.basename(first), *rest])
+    return f"process {pid} ({program.strip()[:60]})"
+
+
+def watch_session(target: Target, driver: str, section: Section) -> None:
+    """Rows and findings about the session that drives the channel."""
+    channel = target.channel
+    try:
+        block = SharedBlock(state_path(target.key), STATE_DTYPE, create=False)
+    except FileNotFoundError:
+        section.rows.append({"channel": channel, "driver": driver, "mode": None})
+        what = f"is held by {driver}, which publishes no state (yet): nothing was asked"
+        section.note(channel, what, "run yam-doctor again when that session runs or has ended")
+        return
+    except StaleStateError as error:
+        section.rows.append({"channel": channel, "driver": driver, "mode": None})
+        section.problem(channel, f"its state cannot be read: {error}", f"end {driver}")
+        return
+    try:
+        first = block.read()
+        time.sleep(_WATCH_S)
+        record = block.read()
+    except StaleStateError as error:
+        section.problem(channel, str(error), f"end {driver}")
+        return
+    finally:
+        block.close()
+    if first is None or record is None:
+        section.note(channel, f"is held by {driver}, which has not begun", "run yam-doctor again")
+        return
+    _report(target, driver, first, record, time.monotonic(), section)
+
+
+def _report(target: Target, driver: str, first: np.ndarray, record: np.ndarray, now: float, section: Section) -> None:
+    hardware, channel = target.hardware(), target.channel
+    state = ArmState(record.tobytes())
+    age = now - float(record["stamp_s"])
+    ticks, elapsed = int(record["tick"]) - int(first["tick"]), float(record["stamp_s"]) - float(first["stamp_s"])
+    rate = ticks / elapsed if elapsed > 0 else 0.0
+    head = {
+        "channel": channel,
+        "driver": driver,
+        "mode": state.mode.name.lower(),
+        "rate_hz": round(rate, 1),
+        "age_ms": round(age * 1e3, 1),
+        "message": state.message,
+    }
+    lost_before = first["lost"][hardware.slots].tolist()
+    for row, before in zip(_motor_rows(target, record, now), lost_before, strict=True):
+        section.rows.append({**head, **row})
+        _check_motor(channel, row, state.mode, row["lost"] - before, ticks, section)
+    what = f"is driven by {driver}: watched, nothing was asked"
+    section.note(channel, what, "end that session to have registers and latencies read")
+    if state.mode is not Mode.OFF and age > target.config.max_state_age_s:
+        what = f"its control loop has published nothing for {age:.2f} s"
+        section.problem(channel, what, f"hold the arm by hand, then end {driver}")
+    elif state.mode in (Mode.FAULT, Mode.STOPPED):
+        section.problem(
+            channel, f"is in {state.mode.name.lower()}: {state.message or 'no reason given'}", _rearm(state)
+        )
+    elif target.configured and 0 < rate < target.config.rate_hz * _LATE_SHARE and state.mode is not Mode.OFF:
+        what = f"its control loop makes {rate:.0f} instead of {target.config.rate_hz:g} ticks a second"
+        section.warn(channel, what, "stop what keeps the CPUs busy (top), or lower rate_hz")
+    if hardware.gripper.handle_encoder and state.mode in ENERGISED and state.trigger is None:
+        what = "the teaching handle is silent"
+        section.problem(f"{channel} teaching handle", what, "check the handle's cable")
+
+
+def _rearm(state: ArmState) -> str:
+    if state.mode is Mode.STOPPED:
+        return "look at the arms, then: yam-estop release"
+    return "remove the cause, then re-arm the session or connect again"
+
+
+def _motor_rows(target: Target, record: np.ndarray, now: float) -> list[dict[str, Any]]:
+    """One per motor of the profile; a session that nobody has described may drive fewer."""
+    hardware = target.hardware()
+    fields = ("motor_stamp_s", "fault", "lost", "temp_mos_c", "temp_rotor_c")
+    columns = (hardware.motors, *(record[field][hardware.slots].tolist() for field in fields))
+    return [
+        {
+            "name": spec.name,
+            "id": spec.can_id,
+            "state": fault_text(fault) if math.isfinite(stamp) else None,
+            "fault": fault,
+            "motor_age_ms": round((now - stamp) * 1e3, 1) if math.isfinite(stamp) else None,
+            "lost": lost,
+            "temp_mos_c": _finite(mos),
+            "temp_rotor_c": _finite(rotor),
+        }
+        for spec, stamp, fault, lost, mos, rotor in zip(*columns, strict=True)
+    ]
+
+
+def _check_motor(channel: str, row: dict[str, Any], mode: Mode, lost: int, ticks: int, section: Section) -> None:
+    """`lost` of `ticks` replies were lost while the session was watched."""
+    if row["motor_age_ms"] is None:
+        return  # the session has none: nobody has said what is on the channel
+    where = f"{channel} motor {row['name']} (id {row['id']})"
+    if row["fault"] not in (Fault.DISABLED, Fault.NORMAL):
+        section.problem(where, f"reports {row['state']}", "remove the cause, then re-arm the session or connect again")
+    elif row["fault"] == Fault.DISABLED and mode in ENERGISED - {Mode.FAULT}:
+        section.problem(where, "is disabled in a running session", "connect again")
+    if lost > _LOST_MAX * ticks:  # a warning: of a motor that is really lost the session itself speaks
+        what = f"{lost} of {ticks} replies were lost while it was watched"
+        section.warn(where, what, "reseat the CAN cables of the arm and check the terminators (120 Ω at both ends)")
+
+
+def _finite(value: float) -> float | None:
+    return round(float(value), 1) if math.isfinite(value) else None

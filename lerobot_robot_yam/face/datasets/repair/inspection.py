@@ -1,0 +1,173 @@
+"""What a LeRobot data set (format v3) on disk really holds, in whatever state its recording left it.
+
+LeRobot's writer keeps one data file and one file of episode metadata open for a whole session and writes their footers
+at its end; metadata of up to ten episodes lies only in memory. So after a kill -9 nothing loads, not even the episodes
+that were saved. Their rows and videos are on disk all the same: rows are read page by page (`parquet_salvage`), and
+where an episode lies in its cameras' videos follows from the lengths, since episodes are appended in their order.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from lerobot.datasets.io_utils import cast_stats_to_numpy, load_info, load_stats, load_tasks
+
+from lerobot_robot_yam.face.datasets.repair.dataset_on_disk import Clip, DatasetError, Episode, Findings
+from lerobot_robot_yam.face.datasets.repair.episode_check import check
+
+Progress = Callable[[Iterable[Episode]], Iterable[Episode]]
+
+_INTERRUPTED = "{}: rows of an episode {} whose saving was interrupted"
+
+
+def inspect(root: Path, progress: Progress = iter) -> Findings:
+    """Look at a data set, change nothing.
+
+    Args:
+        root: its directory.
+        progress: wraps the loop that decodes videos.
+
+    Raises:
+        DatasetError: what says how the data are to be read is missing.
+    """
+    try:
+        name = "meta/info.json"
+        info = load_info(root)
+        if not any((root / "data").glob("*/*.parquet")) and not info.total_episodes:
+            raise DatasetError(f"{root}: no episode was saved before the recording ended; there is nothing to recover")
+        name = "meta/tasks.parquet"
+        tasks = [str(task) for task in load_tasks(root).sort_values("task_index").index]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise DatasetError(
+            f"{root}: {error}. There is one {name}, and the columns mean what it says; if a data set of the same "
+            "recording config has it, copy it here and try again"
+        ) from error
+    findings = Findings(root, info, tasks, _stats(root))
+    rows = _metadata(findings)
+    for path in sorted((root / "data").glob("*/*.parquet")):
+        findings.episodes += _episodes(findings, path.relative_to(root), rows)
+    found = {episode.number for episode in findings.episodes}
+    for number in sorted({*rows, *range(info.total_episodes)} - found):
+        findings.episodes.append(Episode(number, Path(), 0, 0, [], lost="its rows are not on disk"))
+    for key in findings.keys("video"):
+        _place(findings, key)
+    for episode in progress(findings.kept):
+        try:
+            check(findings, episode)
+        except DatasetError as error:
+            episode.lost = str(error)
+    kept = findings.kept
+    if (info.total_episodes, info.total_frames) != (len(kept), sum(episode.length for episode in kept)):
+        findings.problems.append(
+            f"meta/info.json: counts {info.total_episodes} episodes with {info.total_frames} frames, there are "
+            f"{len(kept)} with {sum(episode.length for episode in kept)}"
+        )
+    if (root / "images").is_dir():
+        findings.leftovers.append("images: frames that no video was made of; they stay there")
+    for path in sorted(root.glob("tmp*")):
+        findings.leftovers.append(f"{path.name}: left by the episode that was being recorded; its rows were in memory")
+    return findings
+
+
+def _stats(root: Path) -> dict[str, dict[str, np.ndarray]]:
+    try:
+        return load_stats(root) or {}
+    except (OSError, ValueError):
+        return {}
+
+
+def _metadata(findings: Findings) -> dict[int, dict[str, Any]]:
+    """LeRobot's rows about the episodes, where they can be read, by number."""
+    rows: dict[int, dict[str, Any]] = {}
+    for path in sorted((findings.root / "meta" / "episodes").glob("*/*.parquet")):
+        try:
+            rows |= {row["episode_index"]: row for row in pq.ParquetFile(path).read().to_pylist()}
+        except (pa.ArrowException, OSError):
+            findings.problems.append(f"{path.relative_to(findings.root)}: has no footer, its writer was killed")
+    missing = findings.info.total_episodes - len(rows)
+    if missing > 0:
+        findings.problems.append(f"meta/episodes: of {missing} saved episodes the metadata are missing")
+    return rows
+
+
+def _episodes(findings: Findings, path: Path, rows: dict[int, dict[str, Any]]) -> Iterator[Episode]:
+    """The episodes of a data file."""
+    names = ["episode_index", "frame_index", "index", "task_index"]
+    table, whole = findings.read_data(path, names)
+    numbers, frames, indices, tasks = (table.column(name).to_numpy() for name in names)
+    cuts = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(numbers)]
+    spans = [(start, stop) for start, stop in pairwise(cuts) if stop > start]
+    if not whole:
+        findings.problems.append(f"{path}: has no footer, its writer was killed; {len(spans)} episodes are complete")
+    again = {int(numbers[start]) for start, _ in spans}.difference(rows)  # LeRobot gives the number to the next one
+    for episode in [episode for episode in findings.episodes if episode.number in again]:
+        findings.problems.append(_INTERRUPTED.format(episode.path, episode.number))
+        findings.episodes.remove(episode)
+    next_index = sum(episode.length for episode in findings.episodes)
+    for start, stop in spans:
+        number, length = int(numbers[start]), stop - start
+        row = rows.get(number)
+        if row is not None and (_data_path(findings, row), row["length"]) != (path, length):
+            findings.problems.append(_INTERRUPTED.format(path, number))
+            continue
+        done = dict.fromkeys(tasks[start:stop].tolist())
+        episode = Episode(number, path, start, length, [task for n, task in enumerate(findings.tasks) if n in done])
+        if len(episode.tasks) < len(done) or not np.array_equal(frames[start:stop], np.arange(length)):
+            episode.lost = "its rows are not complete"
+        if indices[start] != next_index:
+            findings.problems.append(f"{path}: episode {number} begins at index {indices[start]}, not {next_index}")
+        next_index += length
+        if row is not None:
+            for key in findings.keys("video"):
+                place = [f"videos/{key}/{name}" for name in ("chunk_index", "file_index", "from_timestamp")]
+                # LeRobot saves the row first where it encodes the videos of several episodes at once.
+                if all(row.get(name) is not None for name in place):
+                    episode.videos[key] = Clip(*(row[name] for name in place))
+            flat = {name.split("/", 1)[1]: value for name, value in row.items() if name.startswith("stats/")}
+            episode.stats = cast_stats_to_numpy(flat) if flat else None
+        yield episode
+
+
+def _data_path(findings: Findings, row: dict[str, Any]) -> Path:
+    chunk, file = row["data/chunk_index"], row["data/file_index"]
+    return Path(findings.info.data_path.format(chunk_index=chunk, file_index=file))
+
+
+def _place(findings: Findings, key: str) -> None:
+    """Find the clips of the episodes without metadata in those video files that no metadata mention."""
+    taken = {findings.video(key, episode.videos[key]) for episode in findings.episodes if key in episode.videos}
+    waiting = [episode for episode in findings.episodes if key not in episode.videos and episode.length]
+    for path in sorted((findings.root / "videos" / key).glob("*/*.mp4")):
+        relative = path.relative_to(findings.root)
+        if relative in taken:
+            continue
+        chunk, file = (int(part.rpartition("-")[2]) for part in (path.parent.name, path.stem))
+        frames, here, at = _frame_count(path), [], 0
+        while waiting and at + waiting[0].length <= frames:
+            here.append(waiting.pop(0))
+            here[-1].videos[key] = Clip(chunk, file, at / findings.info.fps)
+            at += here[-1].length
+        if at != frames or not frames:
+            for episode in [*here, *waiting]:
+                episode.lost = episode.lost or (
+                    f"{relative} has {frames} frames, which no number of episodes adds up to: frames were dropped "
+                    "or cut off, and it cannot be told whose"
+                )
+            return
+    for episode in waiting:
+        episode.lost = episode.lost or f"no video of {key}: killed while it was being saved, or before it was encoded"
+
+
+def _frame_count(path: Path) -> int:
+    """Frames that a video file says it has; 0 where it cannot be opened."""
+    try:
+        with closing(av.open(str(path))) as video:
+            return sum(stream.frames for stream in video.streams.video[:1])
+    except (av.FFmpegError, OSError):
+        return 0

@@ -1,0 +1,130 @@
+"""A whole LeRobot data set from what `inspection` found, written by LeRobot's own functions."""
+
+import shutil
+from collections.abc import Callable, Iterable
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from lerobot.datasets import LeRobotDataset, LeRobotDatasetMetadata
+from lerobot.datasets.io_utils import write_stats, write_table_one_row_group_per_episode
+
+from lerobot_robot_yam.face.datasets.repair.dataset_on_disk import DatasetError, Findings
+
+Progress = Callable[[Iterable[Any]], Iterable[Any]]
+
+_REPLACED = ("data", "videos", "images", "episodes")  # directories whose content is written anew, or of no use
+
+
+def rebuild(findings: Findings, target: Path, progress: Progress = iter) -> None:
+    """Write the episodes that can be recovered, numbered from 0, to a new directory; the original is only read.
+
+    Raises:
+        DatasetError: what was written does not load; `target` is gone again.
+    """
+    partial = target.with_name(f"{target.name}.partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    try:
+        _metadata(findings, partial)  # creates the directory
+        _rest(findings, partial)
+        _data(findings, partial)
+        _videos(findings, partial, progress)
+        verify(partial, progress)
+        partial.rename(target)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def verify(root: Path, progress: Progress = iter) -> None:
+    """Load a data set as a training would, and the first and last frame of each episode with its pictures.
+
+    Raises:
+        DatasetError: something does not load or is not what the metadata say.
+    """
+    try:
+        data = LeRobotDataset("local/verified", root=root, return_uint8=True, video_backend="pyav")
+        rows = len(data.hf_dataset)
+        if rows != len(data):
+            raise ValueError(f"{rows} rows, the metadata count {len(data)}")
+        for episode in progress(range(data.num_episodes)):
+            row = data.meta.episodes[episode]
+            first, last = row["dataset_from_index"], row["dataset_to_index"] - 1
+            for index, frame in ((first, 0), (last, row["length"] - 1)):
+                item = data[index]
+                got = tuple(int(item[name]) for name in ("index", "episode_index", "frame_index"))
+                if got != (index, episode, frame):
+                    raise ValueError(f"row {index} should be frame {frame} of episode {episode}, it says {got}")
+    except Exception as error:  # readers and decoders raise anything
+        raise DatasetError(f"{root}: does not load: {type(error).__name__}: {error}") from error
+
+
+def _metadata(findings: Findings, target: Path) -> None:
+    info = findings.info
+    meta = LeRobotDatasetMetadata.create(
+        "local/repaired",
+        info.fps,
+        info.features,
+        robot_type=info.robot_type,
+        root=target,
+        use_videos=info.video_path is not None,
+        chunks_size=info.chunks_size,
+        data_files_size_in_mb=info.data_files_size_in_mb,
+        video_files_size_in_mb=info.video_files_size_in_mb,
+    )
+    meta.info.tools = info.tools
+    meta.save_episode_tasks(findings.tasks)
+    for number, episode in enumerate(findings.kept):
+        chunk, file = (int(part.rpartition("-")[2]) for part in (episode.path.parent.name, episode.path.stem))
+        places: dict[str, Any] = {"data/chunk_index": chunk, "data/file_index": file}
+        for key, clip in episode.videos.items():
+            places |= {
+                f"videos/{key}/chunk_index": clip.chunk,
+                f"videos/{key}/file_index": clip.file,
+                f"videos/{key}/from_timestamp": clip.start_s,
+                f"videos/{key}/to_timestamp": clip.start_s + episode.length / info.fps,
+            }
+        assert episode.stats is not None
+        meta.save_episode(number, episode.length, episode.tasks, episode.stats, places)
+    meta.finalize()
+    frames = sum(episode.length for episode in findings.kept)
+    if findings.stats.get("index", {}).get("count", np.zeros(1))[0] == frames:
+        write_stats(findings.stats, target)  # LeRobot's own, of exactly these frames
+
+
+def _rest(findings: Findings, target: Path) -> None:
+    """What lies beside the data and is not LeRobot's bookkeeping: the card, notes, other packages' files."""
+    for directory in (Path(), Path("meta")):
+        for path in sorted((findings.root / directory).iterdir()):
+            copy = target / directory / path.name
+            if copy.exists():
+                continue
+            if path.is_file():
+                shutil.copy2(path, copy)
+            elif path.is_dir() and path.name not in _REPLACED and not path.name.startswith("tmp"):
+                shutil.copytree(path, copy, symlinks=True)
+
+
+def _data(findings: Findings, target: Path) -> None:
+    number = index = 0
+    for path, episodes in groupby(findings.kept, key=lambda episode: episode.path):
+        source, _ = findings.read_data(path)
+        parts = []
+        for episode in episodes:
+            part = source.slice(episode.start, episode.length)
+            values = {"episode_index": [number] * episode.length, "index": range(index, index + episode.length)}
+            for name, column in values.items():
+                place = part.schema.get_field_index(name)
+                part = part.set_column(place, part.schema.field(place), pa.array(column, pa.int64()))
+            parts.append(part)
+            number, index = number + 1, index + episode.length
+        (target / path).parent.mkdir(parents=True, exist_ok=True)
+        write_table_one_row_group_per_episode(pa.concat_tables(parts), target / path)
+
+
+def _videos(findings: Findings, target: Path, progress: Progress) -> None:
+    used = {findings.video(key, clip) for episode in findings.kept for key, clip in episode.videos.items()}
+    for path in progress(sorted(used)):
+        (target / path).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(findings.root / path, target / path)

@@ -1,0 +1,290 @@
+"""One arm or two behind a LeRobot device: names of the features, units, calibration files, connect and land."""
+
+import atexit
+import contextlib
+import dataclasses
+import logging
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
+from lerobot_robot_yam.errors import ConfigError, YamError
+from lerobot_robot_yam.face.devices.feature_names import motor_names, space_of
+from lerobot_robot_yam.session.arm_client import ArmPort
+from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
+from lerobot_robot_yam.session.target_limits import action_vector, refuse_degrees
+from lerobot_robot_yam.state.records import ArmState
+from lerobot_robot_yam.system.clock import Clock
+from lerobot_robot_yam.system.signals import end_session_on_signals, undisturbed
+
+logger = logging.getLogger(__name__)
+
+_DEFAULT_NAME = ArmConfig(channel="any").name
+_running: "list[ArmGroup]" = []  # of this process
+
+
+def arm_config(options: ArmConfig, name: str, calibration_dir: Path, ident: str | None) -> ArmConfig:
+    """The arm layer's part of a LeRobot config that extends `ArmConfig`.
+
+    Args:
+        options: the LeRobot config (of one arm).
+        name: what messages call the arm, unless the user has named it.
+        calibration_dir: LeRobot's directory of the device; ours is a subdirectory, whose files LeRobot never reads.
+        ident: LeRobot's id of the device (with the side), None to name the file after the channel.
+    """
+    values: dict[str, Any] = {field.name: getattr(options, field.name) for field in dataclasses.fields(ArmConfig)}
+    if options.name == _DEFAULT_NAME:
+        values["name"] = name
+    if options.calibration_path is None:
+        values["calibration_path"] = str(calibration_dir / "yam" / f"{ident or options.channel}_gripper.json")
+    return ArmConfig(**values)
+
+
+class _Side:
+    """One arm of the group: where its values lie in the group's vector."""
+
+    def __init__(self, prefix: str, config: ArmConfig, session: ArmSession, start: int, handles: bool):
+        self.name = config.name
+        self.prefix = prefix
+        self.hardware = hardware = session.hardware(config.name)
+        self.joints = hardware.joints
+        self.has_gripper = hardware.has_gripper or (handles and hardware.gripper.handle_encoder)
+        self.motors = motor_names(prefix, config, handles)
+        self.slice = slice(start, start + self.joints)
+        self.gripper_index = start + self.joints if self.has_gripper else None
+        self.is_joint = [True] * self.joints + [False] * self.has_gripper
+
+
+class ArmGroup:
+    """The arms of one LeRobot device, driven by one control loop.
+
+    Args:
+        device: LeRobot's type name, for messages.
+        arms: configuration by feature prefix, in canonical order: {"": …} or {"left_": …, "right_": …}.
+        use_degrees: joints in degrees towards LeRobot; the gripper stays 0 … 1.
+        isolation: where the control loop runs, see `ArmSession`.
+        handles: of leaders, the prefixes of arms with a trigger that counts as a gripper, if they have a handle.
+
+    Attributes:
+        motors: names of the values in canonical order, such as `left_joint_1`.
+        keys: the same with `.pos`: the action's keys.
+        is_joint: (n,) which of the values are angles; the others are grippers.
+        paused: followers that hold until they get a new target, see `pause_followers`.
+    """
+
+    def __init__(
+        self,
+        device: str,
+        arms: Mapping[str, ArmConfig],
+        use_degrees: bool,
+        isolation: Isolation,
+        handles: Collection[str] | None = None,
+    ):
+        self.device = device
+        self._use_degrees, self._leads = use_degrees, handles is not None
+        self._configs = list(arms.values())
+        self._session = ArmSession(self._configs, isolation)
+        self.sides: list[_Side] = []
+        self.motors: list[str] = []
+        for prefix, config in arms.items():
+            side = _Side(prefix, config, self._session, len(self.motors), prefix in (handles or ()))
+            self.sides.append(side)
+            self.motors += side.motors
+        self.keys = [f"{motor}.pos" for motor in self.motors]
+        self.is_joint = np.array([flag for side in self.sides for flag in side.is_joint], dtype=bool)
+        self._action_keys: list[str] = []  # while the arms are driven
+        self._models: list[tuple[ArmProfile, GripperProfile]] = []
+        self.scale = np.where(self.is_joint & use_degrees, 180.0 / math.pi, 1.0)
+        limits = [(side.hardware.lower[: side.joints], side.hardware.upper[: side.joints]) for side in self.sides]
+        self._lower, self._upper = (np.concatenate(column) for column in zip(*limits, strict=True))
+        self.paused = False
+        self._undo_signals: Callable[[], None] = lambda: None
+
+    def __getitem__(self, side: _Side) -> ArmPort:
+        return self._session[side.name]
+
+    @property
+    def connected(self) -> bool:
+        """True from connect to disconnect, whatever state the arms are in."""
+        return self._session.running
+
+    @property
+    def calibrated(self) -> bool:
+        """True when every gripper's stops are configured or stored."""
+        return all(
+            config.gripper_stops_rad is not None or Path(config.calibration_path or "").is_file()
+            for config, side in zip(self._configs, self.sides, strict=True)
+            if side.hardware.has_gripper
+        )
+
+    def start(
+        self, calibrate: bool, action_keys: Sequence[str], models: Sequence[tuple[ArmProfile, GripperProfile]]
+    ) -> None:
+        """Energise all arms or none.
+
+        Args:
+            calibrate: False means that a calibration may follow (lerobot-calibrate): the grippers' stops are not
+                sought, and those that are known but do not fit are put aside.
+            action_keys: of the device. A leader's in this process have to be a follower's.
+            models: arm and end effector that its actions speak of, in canonical order. These, too.
+
+        Raises:
+            YamError: what failed; nothing is energised.
+        """
+        self._action_keys, self._models, self.paused = list(action_keys), list(models), False
+        for other in _running:
+            if other._leads is not self._leads:
+                self._check_pair(other)
+        self._undo_signals = end_session_on_signals()
+        try:
+            self._session.start(search_grippers=calibrate)
+        except BaseException:
+            self._undo_signals()
+            raise
+        _running.append(self)
+        atexit.register(self.stop)  # whatever ends the interpreter, the arms land
+
+    def _check_pair(self, other: "ArmGroup") -> None:
+        """Refuse a leader and a follower whose actions do not fit: their first tick would find out, arms energised."""
+        both = f"{self.device} and {other.device}"
+        spaces = {space_of(group._action_keys) for group in (self, other)}
+        if spaces == {"joint", "ee"}:
+            raise ConfigError(f"{both}: one speaks of joints, the other of tool poses; give both the same action_space")
+        differing = sorted(set(self._action_keys) ^ set(other._action_keys))
+        if differing and all(key.endswith("gripper.pos") for key in differing):
+            raise ConfigError(
+                f"{both}: only one has {', '.join(differing)}; set ee_gripper of the leader's arm to the gripper that "
+                "the follower carries, which takes a handle, or a gripper motor, on the leader to lead it"
+            )
+        if differing:
+            raise ConfigError(f"{both}: only one has {', '.join(differing)}; drive one arm with one, or two with two")
+        if other._use_degrees is not self._use_degrees:
+            raise ConfigError(f"{both}: one uses degrees; give both the same use_degrees")
+        for (arm, gripper), (other_arm, other_gripper) in zip(self._models, other._models, strict=True):
+            same = np.array_equal(arm.joint_limits_rad, other_arm.joint_limits_rad)
+            if "ee" in spaces:
+                same = (arm.name, gripper.name) == (other_arm.name, other_gripper.name)
+            if not same:  # what is recorded would not be what is done
+                raise ConfigError(
+                    f"{both}: one speaks of {arm.name} with {gripper.name}, the other of {other_arm.name} with "
+                    f"{other_gripper.name}; set follower_arm and ee_gripper of the leader's arm to what the follower is"
+                )
+
+    def stop(self) -> None:
+        """Land all arms and let go. Idempotent; signals do not hurry it."""
+        self._leave()
+        try:
+            with undisturbed(f"{self.device}: landing"):
+                self._session.stop()
+        finally:
+            self._undo_signals()
+
+    def _leave(self) -> None:
+        atexit.unregister(self.stop)
+        if self in _running:
+            _running.remove(self)
+
+    @property
+    def clock(self) -> Clock:
+        """The clock by which the arms live."""
+        return self._session.clock
+
+    def discard(self) -> None:
+        """Leave a world in lock-step that is thrown away: nothing lands. Idempotent."""
+        self._leave()
+        try:
+            self._session.discard()
+        finally:
+            self._undo_signals()
+
+    def calibrate(self) -> None:
+        """Search the stops of every gripper motor and store them.
+
+        Raises:
+            YamError: a search failed.
+        """
+        for side, config in zip(self.sides, self._configs, strict=True):
+            if side.hardware.has_gripper:
+                self[side].calibrate_gripper()
+                logger.info("%s: gripper stops stored in %s", side.name, config.calibration_path)
+            else:
+                logger.info("%s: nothing to calibrate, there is no gripper motor", side.name)
+
+    def rearm(self) -> None:
+        """After a fault: enable again what has failed; followers hold where they are, leaders float.
+
+        Raises:
+            YamError: an arm still fails, or needs a new connection.
+        """
+        self._session.rearm()
+
+    def pause_followers(self) -> None:
+        """Have the followers of this process brake and hold until a new target comes, not the last one once more.
+
+        A leader that is held is about to be led to a follower. LeRobot, which pauses then, says that the follower
+        holds, but goes on to send its last action.
+        """
+        for other in _running:
+            if not other._leads:
+                other._hold()
+
+    @staticmethod
+    def resume_followers() -> None:
+        """They take any target again."""
+        for other in _running:
+            other.paused = False
+
+    def _hold(self) -> None:
+        logger.info("%s: holds until another target comes than the last one", self.device)
+        self.paused = True
+        for side in self.sides:
+            with contextlib.suppress(YamError):  # one that has failed says so at its next observation
+                self[side].hold()
+
+    def held(self) -> np.ndarray:
+        """Set-points of all arms, (n,) in canonical order, rad; grippers 0 closed … 1 open.
+
+        Raises:
+            YamError: an arm is silent or has failed.
+        """
+        values: list[float] = []
+        for state in self.newest():
+            values += state.setpoints
+        return np.array(values)
+
+    def observe(self) -> list[ArmState]:
+        """Fresh state of each arm.
+
+        Raises:
+            YamError: an arm is silent or has failed.
+        """
+        for side in self.sides:
+            self[side].await_fresh()
+        return self.newest()
+
+    def newest(self) -> list[ArmState]:
+        """As `observe`, without waiting: for modes and set-points."""
+        return [self[side].newest() for side in self.sides]
+
+    def vector(self, action: Mapping[str, object]) -> np.ndarray:
+        """Values of a LeRobot action in canonical order and SI units, (n,).
+
+        Raises:
+            ActionError: missing or unknown keys, values that are not finite numbers, degrees instead of radians.
+        """
+        vector = action_vector(self.device, action, self.keys) / self.scale
+        if not self._use_degrees:
+            refuse_degrees(self.device, vector[self.is_joint], self._lower, self._upper)
+        return vector
+
+    def action(self, vector: np.ndarray) -> dict[str, float]:
+        """LeRobot's form of a vector in canonical order and SI units."""
+        return dict(zip(self.keys, (vector * self.scale).tolist(), strict=True))
+
+    def begin(self) -> None:
+        """Nothing: joints go from wherever they are."""

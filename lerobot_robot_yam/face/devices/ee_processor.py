@@ -1,0 +1,185 @@
+"""LeRobot processor steps between joints, our end-effector keys and LeRobot's `ee.*` keys, for one arm each.
+
+    yam_joints_to_ee    joint_1.pos …, gripper.pos         →  ee.x, ee.y, ee.z, ee.wx, ee.wy, ee.wz, ee.gripper_pos
+    yam_ee_to_joints    the same keys                      ←  by inverse kinematics
+    yam_tool_to_ee      ee_x.pos … ee_rz.pos, gripper.pos  →  (a robot with `action_space: ee`)
+    yam_ee_to_tool                                         ←
+
+    w = log R           LeRobot's rotation vector, from the axes of the arm's base
+    r = log(R R_downᵀ)  ours, see `arm.tool_vector`
+
+Positions are the same numbers, m, of `site` in the frame of the arm's base; the gripper stays 0 closed … 1 open.
+`prefix` ("left_") stands before all keys of the arm; two arms take two steps. Importing this module registers the
+steps. A pipeline that was saved with them is loaded after this import.
+"""
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from lerobot.configs import FeatureType, PipelineFeatureType, PolicyFeature
+from lerobot.lerobot_types import EnvTransition, TransitionKey
+from lerobot.processor import ProcessorStep, ProcessorStepRegistry
+
+from lerobot_robot_yam.arm.kinematics import YamKinematics
+from lerobot_robot_yam.arm.tool_pose import downward, pose_to_vector, vector_to_pose
+from lerobot_robot_yam.errors import ActionError
+from lerobot_robot_yam.face.devices.ee_space import Tool
+from lerobot_robot_yam.face.devices.feature_names import TOOL_NUMBERS
+
+_BASE_AXES = np.eye(3)
+_TOOL = tuple(f"{name}.pos" for name in TOOL_NUMBERS)
+_EE = ("ee.x", "ee.y", "ee.z", "ee.wx", "ee.wy", "ee.wz")
+_GRIPPER_KEYS = {"joints": "gripper.pos", "tool": "gripper.pos", "ee": "ee.gripper_pos"}
+
+
+@dataclass
+class _ArmStep(ProcessorStep):
+    """Replaces the keys of one arm by others, and the gripper's by its other name.
+
+    Attributes:
+        arm, gripper: profile names.
+        site: whose pose is meant, tcp_site or grasp_site.
+        prefix: in front of all keys.
+        use_degrees: joint keys are in degrees, as the robot's option of this name.
+    """
+
+    arm: str = "yam"
+    gripper: str = "linear_4310"
+    site: str = "tcp_site"
+    prefix: str = ""
+    use_degrees: bool = False
+
+    reads: ClassVar[str]
+    writes: ClassVar[str]
+    parts: ClassVar[tuple[TransitionKey, ...]] = (TransitionKey.ACTION, TransitionKey.OBSERVATION)
+    _registry_name: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        self._kinematics = YamKinematics(self.arm, self.gripper, self.site)
+        self._reference = downward(self._kinematics)
+        self._unit = np.pi / 180.0 if self.use_degrees else 1.0
+        self._joints = tuple(f"joint_{i + 1}.pos" for i in range(len(self._kinematics.lower)))
+        keys = {"joints": self._joints, "tool": _TOOL, "ee": _EE}
+        self._source, self._target = keys[self.reads], keys[self.writes]
+        self._gripper_keys = _GRIPPER_KEYS[self.reads], _GRIPPER_KEYS[self.writes]
+
+    def get_config(self) -> dict[str, Any]:
+        """What makes the step anew."""
+        return asdict(self)
+
+    @abstractmethod
+    def convert(self, values: np.ndarray, transition: EnvTransition) -> np.ndarray:
+        """Values of the keys that it writes from those of the keys that it reads."""
+
+    def __call__(self, transition: EnvTransition) -> EnvTransition:
+        """Convert the action, the observation, or both: what has the arm's keys.
+
+        Raises:
+            ActionError: neither has them, some are missing, or their values are no pose.
+        """
+        source = [self.prefix + key for key in self._source]
+        changed, found = transition.copy(), False
+        for part in self.parts:
+            values = transition.get(part)
+            if isinstance(values, dict) and any(key in values for key in source):
+                changed[part], found = self._replace(values, source, transition), True
+        if not found:
+            raise ActionError(f"{self._registry_name}: no {source} in {' or '.join(part.value for part in self.parts)}")
+        return changed
+
+    def _replace(self, values: Mapping[str, Any], source: list[str], transition: EnvTransition) -> dict[str, Any]:
+        numbers = self.convert(_numbers(values, source), transition).tolist()
+        old, new = (self.prefix + key for key in self._gripper_keys)
+        replaced = {key: value for key, value in values.items() if key not in source and key != old}
+        replaced |= {self.prefix + key: number for key, number in zip(self._target, numbers, strict=True)}
+        if old in values:
+            replaced[new] = float(values[old])
+        return replaced
+
+    def transform_features(
+        self, features: dict[PipelineFeatureType, dict[str, PolicyFeature]]
+    ) -> dict[PipelineFeatureType, dict[str, PolicyFeature]]:
+        """The same replacement in the description of the data."""
+        kinds = {
+            TransitionKey.ACTION: (PipelineFeatureType.ACTION, FeatureType.ACTION),
+            TransitionKey.OBSERVATION: (PipelineFeatureType.OBSERVATION, FeatureType.STATE),
+        }
+        for part in self.parts:
+            name, kind = kinds[part]
+            described = features.get(name) or {}
+            old_gripper, new_gripper = self._gripper_keys
+            for old_keys, new_keys in ((self._source, self._target), ((old_gripper,), (new_gripper,))):
+                found = [described.pop(self.prefix + key, None) for key in old_keys]
+                if any(feature is not None for feature in found):
+                    described |= {self.prefix + key: PolicyFeature(type=kind, shape=(1,)) for key in new_keys}
+        return features
+
+
+@ProcessorStepRegistry.register("yam_joints_to_ee")
+@dataclass
+class YamJointsToEE(_ArmStep):
+    """Forward kinematics: joints to LeRobot's `ee.*`, in actions and observations."""
+
+    reads, writes = "joints", "ee"
+
+    def convert(self, values: np.ndarray, transition: EnvTransition) -> np.ndarray:
+        return pose_to_vector(self._kinematics.fk(values * self._unit), _BASE_AXES)
+
+
+@ProcessorStepRegistry.register("yam_ee_to_joints")
+@dataclass
+class YamEEToJoints(_ArmStep):
+    """Inverse kinematics: an action in LeRobot's `ee.*` to joints.
+
+    Starts from the joints in the transition's observation and follows its own path from there, until `reset`.
+    """
+
+    reads, writes = "ee", "joints"
+    parts = (TransitionKey.ACTION,)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._tool = Tool(f"{self.prefix}arm", self._kinematics)
+
+    def convert(self, values: np.ndarray, transition: EnvTransition) -> np.ndarray:
+        observed = transition.get(TransitionKey.OBSERVATION)
+        if not isinstance(observed, dict):
+            raise ActionError("yam_ee_to_joints needs an observation with joints beside the action")
+        q = _numbers(observed, [self.prefix + key for key in self._joints]) * self._unit
+        return self._tool.follow(vector_to_pose(values, _BASE_AXES), q) / self._unit
+
+    def reset(self) -> None:
+        """The next action has nothing to do with those before."""
+        self._tool.begin()
+
+
+@ProcessorStepRegistry.register("yam_tool_to_ee")
+@dataclass
+class YamToolToEE(_ArmStep):
+    """The keys of a robot with `action_space: ee` to LeRobot's `ee.*`, in actions and observations."""
+
+    reads, writes = "tool", "ee"
+
+    def convert(self, values: np.ndarray, transition: EnvTransition) -> np.ndarray:
+        return pose_to_vector(vector_to_pose(values, self._reference), _BASE_AXES)
+
+
+@ProcessorStepRegistry.register("yam_ee_to_tool")
+@dataclass
+class YamEEToTool(_ArmStep):
+    """LeRobot's `ee.*` to the keys of a robot with `action_space: ee`, in actions and observations."""
+
+    reads, writes = "ee", "tool"
+
+    def convert(self, values: np.ndarray, transition: EnvTransition) -> np.ndarray:
+        return pose_to_vector(vector_to_pose(values, _BASE_AXES), self._reference)
+
+
+def _numbers(values: Mapping[str, Any], keys: list[str]) -> np.ndarray:
+    missing = [key for key in keys if key not in values]
+    if missing:
+        raise ActionError(f"processor step: {missing} are missing; there are {sorted(values)}")
+    return np.array([float(values[key]) for key in keys])

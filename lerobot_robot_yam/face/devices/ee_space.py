@@ -1,0 +1,148 @@
+"""End-effector keys for the arms of one LeRobot device, in place of joint keys (`action_space: ee`).
+
+    ee_x.pos, ee_y.pos, ee_z.pos       tcp_site in the frame of the arm's base, m
+    ee_rx.pos, ee_ry.pos, ee_rz.pos    rotation vector from "pointing straight down, facing forward", rad
+    gripper.pos                        as always, where there is one
+
+with `left_` and `right_` in front for two arms. (`arm.tool_vector` says what the rotation vector is. The names end in
+.pos because rollout drops what does not.) `EeSpace` speaks these keys towards LeRobot and joints towards the arms; it
+has the methods of `ArmGroup` that speak joint keys.
+"""
+
+import logging
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from lerobot_robot_yam.arm.ik.pose_tracker import PoseTracker
+from lerobot_robot_yam.arm.kinematics import IkResult, YamKinematics, pose_distance_m
+from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
+from lerobot_robot_yam.arm.tool_pose import downward, pose_to_vector, vector_to_pose
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.face.devices.arm_group import ArmGroup
+from lerobot_robot_yam.face.devices.feature_names import TOOL_NUMBERS
+from lerobot_robot_yam.session.target_limits import action_vector
+from lerobot_robot_yam.state.modes import Mode
+
+logger = logging.getLogger(__name__)
+
+_JUMP_M = 0.1  # a pose farther than this from the one before (a radian counted as 0.1 m) begins a new path
+_SEARCHES = 12  # attempts at the first pose of a path, about 1 ms each; one or two as a rule
+_ATTEMPTS = 4  # at each further one; one as a rule
+_REACH_RAD = 0.7  # and there no joint turns farther than this: the arm never swings round to its other side
+_WORTH_SAYING_M = 1e-3
+_QUIET = 30  # poses within reach, a second's worth, before the next one out of it is worth saying again
+
+
+class EeSpace:
+    """Keys, observations and actions of a group of arms by their tools' poses.
+
+    Args:
+        arms: the group; every arm has joints.
+        models: of each arm in canonical order, the arm and end effector whose tool is meant.
+
+    Raises:
+        ConfigError: an arm without joints.
+    """
+
+    def __init__(self, arms: ArmGroup, models: Sequence[tuple[ArmProfile, GripperProfile]]):
+        self._arms = arms
+        self._tools = []
+        self.keys: list[str] = []
+        for side, (arm, gripper) in zip(arms.sides, models, strict=True):
+            if not side.joints:
+                raise ConfigError(f"{side.name}: a gripper alone has no pose; use action_space: joint")
+            self._tools.append(Tool(side.name, YamKinematics(arm, gripper)))
+            names = (*TOOL_NUMBERS, "gripper") if side.has_gripper else TOOL_NUMBERS
+            self.keys += [f"{side.prefix}{name}.pos" for name in names]
+
+    def action(self, vector: np.ndarray) -> dict[str, float]:
+        """LeRobot's form of joints and grippers in canonical order and SI units."""
+        values = vector.copy()
+        for side, tool in zip(self._arms.sides, self._tools, strict=True):
+            values[side.slice] = tool.numbers(vector[side.slice])
+        return dict(zip(self.keys, values.tolist(), strict=True))
+
+    def vector(self, action: Mapping[str, object]) -> np.ndarray:
+        """Joints and grippers, in canonical order and SI units, that put the tools where a LeRobot action says, or as
+        near to it as the arms come.
+
+        Raises:
+            ActionError: missing or unknown keys, values that are not finite numbers or no pose.
+            YamError: an arm is silent or has failed.
+        """
+        vector = action_vector(self._arms.device, action, self.keys)
+        states = self._arms.newest()
+        for side, tool, state in zip(self._arms.sides, self._tools, states, strict=True):
+            if state.mode is not Mode.TRACK:  # the first action, after a pause, after an emergency stop
+                tool.begin()
+            vector[side.slice] = tool.joints(vector[side.slice], state.setpoint_q)
+        return vector
+
+    def begin(self) -> None:
+        """The next poses have nothing to do with those before: something else has moved the arms."""
+        for tool in self._tools:
+            tool.begin()
+
+
+class Tool:
+    """The tool of one arm: from joints to the six numbers and back.
+
+    Args:
+        name: of the arm, for messages.
+        kinematics: of arm and end effector.
+    """
+
+    def __init__(self, name: str, kinematics: YamKinematics):
+        self._name = name
+        self._kinematics = kinematics
+        self._reference = downward(kinematics)
+        self._tracker = PoseTracker(kinematics, kinematics.middle)
+        self._before: np.ndarray | None = None
+        self._reached = _QUIET  # so many poses since the last one out of reach
+
+    def numbers(self, q: np.ndarray) -> np.ndarray:
+        """(6,) `TOOL_NUMBERS` at joints `q` (n,) rad."""
+        return pose_to_vector(self._kinematics.fk(q), self._reference)
+
+    def begin(self) -> None:
+        """The next pose has nothing to do with those before."""
+        self._before = None
+
+    def joints(self, numbers: np.ndarray, setpoint: np.ndarray) -> np.ndarray:
+        """As `follow`, for `numbers` (6,) instead of a pose."""
+        return self.follow(vector_to_pose(numbers, self._reference), setpoint)
+
+    def follow(self, pose: np.ndarray, setpoint: np.ndarray) -> np.ndarray:
+        """Joints (n,) rad for a pose (4, 4), or for the pose nearest to it that the arm reaches.
+
+        A path begins at the arm's set-point (n,) rad and goes on from its own solutions: they say which branch it is
+        on, which an arm that lags behind does not. Only for a pose that is far from there any solution will do.
+
+        Raises:
+            ActionError: no pose.
+        """
+        begins = self._before is None or pose_distance_m(self._before, pose) > _JUMP_M
+        if begins:
+            self._tracker.restart(setpoint)
+        if begins and pose_distance_m(self._kinematics.fk(setpoint), pose) > _JUMP_M:
+            result = self._tracker.solve(pose, attempts=_SEARCHES)
+        else:
+            result = self._tracker.solve(pose, attempts=_ATTEMPTS, within_rad=_REACH_RAD)
+        self._before = pose
+        self._note(result)
+        return result.q
+
+    def _note(self, result: IkResult) -> None:
+        """Say so when poses begin to be out of reach."""
+        if result.converged or result.error_m < _WORTH_SAYING_M:
+            self._reached += 1
+            return
+        if self._reached >= _QUIET:
+            logger.warning(
+                "%s: pose out of reach; going as near as possible, %.0f mm and %.2f rad off",
+                self._name,
+                result.position_error_m * 1e3,
+                result.orientation_error_rad,
+            )
+        self._reached = 0

@@ -1,0 +1,63 @@
+"""Names of a robot's values in LeRobot's features, in the canonical order: left joints, left gripper, right ones."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
+
+TOOL_NUMBERS = ("ee_x", "ee_y", "ee_z", "ee_rx", "ee_ry", "ee_rz")
+"""What stands for the joints of an arm where actions are poses of its tool, see `ee_space`."""
+
+_SPACES = {
+    "joint": re.compile(r"(.+_)?joint_\d+\.pos"),
+    "ee": re.compile(rf"(.+_)?({'|'.join(TOOL_NUMBERS)})\.pos"),
+}
+
+
+def motor_names(prefix: str, arm: ArmConfig, handles: bool = False) -> list[str]:
+    """`joint_1`, `joint_2` …, `gripper` behind a prefix such as `left_`.
+
+    Args:
+        prefix: of the arm.
+        arm: the arm.
+        handles: a teaching handle's trigger counts as a gripper (leaders).
+
+    Raises:
+        ConfigError: unknown arm or gripper.
+    """
+    gripper = load_gripper(arm.gripper)
+    has_gripper = gripper.motor is not None or (handles and gripper.handle_encoder)
+    names = [f"{prefix}joint_{index + 1}" for index in range(load_arm(arm.arm).joint_count)]
+    return names + [f"{prefix}gripper"] * has_gripper
+
+
+def motors_of(arms: Mapping[str, ArmConfig]) -> list[str]:
+    """Motors of all arms by prefix."""
+    return [motor for prefix, arm in arms.items() for motor in motor_names(prefix, arm)]
+
+
+def position_keys(arms: Mapping[str, ArmConfig]) -> list[str]:
+    """Keys of an action: `left_joint_1.pos` …, for arms by prefix."""
+    return [f"{motor}.pos" for motor in motors_of(arms)]
+
+
+def tool_keys(arms: Mapping[str, ArmConfig]) -> list[str]:
+    """The same where actions are poses of the tools: `left_ee_x.pos` …, `left_gripper.pos` …."""
+    keys = []
+    for prefix, arm in arms.items():
+        names = [f"{prefix}{name}" for name in TOOL_NUMBERS] + motor_names(prefix, arm)[load_arm(arm.arm).joint_count :]
+        keys += [f"{name}.pos" for name in names]
+    return keys
+
+
+def extra_keys(motors: Sequence[str], velocity: bool, torque: bool, temperature: bool) -> list[str]:
+    """Keys of the optional values of an observation, for motors by name."""
+    kinds = ["vel"] * velocity + ["torque"] * torque + ["temp_mos", "temp_rotor"] * temperature
+    return [f"{motor}.{kind}" for kind in kinds for motor in motors]
+
+
+def space_of(keys: Iterable[str]) -> str | None:
+    """The `action_space` that keys of an action belong to, "joint" or "ee"; None if they tell of neither or of both."""
+    found = {space for key in keys for space, pattern in _SPACES.items() if pattern.fullmatch(key)}
+    return found.pop() if len(found) == 1 else None

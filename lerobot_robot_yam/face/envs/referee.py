@@ -1,0 +1,168 @@
+"""What surrounds the robot of an environment: the scene that is laid out before an episode, and who judges it."""
+
+import importlib
+import logging
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from lerobot.utils.keyboard_input import create_key_listener
+
+from lerobot_robot_yam.errors import ConfigError, RigError
+from lerobot_robot_yam.rig.client.rig_control import RigOperations
+
+logger = logging.getLogger(__name__)
+
+_REMIND_S = 20.0
+Judge = Callable[[Mapping[str, Any]], bool | None]
+"""From an observation to success, failure or, not yet, None."""
+
+
+class Verdict(NamedTuple):
+    """Whether the task is done, and whether the episode is over."""
+
+    success: bool = False
+    over: bool = False
+
+
+class Referee(Protocol):
+    """Lays scenes out and judges episodes."""
+
+    def arrange(self, seed: int | None) -> None:
+        """Lay the scene out for an episode; the arms are out of the way.
+
+        Raises:
+            YamError: it cannot be laid out.
+        """
+
+    def verdict(self, observation: Mapping[str, Any]) -> Verdict:
+        """How the episode stands."""
+
+    def close(self) -> None:
+        """Leave. Idempotent."""
+
+
+class RigReferee:
+    """A virtual rig's own task, laid out and judged by the rig.
+
+    Args:
+        rig: the rig.
+        task: a task of its scene.
+        time_limit_s: simulated time after which it has failed; None: as the task says.
+    """
+
+    def __init__(self, rig: RigOperations, task: str, time_limit_s: float | None = None):
+        self._rig, self._task, self._time_limit_s = rig, task, time_limit_s
+
+    def arrange(self, seed: int | None) -> None:
+        if seed is None:
+            seed = int(np.random.default_rng().integers(2**31))
+        self._rig.task(self._task, seed, self._time_limit_s)
+
+    def verdict(self, observation: Mapping[str, Any]) -> Verdict:
+        state = self._rig.request("task_state")
+        success = bool(state["success"])
+        return Verdict(success, success or bool(state["failed"]))
+
+    def close(self) -> None:
+        pass
+
+
+class OperatorReferee:
+    """A person lays the scene out and judges, by keys: space goes on, s is success, f failure.
+
+    Args:
+        task: what the person is told.
+        scene: lays the scene out instead.
+
+    Raises:
+        ConfigError: there is no keyboard to listen to.
+    """
+
+    def __init__(self, task: str, scene: Referee | None = None):
+        self._task = task
+        self._scene = scene
+        self._key = ""
+        self._pressed = threading.Event()
+        self._listener = create_key_listener(self._press, controls_help="space go on, s success, f failure")
+        if self._listener is None:
+            raise ConfigError(
+                "env.success=operator needs a keyboard: run in a terminal, or let a callable judge (module:function)"
+            )
+
+    def _press(self, key: str) -> None:
+        if key in ("space", "s", "f"):
+            self._key = key
+            self._pressed.set()
+
+    def arrange(self, seed: int | None) -> None:
+        if self._scene is not None:
+            self._scene.arrange(seed)
+            self._key = ""
+            return
+        logger.info("lay out the scene of '%s' (seed %s), then press space", self._task, seed)
+        since_s = time.monotonic()
+        while True:
+            self._pressed.clear()
+            if self._pressed.wait(_REMIND_S) and self._key == "space":
+                break
+            logger.info("waiting for space, since %.0f s; the arms hold", time.monotonic() - since_s)
+        self._key = ""
+
+    def verdict(self, observation: Mapping[str, Any]) -> Verdict:
+        key, self._key = self._key, ""
+        return Verdict(key == "s", key in ("s", "f"))
+
+    def close(self) -> None:
+        if self._listener is not None:
+            self._listener.stop()
+            self._listener = None
+
+
+def find_judge(name: str) -> Judge:
+    """The callable behind "module:function", see `YamEnvConfig.success`; the module may lie in the working directory.
+
+    Raises:
+        ConfigError: there is no such function.
+    """
+    module, _, function = name.partition(":")
+    if (here := os.getcwd()) not in sys.path:  # a console script has the directory of its program there
+        sys.path.append(here)
+    try:
+        judge: Judge = getattr(importlib.import_module(module), function)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ConfigError(f"env.success: {name!r} is not 'rig', 'operator' or module:function ({error})") from error
+    if not callable(judge):
+        raise ConfigError(f"env.success: {name!r} is {judge!r} and cannot judge")
+    return judge
+
+
+class CallableReferee:
+    """Another referee, with a callable as its judge.
+
+    Args:
+        other: lays the scene out; None: nothing has to be laid out.
+        judge: of every observation.
+    """
+
+    def __init__(self, other: Referee | None, judge: Judge):
+        self._other = other
+        self._judge = judge
+
+    def arrange(self, seed: int | None) -> None:
+        if self._other is not None:
+            self._other.arrange(seed)
+
+    def verdict(self, observation: Mapping[str, Any]) -> Verdict:
+        said = self._judge(observation)
+        if said is not None and not isinstance(said, bool | np.bool_):
+            raise RigError(f"the judge of env.success returned {said!r}; it has to be True, False or None")
+        return Verdict(bool(said), said is not None)
+
+    def close(self) -> None:
+        if self._other is not None:
+            self._other.close()

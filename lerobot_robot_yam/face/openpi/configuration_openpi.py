@@ -1,0 +1,124 @@
+"""LeRobot config of a policy that runs on an openpi server (`--policy.type=yam_openpi`)."""
+
+import os
+from dataclasses import dataclass, field
+from typing import Literal
+
+from lerobot.configs.policies import PreTrainedConfig
+
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.face.registration import register_as
+
+ActionSpace = Literal["joint_position", "cartesian_position"]
+_NOT_TRAINED = "a yam_openpi policy runs on its server and is trained there; lerobot-train has nothing to train"
+
+
+@register_as(PreTrainedConfig, "yam_openpi")
+@dataclass
+class YamOpenpiConfig(PreTrainedConfig):
+    """Where the server is, what it is sent, and what its answers mean. Nothing is computed or stored here.
+
+    Attributes:
+        host: name or address of the server; or a whole URL (`wss://…`), then `port` is not used.
+        port: its TCP port.
+        api_key_env: environment variable that holds the server's API key, if it wants one. The key itself appears in
+            no config and no log.
+        prompt: text sent to the server; None sends LeRobot's task (`--task`), or nothing where that is empty.
+        image_keys: which cameras are sent, under which of the server's keys: `{top: observation/image}`.
+        image_group: the server expects the images in a dictionary of this name (ALOHA's policies: `images`).
+        image_layout: order of an image's axes; ALOHA's policies want `chw`.
+        image_size: height and width in pixels, as `resize_with_pad` makes them; None sends what the camera gives.
+        state_key: the server's key for `observation.state`.
+        action_key: the key of the action chunk in its answers.
+        n_action_steps: actions of a chunk that are executed before the server is asked again; None executes all.
+        action_dim: values of one action; None: as many as the environment says or `observation.state` has.
+        angle_unit: what the server's angles are in. The robot has to speak the same: `deg` needs
+            `--robot.use_degrees=true`.
+        action_space: what the actions are, in RoboArena's words; compared with the server's metadata. The robot has to
+            take the same: `cartesian_position` needs `--robot.action_space=ee`.
+        connect_timeout_s: how long to wait for the server to come up, and for its greeting.
+        first_response_timeout_s: how long the first answer after a start of the server may take: JAX compiles the
+            model then.
+        response_timeout_s: how long any other answer may take. The arms hold after 0.5 s without an action.
+    """
+
+    device: str | None = "cpu"  # of the tensors handed to LeRobot; the model's device is the server's affair
+    push_to_hub: bool = False
+
+    host: str = "localhost"
+    port: int = 8000
+    api_key_env: str | None = None
+    prompt: str | None = None
+    image_keys: dict[str, str] = field(default_factory=dict)
+    image_group: str | None = None
+    image_layout: Literal["hwc", "chw"] = "hwc"
+    image_size: tuple[int, int] | None = (224, 224)
+    state_key: str = "observation/state"
+    action_key: str = "actions"
+    n_action_steps: int | None = None
+    action_dim: int | None = None
+    angle_unit: Literal["rad", "deg"] = "rad"
+    action_space: ActionSpace = "joint_position"
+    connect_timeout_s: float = 10.0
+    first_response_timeout_s: float = 120.0
+    response_timeout_s: float = 10.0
+
+    @property
+    def url(self) -> str:
+        """The server's websocket URL."""
+        return self.host if self.host.startswith(("ws://", "wss://")) else f"ws://{self.host}:{self.port}"
+
+    @property
+    def server(self) -> str:
+        """What messages call the server."""
+        return f"openpi server {self.url.partition('://')[2].rpartition('@')[2]}"
+
+    def api_key(self) -> str | None:
+        """The key from the environment.
+
+        Raises:
+            ConfigError: the variable is not set.
+        """
+        if self.api_key_env is None:
+            return None
+        key = os.environ.get(self.api_key_env)
+        if not key:
+            raise ConfigError(f"--policy.api_key_env names {self.api_key_env}, which is not set in the environment")
+        return key
+
+    def validate_features(self) -> None:
+        """Check the fields; LeRobot's policies call this when they are made.
+
+        Raises:
+            ConfigError: a value that cannot be used.
+        """
+        for name in ("connect_timeout_s", "first_response_timeout_s", "response_timeout_s"):
+            if not getattr(self, name) > 0:
+                raise ConfigError(f"--policy.{name} is {getattr(self, name)}; it has to be more than 0 s")
+        for name in ("n_action_steps", "action_dim"):
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise ConfigError(f"--policy.{name} is {value}; it has to be at least 1")
+        if self.image_size is not None and min(self.image_size) < 1:
+            raise ConfigError(f"--policy.image_size is {self.image_size}; both have to be at least 1 pixel")
+        keys = [self.state_key, *self.image_keys.values()]
+        if len(set(keys)) < len(keys):
+            raise ConfigError(f"--policy.image_keys and --policy.state_key use a key twice: {keys}")
+
+    @property
+    def observation_delta_indices(self) -> None:
+        return None
+
+    @property
+    def action_delta_indices(self) -> None:
+        return None
+
+    @property
+    def reward_delta_indices(self) -> None:
+        return None
+
+    def get_optimizer_preset(self) -> None:
+        raise ConfigError(_NOT_TRAINED)
+
+    def get_scheduler_preset(self) -> None:
+        raise ConfigError(_NOT_TRAINED)

@@ -1,0 +1,161 @@
+"""A LeRobot policy without weights: it asks an openpi server for chunks of actions and hands them out one by one."""
+
+import weakref
+from collections import deque
+from pathlib import Path
+from typing import Any, Self
+
+import torch
+from lerobot.configs.policies import PreTrainedConfig
+from lerobot.policies.pretrained import PreTrainedPolicy
+from lerobot.policies.rtc import RTCProcessor
+from lerobot.utils.constants import OBS_STATE
+
+from lerobot_robot_yam.errors import ActionError, ConfigError, PolicyServerError
+from lerobot_robot_yam.face.openpi.answers import action_chunk, check_metadata, check_state
+from lerobot_robot_yam.face.openpi.configuration_openpi import YamOpenpiConfig
+from lerobot_robot_yam.face.openpi.observations import server_observation
+from lerobot_robot_yam.face.openpi.server_connection import ServerConnection
+
+
+class YamOpenpiPolicy(PreTrainedPolicy):
+    """Actions from a server.
+
+    The connection is made at once, so that a wrong address or a server for another robot is known before an arm is
+    energised. Whatever goes wrong later raises, and no action comes out: the arms hold.
+
+    Args:
+        config: where the server is and what it expects.
+
+    Raises:
+        ConfigError: a field, or the server's metadata, do not fit.
+        PolicyServerError: the server cannot be reached.
+    """
+
+    config_class = YamOpenpiConfig
+    name = "yam_openpi"
+
+    def __init__(self, config: YamOpenpiConfig, **_: Any):
+        super().__init__(config)
+        config.validate_features()
+        self._server = ServerConnection(
+            config.url,
+            config.server,
+            config.api_key(),
+            config.connect_timeout_s,
+            config.first_response_timeout_s,
+            config.response_timeout_s,
+            lambda metadata: check_metadata(config, metadata),
+        )
+        self._server.open()
+        self._hang_up = weakref.finalize(self, self._server.close)  # also when the interpreter ends
+        self._queue: deque[torch.Tensor] = deque()
+        self._rtc: RTCProcessor | None = None
+        self._episode, self._asked = 0, False
+        self._outdated = False  # LeRobot's engine for real-time chunking asks first with what it saw before a reset
+
+    @classmethod
+    def from_pretrained(
+        cls, pretrained_name_or_path: str | Path | None, *, config: PreTrainedConfig | None = None, **options: Any
+    ) -> Self:
+        """The policy of this config, or of the one in that directory. There are no weights to load."""
+        if config is None:
+            config = PreTrainedConfig.from_pretrained(pretrained_name_or_path, **options)
+        return cls(config).eval()
+
+    def _save_pretrained(self, save_directory: Path, *_: Any, **__: Any) -> None:
+        """The config alone. LeRobot 0.6.2 would save not even that of a policy without weights."""
+        self.config._save_pretrained(save_directory)
+
+    def close(self) -> None:
+        """Hang up. Idempotent."""
+        self._hang_up()
+
+    def reset(self) -> None:
+        """Forget the rest of the chunk; the next action comes from a new one."""
+        self._queue.clear()
+        self._outdated = self._rtc is not None and self._asked
+        self._episode += 1
+
+    def select_action(self, batch: dict[str, Any], **_: Any) -> torch.Tensor:
+        """The next action, (B, n); asks the server when the last chunk is used up.
+
+        Raises:
+            YamError: as `predict_action_chunk`.
+        """
+        if not self._queue:
+            chunk = self.predict_action_chunk(batch)
+            self._queue.extend(chunk[:, : self.config.n_action_steps].unbind(dim=1))
+        return self._queue.popleft()
+
+    def predict_action_chunk(
+        self,
+        batch: dict[str, Any],
+        inference_delay: int = 0,
+        prev_chunk_left_over: torch.Tensor | None = None,
+        **_: Any,
+    ) -> torch.Tensor:
+        """A new chunk of actions, (B, steps, n).
+
+        Args:
+            batch: see `server_observation`. Each row is a question of its own.
+            inference_delay: steps of the running chunk that will be executed before this one can be.
+            prev_chunk_left_over: the running chunk's actions from now on, (k, n), padded with zeros.
+
+        Raises:
+            PolicyServerError: the server failed, is gone, or does not answer in time; with real-time chunking also
+                where the question, or the answer, is of the episode before. LeRobot asks again then.
+            ActionError: its actions cannot be used.
+            ConfigError: the robot does not observe what the server is to be sent.
+        """
+        if OBS_STATE not in batch:
+            raise ConfigError(f"there is no {OBS_STATE} to send; the robot has to observe its positions")
+        if self._outdated:
+            self._outdated = False
+            raise PolicyServerError("a new episode has begun; its first observation is waited for")
+        self._asked, episode = True, self._episode
+        rows = [self._ask(batch, row) for row in range(len(batch[OBS_STATE]))]
+        if self._rtc is not None and episode != self._episode:
+            raise PolicyServerError(f"the {self.config.server} has answered for an episode that is over")
+        if len({len(row) for row in rows}) > 1:
+            raise ActionError(f"the {self.config.server} plans unlike numbers of steps: {[len(row) for row in rows]}")
+        chunk = torch.stack(rows)
+        if self._rtc is not None and self._rtc.rtc_config.enabled and prev_chunk_left_over is not None:
+            chunk = self._cross_fade(chunk, inference_delay, prev_chunk_left_over)
+        return chunk
+
+    def _ask(self, batch: dict[str, Any], row: int) -> torch.Tensor:
+        observation = server_observation(self.config, batch, row)
+        state = observation[self.config.state_key]
+        feature = self.config.action_feature
+        width = self.config.action_dim or (feature.shape[0] if feature is not None else len(state))
+        check_state(self.config, state[:width])
+        return torch.from_numpy(action_chunk(self.config, self._server.infer(observation), width))
+
+    def supports_rtc(self) -> bool:
+        """True: `--inference.type=rtc` asks for the next chunk while this one runs."""
+        return True
+
+    def init_rtc_processor(self) -> None:
+        """Called by lerobot-rollout once it has put `rtc_config` into the config."""
+        self._rtc = RTCProcessor(self.config.rtc_config)
+
+    def _cross_fade(self, chunk: torch.Tensor, delay: int, running: torch.Tensor) -> torch.Tensor:
+        """The chunk, with the running one in it as far as it goes on, and a soft passage between them.
+
+        openpi's protocol has no field for the running chunk, so that the server cannot be guided by it as in real-time
+        chunking proper; its weights over time (`RTCConfig.prefix_attention_schedule`) serve to mix the actions.
+        """
+        assert self._rtc is not None
+        steps = running.any(dim=1).nonzero()  # all but the padding; a step of zeros at its end is taken for padding too
+        length = min(int(steps.max()) + 1 if len(steps) else 0, chunk.shape[1])
+        weights = self._rtc.get_prefix_weights(delay, length, chunk.shape[1])[:length, None]
+        mixed = chunk.clone()
+        mixed[:, :length] += weights * (running[:length] - chunk[:, :length])
+        return mixed
+
+    def forward(self, batch: dict[str, Any]) -> tuple[torch.Tensor, dict | None]:
+        raise ConfigError("a yam_openpi policy cannot be trained here; its server's policy is trained by openpi")
+
+    def get_optim_params(self) -> dict:
+        raise ConfigError("a yam_openpi policy has no parameters to train")

@@ -1,0 +1,216 @@
+"""One connection to an openpi server: its greeting, then a question and an answer at a time.
+
+The server (openpi, `src/openpi/serving/websocket_policy_server.py`) greets with its metadata, answers every message
+with one, and sends a traceback as text, then closes, when it fails.
+"""
+
+import contextlib
+import logging
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from lerobot_robot_yam.errors import ConfigError, PolicyServerError
+
+try:
+    from websockets.exceptions import ConnectionClosed, InvalidStatus, InvalidURI, WebSocketException
+    from websockets.frames import CloseCode
+    from websockets.sync.client import ClientConnection, connect
+
+    from lerobot_robot_yam.face.openpi import msgpack_numpy
+except ImportError as error:
+    raise ConfigError(
+        f"policies on an openpi server need websockets, msgpack and pillow ({error}): pip install '.[openpi]' in the "
+        "clone of this package"
+    ) from error
+
+logger = logging.getLogger(__name__)
+
+_RETRY_S = 0.25
+_CLOSE_TIMEOUT_S = 1.0  # for the goodbye of a server that may be stuck
+_UNAUTHORISED = (401, 403)
+_MOST_BYTES = 16 * 2**20  # of an answer: a chunk of 1000 actions for two arms has 0.1 MiB
+
+
+class ServerConnection:
+    """A server that is asked for actions. Not for use by several threads at once.
+
+    Any failure closes the connection, so that a late answer is never taken for the next one; the next question opens
+    it again.
+
+    Args:
+        url: `ws://host:port`.
+        name: what messages call it.
+        api_key: sent as openpi's client does, None for none.
+        connect_timeout_s: for the server to come up, and to greet.
+        first_response_timeout_s: for the first answer after each connection.
+        response_timeout_s: for every other answer.
+        check: called with the metadata of every greeting; raises where they do not fit.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        name: str,
+        api_key: str | None,
+        connect_timeout_s: float,
+        first_response_timeout_s: float,
+        response_timeout_s: float,
+        check: Callable[[dict[str, Any]], None],
+    ):
+        self._url = url
+        self._name = name
+        self._headers = {"Authorization": f"Api-Key {api_key}"} if api_key else None
+        self._connect_timeout_s = connect_timeout_s
+        self._first_response_timeout_s = self._next_timeout_s = first_response_timeout_s
+        self._overdue = False  # it is there, but has not answered in time: to wait longer would help nobody
+        self._response_timeout_s = response_timeout_s
+        self._check = check
+        self._stack = contextlib.ExitStack()
+        self._connection: ClientConnection | None = None
+
+    def open(self) -> None:
+        """Connect, waiting for a server that is still starting.
+
+        Raises:
+            PolicyServerError: it does not come up, greet, or let us in.
+            ConfigError: the URL is none, or the metadata do not fit.
+        """
+        deadline = time.monotonic() + self._connect_timeout_s
+        logger.info("waiting for the %s", self._name)
+        while True:
+            try:
+                return self._open()
+            except PolicyServerError as error:
+                if not isinstance(error.__cause__, ConnectionRefusedError) or time.monotonic() > deadline:
+                    raise
+            time.sleep(_RETRY_S)
+
+    def infer(self, observation: dict[str, Any]) -> dict[str, Any]:
+        """What the server answers to an observation.
+
+        Raises:
+            PolicyServerError: it failed, is gone, or does not answer in time.
+        """
+        if self._connection is None:
+            self._open()
+        with self._closed_on_failure():
+            answer = self._exchange(msgpack_numpy.encode(observation), self._next_timeout_s)
+            if isinstance(answer, str):
+                raise PolicyServerError(
+                    f"the {self._name} failed on this observation and sent the following; check that image_keys, "
+                    f"state_key and prompt are what its policy expects:\n{answer.strip()}"
+                )
+            message = self._decode(answer)
+        self._next_timeout_s, self._overdue = self._response_timeout_s, False
+        return message
+
+    def close(self) -> None:
+        """Hang up. Idempotent."""
+        self._connection = None
+        self._stack.close()
+
+    def _open(self) -> None:
+        try:
+            connection = self._stack.enter_context(
+                connect(
+                    self._url,
+                    additional_headers=self._headers,
+                    compression=None,  # as openpi's client: images would cost milliseconds
+                    max_size=_MOST_BYTES,
+                    open_timeout=self._connect_timeout_s,
+                    close_timeout=_CLOSE_TIMEOUT_S,
+                    ping_interval=None,  # the server cannot answer pings while it computes; `_exchange` has a time-out
+                )
+            )
+        except (InvalidURI, ValueError) as error:  # ValueError: what urllib says of a host that is none
+            raise ConfigError(f"--policy.host and --policy.port make no websocket URL: {error}") from error
+        except InvalidStatus as error:
+            status = error.response.status_code
+            advice = (
+                "check the API key (--policy.api_key_env)" if status in _UNAUTHORISED else "is it an openpi server?"
+            )
+            raise PolicyServerError(f"the {self._name} turned us away with HTTP status {status}; {advice}") from error
+        except (OSError, WebSocketException) as error:
+            raise PolicyServerError(
+                f"the {self._name} cannot be reached ({_words(error)}); is it running, are --policy.host and "
+                f"--policy.port right, does a firewall or proxy stand between?"
+            ) from error
+        with self._closed_on_failure():
+            try:
+                greeting = connection.recv(self._connect_timeout_s)
+            except (TimeoutError, ConnectionClosed) as error:
+                self._check_size(error)
+                raise PolicyServerError(f"the {self._name} did not greet ({_words(error)}); is it one?") from error
+            metadata = self._decode(greeting)
+            logger.info("connected to the %s, which says of itself: %s", self._name, metadata)
+            self._check(metadata)
+        self._connection = connection
+        if not self._overdue:
+            self._next_timeout_s = self._first_response_timeout_s
+
+    def _exchange(self, message: bytes, timeout_s: float) -> bytes | str:
+        """Send and receive within a time; the timer also ends a send to a server that does not read."""
+        connection = self._connection
+        assert connection is not None
+        expired = threading.Event()
+
+        def cut() -> None:
+            expired.set()
+            with contextlib.suppress(OSError):
+                connection.socket.shutdown(socket.SHUT_RDWR)
+
+        timer = threading.Timer(timeout_s, cut)
+        timer.daemon = True
+        timer.start()
+        try:
+            connection.send(message)
+            return connection.recv()
+        except ConnectionClosed as error:
+            if expired.is_set():
+                self._overdue = True
+                raise PolicyServerError(
+                    f"the {self._name} has not answered within {timeout_s:g} s; is it overloaded, or still compiling "
+                    f"(--policy.first_response_timeout_s, --policy.response_timeout_s)?"
+                ) from error
+            self._check_size(error)
+            raise PolicyServerError(
+                f"the {self._name} has closed the connection ({_words(error)}); its own log should say why"
+            ) from error
+        finally:
+            timer.cancel()
+            timer.join()
+
+    def _check_size(self, error: Exception) -> None:
+        """Raise an error of its own where it was us who closed the connection, since a message was too large."""
+        ours = error.sent if isinstance(error, ConnectionClosed) else None
+        if ours is not None and ours.code == CloseCode.MESSAGE_TOO_BIG:
+            raise PolicyServerError(
+                f"the {self._name} has sent a message of more than {_MOST_BYTES / 2**20:.0f} MiB, which no chunk of "
+                "actions has; is it an openpi server?"
+            ) from error
+
+    def _decode(self, data: bytes | str) -> dict[str, Any]:
+        try:
+            if isinstance(data, str):
+                raise ValueError(f"text instead of msgpack: {data[:200]!r}")
+            message = msgpack_numpy.decode(data)
+            if not isinstance(message, dict):
+                raise ValueError(f"a {type(message).__name__} instead of a dictionary")
+        except ValueError as error:
+            raise PolicyServerError(f"the {self._name} does not speak openpi's protocol: {error}") from error
+        return message
+
+    @contextlib.contextmanager
+    def _closed_on_failure(self) -> Iterator[None]:
+        try:
+            yield
+        except BaseException:
+            self.close()
+            raise
+
+
+def _words(error: Exception) -> str:
+    return str(error) or type(error).__name__

@@ -1,0 +1,148 @@
+"""Our types in LeRobot's registries, without importing LeRobot for those who do not use it.
+
+`lerobot.robots.config` alone costs seconds and loads torch, and our own processes (control loop, virtual rig) import
+this package too. So each config module of ours is imported right after the LeRobot module that holds its registry:
+now, if that is loaded already, else by an import hook at the moment it is. Every LeRobot command loads those it needs.
+
+Other plugins claim some of our names. Each device therefore has a spare name, and a name that is taken costs us that
+name only.
+"""
+
+import importlib
+import importlib.abc
+import logging
+import sys
+from collections.abc import Callable, Sequence
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+from typing import Any
+
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.face.devices import ffmpeg_message
+from lerobot_robot_yam.face.devices.lerobot_version import warn_if_newer
+from lerobot_robot_yam.system.other_plugins import distribution_of, is_foreign, mixture
+
+# LeRobot's modules that hold a registry, and our modules that register types there.
+REGISTRIES: dict[str, tuple[str, ...]] = {
+    "lerobot.robots.config": (
+        "lerobot_robot_yam.config_yam_follower",
+        "lerobot_robot_yam.config_bi_yam_follower",
+    ),
+    "lerobot.teleoperators.config": (
+        "lerobot_teleoperator_yam.config_yam_leader",
+        "lerobot_teleoperator_yam.config_bi_yam_leader",
+    ),
+    "lerobot.envs.configs": ("lerobot_robot_yam.config_yam_env",),
+    "lerobot.cameras.configs": ("lerobot_robot_yam.config_yam_camera",),
+    "lerobot.configs.policies": ("lerobot_robot_yam.face.openpi.configuration_openpi",),
+}
+
+logger = logging.getLogger(__name__)
+_registering: set[str] = set()  # modules that have called `register_as`: ours, not somebody else's of the same name
+
+
+def register() -> None:
+    """Register our types with the LeRobot that is loaded, and with what of it is loaded later.
+
+    Raises:
+        ConfigError: another distribution has put its own files over ours.
+    """
+    waiting = set(REGISTRIES)
+    for name in REGISTRIES:
+        module = sys.modules.get(name)
+        if module is not None and not _is_initialising(module):
+            waiting.discard(name)
+            register_types(name)
+    if waiting:
+        sys.meta_path.insert(0, _Hook(waiting))
+
+
+def register_types(lerobot_module: str) -> None:
+    """Register the types that belong into the registry of `lerobot_module`, which is loaded.
+
+    Raises:
+        ConfigError: another distribution has put its own files over ours.
+    """
+    warn_if_newer()
+    ffmpeg_message.shorten()
+    for name in REGISTRIES[lerobot_module]:
+        try:
+            module = importlib.import_module(name)
+        except Exception as error:
+            if name in _registering or not is_foreign(name):
+                raise
+            raise ConfigError("; ".join(mixture(name))) from error
+        if name not in _registering and not _is_initialising(module):
+            raise ConfigError("; ".join(mixture(name)))
+
+
+def register_as[C: type](registry: Any, name: str, spare: str | None = None) -> Callable[[C], C]:
+    """Class decorator: enter a config class of ours into a registry of LeRobot.
+
+    Args:
+        registry: LeRobot's base class of such configs.
+        name: of the type. When another plugin has taken it, the class gets the spare name.
+        spare: name of a subclass that is the same otherwise, None where there is none.
+    """
+
+    def decorate(config_class: C) -> C:
+        _registering.add(config_class.__module__)
+        known = registry.get_known_choices()
+        holder = known.get(name)
+        if holder is None:
+            registry.register_subclass(name, config_class)
+            return config_class
+        ours = holder.__module__ == config_class.__module__
+        if not ours:
+            instead = f"use {spare!r}" if spare else "uninstall it to use ours"
+            owner = distribution_of(holder.__module__)
+            logger.warning("the LeRobot type %r is that of %s, not of the YAM driver; %s", name, owner, instead)
+            if spare and spare not in known:
+                registry.register_subclass(spare, config_class)
+        return config_class
+
+    return decorate
+
+
+def _is_initialising(module: ModuleType) -> bool:
+    return bool(getattr(getattr(module, "__spec__", None), "_initializing", False))
+
+
+class _Hook(importlib.abc.MetaPathFinder):
+    """Watches for LeRobot's registry modules; leaves when it has seen them all."""
+
+    def __init__(self, waiting: set[str]):
+        self._waiting = waiting
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        if fullname not in self._waiting:
+            return None
+        self._waiting.discard(fullname)
+        if not self._waiting:
+            sys.meta_path.remove(self)
+        for finder in list(sys.meta_path):
+            spec = None if finder is self else finder.find_spec(fullname, path, target)
+            if spec is not None:
+                if spec.loader is not None:
+                    spec.loader = _ThenRegister(spec.loader)
+                return spec
+        return None
+
+
+class _ThenRegister(importlib.abc.Loader):
+    """Loads a module as its own loader would, then registers our types with it."""
+
+    def __init__(self, loader: importlib.abc.Loader):
+        self._loader = loader
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType | None:
+        return self._loader.create_module(spec)
+
+    def exec_module(self, module: ModuleType) -> None:
+        module.__loader__ = self._loader
+        if module.__spec__ is not None:
+            module.__spec__.loader = self._loader
+        self._loader.exec_module(module)
+        register_types(module.__name__)

@@ -1,0 +1,125 @@
+"""The CAN adapter between a channel's clients and its wire: what it delays, and what it keeps back.
+
+Order is kept in both directions, whatever changes meanwhile: no frame is given to a client with an earlier time than
+one before it.
+"""
+
+import math
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from lerobot_robot_yam.rig.devices.packets import Frame
+
+# From this latency on, commands wait until it has passed. Below, motors obey at once and answer for the time of the
+# answer: their positions are carried on, which is exact enough over so short a time, and costs the rig no wake-up.
+_WAITS_FROM_S = 0.001
+
+
+class Listener(Protocol):
+    """A client of a channel: a socket, or what takes packets as one."""
+
+    def send(self, data: bytes, flags: int = 0, /) -> int: ...
+
+
+@dataclass(frozen=True)
+class HoldBack:
+    """Times at which received frames are kept back: from `begin_s` for `seconds`, again every `every_s`.
+
+    stamped: frames carry the time at which the wire delivered them (an adapter with a clock), not that at which the
+    host gets them.
+    """
+
+    begin_s: float
+    seconds: float
+    every_s: float = math.inf
+    stamped: bool = False
+
+    def release_s(self, at_s: float) -> float:
+        """When a frame that the wire delivers at `at_s` reaches the host."""
+        since_s = at_s - self.begin_s
+        if since_s < 0.0:
+            return at_s
+        phase_s = since_s if self.every_s == math.inf else since_s % self.every_s
+        return at_s + max(0.0, self.seconds - phase_s)
+
+
+class Adapter:
+    """Delays of one channel.
+
+    Args:
+        latency_s: each way.
+
+    Attributes:
+        due_s: when something is due next, at the wire or at a client; infinity for never.
+    """
+
+    def __init__(self, latency_s: float):
+        self.latency_s = latency_s
+        self.hold: HoldBack | None = None
+        self.due_s = math.inf
+        self._given_s = -math.inf  # time of the last frame given to clients
+        self._sent: deque[tuple[float, Listener, Frame]] = deque()  # due at the wire
+        self._kept: deque[tuple[float, Listener, list[Frame]]] = deque()  # due at the client, with older stamps
+
+    @property
+    def waits(self) -> bool:
+        """Whether commands wait before they reach the wire."""
+        return self.latency_s >= _WAITS_FROM_S or bool(self._sent)
+
+    def put(self, sender: Listener, timed: Sequence[tuple[float, Frame]]) -> None:
+        """Take a client's frames, each with the time at which it is due at the wire."""
+        for due_s, frame in timed:
+            self._sent.append((max(due_s, self._sent[-1][0]) if self._sent else due_s, sender, frame))
+        self._look_ahead()
+
+    def take(self, until_s: float) -> Iterator[tuple[Listener, list[tuple[float, Frame]]]]:
+        """Frames that are due at the wire, in order, those of one client at one time together."""
+        while self._sent and self._sent[0][0] <= until_s:
+            due_s, sender, _ = self._sent[0]
+            group = []
+            while self._sent and self._sent[0][:2] == (due_s, sender):
+                group.append((due_s, self._sent.popleft()[2]))
+            self._look_ahead()
+            yield sender, group
+
+    def arrival_s(self, through_s: float) -> float:
+        """When the host gets a frame that the wire has delivered at `through_s`."""
+        at_s = max(through_s + self.latency_s, self._given_s)
+        if self.hold is not None:
+            at_s = self.hold.release_s(at_s)
+        self._given_s = at_s
+        return at_s
+
+    def arrivals_s(self, through_s: list[float]) -> list[float]:
+        """`arrival_s` of frames in order."""
+        if self.hold is not None or through_s[0] + self.latency_s < self._given_s:
+            return [self.arrival_s(at_s) for at_s in through_s]
+        arrived_s = [at_s + self.latency_s for at_s in through_s]
+        self._given_s = arrived_s[-1]
+        return arrived_s
+
+    @property
+    def keeps(self) -> bool:
+        """Whether frames wait in the adapter, as their stamps must not tell when they reach the host."""
+        return bool(self._kept) or (self.hold is not None and self.hold.stamped)
+
+    def keep(self, until_s: float, client: Listener, frames: list[Frame]) -> None:
+        """Give a client these frames at that time."""
+        self._kept.append((until_s, client, frames))
+        self._look_ahead()
+
+    def released(self, until_s: float) -> Iterator[tuple[Listener, list[Frame]]]:
+        """What was kept and is due at a client, in order."""
+        while self._kept and self._kept[0][0] <= until_s:
+            released = self._kept.popleft()[1:]
+            self._look_ahead()
+            yield released
+
+    def repair(self, latency_s: float) -> None:
+        """Keep nothing back from now on; what is under way arrives."""
+        self.latency_s, self.hold = latency_s, None
+
+    def _look_ahead(self) -> None:
+        self.due_s = min(queue[0][0] if queue else math.inf for queue in (self._sent, self._kept))

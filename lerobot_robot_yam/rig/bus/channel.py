@@ -1,0 +1,251 @@
+"""One simulated CAN channel: its wire, the devices on it and the clients that listen.
+
+Clients hear each other, as on a real bus, but not themselves, and nothing from before they opened the channel. A
+packet is answered as one packet: its frames take the wire one after the other, then the replies do. A client that
+does not read loses packets once its socket is full, which are counted; nobody waits for it.
+"""
+
+import contextlib
+import random
+import socket
+from collections import deque
+from collections.abc import Sequence
+
+from lerobot_robot_yam.damiao import codec
+from lerobot_robot_yam.damiao.encoder import REQUEST_ID
+from lerobot_robot_yam.damiao.tables import POSITION_VELOCITY_OFFSET, REGISTER_ID, VELOCITY_OFFSET
+from lerobot_robot_yam.rig.bus.adapter import Adapter, Listener
+from lerobot_robot_yam.rig.bus.client_link import BUS_OFF_FRAME_ID
+from lerobot_robot_yam.rig.bus.foreign_driver import ForeignDriver
+from lerobot_robot_yam.rig.bus.link_state import Link, LinkState
+from lerobot_robot_yam.rig.bus.whole_tick import WholeTick
+from lerobot_robot_yam.rig.devices import packets
+from lerobot_robot_yam.rig.devices.packets import Frame, Wire
+from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
+from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
+
+_TRACE_LENGTH = 500_000
+_BACKLOG_S = 0.05  # a real adapter's queue is full at about this
+_FOREIGN_KP, _FOREIGN_KD = 10.0, 1.0  # Nm/rad, Nm s/rad with which a foreign driver holds a motor
+
+
+class Channel:
+    """Motors, maybe a handle, and clients on one wire.
+
+    Args:
+        name: the CAN channel.
+        motors: the motors on it.
+        handle: the handle encoder, on leaders.
+        latency_s: of the adapter, each way.
+        seed: of lost and garbled frames.
+    """
+
+    def __init__(self, name: str, motors: Sequence[SimMotor], handle: SimHandle | None, latency_s: float, seed: int):
+        self.name, self.motors, self.handle = name, list(motors), handle
+        self.adapter = Adapter(latency_s)
+        self.link = Link()  # the interface, see `set_link`
+        self.cable_out = False  # nothing gets through, and nobody is told
+        self.foreign: ForeignDriver | None = None
+        self.clients: list[Listener] = []
+        self.wire = Wire()
+        self.overflows = 0  # packets lost because a queue was full, on either side
+        self.trace: deque[tuple[float, float, int, int]] | None = None  # sent, arrived, identifier, first byte
+        self._late: list[tuple[float, Frame]] = []
+        self._random = random.Random(seed)
+        self._by_id: dict[int, tuple[SimMotor, int]] = {}
+        self._tick = WholeTick(self.motors, handle)
+        self.identifiers_changed()
+
+    def identifiers_changed(self) -> None:
+        """Rebuild the table of command identifiers; call after a change of ESC_ID."""
+        self._by_id = {
+            motor.can_id + offset: (motor, offset)
+            for motor in self.motors
+            for offset in (0, POSITION_VELOCITY_OFFSET, VELOCITY_OFFSET)
+        }
+
+    def start_trace(self) -> None:
+        """Record every frame that clients send, from now on."""
+        self.trace = deque(maxlen=_TRACE_LENGTH)
+
+    @property
+    def tick_size(self) -> int:
+        """Bytes of a packet that holds a whole tick."""
+        return self._tick.size
+
+    def receive_packet(self, sender: Listener, packet: bytes, now_s: float) -> None:
+        """`receive` for frames as they come over a socket, see `wire`.
+
+        Raises:
+            BusError: the packet is not a whole number of records.
+        """
+        if self._is_plain(sender, now_s):
+            answer = self._tick.answer(packet, now_s, self.wire, self.adapter)
+            if answer is not None:
+                self._send(sender, answer)
+                return
+        self.receive(sender, packets.unpack(packet), now_s)
+
+    def _is_plain(self, sender: Listener, now_s: float) -> bool:
+        """Whether frames concern only motors and handle, reach them as they are, and are answered at once."""
+        adapter, handle = self.adapter, self.handle
+        return (
+            len(self.clients) == 1
+            and self.clients[0] is sender
+            and not (self.cable_out or self.link.state or adapter.waits or adapter.keeps)
+            and self.trace is None
+            and (handle is None or not handle.silent)
+            and self.wire.free_at_s - (now_s + adapter.latency_s) <= _BACKLOG_S
+            and all([motor.is_plain() for motor in self.motors])
+        )
+
+    def receive(self, sender: Listener, frames: Sequence[Frame], now_s: float) -> None:
+        """Take a client's packet, which the adapter puts on the wire at once or when its latency has passed."""
+        if self.cable_out or self.link.state or sender not in self.clients:
+            return
+        if self.trace is not None:
+            self.trace.extend((f.stamp_s, now_s, f.id, f.data[0] if f.data else 0) for f in frames)
+        latency_s = self.adapter.latency_s
+        timed = [(packets.send_time(frame.stamp_s, now_s) + latency_s, frame) for frame in frames]
+        if self.adapter.waits:
+            self.adapter.put(sender, timed)
+        else:
+            self._transmit(sender, timed, now_s + latency_s)
+
+    def pass_on(self, until_s: float) -> None:
+        """Do what the adapter's delays have put off until now."""
+        for sender, timed in self.adapter.take(until_s):
+            if not (self.cable_out or self.link.state) and sender in self.clients:
+                self._transmit(sender, timed, timed[0][0])
+        for client, frames in self.adapter.released(until_s):
+            if client in self.clients and self.link.state != LinkState.GONE:
+                self._hand_over(client, frames)
+
+    def _transmit(self, sender: Listener, timed: Sequence[tuple[float, Frame]], now_s: float) -> None:
+        """Put frames on the wire, each with the time at which it is ready, and answer them."""
+        if self.wire.free_at_s - now_s > _BACKLOG_S:
+            self.overflows += 1
+            return
+        transmit = self.wire.transmit
+        heard = [(transmit(ready_s), frame) for ready_s, frame in timed]
+        replies = [
+            (transmit(through_s), reply) for through_s, frame in heard for reply in self._answers(frame, through_s)
+        ]
+        if len(self.clients) > 1:
+            self._deliver([client for client in self.clients if client is not sender], heard)
+        if replies:
+            self._deliver(self.clients, replies)
+
+    def emit(self, frame: Frame, now_s: float) -> None:
+        """A device speaks unasked."""
+        if not (self.cable_out or self.link.state):
+            self._deliver(self.clients, [(self.wire.transmit(now_s), frame)])
+
+    def set_link(self, now_s: float, **change: bool) -> None:
+        """Change the interface: down=, gone= or bus_off=; clients meet what `client_link` says.
+
+        An unplugged adapter takes its clients' sockets with it: those are dead for good.
+        """
+        before = self.link.state
+        for name, value in change.items():
+            {"down": self.link.set_down, "gone": self.link.unplug, "bus_off": self.link.set_bus_off}[name](value)
+        if self.link.state == before:
+            return
+        if self.link.state == LinkState.BUS_OFF:
+            for client in self.clients:
+                self._hand_over(client, [Frame(now_s, BUS_OFF_FRAME_ID, bytes(8), packets.FLAG_ERROR)])
+        for client in self.clients:
+            with contextlib.suppress(OSError):  # full or gone: then it does not wait for us either
+                client.send(packets.WAKE, socket.MSG_DONTWAIT)
+        if self.link.state == LinkState.GONE:
+            self.clients.clear()
+
+    def poll(self, now_s: float) -> None:
+        """Send what has become due: delayed answers, the handle's own reports, a foreign driver's frames."""
+        if self._late:
+            due = [frame for at, frame in self._late if at <= now_s]
+            self._late = [item for item in self._late if item[0] > now_s]
+            for frame in due:
+                self.emit(frame, now_s)
+        if self.handle is not None and self.handle.report_period_s:
+            report = self.handle.due_report(now_s)
+            if report is not None:
+                self.emit(report, now_s)
+        if self.foreign is not None:
+            for _ in range(self.foreign.due(now_s)):
+                self._hear_foreign(self.foreign, now_s)
+
+    def _hear_foreign(self, driver: ForeignDriver, now_s: float) -> None:
+        """A frame of another computer: motors obey and answer it, whatever our own link does."""
+        data = bytes(8)
+        motor, offset = self._by_id.get(driver.ident, (None, 0))
+        if driver.payload == "hold" and motor is not None and offset == 0:
+            position = codec.decode_feedback(motor.kind, motor.feedback(now_s).data).position
+            data = codec.encode_mit(motor.kind, position, 0.0, _FOREIGN_KP, _FOREIGN_KD, 0.0)
+        frame = Frame(now_s, driver.ident, data)
+        self.emit(frame, now_s)
+        for answer in self._answers(frame, now_s):
+            self.emit(answer, now_s)
+
+    def _answers(self, frame: Frame, at_s: float) -> Sequence[Frame]:
+        if frame.flags:  # extended or remote: nobody here listens
+            return ()
+        entry = self._by_id.get(frame.id)
+        offset: int | None
+        if entry is not None:
+            motor, offset = entry
+        elif frame.id == REGISTER_ID:
+            entry = self._by_id.get(int.from_bytes(frame.data[:2], "little"))
+            if entry is None or entry[1]:
+                return ()
+            motor, offset = entry[0], None
+        elif frame.id == REQUEST_ID and self.handle is not None:
+            reply = self.handle.request(frame.data)
+            return () if reply is None else (reply,)
+        else:
+            return ()
+        answers, twin = self._answers_of(motor, offset, frame.data, at_s), motor.twin
+        return answers if twin is None else (*answers, *self._answers_of(twin, offset, frame.data, at_s))
+
+    def _answers_of(self, motor: SimMotor, offset: int | None, data: bytes, at_s: float) -> Sequence[Frame]:
+        """Answers of one motor to a command, or without `offset` to a register request."""
+        if motor.faults.unheard(self._random):
+            return ()
+        if offset is not None:
+            answer = motor.command(offset, data, at_s)
+        else:
+            can_id = motor.can_id
+            answer = motor.request(data, at_s)
+            if motor.can_id != can_id:
+                self.identifiers_changed()
+        if answer is None:
+            return ()
+        faults = motor.faults
+        if not faults.any():
+            return (answer,)
+        answers = faults.spoil(answer, self._random)
+        if faults.delay_s:
+            self._late += [(at_s + faults.delay_s, late) for late in answers]
+            return ()
+        return answers
+
+    def _deliver(self, clients: Sequence[Listener], timed: Sequence[tuple[float, Frame]]) -> None:
+        """Give clients frames, each with the time at which the wire delivers it."""
+        adapter = self.adapter
+        frames = [Frame(adapter.arrival_s(at_s), frame.id, frame.data, frame.flags) for at_s, frame in timed]
+        for client in clients:
+            if adapter.keeps:
+                adapter.keep(frames[-1].stamp_s, client, [frame._replace(stamp_s=at_s) for at_s, frame in timed])
+            else:
+                self._hand_over(client, frames)
+
+    def _hand_over(self, client: Listener, frames: Sequence[Frame]) -> None:
+        self._send(client, packets.pack(frames))
+
+    def _send(self, client: Listener, packet: bytes) -> None:
+        try:
+            client.send(packet, socket.MSG_DONTWAIT)
+        except BlockingIOError:
+            self.overflows += 1
+        except OSError:
+            pass  # it has gone; the server notices by itself

@@ -1,0 +1,178 @@
+"""A whole tick of a channel in one pass: a packet with one MIT command to every motor, answered by one packet.
+
+This is all that a control loop sends while it runs. `Channel.receive` does the same frame by frame, for any frames and
+with any fault. Bytes and times come out the same, since the operations and their order are those of `SimMotor`, `Drive`
+and `codec`, written out in one loop:
+
+    control = kp (u* − base) + kd u̇* + tau,    reported position = direction (u + u̇ · ahead) + zero
+
+That is a third of the work. With numpy's arrays of seven it is more than before, as they do not stay in the processor's
+caches beside the physics.
+"""
+
+import struct
+from collections.abc import Sequence
+from typing import Any
+
+from lerobot_robot_yam.damiao.encoder import REQUEST_ID, encode_report_request
+from lerobot_robot_yam.damiao.tables import Fault
+from lerobot_robot_yam.rig.bus.adapter import Adapter
+from lerobot_robot_yam.rig.devices.packets import Wire, send_time
+from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
+from lerobot_robot_yam.rig.devices.simulated_motor import AHEAD_S, SimMotor
+from lerobot_robot_yam.rig.devices.thermometer import PERIOD_S
+from lerobot_robot_yam.rig.world.shaft import Drive
+
+_LONG, _SHORT = 0xFFFF, 0xFFF  # steps of a frame's fields, see `codec`
+_SPECIAL = b"\xff" * 7  # begins every special command
+_REQUEST = encode_report_request()
+
+
+class WholeTick:
+    """The motors of a channel, all on a `Drive`, and its handle.
+
+    Args:
+        motors: of the channel.
+        handle: of the channel.
+    """
+
+    def __init__(self, motors: Sequence[SimMotor], handle: SimHandle | None):
+        self._motors, self._handle = motors, handle
+        self._world = motors[0].world
+        count = len(motors)
+        rest = 0 if handle is None else 1
+        # Records as in `wire`: stamp; identifier, length and flags as one word; data.
+        self._records = struct.Struct("<" + "dQ8s" * (count + rest))
+        self.size = self._records.size  # of a packet
+        self._commands = struct.Struct(">" + "16xHHHH" * count + "24x" * rest)
+        self._zeros: list[float] = []
+        self._ids: list[int] = []
+        self._answer_ids: list[int] = []
+        self._measured_s: list[float] = []
+        self._temperatures = [0] * count
+
+    def answer(self, packet: bytes, now_s: float, wire: Wire, adapter: Adapter) -> bytes | None:
+        """Serve a packet while every motor is plain (`SimMotor.is_plain`) and the handle not silent.
+
+        Args:
+            packet: of a client.
+            now_s: monotonic time.
+            wire: of the channel.
+            adapter: of the channel.
+
+        Returns:
+            The answer; None: the packet has another form, and nothing was done.
+        """
+        if len(packet) != self.size or _SPECIAL in packet:
+            return None
+        motors = self._motors
+        if (
+            [motor.zero_rad for motor in motors] != self._zeros
+            or [motor.can_id for motor in motors] != self._ids
+            or [motor.master_id for motor in motors] != self._answer_ids
+        ):
+            self._lay_out()
+        fields = self._records.unpack(packet)
+        sent_s, count = fields[0], len(self._heads)
+        if fields[1::3] != self._heads or fields[0::3] != (sent_s,) * count:
+            return None
+        if self._handle is not None and not fields[-1].startswith(_REQUEST):
+            return None
+        through_s = wire.transmit_all(send_time(sent_s, now_s) + adapter.latency_s, count)
+        answers = self._serve(self._commands.unpack(packet), through_s)
+        if self._handle is not None:
+            answers.append(self._handle.report().data)
+        reply: list[float | int | bytes] = [0] * len(fields)
+        reply[0::3] = adapter.arrivals_s(wire.transmit_all(0.0, count))
+        reply[1::3] = self._answer_heads
+        reply[2::3] = answers
+        return self._records.pack(*reply)
+
+    def _serve(self, quarters: tuple[int, ...], at_s: Sequence[float]) -> list[bytes]:
+        """Data of the answers to MIT commands, given as four 16-bit words each, that the wire delivers at `at_s`."""
+        world = self._world
+        sim_s, stamp_s, qpos, qvel, force = world.sim_s, world.stamp_s, world.qpos, world.qvel, world.force
+        ctrl, measured_s = world.data.ctrl, self._measured_s
+        due = [m.thermometer.measured_at_s for m in self._motors] != measured_s or sim_s - min(measured_s) >= PERIOD_S
+        answers = []
+        at = 0
+        for index, motor in enumerate(self._motors):
+            drive, first, last, v_first, v_last, base, coefficient, direction, zero, status, ranges = self._rows[index]
+            p_max, v_max, t_max, kp_max, kd_max, p_range, v_range, t_range = ranges
+            motor.last_command_s = sim_s
+            if last is None:
+                angle, rate = base + coefficient * qpos[first], coefficient * qvel[v_first]
+            else:
+                angle, rate = (
+                    base + coefficient * (qpos[first] + qpos[last]),
+                    coefficient * (qvel[v_first] + qvel[v_last]),
+                )
+
+            one, two, three, four = quarters[at : at + 4]
+            at += 4
+            position = one * p_range / _LONG - p_max
+            kp = ((two & 0xF) << 8 | three >> 8) * kp_max / _SHORT
+            kd = ((three & 0xFF) << 4 | four >> 12) * kd_max / _SHORT
+            true = zero + direction * angle
+            if not -p_max <= true <= p_max:
+                position += true - ((true + p_max) % p_range - p_max)
+            if (kp, kd) != drive.gains:
+                drive.set_gains(kp, kd)
+            ctrl[drive.actuator] = (
+                kp * (direction * (position - zero) - base)
+                + kd * (direction * ((two >> 4) * v_range / _SHORT - v_max))
+                + direction * ((four & _SHORT) * t_range / _SHORT - t_max)
+            )
+
+            ahead = at_s[index] - stamp_s
+            ahead = 0.0 if ahead < 0.0 else AHEAD_S if ahead > AHEAD_S else ahead
+            position = direction * (angle + rate * ahead) + zero
+            if not -p_max <= position <= p_max:
+                position = (position + p_max) % p_range - p_max
+            velocity, torque = direction * rate, direction * force[drive.actuator]
+            if due:
+                mos, rotor = motor.thermometer.read(velocity, torque, sim_s, 0.0)
+                self._temperatures[index] = min(max(mos, 0), 0xFF) << 8 | min(max(rotor, 0), 0xFF)
+            velocity = v_max if velocity > v_max else -v_max if velocity < -v_max else velocity
+            torque = t_max if torque > t_max else -t_max if torque < -t_max else torque
+            word = (
+                status
+                | int((position + p_max) * _LONG / p_range) << 40
+                | int((velocity + v_max) * _SHORT / v_range) << 28
+                | int((torque + t_max) * _SHORT / t_range) << 16
+                | self._temperatures[index]
+            )
+            answers.append(word.to_bytes(8, "big"))
+        if due:
+            self._measured_s = [motor.thermometer.measured_at_s for motor in self._motors]
+        return answers
+
+    def _lay_out(self) -> None:
+        """Note what is the same from tick to tick; other frames can change zeros and identifiers."""
+        self._zeros = [motor.zero_rad for motor in self._motors]
+        self._ids = [motor.can_id for motor in self._motors]
+        self._answer_ids = [motor.master_id for motor in self._motors]
+        heads = [_head(ident, 8) for ident in self._ids]
+        self._answer_heads = [_head(ident, 8) for ident in self._answer_ids]
+        if self._handle is not None:
+            report = self._handle.report()
+            heads.append(_head(REQUEST_ID, len(_REQUEST)))
+            self._answer_heads.append(_head(report.id, len(report.data)))
+        self._heads = tuple(heads)
+        self._rows = [_row(motor) for motor in self._motors]
+
+
+def _head(ident: int, length: int) -> int:
+    """The second word of a record: a plain frame's identifier and length."""
+    return ident | length << 32
+
+
+def _row(motor: SimMotor) -> tuple[Any, ...]:
+    """What `WholeTick` needs of a motor, in its order."""
+    drive = motor.drive
+    assert isinstance(drive, Drive)
+    first, last = drive.q[0], drive.q[1] if len(drive.q) > 1 else None
+    p, v, t, kp, kd = motor.ranges
+    status = (Fault.NORMAL << 4 | motor.can_id & 0xF) << 56
+    place = (first, last, drive.v[0], drive.v[-1], drive.base_rad, drive.coefficient)
+    return (drive, *place, motor.direction, motor.zero_rad, status, (p, v, t, kp, kd, p + p, v + v, t + t))

@@ -1,0 +1,213 @@
+"""Find a virtual rig, or start it: one server process per rig name, started under a lock.
+
+The server is nobody's child (it must outlive whoever happened to start it) and ends by itself after its last
+client has left.
+"""
+
+import contextlib
+import json
+import logging
+import os
+import re
+import select
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from lerobot_robot_yam.errors import BusError, ConfigError, RigError, YamError
+from lerobot_robot_yam.rig.scene.scene import load_scene
+from lerobot_robot_yam.system.runtime_files import FileLock, rig_name, runtime_dir, slug
+
+logger = logging.getLogger(__name__)
+
+_START_TIMEOUT_S = 60.0
+_HELLO_TIMEOUT_S = 10.0
+_PROBE_TIMEOUT_S = 0.2
+_said: set[tuple[str, str]] = set()  # options of which it has been said that they have no effect
+# Files of a rig, and blocks of its arms, whose name says which process has made it.
+_MADE_BY = re.compile(r"(?:rig|state)-((?:auto|rig|env)-(\d+)(?:-\d+)?)\.(?!lock$)")
+MAX_PACKET = 1 << 17  # bytes; no packet of either side is longer
+
+# Run by the process we wait for: it leaves at once, so the server becomes a child of init and no zombie of ours.
+_DETACH = "import os, sys\nif os.fork(): os._exit(0)\nos.setsid()\nos.execv(sys.executable, sys.argv[1:])"
+
+
+def rig_path(name: str, suffix: str) -> Path:
+    """Path of a rig's file: "sock", "lock", "world", "links", "log" (while it runs) or "crash" (its last log)."""
+    return runtime_dir() / f"rig-{slug(name)}.{suffix}"
+
+
+def connect(name: str, hello: Mapping[str, Any]) -> tuple[socket.socket, dict[str, Any]]:
+    """Connect to a running rig and introduce ourselves.
+
+    Returns:
+        The socket (SEQPACKET, blocking) and the rig's answer.
+
+    Raises:
+        ConnectionRefusedError, FileNotFoundError: no such rig is running.
+        BusError, ConfigError, RigError: the rig refused (unknown channel and the like).
+    """
+    sock = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    try:
+        sock.settimeout(_HELLO_TIMEOUT_S)
+        sock.connect(str(rig_path(name, "sock")))
+        sock.send(json.dumps(dict(hello)).encode())
+        answer = sock.recv(MAX_PACKET)
+        if not answer:
+            raise ConnectionRefusedError(f"rig {name} is ending")
+        reply = json.loads(answer)
+        if "error" in reply:
+            raise_remote(reply)
+        sock.settimeout(None)
+        return sock, reply
+    except (BrokenPipeError, ConnectionResetError) as error:
+        sock.close()
+        raise ConnectionRefusedError(f"rig {name} is ending") from error
+    except TimeoutError as error:
+        sock.close()
+        raise RigError(f"rig {name} does not answer; end it (its pid is in {rig_path(name, 'log')})") from error
+    except BaseException:
+        sock.close()
+        raise
+
+
+def raise_remote(reply: Mapping[str, Any]) -> None:
+    """Raise the error that a rig's answer carries, as the type it names."""
+    kind = {"BusError": BusError, "ConfigError": ConfigError}.get(reply.get("kind", ""), RigError)
+    raise kind(reply["error"])
+
+
+def error_reply(error: Exception) -> dict[str, Any]:
+    """The answer from which `raise_remote` raises this error again."""
+    kind = next((k.__name__ for k in (BusError, ConfigError) if isinstance(error, k)), "RigError")
+    text = str(error) if isinstance(error, YamError) else f"malformed request: {type(error).__name__}: {error}"
+    return {"error": text, "kind": kind}
+
+
+def connect_or_start(
+    rig: str | None, hello: Mapping[str, Any], scene: str | None = None, options: Mapping[str, Any] | None = None
+) -> tuple[socket.socket, str, dict[str, Any]]:
+    """Connect to a rig, starting it when it does not run.
+
+    Args:
+        rig: see `runtime.rig_name`.
+        hello: who we are, see `server`.
+        scene: scene name or path for a rig that we start.
+        options: scene options for a rig that we start. A running rig keeps its scene and options; what differs is
+            logged.
+
+    Returns:
+        Socket, resolved rig name, the rig's answer.
+
+    Raises:
+        RigError: the rig cannot be started.
+        BusError, ConfigError: wrong scene, option or channel.
+    """
+    name, owner = rig_name(rig)
+    with contextlib.suppress(ConnectionRefusedError, FileNotFoundError):
+        return _join(name, hello, scene, options or {})
+    with FileLock(rig_path(name, "lock"), f"the start of rig {name}"):
+        with contextlib.suppress(ConnectionRefusedError, FileNotFoundError):
+            return _join(name, hello, scene, options or {})
+        _sweep()
+        _start(name, owner, scene, options or {})
+        try:
+            connection, answer = connect(name, hello)
+            return connection, name, answer
+        except (ConnectionRefusedError, FileNotFoundError) as error:
+            raise RigError(f"rig {name} ended right after its start; see {rig_path(name, 'log')}") from error
+
+
+def _join(
+    name: str, hello: Mapping[str, Any], scene: str | None, options: Mapping[str, Any]
+) -> tuple[socket.socket, str, dict[str, Any]]:
+    """Connect to a rig that runs already, and say what of the wishes for a new one has no effect."""
+    asked = {**({} if scene is None else {"scene": load_scene(scene).name}), **options}
+    connection, answer = connect(name, hello)
+    has = {"scene": answer["scene"], **answer["options"]}
+    for key, value in asked.items():
+        held = has.get(key)
+        given = value.split(",") if isinstance(value, str) and isinstance(held, list) else value
+        if json.loads(json.dumps(given)) != held and (name, key) not in _said:
+            _said.add((name, key))  # once a process: each arm and each camera asks
+            logger.warning("rig %s runs already, with %s: %r; %r has no effect", name, key, held, value)
+    return connection, name, answer
+
+
+def scene_arguments(scene: str | None, options: Mapping[str, Any]) -> list[str]:
+    """How a scene is named on the command lines of the rig's processes."""
+    named = [] if scene is None else ["--scene", scene]
+    return named + [part for key, value in options.items() for part in ("--set", f"{key}={json.dumps(value)}")]
+
+
+def _start(name: str, owner: int | None, scene: str | None, options: Mapping[str, Any]) -> None:
+    """Start the server and wait until it listens. The caller holds the rig's lock."""
+    ready_read, ready_write = os.pipe()
+    server = [sys.executable, "-P", "-m", "lerobot_robot_yam.rig.server.server", "--name", name]
+    server += ["--ready-fd", str(ready_write)]
+    if owner is not None:
+        server += ["--owner", str(owner)]
+    server += scene_arguments(scene, options)
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    try:
+        with open(rig_path(name, "log"), "wb") as log:
+            starter = subprocess.Popen(
+                [sys.executable, "-S", "-c", _DETACH, *server],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                env=environment,
+                pass_fds=(ready_write,),
+                start_new_session=True,
+            )
+        os.close(ready_write)
+        ready_write = -1
+        starter.wait()
+        answer = _read_answer(ready_read)
+    finally:
+        os.close(ready_read)
+        if ready_write >= 0:
+            os.close(ready_write)
+    if not answer:
+        raise RigError(f"rig {name} did not come up; see {rig_path(name, 'log')}")
+    reply = json.loads(answer)
+    if "error" in reply:
+        rig_path(name, "log").unlink(missing_ok=True)
+        raise_remote(reply)
+
+
+def _read_answer(fd: int) -> bytes:
+    """The one JSON line of a starting server; empty when it died or took too long."""
+    answer = b""
+    deadline = time.monotonic() + _START_TIMEOUT_S
+    while not answer.endswith(b"\n"):
+        if not select.select([fd], [], [], max(0.0, deadline - time.monotonic()))[0]:
+            return b""
+        chunk = os.read(fd, 65536)
+        if not chunk:
+            return b""
+        answer += chunk
+    return answer
+
+
+def _sweep() -> None:
+    """Remove what rigs have left that were killed, and those who had started them have ended."""
+    left: dict[str, list[Path]] = {}
+    for path in runtime_dir().iterdir():
+        made_by = _MADE_BY.match(path.name)
+        if made_by is not None and not Path(f"/proc/{made_by[2]}").exists():
+            left.setdefault(made_by[1], []).append(path)
+    for name, paths in left.items():
+        with contextlib.closing(socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)) as probe:
+            probe.settimeout(_PROBE_TIMEOUT_S)
+            try:
+                probe.connect(str(rig_path(name, "sock")))
+            except (ConnectionRefusedError, FileNotFoundError):
+                for path in paths:
+                    path.unlink(missing_ok=True)
+            except OSError:
+                continue  # it is there, and busy

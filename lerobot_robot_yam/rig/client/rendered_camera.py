@@ -1,0 +1,187 @@
+"""A rendered camera of a virtual rig, for any program.
+
+with RigCamera("top", 320, 240, 30) as camera:
+    frame, stamp_s = camera.latest()
+"""
+
+import contextlib
+import json
+import select
+import socket
+import time
+from collections.abc import Mapping
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from lerobot_robot_yam.errors import RigError, StaleStateError
+from lerobot_robot_yam.rig.client import launch
+from lerobot_robot_yam.rig.client.camera_frames import frame_dtype, frame_path
+from lerobot_robot_yam.system.shared_block import SharedBlock
+
+_POLL_S = 0.002
+_MAX_AGE_S = 0.5
+
+
+class RigCamera:
+    """Client of one camera. While it is connected the rig stays alive and draws it.
+
+    Args:
+        camera: name in the scene.
+        width: pixels.
+        height: pixels.
+        fps: frames a second.
+        rig: which rig, see `runtime.rig_name`.
+        scene: scene of a rig that is started for us.
+        options: scene options of a rig that is started for us.
+    """
+
+    def __init__(
+        self,
+        camera: str,
+        width: int = 320,
+        height: int = 240,
+        fps: int = 30,
+        rig: str | None = None,
+        scene: str | None = None,
+        options: Mapping[str, Any] | None = None,
+    ):
+        self.camera, self.width, self.height, self.fps = camera, width, height, fps
+        self._rig, self._scene, self._options = rig, scene, options
+        self._socket: socket.socket | None = None
+        self._block: SharedBlock | None = None
+        self._seen = 0
+        self._end: dict[str, Any] | None = None  # the rig's last word about this camera
+
+    @property
+    def is_connected(self) -> bool:
+        return self._block is not None
+
+    def connect(self, timeout_s: float = 30.0) -> None:
+        """Reach the rig, starting it when needed, and wait for the first frame. Does nothing when connected.
+
+        Raises:
+            ConfigError: the scene has no such camera, or it cannot have these settings.
+            RigError: no rig, no OpenGL, or no frame within timeout_s.
+        """
+        if self.is_connected:
+            return
+        deadline = time.monotonic() + timeout_s
+        hello = {"kind": "camera", "camera": self.camera}
+        hello |= {"width": self.width, "height": self.height, "fps": self.fps}  # type: ignore[dict-item]
+        self._socket, name, _ = launch.connect_or_start(self._rig, hello, self._scene, self._options)
+        try:
+            self._await_ready(deadline)
+            path = frame_path(name, self.camera, self.width, self.height, self.fps)
+            self._block = SharedBlock(path, frame_dtype(self.width, self.height), create=False)
+            self.wait_new(max(0.1, deadline - time.monotonic()))
+        except BaseException:
+            self.close()
+            raise
+
+    def _await_ready(self, deadline_s: float) -> None:
+        assert self._socket is not None
+        if not select.select([self._socket], [], [], max(0.0, deadline_s - time.monotonic()))[0]:
+            raise RigError(
+                f"camera {self.camera}: the rig's renderer did not start in time; is the machine overloaded?"
+            )
+        self._hear()
+
+    def _hear(self) -> None:
+        """Read one packet of the rig; anything but "ready" is an end that it explains, from then on each time."""
+        assert self._socket is not None
+        if self._end is not None:
+            launch.raise_remote(self._end)
+        try:
+            packet = self._socket.recv(launch.MAX_PACKET, socket.MSG_DONTWAIT)
+        except BlockingIOError:
+            return
+        except ConnectionResetError:
+            packet = b""
+        if not packet:
+            raise RigError(f"camera {self.camera}: the rig has ended; connect again to start one")
+        reply = json.loads(packet)
+        if "error" in reply:
+            self._end = reply
+            launch.raise_remote(reply)
+
+    def latest(self, max_age_s: float = _MAX_AGE_S) -> tuple[np.ndarray, float]:
+        """The newest frame, without waiting.
+
+        Returns:
+            (height, width, 3) uint8 RGB, and the monotonic time in s of the state that it shows.
+
+        Raises:
+            StaleStateError: it is older than max_age_s.
+            RigError: not connected, or the rig or its renderer has ended.
+        """
+        record = self._read(self._connected())
+        age = float("inf") if record is None else time.monotonic() - float(record["stamp_s"])
+        if record is None or age > max_age_s:
+            self._hear()
+            raise StaleStateError(
+                f"camera {self.camera}: newest frame is {age * 1e3:.0f} ms old, more than {max_age_s * 1e3:.0f} ms; "
+                "is the machine overloaded?"
+            )
+        self._seen = int(record["number"])
+        return record["rgb"], float(record["stamp_s"])
+
+    def wait_new(self, timeout_s: float = 1.0) -> tuple[np.ndarray, float]:
+        """The next frame that no call has returned yet; as `latest` otherwise.
+
+        Raises:
+            StaleStateError: none came within timeout_s; one left over from before the renderer stopped does not count.
+            RigError: not connected, or the rig or its renderer has ended.
+        """
+        block = self._connected()
+        deadline = time.monotonic() + timeout_s
+        max_age_s = _MAX_AGE_S + 1.0 / self.fps
+        sequence = None
+        while True:
+            if block.sequence() != sequence:
+                sequence = block.sequence()
+                record = self._read(block)
+                if record is not None and int(record["number"]) > self._seen:
+                    self._seen = int(record["number"])
+                    if time.monotonic() - float(record["stamp_s"]) < max_age_s:
+                        return record["rgb"], float(record["stamp_s"])
+            if time.monotonic() > deadline:
+                self._hear()
+                raise StaleStateError(
+                    f"camera {self.camera}: no new frame within {timeout_s * 1e3:.0f} ms; is the machine overloaded?"
+                )
+            time.sleep(_POLL_S)
+
+    def _read(self, block: SharedBlock) -> np.ndarray | None:
+        try:
+            return block.read()
+        except StaleStateError as error:
+            self._hear()
+            raise StaleStateError(f"camera {self.camera}: its renderer stopped in the middle of a picture") from error
+
+    def _connected(self) -> SharedBlock:
+        if self._block is None:
+            raise RigError(f"camera {self.camera} is not connected; call connect() first")
+        return self._block
+
+    def close(self) -> None:
+        """Leave the rig. Idempotent."""
+        block, self._block = self._block, None
+        if block is not None:
+            block.close()
+        sock, self._socket = self._socket, None
+        if sock is not None:
+            with contextlib.suppress(OSError):
+                sock.shutdown(socket.SHUT_RDWR)  # also for a forked child that still holds it
+            sock.close()
+        self._seen, self._end = 0, None
+
+    def __enter__(self) -> "RigCamera":
+        self.connect()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

@@ -1,0 +1,196 @@
+"""python-can interface `yam_sim`: one CAN channel of a virtual rig.
+
+    can.Bus(interface="yam_sim", channel="follower_left")
+
+Any python-can program can use it. The rig starts on demand and ends with its last client; which rig it is, the
+keyword `rig` or the variable YAM_RIG says ("auto", the default: the rig of this process).
+
+Like a SocketCAN socket it hears what other clients send, from its opening on, and loses frames when nobody reads it;
+when a fault is injected (`control.RigControl.fault`) it raises what python-can's SocketCAN bus would.
+"""
+
+import contextlib
+import logging
+import select
+import socket
+import time
+from collections import deque
+from collections.abc import Sequence
+from typing import Any
+
+import can
+
+from lerobot_robot_yam.errors import BusError, ConfigError
+from lerobot_robot_yam.rig.bus.client_link import ClientLink
+from lerobot_robot_yam.rig.bus.frame_messages import message_of, pack_messages
+from lerobot_robot_yam.rig.bus.link_state import watch_link
+from lerobot_robot_yam.rig.client import launch
+from lerobot_robot_yam.rig.devices import packets
+from lerobot_robot_yam.rig.devices.packets import Frame
+
+logger = logging.getLogger(__name__)
+
+# Keywords that other interfaces take and callers pass to any: without effect here.
+_FOREIGN_OPTIONS = frozenset(
+    ("bitrate", "data_bitrate", "timing", "single_handle", "local_loopback", "ignore_rx_error_frames", "tseg1_abr")
+)
+_CLASSIC_BITRATE = 1_000_000
+_SELECTABLE = 1024  # descriptors below
+
+
+class YamSimBus(can.BusABC):
+    """One client of one channel. Sending and receiving may happen in different threads.
+
+    Args:
+        channel: a channel of the rig's scene, for example "follower_left".
+        can_filters: as for any bus.
+        rig: rig to use, see `runtime.rig_name`.
+        scene: scene of a rig that is started for us.
+        fd: only False; the motors speak classic CAN.
+        bitrate: only 1 Mbit/s, or None.
+        options: scene options of a rig that is started for us (`latency_s=0.00025`).
+
+    Raises:
+        BusError: no such channel, its adapter is unplugged, wrong bit-rate, CAN FD asked for.
+        ConfigError: unknown option or scene.
+        RigError: the rig cannot be started.
+    """
+
+    def __init__(
+        self,
+        channel: str,
+        can_filters: Any = None,
+        *,
+        rig: str | None = None,
+        scene: str | None = None,
+        fd: bool = False,
+        bitrate: int | None = None,
+        receive_own_messages: bool = False,
+        **options: Any,
+    ):
+        self._socket: socket.socket | None = None
+        if fd:
+            raise BusError(f"{channel}: the arms speak classic CAN; open the channel without CAN FD (fd=False)")
+        if bitrate is not None and int(bitrate) != _CLASSIC_BITRATE:
+            raise BusError(f"{channel}: the motors run at 1 Mbit/s, not {bitrate} bit/s")
+        if receive_own_messages:
+            raise ConfigError(f"{channel}: yam_sim does not echo own messages")
+        options = {key: value for key, value in options.items() if key not in _FOREIGN_OPTIONS}
+        hello = {"kind": "bus", "channel": str(channel)}
+        self._socket, self.rig, answer = launch.connect_or_start(rig, hello, scene, options)
+        self._arrived: deque[Frame] = deque()
+        self.channel = channel
+        self.channel_info = f"yam_sim channel {channel} of rig {self.rig}"
+        try:
+            self._link = ClientLink(watch_link(launch.rig_path(self.rig, "links"), answer["link"]), answer["unplugs"])
+        except OSError as error:
+            self._socket.close()
+            raise self._gone() from error
+        super().__init__(channel=channel, can_filters=can_filters)
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Queue one frame for the wire.
+
+        Raises:
+            BusError: the rig is gone, or the frame is not classic CAN.
+            can.CanOperationError: the interface is down, gone or stuck, see `RigControl.fault`.
+        """
+        self.send_many((msg,), timeout)
+
+    def send_many(self, messages: Sequence[can.Message], timeout: float | None = None) -> None:
+        """Queue frames for the wire in one system call; they go out in this order, back to back.
+
+        Raises:
+            BusError: the rig is gone or does not take frames, or a frame is not classic CAN.
+            can.CanOperationError: as for `send`.
+        """
+        packet = pack_messages(messages, time.monotonic())
+        if self._socket is None:
+            raise BusError(f"{self.channel_info} is shut down")
+        if not self._link.check_send(len(messages)):
+            return
+        try:
+            if timeout is not None and not _wait(self._socket, select.POLLOUT, timeout):
+                raise BusError(f"{self.channel_info}: the rig takes no frames; is its process stopped?")
+            self._socket.send(packet)
+        except (BrokenPipeError, ConnectionResetError, ValueError) as error:  # ValueError: shut down meanwhile
+            raise self._gone() from error
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        deadline = None if timeout is None else time.monotonic() + timeout
+        check = self._link.check_receive
+        while True:
+            check()
+            if not self._arrived:  # else the next frame is here, and a look at the socket would cost more than the rest
+                self._fetch(0.0)
+            now = time.monotonic()
+            if self._arrived:
+                wait = self._arrived[0].stamp_s - now
+                if wait <= 0.0:
+                    return message_of(self._arrived.popleft(), self.channel), False
+                if deadline is not None and self._arrived[0].stamp_s > deadline:
+                    # Nothing can arrive before the head: the wire keeps the order.
+                    time.sleep(max(0.0, deadline - now))
+                    return None, False
+                time.sleep(wait)
+                continue
+            remaining = None if deadline is None else deadline - now
+            if remaining is not None and remaining <= 0.0:
+                return None, False
+            self._fetch(remaining)
+
+    def _fetch(self, timeout: float | None) -> None:
+        """Move what the rig has sent into the queue; waits for the first packet only, at most `timeout` s."""
+        sock = self._socket
+        if sock is None:
+            raise BusError(f"{self.channel_info} is shut down")
+        try:
+            if timeout != 0.0 and not _wait(sock, select.POLLIN, timeout):
+                return
+            while True:
+                packet = sock.recv(launch.MAX_PACKET, socket.MSG_DONTWAIT)
+                if not packet:
+                    if self._arrived:  # what the wire has taken is still delivered
+                        return
+                    raise self._gone()
+                if packet != packets.WAKE:
+                    self._arrived.extend(packets.unpack(packet))
+        except BlockingIOError:
+            return
+        except (OSError, ValueError) as error:  # reset, or shut down by another thread
+            raise self._gone() from error
+
+    def _gone(self) -> BusError:
+        crash = launch.rig_path(self.rig, "crash")
+        return BusError(f"{self.channel_info}: the rig has ended" + (f"; see {crash}" if crash.exists() else ""))
+
+    def flush_tx_buffer(self) -> None:
+        """Nothing waits on this side."""
+
+    def fileno(self) -> int:
+        """-1: readiness of the socket is not delivery by the wire, so nothing may select on it."""
+        return -1
+
+    def shutdown(self) -> None:
+        """Leave the channel. Idempotent."""
+        super().shutdown()
+        sock, self._socket = self._socket, None
+        if sock is not None:
+            with contextlib.suppress(OSError):
+                sock.shutdown(socket.SHUT_RDWR)  # also ends the connection that a forked child still holds
+            sock.close()
+
+    @staticmethod
+    def _detect_available_configs() -> list[Any]:
+        return []
+
+
+def _wait(sock: socket.socket, event: int, timeout_s: float | None) -> bool:
+    """Wait for a socket. poll counts in milliseconds and rounds up, but select fails for descriptors above 1023."""
+    timeout_s = None if timeout_s is None else max(0.0, timeout_s)
+    if 0 <= sock.fileno() < _SELECTABLE:
+        reads, writes = ([sock], []) if event == select.POLLIN else ([], [sock])
+        return any(select.select(reads, writes, [], timeout_s))
+    poll = select.poll()
+    poll.register(sock, event)
+    return bool(poll.poll(None if timeout_s is None else timeout_s * 1e3))

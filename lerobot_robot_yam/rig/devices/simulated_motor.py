@@ -1,0 +1,342 @@
+"""A simulated Damiao motor: frames in, feedback out, registers, states, watchdog.
+
+Behaviour that no public source documents and that we chose: ENABLE does not clear a fault (CLEAR does, leaving the
+motor disabled); only frames to the motor's own command identifiers feed the watchdog; a command of another mode
+than CTRL_MODE is answered but not obeyed; the answer to STORE is an echo of the request.
+"""
+
+import contextlib
+import math
+import random
+from collections.abc import Callable
+from typing import Any
+
+from lerobot_robot_yam.damiao import codec, registers
+from lerobot_robot_yam.damiao.codec import SpecialCommand
+from lerobot_robot_yam.damiao.registers import Opcode, Register
+from lerobot_robot_yam.damiao.tables import (
+    POSITION_VELOCITY_OFFSET,
+    REGISTER_ID,
+    TIMEOUT_COUNT_S,
+    VELOCITY_OFFSET,
+    ControlMode,
+    Fault,
+)
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.rig.devices.factory_registers import factory_registers
+from lerobot_robot_yam.rig.devices.false_reading import FalseReading
+from lerobot_robot_yam.rig.devices.link_faults import LinkFaults
+from lerobot_robot_yam.rig.devices.packets import Frame
+from lerobot_robot_yam.rig.devices.thermometer import Ramp, Thermometer
+from lerobot_robot_yam.rig.world.loose_shaft import LooseShaft
+from lerobot_robot_yam.rig.world.shaft import Shaft
+from lerobot_robot_yam.rig.world.world import World
+
+# Gains of the motor's own loops in the modes that bring none along.
+_POSITION_KP, _POSITION_KD = 100.0, 5.0
+_VELOCITY_KD = 5.0
+_RANGES: dict[int, str] = {Register.PMAX: "PMAX", Register.VMAX: "VMAX", Register.TMAX: "TMAX"}
+AHEAD_S = 0.003  # a sample is carried on by at most this
+_TWIN_OFFSET_RAD = 0.3  # of a second motor from where the first one was when the rig started; our choice
+_TWIN_SERIAL = 100_000  # its serial number is by so much higher
+
+
+class SimMotor:
+    """One motor on one drive.
+
+    Args:
+        name: "joint_1", for messages and events.
+        can_id: command identifier; answers go to can_id + 16.
+        kind: a row of `damiao.tables.MOTOR_TYPES`.
+        direction: +1 or -1, motor angle against joint angle.
+        zero_rad: motor angle at joint angle 0.
+        drive: its shaft.
+        world: for times and options.
+        log: called with (kind of event, details).
+        serial: its serial number.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        can_id: int,
+        kind: str,
+        direction: int,
+        zero_rad: float,
+        drive: Shaft,
+        world: World,
+        log: Callable[..., None],
+        serial: int,
+    ):
+        self.name, self.can_id, self.kind = name, can_id, kind
+        self.fault: int = Fault.DISABLED
+        self.faults = LinkFaults()
+        self.sticky_fault = False  # CLEAR does not help
+        self.bias_nm = 0.0  # see `set_bias`
+        self.reading: FalseReading | None = None  # what it measures wrong
+        self.twin: SimMotor | None = None  # see `plug_in_twin`
+        self.drive, self.world, self._log = drive, world, log
+        self.direction, self.zero_rad = direction, zero_rad
+        self._start_rad = drive.angle()
+        self.ranges = codec.ranges_of(kind)
+        options = world.scene.options
+        self.thermometer = Thermometer(random.Random(options.seed * 1000 + can_id), options.stamp_temperatures)
+        self.last_command_s = 0.0  # simulated time
+        self.goal: tuple[float, float] | None = None  # of a position-velocity move under way: target and speed limit
+        self._reference = 0.0
+        self._registers = factory_registers(can_id, kind, serial)
+        self._registers_changed()
+
+    @property
+    def enabled(self) -> bool:
+        """Whether the motor obeys commands."""
+        return self.fault == Fault.NORMAL
+
+    def is_plain(self) -> bool:
+        """Whether it is enabled in MIT mode, measures and answers as it should, and nothing was done to its settings.
+
+        A row of such motors is served by `motor_row`.
+        """
+        return (
+            self.fault == Fault.NORMAL
+            and self._plainly_set
+            and self.goal is self.reading is self.twin is None
+            and not self.faults.set
+            and self.thermometer.held is self.thermometer.ramp is None
+            and not self.thermometer.stamped
+        )
+
+    @property
+    def torque_nm(self) -> float:
+        """Torque that the motor exerts at the joint, joint sign."""
+        return self.drive.torque()
+
+    @property
+    def motor_angle_rad(self) -> float:
+        """True multi-turn motor angle in rad."""
+        return self.direction * self.drive.angle() + self.zero_rad
+
+    # frames
+
+    def command(self, offset: int, data: bytes, at_s: float) -> Frame | None:
+        """Obey a frame to identifier can_id + offset that the wire delivers at `at_s`, and answer it."""
+        if self.faults.silent:
+            return None
+        return Frame(0.0, self.master_id, self.answer(offset, data, at_s))
+
+    def answer(self, offset: int, data: bytes, at_s: float) -> bytes:
+        """The same of a motor that is not silent: the data of its answer. Hot: once per frame."""
+        special = codec.SPECIAL_OF.get(data)
+        self.last_command_s = self.world.sim_s
+        if special is not None:
+            self._special(special)
+        elif len(data) == 8 and self.fault == Fault.NORMAL:
+            if offset == 0:
+                if self.mode == ControlMode.MIT:
+                    self._obey(*codec.unpack_mit(self.ranges, data))
+            else:
+                self._obey_floats(offset, data)
+        return self.sample(at_s)
+
+    def request(self, data: bytes, at_s: float) -> Frame | None:
+        """Answer a register request addressed to this motor, delivered at `at_s`."""
+        request = registers.decode_request(data)
+        if self.faults.silent or request is None:
+            return None
+        if request.opcode == Opcode.REFRESH:
+            return self.feedback(at_s)
+        if request.opcode == Opcode.STORE:
+            return Frame(0.0, self.master_id, bytes(data).ljust(8, b"\x00"))
+        if request.register not in self._registers:
+            return None
+        if request.opcode == Opcode.WRITE and registers.REGISTERS[request.register].writable:
+            assert request.value is not None
+            with contextlib.suppress(ConfigError):  # the answer then shows the value still held
+                self.set_register(request.register, request.value)
+        value = self._register(request.register)
+        # Identifiers may just have changed; the answer still comes from the one that was asked.
+        answer = registers.encode_reply(request.motor_id, request.opcode, request.register, value)
+        return Frame(0.0, self.master_id, answer)
+
+    def feedback(self, at_s: float) -> Frame:
+        """A feedback frame of the state at monotonic time `at_s`; its time stamp is for the caller to set."""
+        return Frame(0.0, self.master_id, self.sample(at_s))
+
+    def sample(self, at_s: float) -> bytes:
+        """Data of a feedback frame of the state at monotonic time `at_s`. Hot: once per frame.
+
+        The physics may be behind that time by a packet's way over the wire; the position is carried on with the
+        velocity, which over 3 ms is exact to less than the frame's last bit.
+        """
+        direction, drive, world = self.direction, self.drive, self.world
+        ahead = at_s - world.stamp_s
+        ahead = 0.0 if ahead < 0.0 else AHEAD_S if ahead > AHEAD_S else ahead
+        rate = drive.velocity()
+        position = direction * (drive.angle() + rate * ahead) + self.zero_rad
+        velocity, torque = direction * rate, direction * drive.torque()
+        if self.reading is not None:
+            position, velocity, torque = self.reading.of((position, velocity, torque), direction)
+        p_max = self.ranges[0]
+        if not -p_max <= position <= p_max:
+            position = (position + p_max) % (2 * p_max) - p_max
+        if self._scales is not None:
+            position, velocity, torque = (
+                x * s for x, s in zip((position, velocity, torque), self._scales, strict=True)
+            )
+        mos, rotor = self.thermometer.read(velocity, torque, world.sim_s, world.stamp_s + ahead)
+        status = self.fault << 4 | self.can_id & 0xF
+        return codec.pack_feedback(self.ranges, status, position, velocity, torque, mos, rotor)
+
+    # state
+
+    def advance(self, elapsed_s: float) -> None:
+        """Move the reference of a position-velocity move on; call while there is a `goal`."""
+        if self.goal is None:
+            return
+        target, speed = self.goal
+        step = abs(speed) * elapsed_s
+        self._reference += min(max(target - self._reference, -step), step)
+        velocity = math.copysign(abs(speed), target - self._reference) if self._reference != target else 0.0
+        self._obey(self._reference, velocity, _POSITION_KP, _POSITION_KD, 0.0, scale=False)
+
+    def look_after_itself(self) -> None:
+        """Give up when too hot or without a command for too long; call every few ms of simulated time."""
+        sim_s = self.world.sim_s
+        if self.thermometer.ramp is not None and self.fault in (Fault.NORMAL, Fault.DISABLED):
+            hot = self.thermometer.tripped(self._registers[Register.OT_VALUE], sim_s)
+            if hot is not None:
+                self.fail(hot)
+        if self.fault == Fault.NORMAL and 0.0 < self._timeout_s < sim_s - self.last_command_s:
+            self.fail(Fault.COMMUNICATION_LOST)
+        if self.bias_nm:
+            self.set_bias(self.bias_nm)
+        if self.twin is not None:
+            self.twin.look_after_itself()
+
+    def set_bias(self, torque_nm: float) -> None:
+        """While enabled the motor delivers so much more torque (joint sign, Nm) than it is told, and than it says."""
+        self.bias_nm = torque_nm
+        self.drive.load(torque_nm if self.fault == Fault.NORMAL else 0.0)
+
+    def warm(self, rate_c_per_s: float, from_c: float, part: str) -> None:
+        """From now on the temperature of `thermometer.PARTS` rises, or falls."""
+        self.thermometer.ramp = Ramp(rate_c_per_s, from_c, self.world.sim_s, part)
+
+    def plug_in_twin(self, angle_rad: float | None = None) -> None:
+        """From now on a second motor with the same identifiers hears every frame and answers after this one.
+
+        It is limp at first, has registers of its own and a shaft that nothing is mounted on, at `angle_rad` (joint
+        sign); it obeys MIT commands. Its events are called second_motor_enabled and so on.
+        """
+        angle = self._start_rad + _TWIN_OFFSET_RAD if angle_rad is None else angle_rad
+        shaft = LooseShaft(self.world, angle, self.ranges[2])
+        serial = int(self._registers[Register.SN]) + _TWIN_SERIAL
+
+        def log(kind: str, **details: Any) -> None:
+            self._log(f"second_{kind}", **details)
+
+        place = self.direction, self.zero_rad
+        self.twin = SimMotor(self.name, self.can_id, self.kind, *place, shaft, self.world, log, serial)
+
+    def repair(self) -> None:
+        """Undo every injected fault; registers, and the fault code that the motor is in, stay."""
+        self.faults = LinkFaults()
+        self.reading = self.twin = None
+        self.sticky_fault = False
+        self.thermometer.held = self.thermometer.ramp = None
+        self.set_bias(0.0)
+        self.drive.jam(False)
+        self.drive.rub(0.0)
+
+    def fail(self, fault: int) -> None:
+        """Fall into a fault: torque off, or damping after a lost link if the scene says so."""
+        self._limp()
+        options = self.world.scene.options
+        if fault == Fault.COMMUNICATION_LOST and options.watchdog == "damping":
+            self.drive.command(0.0, 0.0, 0.0, options.watchdog_damping, 0.0)
+        self.fault = fault
+        self._log("motor_fault", motor=self.name, fault=int(fault))
+
+    def disable(self) -> None:
+        """Torque off."""
+        if self.fault == Fault.NORMAL:
+            self._log("motor_disabled", motor=self.name)
+            self.fault = Fault.DISABLED
+        self._limp()
+
+    def set_register(self, register: int, value: float) -> None:
+        """Overwrite a register, read-only ones too.
+
+        Raises:
+            ConfigError: no such register, or a value it cannot hold.
+        """
+        registers.encode_value(register, value)  # checks
+        if register in _RANGES and value <= 0:
+            raise ConfigError(f"register {_RANGES[register]} must be positive, not {value}")
+        if register in (Register.MST_ID, Register.ESC_ID) and value > REGISTER_ID:
+            raise ConfigError(f"a CAN identifier has 11 bits; {value:#x} has more")
+        self._registers[register] = value
+        self._registers_changed()
+
+    def _special(self, special: SpecialCommand) -> None:
+        if special is SpecialCommand.ENABLE:
+            if self.fault == Fault.DISABLED:
+                self._limp()
+                self._reference = self.motor_angle_rad
+                self.fault = Fault.NORMAL
+                self._log("motor_enabled", motor=self.name)
+        elif special is SpecialCommand.DISABLE:
+            self.disable()
+        elif special is SpecialCommand.ZERO:
+            self.zero_rad -= self.motor_angle_rad
+        elif self.fault not in (Fault.NORMAL, Fault.DISABLED):
+            if not self.sticky_fault:
+                self.fault = Fault.DISABLED
+                self._limp()
+
+    def _obey(self, position: float, velocity: float, kp: float, kd: float, torque: float, scale: bool = True) -> None:
+        """Servo to a command in motor coordinates; `scale`: it came packed in the motor's own ranges."""
+        if scale:
+            self.goal = None
+            if self._scales is not None:
+                position, velocity, torque = (
+                    x / s for x, s in zip((position, velocity, torque), self._scales, strict=True)
+                )
+        direction = self.direction
+        true = self.zero_rad + direction * self.drive.angle()
+        p_max = self.ranges[0]
+        if not -p_max <= true <= p_max:  # the command means the turn that feedback reports
+            position += true - ((true + p_max) % (2 * p_max) - p_max)
+        self.drive.command(direction * (position - self.zero_rad), direction * velocity, kp, kd, direction * torque)
+
+    def _obey_floats(self, offset: int, data: bytes) -> None:
+        """Position-velocity or velocity command, if the motor is in that mode and the numbers are finite."""
+        first, second = codec.decode_position_velocity(data)
+        if not (math.isfinite(first) and math.isfinite(second)):
+            return
+        if offset == POSITION_VELOCITY_OFFSET and self.mode == ControlMode.POSITION_VELOCITY:
+            self.goal = first, second
+        elif offset == VELOCITY_OFFSET and self.mode == ControlMode.VELOCITY:
+            self._obey(0.0, first, 0.0, _VELOCITY_KD, 0.0, scale=False)
+
+    def _limp(self) -> None:
+        self.goal = None
+        self.drive.command(0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def _register(self, register: int) -> float | int:
+        if register in (Register.P_M, Register.XOUT):
+            return self.motor_angle_rad
+        return self._registers[register]
+
+    def _registers_changed(self) -> None:
+        held = self._registers
+        self.can_id = int(held[Register.ESC_ID])
+        self.mode = int(held[Register.CTRL_MODE])
+        self.master_id = int(held[Register.MST_ID])
+        self._timeout_s = held[Register.TIMEOUT] * TIMEOUT_COUNT_S
+        # The codec packs with the type's ranges; a motor set to others packs as if every value were scaled.
+        ranges = self.ranges[:3]
+        held_ranges = (held[Register.PMAX], held[Register.VMAX], held[Register.TMAX])
+        scales = tuple(mine / its for mine, its in zip(ranges, held_ranges, strict=True))
+        self._scales: tuple[float, ...] | None = None if all(abs(s - 1) < 1e-6 for s in scales) else scales
+        self._plainly_set = self._scales is None and self.mode == ControlMode.MIT

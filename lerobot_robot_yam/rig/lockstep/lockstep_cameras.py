@@ -1,0 +1,137 @@
+"""Rendered cameras of a rig in lock-step: a picture shows the very instant at which it is asked for."""
+
+import select
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lerobot_robot_yam.errors import RigError
+from lerobot_robot_yam.rig.client.camera_frames import frame_dtype
+from lerobot_robot_yam.rig.client.launch import raise_remote, scene_arguments
+from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
+from lerobot_robot_yam.rig.server.camera_service import CameraService
+from lerobot_robot_yam.system.shared_block import SharedBlock
+
+_TIMEOUT_S = 60.0  # the computer's time: the renderer builds its world first
+
+
+_eyes: dict[str, "LockstepEyes"] = {}
+
+
+def _eyes_of(rig: LockstepRig) -> "LockstepEyes":
+    if rig.name not in _eyes:
+        _eyes[rig.name] = LockstepEyes(rig)
+        rig.at_close.append(lambda: _eyes.pop(rig.name).close())
+    return _eyes[rig.name]
+
+
+class LockstepEyes:
+    """All cameras of one rig, drawn together by one renderer process. It ends with the rig."""
+
+    def __init__(self, rig: LockstepRig):
+        self._rig = rig
+        names = [camera.name for camera in rig.device.scene.cameras]
+        self._service = CameraService(rig.name, names, [*scene_arguments(rig.scene_name, rig.options), "--on-demand"])
+        self._drawn: tuple[int, int] | None = None  # restarts and physics steps of the newest pictures
+        self._answers: dict[Any, dict[str, Any]] = {}
+
+    def open(self, client: "LockstepCamera", hello: dict[str, Any]) -> Path:
+        """Path of the block that holds the camera's newest frame.
+
+        Raises:
+            ConfigError: unknown camera or impossible settings.
+            RigError: no OpenGL.
+        """
+        self._rig.show()  # the renderer looks for the world when it starts
+        path = Path(self._service.open(client, hello)["block"])
+        self._wait(lambda: client in self._answers)
+        answer = self._answers.pop(client)
+        if "error" in answer:
+            raise_remote(answer)
+        self._drawn = None
+        return path
+
+    def drop(self, client: "LockstepCamera") -> None:
+        """A camera is not needed any more."""
+        self._service.drop(client)
+
+    def look(self) -> None:
+        """Draw the present state of the world, unless that has been done."""
+        rig = self._rig
+        present = rig.restarts, rig.device.world.steps
+        if present != self._drawn:
+            rig.show()
+            self._service.draw(anew=self._drawn is None or self._drawn[0] != present[0])
+            self._wait(lambda: self._service.drawn)
+            self._drawn = present
+
+    def _wait(self, done: Callable[[], bool]) -> None:
+        while True:
+            for client, answer in self._service.poll():
+                self._answers[client] = answer
+            if done():
+                return
+            fileno = self._service.fileno()
+            if fileno is None or not select.select([fileno], [], [], _TIMEOUT_S)[0]:
+                raise RigError(f"rig {self._rig.name}: its renderer has ended or hangs; are OpenGL and EGL installed?")
+
+    def close(self) -> None:
+        """End the renderer. Idempotent."""
+        self._service.close()
+
+
+class LockstepCamera:
+    """One camera; as `cameras.RigCamera`, but its pictures are never old.
+
+    Args:
+        rig: the rig.
+        camera: name in the scene.
+        width, height: pixels.
+        fps: frames a second, for whoever asks; a picture is drawn whenever one is wanted.
+    """
+
+    def __init__(self, rig: LockstepRig, camera: str, width: int, height: int, fps: int):
+        self._rig = rig
+        self._hello = {"camera": camera, "width": width, "height": height, "fps": fps}
+        self._dtype = frame_dtype(width, height)
+        self._block: SharedBlock | None = None
+
+    @property
+    def is_connected(self) -> bool:
+        return self._block is not None
+
+    def connect(self) -> None:
+        """Have the camera drawn. Does nothing when connected.
+
+        Raises:
+            ConfigError: the scene has no such camera, or it cannot have these settings.
+            RigError: no OpenGL.
+        """
+        if self._block is None:
+            self._block = SharedBlock(_eyes_of(self._rig).open(self, self._hello), self._dtype, create=False)
+
+    def latest(self, max_age_s: float = 0.0) -> tuple[np.ndarray, float]:
+        """(height, width, 3) uint8 RGB of this instant, and the rig's time in s.
+
+        Raises:
+            RigError: not connected, or the renderer has ended.
+        """
+        if self._block is None:
+            raise RigError(f"camera {self._hello['camera']} is not connected; call connect() first")
+        _eyes_of(self._rig).look()
+        record = self._block.read()
+        assert record is not None
+        return record["rgb"], float(record["stamp_s"])
+
+    def wait_new(self, timeout_s: float = 0.0) -> tuple[np.ndarray, float]:
+        """As `latest`: there is nothing to wait for."""
+        return self.latest()
+
+    def close(self) -> None:
+        """Leave. Idempotent."""
+        block, self._block = self._block, None
+        if block is not None:
+            block.close()
+            _eyes_of(self._rig).drop(self)

@@ -1,0 +1,213 @@
+"""A virtual rig in this very process, in lock-step: its time passes only while somebody sleeps on its clock.
+
+    rig = LockstepRig("tasks", arms=["follower_left", "follower_right"])
+    bus = can.Bus(interface="yam_lockstep", channel="follower_left", rig=rig.name)
+
+The same world, motors and wires as the live rig's, without sockets. Nothing in it depends on the computer's clock or
+load: the same calls give the same bits, as fast as the machine allows.
+"""
+
+import itertools
+import json
+import os
+import socket
+from collections import deque
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+
+from lerobot_robot_yam.errors import BusError, ConfigError
+from lerobot_robot_yam.rig.bus.client_link import ClientLink
+from lerobot_robot_yam.rig.bus.frame_messages import message_of, pack_messages
+from lerobot_robot_yam.rig.client.launch import rig_path
+from lerobot_robot_yam.rig.client.rig_control import RigOperations
+from lerobot_robot_yam.rig.devices import packets
+from lerobot_robot_yam.rig.devices.packets import Frame
+from lerobot_robot_yam.rig.scene.scene import load_scene
+from lerobot_robot_yam.rig.simulation import rig_commands
+from lerobot_robot_yam.rig.simulation.device import RigDevice
+from lerobot_robot_yam.system.shared_block import SharedBlock
+
+BEGIN_S = 100.0  # the rig's time when it starts
+_STEP_S = 0.004  # physics in one go, as the live rig does
+_PATIENCE_S = 60.0  # of a receiver without a time-out
+
+_rigs: dict[str, "LockstepRig"] = {}
+_numbers = itertools.count(1)
+
+
+def find_lockstep(name: str | None) -> "LockstepRig | None":
+    """The rig in lock-step of that name, if there is one in this process."""
+    return _rigs.get(name or "")
+
+
+class LockstepRig(RigOperations):
+    """World, channels and clock of a rig in lock-step.
+
+    Args:
+        scene: see `scene.load_scene`.
+        options: scene options.
+
+    Attributes:
+        restarts: how often `restart` was called.
+        at_close: called when the rig is closed.
+
+    Raises:
+        ConfigError: unknown scene or option.
+    """
+
+    def __init__(self, scene: str | Path | None = None, **options: Any):
+        self.name = f"lockstep-{os.getpid()}-{next(_numbers)}"
+        self.scene_name = None if scene is None else str(scene)
+        self.options = dict(options)
+        self._scene = load_scene(self.scene_name, options)
+        self.device = RigDevice(self._scene, self)
+        self._now_s = BEGIN_S
+        self.device.world.start(BEGIN_S)
+        self._record = np.zeros((), self.device.world.state_dtype())
+        self._block = SharedBlock(rig_path(self.name, "world"), self._record.dtype, create=True)
+        self.restarts = 0
+        self.at_close: list[Callable[[], None]] = []
+        _rigs[self.name] = self
+
+    def now(self) -> float:
+        """The rig's time in s."""
+        return self._now_s
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass."""
+        if not seconds >= 0.0:
+            raise ValueError(f"a rig cannot sleep {seconds!r} s")
+        until_s = self._now_s + seconds
+        while self._now_s < until_s:
+            self._now_s = min(self._now_s + _STEP_S, until_s)
+            self.device.advance(self._now_s)
+
+    def request(self, op: str, **arguments: Any) -> dict[str, Any]:
+        answer = rig_commands.ask(self.device, {"op": op, **json.loads(json.dumps(arguments, default=_plain))})
+        plain: dict[str, Any] = json.loads(json.dumps(answer, default=_plain))
+        return plain
+
+    def restart(self) -> None:
+        """Begin anew, at the same time, in a world as at the first start. Open buses are dead then."""
+        for channel in self.device.channels.values():
+            channel.clients.clear()
+        self.device.events.close()
+        self.device = RigDevice(self._scene, self)
+        self._now_s = BEGIN_S
+        self.device.world.start(BEGIN_S)
+        self.restarts += 1
+
+    def show(self) -> None:
+        """Publish the world's present state for the renderer."""
+        world, record = self.device.world, self._record
+        record["sim_s"], record["stamp_s"] = world.sim_s, world.stamp_s
+        record["qpos"], record["qvel"] = world.data.qpos, world.data.qvel
+        self._block.write(record)
+
+    def close(self) -> None:
+        """Throw it away. Idempotent."""
+        if _rigs.pop(self.name, None) is not None:
+            while self.at_close:
+                self.at_close.pop()()
+            self.device.events.close()
+            self._block.close()
+
+
+class LockstepBus(can.BusABC):
+    """One client of one channel of a rig in lock-step; python-can interface `yam_lockstep`.
+
+    Args:
+        channel: a channel of the rig's scene.
+        can_filters: as for any bus.
+        rig: name of a `LockstepRig` of this process.
+
+    Raises:
+        ConfigError: there is no such rig.
+        BusError: there is no such channel.
+    """
+
+    def __init__(self, channel: str, can_filters: Any = None, *, rig: str | None = None, **foreign_options: Any):
+        found = find_lockstep(rig)
+        if found is None:
+            raise ConfigError(
+                f"{channel}: no rig in lock-step called {rig!r} in this process; start a LockstepRig first"
+            )
+        if channel not in found.device.channels:
+            raise BusError(f"rig {rig} has no channel '{channel}'; it has {', '.join(found.device.channels)}")
+        self.clock = found
+        self.channel_info = f"yam_lockstep channel {channel} of rig {rig}"
+        self._wire = found.device.channels[channel]
+        self._link = ClientLink(self._wire.link.word, self._wire.link.unplugs)
+        self._arrived: deque[Frame] = deque()
+        self._mailbox = _Mailbox(self._arrived)
+        self._wire.clients.append(self._mailbox)
+        super().__init__(channel=channel, can_filters=can_filters)
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Queue one frame for the wire."""
+        self.send_many((msg,))
+
+    def send_many(self, messages: Sequence[can.Message]) -> None:
+        """Queue frames for the wire, back to back.
+
+        Raises:
+            BusError: the rig has been restarted.
+            can.CanOperationError: the interface is down, gone or stuck, see `RigControl.fault`.
+        """
+        if not self._link.check_send(len(messages)):
+            return
+        if self._mailbox not in self._wire.clients:
+            raise BusError(f"{self.channel_info}: no such device; was the rig restarted?")
+        now = self.clock.now()
+        self._wire.receive_packet(self._mailbox, pack_messages(messages, now), now)
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """The next frame; its time passes on the rig's clock.
+
+        Raises:
+            can.CanOperationError: the interface is down or gone.
+        """
+        clock, arrived = self.clock, self._arrived
+        deadline = clock.now() + (_PATIENCE_S if timeout is None else timeout)
+        while True:
+            self._link.check_receive()
+            now = clock.now()
+            if arrived and arrived[0].stamp_s <= now:
+                message = message_of(arrived.popleft(), self._wire.name)
+                if self._matches_filters(message):
+                    return message
+                continue
+            if now >= deadline:
+                return None
+            next_s = arrived[0].stamp_s if arrived else min(now + _STEP_S, self._wire.adapter.due_s)
+            until = min(deadline, max(next_s, now))
+            clock.sleep(until - now)
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        return self.recv(timeout), True
+
+    def shutdown(self) -> None:
+        """Leave the channel. Idempotent."""
+        super().shutdown()
+        if self._mailbox in self._wire.clients:
+            self._wire.clients.remove(self._mailbox)
+
+
+class _Mailbox:
+    """What a channel delivers to, in a socket's place."""
+
+    def __init__(self, arrived: deque[Frame]):
+        self._arrived = arrived
+
+    def send(self, data: bytes, flags: int = socket.MSG_DONTWAIT, /) -> int:
+        if data != packets.WAKE:
+            self._arrived.extend(packets.unpack(data))
+        return len(data)
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist()

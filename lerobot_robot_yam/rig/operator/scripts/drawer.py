@@ -1,0 +1,33 @@
+"""Open a drawer: take its handle and pull it straight along its joint."""
+
+import numpy as np
+
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.rig.operator.scripts.script import Script, grip_yaw
+
+_AWAY_M = 0.04
+_PULL_S = 1.2
+
+
+class Drawer(Script):
+    """The joint and how far it goes are those of the last stage of success; the handle is the first grip."""
+
+    def work(self) -> bool:
+        stage = self.setup.last
+        joint = self.setup.things[stage.joint].joint if stage.joint else None
+        if joint is None or joint.kind != "slide" or stage.joint_range is None:
+            raise ConfigError(f"task {self.setup.task.name}: its last stage needs the joint_range of a slide")
+        grip, sight = self.grip_of(stage.joint), self.guide.see()
+        front = sight.things[stage.joint]
+        point = front.point(grip.point_m)
+        worker = self.workers[self.setup.nearest(point)]
+        yaw = worker.planner.grasp_yaw(point, grip_yaw(grip, front), grip.turns)
+        worker.reach(point, yaw)
+        worker.close()
+        low, high = stage.joint_range
+        way = (0.5 * (low + high) - sight.joints[stage.joint]) * joint.axis / np.linalg.norm(joint.axis)
+        worker.go(point + front.rotation @ way, yaw, _PULL_S)
+        self.guide.settle(worker.side)
+        worker.open()
+        worker.rise(_AWAY_M)
+        return bool(low <= self.guide.see().joints[stage.joint] <= high)

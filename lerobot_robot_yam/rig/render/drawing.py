@@ -1,0 +1,140 @@
+"""Every camera of a rig that somebody watches: when it is due, from which state, and where its frames go."""
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from lerobot_robot_yam.errors import RigError
+from lerobot_robot_yam.rig.client.camera_frames import Settings, frame_dtype, frame_path
+from lerobot_robot_yam.rig.client.launch import rig_path
+from lerobot_robot_yam.rig.render.painter import Painter
+from lerobot_robot_yam.rig.render.sensor import Sensor
+from lerobot_robot_yam.rig.scene.scene import Scene
+from lerobot_robot_yam.rig.world.world import build_world, world_dtype
+from lerobot_robot_yam.system.shared_block import SharedBlock
+
+_UNCHANGED = 1e-6  # rad or m; below this in every joint the last picture is still right
+_ALL_SEEING = ("overview",)  # cameras that show the leaders too
+
+
+@dataclass
+class View:
+    """One camera that is being drawn."""
+
+    settings: Settings
+    block: SharedBlock
+    record: np.ndarray
+    clean: np.ndarray
+    sensor: Sensor
+    due_s: float
+    drawn_qpos: np.ndarray | None = None
+
+    @property
+    def period_s(self) -> float:
+        return 1.0 / self.settings[3]
+
+
+class Drawing:
+    """All views of one rig.
+
+    Args:
+        rig: the rig's name; its world block must exist.
+        scene: the same scene that the rig simulates.
+
+    Raises:
+        RigError: no OpenGL, or the world's block is missing.
+    """
+
+    def __init__(self, rig: str, scene: Scene):
+        self._rig = rig
+        self._noise = scene.options.camera_noise
+        model = build_world(scene)
+        try:
+            self._world = SharedBlock(rig_path(rig, "world"), world_dtype(model), create=False)
+        except FileNotFoundError as error:
+            raise RigError(f"rig {rig} shows no world ({error}); is it running?") from error
+        leaders = [f"{arm.channel}/" for arm in scene.arms if arm.role == "leader"]
+        self._painter = Painter(model, hidden=leaders)
+        self._views: dict[Settings, View] = {}
+        self._stalled_until_s: dict[str, float] = {}
+
+    def open(self, settings: Settings) -> None:
+        """Start drawing a camera; its block exists when this returns. Does nothing where it is drawn already."""
+        if settings in self._views:  # a second client asked before the first was answered
+            return
+        name, width, height, fps = settings
+        self._painter.reserve(width, height)
+        dtype = frame_dtype(width, height)
+        block = SharedBlock(frame_path(self._rig, name, width, height, fps), dtype, create=True)
+        now = time.monotonic()
+        clean = np.zeros((height, width, 3), np.uint8)
+        sensor = Sensor(width, height, self._noise)
+        self._views[settings] = View(settings, block, np.zeros((), dtype), clean, sensor, now)
+        self.draw_due(now)
+
+    def close(self, settings: Settings) -> None:
+        """Stop drawing a camera and remove its block."""
+        view = self._views.pop(settings, None)
+        if view is not None:
+            view.block.close()
+
+    def stall(self, camera: str, until_s: float) -> None:
+        """Publish no frame of a camera before a monotonic time."""
+        self._stalled_until_s[camera] = until_s
+
+    def close_all(self) -> None:
+        """Remove every block and give OpenGL back."""
+        for settings in list(self._views):
+            self.close(settings)
+        self._world.close()
+        self._painter.close()
+
+    def next_due_s(self) -> float | None:
+        """Monotonic time of the next frame, None without cameras."""
+        return min((view.due_s for view in self._views.values()), default=None)
+
+    def draw_due(self, now_s: float) -> None:
+        """Draw and publish every view whose time has come, all from one state of the world while that is new."""
+        due = [view for view in self._views.values() if view.due_s <= now_s]
+        for view in due:
+            view.due_s = _next_beat(now_s, view.period_s)  # what is late is skipped: no burst
+        self._draw([view for view in due if self._stalled_until_s.get(view.settings[0], 0.0) <= now_s])
+
+    def draw_all(self) -> None:
+        """Draw and publish every view."""
+        self._draw(list(self._views.values()))
+
+    def begin_anew(self) -> None:
+        """The world has been restarted: so are the sensors' noise and the frames' times."""
+        for view in self._views.values():
+            _, width, height, _ = view.settings
+            view.sensor, view.drawn_qpos = Sensor(width, height, self._noise), None
+            view.record["stamp_s"] = 0.0
+
+    def _draw(self, views: list[View]) -> None:
+        state, read_s = None, -math.inf
+        posed = False
+        for view in views:
+            if time.monotonic() - read_s > view.period_s:  # at once, or on a machine that has no time for us
+                state, read_s, posed = self._world.read(), time.monotonic(), False
+            if state is None or float(state["stamp_s"]) <= float(view.record["stamp_s"]):
+                continue  # nothing new to show; the frame's age tells
+            qpos = state["qpos"]
+            if view.drawn_qpos is None or np.abs(qpos - view.drawn_qpos).max() > _UNCHANGED:
+                if not posed:
+                    self._painter.pose(qpos)
+                    posed = True
+                name = view.settings[0]
+                self._painter.paint(name, view.clean, show_hidden=name in _ALL_SEEING)
+                view.drawn_qpos = qpos
+            view.sensor.expose(view.clean, view.record["rgb"])
+            view.record["stamp_s"], view.record["sim_s"] = state["stamp_s"], state["sim_s"]
+            view.record["number"] += 1
+            view.block.write(view.record)
+
+
+def _next_beat(now_s: float, period_s: float) -> float:
+    """The next multiple of the period: cameras of one rate show the same instant, from one state."""
+    return (int(now_s / period_s + 1e-6) + 1) * period_s

@@ -1,0 +1,121 @@
+"""Renderer of a virtual rig; the rig starts it, nobody else needs to.
+
+    python -m lerobot_robot_yam.rig.render.renderer --rig NAME --scene bimanual_table
+
+Reads the world's state block, draws each camera that it was asked for at that camera's rate, and publishes the
+newest frame of each. Requests come as JSON lines on standard input: {"do": "open" or "close", "camera": [name, width,
+height, fps]}, {"do": "stall", "camera": name, "until_s": monotonic time}. Answers go to standard output: {"ready":
+camera} or {"error": text}. With --on-demand it draws only when told to: {"do": "draw", "anew": whether the world was
+restarted}, answered by {"drawn": true}.
+
+It ends when its input does, so it never outlives the rig. It preempts nobody by waking up, and skips what is late.
+"""
+
+import argparse
+import json
+import logging
+import os
+import select
+import sys
+import time
+from typing import TYPE_CHECKING, Any
+
+from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.rig.client.camera_frames import Settings
+
+if TYPE_CHECKING:
+    from lerobot_robot_yam.rig.render.drawing import Drawing
+
+
+def _serve(drawing: "Drawing", answers: int, on_demand: bool) -> None:
+    """Obey standard input until it ends."""
+    pending = b""
+    while True:
+        due_s = None if on_demand else drawing.next_due_s()
+        timeout = None if due_s is None else max(0.0, due_s - time.monotonic())
+        if select.select([0], [], [], timeout)[0]:
+            chunk = os.read(0, 65536)
+            if not chunk:
+                return
+            *lines, pending = (pending + chunk).split(b"\n")
+            for line in lines:
+                _obey(drawing, json.loads(line), answers)
+        if not on_demand:
+            drawing.draw_due(time.monotonic())
+
+
+def _obey(drawing: "Drawing", request: dict[str, Any], answers: int) -> None:
+    if request["do"] == "stall":
+        drawing.stall(request["camera"], request["until_s"])
+        return
+    if request["do"] == "draw":
+        if request["anew"]:
+            drawing.begin_anew()
+        drawing.draw_all()
+        _answer(answers, {"drawn": True})
+        return
+    name, width, height, fps = request["camera"]
+    settings: Settings = (name, width, height, fps)
+    if request["do"] == "close":
+        drawing.close(settings)
+        return
+    drawing.open(settings)
+    _answer(answers, {"ready": settings})
+
+
+def _answer(answers: int, message: dict[str, Any]) -> None:
+    os.write(answers, json.dumps(message).encode() + b"\n")
+
+
+def _draw_for(rig: str, scene: str | None, options: dict[str, Any]) -> "Drawing":
+    # mujoco reads this once, when it is imported, and fails there where OpenGL's libraries are missing.
+    os.environ["MUJOCO_GL"] = "egl"
+    # Software OpenGL draws in our thread: it must not take both cores, and a thread of its own cost a fifth more here,
+    # and two waits for a processor per picture on a busy machine.
+    os.environ["LP_NUM_THREADS"] = "0"
+    from lerobot_robot_yam.rig.render.drawing import Drawing
+    from lerobot_robot_yam.rig.scene.scene import load_scene
+
+    return Drawing(rig, load_scene(scene, options))
+
+
+def _option(text: str) -> tuple[str, Any]:
+    key, _, value = text.partition("=")
+    try:
+        return key, json.loads(value)
+    except json.JSONDecodeError:
+        return key, value
+
+
+def main() -> int:
+    """Entry point of the renderer's process."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rig", required=True, help="name of the running rig")
+    parser.add_argument("--scene", help="scene name or YAML path, as given to the rig")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="scene option")
+    parser.add_argument("--on-demand", action="store_true", help="draw when told to, for a rig in lock-step")
+    args = parser.parse_args()
+    logging.basicConfig(level=logging.INFO, format="renderer: %(levelname)s: %(message)s")
+    answers = os.dup(1)
+    os.dup2(2, 1)  # what a library prints must not mix with the answers
+    if not args.on_demand:
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # never preempt physics or control by waking up
+    try:
+        drawing = _draw_for(args.rig, args.scene, dict(_option(item) for item in args.set))
+    except YamError as error:
+        _answer(answers, {"error": str(error)})
+        return 1
+    except (ImportError, AttributeError) as error:  # how PyOpenGL reports a library that is not there
+        _answer(answers, {"error": f"rendered cameras need OpenGL through EGL, which cannot be loaded ({error})"})
+        raise
+    try:
+        _serve(drawing, answers, args.on_demand)
+    except (KeyboardInterrupt, BrokenPipeError):
+        pass  # the rig is ending
+    finally:
+        drawing.close_all()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,249 @@
+"""Scenes: which arms stand where on which CAN channel, what lies on the table, the tasks, and the rig's options.
+
+A scene is a YAML file, packaged (`SCENES`) or one's own. With `extends: NAME` it takes from another one every key that
+it does not give itself. Any field of its `options` can be replaced when the rig is started: `--set friction=0`,
+`RigControl.start(friction=0)`, `can.Bus(..., friction=0)`.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.rig.scene.props import Thing, check_things
+from lerobot_robot_yam.rig.scene.tasks import SCRIPTS, Task, check_tasks
+from lerobot_robot_yam.system.paths import user_path
+from lerobot_robot_yam.system.strict_yaml import array_field, merge, parse, read_yaml
+
+_DIRECTORY = Path(__file__).parent / "scenes"
+SCENES = tuple(sorted(path.stem for path in _DIRECTORY.glob("*.yaml")))
+DEFAULT_SCENE = "bimanual_table"
+ROLES = ("follower", "leader")
+OPERATORS = ("none", "pick_and_place")  # and those tasks of the scene that it has a script for
+WATCHDOGS = ("limp", "damping")
+SERIALS = ("unique", "same")
+_TIMESTEPS_S = (1e-4, 0.01)
+_ARM_SERIALS = 1000  # serial numbers that belong to one arm
+
+
+@dataclass(frozen=True, eq=False)
+class ArmPlacement:
+    """An arm on the table. Base at `position_m`, turned by `yaw_rad` about the vertical.
+
+    tilt_rad: [roll, pitch] of a base that does not stand upright, see `model.base_quat`.
+
+    q_rad: start pose (n,), default the rest pose. stops_rad: gripper stops [closed, open] in joint space (motor
+    angle * direction), default the profile's. zero_offset_rad: motor angle at joint value 0, per motor (gripper
+    last), default 0. number: 1 for the scene's first arm, whichever are selected; filled in by `load_scene`.
+    """
+
+    channel: str
+    role: str
+    arm: str
+    gripper: str
+    position_m: np.ndarray = array_field(3)
+    yaw_rad: float = 0.0
+    tilt_rad: np.ndarray = array_field(2, default=(0, 0))
+    q_rad: np.ndarray | None = array_field(-1, default=None)
+    stops_rad: np.ndarray | None = array_field(2, default=None)
+    zero_offset_rad: np.ndarray | None = array_field(-1, default=None)
+    number: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A camera at `position_m` that looks at `target_m`, in the frame of `body` ("" is the world).
+
+    `up` is the direction that points up in the picture; `fovy_deg` the vertical field of view.
+    """
+
+    name: str
+    position_m: np.ndarray = array_field(3)
+    target_m: np.ndarray = array_field(3)
+    up: np.ndarray = array_field(3, default=(0, 0, 1))
+    fovy_deg: float = 45.0
+    body: str = ""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What can be changed per start.
+
+    arm, gripper: replace every follower's (tests of other hardware). arms: only these channels.
+    friction, armature: factors on the profiles' dry friction and rotor inertia.
+    latency_s: of the CAN adapter, each way. watchdog: what a motor does after its time-out, "limp" or "damping"
+    (watchdog_damping, Nm s/rad). operator: what the scripted operator does: "none", "pick_and_place" or a task of
+    the scene.
+    swapped: two channels whose cables are exchanged: each arm, where it stands, is found on the other's channel.
+    serials: numbers in the motors' SN registers, "unique" or "same" on every arm (then no register tells arms apart).
+    stamp_temperatures: temperature bytes carry the sample's time instead, see `thermometer.sample_age_s`.
+    camera_noise: grey levels (sigma) that the cameras' sensors add. seed: of lost and garbled frames and
+    temperature noise, and of the operator's first attempt at a task.
+    event_dir: folder that keeps the event log as `rig-<name>.events.jsonl`, one JSON object a line, also after the
+    rig's end; none without.
+    """
+
+    arm: str | None = None
+    gripper: str | None = None
+    arms: tuple[str, ...] | None = None
+    timestep_s: float = 0.001
+    friction: float = 1.0
+    armature: float = 1.0
+    latency_s: float = 0.0
+    watchdog: str = "limp"
+    watchdog_damping: float = 1.0
+    operator: str = "none"
+    swapped: tuple[str, ...] | None = None
+    serials: str = "unique"
+    stamp_temperatures: bool = False
+    camera_noise: float = 2.0
+    seed: int = 0
+    event_dir: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A whole scene. `places` are named points (x, y, z) m between which the operator carries the prop; `homes` where
+    its tool waits during tasks, by side.
+    """
+
+    name: str
+    arms: tuple[ArmPlacement, ...]
+    props: tuple[Thing, ...] = ()
+    furniture: tuple[Thing, ...] = ()
+    cameras: tuple[Camera, ...] = ()
+    places: dict[str, np.ndarray] = array_field(3, default=None)
+    homes: dict[str, np.ndarray] = array_field(3, default=None)
+    tasks: tuple[Task, ...] = ()
+    options: Options = Options()
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """CAN channel of each arm."""
+        return tuple(arm.channel for arm in self.arms)
+
+    @property
+    def things(self) -> tuple[Thing, ...]:
+        """Furniture and props."""
+        return (*self.furniture, *self.props)
+
+
+def load_scene(name: str | Path | None = None, options: Mapping[str, Any] | None = None) -> Scene:
+    """The scene of that name (`SCENES`) or YAML path, with options replaced.
+
+    Raises:
+        ConfigError: unknown scene, option or value.
+    """
+    name = str(name or DEFAULT_SCENE)
+    document = _document(name, Path())
+    if "extends" in document:
+        document = {**_document(str(document.pop("extends")), Path(name).parent), **document}
+    options = dict(options or {})
+    for key in ("arms", "swapped"):
+        if isinstance(options.get(key), str):
+            options[key] = options[key].split(",")
+    held = document.get("options") or {}
+    if not isinstance(held, Mapping):
+        raise ConfigError(f"scene '{name}': options expects a mapping, found {held!r}")
+    scene = parse(Scene, merge(document, {"options": merge(held, options)}), f"scene '{name}'")
+    _check(scene)
+    _check_things(scene)
+    scene = _selected(scene)
+    for row in scene.arms:
+        _check_placement(row)
+    return scene
+
+
+def _document(name: str, folder: Path) -> dict[str, Any]:
+    """What the file of a scene says; a path is taken from `folder`."""
+    if name in SCENES:
+        return read_yaml(_DIRECTORY / f"{name}.yaml")
+    if name.endswith((".yaml", ".yml")):
+        return read_yaml(folder / user_path(name))
+    raise ConfigError(f"unknown scene '{name}'; known: {', '.join(SCENES)}, or a path to a YAML file")
+
+
+def _check(scene: Scene) -> None:
+    where, options = f"scene '{scene.name}'", scene.options
+    if len(set(scene.channels)) != len(scene.channels) or not scene.arms:
+        raise ConfigError(f"{where}: needs arms, each with a channel of its own, not {scene.channels}")
+    for arm in scene.arms:
+        if arm.role not in ROLES:
+            raise ConfigError(f"{where}: role of {arm.channel} must be one of {ROLES}, not '{arm.role}'")
+    operators = (*OPERATORS, *(task.name for task in scene.tasks if task.does in SCRIPTS))
+    for key, known in {"watchdog": WATCHDOGS, "operator": operators, "serials": SERIALS}.items():
+        if getattr(options, key) not in known:
+            raise ConfigError(f"{where}: option {key} must be one of {known}, not '{getattr(options, key)}'")
+    if not _TIMESTEPS_S[0] <= options.timestep_s <= _TIMESTEPS_S[1]:
+        raise ConfigError(f"{where}: option timestep_s must lie within {_TIMESTEPS_S}, not {options.timestep_s:g}")
+    positive = {"armature": options.armature}
+    not_negative = {"friction": options.friction, "latency_s": options.latency_s}
+    wrong = [k for k, v in positive.items() if v <= 0] + [k for k, v in not_negative.items() if v < 0]
+    if wrong:
+        raise ConfigError(f"{where}: out of range: options {wrong}")
+    for key, named in {"arms": options.arms, "swapped": options.swapped}.items():
+        unknown = sorted(set(named or ()) - set(scene.channels))
+        if unknown:
+            raise ConfigError(f"{where}: option {key} names unknown channels {unknown}; known: {scene.channels}")
+    if options.swapped is not None and len(set(options.swapped)) != 2:
+        raise ConfigError(f"{where}: option swapped takes two channels, not {options.swapped}")
+
+
+def _check_things(scene: Scene) -> None:
+    """Things, tasks and cameras that physics and renderer can make."""
+    where = f"scene '{scene.name}'"
+    check_things(scene.props, scene.furniture, where)
+    followers = [arm.channel for arm in scene.arms if arm.role == "follower"]
+    check_tasks(scene.tasks, scene.things, followers, where)
+    names = [camera.name for camera in scene.cameras]
+    if len(set(names)) < len(names):
+        raise ConfigError(f"{where}: cameras need names of their own, not {names}")
+    for camera in scene.cameras:
+        if np.linalg.norm(np.cross(camera.position_m - camera.target_m, camera.up)) < 1e-9:
+            raise ConfigError(f"{where}: camera {camera.name} looks nowhere, or along its own up direction")
+        if not 0.0 < camera.fovy_deg < 180.0:
+            raise ConfigError(
+                f"{where}: camera {camera.name}: fovy_deg lies between 0 and 180, not {camera.fovy_deg:g}"
+            )
+
+
+def _check_placement(row: ArmPlacement) -> None:
+    """Poses, zeros and stops that fit the arm and its gripper."""
+    arm, gripper = load_arm(row.arm), load_gripper(row.gripper)
+    motors = arm.joint_count + (gripper.motor is not None)
+    for key, value, n in (("q_rad", row.q_rad, arm.joint_count), ("zero_offset_rad", row.zero_offset_rad, motors)):
+        if value is not None and len(value) != n:
+            raise ConfigError(f"{row.channel}: {key} takes {n} numbers, not {len(value)}")
+    if row.stops_rad is not None and row.stops_rad[0] == row.stops_rad[1]:
+        raise ConfigError(f"{row.channel}: stops_rad are [closed, open], two different angles")
+
+
+def _selected(scene: Scene) -> Scene:
+    """The scene with the options swapped, arms, arm and gripper applied."""
+    options = scene.options
+    arms = []
+    first, second = options.swapped or ("", "")
+    exchanged = {first: second, second: first}
+    for number, row in enumerate(scene.arms, 1):
+        row = replace(row, number=number, channel=exchanged.get(row.channel, row.channel))
+        if options.arms is not None and row.channel not in options.arms:
+            continue
+        if row.role == "follower":
+            if options.arm is not None:
+                row = replace(row, arm=options.arm, q_rad=None)
+            if options.gripper is not None:
+                row = replace(row, gripper=options.gripper, stops_rad=None, q_rad=None)
+        arms.append(row)
+    bodies = tuple(row.channel for row in arms)
+    cameras = tuple(c for c in scene.cameras if not c.body or c.body.partition("/")[0] in bodies)
+    return replace(scene, arms=tuple(arms), cameras=cameras)
+
+
+def serial_number(scene: Scene, row: ArmPlacement, can_id: int) -> int:
+    """Content of the SN register of motor `can_id` of an arm: stable for a scene, unique where its options say so."""
+    arm = row.number if scene.options.serials == "unique" else 1
+    return arm * _ARM_SERIALS + can_id

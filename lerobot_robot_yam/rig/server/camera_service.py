@@ -1,0 +1,243 @@
+"""The rig server's side of rendered cameras: starts the renderer when a camera is asked for, and ends it.
+
+The server never waits for it. It hands over hellos of kind "camera", watches `fileno()`, and passes on what
+`poll()` returns to the clients.
+"""
+
+import contextlib
+import json
+import logging
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Collection, Hashable, Mapping, Sequence
+from typing import Any
+
+from lerobot_robot_yam.errors import ConfigError, RigError
+from lerobot_robot_yam.rig.client.camera_frames import MAX_FPS, MAX_HEIGHT, MAX_WIDTH, Settings, frame_path
+from lerobot_robot_yam.rig.simulation.lookup import number
+
+logger = logging.getLogger(__name__)
+
+_END_TIMEOUT_S = 2.0
+_DEAD = "camera {camera} has died: it delivers no more frames; check its cable, then connect again"
+
+
+class CameraService:
+    """All rendered cameras of one rig, drawn by one child process.
+
+    Args:
+        rig: the rig's name.
+        cameras: names of the scene's cameras.
+        renderer_arguments: the server's own `--scene` and `--set`, so that the renderer builds the same world.
+    """
+
+    def __init__(self, rig: str, cameras: Collection[str], renderer_arguments: Sequence[str] = ()):
+        self._rig = rig
+        self._cameras = tuple(cameras)
+        self._arguments = list(renderer_arguments)
+        self._process: subprocess.Popen[bytes] | None = None
+        self._waiting: dict[Settings, list[Hashable]] = {}
+        self._users: dict[Settings, set[Hashable]] = {}
+        self._opened: set[Settings] = set()  # ever: a renderer that hangs or crashes removes no block
+        self._ready: set[Settings] = set()
+        self._answers: list[tuple[Hashable, dict[str, Any]]] = []
+        self._tail = b""
+        self._refused: set[Hashable] = set()  # have been told why they get nothing
+        self._stalls: dict[str, float] = {}  # camera → monotonic time until which it delivers nothing new
+        self._dead: set[str] = set()
+        self.drawn = True
+
+    def open(self, client: Hashable, hello: Mapping[str, Any]) -> dict[str, Any]:
+        """A client asks for a camera; starts the renderer for the first one.
+
+        Returns:
+            The answer to send now. A second one ({"ready": true} or an error) follows from `poll`.
+
+        Raises:
+            ConfigError: unknown camera or impossible settings.
+            RigError: the camera is dead, see `fail`.
+        """
+        name = self._known(hello.get("camera"))
+        if name in self._dead:
+            raise RigError(_DEAD.format(camera=name))
+        width, height, fps = (_whole(hello, key) for key in ("width", "height", "fps"))
+        if not (16 <= width <= MAX_WIDTH and 16 <= height <= MAX_HEIGHT and 1 <= fps <= MAX_FPS):
+            raise ConfigError(
+                f"camera {name}: {width}x{height} at {fps} fps; possible are 16x16 to {MAX_WIDTH}x{MAX_HEIGHT} "
+                f"and 1 to {MAX_FPS} fps"
+            )
+        settings = (name, width, height, fps)
+        self._users.setdefault(settings, set()).add(client)
+        self._opened.add(settings)
+        if settings in self._ready:
+            self._answers.append((client, {"ready": True}))
+        else:
+            self._waiting.setdefault(settings, []).append(client)
+            if self._process is None:
+                self._start()
+            self._tell("open", camera=settings)
+        return {"block": str(frame_path(self._rig, *settings))}
+
+    def drop(self, client: Hashable) -> None:
+        """A client has left; a camera without users is no longer drawn. Unknown clients are ignored."""
+        for settings, users in list(self._users.items()):
+            if client not in users:
+                continue
+            users.discard(client)
+            if client in self._waiting.get(settings, ()):
+                self._waiting[settings].remove(client)
+            if not users:
+                del self._users[settings]
+                self._waiting.pop(settings, None)
+                self._ready.discard(settings)
+                self._tell("close", camera=settings)
+
+    def fail(self, camera: Any, kind: Any, seconds: Any = None) -> None:
+        """Make a camera fail: "stall" (no new frames, for `seconds` if given), "dead" (its clients are told, and
+        nobody can open it), or None (it works again, for those who open it).
+
+        Raises:
+            ConfigError: unknown camera or kind, or no such time.
+        """
+        name = self._known(camera)
+        if kind not in (None, "stall", "dead") or (seconds is not None and kind != "stall"):
+            raise ConfigError(f"camera {name}: a fault is 'stall' (maybe with seconds), 'dead' or None, not {kind!r}")
+        self._dead.discard(name)
+        self._stalls.pop(name, None)
+        if kind == "stall":
+            self._stalls[name] = math.inf if seconds is None else time.monotonic() + number(seconds, 0.0)
+        self._tell("stall", camera=name, until_s=self._stalls.get(name, 0.0))
+        if kind != "dead":
+            return
+        self._dead.add(name)
+        for settings in [settings for settings in self._users if settings[0] == name]:
+            for client in list(self._users[settings]):
+                self._answers.append((client, {"error": _DEAD.format(camera=name), "kind": "RigError"}))
+                self.drop(client)
+
+    def draw(self, anew: bool) -> None:
+        """Have a renderer that works on demand draw every open camera; `drawn` says when it has.
+
+        Args:
+            anew: the world was restarted since the last picture.
+        """
+        self.drawn = False
+        self._tell("draw", anew=anew)
+
+    def _known(self, name: Any) -> str:
+        if name not in self._cameras:
+            raise ConfigError(f"unknown camera {name!r}; the scene has: {', '.join(sorted(self._cameras))}")
+        return str(name)
+
+    def fileno(self) -> int | None:
+        """Descriptor to watch for reading, None while no renderer runs. It changes when one starts or ends."""
+        if self._process is None or self._process.stdout is None:
+            return None
+        return self._process.stdout.fileno()
+
+    def poll(self) -> list[tuple[Hashable, dict[str, Any]]]:
+        """Answers for clients: what the renderer has said since the last call, or that it died. Never blocks."""
+        if self._process is not None and self._process.stdout is not None:
+            with contextlib.suppress(BlockingIOError):
+                while True:
+                    chunk = os.read(self._process.stdout.fileno(), 65536)
+                    if not chunk:
+                        self._died()
+                        break
+                    *lines, self._tail = (self._tail + chunk).split(b"\n")
+                    for line in lines:
+                        self._heard(json.loads(line))
+        answers, self._answers = self._answers, []
+        return answers
+
+    def close(self) -> None:
+        """End the renderer."""
+        process, self._process = self._process, None
+        if process is None:
+            return
+        for pipe in (process.stdin, process.stdout):
+            if pipe is not None:
+                with contextlib.suppress(OSError):  # what is still unsaid to a dead renderer
+                    pipe.close()
+        try:
+            process.wait(_END_TIMEOUT_S)  # it ends when its input does
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        for settings in self._opened:
+            frame_path(self._rig, *settings).unlink(missing_ok=True)
+
+    def _start(self) -> None:
+        command = [
+            sys.executable,
+            "-P",
+            "-m",
+            "lerobot_robot_yam.rig.render.renderer",
+            "--rig",
+            self._rig,
+            *self._arguments,
+        ]
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            bufsize=0,
+        )
+        assert self._process.stdout is not None
+        os.set_blocking(self._process.stdout.fileno(), False)
+        self._tail = b""
+        for name, until_s in self._stalls.items():
+            self._tell("stall", camera=name, until_s=until_s)
+
+    def _tell(self, verb: str, **details: Any) -> None:
+        if self._process is not None and self._process.stdin is not None:
+            with contextlib.suppress(BrokenPipeError):  # poll() will see its end
+                self._process.stdin.write(json.dumps({"do": verb, **details}).encode() + b"\n")
+
+    def _heard(self, message: dict[str, Any]) -> None:
+        if "drawn" in message:
+            self.drawn = True
+            return
+        if "error" in message:
+            failed = {"error": message["error"], "kind": "RigError"}
+            refused = {client for clients in self._waiting.values() for client in clients}
+            self._answers += [(client, failed) for client in refused]
+            self._refused |= refused
+            self._waiting.clear()
+            return
+        name, width, height, fps = message["ready"]
+        settings = (name, width, height, fps)
+        if settings in self._users:
+            self._ready.add(settings)
+            self._answers += [(client, {"ready": True}) for client in self._waiting.pop(settings, [])]
+
+    def _died(self) -> None:
+        assert self._process is not None
+        code = self._process.wait()
+        why = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+        self._waiting.clear()
+        failed = {"error": f"the renderer of rig {self._rig} ended ({why}); see the rig's log", "kind": "RigError"}
+        self._answers += [(client, failed) for client in set().union(*self._users.values()) - self._refused]
+        if self._users:
+            logger.error("the renderer ended (%s); its cameras deliver nothing until they are opened again", why)
+        for settings in self._opened:
+            frame_path(self._rig, *settings).unlink(missing_ok=True)
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                with contextlib.suppress(OSError):
+                    pipe.close()
+        self._process = None
+        self._users.clear()
+        self._refused.clear()
+        self._ready.clear()
+
+
+def _whole(hello: Mapping[str, Any], key: str) -> int:
+    value = hello.get(key)
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise ConfigError(f"camera {hello.get('camera')}: {key} must be a whole number, not {value!r}")
+    return value

@@ -1,0 +1,78 @@
+"""When a rig ends: a while after its last client, at once when told to, at last after its owner."""
+
+import os
+import select
+from collections.abc import Callable
+
+from lerobot_robot_yam.errors import ChannelInUseError
+from lerobot_robot_yam.rig.client.launch import rig_path
+from lerobot_robot_yam.system.runtime_files import FileLock
+
+LINGER_S = 1.0  # after the last client
+FIRST_CLIENT_S = 10.0  # without any client so far
+ORPHAN_S = 30.0  # after the owner's death clients may still land their arms, for so long
+
+
+class Lifetime:
+    """Decides when to end, under the lock that starters of this rig take.
+
+    Args:
+        name: the rig's name.
+        owner: process whose rig this is, None for a named rig.
+        now_s: monotonic time.
+    """
+
+    def __init__(self, name: str, owner: int | None, now_s: float):
+        self._lock = FileLock(rig_path(name, "lock"), f"the end of rig {name}")
+        self._idle_since_s: float | None = now_s
+        self._orphaned_s: float | None = None
+        self._met = False
+        self._told = False
+        self._owner_fd = -1
+        if owner is not None:
+            try:
+                self._owner_fd = os.pidfd_open(owner)
+            except ProcessLookupError:
+                self._orphaned_s = now_s
+
+    def met_a_client(self) -> None:
+        """Somebody has come: from now on the rig waits less long."""
+        self._met = True
+
+    def end(self) -> None:
+        """End as soon as nobody is starting this rig, clients or not."""
+        self._told = True
+
+    def is_over(self, held: bool, now_s: float, somebody_waits: Callable[[], bool]) -> bool:
+        """Whether to end now. If so the lock is held, and nobody can start this rig until `close`.
+
+        Args:
+            held: a client keeps the rig alive.
+            now_s: monotonic time.
+            somebody_waits: asked under the lock; a connection that waits keeps the rig alive too.
+        """
+        if self._orphaned_s is None and self._owner_fd >= 0 and select.select([self._owner_fd], [], [], 0)[0]:
+            self._orphaned_s = now_s
+        if held:
+            self._idle_since_s = None
+        elif self._idle_since_s is None:
+            self._idle_since_s = now_s
+        linger = LINGER_S if self._met or self._orphaned_s is not None else FIRST_CLIENT_S
+        idle = self._idle_since_s is not None and now_s - self._idle_since_s > linger
+        forced = self._told or (self._orphaned_s is not None and now_s - self._orphaned_s > ORPHAN_S)
+        if not (idle or forced):
+            return False
+        try:
+            self._lock.acquire()
+        except ChannelInUseError:
+            return False
+        if not forced and somebody_waits():
+            self._lock.release()
+            return False
+        return True
+
+    def close(self) -> None:
+        """Let starters go on; call when the rig's files are gone."""
+        if self._owner_fd >= 0:
+            os.close(self._owner_fd)
+        self._lock.release()

@@ -1,0 +1,294 @@
+"""The virtual rig's sockets: one thread that hears clients, moves the device on to now, and answers at once.
+
+The first packet of a client says who it is: {"kind": "bus", "channel": ...}, {"kind": "control"} or {"kind": "camera",
+...}; `"hold": false` keeps the client from keeping the rig alive.
+"""
+
+import contextlib
+import dataclasses
+import functools
+import json
+import logging
+import os
+import select
+import socket
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from lerobot_robot_yam.errors import BusError, ConfigError, YamError
+from lerobot_robot_yam.rig.bus.channel import Channel
+from lerobot_robot_yam.rig.bus.link_state import LinkState, LinkTable
+from lerobot_robot_yam.rig.client.launch import MAX_PACKET, error_reply, rig_path
+from lerobot_robot_yam.rig.server.camera_service import CameraService
+from lerobot_robot_yam.rig.server.lifetime import Lifetime
+from lerobot_robot_yam.rig.server.operator_service import OperatorService
+from lerobot_robot_yam.rig.simulation import rig_commands
+from lerobot_robot_yam.rig.simulation.device import RigDevice
+from lerobot_robot_yam.system.shared_block import SharedBlock
+
+logger = logging.getLogger(__name__)
+
+_BATCH_S = 0.004  # physics between two packets waits for at most this long
+_PUBLISH_S = 1 / 60
+_HOUSE_S = 0.05
+
+
+class Client:
+    """A connection; `channel` is set once it has introduced itself as a bus client."""
+
+    def __init__(self, sock: socket.socket):
+        self.socket = sock
+        self.kind = ""
+        self.holds = False
+        self.channel: Channel | None = None
+        self.hands: set[str] = set()  # leaders whose hand this client moves
+
+
+class RigServer:
+    """Sockets, life time and children of one rig.
+
+    Args:
+        name: the rig's name.
+        device: what is simulated.
+        arguments: --scene and --set, for the renderer.
+        owner: process whose end is the rig's end.
+    """
+
+    def __init__(self, name: str, device: RigDevice, arguments: list[str], owner: int | None):
+        self.name, self.device = name, device
+        self._clients: dict[int, Client] = {}
+        self._wakes = 0
+        self._started_s = time.monotonic()
+        self._lifetime = Lifetime(name, owner, self._started_s)
+        self._ending = False
+        self._poll = select.epoll()
+        self._path = rig_path(name, "sock")
+        self._path.unlink(missing_ok=True)
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._listener.bind(str(self._path))
+        self._listener.listen(64)
+        self._listener.setblocking(False)
+        self._poll.register(self._listener.fileno(), select.EPOLLIN)
+        self._block = SharedBlock(rig_path(name, "world"), device.world.state_dtype(), create=True)
+        self._record = np.zeros((), device.world.state_dtype())
+        self._links = LinkTable(rig_path(name, "links"), len(device.channels))
+        self._link_numbers = {channel: index for index, channel in enumerate(device.channels)}
+        for channel, index in self._link_numbers.items():
+            device.channels[channel].link.publish = functools.partial(self._links.write, index)
+        self._cameras = CameraService(name, [camera.name for camera in device.scene.cameras], arguments)
+        self._operator = OperatorService(name, device)
+        self.realtime = ""
+
+    def run(self) -> None:
+        """Serve until the rig is no longer needed."""
+        device, world = self.device, self.device.world
+        now = time.monotonic()
+        world.start(now)
+        next_publish = next_house = now
+        while not self._ending:
+            ready = self._poll.poll(max(0.0, min(_BATCH_S, device.due_s - time.monotonic())))
+            self._wakes += 1
+            now = time.monotonic()
+            device.advance(now)
+            for fd, _ in ready:
+                client = self._clients.get(fd)
+                if client is not None:
+                    self._hear(client)
+                elif fd == self._listener.fileno():
+                    self._accept()
+            if now >= next_publish:
+                next_publish = max(next_publish + _PUBLISH_S, now)
+                self._publish()
+            if now >= next_house:
+                next_house = now + _HOUSE_S
+                self._keep_house(now)
+
+    def close(self) -> None:
+        """Remove the rig's files, drop the clients, end the children: after a crash a successor may start meanwhile."""
+        self._path.unlink(missing_ok=True)
+        self._links.close()
+        rig_path(self.name, "log").unlink(missing_ok=True)
+        self._listener.close()
+        for client in list(self._clients.values()):
+            self._drop(client)
+        self._operator.close()
+        self._cameras.close()
+        self._block.close()
+        self.device.events.close()
+        self._poll.close()
+        self._lifetime.close()
+
+    def stop(self) -> None:
+        """Leave `run` at the next opportunity."""
+        self._lifetime.end()
+
+    # clients
+
+    def _accept(self) -> None:
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                sock, _ = self._listener.accept()
+                sock.setblocking(False)
+                self._clients[sock.fileno()] = Client(sock)
+                self._poll.register(sock.fileno(), select.EPOLLIN)
+
+    def _hear(self, client: Client) -> None:
+        """Take everything a client has sent; what has queued up counts as sent in one go, as a whole tick does."""
+        frames = b""
+        gone = False
+        try:
+            while True:
+                packet = client.socket.recv(MAX_PACKET)
+                if not packet:
+                    gone = True
+                    break
+                if client.channel is not None:
+                    frames += packet
+                    if len(packet) == client.channel.tick_size:
+                        break
+                elif not client.kind:
+                    self._hello(client, packet)
+                else:
+                    self._answer(client, self._ask(client, packet))
+        except BlockingIOError:
+            pass
+        except OSError as error:
+            logger.info("a client is dropped: %s", error)
+            gone = True
+        if frames and client.channel is not None:
+            try:
+                client.channel.receive_packet(client.socket, frames, time.monotonic())
+            except YamError as error:
+                logger.info("a client is dropped: %s", error)
+                gone = True
+        if gone:
+            self._drop(client)
+
+    def _hello(self, client: Client, packet: bytes) -> None:
+        self._lifetime.met_a_client()
+        try:
+            hello = json.loads(packet)
+            client.kind = hello["kind"]
+            client.holds = bool(hello.get("hold", True))
+            scene = self.device.scene
+            reply: dict[str, Any] = {"pid": os.getpid(), "scene": scene.name}
+            reply["options"] = dataclasses.asdict(scene.options)
+            if client.kind == "bus":
+                channel = self._channel(str(hello["channel"]))
+                reply |= {"link": self._link_numbers[channel.name], "unplugs": channel.link.unplugs}
+                client.channel = channel
+            elif client.kind == "camera":
+                reply |= self._cameras.open(client, hello)
+            elif client.kind != "control":
+                raise ConfigError(f"a rig has no clients of kind {client.kind!r}")
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError, YamError) as error:
+            client.holds = False
+            self._answer(client, error_reply(error))
+            return
+        self._answer(client, reply)  # before the channel: its frames come after the answer
+        if client.channel is not None:
+            client.channel.clients.append(client.socket)
+            self.device.events.add("bus_opened", channel=client.channel.name)
+
+    def _channel(self, name: str) -> Channel:
+        if name not in self.device.channels:
+            raise BusError(f"rig {self.name} has no channel '{name}'; it has {', '.join(self.device.channels)}")
+        channel = self.device.channels[name]
+        if channel.link.state == LinkState.GONE:
+            raise BusError(f"{name}: no such device; is its CAN adapter plugged in?")
+        return channel
+
+    def _ask(self, client: Client, packet: bytes) -> dict[str, Any]:
+        try:
+            request = json.loads(packet)
+            if request.get("op") == "stats":
+                return self._stats()
+            if request.get("op") == "end":
+                self.stop()
+                return {}
+            if request.get("op") == "camera_fault":
+                return self._camera_fault(request)
+            reply = rig_commands.ask(self.device, request)
+            if request.get("op") == "hand":
+                (client.hands.discard if request.get("release") else client.hands.add)(request["channel"])
+            return reply
+        except (
+            ValueError,
+            KeyError,
+            TypeError,
+            AttributeError,
+            IndexError,
+            ArithmeticError,
+            RuntimeError,
+            YamError,
+        ) as error:
+            return error_reply(error)
+
+    def _camera_fault(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        camera, kind, seconds = request.get("camera"), request.get("kind"), request.get("seconds")
+        self._cameras.fail(camera, kind, seconds)
+        self.device.events.add("camera_fault", camera=camera, fault=kind, seconds=seconds)
+        return {}
+
+    def _answer(self, client: Client, reply: Mapping[str, Any]) -> None:
+        try:
+            client.socket.send(json.dumps(reply, default=_plain).encode())
+        except BlockingIOError:
+            logger.warning("a client does not read its answers")
+        except OSError:
+            pass  # it has gone; epoll tells
+
+    def _drop(self, client: Client) -> None:
+        fd = client.socket.fileno()
+        if self._clients.pop(fd, None) is None:
+            return
+        self._poll.unregister(fd)
+        if client.kind == "camera":
+            self._cameras.drop(client)
+        if client.channel is not None and client.socket in client.channel.clients:
+            client.channel.clients.remove(client.socket)
+            self.device.events.add("bus_closed", channel=client.channel.name)
+        for channel in client.hands & self.device.hands.keys():
+            self.device.hands[channel].release()
+        client.socket.close()
+
+    # periodic work
+
+    def _publish(self) -> None:
+        world, record = self.device.world, self._record
+        record["sim_s"], record["stamp_s"] = world.sim_s, world.stamp_s
+        record["qpos"], record["qvel"] = world.data.qpos, world.data.qvel
+        self._block.write(record)
+
+    def _keep_house(self, now_s: float) -> None:
+        for client, reply in self._cameras.poll():
+            if isinstance(client, Client) and client.socket.fileno() in self._clients:
+                self._answer(client, reply)
+        self._operator.keep(now_s)
+        held = any(client.holds for client in self._clients.values())
+        self._ending = self._lifetime.is_over(held, now_s, lambda: bool(self._poll.poll(0)))
+
+    def _stats(self) -> dict[str, Any]:
+        world = self.device.world
+        return {
+            "pid": os.getpid(),
+            "sim_s": world.sim_s,
+            "uptime_s": time.monotonic() - self._started_s,
+            "cpu_s": time.process_time(),
+            "slips": world.slips,
+            "wakes": self._wakes,
+            "realtime": self.realtime,
+            "clients": len(self._clients),
+            "frames": {name: channel.wire.frames for name, channel in self.device.channels.items()},
+            "overflows": {name: channel.overflows for name, channel in self.device.channels.items()},
+        }
+
+
+def _plain(value: Any) -> Any:
+    """JSON form of numpy values."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} has no JSON form")

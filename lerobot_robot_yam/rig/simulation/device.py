@@ -1,0 +1,175 @@
+"""The rig without its sockets: a world, the channels with motors and handles, hands, pushes, judges, the task."""
+
+import functools
+from typing import Any
+
+import numpy as np
+
+from lerobot_robot_yam.arm.profile import ArmMotor, GripperMotor
+from lerobot_robot_yam.rig.bus.channel import Channel
+from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
+from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
+from lerobot_robot_yam.rig.judging.extremes import Watch
+from lerobot_robot_yam.rig.judging.task_session import TaskSession
+from lerobot_robot_yam.rig.judging.transfer_judge import Judge
+from lerobot_robot_yam.rig.judging.truth import TruthRecorder
+from lerobot_robot_yam.rig.scene.scene import ArmPlacement, Scene, serial_number
+from lerobot_robot_yam.rig.simulation.events import EventLog
+from lerobot_robot_yam.rig.simulation.hand import Hand
+from lerobot_robot_yam.rig.world.ballast import Ballast
+from lerobot_robot_yam.rig.world.contacts import Contacts
+from lerobot_robot_yam.rig.world.shaft import Drive
+from lerobot_robot_yam.rig.world.world import World, gripper_stroke
+from lerobot_robot_yam.system.clock import SYSTEM, Clock
+
+_SLOW_PERIOD_S = 0.005  # of watchdogs and the judge, simulated time
+
+
+class RigDevice:
+    """Everything simulated. Owned by one thread, driven by `advance`.
+
+    Args:
+        scene: what there is.
+        clock: by which `advance` is called, and events and faults are stamped.
+    """
+
+    def __init__(self, scene: Scene, clock: Clock = SYSTEM):
+        self.scene, self.clock = scene, clock
+        self.world = World(scene)
+        self.events = EventLog(clock)
+        self.channels: dict[str, Channel] = {}
+        self.hands: dict[str, Hand] = {}
+        self.ballast: dict[str, Ballast] = {}
+        for index, row in enumerate(scene.arms):
+            gripper = self.world.profiles[row.channel][1]
+            handle = SimHandle() if gripper.handle_encoder else None
+            seed = scene.options.seed + index
+            channel = Channel(row.channel, self._motors(row), handle, scene.options.latency_s, seed)
+            self.channels[row.channel] = channel
+            self.ballast[row.channel] = Ballast(self.world, row.channel)
+            if row.role == "leader":
+                self.hands[row.channel] = Hand(self.world, row.channel, handle)
+        places = {name: point[:2].tolist() for name, point in (scene.places or {}).items()}
+        self.judges = {box.name: Judge(box.name, places) for box in scene.props} if len(places) >= 2 else {}
+        self._contacts = Contacts(self.world)
+        self.task = TaskSession(self.world, self._contacts)
+        self._prop_bodies = {name: self.world.model.body(name).id for name in self.judges}
+        self._pushes: dict[int, float] = {}  # body → simulated time of the end
+        self._all_motors = [motor for channel in self.channels.values() for motor in channel.motors]
+        self._adapters = [channel.adapter for channel in self.channels.values()]
+        self.watch = Watch(self.world, list(self.channels.values()), clock)
+        self.truth = TruthRecorder(self.world, self.channels.values())
+        self._advanced_s = 0.0
+        self._next_slow_s = 0.0
+
+    def _motors(self, row: ArmPlacement) -> list[SimMotor]:
+        arm, gripper = self.world.profiles[row.channel]
+        motors: list[ArmMotor | GripperMotor] = [*arm.motors]
+        if gripper.motor is not None:
+            motors.append(gripper.motor)
+        zeros = np.zeros(len(motors)) if row.zero_offset_rad is None else row.zero_offset_rad
+
+        def log(kind: str, **details: Any) -> None:
+            where = {"bodies": self.world.bodies(f"{row.channel}/")} if kind == "motor_disabled" else {}
+            self.events.add(kind, channel=row.channel, **details, **where)
+            if not kind.startswith("second_"):
+                self.watch.note(row.channel, kind, **details)
+
+        found = []
+        for i, motor in enumerate(motors):
+            name = f"{row.channel}/{motor.name}"
+            if i < arm.joint_count:
+                drive = Drive(self.world, name, (f"{row.channel}/joint{i + 1}",), 0.0, 1.0)
+            else:
+                closed, coefficient = gripper_stroke(row, gripper)
+                joints = tuple(f"{row.channel}/{joint}" for joint in gripper.finger_joints)
+                drive = Drive(self.world, name, joints, closed, coefficient)
+            zero = float(zeros[i])
+            serial = serial_number(self.scene, row, motor.can_id)
+            found.append(
+                SimMotor(motor.name, motor.can_id, motor.type, motor.direction, zero, drive, self.world, log, serial)
+            )
+        return found
+
+    @property
+    def due_s(self) -> float:
+        """When an adapter of a channel is due to do something; infinity for never."""
+        return min([adapter.due_s for adapter in self._adapters])
+
+    def advance(self, now_s: float) -> None:
+        """Simulate up to a time of the clock."""
+        while (due_s := self.due_s) <= now_s:
+            self._simulate(due_s)
+            for channel in self.channels.values():
+                channel.pass_on(due_s)
+        self._simulate(now_s)
+
+    def _simulate(self, now_s: float) -> None:
+        world = self.world
+        slips = world.slips
+        count = world.due(now_s)
+        if world.slips != slips:
+            self.events.add("slipped", seconds=world.slipped_s)
+        if count == 0:
+            return
+        for name, hand in self.hands.items():
+            if hand.gripping:
+                hand.advance(self._any_enabled(name))
+        if self.truth.on or self.watch.on:
+            for _ in range(count):
+                world.step(1)
+                self.truth.sample()
+                self.watch.sample_torques()
+        else:
+            world.step(count)
+        sim_s = world.sim_s
+        self.events.sim_s = sim_s
+        if self.watch.on:
+            self.watch.sample()
+        elapsed, self._advanced_s = sim_s - self._advanced_s, sim_s
+        for motor in self._all_motors:
+            if motor.goal is not None:
+                motor.advance(elapsed)
+        if sim_s >= self._next_slow_s:
+            self._next_slow_s = sim_s + _SLOW_PERIOD_S
+            self._slow(sim_s, now_s)
+
+    def _slow(self, sim_s: float, now_s: float) -> None:
+        for motor in self._all_motors:
+            motor.look_after_itself()
+        for body, end_s in list(self._pushes.items()):
+            if sim_s >= end_s:
+                self.world.data.xfrc_applied[body] = 0.0
+                del self._pushes[body]
+        for name, judge in self.judges.items():
+            position = self.world.data.xpos[self._prop_bodies[name]].tolist()
+            for event in judge.update(sim_s, now_s, position, functools.partial(self._contacts.holds, name)):
+                self.events.add(event.pop("kind"), **event)
+        for event in self.task.update():
+            self.events.add(event.pop("kind"), **event)
+        for name, hand in self.hands.items():
+            if hand.resisted and not self._any_enabled(name):
+                hand.forgive()
+        for channel in self.channels.values():
+            channel.poll(now_s)
+
+    def _any_enabled(self, channel: str) -> bool:
+        return any(motor.enabled for motor in self.channels[channel].motors)
+
+    def set_task(self, name: str, seed: int, time_limit_s: float | None) -> None:
+        """Begin an attempt at a task of the scene, see `TaskSession.place`."""
+        self.task.place(name, seed, time_limit_s)
+        for judge in self.judges.values():
+            judge.reset()
+        self.events.add("task_placed", task=name, seed=seed)
+
+    def push(self, body: int, force_n: np.ndarray, seconds: float) -> None:
+        """Push a body at its centre of mass with a force (3,) in world axes."""
+        self.world.data.xfrc_applied[body, :3] = force_n
+        self._pushes[body] = self.world.sim_s + seconds
+
+    def leaders_energised(self) -> bool:
+        """Whether there are leaders and every motor of theirs is enabled."""
+        return bool(self.hands) and all(
+            motor.enabled for channel in self.hands for motor in self.channels[channel].motors
+        )

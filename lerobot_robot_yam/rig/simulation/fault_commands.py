@@ -1,0 +1,263 @@
+"""What can be made to fail on a channel, by name: the operations "fault" and "clear_faults" of control clients.
+
+`control.RigControl.fault` documents each kind.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.rig.bus.adapter import HoldBack
+from lerobot_robot_yam.rig.bus.channel import Channel
+from lerobot_robot_yam.rig.bus.foreign_driver import PAYLOADS, ForeignDriver
+from lerobot_robot_yam.rig.devices.false_reading import FalseReading
+from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
+from lerobot_robot_yam.rig.devices.thermometer import PARTS
+from lerobot_robot_yam.rig.simulation.device import RigDevice
+from lerobot_robot_yam.rig.simulation.lookup import channel_of, flag, handle_of, motors_of, number, vector, whole
+
+_Request = Mapping[str, Any]
+_ID_MAX = 0x7FF
+_NIBBLE_MAX = 0xF
+_COUNT_MAX = 1_000_000
+_DELAY_MAX_S = 10.0
+_EVERY_MAX_S = 1000.0
+_MASS_MAX_KG = 50.0
+_FACTORS = (0.01, 100.0)  # of a link's mass
+_RATE_MAX_HZ = 5000.0  # what one wire can carry is less than 8000 frames a second
+_TORQUE_MAX_NM = 100.0
+_BYTE_MAX = 255.0
+_TEMPERATURE_MAX_C = 1000.0
+
+
+def fault(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
+    """Make something fail.
+
+    Raises:
+        ConfigError: no such channel, motor or kind, or a value that does not fit.
+    """
+    channel, kind, motor = channel_of(device, request), request["kind"], request.get("motor")
+    try:
+        if kind in _CHANNEL_KINDS:
+            if motor is not None:
+                raise ConfigError(f"it is of the whole channel: name no motor, not {motor!r}")
+            _CHANNEL_KINDS[kind](device, channel, request["value"])
+        elif kind in _MOTOR_KINDS:
+            for one in motors_of(channel, motor):
+                _MOTOR_KINDS[kind](one, request)
+            channel.identifiers_changed()
+        else:
+            raise ConfigError(f"no fault kind {kind!r}; known: {', '.join(KINDS)}")
+    except ConfigError as error:
+        raise ConfigError(f"fault {kind!r} on {channel.name}: {error}") from error
+    device.events.add("fault_set", channel=channel.name, fault=kind, motor=motor, value=request["value"])
+    return {}
+
+
+def clear_faults(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
+    """Undo what `fault` did to a channel; registers, and the fault codes that motors are in, stay."""
+    channel = channel_of(device, request)
+    channel.set_link(device.clock.now(), bus_off=False, down=False, gone=False)
+    channel.cable_out = False
+    channel.foreign = None
+    channel.adapter.repair(device.scene.options.latency_s)
+    device.ballast[channel.name].repair()
+    if channel.handle is not None:
+        channel.handle.silent = False
+    for motor in channel.motors:
+        motor.repair()
+    device.events.add("faults_cleared", channel=channel.name)
+    return {}
+
+
+def _cable_out(_: RigDevice, channel: Channel, value: Any) -> None:
+    channel.cable_out = flag(value)
+
+
+def _foreign(device: RigDevice, channel: Channel, value: Any) -> None:
+    if value is False:
+        channel.foreign = None
+        return
+    fields = _fields(value, ("id", "rate_hz"), ("payload",))
+    payload = fields.get("payload", "hold")
+    if payload not in PAYLOADS:
+        raise ConfigError(f"payload must be one of {PAYLOADS}, not {payload!r}")
+    rate_hz = number(fields["rate_hz"], 0.01, _RATE_MAX_HZ)
+    channel.foreign = ForeignDriver(whole(fields["id"], 0, _ID_MAX), rate_hz, payload, device.clock.now())
+
+
+def _latency(_: RigDevice, channel: Channel, value: Any) -> None:
+    channel.adapter.latency_s = number(value, 0.0, _DELAY_MAX_S)
+
+
+def _hold_back(device: RigDevice, channel: Channel, value: Any) -> None:
+    if value is False:
+        channel.adapter.hold = None
+        return
+    fields = _fields(value, ("seconds",), ("every_s", "stamped"))
+    seconds = number(fields["seconds"], 0.0, _DELAY_MAX_S)
+    every_s = number(fields["every_s"], seconds, _EVERY_MAX_S) if "every_s" in fields else math.inf
+    channel.adapter.hold = HoldBack(device.clock.now(), seconds, every_s, flag(fields.get("stamped", False)))
+
+
+def _second_arm(_: RigDevice, channel: Channel, value: Any) -> None:
+    if value is False:
+        for motor in channel.motors:
+            motor.twin = None
+        return
+    fields = {} if value is True else _fields(value, ("q_rad",), ())
+    angles = vector(fields["q_rad"], len(channel.motors)).tolist() if fields else [None] * len(channel.motors)
+    for motor, angle in zip(channel.motors, angles, strict=True):
+        motor.plug_in_twin(angle)
+
+
+def _handle_silent(_: RigDevice, channel: Channel, value: Any) -> None:
+    handle_of(channel).silent = flag(value)
+
+
+def _payload(device: RigDevice, channel: Channel, value: Any) -> None:
+    device.ballast[channel.name].carry(number(value, 0.0, _MASS_MAX_KG))
+
+
+def _link_mass(device: RigDevice, channel: Channel, value: Any) -> None:
+    fields = _fields(value, ("link", "factor"), ())
+    device.ballast[channel.name].scale(fields["link"], number(fields["factor"], *_FACTORS))
+
+
+def _link(device: RigDevice, channel: Channel, **change: bool) -> None:
+    channel.set_link(device.clock.now(), **change)
+
+
+_CHANNEL_KINDS: dict[str, Callable[[RigDevice, Channel, Any], None]] = {
+    "link_down": lambda device, channel, value: _link(device, channel, down=flag(value)),
+    "adapter_gone": lambda device, channel, value: _link(device, channel, gone=flag(value)),
+    "bus_off": lambda device, channel, value: _link(device, channel, bus_off=flag(value)),
+    "cable_out": _cable_out,
+    "foreign": _foreign,
+    "latency_s": _latency,
+    "hold_back": _hold_back,
+    "second_arm": _second_arm,
+    "payload_kg": _payload,
+    "link_mass": _link_mass,
+    "handle_silent": _handle_silent,
+}
+
+
+def _silent(motor: SimMotor, request: _Request) -> None:
+    motor.faults.silent = flag(request["value"])
+
+
+def _drop_next(motor: SimMotor, request: _Request) -> None:
+    motor.faults.drop_next = whole(request["value"], 0, _COUNT_MAX)
+
+
+def _loss_rate(motor: SimMotor, request: _Request) -> None:
+    motor.faults.loss_rate = number(request["value"], 0.0, 1.0)
+
+
+def _command_loss_rate(motor: SimMotor, request: _Request) -> None:
+    motor.faults.command_loss_rate = number(request["value"], 0.0, 1.0)
+
+
+def _delay(motor: SimMotor, request: _Request) -> None:
+    motor.faults.delay_s = number(request["value"], 0.0, _DELAY_MAX_S)
+
+
+def _duplicate(motor: SimMotor, request: _Request) -> None:
+    value = request["value"]
+    if value is False:
+        motor.twin = None
+        return
+    motor.plug_in_twin(None if value is True else number(_fields(value, ("q_rad",), ())["q_rad"]))
+
+
+def _wrong_id(motor: SimMotor, request: _Request) -> None:
+    value = request["value"]
+    motor.faults.wrong_id = None if value is False else whole(value, 0, _ID_MAX)
+
+
+def _corrupt_rate(motor: SimMotor, request: _Request) -> None:
+    motor.faults.corrupt_rate = number(request["value"], 0.0, 1.0)
+    motor.faults.corrupt_all = flag(request.get("all_bytes", False))
+
+
+def _reading(motor: SimMotor, request: _Request) -> None:
+    value = request["value"]
+    if value is False:
+        motor.reading = None
+        return
+    fields = _fields(value, (), ("position_rad", "velocity_rad_s", "torque_nm", "answers", "freeze"))
+    offsets = {key: number(fields[key]) for key in ("position_rad", "velocity_rad_s", "torque_nm") if key in fields}
+    answers = whole(fields["answers"], 0, _COUNT_MAX) if "answers" in fields else None
+    motor.reading = FalseReading(**offsets, answers=answers, freeze=flag(fields.get("freeze", False)))
+
+
+def _temperatures(motor: SimMotor, request: _Request) -> None:
+    value = request["value"]
+    held = None if value is False else vector(value, 2).clip(0.0, _BYTE_MAX).tolist()
+    motor.thermometer.held = held and (held[0], held[1])
+
+
+def _temperature_ramp(motor: SimMotor, request: _Request) -> None:
+    if request["value"] is False:
+        motor.thermometer.ramp = None
+        return
+    fields = _fields(request["value"], ("rate_c_per_s", "from_c"), ("part",))
+    part = fields.get("part", "both")
+    if part not in PARTS:
+        raise ConfigError(f"part must be one of {PARTS}, not {part!r}")
+    rate = number(fields["rate_c_per_s"], -_TEMPERATURE_MAX_C, _TEMPERATURE_MAX_C)
+    motor.warm(rate, number(fields["from_c"], 0.0, _TEMPERATURE_MAX_C), part)
+
+
+def _torque_bias(motor: SimMotor, request: _Request) -> None:
+    motor.set_bias(number(request["value"], -_TORQUE_MAX_NM, _TORQUE_MAX_NM))
+
+
+def _stuck(motor: SimMotor, request: _Request) -> None:
+    motor.drive.jam(flag(request["value"]))
+
+
+def _friction(motor: SimMotor, request: _Request) -> None:
+    motor.drive.rub(number(request["value"], 0.0, _TORQUE_MAX_NM))
+
+
+def _nibble(motor: SimMotor, request: _Request) -> None:
+    code = whole(request["value"], 0, _NIBBLE_MAX)
+    motor.sticky_fault = flag(request.get("sticky", False))
+    motor.fail(code)
+
+
+def _register(motor: SimMotor, request: _Request) -> None:
+    motor.set_register(whole(request["register"], 0, _ID_MAX), number(request["value"]))
+
+
+_MOTOR_KINDS: dict[str, Callable[[SimMotor, _Request], None]] = {
+    "silent": _silent,
+    "drop_next": _drop_next,
+    "loss_rate": _loss_rate,
+    "command_loss_rate": _command_loss_rate,
+    "delay_s": _delay,
+    "duplicate": _duplicate,
+    "wrong_id": _wrong_id,
+    "corrupt_rate": _corrupt_rate,
+    "reading": _reading,
+    "temperatures_c": _temperatures,
+    "temperature_ramp": _temperature_ramp,
+    "torque_bias_nm": _torque_bias,
+    "stuck": _stuck,
+    "friction_nm": _friction,
+    "nibble": _nibble,
+    "register": _register,
+}
+
+KINDS = (*_MOTOR_KINDS, *_CHANNEL_KINDS)
+
+
+def _fields(value: Any, needed: tuple[str, ...], optional: tuple[str, ...]) -> dict[str, Any]:
+    """A mapping with these keys."""
+    if not isinstance(value, dict) or set(needed) - set(value) or set(value) - {*needed, *optional}:
+        parts = [f"{{{', '.join(needed)}}}"] * bool(needed) + [f"maybe {', '.join(optional)}"] * bool(optional)
+        raise ConfigError(f"expected {' and '.join(parts)}, or false, not {value!r}")
+    return value

@@ -1,0 +1,213 @@
+"""The caller's side: start the control loop of a robot, read states, give targets, stop safely."""
+
+import dataclasses
+import logging
+import os
+from collections.abc import Sequence
+from typing import Literal, get_args
+
+from lerobot_robot_yam.arm.config import VIRTUAL, ArmConfig, check_together
+from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.errors import ConfigError, LifeCycleError, YamError
+from lerobot_robot_yam.session.arm_client import ArmPort
+from lerobot_robot_yam.session.runners import ProcessRunner, Runner, ThreadRunner
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.records import channel_key
+from lerobot_robot_yam.system.clock import SYSTEM, Clock
+from lerobot_robot_yam.system.runtime_files import rig_name
+from lerobot_robot_yam.system.uncopyable import Uncopied
+
+logger = logging.getLogger(__name__)
+
+Isolation = Literal["process", "thread", "lockstep"]
+
+_LAND_TIMEOUT_S = 60.0  # the longest way down at landing speed, and one retry
+
+
+class ArmSession(Uncopied):
+    """All arms of one robot or teleoperator, driven by one control loop.
+
+        session = ArmSession([ArmConfig(name="left", channel="can_follower_l"), …])
+        session.start()
+        session["left"].observe()
+        session.stop()
+
+    Args:
+        configs: the arms; names and channels must differ, rates must agree.
+        isolation: "process" (the loop cannot be disturbed by the caller's interpreter), "thread" (for debugging) or
+            "lockstep" (the loop ticks while the caller sleeps on `clock`; only on a rig in lock-step).
+
+    Raises:
+        ConfigError: the configurations cannot be used together.
+    """
+
+    def __init__(self, configs: Sequence[ArmConfig], isolation: Isolation = "process"):
+        if isolation not in get_args(Isolation):
+            raise ConfigError(f"isolation is one of {', '.join(get_args(Isolation))}, not {isolation!r}")
+        check_together(configs)
+        self._isolation = isolation
+        self._configs: list[ArmConfig] = []
+        self._keys: list[str] = []
+        for config in configs:
+            rig = config.can_options.get("rig")
+            if config.interface == VIRTUAL:
+                # The loop's process must meet the rig of this process, not start one of its own.
+                rig, _ = rig_name(rig)
+                config = dataclasses.replace(config, can_options={**config.can_options, "rig": rig})
+            self._configs.append(config)
+            self._keys.append(channel_key(config.interface, config.channel, rig))
+        self._hardware = {config.name: Hardware(config) for config in self._configs}
+        self._ports: dict[str, ArmPort] = {}
+        self._runner: Runner | None = None
+        self._pid = 0  # of the process that has started it
+
+    def __getitem__(self, name: str) -> ArmPort:
+        """Port of the arm called `name`.
+
+        Raises:
+            LifeCycleError: the session is not running.
+            ConfigError: there is no such arm.
+        """
+        if name not in self._hardware:
+            raise ConfigError(f"no arm is called {name!r}; there are {list(self._hardware)}")
+        if name not in self._ports:
+            raise LifeCycleError(f"{name}: not connected")
+        return self._ports[name]
+
+    def hardware(self, name: str) -> Hardware:
+        """Profiles and limits of the arm called `name`."""
+        return self._hardware[name]
+
+    @property
+    def running(self) -> bool:
+        """True between `start` and `stop`, whatever state the arms are in."""
+        return self._runner is not None
+
+    @property
+    def rig(self) -> str | None:
+        """Name of the virtual rig, None on real arms."""
+        rig: str | None = self._configs[0].can_options.get("rig")
+        return rig
+
+    def start(self, search_grippers: bool = True) -> None:
+        """Bring all arms up; returns when they hold (or float) and their grippers' stops are known
+        (but for those that are not to be sought).
+
+        Args:
+            search_grippers: False when `calibrate_gripper` may follow: nothing is sought, what does not fit put aside.
+
+        Raises:
+            YamError: what failed; nothing is energised and nothing is left behind.
+        """
+        if self._runner is not None:
+            raise LifeCycleError("this session is running already")
+        configs = [
+            dataclasses.replace(config, gripper_search=config.gripper_search and search_grippers)
+            for config in self._configs
+        ]
+        runner = self._new_runner(configs)
+        ports: dict[str, ArmPort] = {}
+        try:
+            for config, key in zip(self._configs, self._keys, strict=True):
+                ports[config.name] = ArmPort(config, self._hardware[config.name], key, runner.clock)
+            runner.start([port.descriptors for port in ports.values()])
+        except BaseException:
+            runner.stop()
+            for port in ports.values():
+                port.close()
+            raise
+        self._ports, self._runner, self._pid = ports, runner, os.getpid()
+
+    def _new_runner(self, configs: list[ArmConfig]) -> Runner:
+        if self._isolation == "lockstep":
+            from lerobot_robot_yam.session.step_runner import (
+                StepRunner,  # with the loop, which elsewhere is not in here
+            )
+
+            return StepRunner(configs, self._keys)
+        return (ProcessRunner if self._isolation == "process" else ThreadRunner)(configs, self._keys)
+
+    @property
+    def clock(self) -> Clock:
+        """The clock by which these arms live."""
+        return SYSTEM if self._runner is None else self._runner.clock
+
+    def stop(self) -> None:
+        """Land every arm, cut torque, end the loop. Idempotent; Ctrl-C does not hurry it.
+
+        In a forked child it lets go of what belongs to the parent, whose arms go on.
+        """
+        runner, self._runner = self._runner, None
+        if runner is None:
+            return
+        ports = list(self._ports.values())
+        try:
+            if self._forked:
+                return
+            if runner.stop(lambda: all(port.off for port in ports)):
+                for port in ports:
+                    if not port.off:
+                        port.bury()
+        finally:
+            self._let_go()
+
+    @property
+    def _forked(self) -> bool:
+        return os.getpid() != self._pid
+
+    def _let_go(self) -> None:
+        ports, self._ports = self._ports, {}
+        for port in ports.values():
+            port.close()
+
+    def discard(self) -> None:
+        """Leave a world in lock-step that is thrown away: nothing lands. Idempotent.
+
+        Raises:
+            LifeCycleError: these arms are not in lock-step; they have to land.
+        """
+        from lerobot_robot_yam.session.step_runner import StepRunner
+
+        if self._runner is None:
+            return
+        if not isinstance(self._runner, StepRunner):
+            raise LifeCycleError("only arms in lock-step can be discarded; stop the session, so that the arms land")
+        if not self._forked:
+            self._runner.discard()
+        self._runner = None
+        self._let_go()
+
+    def rearm(self) -> None:
+        """Enable again what has failed, and let all arms of the session take targets again.
+
+        Waits while a gripper's stops are sought: a motor that was without power has forgotten its turns.
+
+        Raises:
+            LifeCycleError: an arm still fails, or needs a new connection; those that hold because of it go on holding.
+            MotorError: a gripper's stops are not found.
+        """
+        for port in sorted(self._ports.values(), key=lambda port: port.mode() is not Mode.FAULT):
+            port.rearm()
+        for port in self._ports.values():
+            port.await_gripper()
+
+    def land(self) -> None:
+        """Land every arm and wait until torque is off; the session still has to be stopped.
+
+        Raises:
+            LifeCycleError: an arm does not land, or has failed and the emergency stop is latched; the others land.
+        """
+        refused: list[YamError] = []
+        for port in self._ports.values():
+            try:
+                port.land()
+            except YamError as error:
+                refused.append(error)
+        if refused:
+            raise refused[0]
+        clock = self.clock
+        deadline = clock.now() + _LAND_TIMEOUT_S
+        while any(port.mode() is not Mode.OFF for port in self._ports.values()):
+            if clock.now() > deadline:
+                raise LifeCycleError("an arm does not land; see the log for what is in its way")
+            clock.sleep(0.02)

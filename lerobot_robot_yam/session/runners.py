@@ -1,0 +1,199 @@
+"""Where a robot's control loop runs: in a process of its own, or in a thread of the caller."""
+
+import dataclasses
+import json
+import logging
+import os
+import select
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from lerobot_robot_yam import errors
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.control.process.lifeline import Lifeline
+from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.state.block_pair import BlockPair, Descriptors
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.system.clock import SYSTEM, Clock
+
+logger = logging.getLogger(__name__)
+
+_START_TIMEOUT_S = 60.0  # a virtual rig may have to start; a gripper calibration takes some seconds
+_LAND_TIMEOUT_S = 60.0  # the longest way down at landing speed, and one retry
+_STOPPED_S = 2.0  # while the emergency stop is latched nothing lands; who has latched it may release it at once
+_HELD = (
+    "the arms stay in the air, held or floating, and their control loop lands them when it is released; clear their "
+    "way, then `yam-estop release`"
+)
+_HELD_BY_US = "THIS PROCESS HOLDS THE ARMS, do not end it; clear their way, then `yam-estop release` lands them"
+
+
+class Runner(Protocol):
+    """Runs one control loop, once."""
+
+    @property
+    def clock(self) -> Clock:
+        """The caller's clock: what lets time pass for it, and for the arms."""
+
+    def start(self, blocks: Sequence[Descriptors]) -> None:
+        """Bring the arms up; `blocks` of each, in the order of their configs.
+
+        Raises:
+            YamError: what failed; nothing is energised.
+        """
+
+    def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
+        """Have it land and end; True when nobody drives the arms any more.
+
+        Args:
+            off: whether torque is off, for a loop that somebody else may have taken over.
+        """
+
+
+class ProcessRunner:
+    """The loop in a process of its own, which the caller's interpreter cannot disturb."""
+
+    clock: Clock = SYSTEM
+
+    def __init__(self, configs: list[ArmConfig], keys: list[str]):
+        self._configs, self._keys = configs, keys
+        self._child: subprocess.Popen[bytes] | None = None
+        self._lifeline: Lifeline | None = None
+
+    def start(self, blocks: Sequence[Descriptors]) -> None:
+        self._lifeline = lifeline = Lifeline()
+        self._child = child = subprocess.Popen(
+            [sys.executable, "-P", "-m", "lerobot_robot_yam.control.process.control_process"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            pass_fds=[lifeline.far_end, *(descriptor for pair in blocks for descriptor in pair)],
+            start_new_session=True,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+        )
+        job = {
+            "arms": [dataclasses.asdict(config) for config in self._configs],
+            "keys": self._keys,
+            "blocks": blocks,
+            "lifeline": lifeline.far_end,
+            "parent_pid": os.getpid(),
+        }
+        lifeline.hand_over()
+        assert child.stdin is not None and child.stdout is not None
+        child.stdin.write(json.dumps(job).encode() + b"\n")
+        child.stdin.close()
+        answered = select.poll()  # which takes descriptors above 1023, too
+        answered.register(child.stdout, select.POLLIN)
+        if not answered.poll(_START_TIMEOUT_S * 1e3):
+            raise YamError(f"the control process did not come up within {_START_TIMEOUT_S:.0f} s")
+        line = child.stdout.readline()
+        if not line:
+            raise YamError(f"the control process died while starting (exit status {child.wait()}); see its log above")
+        reply = json.loads(line)
+        if "error" in reply:
+            raise getattr(errors, reply["kind"], YamError)(reply["error"])
+
+    def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
+        """Have it land and end; True when nobody drives the arms any more."""
+        child, self._child = self._child, None
+        lifeline = self._lifeline
+        if child is None or lifeline is None:
+            return True
+        if child.poll() is None:
+            child.send_signal(signal.SIGTERM)
+        ended = wait_patiently(lambda: child.poll() is not None, outlives_us=os.getpid() != 1)  # 1: of a container
+        if child.stdout is not None:
+            child.stdout.close()
+        if ended:  # then a stand-by may have taken over
+            ended = wait_patiently(lambda: off() or lifeline.cut, outlives_us=True)
+        lifeline.close()
+        return ended
+
+
+class ThreadRunner:
+    """The loop in a thread of the caller, for debugging."""
+
+    clock: Clock = SYSTEM
+
+    def __init__(self, configs: list[ArmConfig], keys: list[str]):
+        self._land = threading.Event()
+        self._settled = threading.Event()
+        self._error: BaseException | None = None
+        self._blocks: list[BlockPair] = []
+        self._thread = threading.Thread(target=self._run, args=(configs, keys), name="yam-control", daemon=False)
+
+    def _run(self, configs: list[ArmConfig], keys: list[str]) -> None:
+        from lerobot_robot_yam.control.process.control_process import control
+
+        try:
+            main = threading.main_thread()
+            control(
+                configs,
+                keys,
+                self._blocks,
+                self._tell,
+                lambda: self._land.is_set() or not main.is_alive(),
+                realtime=False,
+            )
+        except BaseException as error:
+            self._error = error
+            if self._settled.is_set():
+                logger.exception("control loop failed")
+        finally:
+            self._settled.set()
+
+    def _tell(self, failure: str) -> None:
+        self._error = errors.MotorError(failure) if failure else None
+        self._settled.set()
+
+    def start(self, blocks: Sequence[Descriptors]) -> None:
+        self._blocks = [BlockPair.of(descriptors.copies()) for descriptors in blocks]
+        self._thread.start()
+        if not self._settled.wait(_START_TIMEOUT_S):
+            raise YamError(f"the control loop did not come up within {_START_TIMEOUT_S:.0f} s")
+        if self._error is not None:
+            raise self._error
+
+    def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
+        """Have it land and end; True when nobody drives the arms any more."""
+        self._land.set()
+        return self._thread.ident is None or wait_patiently(lambda: not self._thread.is_alive(), outlives_us=False)
+
+
+def wait_patiently(done: Callable[[], bool], outlives_us: bool) -> bool:
+    """Wait for a landing.
+
+    Ctrl-C is answered with a word: the loop lands on its own, hurrying would drop an arm.
+
+    Args:
+        done: whether the arms are down.
+        outlives_us: their control loop does; then the release of an emergency stop is not waited for.
+    """
+    begin, told = time.monotonic(), False
+    while True:
+        try:
+            while not done():
+                waited_s = time.monotonic() - begin
+                if waited_s > _STOPPED_S and not told and _stopped():
+                    told = True
+                    logger.error("the emergency stop is latched: %s", _HELD if outlives_us else _HELD_BY_US)
+                    if outlives_us:
+                        return False
+                if waited_s > _LAND_TIMEOUT_S:
+                    logger.error("the arms are not down yet; their control loop goes on holding and landing by itself")
+                    return False
+                time.sleep(0.01)
+            return True
+        except KeyboardInterrupt:
+            logger.warning("landing; the arms have no brakes, so this cannot be cut short")
+
+
+def _stopped() -> bool:
+    try:
+        return EmergencyStop().latched
+    except errors.ConfigError:  # the runtime directory has been taken away: the loop latches, nobody hears of it
+        return False

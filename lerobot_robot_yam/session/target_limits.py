@@ -1,0 +1,106 @@
+"""The caller's side of the safety chain: what a target must be, and what is held back before it is sent.
+
+validate (keys, shape, finite, unit) → joint limits → max_relative_target; the loop adds set-point speed and torque
+clip.
+"""
+
+import logging
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD, TURN
+from lerobot_robot_yam.arm.validation import finite_number
+from lerobot_robot_yam.errors import ActionError
+from lerobot_robot_yam.state.records import Limited
+
+logger = logging.getLogger(__name__)
+
+_WORTH_SAYING = 0.01  # rad, or of the gripper's stroke: measured poses may lie a little outside the limits
+
+
+def action_vector(device: str, action: Mapping[str, object], keys: Sequence[str]) -> np.ndarray:
+    """The values of a LeRobot action in the order of `keys`, (n,). 0-d tensors and arrays are numbers.
+
+    Raises:
+        ActionError: missing or unknown keys, values that are not finite numbers.
+    """
+    if not isinstance(action, Mapping):
+        raise ActionError(f"{device}: an action maps names to numbers; this is a {type(action).__name__}")
+    if len(action) != len(keys) or any(key not in action for key in keys):
+        missing = [key for key in keys if key not in action]
+        unknown = [key for key in action if key not in keys]
+        raise ActionError(f"{device}: action lacks {missing or 'nothing'} and has unknown {unknown or 'nothing'}")
+    return np.array([finite_number(device, key, action[key]) for key in keys])
+
+
+def refuse_degrees(device: str, q: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
+    """Refuse joint angles that are none in radians, but a pose of the arms in degrees.
+
+    Clamped to the joint limits, they would send the arms all the way there. A single wild value is no sign of degrees,
+    and what no pose fits is not either: these are limited like any other target.
+
+    Args:
+        device: for messages.
+        q: (n,) target of the joints.
+        lower, upper: (n,) joint limits, rad.
+
+    Raises:
+        ActionError: degrees, as it seems; nothing was sent.
+    """
+    wild = np.abs(q) > TURN
+    if np.count_nonzero(wild) < 2:
+        return
+    pose = np.radians(q)
+    if np.all((pose > lower - RANGE_TOLERANCE_RAD) & (pose < upper + RANGE_TOLERANCE_RAD)):
+        raise ActionError(
+            f"{device}: {np.count_nonzero(wild)} joints are asked for more than a whole turn (up to "
+            f"{np.abs(q).max():.1f} rad), which would be a pose in degrees; nothing was sent. Does the policy or data "
+            "set speak degrees? Then set use_degrees to true"
+        )
+
+
+def limit_target(
+    target: Sequence[float],
+    measured: Sequence[float],
+    lower: Sequence[float],
+    upper: Sequence[float],
+    max_relative: float | None,
+) -> tuple[list[float], Limited]:
+    """Joint limits, then `max_relative` distance from the measured position; n each. Says what was held back.
+
+    A measured position may lie outside the limits; the result never does.
+    """
+    limited = Limited.NOTHING
+    inside = [
+        low if value < low else high if value > high else value
+        for value, low, high in zip(target, lower, upper, strict=True)
+    ]
+    if inside != target and any(abs(a - b) > _WORTH_SAYING for a, b in zip(inside, target, strict=True)):
+        limited |= Limited.JOINT_LIMIT
+    if max_relative is not None:
+        near = [
+            min(max(a, m - max_relative, low), max(m + max_relative, low), high)
+            for a, m, low, high in zip(inside, measured, lower, upper, strict=True)
+        ]
+        if near != inside:
+            limited |= Limited.RELATIVE_TARGET
+        inside = near
+    return inside, limited
+
+
+class LimitLog:
+    """Logs the beginning of each stretch of limiting, not every tick of it."""
+
+    def __init__(self, arm: str):
+        self._arm = arm
+        self._before = Limited.NOTHING
+
+    def note(self, limited: Limited) -> None:
+        """Warn once when a limit begins to act."""
+        if limited is self._before:
+            return
+        fresh = limited & ~self._before
+        if fresh:
+            logger.warning("%s: target held back by %s", self._arm, fresh.name)
+        self._before = limited

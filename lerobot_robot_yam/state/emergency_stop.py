@@ -1,0 +1,142 @@
+"""The emergency stop of everything that one user drives on this machine: latched by anybody, released on purpose.
+
+A file is the latch: it outlives whoever made it, and looking whether it is there costs a loop 4 µs a tick. On a disk
+that is full no file can be made. The sticky bit of the directory is the latch then: a change of mode needs no room.
+"""
+
+import contextlib
+import errno
+import json
+import logging
+import os
+import stat
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.system.runtime_files import runtime_dir
+
+logger = logging.getLogger(__name__)
+
+_FILE = "emergency-stop"
+_MOST_BYTES = 65536
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.ENOMEM)
+_NO_ROOM = "unknown: there was no room to write it down"
+
+
+class EmergencyStop:
+    """The latch. While it is set followers hold and leaders float, still energised, and no other arm is energised.
+
+    EmergencyStop().latch("somebody shouted")
+
+    Args:
+        directory: runtime directory of those who shall hear it; None: this user's.
+
+    Raises:
+        ConfigError: this user can have no runtime directory.
+    """
+
+    def __init__(self, directory: Path | None = None) -> None:
+        self._own = directory is None
+        self.directory = runtime_dir() if directory is None else directory
+        self._name = str(self.directory / _FILE)
+        self._unwritten = False  # latched, with no way to write it down
+        self._home: int | None = None  # the directory in which it was seen, by its number: /dev/shm gives none twice
+
+    @property
+    def latched(self) -> bool:
+        """Whether the stop is set."""
+        if os.access(self._name, os.F_OK) or self._marked:
+            if self._home is None:
+                self._home, self._unwritten = self._directory_number(), False
+            return True
+        home, self._home = self._home, None
+        if home is not None and home != self._directory_number():
+            with contextlib.suppress(OSError):  # then it stands for this object alone
+                self.latch(f"{self.directory} was removed with the stop in it, by a log-out perhaps")
+            return True
+        return self._unwritten
+
+    @property
+    def _marked(self) -> bool:
+        """Whether the directory itself says so."""
+        try:
+            return bool(os.stat(self.directory, follow_symlinks=False).st_mode & stat.S_ISVTX)
+        except OSError:
+            return False
+
+    def _directory_number(self) -> int:
+        try:
+            return os.stat(self.directory).st_ino
+        except OSError:
+            return 0
+
+    def reason(self) -> str:
+        """Who set it, when and why; empty when it is not set."""
+        try:
+            with self._inside() as directory:
+                file = os.open(_FILE, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=directory)
+            with open(file, "rb") as text:
+                data = json.loads(text.read(_MOST_BYTES))
+            return f"{data['why']} (process {data['pid']}, {data['at']})"
+        except FileNotFoundError:
+            return _NO_ROOM if self._marked else ""
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+            return "unknown"
+
+    def latch(self, why: str) -> None:
+        """Stop everything, until `release`. The first reason stands.
+
+        Raises:
+            OSError: it cannot be written down, so nobody else hears of it. For this object it is latched for good.
+        """
+        if self.latched:
+            return
+        self._unwritten = True
+        if self._own:
+            with contextlib.suppress(ConfigError):
+                runtime_dir()  # a log-out may have had it removed
+        with self._inside() as directory:
+            try:
+                file = os.open(_FILE, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600, dir_fd=directory)
+            except FileExistsError:
+                if not os.path.exists(self._name):  # a link to nowhere; else somebody was faster
+                    raise
+            except OSError as error:
+                if error.errno not in _FULL:
+                    raise
+                os.fchmod(directory, stat.S_IMODE(os.fstat(directory).st_mode) | stat.S_ISVTX)
+            else:
+                self._tell(file, why)
+        self._unwritten = False
+        logger.error("emergency stop: %s; release it with `yam-estop release`", why)
+
+    def release(self) -> None:
+        """Let arms move again: each from where it is, with its next target.
+
+        Raises:
+            OSError: it cannot be removed.
+        """
+        with contextlib.suppress(FileNotFoundError), self._inside() as directory:
+            mode = stat.S_IMODE(os.fstat(directory).st_mode)
+            if mode & stat.S_ISVTX:
+                os.fchmod(directory, mode & ~stat.S_ISVTX)
+            os.unlink(_FILE, dir_fd=directory)
+
+    @contextlib.contextmanager
+    def _inside(self) -> Iterator[int]:
+        """The directory itself: root latches in those of others, who could put a link in its place meanwhile."""
+        directory = os.open(self.directory, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+        try:
+            yield directory
+        finally:
+            os.close(directory)
+
+    @staticmethod
+    def _tell(file: int, why: str) -> None:
+        """Write the reason; what counts is that the file is there."""
+        data = {"why": why, "pid": os.getpid(), "at": time.strftime("%Y-%m-%d %H:%M:%S")}
+        with contextlib.suppress(OSError), open(file, "w") as text:
+            os.fchmod(file, 0o644)  # whom root stops shall read why
+            text.write(json.dumps(data) + "\n")

@@ -1,0 +1,360 @@
+"""What happens when something fails: the one table that the control loop, the documentation and the tests read.
+
+python -m lerobot_robot_yam.state.faults > docs/faults.md
+"""
+
+import sys
+from dataclasses import dataclass
+from enum import StrEnum
+
+from lerobot_robot_yam.damiao.tables import Fault
+
+
+class Response(StrEnum):
+    """What an arm does."""
+
+    GO_ON = "goes on"
+    HOLD = "holds with every motor that still obeys; targets are ignored until it is re-armed"
+    HOLD_UNTIL_TARGET = "brakes and holds; the next target moves it on, from where it is"
+    STOP = "emergency stop, latched: followers hold, leaders float"
+    LAND = "lands and cuts torque there"
+    LOST = "cannot be reached: its motors keep the last command for 0.4 s, then their own watchdog ends torque"
+    REFUSE = "is not energised"
+
+
+class Trouble(StrEnum):
+    """What can go wrong with an arm, its bus, its loop or its caller."""
+
+    OVER_VOLTAGE = "over-voltage"
+    UNDER_VOLTAGE = "under-voltage"
+    OVER_CURRENT = "over-current"
+    MOS_TOO_HOT = "power stage over-temperature"
+    ROTOR_TOO_HOT = "coil over-temperature"
+    COMMUNICATION_LOST = "communication loss"
+    OVERLOAD = "overload"
+    DISABLED = "motor disabled by somebody else"
+    REPLY_LOST = "one reply lost"
+    REPLIES_LOST = "burst of lost replies"
+    MOTOR_SILENT = "motor silent"
+    BUS_SILENT = "whole channel silent"
+    BUS_OFF = "bus-off"
+    LINK_DOWN = "interface down"
+    ADAPTER_GONE = "adapter unplugged"
+    IMPLAUSIBLE = "readings that cannot be"
+    WRONG_ID = "motor with a wrong id"
+    DUPLICATE_ID = "two motors with one id"
+    FOREIGN_DRIVER = "another driver on the channel"
+    ENCODER_SILENT = "teaching handle silent"
+    WARM = "motor warm"
+    HOT = "motor about to trip"
+    EFFORT = "effort limit exceeded"
+    EMERGENCY_STOP = "emergency stop"
+    CALLER_STALE = "caller stalls"
+    CALLER_DEAD = "caller dies"
+    CAMERA_DEAD = "camera stalls or dies"
+    CONTROL_DEAD = "control process dies"
+    CONTROL_HUNG = "control process hangs"
+    STAND_BY_DEAD = "stand-by process dies"
+    LOOP_SLOW = "slow loop"
+    INTERNAL_ERROR = "defect in our own code"
+    GRIPPER = "gripper stops not found"
+    OBSTRUCTED = "landing obstructed"
+    WEIGHT = "weight is not the model's"
+    RUNAWAY = "floats away by itself"
+
+
+@dataclass(frozen=True)
+class Rule:
+    """One row.
+
+    Attributes:
+        sign: how it is noticed.
+        arm: what the arm concerned does.
+        peer: what the other arm of the same robot does.
+        caller: what the caller sees.
+        within_s: and after how long at most.
+        rearm: what brings the arm back. Nothing that moves torque comes back by itself.
+    """
+
+    sign: str
+    arm: Response
+    peer: Response
+    caller: str
+    within_s: float
+    rearm: str
+
+    @property
+    def in_place(self) -> bool:
+        """Whether `rearm()` can end it, without a new connection."""
+        return self.rearm == _REARM
+
+
+_REARM = "`rearm()` once the cause is gone, or connect again"
+_RECONNECT = "connect again"
+_MOTOR_ERROR = "MotorError that names motor and cause"
+PARENT_S = 0.03  # it is looked for every 20 ms
+TICK_S = 0.01  # one tick of the loop and one of its caller's reads, rounded up
+SILENT_S = 0.1  # a motor that has not answered for so long is lost: a quarter of its own watchdog
+HEAT_S = 0.6  # a temperature is believed once it has been steady for half a second
+HUNG_S = 0.14  # a loop that has not ticked for so long is replaced: a third of the motors' watchdog
+MOST_RAD_S2 = 30.0  # largest acceleration that is fed forward
+STALE_OVERSHOOT_RAD_S = 1.6  # beyond its speed limit, of a joint whose last command gave it an acceleration: a·√(I/kp)
+
+
+def stale_overshoot_rad_s(late_s: float) -> float:
+    """What a command that is obeyed `late_s` too long can add to a joint's speed, rad/s: it goes on accelerating."""
+    return min(MOST_RAD_S2 * max(late_s, 0.0), STALE_OVERSHOOT_RAD_S)
+
+
+def _motor_fault(code: Fault) -> Rule:
+    sign = f"fault nibble 0x{code:X} in a reply; the motor has cut its own torque"
+    return Rule(sign, Response.HOLD, Response.HOLD, _MOTOR_ERROR, TICK_S, _REARM)
+
+
+def _seen_from_bus(sign: str, within_s: float, error: str = "MotorError that names the channel") -> Rule:
+    return Rule(sign, Response.LOST, Response.HOLD, error, within_s, f"repair the link, then {_RECONNECT}")
+
+
+POLICY: dict[Trouble, Rule] = {
+    Trouble.OVER_VOLTAGE: _motor_fault(Fault.OVER_VOLTAGE),
+    Trouble.UNDER_VOLTAGE: _motor_fault(Fault.UNDER_VOLTAGE),
+    Trouble.OVER_CURRENT: _motor_fault(Fault.OVER_CURRENT),
+    Trouble.MOS_TOO_HOT: _motor_fault(Fault.MOS_OVER_TEMPERATURE),
+    Trouble.ROTOR_TOO_HOT: _motor_fault(Fault.ROTOR_OVER_TEMPERATURE),
+    Trouble.COMMUNICATION_LOST: _motor_fault(Fault.COMMUNICATION_LOST),
+    Trouble.OVERLOAD: _motor_fault(Fault.OVERLOAD),
+    Trouble.DISABLED: _motor_fault(Fault.DISABLED),
+    Trouble.REPLY_LOST: Rule(
+        "a reply misses its tick", Response.GO_ON, Response.GO_ON, "nothing; counted in the state", 0.0, "not needed"
+    ),
+    Trouble.REPLIES_LOST: Rule(
+        f"several in a row, for less than {SILENT_S} s",
+        Response.GO_ON,
+        Response.GO_ON,
+        "nothing; the state says how old it is, and is refused when older than `max_state_age_s`",
+        0.0,
+        "not needed",
+    ),
+    Trouble.MOTOR_SILENT: Rule(
+        f"no answer for {SILENT_S} s and ten questions", Response.HOLD, Response.HOLD, _MOTOR_ERROR, 0.15, _REARM
+    ),
+    Trouble.BUS_SILENT: _seen_from_bus(f"no motor of the channel answers for {SILENT_S} s", 0.15),
+    Trouble.BUS_OFF: _seen_from_bus("frames are no longer taken, or nobody answers", 0.15),
+    Trouble.LINK_DOWN: _seen_from_bus("sending fails: network is down", TICK_S),
+    Trouble.ADAPTER_GONE: _seen_from_bus("sending fails: no such device", TICK_S),
+    Trouble.IMPLAUSIBLE: Rule(
+        "four answers of a motor, each beyond what its joint can have done since the last good one; single ones are "
+        "not used",
+        Response.HOLD,
+        Response.HOLD,
+        _MOTOR_ERROR,
+        0.05,
+        _REARM,
+    ),
+    Trouble.WRONG_ID: Rule(
+        "at bring-up: no answer, strangers are named; later: a silent motor",
+        Response.REFUSE,
+        Response.REFUSE,
+        _MOTOR_ERROR,
+        1.0,
+        "give the motor its id",
+    ),
+    Trouble.DUPLICATE_ID: Rule(
+        "more answers than questions",
+        Response.HOLD,
+        Response.HOLD,
+        _MOTOR_ERROR + "; at bring-up the arm is not energised",
+        0.5,
+        f"give every motor its own id, then {_RECONNECT}",
+    ),
+    Trouble.FOREIGN_DRIVER: Rule(
+        "commands to our motors that are not ours",
+        Response.HOLD,
+        Response.HOLD,
+        "MotorError; at bring-up ChannelInUseError and the arm is not energised",
+        0.5,
+        f"stop the other program, then {_RECONNECT}",
+    ),
+    Trouble.ENCODER_SILENT: Rule(
+        "no report for 0.25 s",
+        Response.GO_ON,
+        Response.GO_ON,
+        "a warning once; trigger and buttons are None, the gripper keeps its opening; at bring-up MotorError",
+        0.3,
+        "not needed: it is read again as soon as it answers",
+    ),
+    Trouble.WARM: Rule(
+        "within 15 °C of where the motor switches itself off",
+        Response.GO_ON,
+        Response.GO_ON,
+        "a warning; half speed, reduced grip",
+        HEAT_S,
+        "not needed: ends 3 °C lower",
+    ),
+    Trouble.HOT: Rule(
+        "within 5 °C of where the motor switches itself off",
+        Response.LAND,
+        Response.HOLD,
+        _MOTOR_ERROR,
+        HEAT_S,
+        f"let it cool, then {_RECONNECT}",
+    ),
+    Trouble.EFFORT: Rule(
+        "|tau| above `effort_limit_nm` for 50 ms",
+        Response.STOP,
+        Response.STOP,
+        "the emergency stop is latched; observations go on",
+        0.1,
+        "`yam-estop release`",
+    ),
+    Trouble.EMERGENCY_STOP: Rule(
+        "`yam-estop`, `EmergencyStop().latch()`, or the handle button of `estop_button`",
+        Response.STOP,
+        Response.STOP,
+        "observations go on (unless a gripper's stops are unknown); actions are answered with the pose held",
+        TICK_S,
+        "`yam-estop release`; motion resumes from the measured pose",
+    ),
+    Trouble.CALLER_STALE: Rule(
+        "no target for `command_timeout_s`",
+        Response.HOLD_UNTIL_TARGET,
+        Response.HOLD_UNTIL_TARGET,
+        "nothing; logged, and flagged in the state",
+        0.5,
+        "not needed: the next target",
+    ),
+    Trouble.CALLER_DEAD: Rule(
+        "its process is gone (exception, signal, kill -9), or executes another program",
+        Response.LAND,
+        Response.LAND,
+        "—",
+        PARENT_S,
+        _RECONNECT,
+    ),
+    Trouble.CAMERA_DEAD: Rule(
+        "a camera is gone; its image is older than 0.8 s while the machine has time for us, or for 3 s than 0.5 s",
+        Response.HOLD_UNTIL_TARGET,
+        Response.HOLD_UNTIL_TARGET,
+        "StaleStateError that names the camera; arms hold, and land when the caller disconnects",
+        1.0,
+        _RECONNECT,
+    ),
+    Trouble.CONTROL_DEAD: Rule(
+        "its process is gone (kill -9)", Response.LAND, Response.LAND, "MotorError", 0.1, _RECONNECT
+    ),
+    Trouble.CONTROL_HUNG: Rule(
+        f"no tick for {HUNG_S} s; the stand-by ends it first",
+        Response.LAND,
+        Response.LAND,
+        "MotorError",
+        0.3,
+        _RECONNECT,
+    ),
+    Trouble.STAND_BY_DEAD: Rule(
+        "its process is gone",
+        Response.GO_ON,
+        Response.GO_ON,
+        "a warning in the log",
+        1.0,
+        f"{_RECONNECT} to have one again",
+    ),
+    Trouble.LOOP_SLOW: Rule(
+        "a fifth of the last second's ticks late",
+        Response.GO_ON,
+        Response.GO_ON,
+        "a warning in the log; states older than `max_state_age_s` are refused",
+        1.0,
+        "not needed",
+    ),
+    Trouble.INTERNAL_ERROR: Rule(
+        "an exception in the loop",
+        Response.HOLD,
+        Response.HOLD,
+        "MotorError with the exception; the trace is in the log",
+        TICK_S,
+        _RECONNECT,
+    ),
+    Trouble.GRIPPER: Rule(
+        "the search or the check of the stops fails",
+        Response.HOLD,
+        Response.HOLD,
+        "MotorError; at bring-up once the arms have landed",
+        20.0,
+        _REARM,
+    ),
+    Trouble.OBSTRUCTED: Rule(
+        "the arm does not follow its landing for 0.5 s; it goes round, over the top, before it holds",
+        Response.HOLD,
+        Response.GO_ON,
+        "a warning in the log that names the joint, an error once it holds",
+        1.0,
+        "free the way or take the load, and keep clear: it tries again every 3 s. After three ways that are barred it "
+        "sinks slowly where it is, and cuts torque when it lies or hangs still",
+    ),
+    Trouble.WEIGHT: Rule(
+        "the torque that holds an arm before it floats is over 20 % (and 2 % of the motor's range) off the model's",
+        Response.HOLD,
+        Response.HOLD,
+        "MotorError that names joints, torques and what to check; at bring-up once the arms have landed. From `float` "
+        "and `disable_torque` LifeCycleError, and the arm goes on holding",
+        3.0,
+        _REARM,
+    ),
+    Trouble.RUNAWAY: Rule(
+        "a floating joint is faster than `float_speed_rad_s` for 0.25 s, though it is damped then; also during an "
+        "emergency stop",
+        Response.HOLD,
+        Response.HOLD,
+        "MotorError that names the joint and what to check",
+        1.0,
+        _REARM,
+    ),
+}
+
+FAULT_TROUBLE: dict[int, Trouble] = {
+    Fault.DISABLED: Trouble.DISABLED,
+    Fault.OVER_VOLTAGE: Trouble.OVER_VOLTAGE,
+    Fault.UNDER_VOLTAGE: Trouble.UNDER_VOLTAGE,
+    Fault.OVER_CURRENT: Trouble.OVER_CURRENT,
+    Fault.MOS_OVER_TEMPERATURE: Trouble.MOS_TOO_HOT,
+    Fault.ROTOR_OVER_TEMPERATURE: Trouble.ROTOR_TOO_HOT,
+    Fault.COMMUNICATION_LOST: Trouble.COMMUNICATION_LOST,
+    Fault.OVERLOAD: Trouble.OVERLOAD,
+}
+"""Which trouble a fault nibble stands for; codes that nobody has documented count as overload."""
+
+
+def document() -> str:
+    """The table as Markdown."""
+    lines = [
+        "# What happens when something fails",
+        "",
+        "Generated from `lerobot_robot_yam/state/faults.py`, the module that the control loop reads:",
+        "`python -m lerobot_robot_yam.state.faults > docs/faults.md`. The arm is the one concerned, the peer the other",
+        "arm of the same robot. An arm that lands already goes on landing with the motors that still obey, and sinks",
+        "slowly onto what it meets where it cannot fold without the one that is out.",
+        "",
+        "| fault | noticed by | the arm | its peer | the caller sees | within | to re-arm |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for trouble, rule in POLICY.items():
+        cells = (trouble, rule.sign, rule.arm, rule.peer, rule.caller, f"{rule.within_s:g} s", rule.rearm)
+        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    lines += [
+        "",
+        "When power fails, or control process and stand-by are both killed, nobody commands the motors: 0.4 s later",
+        "their own watchdog ends torque and the arm falls. Only mechanics can help then.",
+        "",
+        "While the emergency stop is latched nothing lands, whatever ends: followers hold and leaders float, the loop",
+        "goes on commanding them after its caller has gone, and `yam-estop release` lands them at once. A leader that",
+        "floats away by itself meanwhile is held.",
+        "",
+        "Until somebody commands them again, motors go on with what they were told last. A joint whose last command",
+        f"accelerated it exceeds its speed limit by up to {STALE_OVERSHOOT_RAD_S} rad/s (arm stretched out); after a",
+        f"tick that is late by 10 ms, by up to {stale_overshoot_rad_s(0.01):g} rad/s.",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    sys.stdout.write(document())

@@ -1,0 +1,309 @@
+"""The two records that caller and control loop share for each arm: state (loop writes), command (caller writes).
+
+A record has a slot for each motor that an arm could have: first come its joints, then its gripper if that has a motor,
+and the rest is unused. The state says how many there are. SI units; gripper 0 closed … 1 open.
+"""
+
+import math
+import struct
+from enum import IntEnum, IntFlag
+from pathlib import Path
+
+import numpy as np
+
+from lerobot_robot_yam.damiao.motor_spec import MAX_MOTORS
+from lerobot_robot_yam.state.faults import Trouble
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.system.runtime_files import LOCK, STATE, runtime_dir, slug
+
+
+class Limited(IntFlag):
+    """What the safety chain held back in this tick."""
+
+    NOTHING = 0
+    JOINT_LIMIT = 1
+    RELATIVE_TARGET = 2
+    SPEED = 4
+    TORQUE = 8
+    GRIPPER_FORCE = 16
+    COMMAND_TIMEOUT = 32
+    EMERGENCY_STOP = 64
+    PEER = 128  # the other arm is in trouble
+    WORKSPACE = 256
+    HEAT = 512
+    CAME_FREE = 1024  # a joint sprang forward and was caught
+
+
+class Request(IntEnum):
+    """What a caller can ask of an arm besides giving targets."""
+
+    NONE = 0
+    HOLD = 1
+    FLOAT = 2
+    LAND = 3
+    CALIBRATE_GRIPPER = 4
+    REARM = 5
+
+
+STATE_DTYPE = np.dtype(
+    [
+        ("owner_pid", "u8"),  # process whose loop drives the arm; another one has taken over when it changes
+        ("stamp_s", "f8"),  # monotonic time of publication
+        ("tick", "u8"),
+        ("mode", "u1"),
+        ("limited", "u2"),
+        ("joints", "u1"),  # of the arm
+        ("motors", "u1"),  # the joints', and the gripper's if it has one
+        ("gripper_blocked", "u1"),
+        ("q", "f8", MAX_MOTORS),
+        ("dq", "f8", MAX_MOTORS),
+        ("tau", "f8", MAX_MOTORS),
+        ("setpoint", "f8", MAX_MOTORS),
+        ("own_gains", "u1"),  # held to it with its own gains, not with softer ones of a target
+        ("motor_stamp_s", "f8", MAX_MOTORS),  # when each motor took the sample that it has sent
+        ("asked_s", "f8"),  # when the oldest of the commands went out that these answer
+        ("temp_mos_c", "f4", MAX_MOTORS),
+        ("temp_rotor_c", "f4", MAX_MOTORS),
+        ("fault", "u1", MAX_MOTORS),
+        ("lost", "u8", MAX_MOTORS),
+        ("offset_rad", "f8", MAX_MOTORS),  # motor angle at joint zero: what a successor needs to know
+        ("gripper_stops_rad", "f8", 2),  # closed, open; NaN until they are known
+        ("trigger", "f8"),
+        ("buttons", "u1", 2),
+        ("handle_stamp_s", "f8"),
+        ("target_sequence", "u8"),  # newest target that the set-point has taken
+        ("request_sequence", "u8"),  # newest request that was carried out or refused
+        ("request_refused", "u1"),
+        ("refusal", "S400"),  # why
+        ("trouble", "S40"),  # a `policy.Trouble`, empty when all is well
+        ("message", "S400"),
+    ]
+)
+
+COMMAND_DTYPE = np.dtype(
+    [
+        ("target_stamp_s", "f8"),
+        ("target_sequence", "u8"),
+        ("q", "f8", MAX_MOTORS),
+        ("dq", "f8", MAX_MOTORS),  # NaN: the loop derives it
+        ("kp", "f8", MAX_MOTORS),  # NaN: as configured
+        ("kd", "f8", MAX_MOTORS),
+        ("request", "u1"),
+        ("request_sequence", "u8"),
+    ]
+)
+
+_STRUCT_CODES = {"f8": "d", "f4": "f", "u8": "Q", "u2": "H", "u1": "B"}
+
+
+def packed(dtype: np.dtype, motors: int) -> tuple[struct.Struct, dict[str, int]]:
+    """A packed record type as a struct, and where each field begins among its values; unused slots have none.
+
+    Fields of numpy records cost 6 times as much to read as a tuple when the caches are cold, which they are in a
+    caller that wakes up 30 times a second.
+    """
+    layout, start, count = "<", {}, 0
+    for name in dtype.names or ():
+        field = dtype[name]
+        length = math.prod(field.shape)
+        used = motors if field.shape == (MAX_MOTORS,) else length
+        start[name] = count
+        if field.base.kind == "S":
+            layout += f"{field.base.itemsize}s"
+        else:
+            layout += f"{used}{_STRUCT_CODES[field.base.str[1:]]}{(length - used) * field.base.itemsize}x"
+        count += used
+    return struct.Struct(layout), start
+
+
+_STATES = [packed(STATE_DTYPE, motors) for motors in range(MAX_MOTORS + 1)]
+_JOINTS_AT, _MOTORS_AT = (STATE_DTYPE.fields[name][1] for name in ("joints", "motors"))  # type: ignore[index]
+OWNER_AT = STATE_DTYPE.fields["owner_pid"][1]  # type: ignore[index]
+PUBLISHED_AT = STATE_DTYPE.fields["stamp_s"][1]  # type: ignore[index]
+_MODES = {int(mode): mode for mode in Mode}
+
+
+class ArmState:
+    """One arm, as measured at `stamp_s`. Built from a state record; each access makes a new array.
+
+    A record holds more than most callers ask for, so values are taken out of it only when they are asked for.
+
+    Args:
+        payload: the bytes of a state record.
+    """
+
+    __slots__ = ("_at", "_joints", "_motors", "_values")
+
+    def __init__(self, payload: bytes):
+        self._joints, self._motors = payload[_JOINTS_AT], payload[_MOTORS_AT]
+        layout, self._at = _STATES[self._motors]
+        self._values = layout.unpack(payload)
+
+    def _array(self, name: str) -> np.ndarray:
+        start = self._at[name]
+        return np.array(self._values[start : start + self._joints])
+
+    def _per_motor(self, name: str) -> tuple:
+        start = self._at[name]
+        return self._values[start : start + self._motors]
+
+    def _of_gripper(self, name: str) -> float | None:
+        return self._values[self._at[name] + self._joints] if self._motors > self._joints else None
+
+    @property
+    def stamp_s(self) -> float:
+        """Monotonic time at which the oldest of the motors' samples in this state was taken."""
+        return min(self._per_motor("motor_stamp_s"))
+
+    @property
+    def motor_stamps_s(self) -> np.ndarray:
+        """(n,) the same per motor."""
+        return np.array(self._per_motor("motor_stamp_s"))
+
+    @property
+    def asked_s(self) -> float:
+        """Monotonic time at which the oldest of the commands went out that are answered here: no sample is older."""
+        return self._values[self._at["asked_s"]]
+
+    @property
+    def published_s(self) -> float:
+        """Monotonic time at which the control loop has written this state."""
+        return self._values[self._at["stamp_s"]]
+
+    @property
+    def mode(self) -> Mode:
+        """Life-cycle state."""
+        return _MODES[self._values[self._at["mode"]]]
+
+    @property
+    def q(self) -> np.ndarray:
+        """(joints,) rad."""
+        return self._array("q")
+
+    @property
+    def positions(self) -> tuple[float, ...]:
+        """Joints in rad; behind them the gripper, 0 … 1, if it has a motor."""
+        return self._per_motor("q")
+
+    @property
+    def setpoints(self) -> tuple[float, ...]:
+        """The same of where the arm is asked to be."""
+        return self._per_motor("setpoint")
+
+    @property
+    def dq(self) -> np.ndarray:
+        """(joints,) rad/s."""
+        return self._array("dq")
+
+    @property
+    def tau_nm(self) -> np.ndarray:
+        """(joints,) Nm in joint coordinates."""
+        return self._array("tau")
+
+    @property
+    def setpoint_q(self) -> np.ndarray:
+        """(joints,) rad, where the arm is asked to be."""
+        return self._array("setpoint")
+
+    @property
+    def gripper(self) -> float | None:
+        """0 closed … 1 open; None without a gripper motor."""
+        return self._of_gripper("q")
+
+    @property
+    def gripper_rate(self) -> float | None:
+        """1/s; None without a gripper motor."""
+        return self._of_gripper("dq")
+
+    @property
+    def gripper_tau_nm(self) -> float | None:
+        """Motor torque; None without a gripper motor."""
+        return self._of_gripper("tau")
+
+    @property
+    def gripper_setpoint(self) -> float | None:
+        """0 … 1; None without a gripper motor."""
+        return self._of_gripper("setpoint")
+
+    @property
+    def gripper_stops_rad(self) -> tuple[float, float] | None:
+        """Motor angles of the gripper, closed and open; None while they are unknown."""
+        start = self._at["gripper_stops_rad"]
+        closed, opened = self._values[start : start + 2]
+        return None if math.isnan(closed) else (closed, opened)
+
+    @property
+    def trigger(self) -> float | None:
+        """Teaching handle, 0 released … 1 squeezed; None without a handle or while it is silent."""
+        value = self._values[self._at["trigger"]]
+        return None if math.isnan(value) else value
+
+    @property
+    def buttons(self) -> tuple[bool, bool]:
+        """The handle's two buttons."""
+        first = self._at["buttons"]
+        return bool(self._values[first]), bool(self._values[first + 1])
+
+    @property
+    def temp_mos_c(self) -> np.ndarray:
+        """(n,) °C per motor, power stage."""
+        return np.array(self._per_motor("temp_mos_c"))
+
+    @property
+    def temp_rotor_c(self) -> np.ndarray:
+        """(n,) °C per motor, coil."""
+        return np.array(self._per_motor("temp_rotor_c"))
+
+    @property
+    def fault(self) -> tuple[int, ...]:
+        """Per motor, code of `damiao.tables.Fault`."""
+        return self._per_motor("fault")
+
+    @property
+    def lost(self) -> tuple[int, ...]:
+        """Per motor, replies lost since connecting."""
+        return self._per_motor("lost")
+
+    @property
+    def limited(self) -> Limited:
+        """What the safety chain held back."""
+        return Limited(self._values[self._at["limited"]])
+
+    @property
+    def trouble(self) -> Trouble | None:
+        """What is wrong with the arm, None when all is well."""
+        text = self._text("trouble")
+        return Trouble(text) if text else None
+
+    def _text(self, name: str) -> str:
+        return self._values[self._at[name]].rstrip(b"\0").decode(errors="replace")
+
+    @property
+    def answered(self) -> int:
+        """Number of the newest request that was carried out or refused."""
+        return self._values[self._at["request_sequence"]]
+
+    @property
+    def refusal(self) -> str | None:
+        """Why that request was refused; None if it was not."""
+        return self._text("refusal") if self._values[self._at["request_refused"]] else None
+
+    @property
+    def message(self) -> str:
+        """Why the arm is in its mode, empty when all is well."""
+        return self._text("message")
+
+
+def channel_key(interface: str, channel: str, rig: str | None) -> str:
+    """Name of a channel's lock and blocks: `can_follower_l`, or `rig.follower_left` on a virtual rig."""
+    return slug(f"{rig}.{channel}" if rig else channel if interface == "socketcan" else f"{interface}.{channel}")
+
+
+def state_path(key: str) -> Path:
+    """State block of a channel."""
+    return runtime_dir() / f"{STATE}{key}"
+
+
+def lock_path(key: str) -> Path:
+    """Lock of a channel."""
+    return runtime_dir() / f"{LOCK}{key}"

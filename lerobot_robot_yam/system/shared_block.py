@@ -1,0 +1,187 @@
+"""One record in memory that processes share: one writer, any number of readers, always a consistent copy.
+
+The memory is sealed (`sealed_memory`): no other program can shrink it or write into it. The sequence counter is odd
+while a write is under way; the checksum catches what a weakly ordered memory may reorder.
+"""
+
+import mmap
+import os
+import struct
+import time
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from lerobot_robot_yam.errors import StaleStateError
+from lerobot_robot_yam.system import sealed_memory
+
+_HEADER = struct.Struct("<QQII")  # magic, sequence, payload size, crc32 of payload
+_MAGIC = 0x59414D424C4B3031  # "YAMBLK01"
+_CRC = struct.Struct("<I")
+_FIELD = struct.Struct("<Q")
+_FLOAT = struct.Struct("<d")
+_SEQUENCE_AT, _CRC_AT = slice(8, 16), 20
+_READ_TIMEOUT_S = 0.25
+
+
+def allocate(dtype: np.dtype) -> int:
+    """A descriptor of memory for one block of `dtype`, for who hands it to writer and readers.
+
+    Raises:
+        OSError: there is no memory, or no descriptor left.
+    """
+    size = np.dtype(dtype).itemsize
+    descriptor = sealed_memory.allocate("yam", _HEADER.size + size)
+    os.pwrite(descriptor, _HEADER.pack(_MAGIC, 0, size, 0), 0)
+    return descriptor
+
+
+class SharedBlock:
+    """A fixed-size record of `dtype`.
+
+    Args:
+        path: where others find it, see `publish`; None: they are given its descriptor.
+        dtype: a numpy structured dtype (or a plain one with a shape).
+        create: True for the one writer, False for a reader.
+        descriptor: of its memory, closed with the block; None: the writer makes it, a reader looks for it at `path`.
+
+    Raises:
+        FileNotFoundError: a reader came before the writer, or after its end.
+        StaleStateError: `path` leads to no block of this layout (another version of this package made it).
+        OSError: the writer can have no memory, or cannot publish it.
+    """
+
+    def __init__(self, path: Path | None, dtype: np.dtype, create: bool, descriptor: int | None = None):
+        self.path = path
+        self.dtype = np.dtype(dtype)
+        self._link = ""  # where `path` leads, once we have published it
+        if descriptor is None:
+            descriptor = allocate(self.dtype) if create else self._found()
+        self.descriptor = descriptor
+        try:
+            self._map = sealed_memory.map_to_write(descriptor) if create else self._checked(descriptor)
+            self._inode = os.fstat(descriptor).st_ino
+            if create and path is not None:
+                self.publish(path)
+        except BaseException:
+            os.close(descriptor)
+            raise
+        # A view stores eight bytes in one go; struct clears them first, and a reader could see that.
+        self._sequence = memoryview(self._map)[_SEQUENCE_AT].cast("Q")
+
+    def _found(self) -> int:
+        assert self.path is not None
+        try:
+            return sealed_memory.find(self.path)
+        except FileNotFoundError:
+            raise
+        except OSError as error:
+            raise StaleStateError(f"{self.path} leads to no block ({error.strerror})") from error
+
+    def _checked(self, descriptor: int) -> mmap.mmap:
+        """The memory, when it is a block of this layout."""
+        try:
+            mapped = sealed_memory.map_to_read(descriptor)
+            if len(mapped) == _HEADER.size + self.dtype.itemsize:
+                magic, _, payload, _ = _HEADER.unpack_from(mapped)
+                if magic == _MAGIC and payload == self.dtype.itemsize:
+                    return mapped
+        except (OSError, ValueError):  # a number that has been given again: the process that had it is gone
+            pass
+        raise StaleStateError(f"{self.path} has another layout; end the process that wrote it")
+
+    def publish(self, path: Path) -> None:
+        """Let others find it at `path` for as long as this process has it.
+
+        Raises:
+            OSError: nothing can be put there; who has the block already does not notice.
+        """
+        self.path, self._link = path, sealed_memory.publish(self.descriptor, path)
+
+    def adopt(self) -> None:
+        """Go on writing, in a child of a writer that has died; readers notice nothing."""
+        self._sequence[0] += self._sequence[0] % 2  # odd: it died in the middle of a write
+
+    def write(self, record: np.ndarray | np.void) -> None:
+        """Publish one record. Only the creator may call this."""
+        self.write_bytes(record.tobytes())
+
+    def write_bytes(self, payload: bytes) -> None:
+        """Publish one record, given as the bytes of `dtype`. Only the creator may call this."""
+        writing = self._sequence[0] | 1  # odd already where a signal has broken off the last one
+        self._sequence[0] = writing
+        self._map[_HEADER.size :] = payload
+        _CRC.pack_into(self._map, _CRC_AT, zlib.crc32(payload))
+        self._sequence[0] = writing + 1
+
+    def sequence(self) -> int:
+        """Number of the newest record; even, 0 before the first, odd while one is being written."""
+        return self._sequence[0]
+
+    def read(self) -> np.ndarray | None:
+        """A consistent private copy of the newest record (0-d structured array), None before the first.
+
+        Raises:
+            StaleStateError: no consistent record within 0.25 s: the writer died in the middle of a write.
+        """
+        return self._record(self.read_bytes())
+
+    def read_bytes(self) -> bytes | None:
+        """The same as the bytes of `dtype`."""
+        deadline, stuck = 0.0, 0
+        while sequence := self.sequence():
+            payload = self._copy()
+            if payload is not None:
+                return payload
+            now = time.monotonic()
+            if sequence != stuck:  # whoever writes on is alive: it is we who were held up
+                deadline, stuck = now + _READ_TIMEOUT_S, sequence
+            if now > deadline:
+                raise StaleStateError(f"{self.path or 'a block'}: its writer died in the middle of a write")
+            time.sleep(0)
+        return None
+
+    def glance(self) -> np.ndarray | None:
+        """As `read` without waiting: None also while a record is being written, for who must not be held up."""
+        return self._record(self._copy())
+
+    def _record(self, payload: bytes | None) -> np.ndarray | None:
+        return None if payload is None else np.frombuffer(payload, self.dtype, count=1).reshape(())
+
+    def _copy(self) -> bytes | None:
+        before = self.sequence()
+        if before == 0 or before % 2:
+            return None
+        payload = self._map[_HEADER.size :]
+        crc = _CRC.unpack_from(self._map, _CRC_AT)[0]
+        return payload if self.sequence() == before and zlib.crc32(payload) == crc else None
+
+    def peek(self, at: int) -> int:
+        """The unsigned 8-byte field at byte `at` of the record as it is now, without a copy of the rest."""
+        value: int = _FIELD.unpack_from(self._map, _HEADER.size + at)[0]
+        return value
+
+    def peek_float(self, at: int) -> float:
+        """The same of a field that holds a float."""
+        value: float = _FLOAT.unpack_from(self._map, _HEADER.size + at)[0]
+        return value
+
+    @property
+    def current(self) -> bool:
+        """False when `path` leads elsewhere by now, or nowhere."""
+        try:
+            return self.path is not None and self.path.stat().st_ino == self._inode
+        except OSError:
+            return False
+
+    def close(self, remove: bool = True) -> None:
+        """Unmap, and remove the link that we have made; `remove` False: somebody else still needs it. Idempotent."""
+        if self.descriptor < 0:
+            return
+        self._sequence.release()
+        self._map.close()
+        if remove and self._link and self.path is not None:
+            sealed_memory.unpublish(self.path, self._link)
+        os.close(self.descriptor)
+        self.descriptor = -1

@@ -1,0 +1,195 @@
+"""An arm whose model is wrong is not let float, or not fast, or not for long; and a hand feels nothing of that."""
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.control.laws.float_damping import FloatSpeed
+from lerobot_robot_yam.control.laws.gravity_balance import Balance
+from lerobot_robot_yam.control.laws.mit_laws import KD
+from lerobot_robot_yam.errors import LifeCycleError, MotorError
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.state.faults import Trouble
+from lerobot_robot_yam.state.modes import Mode
+from tests.support.rigged import lockstep_rig, session_on, sim_config, track
+
+LEADER, FOLLOWER = "leader_left", "follower_left"
+FLOAT_RAD_S = 3.0  # default of `float_speed_rad_s`
+MOST_RAD_S = 1.15 * FLOAT_RAD_S
+POSE = [0.1, 1.0, 1.0, 0.0, 0.0, 0.0]
+VENDOR = [1.0, 1.1, 1.1, 1.2, 1.0, 1.0]
+
+
+rig = lockstep_rig(LEADER, FOLLOWER)
+
+
+@pytest.fixture
+def started(rig):
+    """Start sessions; they are thrown away at the end."""
+    sessions = []
+
+    def start(channel, **fields):
+        sessions.append(session_on(rig, sim_config(rig, channel, **fields)))
+        sessions[-1].start()
+        return sessions[-1]
+
+    yield start
+    for session in sessions:
+        session.discard()
+
+
+def fastest(rig, channel):
+    return max(rig.watch(channel)["max_speed_rad_s"][:6])
+
+
+def energised(rig, channel):
+    return any(motor["enabled"] for motor in rig.state()["arms"][channel]["motors"].values())
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"payload_mass_kg": 0.5},
+        {"payload_mass_kg": 1.0},
+        pytest.param({"payload_mass_kg": 3.0}, marks=pytest.mark.long),
+        {"gravity_factor": [1.5] * 6},
+        pytest.param({"base_tilt_rad": [1.57, 0.0]}, marks=pytest.mark.long),
+    ],
+    ids=str,
+)
+def test_a_leader_whose_weight_is_not_the_models_is_refused_and_landed(rig, started, fields):
+    rig.watch_start(LEADER)
+    with pytest.raises(MotorError, match=r"joint_\d is held with .* Nm where the model says .*check payload_mass_kg"):
+        started(LEADER, **fields)
+    assert fastest(rig, LEADER) < 2.5  # its weight comes at once; 0.3 … 1 kg: 0.7 rad/s
+    assert not energised(rig, LEADER)
+
+
+@pytest.mark.parametrize("fields", [{"payload_mass_kg": 0.3}, {"gravity_factor": [1.3] * 6}], ids=str)
+def test_what_passes_and_floats_away_all_the_same_is_slowed_down_and_held(rig, started, fields):
+    rig.watch_start(LEADER)
+    session = started(LEADER, **fields)
+    session.clock.sleep(4.0)
+    assert fastest(rig, LEADER) < MOST_RAD_S
+    state = session[LEADER].published()
+    assert state.mode is Mode.FAULT and state.trouble is Trouble.RUNAWAY
+    with pytest.raises(MotorError, match="joint_3 goes on at .* rad/s.*check payload_mass_kg"):
+        session[LEADER].observe()
+    rig.watch_start(LEADER)
+    session.clock.sleep(1.0)
+    assert fastest(rig, LEADER) < 0.1
+    session.stop()  # it lands
+    assert not energised(rig, LEADER)
+
+
+def test_what_runs_away_can_be_rearmed_once_it_is_balanced(rig, started):
+    session = started(LEADER)
+    rig.push(LEADER, "gripper", [0.0, 0.0, 12.0], 3.0)  # somebody lifts it, and lets go in full swing
+    session.clock.sleep(2.0)
+    assert session[LEADER].published().trouble is Trouble.RUNAWAY
+    with pytest.raises(LifeCycleError, match=r"does not float: joint_\d is held with"):
+        session[LEADER].rearm()
+    session.clock.sleep(2.0)
+    session[LEADER].rearm()
+    session.clock.sleep(1.0)
+    assert session[LEADER].observe().mode is Mode.FLOAT
+
+
+def test_the_emergency_stop_ends_it(rig, started):
+    session = started(LEADER)
+    stop = EmergencyStop()
+    try:
+        stop.latch("a test")
+        session.clock.sleep(0.1)
+        assert session[LEADER].mode() is Mode.STOPPED
+        rig.watch_start(LEADER)
+        rig.push(LEADER, "gripper", [0.0, 0.0, 12.0], 30.0)  # it has lost 1.2 kg
+        session.clock.sleep(3.0)
+        assert fastest(rig, LEADER) < 1.4 * FLOAT_RAD_S  # the light wrist, for some milliseconds
+        rig.watch_start(LEADER)
+        session.clock.sleep(1.0)
+        assert fastest(rig, LEADER) < 0.1
+        assert session[LEADER].published().trouble is Trouble.RUNAWAY
+    finally:
+        stop.release()
+
+
+def test_a_hand_feels_nothing_below_the_speed(rig, started):
+    session = started(LEADER)
+    controller = session._runner._loop._controllers[0]
+    begin, goal = np.array(POSE), np.array([1.2, 1.8, 1.8, 0.8, 0.8, 1.0])
+    session[LEADER].hold()
+    track(session, {LEADER: begin}, 1.2)
+    session[LEADER].float()
+    session.clock.sleep(0.1)
+    way = np.linspace(0.0, 1.0, 25)
+    times = way * float(np.abs(goal - begin).max()) / 2.5 * np.pi / 2
+    rig.hand(LEADER, times, begin + (goal - begin) * (1.0 - np.cos(np.pi * way[:, None])) / 2)
+    fast, end = 0.0, session.clock.now() + times[-1] + 0.3
+    while session.clock.now() < end:
+        session.clock.sleep(0.004)
+        fast = max(fast, np.abs(controller.drive.dq).max())
+        np.testing.assert_allclose(controller.drive.sent[:, KD], controller.hardware.idle_kd, atol=1e-12)
+    assert 2.4 < fast < FLOAT_RAD_S
+    assert session[LEADER].observe().mode is Mode.FLOAT
+
+
+def test_a_quick_move_of_a_hand_is_no_runaway():
+    speed = FloatSpeed(FLOAT_RAD_S, 6)
+    for _ in range(5):  # strokes of 0.15 s at 3.3 rad/s, with rests between
+        for tick in range(250):
+            share = speed.share(np.array([3.3 if tick < 37 else 0.5, 0, 0, 0, 0, 0]), 0.004)
+            assert not 1 <= tick < 37 or (share is not None and 0.0 < share[0] < 1.0)
+        assert speed.runs_away is None
+    for _ in range(75):
+        speed.share(np.array([0, 0, -4.0, 0, 0, 0]), 0.004)
+    assert speed.runs_away == 2
+    speed.reset()
+    assert speed.runs_away is None
+
+
+def test_a_floating_speed_of_ones_own(rig, started):
+    rig.watch_start(LEADER)
+    session = started(LEADER, payload_mass_kg=0.3, float_speed_rad_s=1.0)
+    session.clock.sleep(3.0)
+    assert fastest(rig, LEADER) < 1.4
+    assert session[LEADER].published().trouble is Trouble.RUNAWAY
+
+
+@pytest.mark.parametrize("fields, floats", [({"payload_mass_kg": 1.0}, False), ({"gravity_factor": VENDOR}, True)])
+def test_a_follower_floats_if_its_model_is_right_within_a_fifth(started, fields, floats):
+    session = started(FOLLOWER, **fields)
+    track(session, {FOLLOWER: POSE}, 1.5)
+    session.clock.sleep(0.5)
+    if floats:
+        session[FOLLOWER].float()
+        assert session[FOLLOWER].mode() is Mode.FLOAT
+        return
+    held = session[FOLLOWER].observe().q
+    with pytest.raises(
+        LifeCycleError, match="does not float: joint_2 is held .* joint_3 is held with .* Nm where the model says"
+    ):
+        session[FOLLOWER].float()
+    session.clock.sleep(0.3)
+    state = session[FOLLOWER].observe()
+    assert state.mode is Mode.HOLD
+    assert np.abs(state.q - held).max() < 0.05
+
+
+def test_a_hand_that_pulls_has_a_second_to_let_go(rig, started):
+    session = started(FOLLOWER)
+    track(session, {FOLLOWER: POSE}, 1.5)
+    rig.push(FOLLOWER, "gripper", [0.0, 0.0, -15.0], 0.8)
+    session.clock.sleep(0.4)
+    session[FOLLOWER].float()
+    assert session[FOLLOWER].mode() is Mode.FLOAT
+
+
+def test_a_joint_on_its_stop_is_not_weighed():
+    balance = Balance(["joint_1", "joint_2"], np.array([28.0, 28.0]))
+    for tick in range(100):
+        balance.advance(tick * 0.004, np.array([0.0, -4.0]), np.array([0.0, 5.0]), np.zeros(2))
+    assert "joint_2 is held with -4.0 Nm where the model says 5.0" in balance.verdict(0.4)
+    assert balance.verdict(0.4, np.array([0.0, -1.0])) == ""  # it presses on its lower stop
+    assert balance.verdict(0.4, np.array([0.0, 1.0])) != ""
+    balance.reset()
+    assert balance.verdict(0.5) is None

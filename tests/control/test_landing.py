@@ -1,0 +1,192 @@
+"""Landed means: cutting torque then moves no body by more than 1 cm. From random end poses, by the rig's truth."""
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.dynamics import GravityModel
+from lerobot_robot_yam.arm.profile_files import load_arm
+from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.control.landing import LANDING_SPEED_RAD_S, Landing, Phase
+from lerobot_robot_yam.control.laws.set_point import SetPoint
+from lerobot_robot_yam.damiao.tables import Fault
+from lerobot_robot_yam.rig.client.rig_control import RigControl
+from lerobot_robot_yam.state.modes import Mode
+from tests.support.landed import MOST_M
+from tests.support.rigged import arm_on, either_rig, pause, track
+
+CHANNEL = "follower_left"
+
+
+rig = either_rig(CHANNEL)
+
+
+def random_poses(n, seed, arm="yam", gripper="linear_4310"):
+    """Poses whose straight joint line from rest keeps every body of the arm above the table."""
+    rng = np.random.default_rng(seed)
+    profile, model = load_arm(arm), GravityModel(arm, gripper)
+    low, high = profile.joint_limits_rad.T
+    rest = profile.rest_q(gripper)
+    poses = []
+    while len(poses) < n:
+        q = rng.uniform(low, high)
+        line = [rest + share * (q - rest) for share in np.linspace(0.1, 1, 10)]
+        clear = min(min(model.pose(p, site)[2, 3] for site in ("tcp_site", "grasp_site")) for p in line[1:])
+        if clear > 0.08 and abs(q[0]) < 1.2:
+            poses.append(q)
+    return poses
+
+
+def land_and_watch(rig, arm, channel, but=""):
+    """Land; returns how far any body moved after torque was cut, m, and the landing's greatest joint speed, rad/s.
+
+    but: a limp joint, whose speed is nobody's.
+    """
+    last_held, held_speeds = None, []
+    judged = [f"joint_{number + 1}" != but for number in range(arm._session[channel].hardware.joints)]
+    arm._session[channel].land()
+    while True:
+        state = rig.state(bodies=True)
+        motors = state["arms"][channel]["motors"].values()
+        bodies = {name: pos for name, pos in state["bodies"].items() if name.startswith(f"{channel}/")}
+        if not any(motor["enabled"] for motor in motors):
+            break
+        last_held = bodies
+        held_speeds.append(np.abs(state["arms"][channel]["dq"])[judged].max())
+        arm.clock.sleep(0.01)
+    arm.clock.sleep(1.5)
+    after = rig.state(bodies=True)["bodies"]
+    moved = max(float(np.linalg.norm(np.subtract(after[name], pos))) for name, pos in last_held.items())
+    return moved, max(held_speeds)
+
+
+def check_landing(rig, q, channel=CHANNEL, **fields):
+    with arm_on(rig, channel, **fields) as arm:
+        arm.move_to(q, gripper=0.5, speed_rad_s=1.4)
+        arm.clock.sleep(0.6)  # the speed that is judged is the landing's
+        moved, speed = land_and_watch(rig, arm, channel)
+        assert arm._session[channel].mode() is Mode.OFF
+    assert moved <= MOST_M
+    assert speed <= 2 * LANDING_SPEED_RAD_S
+    return moved
+
+
+def test_landed_from_a_random_pose(rig):
+    check_landing(rig, random_poses(1, seed=7)[0])
+
+
+@pytest.mark.long
+def test_landed_from_twenty_random_poses():
+    moved = []
+    with RigControl.start(arms=[CHANNEL]) as rig:
+        for q in random_poses(20, seed=11):
+            moved.append(check_landing(rig, q))
+    assert len(moved) == 20
+
+
+def test_zero_is_not_a_landed_pose(rig):
+    """The reason for all this: an arm left at zero drops its wrist when torque is cut."""
+    rig.set_pose(CHANNEL, [0.0] * 6)
+    before = rig.state()["arms"][CHANNEL]["grasp_site"]["pos"]
+    pause(rig, 1.5)
+    after = rig.state()["arms"][CHANNEL]["grasp_site"]["pos"]
+    assert np.linalg.norm(np.subtract(after, before)) > 2 * MOST_M
+
+
+def test_a_load_that_nobody_told_of_is_landed_with_a_sagging_wrist(rig, caplog, capfd):
+    with arm_on(rig, CHANNEL) as arm:
+        arm.move_to([0.0, 1.0, 1.0, 0, 0, 0], speed_rad_s=1.4)
+        rig.push(CHANNEL, "gripper", [0, 0, -1.0 * 9.81], 30.0)
+        arm.land()
+        assert arm._session[CHANNEL].mode() is Mode.OFF
+    assert "cannot land" not in caplog.text + capfd.readouterr().err
+
+
+def test_an_arm_that_lies_already_stays_where_it_is(rig):
+    with arm_on(rig, CHANNEL) as arm:
+        before = np.array(rig.state()["arms"][CHANNEL]["q"])
+        arm.clock.sleep(0.3)
+        arm._session[CHANNEL].land()
+        farthest = 0.0
+        while arm._session[CHANNEL].mode() is not Mode.OFF:
+            farthest = max(farthest, np.abs(np.array(rig.state()["arms"][CHANNEL]["q"]) - before).max())
+            arm.clock.sleep(0.01)
+    assert farthest < 0.03
+
+
+@pytest.mark.parametrize("beyond_rad", [0.0, 0.07, 0.14])
+def test_an_arm_lands_whose_base_stands_beyond_its_range(beyond_rad):
+    hardware = Hardware(ArmConfig(channel="x", name="left"))
+    joints = hardware.joints
+    q = np.append([hardware.lower[0] - beyond_rad], [1.0, 1.0, 0.0, 0.0, 0.0])
+    most, end = np.full(hardware.n, 30.0), np.full(hardware.n, 5.0)  # rad/s²
+    setpoint = SetPoint(hardware.speed_limit, most, hardware.lower, hardware.upper, end)
+    setpoint.seed(np.append(q, 0.5))
+    landing = Landing("left", hardware.rest_q, hardware.kp, q, setpoint, 0.0, hardware.folding)
+    for tick in range(1, 2500):
+        now = tick * 0.004
+        landing.advance(q, np.zeros(joints), np.ones(joints, bool), now)
+        setpoint.advance(now, 0.004)
+        q = setpoint.q[:joints]
+        if landing.phase is Phase.LANDED:
+            break
+    assert landing.phase is Phase.LANDED
+
+
+# From 1.1 the wrist may slip off by itself before it is brought down.
+@pytest.mark.parametrize("shoulder, barred", [(0.5, True), (0.8, True), (0.95, True), (1.0, True), (1.1, False)])
+def test_an_arm_lands_whose_wrist_is_hooked_behind_its_own_shoulder(rig, shoulder, barred, caplog, capfd):
+    """The straight way down is barred by the arm itself: it goes round."""
+    with arm_on(rig, CHANNEL) as arm:
+        arm.move_to([0.0, 0.9, 0.9, 0, 0, 0], speed_rad_s=1.4)
+        for pose in ([0.0, shoulder, 0.1, 0, 0, 0], [0.0, shoulder, 0.1, -1.65, 0, 0]):
+            track(arm._session, {CHANNEL: pose}, 1.5)
+        moved, _ = land_and_watch(rig, arm, CHANNEL)
+    assert moved <= MOST_M
+    said = caplog.text + capfd.readouterr().err
+    assert "it goes round" in said or not barred
+    assert "cannot land" not in said
+
+
+@pytest.mark.parametrize("kind, value", [("nibble", int(Fault.OVER_CURRENT)), ("silent", True)])
+@pytest.mark.parametrize("motor", [f"joint_{number}" for number in range(1, 7)])
+def test_an_arm_lands_with_a_motor_out(rig, motor, kind, value):
+    """A limp wrist stands in the way of the fold, an arm with a limp shoulder lies on the table: it sinks there."""
+    with arm_on(rig, CHANNEL) as arm:
+        arm.move_to([0.1, 0.9, 0.9, -0.3, 0.1, 0.1], speed_rad_s=1.4)
+        rig.fault(CHANNEL, motor, kind, value)
+        arm.clock.sleep(1.5)  # what is limp has come to rest
+        moved, speed = land_and_watch(rig, arm, CHANNEL, but=motor)
+    assert moved <= MOST_M
+    assert speed <= 2 * LANDING_SPEED_RAD_S
+
+
+@pytest.mark.parametrize("motor", ["joint_2", "joint_3", "joint_4"])
+def test_a_motor_that_obeys_and_is_not_heard_stays_where_it_was_sent(rig, motor):
+    """Where it was heard last is no place to give way to."""
+    with arm_on(rig, CHANNEL) as arm:
+        arm.move_to([0.1, 0.9, 0.9, -0.3, 0.1, 0.1], speed_rad_s=1.4)
+        rig.fault(CHANNEL, motor, "loss_rate", 1.0)
+        arm.clock.sleep(0.6)
+        moved, speed = land_and_watch(rig, arm, CHANNEL)
+    assert moved <= MOST_M
+    assert speed <= 2 * LANDING_SPEED_RAD_S
+
+
+def test_an_obstructed_landing_keeps_holding_and_says_so(rig, caplog, capfd):
+    with arm_on(rig, CHANNEL) as arm:
+        arm.move_to([0.0, 1.2, 1.0, 0, 0, 0], speed_rad_s=1.4)
+        rig.push(CHANNEL, "link3", [70.0, 0, 60.0], 9.0)  # somebody leans against the arm
+        arm.clock.sleep(0.2)
+        begin = arm.clock.now()
+        arm._session[CHANNEL].land()
+        said = ""
+        while "cannot land" not in said and arm.clock.now() < begin + 8.0:
+            arm.clock.sleep(0.05)
+            said += caplog.text + capfd.readouterr().err  # of a loop in this process, or in its own
+        assert any(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())
+        assert "it goes round" in said
+        assert "cannot land" in said
+        arm.land()  # once the way is free it ends by itself
+        assert arm.clock.now() < begin + 30.0
+    assert not any(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())

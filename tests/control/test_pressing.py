@@ -1,0 +1,163 @@
+"""An arm that something blocks: what stops it lets it press less, and what frees it is not thrown at."""
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.damiao.tables import Fault
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.records import Limited
+from tests.support.rigged import lockstep_rig, session_on, sim_config, track
+
+CHANNEL = "follower_left"
+NEAR = [0.0, 1.0, 1.2, 0.0, 0.0, 0.0]
+FAR = [0.6, 1.0, 1.2, 0.0, 0.0, 0.0]
+
+
+rig = lockstep_rig(CHANNEL)
+
+
+@pytest.fixture
+def running(rig):
+    sessions = []
+
+    def start(**changes):
+        session = session_on(rig, sim_config(rig, CHANNEL, **changes))
+        session.start()
+        sessions.append(session)
+        return session
+
+    yield start
+    EmergencyStop().release()
+    for session in sessions:
+        session.discard()
+
+
+def press(rig, session, seconds=1.0):
+    """Wind joint_1 up against something."""
+    track(session, {CHANNEL: NEAR}, 1.5)
+    rig.fault(CHANNEL, "joint_1", "stuck")
+    track(session, {CHANNEL: FAR}, seconds)
+
+
+def pull_nm(session):
+    """Of joint_1's stiffness; an arm in trouble cannot be observed."""
+    state = session[CHANNEL].published()
+    return 80.0 * abs(state.setpoints[0] - state.positions[0])
+
+
+def fastest(rig):
+    return max(rig.watch(CHANNEL)["max_speed_rad_s"][:6])
+
+
+@pytest.mark.parametrize("wrist", [-0.2, -0.6])
+def test_an_elbow_opens_under_a_wrist_that_leans_on_the_shoulder(rig, running, wrist):
+    session = running()
+    rig.watch_start(CHANNEL)
+    track(session, {CHANNEL: [0.0, 0.0, 1.2, wrist, 0.0, 0.0]}, 1.5)
+    state = session[CHANNEL].observe()
+    assert abs(state.q[2] - 1.2) < 0.1 and not state.limited & Limited.CAME_FREE
+    assert fastest(rig) < 1.1 * 1.5
+
+
+def test_who_presses_on_something_says_so_once(rig, running, caplog):
+    session = running()
+    press(rig, session, 3.0)
+    told = [record.message for record in caplog.records if "in its way" in record.message]
+    assert len(told) == 1 and "joint_1 is 0.6" in told[0]
+
+
+def test_an_emergency_stop_ends_the_pressing(rig, running):
+    session = running()
+    press(rig, session)
+    assert pull_nm(session) > 20.0
+    EmergencyStop().latch("somebody is in there")
+    session.clock.sleep(0.1)
+    assert session[CHANNEL].mode() is Mode.STOPPED and pull_nm(session) < 5.2
+    assert abs(session[CHANNEL].observe().tau_nm[0]) < 6.0
+
+
+def test_an_emergency_stop_counts_what_a_hold_has_added(rig, running):
+    session = running()
+    track(session, {CHANNEL: NEAR}, 1.5)
+    rig.fault(CHANNEL, "joint_1", "stuck")
+    track(session, {CHANNEL: [0.08, *NEAR[1:]]}, 0.5)
+    session[CHANNEL].hold()
+    session.clock.sleep(3.0)
+    assert abs(session[CHANNEL].observe().tau_nm[0]) > 8.0
+    EmergencyStop().latch("somebody is in there")
+    session.clock.sleep(0.1)
+    assert abs(session[CHANNEL].observe().tau_nm[0]) < 5.5
+
+
+def test_an_arm_in_trouble_is_no_exception(rig, running):
+    """Nor is it locked up: it was stopped for an effort that it went on making."""
+    session = running(effort_limit_nm=[30.0, 45.0, 45.0, 20.0, 20.0, 20.0])
+    press(rig, session)
+    rig.fault(CHANNEL, "joint_6", "nibble", int(Fault.OVERLOAD))
+    session.clock.sleep(0.2)
+    assert session[CHANNEL].mode() is Mode.FAULT and pull_nm(session) > 20.0
+    EmergencyStop().latch("somebody is in there")
+    session.clock.sleep(0.2)
+    assert pull_nm(session) < 5.2
+    EmergencyStop().release()
+    session.clock.sleep(0.1)
+    session[CHANNEL].rearm()
+    assert session[CHANNEL].mode() is Mode.HOLD
+
+
+def test_what_the_effort_limit_has_stopped_can_be_released_while_it_is_still_blocked(rig, running):
+    session = running(effort_limit_nm=[10.0, 45.0, 45.0, 20.0, 20.0, 20.0])
+    press(rig, session)
+    assert session[CHANNEL].mode() is Mode.STOPPED and "joint_1" in EmergencyStop().reason()
+    assert pull_nm(session) < 5.2
+    EmergencyStop().release()
+    session.clock.sleep(0.5)
+    assert not EmergencyStop().latched and session[CHANNEL].mode() is Mode.HOLD
+    assert pull_nm(session) < 1.0  # from the measured pose
+
+
+def test_a_landing_that_was_obstructed_does_not_spring_when_the_way_is_freed(rig, running):
+    session = running()
+    track(session, {CHANNEL: NEAR}, 1.5)
+    rig.fault(CHANNEL, "joint_2", "stuck")
+    session[CHANNEL].land()
+    session.clock.sleep(1.0)  # it presses for half a second before it gives way
+    assert 80.0 * abs(np.subtract(session[CHANNEL].observe().setpoint_q, session[CHANNEL].observe().q)[1]) > 15.0
+    rig.watch_start(CHANNEL)
+    rig.fault(CHANNEL, "joint_2", "stuck", False)
+    session.clock.sleep(6.0)
+    assert fastest(rig) < 2.5  # else 3.5
+    assert session[CHANNEL].mode() is Mode.OFF
+
+
+@pytest.mark.parametrize(
+    "gain", [{"kp": [60.0, 60.0, 60.0, 8.0, 8.0, 8.0]}, {"kd": [4.0, 4.0, 4.0, 1.0, 1.0, 1.0]}, {}]
+)
+def test_stiffer_gains_take_a_soft_arm_up_where_it_has_gone_to(rig, running, gain):
+    session = running()
+    track(session, {CHANNEL: NEAR}, 1.5)
+    soft = {"kp": np.zeros(6), "kd": np.ones(6)}
+    track(session, {CHANNEL: NEAR}, 0.2, **soft)
+    for way in np.linspace(0.0, 0.4, 40):  # a hand pushes it away
+        rig.set_pose(CHANNEL, [NEAR[0] + way * (0.4 - NEAR[0]) / 0.4, *NEAR[1:]])
+        track(session, {CHANNEL: NEAR}, 0.02, **soft)
+    rig.watch_start(CHANNEL)
+    for _ in range(30):
+        session[CHANNEL].track(NEAR, 0.5, **gain)
+        session.clock.sleep(1 / 30)
+        assert Limited.CAME_FREE not in session[CHANNEL].observe().limited
+    assert fastest(rig) < 1.95  # the limit is 1.5
+    assert abs(session[CHANNEL].observe().q[0]) < 0.03
+
+
+def test_gains_that_vary_do_not_shake_an_arm_that_carries_something(rig, running):
+    session = running()
+    track(session, {CHANNEL: NEAR}, 1.5)
+    rig.push(CHANNEL, "link3", [0.0, 0.0, -40.0], 100.0)  # 4 kg that the model does not know
+    track(session, {CHANNEL: NEAR}, 1.5, kp=np.full(6, 60.0))
+    rig.watch_start(CHANNEL)
+    for frame in range(60):
+        session[CHANNEL].track(NEAR, 0.5, kp=np.full(6, 60.0 + 2.0 * (frame % 2)))
+        session.clock.sleep(1 / 30)
+    assert fastest(rig) < 0.15

@@ -1,0 +1,76 @@
+"""What becomes of a target that an arm cannot or must not take: said at once, never silently dropped."""
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.damiao.tables import Fault
+from lerobot_robot_yam.errors import ActionError, LifeCycleError, MotorError
+from lerobot_robot_yam.session.yam_arm import YamArm
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.state.modes import Mode
+from tests.support.rigged import lockstep_rig, running_arm, sim_config
+
+CHANNEL = "follower_left"
+POSE = np.array([0.2, 1.0, 1.1, -0.3, 0.1, 0.1])
+
+
+rig = lockstep_rig(CHANNEL)
+session = running_arm(CHANNEL)
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "message"),
+    [
+        ("kd", [0, 50, 0, 0, 0, 0], r"kd of joint_2 is 50; its motor takes 0 … 5"),
+        ("kp", [20000, 0, 0, 0, 0, 0], r"kp of joint_1 is 20000; its motor takes 0 … 500"),
+        ("kp", [0, 0, -1, 0, 0, 0], r"kp of joint_3 is -1"),
+        ("dq", [0, 0, 0, 0, 0, -57], r"dq of joint_6 is -57; its motor takes -30 … 30"),
+    ],
+)
+def test_gains_and_speeds_that_no_frame_carries_are_refused(session, option, value, message):
+    port = session[CHANNEL]
+    before = port.observe().setpoint_q
+    with pytest.raises(ActionError, match=message):
+        port.track(POSE, 0.5, **{option: value})
+    session.clock.sleep(0.5)
+    np.testing.assert_array_equal(port.observe().setpoint_q, before)
+
+
+def test_a_target_for_an_arm_that_has_failed_is_no_success(rig, session):
+    port = session[CHANNEL]
+    rig.fault(CHANNEL, "joint_2", "nibble", int(Fault.OVERLOAD))
+    session.clock.sleep(0.1)
+    with pytest.raises(MotorError, match="joint_2"):
+        port.track(POSE, 0.5)
+
+
+def test_a_floating_arm_takes_no_target_and_says_so(session):
+    port = session[CHANNEL]
+    port.float()
+    with pytest.raises(LifeCycleError, match="float.*hold"):
+        port.track(POSE, 0.5)
+    port.hold()
+    port.track(POSE, 0.5)
+
+
+def test_moving_to_a_pose_does_not_succeed_during_an_emergency_stop(rig):
+    config = sim_config(rig, CHANNEL, interface="yam_lockstep")
+    with YamArm(config, isolation="lockstep") as arm:
+        stop = EmergencyStop()
+        stop.latch("a test")
+        try:
+            arm._session.clock.sleep(0.1)
+            with pytest.raises(LifeCycleError, match="not reached.*stopped"):
+                arm.move_to(POSE)
+        finally:
+            stop.release()
+
+
+@pytest.mark.parametrize("ask", ["float", "hold", "calibrate_gripper"])
+def test_only_re_arming_leads_out_of_a_fault(rig, session, ask):
+    port = session[CHANNEL]
+    session._runner._loop._controllers[0].fail(RuntimeError("a test"))
+    session.clock.sleep(0.1)
+    with pytest.raises(LifeCycleError, match="internal error.*re-arm"):
+        getattr(port, ask)()
+    assert port.mode() is Mode.FAULT

@@ -1,0 +1,97 @@
+"""Two arms of one session: what stops one stops both, and both wait for a caller that has fallen silent."""
+
+import pytest
+
+from lerobot_robot_yam.damiao.tables import Fault
+from lerobot_robot_yam.errors import LifeCycleError
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.records import Limited
+from tests.control.test_fault_matrix import AWAY, LEFT, RIGHT, SLACK_S, wait_for
+from tests.support.rigged import either_rig, isolation_of, session_on, sim_config, track
+
+rig = either_rig(LEFT, RIGHT)
+
+
+def test_a_stale_caller_leaves_the_arm_holding_and_the_next_target_moves_it(rig, caplog, capfd):
+    session = session_on(rig, sim_config(rig, LEFT), sim_config(rig, RIGHT))
+    session.start()
+    try:
+        track(session, {LEFT: AWAY, RIGHT: AWAY}, 0.5)
+        session.clock.sleep(0.8)
+        for channel in (LEFT, RIGHT):
+            state = session[channel].observe()
+            assert state.mode is Mode.HOLD and Limited.COMMAND_TIMEOUT in state.limited
+        track(session, {LEFT: AWAY, RIGHT: AWAY}, 0.2)
+        assert session[LEFT].observe().mode is Mode.TRACK
+    finally:
+        session.stop()
+    assert f"{LEFT}: no target for 0.5 s; it holds" in caplog.text + capfd.readouterr().err
+
+
+def test_too_much_effort_latches_the_emergency_stop(rig):
+    session = session_on(
+        rig,
+        sim_config(rig, LEFT, effort_limit_nm=[10.0, 45.0, 45.0, 20.0, 20.0, 20.0]),
+        sim_config(rig, RIGHT),
+    )
+    session.start()
+    clock = session.clock
+    try:
+        track(session, {LEFT: AWAY, RIGHT: AWAY}, 1.3)
+        rig.push(LEFT, "link4", [0.0, 60.0, 0.0], 1.0)
+        wait_for(clock, "latched", lambda: EmergencyStop().latched, 1.0)
+        assert "joint_1" in EmergencyStop().reason()
+        wait_for(
+            clock,
+            "both stop",
+            lambda: {session[c].mode() for c in (LEFT, RIGHT)} == {Mode.STOPPED},
+            SLACK_S[isolation_of(rig)],
+        )
+        clock.sleep(1.5)  # nobody pushes any more
+    finally:
+        EmergencyStop().release()
+        session.stop()
+
+
+def test_an_arm_that_holds_because_of_the_other_is_released_with_it_and_not_before(rig):
+    session = session_on(rig, sim_config(rig, LEFT), sim_config(rig, RIGHT))
+    session.start()
+    try:
+        rig.fault(RIGHT, "joint_6", "nibble", int(Fault.OVERLOAD), sticky=True)
+        wait_for(session.clock, "it is noticed", lambda: session[RIGHT].mode() is Mode.FAULT, 1.0)
+        with pytest.raises(LifeCycleError, match="cannot re-arm.*joint_6"):
+            session.rearm()
+        track(session, {LEFT: AWAY}, 0.2)
+        assert session[LEFT].mode() is Mode.HOLD  # it takes no targets
+        rig.clear_faults(RIGHT)
+        session.rearm()
+        track(session, {LEFT: AWAY, RIGHT: AWAY}, 0.2)
+        assert {session[channel].mode() for channel in (LEFT, RIGHT)} == {Mode.TRACK}
+    finally:
+        session.stop()
+
+
+@pytest.mark.parametrize("latency_s", [0.0, 0.04])
+def test_an_arm_that_switches_off_on_a_bad_wire_keeps_the_other_one_waiting_for_no_long(rig, latency_s):
+    """A stand-by takes a loop for hung that has not ticked for 0.14 s."""
+    session = session_on(rig, sim_config(rig, LEFT), sim_config(rig, RIGHT))
+    session.start()
+    try:
+        track(session, {LEFT: AWAY, RIGHT: AWAY}, 1.5)
+        rig.fault(LEFT, None, "latency_s", latency_s)
+        for kind in ("loss_rate", "command_loss_rate"):
+            rig.fault(LEFT, None, kind, 0.2)
+        session[LEFT].land()
+        block = session[RIGHT]
+        longest_s, before = 0.0, block.published().published_s
+        deadline = session.clock.now() + 20.0
+        while session[LEFT].mode() is not Mode.OFF:
+            assert session.clock.now() < deadline
+            session.clock.sleep(0.004)
+            now = block.published().published_s
+            longest_s, before = max(longest_s, now - before), now
+        assert longest_s < 0.1
+    finally:
+        rig.clear_faults(LEFT)
+        session.discard()

@@ -1,0 +1,166 @@
+"""The shipped run configs are what LeRobot's own commands accept, and mean the same everywhere."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import draccus
+import pytest
+import yaml
+from lerobot.async_inference.configs import RobotClientConfig
+from lerobot.configs.eval import EvalPipelineConfig
+from lerobot.configs.train import TrainPipelineConfig
+from lerobot.envs.utils import env_to_policy_features
+from lerobot.robots import make_robot_from_config
+from lerobot.rollout import RolloutConfig
+from lerobot.scripts.lerobot_calibrate import CalibrateConfig
+from lerobot.scripts.lerobot_record import RecordConfig
+from lerobot.scripts.lerobot_replay import ReplayConfig
+from lerobot.scripts.lerobot_teleoperate import TeleoperateConfig
+from lerobot.teleoperators import make_teleoperator_from_config
+
+from lerobot_robot_yam.commands.configs import config_names, config_path, configs_dir, copy_configs, main
+from lerobot_robot_yam.commands.gather import features_of
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.rig.scene.scene import load_scene
+
+
+class PolicylessRolloutConfig(RolloutConfig):
+    """These configs leave the policy to the command line, where LeRobot's own class looks for it while it is made."""
+
+    def __post_init__(self):
+        pass
+
+
+COMMANDS = {
+    "record": RecordConfig,
+    "teleoperate": TeleoperateConfig,
+    "replay": ReplayConfig,
+    "calibrate": CalibrateConfig,
+    "rollout": PolicylessRolloutConfig,
+    "dagger": PolicylessRolloutConfig,
+    "async": RobotClientConfig,
+}
+TRAINING = {"eval": EvalPipelineConfig, "train": TrainPipelineConfig}  # of one task each, under train/
+
+
+def parse(name, *arguments):
+    return draccus.parse(
+        (COMMANDS | TRAINING)[name.rpartition("/")[2].rpartition("_")[2]], config_path(name), arguments
+    )
+
+
+@pytest.mark.parametrize("place", ["sim", "real"])
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_a_config(place, command):
+    assert f"{place}/{command}" in config_names()
+
+
+@pytest.mark.parametrize("name", [name for name in config_names() if not name.startswith("train/")])
+def test_configs_parse_and_fit_together(name, tmp_path):
+    config = parse(name)
+    device = config.env.robot if name.endswith("/eval") else config.robot
+    device.calibration_dir = tmp_path
+    device.cameras = {k: c for k, c in device.cameras.items() if c.type != "intelrealsense"}
+    robot = make_robot_from_config(device)
+    assert len(robot.action_features) == (7 if robot.name == "yam_follower" else 14)
+    teleop = getattr(config, "teleop", None)
+    if teleop is not None:
+        teleop.calibration_dir = tmp_path
+        assert list(make_teleoperator_from_config(teleop).action_features) == list(robot.action_features)
+
+
+def test_what_is_trained_fits_what_is_evaluated():
+    """The policy's inputs are what the environment shows, in a data set that `yam-gather` makes of it."""
+    env = parse("train/lift_and_place_eval").env
+    assert env.lockstep and env.task in {task.name for task in load_scene(env.task).tasks}
+    assert set(features_of(env)) == set(env_to_policy_features(env))
+    train = parse("train/lift_and_place_train")
+    assert train.policy.n_action_steps <= train.policy.chunk_size and not train.policy.push_to_hub
+
+
+@pytest.mark.parametrize("name", [name for name in config_names() if name.startswith("sim/")])
+def test_sim_configs_name_what_the_scene_has(name):
+    config, scene = parse(name), load_scene()
+    devices = [config.robot, *([config.teleop] if getattr(config, "teleop", None) else [])]
+    for device in devices:
+        for arm in device.arms().values():
+            placed = next(a for a in scene.arms if a.channel == arm.channel)
+            assert (arm.interface, arm.arm, arm.gripper) == ("yam_sim", placed.arm, placed.gripper)
+            assert arm.gravity_factor == [1.0] * 6
+            load_scene(options={k: v for k, v in arm.can_options.items() if k not in ("rig", "scene")})
+    for camera in config.robot.cameras.values():
+        assert camera.camera in [c.name for c in scene.cameras]
+
+
+def test_real_configs_use_four_named_channels():
+    config = parse("real/record")
+    channels = [arm.channel for device in (config.robot, config.teleop) for arm in device.arms().values()]
+    assert channels == ["can_follower_l", "can_follower_r", "can_leader_l", "can_leader_r"]
+    assert {camera.type for camera in config.robot.cameras.values()} == {"intelrealsense", "opencv"}
+
+
+@pytest.mark.parametrize("name", [name for name in config_names() if name.endswith("record")])
+def test_recording_needs_no_account_and_no_loudspeaker(name):
+    config = parse(name)
+    assert not config.dataset.push_to_hub and not config.play_sounds and config.dataset.streaming_encoding
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in config_names() if "streaming_encoding" in config_path(name).read_text()]
+)
+def test_ten_seconds_of_pictures_may_wait_for_the_encoder(name):
+    dataset = parse(name).dataset
+    assert dataset.encoder_queue_maxsize >= 10 * dataset.fps
+
+
+@pytest.mark.parametrize("name", config_names())
+def test_configs_are_commented(name):
+    text = config_path(name).read_text()
+    assert text.startswith("# ") and f"configs/{name}.yaml" in text.split("\n\n")[0]
+    if name.startswith("real/"):
+        assert "HAZARD" in text or "Nothing may be between them" in text
+
+
+@pytest.mark.parametrize(
+    "change, named",
+    [
+        ({"robot": {"left_arm_config": {"chanel": "x"}}}, "chanel"),
+        ({"robot": {"left_arm_config": {"kp": [1, 2]}}}, "kp"),
+        ({"robot": {"type": "yam_folower"}}, "yam_folower"),
+    ],
+)
+def test_typing_errors_are_named(change, named, tmp_path):
+    document = yaml.safe_load(config_path("sim/calibrate").read_text())
+    for device, fields in change.items():
+        for key, value in fields.items():
+            document[device][key] = {**document[device][key], **value} if isinstance(value, dict) else value
+    path = tmp_path / "wrong.yaml"
+    path.write_text(yaml.safe_dump(document))
+    with pytest.raises((ValueError, draccus.ParsingError), match=named):
+        make_robot_from_config(draccus.parse(CalibrateConfig, path, [f"--robot.calibration_dir={tmp_path}"]).robot)
+
+
+def test_copying_never_overwrites(tmp_path):
+    copies = copy_configs(tmp_path)
+    assert sorted(str(p.relative_to(tmp_path).with_suffix("")) for p in copies) == config_names()
+    (tmp_path / "sim" / "record.yaml").write_text("mine")
+    with pytest.raises(ConfigError, match="record.yaml"):
+        copy_configs(tmp_path)
+    assert (tmp_path / "sim" / "record.yaml").read_text() == "mine"
+
+
+def test_command_lists_and_prints_paths(capsys):
+    assert main([]) == 0
+    assert str(configs_dir() / "sim" / "record.yaml") in capsys.readouterr().out
+    assert main(["path", "sim/record"]) == 0
+    assert Path(capsys.readouterr().out.strip()).is_file()
+    assert main(["path", "sim/nothing"]) == 2
+    assert "sim/record" in capsys.readouterr().err
+
+
+def test_console_command_is_installed():
+    command = Path(sys.executable).parent / "yam-configs"
+    done = subprocess.run([command, "--help"], capture_output=True, text=True, env=dict(os.environ))
+    assert done.returncode == 0 and "copy" in done.stdout

@@ -1,0 +1,94 @@
+"""What the README gives to type does what it says, typed as it stands: the Python, the installation, the commands."""
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+
+import can
+import pytest
+
+from lerobot_robot_yam.commands.configs import config_names
+from lerobot_robot_yam.rig.client.rig_control import running_rig
+from tests.support.paths import ROOT
+
+TEXT = (ROOT / "README.md").read_text()
+
+
+def block(language, containing):
+    (found,) = [code for code in re.findall(rf"```{language}\n(.*?)```", TEXT, re.DOTALL) if containing in code]
+    return found
+
+
+def test_the_python_of_the_readme_moves_and_lands_an_arm(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    code = block("python", "YamArm(")
+    real, virtual = 'channel="can_follower_l"', 'interface="yam_sim", channel="follower_left"'
+    assert f"# or {virtual}" in code
+    with running_rig(arms=["follower_left"]) as rig:
+        monkeypatch.setenv("YAM_RIG", rig.name)
+        names = {}
+        exec(code.replace(real, virtual, 1), names)
+        motors = rig.state()["arms"]["follower_left"]["motors"].values()
+        assert motors and not any(motor["enabled"] for motor in motors)
+    seen = [float(number) for number in re.findall(r"-?\d+\.\d*(?:e-?\d+)?", capsys.readouterr().out)]
+    assert seen == pytest.approx([0, 1.0, 1.0, 0, 0, 0], abs=0.05)
+    assert (tmp_path / names["stops"]).is_file()
+
+
+def test_any_python_can_program_opens_a_channel_of_the_rig(monkeypatch):
+    with running_rig(arms=["follower_left"]) as rig:
+        monkeypatch.setenv("YAM_RIG", rig.name)
+        names = {}
+        exec(block("python", "can.Bus("), names)
+        with names["bus"] as bus:
+            bus.send(can.Message(arbitration_id=0x7FF, data=bytes([1, 0, 0xCC, 0, 0, 0, 0, 0]), is_extended_id=False))
+            answer = bus.recv(1.0)
+    assert answer is not None and answer.data[0] & 0x0F == 1
+
+
+def test_the_doctor_speaks_of_arms_that_are_not_there(tmp_path):
+    (command,) = set(re.findall(r"`(yam-doctor --config_path=[^`]*)`", TEXT))
+    done = run(command, ROOT)
+    assert done.returncode == 1 and "can_follower_l" in done.stdout
+
+
+@pytest.mark.long
+@pytest.mark.timeout(600)
+def test_an_installation_without_the_clone_drives_the_rig(tmp_path):
+    """What others have made is at hand already; of this package there is nothing but what `pip install .` installs."""
+    clone, venv = tmp_path / "clone", tmp_path / "venv"
+    shutil.copytree(ROOT, clone, ignore=shutil.ignore_patterns(".*", "outputs", "__pycache__"))
+    subprocess.run([sys.executable, "-m", "venv", venv], check=True)
+    (packages,) = venv.glob("lib/python*/site-packages")
+    (packages / "others.pth").write_text(sysconfig.get_paths()["purelib"])
+    environment = os.environ | {"PATH": f"{venv / 'bin'}:{os.environ['PATH']}", "VIRTUAL_ENV": str(venv)}
+    environment.pop("PYTHONPATH", None)
+    lines = block("bash", "pip install .").replace("pip install .  ", "pip install --ignore-installed --no-deps .  ")
+    assert "--no-deps" in lines
+    subprocess.run(["bash", "-euc", lines], cwd=clone, env=environment, check=True)
+    shutil.move(clone / "my_configs", tmp_path / "my_configs")
+    shutil.rmtree(clone)
+    copied = tmp_path / "my_configs"
+    assert {str(path.relative_to(copied).with_suffix("")) for path in copied.rglob("*.yaml")} == set(config_names())
+    where = "import lerobot_robot_yam; print(lerobot_robot_yam.__file__)"
+    found = subprocess.run(["python", "-c", where], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert found.stdout.startswith(str(packages))
+    command = f"{venv / 'bin' / 'python'} -m lerobot.scripts.lerobot_teleoperate"
+    options = "--config_path=my_configs/sim/teleoperate.yaml --teleop_time_s=2"
+    done = run(f"{command} {options}", tmp_path, environment)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "landed" in done.stdout + done.stderr
+
+
+def run(command, directory, environment=None):
+    """One line of the README, its programs those of these tests."""
+    search = {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    environment = environment or os.environ | search
+    return subprocess.run(
+        shlex.split(command), cwd=directory, env=environment, capture_output=True, text=True, timeout=300
+    )

@@ -1,0 +1,190 @@
+"""Which arms are looked at, and which calibration files are theirs."""
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.commands.configs import config_path
+from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig, FollowerArmConfig
+from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
+from lerobot_robot_yam.doctor.check_calibration import calibration_section, check_calibrations
+from lerobot_robot_yam.doctor.kit.findings import Severity
+from lerobot_robot_yam.doctor.kit.targets import ARM_OPTIONS, DEVICE_OPTIONS, calibration_root, from_config, from_option
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_teleoperator_yam.config_bi_yam_leader import BiYamLeaderConfig, LeaderArmConfig
+from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
+
+
+def test_a_channel_option():
+    target = from_option("can_x", "socketcan", None)
+    assert (target.config.arm, target.config.gripper, target.key, target.real) == ("yam", "linear_4310", "can_x", True)
+    target = from_option("can_x:big_yam:crank_4310", "yam_sim", "shared")
+    assert (target.config.arm, target.config.gripper) == ("big_yam", "crank_4310")
+    assert target.key == "shared.can_x" and not target.real
+    assert from_option("can_x::yam_teaching_handle", "socketcan", None).config.gripper == "yam_teaching_handle"
+
+
+@pytest.mark.parametrize("text", ["", ":yam", "a:b:c:d", "can0:no_such_arm", "can0:yam:no_such_gripper"])
+def test_a_wrong_channel_option(text):
+    with pytest.raises(ConfigError):
+        from_option(text, "socketcan", None)
+
+
+def test_the_shipped_configs():
+    plan = from_config(config_path("real/record"), None)
+    assert [(t.channel, t.config.gripper) for t in plan.targets] == [
+        ("can_follower_l", "linear_4310"),
+        ("can_follower_r", "linear_4310"),
+        ("can_leader_l", "yam_teaching_handle"),
+        ("can_leader_r", "yam_teaching_handle"),
+    ]
+    assert set(plan.cameras) == {"top", "wrist_left", "wrist_right"} and plan.real
+    expected = calibration_root() / "robots/bi_yam_follower/yam/left_lab_gripper.json"
+    assert plan.targets[0].calibration == expected
+    plan = from_config(config_path("sim/record"), "shared")
+    assert {t.config.can_options["rig"] for t in plan.targets} == {"shared"}
+    assert not any("operator" in t.config.can_options for t in plan.targets)  # nobody moves a leader for the doctor
+    assert not plan.real
+
+
+def test_a_config_of_one_arm(tmp_path):
+    path = tmp_path / "one.yaml"
+    path.write_text(
+        "robot: {type: yam_follower, channel: can_x, calibration_dir: /somewhere, use_degrees: true,\n"
+        "  cameras: {wrist: {type: opencv, index_or_path: 0}}}\n"
+        "teleop: {type: yam_leader, id: me, channel: can_y, calibration_path: stops.json}\n"
+    )
+    follower, leader = from_config(path, None).targets
+    assert follower.calibration == Path("/somewhere/yam/can_x_gripper.json")
+    assert leader.config.gripper == "yam_teaching_handle" and leader.calibration == Path("stops.json")
+
+
+@pytest.mark.parametrize(
+    "text", ["robot: {type: so101_follower}", "robot: {type: bi_yam_follower}", "- 1", "robot: {type: yam_follower}"]
+)
+def test_a_config_without_our_arms(tmp_path, text):
+    path = tmp_path / "other.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=r"other\.yaml|channel"):
+        from_config(path, None)
+
+
+PAIR = "{{type: bi_yam_follower, left_arm_config: &a {{channel: can_l{of_left}}}, right_arm_config: {{<<: *a{right}}}}}"
+
+
+@pytest.mark.parametrize(
+    ("of_left", "right", "text"),
+    [
+        (", griper: linear_4310", ", channel: can_r", "left_arm_config: there is no option 'griper'; 'gripper'"),
+        ("", ", channel: can_r, use_degrees: true", "right_arm_config: there is no option 'use_degrees'"),
+        ("", "", "different names and channels"),
+        (", identity_path: arm.json", ", channel: can_r", "identity_path of its own.*<<"),
+        ("", ", channel: can_r, rate_hz: 200", "same rate_hz"),
+    ],
+)
+def test_what_no_session_starts_with_is_not_healthy(tmp_path, of_left, right, text):
+    path = tmp_path / "pair.yaml"
+    path.write_text("robot: " + PAIR.format(of_left=of_left, right=right))
+    with pytest.raises(ConfigError, match=text):
+        from_config(path, None)
+
+
+@pytest.mark.parametrize(("name", "arms"), [("real/eval", 2), ("train/lift_and_place_eval", 1)])
+def test_the_robot_of_an_evaluation(name, arms):
+    assert len(from_config(config_path(name), None).targets) == arms
+
+
+@pytest.mark.parametrize(
+    ("section", "one", "two", "arm"),
+    [
+        ("robot", YamFollowerConfig, BiYamFollowerConfig, FollowerArmConfig),
+        ("teleop", YamLeaderConfig, BiYamLeaderConfig, LeaderArmConfig),
+    ],
+)
+def test_the_options_that_it_knows_are_those_of_the_configs(section, one, two, arm):
+    of_arm, of_one, of_two, of_its_arms = (
+        {field.name for field in dataclasses.fields(config)} for config in (ArmConfig, one, two, arm)
+    )
+    assert of_one | {"type"} == of_arm | DEVICE_OPTIONS[section] | (ARM_OPTIONS[section] - {"cameras"})
+    assert of_two - {"left_arm_config", "right_arm_config"} | {"type"} == DEVICE_OPTIONS[section]
+    assert of_its_arms == of_arm | ARM_OPTIONS[section]
+
+
+def test_calibration_files_lie_where_lerobot_keeps_them(monkeypatch):
+    constants = pytest.importorskip("lerobot.utils.constants")
+    assert calibration_root() == constants.HF_LEROBOT_CALIBRATION
+    monkeypatch.setenv("HF_LEROBOT_CALIBRATION", "~/elsewhere")
+    assert calibration_root() == Path("~/elsewhere").expanduser()
+    for name in ("HF_LEROBOT_CALIBRATION", "HF_LEROBOT_HOME", "HF_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", "/cache")
+    assert calibration_root() == Path("/cache/huggingface/lerobot/calibration")
+
+
+WHOLE = '{"version": 1, "gripper": "linear_4310", "closed_rad": 3.25, "open_rad": -3.3}'
+DAMAGED = {
+    "cut off": (WHOLE[:40], "is not a gripper calibration"),
+    "another gripper": (WHOLE.replace("linear_4310", "crank_4310"), "was made for gripper 'crank_4310'"),
+    "collapsed": (WHOLE.replace("-3.3", "3.17"), "span 0.080 rad"),
+    "inverted": (WHOLE.replace("3.25", "-3.25").replace("-3.3}", "3.3}"), "inverted"),
+    "a directory": (None, "cannot be read"),
+}
+
+
+def check(tmp_path, text):
+    path = tmp_path / "stops.json"
+    path.mkdir() if text is None else path.write_text(text)
+    config = tmp_path / "one.yaml"
+    config.write_text(f"robot: {{type: yam_follower, channel: can_x, calibration_path: {path}}}")
+    section = calibration_section()
+    check_calibrations(from_config(config, None).targets, tmp_path, section)
+    return path, section
+
+
+@pytest.mark.parametrize("kind", DAMAGED)
+def test_a_damaged_calibration_is_a_problem(tmp_path, kind):
+    text, what = DAMAGED[kind]
+    path, section = check(tmp_path, text)
+    (problem,) = section.findings
+    assert problem.severity is Severity.PROBLEM and problem.where == "can_x gripper"
+    assert what in problem.what
+    again = f"lerobot-calibrate --robot.type=yam_follower --robot.channel=can_x --robot.calibration_path={path}"
+    assert problem.remedy == f"rm {path} && {again}"
+
+
+def test_a_good_calibration(tmp_path):
+    _, section = check(tmp_path, WHOLE)
+    assert section.findings == []
+    assert section.rows[0]["state"] == "valid"
+    assert section.rows[0]["span_rad"] == pytest.approx(6.55) and section.rows[0]["age_days"] < 1
+
+
+def test_no_calibration_yet(tmp_path):
+    config = tmp_path / "one.yaml"
+    config.write_text(f"robot: {{type: yam_follower, channel: can_x, calibration_path: {tmp_path / 'none.json'}}}")
+    section = calibration_section()
+    check_calibrations(from_config(config, None).targets, tmp_path, section)
+    assert [f.severity for f in section.findings] == [Severity.WARNING]
+    assert section.rows[0]["state"] == "missing"
+
+
+def test_stops_in_the_config(tmp_path):
+    config = tmp_path / "one.yaml"
+    config.write_text("robot: {type: yam_follower, channel: can_x, gripper_stops_rad: [3.2, 3.1]}")
+    section = calibration_section()
+    check_calibrations(from_config(config, None).targets, tmp_path, section)
+    assert section.findings[0].severity is Severity.PROBLEM and "gripper_stops_rad" in section.findings[0].remedy
+
+
+def test_without_a_config_all_files_of_lerobot_are_looked_at(tmp_path):
+    directory = tmp_path / "robots" / "yam_follower" / "yam"
+    directory.mkdir(parents=True)
+    (directory / "a_gripper.json").write_text(WHOLE)
+    (directory / "b_gripper.json").write_text("{")
+    (directory / "c_gripper.json").write_text(WHOLE.replace("linear_4310", "my_own"))
+    section = calibration_section()
+    check_calibrations([from_option("can_x", "socketcan", None)], tmp_path, section)
+    assert [row["state"] for row in section.rows] == ["valid", "unusable", "unknown"]
+    assert [f.severity for f in section.findings] == [Severity.PROBLEM, Severity.NOTE]

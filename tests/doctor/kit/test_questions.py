@@ -1,0 +1,174 @@
+"""What the doctor may send, and what only a bus on a desk can be made to do."""
+
+import ast
+import errno
+from pathlib import Path
+
+import can
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lerobot_robot_yam import doctor
+from lerobot_robot_yam.damiao import codec, encoder
+from lerobot_robot_yam.damiao.codec import SpecialCommand
+from lerobot_robot_yam.damiao.motor_spec import MotorSpec
+from lerobot_robot_yam.damiao.registers import (
+    Opcode,
+    Register,
+    encode_read,
+    encode_refresh,
+    encode_reply,
+    encode_store,
+    encode_write,
+)
+from lerobot_robot_yam.damiao.tables import REGISTER_ID
+from lerobot_robot_yam.doctor.check_channel import ChannelSections, examine_channel
+from lerobot_robot_yam.doctor.check_handle import handle_firmware, handles_section, inspect_handle
+from lerobot_robot_yam.doctor.check_latency import BIN_EDGES_MS, BLOCKS, bars, histogram, percentile
+from lerobot_robot_yam.doctor.check_link import Link
+from lerobot_robot_yam.doctor.kit.findings import Severity
+from lerobot_robot_yam.doctor.kit.questions import Questions, harmless
+from lerobot_robot_yam.doctor.kit.targets import from_option
+from lerobot_robot_yam.errors import LifeCycleError
+from tests.support.desk_bus import DeskBus
+
+MODULES = sorted(Path(doctor.__path__[0]).glob("*.py"))
+TARGET = from_option("can_x:yam:yam_teaching_handle", "socketcan", None)
+
+
+def test_questions_are_harmless():
+    assert harmless(REGISTER_ID, encode_read(1, Register.PMAX))
+    assert harmless(REGISTER_ID, encode_refresh(1))
+    assert harmless(encoder.REQUEST_ID, encoder.encode_report_request())
+    assert harmless(encoder.REQUEST_ID, encoder.encode_version_request())
+    assert harmless(encoder.REQUEST_ID, encoder.encode_eeprom_read(25))
+
+
+def test_commands_are_not():
+    for motor_id in range(1, 9):
+        for offset in (0, 0x100, 0x200, 0x300):
+            for special in SpecialCommand:
+                assert not harmless(motor_id + offset, special.value)
+            assert not harmless(motor_id + offset, codec.encode_mit("DM4310", 0, 0, 0, 0, 0))
+    assert not harmless(REGISTER_ID, encode_write(1, Register.TIMEOUT, 0))
+    assert not harmless(REGISTER_ID, encode_store(1))
+    assert not harmless(encoder.REQUEST_ID, encoder.encode_report_frequency(0))
+    for opcode in (encoder.OP_SET_ZERO, encoder.OP_WRITE_EEPROM, 0x0F):
+        assert not harmless(encoder.REQUEST_ID, bytes((0xFF, opcode)))
+
+
+@given(st.integers(0, 0x7FF), st.binary(max_size=8))
+def test_only_questions_are(identifier, data):
+    if harmless(identifier, data):
+        registers = identifier == REGISTER_ID and data[2] in (Opcode.READ, Opcode.REFRESH)
+        assert registers or (identifier == encoder.REQUEST_ID and data[1] in (0x02, 0x03, 0x07))
+
+
+def test_what_is_not_harmless_is_not_sent():
+    with DeskBus([]) as bus:
+        questions = Questions(bus, "can_x")
+        with pytest.raises(LifeCycleError, match="does not send 0x1#"):
+            questions._send(1, SpecialCommand.ENABLE.value)
+        with pytest.raises(LifeCycleError):
+            questions.handle(encoder.encode_report_frequency(0), 0, bytes, 0.01, 1)
+        assert bus.sent == []
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.stem)
+def test_only_one_module_sends(path):
+    """No other one can make a message, send on a bus, or knows of a command."""
+    names = {node.attr for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Attribute)}
+    names |= {node.id for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Name)}
+    commands = {"SpecialCommand", "MotorChain", "encode_mit", "prepare_handle", "write_register", "store_registers"}
+    assert not names & commands
+    if path.stem != "questions":
+        assert not names & {"send", "send_many", "Message", "data_message", "BusPort"}
+
+
+def test_error_frames_and_questions_of_others_are_no_answers():
+    spec = MotorSpec("joint_1", 1, "DM4310")
+    with DeskBus([spec]) as bus:
+        wrong = encode_reply(1, Opcode.READ, Register.PMAX, 3.0)
+        questions = Questions(bus, "can_x")
+        bus.put(4, wrong, is_error_frame=True)
+        bus.put(REGISTER_ID, wrong)
+        assert questions.register(1, Register.PMAX) == (17, 12.5)
+        (answer,) = questions.refresh([1], 0.05, 0.01)
+        assert (answer.identifier, answer.nibble, answer.fault) == (17, 1, 1)
+        bus.silent.add(1)
+        assert questions.refresh([1], 0.02, 0.01) == []
+        assert questions.round_trip_s(1, 0.01) is None
+
+
+@pytest.fixture
+def desk():
+    with DeskBus([], handle=True) as bus:
+        yield bus
+
+
+def inspect(desk):
+    questions, section = Questions(desk, "can_x"), handles_section()
+    inspect_handle(questions, TARGET, handle_firmware(questions, expected=True), section)
+    return section
+
+
+def test_old_firmware_of_the_handle(desk):
+    desk.firmware = (2, 2, 11)
+    (problem,) = inspect(desk).findings
+    assert problem.severity is Severity.PROBLEM
+    assert "2.2.11" in problem.what and "2.2.12" in problem.what and "update" in problem.remedy
+
+
+def test_a_handle_that_reports_by_itself(desk):
+    desk.eeprom[encoder.EEPROM_REPORT_FREQUENCY_LOW] = 100
+    desk.eeprom[encoder.EEPROM_REPORT_FREQUENCY_HIGH] = 0xFF
+    (problem,) = inspect(desk).findings
+    assert "100 Hz" in problem.what and problem.remedy == "cansend can_x 50E#FF0100"
+    assert desk.eeprom[encoder.EEPROM_REPORT_FREQUENCY_LOW] == 100  # and is left to
+
+
+def test_a_trigger_with_a_wrong_zero(desk):
+    desk.handle_data = encoder.encode_report(-2.0, 0.0, (False, True))
+    section = inspect(desk)
+    (problem,) = section.findings
+    assert problem.severity is Severity.PROBLEM and "-2.000 rad" in problem.what
+    assert "cansend can_x 50E#FF00" in problem.remedy
+    assert section.rows[0]["buttons"] == [0, 1]
+
+
+def test_a_handle_that_tells_only_half(desk):
+    desk.handle_data = b"\x01"
+    (warning,) = inspect(desk).findings
+    assert warning.severity is Severity.WARNING and "trigger is unknown" in warning.what
+
+
+class FullQueue(DeskBus):
+    """A SocketCAN interface whose transmit queue is full."""
+
+    def __init__(self, channel, **_):
+        super().__init__([])
+
+    def send(self, msg, timeout=None):
+        raise can.CanOperationError("Failed to transmit: No buffer space available", errno.ENOBUFS)
+
+
+def test_no_buffer_space_while_asking(monkeypatch):
+    monkeypatch.setitem(can.interfaces.BACKENDS, "socketcan", (FullQueue.__module__, FullQueue.__name__))
+    sections = ChannelSections()
+    link = Link("can_x", up=True, driver="gs_usb", queue_length=10)
+    examine_channel(from_option("can_x", "socketcan", None), link, 1, sections, lambda text: None)
+    (problem,) = sections.channels.findings
+    assert "No buffer space" in problem.what
+    assert problem.remedy == (
+        "sudo ip link set can_x down && sudo ip link set can_x up txqueuelen 100 type can bitrate 1000000"
+    )
+
+
+def test_histogram():
+    times = [0.26, 0.3, 0.31, 5.0, 99.0]
+    assert histogram(times) == [2, 1, 0, 0, 0, 1, 0, 1]
+    assert len(histogram([])) == len(BIN_EDGES_MS) + 1
+    assert percentile(times, 0.5) == 0.31 and percentile(times, 0.99) == 99.0 and percentile([], 0.5) is None
+    drawn = bars([1000, 1, 0, 0, 0, 0, 0, 0]).split()
+    assert drawn == [BLOCKS[-1], BLOCKS[1], *BLOCKS[0] * 6]  # one in a thousand still shows

@@ -1,0 +1,57 @@
+"""A leader and a follower of one program: actions that do not fit are found before the second is energised."""
+
+from functools import partial
+
+import pytest
+
+from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.yam_follower import YamFollower
+from lerobot_teleoperator_yam.bi_yam_leader import BiYamLeader
+from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
+from lerobot_teleoperator_yam.yam_leader import YamLeader
+from tests.face.devices.test_lerobot_contract import FIELDS, STOPS_RAD, enabled, leader_config
+
+pytestmark = pytest.mark.alone
+
+
+def follower(rig, tmp_path, **options):
+    fields = {"channel": "follower_left", "can_options": {"rig": rig.name}, "gripper_stops_rad": STOPS_RAD, **FIELDS}
+    return YamFollower(YamFollowerConfig(calibration_dir=tmp_path, **fields, **options))
+
+
+def leader(rig, tmp_path, **options):
+    fields = {"channel": "leader_left", "can_options": {"rig": rig.name}, **FIELDS}
+    return YamLeader(YamLeaderConfig(calibration_dir=tmp_path, **fields, **options))
+
+
+def test_leaders_that_do_not_fit_the_follower_stay_limp(rig, tmp_path):
+    single, double = partial(leader, rig, tmp_path), BiYamLeader(leader_config(rig.name, tmp_path))
+    robot = follower(rig, tmp_path)
+    robot.connect()
+    try:
+        for device, says in [
+            (single(use_degrees=True), "yam_leader and yam_follower: one uses degrees; give both the same use_degrees"),
+            (single(action_space="ee"), "joints, the other of tool poses; give both the same action_space"),
+            (single(ee_gripper="no_gripper"), "only one has gripper.pos; set ee_gripper of the leader's arm"),
+            (double, "drive one arm with one, or two with two"),
+            (single(follower_arm="big_yam"), "big_yam with .*set follower_arm and ee_gripper"),
+        ]:
+            with pytest.raises(ConfigError, match=says):
+                device.connect()
+            assert not device.is_connected and not any(enabled(rig, "leader_left") + enabled(rig, "leader_right"))
+    finally:
+        robot.disconnect()
+
+
+def test_a_leader_that_fits_is_energised_and_a_follower_that_does_not_is_not(rig, tmp_path):
+    device = leader(rig, tmp_path, action_space="ee")
+    device.connect()
+    try:
+        with pytest.raises(ConfigError, match="yam_follower and yam_leader: one speaks of joints"):
+            follower(rig, tmp_path).connect()
+        with pytest.raises(ConfigError, match="linear_4310, the other of yam with crank_4310|crank_4310, the other"):
+            follower(rig, tmp_path, action_space="ee", gripper="crank_4310").connect()
+        assert any(enabled(rig, "leader_left")) and not any(enabled(rig, "follower_left"))
+    finally:
+        device.disconnect()

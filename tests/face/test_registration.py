@@ -1,0 +1,104 @@
+"""Our types are in LeRobot's registries whenever LeRobot looks, and cost nothing when it does not."""
+
+import importlib
+import subprocess
+import sys
+import textwrap
+
+import pytest
+
+TYPES = {
+    "lerobot.robots": (
+        "RobotConfig",
+        ["yam_follower", "bi_yam_follower", "i2rt_yam_follower", "bi_i2rt_yam_follower"],
+    ),
+    "lerobot.teleoperators": (
+        "TeleoperatorConfig",
+        ["yam_leader", "bi_yam_leader", "i2rt_yam_leader", "bi_i2rt_yam_leader"],
+    ),
+    "lerobot.cameras": ("CameraConfig", ["yam_sim"]),
+    "lerobot.envs": ("EnvConfig", ["yam"]),
+    "lerobot.configs": ("PreTrainedConfig", ["yam_openpi"]),
+}
+CHECK = f"""
+import importlib
+for module, (registry, types) in {TYPES}.items():
+    known = getattr(importlib.import_module(module), registry).get_known_choices()
+    assert all(name in known for name in types), (module, list(known))
+"""
+
+
+def run(program):
+    """Run a program in an interpreter of its own; returns what it printed."""
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize(
+    "module", ["lerobot_robot_yam", "lerobot_teleoperator_yam", "lerobot_robot_yam.session.arm_session"]
+)
+def test_importing_us_alone_loads_neither_lerobot_nor_torch(module):
+    loaded = run(f"import {module}, sys; print([m for m in sys.modules if m.split('.')[0] in ('lerobot', 'torch')])")
+    assert loaded.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    "first",
+    [
+        pytest.param("import lerobot_robot_yam", marks=pytest.mark.long),  # by default: the test after this one
+        "import lerobot_teleoperator_yam",
+        pytest.param("import lerobot.robots; import lerobot_robot_yam", marks=pytest.mark.long),
+        pytest.param("import lerobot.cameras; import lerobot_robot_yam", marks=pytest.mark.long),
+        pytest.param("import lerobot.configs; import lerobot_robot_yam", marks=pytest.mark.long),
+        pytest.param("import lerobot_robot_yam.config_yam_follower", marks=pytest.mark.long),
+        pytest.param("import lerobot_robot_yam.config_bi_yam_follower", marks=pytest.mark.long),
+        pytest.param("import lerobot_robot_yam.config_yam_camera", marks=pytest.mark.long),
+        pytest.param("import lerobot_robot_yam.config_yam_env", marks=pytest.mark.long),
+        pytest.param("import lerobot_robot_yam.face.openpi.configuration_openpi", marks=pytest.mark.long),
+        pytest.param("import lerobot_teleoperator_yam.config_yam_leader", marks=pytest.mark.long),
+        pytest.param("import lerobot_teleoperator_yam.config_bi_yam_leader", marks=pytest.mark.long),
+        pytest.param("from lerobot_robot_yam import BiYamFollower", marks=pytest.mark.long),
+        pytest.param("from lerobot_teleoperator_yam import BiYamLeader", marks=pytest.mark.long),
+        "import lerobot.scripts.lerobot_calibrate as c; c.register_third_party_plugins()",
+    ],
+)
+def test_types_are_registered_whoever_comes_first(first):
+    run(f"{first}\n{CHECK}")
+
+
+def test_types_are_registered_and_no_import_hook_is_left():
+    print_hooks = "import sys; print([f for f in sys.meta_path if type(f).__module__.startswith('lerobot_robot_yam')])"
+    assert run(f"import lerobot_robot_yam\n{CHECK}\n{print_hooks}").strip() == "[]"
+
+
+def test_registering_loads_nothing_heavy():
+    """Neither foreign modules nor, of ours, the profiles, which take 40 ms."""
+    loaded = run(
+        """
+        import sys
+        import lerobot.robots, lerobot.teleoperators, lerobot.cameras, lerobot.configs
+        before = set(sys.modules)
+        import lerobot_robot_yam
+        loaded = set(sys.modules) - before
+        print(sorted(name for name in loaded if not name.startswith("lerobot_") or "profile" in name))
+        """
+    )
+    assert loaded.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    "package, names",
+    [
+        ("lerobot_robot_yam", ["YamFollower", "BiYamFollower", "YamSimCamera", "YamArm"]),
+        ("lerobot_teleoperator_yam", ["YamLeader", "BiYamLeader"]),
+    ],
+)
+def test_public_names_load_on_first_use(package, names):
+    """LeRobot's factory looks for device classes in the package, and swallows import errors of their modules."""
+    module = importlib.import_module(package)
+    for name in names:
+        assert getattr(module, name).__name__ == name
+        assert name in module.__all__
+    with pytest.raises(AttributeError, match="has no attribute 'Nothing'"):
+        module.Nothing  # noqa: B018

@@ -1,0 +1,284 @@
+"""Faults of single motors: on the wire, of their temperature and of their mechanics. Real physics, no real time."""
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.damiao import codec, registers
+from lerobot_robot_yam.damiao.codec import SpecialCommand
+from lerobot_robot_yam.damiao.registers import Register
+from lerobot_robot_yam.damiao.tables import Fault
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.rig.simulation import rig_commands
+from lerobot_robot_yam.rig.simulation.fault_commands import KINDS
+from tests.support.rig_desk import Desk
+
+WRIST = 6
+
+
+@pytest.fixture
+def desk():
+    desk = Desk(friction=0)
+    yield desk
+    desk.close()
+
+
+def fault(desk, motor, kind, value=True, **details):
+    request = {"op": "fault", "channel": "follower_left", "motor": motor, "kind": kind, "value": value, **details}
+    rig_commands.ask(desk.device, request)
+
+
+def clear(desk):
+    rig_commands.ask(desk.device, {"op": "clear_faults", "channel": "follower_left"})
+
+
+def refresh(desk, can_id):
+    return desk.send((0x7FF, registers.encode_refresh(can_id)))
+
+
+def test_a_wrong_identifier_is_of_the_link_and_not_in_the_registers(desk):
+    fault(desk, "joint_3", "wrong_id", 0x15)
+    (answer,) = refresh(desk, 3)
+    assert (answer.id, codec.decode_feedback("DM4340", answer.data).motor_id) == (0x15, 3)
+    (answer,) = desk.send((0x7FF, registers.encode_read(3, Register.MST_ID)))
+    assert (answer.id, registers.decode_reply(answer.data).value) == (0x15, 0x13)
+    assert refresh(desk, 4)[0].id == 0x14
+    fault(desk, "joint_3", "wrong_id", False)
+    assert refresh(desk, 3)[0].id == 0x13
+
+
+def garbled(seed, all_bytes):
+    desk = Desk(seed=seed)
+    sound = refresh(desk, 2)[0].data
+    fault(desk, 2, "corrupt_rate", 0.5, all_bytes=all_bytes)
+    frames = []
+    for _ in range(300):
+        desk.now_s += 0.001  # the wire needs its time
+        frames.append(refresh(desk, 2)[0].data)
+    desk.close()
+    return sound, frames
+
+
+@pytest.mark.parametrize("all_bytes", [False, True])
+def test_a_share_of_answers_is_garbled_and_the_same_ones_for_the_same_seed(all_bytes):
+    sound, frames = garbled(1, all_bytes)
+    wrong = [data for data in frames if data[1:6] != sound[1:6]]
+    assert 100 < len(wrong) < 200
+    assert all(len(data) == 8 for data in frames)
+    assert (len({data[0] for data in wrong}) > 10) == all_bytes
+    assert np.ptp([codec.decode_feedback("DM4340", data).position for data in wrong]) > 10
+    assert garbled(1, all_bytes)[1] == frames
+    assert garbled(2, all_bytes)[1] != frames
+
+
+def test_delayed_answers_are_spoiled_too(desk):
+    fault(desk, WRIST, "delay_s", 0.02)
+    fault(desk, WRIST, "wrong_id", 0x7A)
+    assert refresh(desk, WRIST) == []
+    desk.run(0.03)
+    assert [frame.id for frame in desk.heard()] == [0x7A]
+
+
+@pytest.mark.parametrize(
+    ("part", "limit_c", "code"),
+    [
+        ("both", 80.0, Fault.MOS_OVER_TEMPERATURE),
+        ("mos", 80.0, Fault.MOS_OVER_TEMPERATURE),
+        ("rotor", 100.0, Fault.ROTOR_OVER_TEMPERATURE),
+    ],
+)
+def test_a_motor_that_gets_too_hot_switches_itself_off(desk, part, limit_c, code):
+    desk.special(WRIST, SpecialCommand.ENABLE)
+    fault(desk, WRIST, "register", 80.0, register=Register.OT_VALUE)
+    fault(desk, WRIST, "temperature_ramp", {"rate_c_per_s": 100.0, "from_c": limit_c - 20, "part": part})
+    temperatures = []
+    for _ in range(40):
+        desk.run(0.01)
+        feedback = desk.mit(WRIST, q=0.5, kp=5, kd=1)
+        temperatures.append(feedback.temp_rotor if part == "rotor" else feedback.temp_mos)
+        if feedback.fault != Fault.NORMAL:
+            break
+    assert feedback.fault == code
+    assert temperatures[0] == pytest.approx(limit_c - 19, abs=2)
+    assert temperatures[-1] == pytest.approx(limit_c, abs=2)
+    if part == "mos":
+        assert feedback.temp_rotor < 60
+    desk.run(0.01)
+    assert desk.motor(WRIST).torque_nm == 0
+    assert [e["fault"] for e in desk.device.events.since(0, 100) if e["kind"] == "motor_fault"] == [code]
+
+
+def test_the_power_stages_limit_is_a_register(desk):
+    fault(desk, WRIST, "register", 50.0, register=Register.OT_VALUE)
+    fault(desk, WRIST, "temperature_ramp", {"rate_c_per_s": 0.0, "from_c": 51.0})
+    desk.run(0.02)
+    assert desk.special(WRIST, SpecialCommand.ENABLE).fault == Fault.MOS_OVER_TEMPERATURE
+
+
+def test_a_hot_power_stage_alone_heats_no_coil(desk):
+    fault(desk, WRIST, "register", 120.0, register=Register.OT_VALUE)
+    fault(desk, WRIST, "temperature_ramp", {"rate_c_per_s": 0.0, "from_c": 110.0, "part": "mos"})
+    desk.run(0.02)
+    assert desk.special(WRIST, SpecialCommand.ENABLE).fault == Fault.NORMAL
+
+
+def test_a_hot_motor_trips_again_until_it_has_cooled(desk):
+    fault(desk, WRIST, "register", 80.0, register=Register.OT_VALUE)
+    fault(desk, WRIST, "temperature_ramp", {"rate_c_per_s": -100.0, "from_c": 90.0})
+    desk.run(0.02)
+    assert desk.special(WRIST, SpecialCommand.CLEAR).fault == Fault.DISABLED
+    desk.run(0.02)
+    assert desk.special(WRIST, SpecialCommand.ENABLE).fault == Fault.MOS_OVER_TEMPERATURE
+    desk.run(0.2)
+    desk.special(WRIST, SpecialCommand.CLEAR)
+    desk.run(0.02)
+    assert desk.special(WRIST, SpecialCommand.ENABLE).fault == Fault.NORMAL
+
+
+def test_sensors_that_lie_trip_nothing(desk):
+    desk.special(WRIST, SpecialCommand.ENABLE)
+    fault(desk, WRIST, "temperatures_c", [120, 130])
+    desk.run(0.05)
+    feedback = desk.mit(WRIST)
+    assert (feedback.temp_mos, feedback.temp_rotor, feedback.fault) == (120, 130, Fault.NORMAL)
+    fault(desk, WRIST, "temperatures_c", False)
+    assert desk.mit(WRIST).temp_mos < 60
+
+
+def settled(desk, can_id, **command):
+    for _ in range(150):
+        feedback = desk.mit(can_id, **command)
+        desk.run(0.01)
+    return feedback
+
+
+@pytest.mark.parametrize(("can_id", "bias_nm"), [(WRIST, 1.0), (WRIST, -0.5), (7, 0.2)])
+def test_a_torque_bias_displaces_a_held_joint_and_is_not_reported(desk, can_id, bias_nm):
+    kp = 10.0
+    desk.special(can_id, SpecialCommand.ENABLE)
+    middle = settled(desk, can_id, q=desk.mit(can_id).position - 1.0 * (can_id == 7), kp=kp, kd=1).position
+    fault(desk, can_id, "torque_bias_nm", bias_nm)
+    pushed = settled(desk, can_id, q=middle, kp=kp, kd=1)
+    assert pushed.position - middle == pytest.approx(bias_nm / kp, abs=0.015)
+    assert pushed.torque == pytest.approx(-bias_nm, abs=0.1)  # the motor reports what it exerts against it
+    clear(desk)
+    assert settled(desk, can_id, q=middle, kp=kp, kd=1).position == pytest.approx(middle, abs=0.015)
+
+
+def test_a_motor_that_is_off_delivers_no_bias(desk):
+    address = desk.device.world.joint_addresses("follower_left")[5]
+    before = desk.device.world.qpos[address]
+    fault(desk, WRIST, "torque_bias_nm", 1.0)
+    desk.run(0.3)
+    assert desk.device.world.qpos[address] == pytest.approx(before, abs=0.05)
+    desk.special(WRIST, SpecialCommand.ENABLE)
+    for _ in range(30):
+        desk.mit(WRIST)
+        desk.run(0.01)
+    assert desk.device.world.qpos[address] > before + 0.3
+    desk.special(WRIST, SpecialCommand.DISABLE)
+    desk.run(0.01)
+    assert not desk.device.world.data.qfrc_applied.any()
+
+
+@pytest.mark.parametrize("can_id", [2, WRIST, 7])
+def test_a_stuck_motor_does_not_move_whatever_it_does(desk, can_id):
+    desk.special(can_id, SpecialCommand.ENABLE)
+    before = desk.mit(can_id).position
+    fault(desk, can_id, "stuck")
+    target = before - 1.0 if can_id == 7 else before + 1.0
+    feedback = settled(desk, can_id, q=target, kp=20, kd=1)
+    assert feedback.position == pytest.approx(before, abs=0.01)
+    assert abs(feedback.torque) > 2
+    fault(desk, can_id, "stuck", False)
+    assert abs(settled(desk, can_id, q=target, kp=20, kd=1).position - before) > 0.5
+
+
+def test_more_friction_holds_a_joint_against_less_torque(desk):
+    desk.special(WRIST, SpecialCommand.ENABLE)
+    fault(desk, WRIST, "friction_nm", 1.0)
+    start = desk.mit(WRIST).position
+    assert settled(desk, WRIST, tau=0.7).position == pytest.approx(start, abs=0.02)
+    assert settled(desk, WRIST, tau=1.2).position > start + 0.5
+    desk.device.world.set_pose("follower_left", np.zeros(6))
+    clear(desk)
+    for _ in range(15):
+        feedback = desk.mit(WRIST, tau=0.7)
+        desk.run(0.01)
+    assert feedback.position > 0.1
+
+
+def test_a_sticky_fault_survives_clear_until_repaired(desk):
+    fault(desk, WRIST, "nibble", int(Fault.OVERLOAD), sticky=True)
+    assert desk.special(WRIST, SpecialCommand.CLEAR).fault == Fault.OVERLOAD
+    clear(desk)
+    assert desk.special(WRIST, SpecialCommand.CLEAR).fault == Fault.DISABLED
+
+
+def test_clearing_ends_every_fault_of_its_motors(desk):
+    settings = {
+        "silent": True,
+        "drop_next": 5,
+        "loss_rate": 1.0,
+        "command_loss_rate": 1.0,
+        "delay_s": 1.0,
+        "wrong_id": 0x77,
+        "corrupt_rate": 1.0,
+        "reading": {"position_rad": 1.0},
+        "temperatures_c": [99, 99],
+        "temperature_ramp": {"rate_c_per_s": 0, "from_c": 99},
+        "torque_bias_nm": 1.0,
+        "stuck": True,
+        "friction_nm": 1.0,
+    }
+    model, data = desk.device.world.model, desk.device.world.data
+    before = model.dof_damping.copy(), model.dof_frictionloss.copy(), model.dof_solimp.copy()
+    for kind, value in settings.items():
+        fault(desk, None, kind, value)
+    assert refresh(desk, 1) == []
+    fault(desk, None, "duplicate")
+    assert len(refresh(desk, 1)) == 1  # the other one's
+    clear(desk)
+    (answer,) = refresh(desk, 1)
+    feedback = codec.decode_feedback("DM4340", answer.data)
+    assert feedback.temp_mos < 60 and feedback.fault == Fault.DISABLED
+    after = model.dof_damping, model.dof_frictionloss, model.dof_solimp
+    assert all((now == then).all() for now, then in zip(after, before, strict=True))
+    assert not data.qfrc_applied.any()
+    assert desk.device.events.since(0, 100)[-1]["kind"] == "faults_cleared"
+
+
+@pytest.mark.parametrize(
+    ("motor", "kind", "value", "text"),
+    [
+        (1, "rust", True, "no fault kind 'rust'; known: silent, .*link_down"),
+        (1, "link_down", True, "whole channel"),
+        (None, "link_down", 1, "true or false"),
+        (None, "handle_silent", True, "no teaching handle"),
+        (None, "foreign", True, "expected {id, rate_hz}"),
+        (None, "foreign", {"id": 1, "rate_hz": 0}, "from 0.01"),
+        (None, "foreign", {"id": 1, "rate_hz": 10, "payload": "rock"}, "payload must be one of"),
+        (9, "silent", True, "no motor 9"),
+        (1, "silent", "yes", "true or false"),
+        (1, "drop_next", 1.5, "whole number"),
+        (1, "loss_rate", 1.5, "from 0.0 to 1.0"),
+        (1, "corrupt_rate", float("nan"), "finite"),
+        (1, "wrong_id", 0x800, "whole number from 0 to 2047"),
+        (1, "temperatures_c", [1], "2 finite numbers"),
+        (1, "temperature_ramp", {"from_c": 1}, "rate_c_per_s"),
+        (1, "temperature_ramp", {"rate_c_per_s": 1, "from_c": 1, "part": "lid"}, "part must be one of"),
+        (1, "torque_bias_nm", "much", "finite number"),
+        (1, "nibble", 16, "from 0 to 15"),
+    ],
+)
+def test_a_fault_that_makes_no_sense_is_refused(desk, motor, kind, value, text):
+    with pytest.raises(ConfigError, match=text):
+        fault(desk, motor, kind, value)
+    assert refresh(desk, 1) != []
+    assert [e["kind"] for e in desk.device.events.since(0, 100)] == []
+
+
+def test_every_kind_is_documented():
+    from lerobot_robot_yam.rig.client.rig_control import RigControl
+
+    for kind in KINDS:
+        assert f'"{kind}"' in RigControl.fault.__doc__, kind

@@ -1,0 +1,218 @@
+"""The scripted operator before a world that runs faster than time, and its process before a live rig."""
+
+import copy
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.rig.client.rig_control import RigControl, running_rig
+from lerobot_robot_yam.rig.operator.guidance import Interrupted
+from lerobot_robot_yam.rig.operator.operator import check_arms, make_layout
+from lerobot_robot_yam.rig.operator.pick_and_place import Layout, PickAndPlace
+from lerobot_robot_yam.rig.operator.scripts.setup import SIDES, make_planners
+from lerobot_robot_yam.rig.scene.scene import Scene, load_scene
+from lerobot_robot_yam.session.arm_session import ArmSession
+from tests.support.stand_in import StandIn, described
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return load_scene()
+
+
+@pytest.fixture(scope="module")
+def description(scene):
+    return described(scene)
+
+
+@pytest.fixture(scope="module")
+def planners(description):
+    return make_planners(description)
+
+
+@pytest.fixture
+def world(scene):
+    return StandIn(scene)
+
+
+@pytest.fixture
+def task(description, planners, world):
+    task = PickAndPlace(world, planners, make_layout(description))
+    task.begin()
+    return task
+
+
+def kinds(world: StandIn) -> list[str]:
+    return [event["kind"] for event in world.events]
+
+
+def test_there_and_back(task, world):
+    assert all(task.step() for _ in range(4))
+    world.wait(0.5)
+    assert kinds(world) == ["transfer", "transfer", "cycle"] * 2
+    places = [(event["from"]["place"], event["to"]["place"]) for event in world.events if event["kind"] == "transfer"]
+    assert places == [("A", "M"), ("M", "B"), ("B", "M"), ("M", "A")]
+    for event in world.events:
+        assert event["lift_m"] >= 0.08 and event["carry_m"] >= 0.15
+    cycle = world.events[2]
+    assert cycle["end"]["sim_s"] - cycle["start"]["sim_s"] < 13.0
+    assert world.max_hand_nm < 5.0  # it pulls, it does not wrench
+
+
+@pytest.mark.long
+def test_two_dozen_transfers_without_a_miss(task, world):
+    assert all(task.step() for _ in range(24))
+    assert kinds(world).count("transfer") >= 23 and "drop" not in kinds(world)
+
+
+@pytest.mark.parametrize(
+    ("xy_m", "yaw_rad"), [((0.25, 0.35), 0.3), ((0.38, 0.15), 0.78), ((0.32, 0.05), 1.2), ((0.36, -0.2), 0.5)]
+)
+def test_it_takes_the_cube_from_where_it_is(task, world, xy_m, yaw_rad):
+    joint = world.world.data.joint("cube")
+    joint.qpos[:] = [*xy_m, 0.02, np.cos(yaw_rad / 2), 0.0, 0.0, np.sin(yaw_rad / 2)]
+    goal = world.world.scene.places["B"]
+    for _ in range(3):
+        task.step()
+        found = world.look().things["cube"].position_m
+        if np.linalg.norm(found - goal) < 0.01:
+            return
+    raise AssertionError(f"the cube is at {found}, not at {goal}")
+
+
+def test_a_missed_grasp_is_tried_again(task, world):
+    started = world.now()
+
+    def snatch():
+        if world.now() > started + 1.6:  # when the hand is already on its way down
+            world.put_back(np.array([0.36, 0.2, 0.02]))
+            world.before_tick = None
+
+    world.before_tick = snatch
+    assert not task.step()
+    assert task.step()
+    world.wait(0.3)
+    assert kinds(world)[-1] == "transfer"
+
+
+def test_a_prop_out_of_reach_is_put_back(task, world):
+    world.put_back(np.array([0.75, 0.0, 0.02]))
+    assert not task.step()
+    assert task.step()
+
+
+@pytest.mark.parametrize(
+    "after_s, first",
+    [
+        pytest.param(0.8, ["transfer", "transfer"], marks=pytest.mark.long),
+        (2.5, ["drop", "transfer"]),  # while the fingers close: at rest half closed, they seem to hold something
+        (2.9, ["transfer", "transfer"]),
+    ],
+)
+def test_a_follower_that_stops_following_is_waited_for(task, world, after_s, first):
+    """As between two episodes, when nobody passes the leader's pose on."""
+    started = world.now()
+
+    def pause():
+        world.following = not started + after_s < world.now() < started + after_s + 5.0
+
+    world.before_tick = pause
+    for _ in range(4):
+        task.step()
+    world.wait(0.3)
+    assert kinds(world)[:2] == first
+    assert "fall" not in kinds(world)
+
+
+def test_switching_off_makes_it_let_go(task, world):
+    started = world.now()
+
+    def switch_off():
+        world.energised = world.now() < started + 3.0
+
+    world.before_tick = switch_off
+    with pytest.raises(Interrupted):
+        task.run()
+    assert not world.held
+
+
+@pytest.mark.parametrize("missing", ["M", "props", "leader_left"])
+def test_a_scene_that_lacks_something_is_refused_by_name(description, missing):
+    description = copy.deepcopy(description)
+    description["places"].pop(missing, None)
+    description["arms"] = [row for row in description["arms"] if row["channel"] != missing]
+    if missing == "props":
+        description["props"] = []
+    with pytest.raises(ConfigError, match="prop" if missing == "props" else missing):
+        make_layout(description)
+        check_arms(description, SIDES)
+
+
+def test_the_layout_keeps_the_idle_arm_out_of_the_middle(description):
+    layout = make_layout(description)
+    assert isinstance(layout, Layout)
+    for home in layout.homes_m.values():
+        assert np.linalg.norm(np.array(home[:2]) - layout.places_m["M"]) > 0.15
+
+
+@contextmanager
+def teleoperated(rig: RigControl) -> Iterator[Callable[[], None]]:
+    """All arms up, in control loops of their own; call what this gives to pass the leaders' poses on."""
+    with ExitStack() as stack:
+        sim: dict = {"interface": "yam_sim", "can_options": {"rig": rig.name}}
+        leaders, followers = (
+            ArmSession([ArmConfig(name=side, channel=f"{role}_{side}", **sim, **kind) for side in SIDES])
+            for role, kind in (
+                ("leader", {"gripper": "yam_teaching_handle", "start": "float"}),
+                ("follower", {"gripper_stops_rad": [3.25, -3.3]}),
+            )
+        )
+        for session in (leaders, followers):
+            session.start()
+            stack.callback(session.stop)
+
+        def pass_on() -> None:
+            for side in SIDES:
+                state = leaders[side].observe()
+                followers[side].track(state.q, 1.0 - state.trigger)
+
+        yield pass_on
+
+
+def events_of(rig: RigControl, kind: str, count: int, pass_on: Callable[[], None]) -> list[dict]:
+    """The first events of a kind, while the arms are teleoperated."""
+    deadline = time.monotonic() + 60.0
+    while len(found := [event for event in rig.events() if event["kind"] == kind]) < count:
+        assert time.monotonic() < deadline, rig.events()
+        pass_on()
+        time.sleep(1 / 30)
+    return found
+
+
+@pytest.mark.long
+@pytest.mark.alone
+def test_its_process_moves_the_cube_through_the_real_loops():
+    """The rig starts it when the arms are energised; it ends with them."""
+    with running_rig(operator="pick_and_place") as rig:
+        with teleoperated(rig) as pass_on:
+            carried, *_ = events_of(rig, "transfer", 1, pass_on)
+        assert carried["from"]["place"] == "A" and carried["lift_m"] >= 0.08
+        assert not rig.state()["arms"]["leader_left"]["held"]
+
+
+@pytest.mark.long
+@pytest.mark.alone
+def test_its_process_attempts_a_task_again_and_again_with_the_next_seed():
+    with running_rig(scene="lift_and_place", operator="lift_and_place", seed=5) as rig:
+        with teleoperated(rig) as pass_on:
+            placed = events_of(rig, "task_placed", 2, pass_on)
+        assert [event["seed"] for event in placed][:2] == [5, 6]
+        (first,) = [event for event in rig.events() if event["kind"] == "attempt"]
+        assert first.items() >= {"task": "lift_and_place", "seed": 5, "success": True, "reason": ""}.items()
+        (success,) = [event for event in rig.events() if event["kind"] == "task_success"]
+        assert success["seed"] == 5 and success["since_s"] == pytest.approx(first["since_s"], abs=0.02)

@@ -1,0 +1,93 @@
+"""The start of two arms: both get torque, or none; whatever comes between."""
+
+import contextlib
+
+import pytest
+
+from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.control.loop_builder import build
+from lerobot_robot_yam.control.preflight.open_bus import open_bus
+from lerobot_robot_yam.errors import BusError, ChannelInUseError, EmergencyStopError
+from lerobot_robot_yam.session.arm_client import ArmPort
+from lerobot_robot_yam.state.block_pair import BlockPair
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.state.records import channel_key
+from tests.support.rigged import lockstep_rig, sim_config
+
+CHANNELS = ("follower_left", "follower_right")
+
+rig = lockstep_rig(*CHANNELS)
+
+
+@contextlib.contextmanager
+def loop_on(rig):
+    """A loop of both arms: everything is there and as configured; nothing is energised yet."""
+    configs = [sim_config(rig, channel) for channel in CHANNELS]
+    keys = [channel_key(config.interface, config.channel, rig.name) for config in configs]
+    with contextlib.ExitStack() as rest:
+        buses, pairs = [], []
+        for config, key in zip(configs, keys, strict=True):
+            port = ArmPort(config, Hardware(config), key)
+            rest.callback(port.close)
+            pairs.append(BlockPair.of(port.descriptors.copies()))
+            rest.callback(pairs[-1].close)
+            buses.append(open_bus(config))
+            rest.callback(buses[-1].shutdown)
+        loop = build(configs, keys, buses, pairs)
+        rest.callback(loop.close)
+        yield loop
+
+
+@pytest.fixture
+def loop(rig):
+    with loop_on(rig) as loop:
+        yield loop
+
+
+def on(rig):
+    arms = rig.state()["arms"]
+    return {channel for channel in CHANNELS if any(m["enabled"] for m in arms[channel]["motors"].values())}
+
+
+def test_an_emergency_stop_after_the_inspection_keeps_all_limp(rig, loop):
+    stop = EmergencyStop()
+    stop.latch("a test")
+    try:
+        with pytest.raises(EmergencyStopError, match="a test"):
+            loop.start()
+    finally:
+        stop.release()
+    assert not on(rig)
+
+
+@pytest.mark.parametrize("happens", ["emergency stop", "adapter gone"])
+def test_what_happens_to_the_first_arm_while_the_second_comes_up_leaves_none_with_torque(rig, loop, happens):
+    drive, stop = loop._controllers[1].drive, EmergencyStop()
+    enable = drive.enable
+
+    def enabled_and_then(meanwhile):
+        enable(meanwhile)
+        assert on(rig) == set(CHANNELS)
+        if happens == "emergency stop":
+            stop.latch("a test")
+        else:
+            rig.fault(CHANNELS[0], None, "adapter_gone")
+
+    drive.enable = enabled_and_then
+    try:
+        with pytest.raises((BusError, EmergencyStopError)):
+            loop.start()
+    finally:
+        stop.release()
+    assert on(rig) == ({CHANNELS[0]} if happens == "adapter gone" else set())  # nothing reaches the motors there
+
+
+@pytest.mark.parametrize("foreign", [{"id": 3, "rate_hz": 30.0}, {"id": 0x13, "rate_hz": 30.0, "payload": "zero"}])
+def test_who_comes_up_listens_before_it_says_a_word(rig, foreign):
+    """Another computer drives the arm, or its motors answer somebody: not one frame of ours goes out."""
+    rig.fault(CHANNELS[1], None, "foreign", foreign)
+    rig.trace_start(CHANNELS[1])
+    with pytest.raises(ChannelInUseError, match=f"{CHANNELS[1]} is already being driven"), loop_on(rig):
+        pytest.fail("it has come up")
+    assert rig.trace(CHANNELS[1]) == []
+    assert not on(rig)

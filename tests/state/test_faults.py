@@ -1,0 +1,32 @@
+import pytest
+
+from lerobot_robot_yam.damiao.tables import Fault
+from lerobot_robot_yam.state.faults import FAULT_TROUBLE, POLICY, Response, Trouble, document
+from tests.support.paths import ROOT
+
+DOCUMENT = ROOT / "docs" / "faults.md"
+
+
+def test_every_trouble_has_a_rule():
+    assert set(POLICY) == set(Trouble)
+
+
+def test_the_document_is_what_the_loop_reads():
+    assert DOCUMENT.read_text() == document(), "python -m lerobot_robot_yam.state.faults > docs/faults.md"
+
+
+def test_every_fault_code_has_a_trouble():
+    assert set(FAULT_TROUBLE) == set(Fault) - {Fault.NORMAL}
+
+
+@pytest.mark.parametrize("trouble", Trouble)
+def test_what_stops_an_arm_says_how_to_bring_it_back(trouble):
+    rule = POLICY[trouble]
+    if rule.arm in (Response.GO_ON, Response.HOLD_UNTIL_TARGET):
+        assert not rule.in_place
+    else:
+        assert any(word in rule.rearm for word in ("connect again", "rearm()", "release", "id", "free"))
+
+
+def test_a_name_fits_into_its_field_of_the_state():
+    assert all(len(trouble.encode()) <= 40 for trouble in Trouble)

@@ -1,0 +1,39 @@
+"""What the kernel grants, asked for in a process of its own so that the tests' process stays ordinary."""
+
+import os
+import platform
+import subprocess
+import sys
+
+import pytest
+
+ASK = """
+import os
+from lerobot_robot_yam.system.realtime import request_realtime
+print(request_realtime(1))
+child = os.fork()
+if child == 0:
+    os._exit(os.sched_getscheduler(0))
+print(os.sched_getscheduler(0), os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+"""
+
+
+def test_it_says_what_it_got_and_children_are_ordinary():
+    answer = subprocess.run([sys.executable, "-c", ASK], capture_output=True, text=True, check=True)
+    granted, policies = answer.stdout.splitlines()
+    own, childs = (int(text) for text in policies.split())
+    assert ("SCHED_FIFO 1" in granted) == (own & 0xFF == os.SCHED_FIFO)  # the rest are flags
+    assert ("memory locked" in granted) != ("memory not locked" in granted)
+    assert childs == 0
+
+
+KERNEL = tuple(int(part) for part in platform.release().split(".")[:2])
+
+
+@pytest.mark.skipif(os.getuid() != 0 or KERNEL < (6, 12), reason="drops root's privilege; short slices need 6.12")
+def test_without_privilege_it_gets_short_slices():
+    ask = (
+        "import os; from lerobot_robot_yam.system import realtime as r; os.setuid(65534); print(r.request_realtime(1))"
+    )
+    answer = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=True)
+    assert answer.stdout.startswith("normal scheduling with 0.1 ms slices, memory ")
