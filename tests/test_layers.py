@@ -1,4 +1,4 @@
-"""A module imports only downwards: LeRobot's face → arm → damiao → base; commands above the arm, the rig beside it."""
+"""A module imports only from its own storey or a lower one; docs/architecture.md draws them."""
 
 import ast
 from pathlib import Path
@@ -8,53 +8,46 @@ import pytest
 from tests.support.paths import ROOT
 
 PACKAGES = ("lerobot_robot_yam", "lerobot_teleoperator_yam")
-BASE = {
-    "clock",
+STOREYS = (
     "errors",
-    "log_thread",
-    "other_plugins",
-    "paths",
-    "runtime",
-    "sealed_memory",
-    "shared_block",
-    "realtime",
-    "sleep_lock",
-}
-TOOLS = {"commands", "doctor"}  # console commands: above the arm, without LeRobot
-# What the rig may use of the arm: how it is built, not how it is driven.
-ARM_DESCRIPTION = {
-    "arm.model",
-    "arm.mounting",
-    "arm.profile",
-    "arm.dynamics",
-    "arm.kinematics",
-    "arm.shapes",
-    "arm.yaml_fields",
-}
-# What LeRobot's face may use of the rig: its clients, not its insides.
-RIG_CLIENTS = {
-    "cameras",
+    "system",
+    "damiao",
+    "arm",
+    "rig",
+    "state",
     "control",
-    "demonstrator",
-    "lockstep",
-    "lockstep_cameras",
-    "operators.setup",
+    "session",
+    "doctor",
+    "face",
+    "plugin",  # the packages' own modules, which LeRobot finds by their names
+    "commands",
+)
+RIG_ROOMS = (
     "scene",
-    "tasks",
-}
+    "world",
+    "devices",
+    "bus",
+    "client",
+    "judging",
+    "render",
+    "simulation",
+    "server",
+    "lockstep",
+    "operator",
+)
+CONTROL_ROOMS = ("laws", "gripper", "safety", "preflight", "", "process")  # "": the loop and the arm's controller
+MAY_IMPORT_LEROBOT = ("face", "plugin", "commands")
+MOST_MODULES = 15
 
 
-def layer(module):
-    """Layer of one of our modules."""
+def place(module):
+    """(storey, room) of one of our modules; the room is empty on the storey's own floor."""
     package, _, name = module.partition(".")
-    first = name.partition(".")[0]
-    if package == "lerobot_robot_yam" and first in BASE:
-        return "base"
-    if package == "lerobot_robot_yam" and first in TOOLS:
-        return "tools"
-    if package == "lerobot_robot_yam" and first in ("arm", "damiao", "rig"):
-        return first
-    return "face"
+    parts = name.split(".")
+    if package == "lerobot_robot_yam" and parts[0] in STOREYS:
+        inner = len(parts) > 2 or (ROOT / package / Path(*parts)).is_dir()
+        return parts[0], parts[1] if inner and len(parts) > 1 else ""
+    return "plugin", ""
 
 
 def modules():
@@ -81,20 +74,12 @@ def imports(path):
 
 def allowed(name, imported):
     """Whether module `name` may import module `imported`, one of ours."""
-    ours, theirs = layer(name), layer(imported)
-    below = {
-        "base": {"base"},
-        "damiao": {"damiao", "base"},
-        "arm": {"arm", "damiao", "base"},
-        "rig": {"rig", "damiao", "base"},
-        "tools": {"tools", "arm", "damiao", "base"},
-        "face": {"face", "arm", "damiao", "base"},
-    }
-    if ours == "rig" and theirs == "arm":
-        return imported.removeprefix("lerobot_robot_yam.") in ARM_DESCRIPTION
-    if ours == "face" and theirs == "rig":
-        return imported.removeprefix("lerobot_robot_yam.rig.") in RIG_CLIENTS
-    return theirs in below[ours]
+    (ours, room), (theirs, their_room) = place(name), place(imported)
+    if ours == theirs == "rig" and room and their_room:
+        return RIG_ROOMS.index(their_room) <= RIG_ROOMS.index(room)
+    if ours == theirs == "control":
+        return CONTROL_ROOMS.index(their_room) <= CONTROL_ROOMS.index(room)
+    return STOREYS.index(theirs) <= STOREYS.index(ours)
 
 
 @pytest.mark.parametrize("name, path", list(modules()))
@@ -104,13 +89,25 @@ def test_imports_go_downwards(name, path):
         if top in PACKAGES and imported not in PACKAGES:
             assert allowed(name, imported), f"{name} imports {imported}"
         if top in ("lerobot", "torch"):
-            assert layer(name) == "face", f"{name} imports {imported}"
+            assert place(name)[0] in MAY_IMPORT_LEROBOT, f"{name} imports {imported}"
+
+
+def test_no_folder_holds_more_than_one_can_look_through():
+    for folder in {path.values[1].parent for path in modules()}:
+        names = [path.name for path in folder.glob("*.py") if path.name != "__init__.py"]
+        assert len(names) <= MOST_MODULES, f"{folder.relative_to(ROOT)}: {len(names)} modules"
+
+
+def test_a_name_stands_for_one_module():
+    names = [param.values[1].stem for param in modules() if param.values[1].stem != "__init__"]
+    assert not {name for name in names if names.count(name) > 1}
 
 
 def test_the_rule_can_fail():
     assert not allowed("lerobot_robot_yam.damiao.chain", "lerobot_robot_yam.control.loop")
-    assert not allowed("lerobot_robot_yam.control.loop", "lerobot_robot_yam.rig.world.world")
+    assert not allowed("lerobot_robot_yam.control.loop", "lerobot_robot_yam.session.arm_session")
+    assert not allowed("lerobot_robot_yam.control.laws.mit_laws", "lerobot_robot_yam.control.landing")
     assert not allowed("lerobot_robot_yam.control.loop", "lerobot_robot_yam.yam_follower")
     assert not allowed("lerobot_robot_yam.rig.world.world", "lerobot_robot_yam.control.arm_controller")
-    assert not allowed("lerobot_robot_yam.yam_env", "lerobot_robot_yam.rig.world.world")
+    assert not allowed("lerobot_robot_yam.rig.bus.channel", "lerobot_robot_yam.rig.server.serving")
     assert not allowed("lerobot_robot_yam.errors", "lerobot_robot_yam.damiao.codec")

@@ -13,8 +13,8 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.resolved_arm import Hardware
 from lerobot_robot_yam.control.actuation import LEFT_BEHIND_RAD, ArmBody
+from lerobot_robot_yam.control.float_monitor import Floating
 from lerobot_robot_yam.control.landing import Landing
-from lerobot_robot_yam.control.safety.float_monitor import Floating
 from lerobot_robot_yam.control.safety.handle_monitor import HandleWatch
 from lerobot_robot_yam.control.safety.progress_monitor import HeldBack
 from lerobot_robot_yam.control.safety.stop_triggers import StopReasons

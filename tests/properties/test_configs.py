@@ -17,8 +17,8 @@ from lerobot_robot_yam.arm.profile_checks import check_arm, check_gripper
 from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS, NO_ARM, load_arm, load_gripper
 from lerobot_robot_yam.arm.resolved_arm import Hardware
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.rig.scene import scene as scenes
 from lerobot_robot_yam.rig.scene.scene import Options, load_scene
-from lerobot_robot_yam.rig.scene.scene import scene as scenes
 from lerobot_robot_yam.system.runtime_files import rig_name
 from lerobot_robot_yam.system.strict_yaml import parse, read_yaml
 from tests.support.cases import documents, finite, for_all, junk, mutations, numbers, workspaces

@@ -12,7 +12,7 @@ import pytest
 from lerobot_robot_yam.errors import RigError
 from lerobot_robot_yam.rig.client import launch, rig_connection
 from lerobot_robot_yam.rig.client.rig_control import RigControl, runs, wait_ended
-from lerobot_robot_yam.rig.server.server import lifetime
+from lerobot_robot_yam.rig.server import lifetime
 from lerobot_robot_yam.system.runtime_files import FileLock, rig_name, runtime_dir
 
 CLIENT = """
