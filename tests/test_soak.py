@@ -214,6 +214,15 @@ def test_an_arm_in_trouble_and_its_peer_do_as_the_policy_says(soak):
     assert looked(Mode.HOLD, Mode.HOLD, Trouble.HOT) == {"the arm as the policy says"}
 
 
+def test_of_two_arms_in_trouble_one_is_armed_again_first(soak):
+    check = soak.checks.PolicyCheck({CHANNEL: PEER})
+    both, one = {"mode": Mode.FAULT, "trouble": Trouble.IMPLAUSIBLE}, {"mode": Mode.FLOAT}
+    for tick in range(100):
+        row = record(tick, np.zeros(7), Mode.FAULT, trouble=Trouble.COMMUNICATION_LOST)
+        peer = record(tick, np.zeros(7), **(both if tick < 60 else one))
+        assert not check.look(CHANNEL, row, peer)[0]
+
+
 def event(kind, at_s, **details):
     return {"kind": kind, "monotonic_s": at_s, **details}
 
