@@ -235,7 +235,7 @@ class PolicyCheck:
         self._peers = peers
         self._trouble: dict[str, Trouble | None] = {}
         self._since: dict[str, float] = {}
-        self._told: set[str] = set()
+        self._told: set[str] = set()  # or not to be told
         self.outcomes: Counter[tuple[str, str]] = Counter()
         self.limited: Counter[str] = Counter()
         self._limited: dict[str, int] = {}
@@ -260,7 +260,9 @@ class PolicyCheck:
         if trouble is None or POLICY[trouble].peer is not Response.HOLD or channel in self._told or peer is None:
             return found, news
         there = mode_of(peer)
-        if now - self._since[channel] > _PEER_S and there in MOVES and float(peer["stamp_s"]) > now - _TICK_S:
+        if trouble_of(peer) is not None:  # the operator re-arms both, one after the other
+            self._told.add(channel)
+        elif now - self._since[channel] > _PEER_S and there in MOVES and float(peer["stamp_s"]) > now - _TICK_S:
             self._told.add(channel)
             what = f"{self._peers[channel]} is in {there.name} while {channel} has trouble: {trouble}"
             found.append(Finding("the other arm as the policy says", now, channel, what))

@@ -14,13 +14,15 @@ from soak_seeds import judge_seed
 
 from lerobot_robot_yam.rig.client.rig_control import RigControl
 from lerobot_robot_yam.rig.judging.truth import beyond_clip_nm
-from lerobot_robot_yam.state.faults import stale_overshoot_rad_s
+from lerobot_robot_yam.state.faults import STALE_OVERSHOOT_RAD_S, stale_overshoot_rad_s
 
 _SETTLE_S = 1.0  # an arm that was pushed, struck something, lost or got back a motor, moves by itself for so long
 _COASTS_S = 3.0  # a floating arm that was let go in motion comes to rest within so long
 _SPEED_FACTOR, _SPEED_SLACK = 1.2, 0.15
 _GRIPPER_SPEED_FACTOR = 1.4  # it weighs next to nothing: what a late tick makes of its ramp, it overshoots
 _PUNCTUAL_S = 0.008  # a command is obeyed for a tick and the way over the wire
+_KEPT_UP_S = 0.005  # longer than a tick: one command got lost, as each hundredth does here
+_CARRIED_BY = np.array([1.0, 1.0, 2.0, 3.0, 3.0, 3.0])  # joints 2 to 4 are parallel: what carries a joint brakes, too
 _CUT_OFF_S = 0.02  # its ramp has gone on meanwhile, and it weighs next to nothing: it leaps to where that is
 _FREE_SPEED = 1.1  # of a joint's limit: faster, a joint that was blocked has come free
 _TORQUE_FACTOR, _TORQUE_SLACK_NM = 1.05, 1.0  # between two ticks a motor goes on by itself; a blow is sooner there
@@ -129,12 +131,12 @@ class Truth:
             n = len(arm.torque_limit)
             since_s = float(seen["since_s"])
             age_s = np.array(seen["max_command_age_s"])[:n]
-            late_s = np.maximum(np.maximum(age_s, self._age_s.get(channel, age_s)) - _PUNCTUAL_S, 0.0)[:GRIPPER]
+            oldest_s = np.maximum(age_s, self._age_s.get(channel, age_s))
+            late_s = np.maximum(oldest_s - _PUNCTUAL_S, 0.0)[:GRIPPER]
             self._age_s[channel] = age_s
             if not by_others and self._context.undisturbed(channel, since_s - _SETTLE_S, until_s, _PUSHES):
-                allowed = self._factors(n) * arm.motor_speed_limit + _SPEED_SLACK
-                allowed[:GRIPPER] += [stale_overshoot_rad_s(float(late)) for late in late_s]
-                allowed[GRIPPER:][age_s[GRIPPER:] > _CUT_OFF_S] = math.inf
+                slow = self._happened(_SLOW_ADAPTERS, channel, since_s - _SLOW_S, until_s)
+                allowed = allowed_speed_rad_s(arm.motor_speed_limit[:n], oldest_s, slow)
                 ratio = np.array(seen["max_speed_rad_s"])[:n] / allowed
                 speed = max(speed, float(ratio.max()))
                 i = int(ratio.argmax())
@@ -184,12 +186,6 @@ class Truth:
                 if what:
                     found.append(Finding("no set-point jump", seed.at_s, channel, what))
         return found
-
-    @staticmethod
-    def _factors(n: int) -> np.ndarray:
-        factors = np.full(n, _SPEED_FACTOR)
-        factors[GRIPPER:] = _GRIPPER_SPEED_FACTOR
-        return factors
 
     def _happened(self, kinds: frozenset[str], channel: str, since_s: float, until_s: float) -> bool:
         causes = self._context.arms[channel].causes
@@ -249,6 +245,28 @@ class Truth:
             "rig_slips": rig["slips"],
             "series": [[round(at_s - begin_s, 2), round(a, 3), round(b, 3)] for at_s, a, b in self._series],
         }
+
+
+def allowed_speed_rad_s(limit_rad_s: np.ndarray, oldest_s: np.ndarray, slow: bool) -> np.ndarray:
+    """(n,) how fast motors may be.
+
+    A joint that has not got its command goes on by itself while the joints that carry it brake: it is thrown ahead. A
+    gripper whose commands or readings stay away is held back, and leaps to where its ramp has gone.
+
+    Args:
+        limit_rad_s: (n,) of the set-points.
+        oldest_s: (n,) how long the oldest command was obeyed.
+        slow: the adapter kept back what the motors say.
+    """
+    allowed = _SPEED_FACTOR * limit_rad_s + _SPEED_SLACK
+    late_s = np.maximum(oldest_s[:GRIPPER] - _KEPT_UP_S, 0.0)
+    allowed[:GRIPPER] += [
+        min(count * stale_overshoot_rad_s(float(late)), STALE_OVERSHOOT_RAD_S)
+        for count, late in zip(_CARRIED_BY[: len(late_s)], late_s, strict=True)
+    ]
+    allowed[GRIPPER:] = _GRIPPER_SPEED_FACTOR * limit_rad_s[GRIPPER:] + _SPEED_SLACK
+    allowed[GRIPPER:][slow | (oldest_s[GRIPPER:] > _CUT_OFF_S)] = math.inf
+    return allowed
 
 
 def _farthest(channel: str, before: Mapping[str, Any], after: Mapping[str, Any]) -> tuple[float, str]:

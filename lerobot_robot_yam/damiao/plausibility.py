@@ -6,8 +6,9 @@ a the largest acceleration of the motor:
     min(v₀, v₁) Δt − s  ≤  q₁ − q₀  ≤  max(v₀, v₁) Δt + s,     s = noise + min(½ a δt, u) δt
     |v₁|  ≤  |v₀| + min(a Δt, g) + noise
 
-The bare rotor of a small motor could gain more speed than g = 2.5 rad/s, and on average u = 2 rad/s, unseen, but no
-joint of an arm is as light. A gripper is: its fingers open and close within half a second.
+The bare rotor of a small motor could gain more speed than g = 2.5 rad/s, and on average u = 2 rad/s, from one tick to
+the next, but no joint of an arm is as light. A gripper is: its fingers open and close within half a second. After a
+silence a hand may have snatched at a joint: it moves up to 0.24 rad farther, at up to 5 rad/s.
 
 A reading that is not within is never used; it is forgotten but counted. Three kinds wait for the next one, which is
 then judged by them:
@@ -30,6 +31,7 @@ from lerobot_robot_yam.damiao.tables import MotorType
 _NOISE_RAD = 0.005  # play in the gears and 13 codes of a position
 _NOISE_RAD_S = 0.5
 _UNSEEN_RAD_S = 2.0  # mean speed of a joint between two samples, beyond what both say
+_SNATCHED_RAD_S, _SNATCHED_RAD = 5.0, 0.24  # the same while nobody looks, and how far it goes beyond
 _GAINED_RAD_S = 2.5  # by a joint from one sample to the next
 _DOUBTS = 4  # answers that cannot be, of which one is forgotten for every so many good ones
 _FORGET = 1.0 / 50.0
@@ -124,7 +126,7 @@ class Plausibility:
                     self._doubt[motor] = max(0.0, self._doubt[motor] - _FORGET)
                 return True
             self._struck[motor] = sample
-        elif _may_continue(good, sample, self._slack(motor, since_s)):
+        elif _may_continue(good, sample, self._slack_unheard(motor, since_s)):
             self._struck[motor] = sample
         self.rejected[motor] += 1
         self._doubt[motor] += 1.0
@@ -134,6 +136,13 @@ class Plausibility:
     def _slack(self, motor: int, unheard_s: float) -> float:
         """How far a motor can get in that time beyond what its speeds say, rad."""
         return _NOISE_RAD + min(0.5 * self._acceleration[motor] * unheard_s, self._unseen[motor]) * unheard_s
+
+    def _slack_unheard(self, motor: int, unheard_s: float) -> float:
+        """The same if nothing may have been heard for long."""
+        slack = self._slack(motor, unheard_s)
+        if self._light[motor] or unheard_s <= _UNHEARD_S:
+            return slack
+        return min(slack + _SNATCHED_RAD, _NOISE_RAD + _SNATCHED_RAD_S * unheard_s)
 
 
 def _continues(before: _Sample, after: _Sample, slack: float) -> bool:

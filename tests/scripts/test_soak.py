@@ -29,10 +29,11 @@ def soak(monkeypatch):
     import soak_obedience
     import soak_schedule
     import soak_seeds
+    import soak_truth
 
     class Modules:
         checks, context, schedule, obedience = soak_checks, soak_context, soak_schedule, soak_obedience
-        seeds = soak_seeds
+        seeds, truth = soak_seeds, soak_truth
 
     return Modules
 
@@ -212,6 +213,15 @@ def test_an_arm_in_trouble_and_its_peer_do_as_the_policy_says(soak):
     assert looked(Mode.HOLD, Mode.HOLD, Trouble.HOT) == {"the arm as the policy says"}
 
 
+def test_of_two_arms_in_trouble_one_is_armed_again_first(soak):
+    check = soak.checks.PolicyCheck({CHANNEL: PEER})
+    both, one = {"mode": Mode.FAULT, "trouble": Trouble.IMPLAUSIBLE}, {"mode": Mode.FLOAT}
+    for tick in range(100):
+        row = record(tick, np.zeros(7), Mode.FAULT, trouble=Trouble.COMMUNICATION_LOST)
+        peer = record(tick, np.zeros(7), **(both if tick < 60 else one))
+        assert not check.look(CHANNEL, row, peer)[0]
+
+
 def event(kind, at_s, **details):
     return {"kind": kind, "monotonic_s": at_s, **details}
 
@@ -373,6 +383,25 @@ def run_soak(tmp_path, *arguments, timeout_s):
     assert figures["violations"] == [] and figures["left_behind"] == []
     assert picture.read_bytes().startswith(b"\x89PNG")
     return figures, run.stdout
+
+
+@pytest.mark.parametrize(
+    "motor, age_s, slow, speed_rad_s, allowed",
+    [
+        (3, 0.0045, False, 1.9, True),
+        (3, 0.0045, False, 2.0, False),  # its commands came in time
+        (3, 0.009, False, 2.3, True),  # one got lost, while joints 2 and 3 braked
+        (3, 0.009, False, 2.4, False),
+        (0, 0.009, False, 2.1, False),  # nothing carries it
+        (6, 0.0045, False, 24.0, False),
+        (6, 0.0045, True, 24.0, True),
+        (6, 0.03, False, 24.0, True),
+    ],
+)
+def test_a_motor_is_faster_only_where_its_commands_stayed_away(soak, motor, age_s, slow, speed_rad_s, allowed):
+    limits, ages = np.array([1.5] * 6 + [16.4]), np.full(7, 0.0045)
+    ages[motor] = age_s
+    assert (speed_rad_s <= soak.truth.allowed_speed_rad_s(limits, ages, slow)[motor]) == allowed
 
 
 @pytest.mark.long
