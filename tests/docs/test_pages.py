@@ -1,9 +1,13 @@
 """The pages of docs/: each is in the index, all have one form, and their links and modules lead somewhere."""
 
+import dataclasses
 import re
 
 import pytest
 
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.face.devices.follower_options import FollowerOptions
+from lerobot_teleoperator_yam.leader_options import LeaderArmConfig, LeaderOptions
 from tests.support.pages import PAGES, README, prose
 from tests.support.paths import ROOT
 
@@ -74,7 +78,7 @@ def test_modules_that_are_named_exist(page):
     text = page.read_text()
     dotted = re.findall(rf"\b{PACKAGES}(?:\.\w+)+", text)
     assert not [name for name in dotted if not resolves(name)]
-    paths = re.findall(r"(?<![\w/.])(?:\w+/)+\w+\.py\b", text)
+    paths = re.findall(r"(?<![\w/.])(?:\w+/)+(?!(?:test_)?NAME)\w+\.py\b", text)
     assert not [path for path in paths if not is_file(path) and path not in ELSEWHERE]
 
 
@@ -82,3 +86,15 @@ def test_the_look_for_modules_can_fail():
     assert resolves("lerobot_robot_yam.arm.kinematics.YamKinematics") and is_file("arm/kinematics.py")
     assert not resolves("lerobot_robot_yam.arm.nothing") and not resolves("lerobot_robot_yam.arm.kinematics.Nothing")
     assert not is_file("arm/nothing.py")
+
+
+def test_every_option_is_listed():
+    listed = set(
+        re.findall(r"`(\w+)`", "".join(re.findall(r"^\| (`.*?) \|", (ROOT / "docs/options.md").read_text(), re.M)))
+    )
+    fields = {
+        field.name
+        for kind in (ArmConfig, FollowerOptions, LeaderOptions, LeaderArmConfig)
+        for field in dataclasses.fields(kind)
+    }
+    assert listed == fields
