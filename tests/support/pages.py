@@ -6,7 +6,7 @@ import textwrap
 from tests.support.paths import ROOT
 
 README = ROOT / "README.md"
-PAGES = (README, *sorted(ROOT.glob("docs/*.md")))
+PAGES = (README, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted(ROOT.glob("docs/*.md")))
 
 
 def blocks(text, language):
