@@ -1,4 +1,4 @@
-"""What the README gives to type does what it says, typed as it stands: the Python, the installation, the commands."""
+"""README and the first pages: short enough to read, and their Python, installation and commands do what they say."""
 
 import os
 import re
@@ -14,19 +14,27 @@ import pytest
 
 from lerobot_robot_yam.commands.configs import config_names
 from lerobot_robot_yam.rig.client.rig_control import running_rig
+from tests.support.pages import README, block, blocks, prose, section
 from tests.support.paths import ROOT
 
-TEXT = (ROOT / "README.md").read_text()
+QUICK_START, INSTALLATION = "docs/quick-start.md", "docs/installation.md"
+MOST_WORDS = 900
 
 
-def block(language, containing):
-    (found,) = [code for code in re.findall(rf"```{language}\n(.*?)```", TEXT, re.DOTALL) if containing in code]
-    return found
+def test_the_readme_is_read_in_five_minutes():
+    assert len(prose(README.read_text()).split()) < MOST_WORDS
 
 
-def test_the_python_of_the_readme_moves_and_lands_an_arm(tmp_path, monkeypatch, capsys):
+def test_the_first_screen_has_the_hazard_the_command_the_picture_and_the_tests():
+    first = README.read_text().partition("\n## ")[0]
+    for shown in ("**Hazard.**", "**No real arm has been driven by this code yet.**", "scripts/record_sim", "rig.png"):
+        assert shown in first
+    assert "scripts/test" in blocks(first, "bash")[1]
+
+
+def test_the_python_of_the_quick_start_moves_and_lands_an_arm(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    code = block("python", "YamArm(")
+    code = block(QUICK_START, "python", "YamArm(")
     real, virtual = 'channel="can_follower_l"', 'interface="yam_sim", channel="follower_left"'
     assert f"# or {virtual}" in code
     with running_rig(arms=["follower_left"]) as rig:
@@ -44,7 +52,7 @@ def test_any_python_can_program_opens_a_channel_of_the_rig(monkeypatch):
     with running_rig(arms=["follower_left"]) as rig:
         monkeypatch.setenv("YAM_RIG", rig.name)
         names = {}
-        exec(block("python", "can.Bus("), names)
+        exec(block(QUICK_START, "python", "can.Bus("), names)
         with names["bus"] as bus:
             bus.send(can.Message(arbitration_id=0x7FF, data=bytes([1, 0, 0xCC, 0, 0, 0, 0, 0]), is_extended_id=False))
             answer = bus.recv(1.0)
@@ -52,7 +60,7 @@ def test_any_python_can_program_opens_a_channel_of_the_rig(monkeypatch):
 
 
 def test_the_doctor_speaks_of_arms_that_are_not_there(tmp_path):
-    (command,) = set(re.findall(r"`(yam-doctor --config_path=[^`]*)`", TEXT))
+    (command,) = set(re.findall(r"^yam-doctor --config_path=.*", (ROOT / "docs/real-arms.md").read_text(), re.M))
     done = run(command, ROOT)
     assert done.returncode == 1 and "can_follower_l" in done.stdout
 
@@ -68,8 +76,9 @@ def test_an_installation_without_the_clone_drives_the_rig(tmp_path):
     (packages / "others.pth").write_text(sysconfig.get_paths()["purelib"])
     environment = os.environ | {"PATH": f"{venv / 'bin'}:{os.environ['PATH']}", "VIRTUAL_ENV": str(venv)}
     environment.pop("PYTHONPATH", None)
-    lines = block("bash", "pip install .").replace("pip install .  ", "pip install --ignore-installed --no-deps .  ")
-    assert "--no-deps" in lines
+    lines = "".join(blocks(section(INSTALLATION, "In an environment of your own"), "bash"))
+    lines = lines.replace("pip install .\n", "pip install --ignore-installed --no-deps .\n")
+    assert "--no-deps" in lines and "compileall" in lines
     subprocess.run(["bash", "-euc", lines], cwd=clone, env=environment, check=True)
     shutil.move(clone / "my_configs", tmp_path / "my_configs")
     shutil.rmtree(clone)
@@ -86,7 +95,7 @@ def test_an_installation_without_the_clone_drives_the_rig(tmp_path):
 
 
 def run(command, directory, environment=None):
-    """One line of the README, its programs those of these tests."""
+    """One line of a page, its programs those of these tests."""
     search = {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     environment = environment or os.environ | search
     return subprocess.run(

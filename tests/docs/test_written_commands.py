@@ -18,12 +18,13 @@ from lerobot.utils.constants import CHECKPOINTS_DIR, LAST_CHECKPOINT_LINK, PRETR
 
 from lerobot_robot_yam.doctor.kit.targets import from_config
 from tests.docs import test_configs
+from tests.support.pages import PAGES
 from tests.support.paths import ROOT
 
 EVALUATION, TRAINING = "configs/train/lift_and_place_eval.yaml", "configs/train/lift_and_place_train.yaml"
 GATHERING = ("docs/evaluation.md", "lerobot_robot_yam/commands/gather.py")
 KINDS = test_configs.COMMANDS | test_configs.TRAINING
-SINGLE_ARM = "configs/real/single_arm_record.yaml"
+RECORDING, SINGLE_ARM = "docs/recording.md", "configs/real/single_arm_record.yaml"
 
 
 def options(place, program, containing):
@@ -37,10 +38,10 @@ def options(place, program, containing):
 
 def written():
     """(file, command) of each LeRobot command that a reader can type as it stands."""
-    for path in (ROOT / "README.md", *sorted(ROOT.glob("docs/*.md")), *sorted(ROOT.glob("configs/*/*.yaml"))):
+    for path in (*PAGES, *sorted(ROOT.glob("configs/*/*.yaml"))):
         text = re.sub(r"\\\n#?\s*", "", path.read_text())
         found = re.findall(r"`(lerobot-[a-z]+ [^`]*)`", text.replace("```", "\0"))
-        found += re.findall(r"^#?\s*(lerobot-[a-z]+ .*)", text, re.MULTILINE)
+        found += re.findall(r"^#?\s*(?:scripts/run )?(lerobot-[a-z]+ .*)", text, re.MULTILINE)
         for command in dict.fromkeys(re.sub(r"\s+", " ", command).strip() for command in found):
             if "… " not in command and re.search(r"--config_path|\.type=", command):
                 yield pytest.param(command, id=f"{path.name} {command[:60]}")
@@ -61,7 +62,7 @@ def test_lerobot_takes_what_is_written(command):
 
 def ours():
     """(file, command) of each command of this package that a reader can type as it stands."""
-    for path in (ROOT / "README.md", *sorted(ROOT.glob("docs/*.md")), *sorted(ROOT.glob("configs/*/*.yaml"))):
+    for path in (*PAGES, *sorted(ROOT.glob("configs/*/*.yaml"))):
         text = re.sub(r"\\\n#?\s*", "", path.read_text())
         found = re.findall(r"`(yam-[^`\n]*)`", text) + re.findall(
             r"^#?\s*(yam-[a-z-]+(?: [^#\n]*)?)", text, re.MULTILINE
@@ -87,18 +88,19 @@ def test_our_programs_take_what_is_written(command, monkeypatch):
         assert ended.value.code == 0
 
 
-@pytest.mark.parametrize("place", ["README.md", "configs/real/record.yaml"])
+@pytest.mark.parametrize("place", [RECORDING, "configs/real/record.yaml"])
 def test_what_is_recorded_is_replayed(place):
     recorded = options(place, "lerobot-record", "configs/real/record.yaml")
-    replay = "README.md" if place == "README.md" else "configs/real/replay.yaml"
+    replay = RECORDING if place == RECORDING else "configs/real/replay.yaml"
     replayed = options(replay, "lerobot-replay", "configs/real/replay.yaml")
     assert {name: recorded[f"dataset.{name}"] for name in ("repo_id", "root")} == {
         name: replayed[f"dataset.{name}"] for name in ("repo_id", "root")
     }
 
 
-def test_the_readme_has_its_commands_looked_at():
-    assert {c.values[0].split()[0] for c in written() if c.id.startswith("README.md")} == {
+def test_the_first_pages_have_their_commands_looked_at():
+    first = {"README.md", "quick-start.md", "real-arms.md", "recording.md"}
+    assert {c.values[0].split()[0] for c in written() if c.id.split()[0] in first} == {
         f"lerobot-{kind}" for kind in ("record", "calibrate", "teleoperate", "replay")
     }
 
@@ -140,7 +142,7 @@ def test_what_is_trained_is_evaluated(place):
     assert Path(evaluated) == trained / CHECKPOINTS_DIR / LAST_CHECKPOINT_LINK / PRETRAINED_MODEL_DIR
 
 
-@pytest.mark.parametrize("place", ["README.md", SINGLE_ARM])
+@pytest.mark.parametrize("place", ["docs/real-arms.md", SINGLE_ARM])
 def test_what_a_single_arm_stores_is_found_by_its_recording(place, tmp_path, monkeypatch):
     monkeypatch.setattr("lerobot.robots.robot.HF_LEROBOT_CALIBRATION", tmp_path)
     given = options(place, "lerobot-calibrate", "yam_follower")
