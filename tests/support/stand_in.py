@@ -7,18 +7,15 @@ followers' targets.
 
 import json
 from collections.abc import Callable
-from functools import partial
 
 import mujoco
 import numpy as np
 
-from lerobot_robot_yam.rig.judging.task_session import TaskSession
-from lerobot_robot_yam.rig.judging.transfer_judge import Judge
+from lerobot_robot_yam.rig.judging.judge import Judge
 from lerobot_robot_yam.rig.operator.sight import Pose, Sight
 from lerobot_robot_yam.rig.scene.scene import Scene
 from lerobot_robot_yam.rig.simulation import rig_commands
 from lerobot_robot_yam.rig.simulation.device import RigDevice
-from lerobot_robot_yam.rig.world.contacts import Contacts
 from lerobot_robot_yam.rig.world.world import HAND_KD, HAND_KP, World
 
 TICK_STEPS = 4
@@ -37,9 +34,7 @@ class StandIn:
     def __init__(self, scene: Scene, sides: tuple[str, ...] = ("left", "right")):
         self.world = World(scene)
         self.prop = scene.props[0].name
-        self.judge = Judge(self.prop, scene.places or {})
-        self._contacts = Contacts(self.world)
-        self.task = TaskSession(self.world, self._contacts)
+        self.judge = Judge(self.world)
         self.events: list[dict] = []
         self.energised = True
         self.following = True
@@ -103,7 +98,7 @@ class StandIn:
         joint.qpos[:] = [*position_m, 1.0, 0.0, 0.0, 0.0]
         joint.qvel[:] = 0.0
         mujoco.mj_kinematics(self.world.model, self.world.data)
-        self.judge.reset()
+        self.judge.moved(self.prop)
 
     @property
     def held(self) -> bool:
@@ -135,9 +130,7 @@ class StandIn:
             # Actuator length counts from the closed stop.
             data.actuator(f"{follower}/{motor.name}").ctrl = motor.kp * self._opening[side] * (opened - closed)
         self.world.step(TICK_STEPS)
-        sim_s, position = self.world.sim_s, data.body(self.prop).xpos.tolist()
-        held = partial(self._contacts.holds, self.prop)
-        self.events += self.judge.update(sim_s, sim_s, position, held) + self.task.update()
+        self.events += self.judge.update(self.world.sim_s)
 
     def _lead(self, side: str) -> tuple[np.ndarray, float]:
         """Where the leader is, and its trigger."""

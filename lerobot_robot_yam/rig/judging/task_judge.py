@@ -1,4 +1,4 @@
-"""Was the task done? Stages of success, judged from the true world alone. Pure: `task_session` feeds it."""
+"""Was the task done? Stages of success, judged from the true world alone. Pure: `judge` feeds it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -39,12 +39,12 @@ class TaskJudge:
     Args:
         task: what to judge by.
         arms: channels of the arms.
-        begin: the world as it was strewn.
+        begin: the world at the start.
         time_limit_s: in place of the task's, if not None.
 
     Attributes:
         stage: stages reached so far.
-        success, failed: the verdict; neither before it is given, and then it stands.
+        success, failed: the verdict; once one of them is true it stands.
         reason: why it failed.
     """
 
@@ -58,13 +58,18 @@ class TaskJudge:
         self.success = self.failed = False
         self.reason = ""
 
+    @property
+    def decided(self) -> bool:
+        """Whether the verdict is given."""
+        return self.success or self.failed
+
     def update(self, view: View) -> list[dict[str, Any]]:
         """Look at the world; returns what this decides, as events.
 
         Their `kind` is "task_stage" (with `stage`, the number reached, 0 after a setback), "task_success" or
         "task_failed" (with `reason`); all have `task` and `since_s`, the simulated time since the start.
         """
-        if self.success or self.failed:
+        if self.decided:
             return []
         since_s = view.sim_s - self._begin_s
         if fallen := [name for name in self._heights if view.frames[name][0][2] < FALL_M]:

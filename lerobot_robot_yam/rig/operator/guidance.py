@@ -153,10 +153,11 @@ class Guide:
         """Look.
 
         Raises:
-            Interrupted: the arms are switched off, or have begun to go their own way.
+            Interrupted: the arms are switched off, or have begun to go their own way. The hands have let go.
         """
         sight = self._hands.look()
         if not sight.willing:
+            self._hands.let_go()
             raise Interrupted
         return sight
 

@@ -15,7 +15,7 @@ import numpy as np
 from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.scene.props import Thing, check_things
-from lerobot_robot_yam.rig.scene.tasks import SCRIPTS, Task, check_tasks
+from lerobot_robot_yam.rig.scene.tasks import PICK_AND_PLACE, SCRIPTS, Task, check_tasks
 from lerobot_robot_yam.system.paths import user_path
 from lerobot_robot_yam.system.strict_yaml import array_field, merge, parse, read_yaml
 
@@ -23,7 +23,7 @@ _DIRECTORY = Path(__file__).parent / "scenes"
 SCENES = tuple(sorted(path.stem for path in _DIRECTORY.glob("*.yaml")))
 DEFAULT_SCENE = "bimanual_table"
 ROLES = ("follower", "leader")
-OPERATORS = ("none", "pick_and_place")  # and those tasks of the scene that it has a script for
+OPERATORS = ("none", PICK_AND_PLACE.name)  # and those tasks of the scene that it has a script for
 WATCHDOGS = ("limp", "damping")
 SERIALS = ("unique", "same")
 _TIMESTEPS_S = (1e-4, 0.01)

@@ -10,6 +10,7 @@ tasks:
       - {prop: cube, released: true, still: true, for_s: 0.3, inside: {center_m: [0.34, 0.12, 0.025], ...}}
 """
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
@@ -20,7 +21,7 @@ from lerobot_robot_yam.rig.scene.props import Thing
 from lerobot_robot_yam.system.strict_yaml import array_field
 
 SCRIPTS = ("lift_and_place", "handover", "drawer", "insertion")
-"""What the scripted operator can do, see `operators`."""
+"""What the scripted operator does for tasks, see `operator.scripts.catalog`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +91,10 @@ class Task:
     def does(self) -> str:
         """The operator's script for it."""
         return self.script or self.name
+
+
+PICK_AND_PLACE = Task("pick_and_place", "Carry the prop from A to B and back, handing it over at M.", math.inf, ())
+"""What the scripted operator does without end in any scene that has these places; nobody judges it."""
 
 
 def check_tasks(tasks: Sequence[Task], things: Sequence[Thing], followers: Collection[str], where: str) -> None:

@@ -1,6 +1,5 @@
-"""The rig without its sockets: a world, the channels with motors and handles, hands, pushes, judges, the task."""
+"""The rig without its sockets: a world, the channels with motors and handles, hands, pushes, the judge."""
 
-import functools
 from typing import Any
 
 import numpy as np
@@ -10,14 +9,12 @@ from lerobot_robot_yam.rig.bus.channel import Channel
 from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
 from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
 from lerobot_robot_yam.rig.judging.extremes import Watch
-from lerobot_robot_yam.rig.judging.task_session import TaskSession
-from lerobot_robot_yam.rig.judging.transfer_judge import Judge
+from lerobot_robot_yam.rig.judging.judge import Judge
 from lerobot_robot_yam.rig.judging.truth import TruthRecorder
 from lerobot_robot_yam.rig.scene.scene import ArmPlacement, Scene, serial_number
 from lerobot_robot_yam.rig.simulation.events import EventLog
 from lerobot_robot_yam.rig.simulation.hand import Hand
 from lerobot_robot_yam.rig.world.ballast import Ballast
-from lerobot_robot_yam.rig.world.contacts import Contacts
 from lerobot_robot_yam.rig.world.shaft import Drive
 from lerobot_robot_yam.rig.world.world import World, gripper_stroke
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
@@ -49,11 +46,7 @@ class RigDevice:
             self.ballast[row.channel] = Ballast(self.world, row.channel)
             if row.role == "leader":
                 self.hands[row.channel] = Hand(self.world, row.channel, handle)
-        places = {name: point[:2].tolist() for name, point in (scene.places or {}).items()}
-        self.judges = {box.name: Judge(box.name, places) for box in scene.props} if len(places) >= 2 else {}
-        self._contacts = Contacts(self.world)
-        self.task = TaskSession(self.world, self._contacts)
-        self._prop_bodies = {name: self.world.model.body(name).id for name in self.judges}
+        self.judge = Judge(self.world)
         self._pushes: dict[int, float] = {}  # body → simulated time of the end
         self._all_motors = [motor for channel in self.channels.values() for motor in channel.motors]
         self._adapters = [channel.adapter for channel in self.channels.values()]
@@ -141,11 +134,7 @@ class RigDevice:
             if sim_s >= end_s:
                 self.world.data.xfrc_applied[body] = 0.0
                 del self._pushes[body]
-        for name, judge in self.judges.items():
-            position = self.world.data.xpos[self._prop_bodies[name]].tolist()
-            for event in judge.update(sim_s, now_s, position, functools.partial(self._contacts.holds, name)):
-                self.events.add(event.pop("kind"), **event)
-        for event in self.task.update():
+        for event in self.judge.update(now_s):
             self.events.add(event.pop("kind"), **event)
         for name, hand in self.hands.items():
             if hand.resisted and not self._any_enabled(name):
@@ -155,13 +144,6 @@ class RigDevice:
 
     def _any_enabled(self, channel: str) -> bool:
         return any(motor.enabled for motor in self.channels[channel].motors)
-
-    def set_task(self, name: str, seed: int, time_limit_s: float | None) -> None:
-        """Begin an attempt at a task of the scene, see `TaskSession.place`."""
-        self.task.place(name, seed, time_limit_s)
-        for judge in self.judges.values():
-            judge.reset()
-        self.events.add("task_placed", task=name, seed=seed)
 
     def push(self, body: int, force_n: np.ndarray, seconds: float) -> None:
         """Push a body at its centre of mass with a force (3,) in world axes."""

@@ -141,23 +141,23 @@ def _place(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
         raise ConfigError(f"{quat.tolist()} is no orientation; a quaternion is w x y z, not all zero")
     world.put(prop, position, quat)
     world.refresh()
-    if prop in device.judges:
-        device.judges[prop].reset()
+    device.judge.moved(prop)
     device.events.add("placed", prop=prop, pos=position.tolist())
     return {}
 
 
 @_operation
 def _task(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
-    limit_s = request.get("time_limit_s")
+    name, limit_s = str(request["name"]), request.get("time_limit_s")
     seed = whole(request["seed"], 0, _SEED_MAX)
-    device.set_task(str(request["name"]), seed, None if limit_s is None else number(limit_s, 0.0))
+    device.judge.place(name, seed, None if limit_s is None else number(limit_s, 0.0))
+    device.events.add("task_placed", task=name, seed=seed)
     return {}
 
 
 @_operation
 def _task_state(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
-    return device.task.state()
+    return device.judge.state()
 
 
 @_operation

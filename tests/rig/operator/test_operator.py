@@ -12,9 +12,9 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.client.rig_control import RigControl, running_rig
 from lerobot_robot_yam.rig.operator.guidance import Interrupted
-from lerobot_robot_yam.rig.operator.operator import check_arms, make_layout
-from lerobot_robot_yam.rig.operator.pick_and_place import Layout, PickAndPlace
-from lerobot_robot_yam.rig.operator.scripts.setup import SIDES, make_planners
+from lerobot_robot_yam.rig.operator.operator import RigHands
+from lerobot_robot_yam.rig.operator.scripts.catalog import CATALOG, make_script
+from lerobot_robot_yam.rig.operator.scripts.setup import SIDES, Setup, make_setup
 from lerobot_robot_yam.rig.scene.scene import Scene, load_scene
 from lerobot_robot_yam.session.arm_session import ArmSession
 from tests.support.stand_in import StandIn, described
@@ -31,8 +31,8 @@ def description(scene):
 
 
 @pytest.fixture(scope="module")
-def planners(description):
-    return make_planners(description)
+def setup(description) -> Setup:
+    return make_setup(description, "pick_and_place")
 
 
 @pytest.fixture
@@ -41,8 +41,8 @@ def world(scene):
 
 
 @pytest.fixture
-def task(description, planners, world):
-    task = PickAndPlace(world, planners, make_layout(description))
+def task(setup, world):
+    task = CATALOG["pick_and_place"](world, setup)
     task.begin()
     return task
 
@@ -52,7 +52,7 @@ def kinds(world: StandIn) -> list[str]:
 
 
 def test_there_and_back(task, world):
-    assert all(task.step() for _ in range(4))
+    assert all(task.work() for _ in range(4))
     world.wait(0.5)
     assert kinds(world) == ["transfer", "transfer", "cycle"] * 2
     places = [(event["from"]["place"], event["to"]["place"]) for event in world.events if event["kind"] == "transfer"]
@@ -66,7 +66,7 @@ def test_there_and_back(task, world):
 
 @pytest.mark.long
 def test_two_dozen_transfers_without_a_miss(task, world):
-    assert all(task.step() for _ in range(24))
+    assert all(task.work() for _ in range(24))
     assert kinds(world).count("transfer") >= 23 and "drop" not in kinds(world)
 
 
@@ -78,7 +78,7 @@ def test_it_takes_the_cube_from_where_it_is(task, world, xy_m, yaw_rad):
     joint.qpos[:] = [*xy_m, 0.02, np.cos(yaw_rad / 2), 0.0, 0.0, np.sin(yaw_rad / 2)]
     goal = world.world.scene.places["B"]
     for _ in range(3):
-        task.step()
+        task.work()
         found = world.look().things["cube"].position_m
         if np.linalg.norm(found - goal) < 0.01:
             return
@@ -94,16 +94,16 @@ def test_a_missed_grasp_is_tried_again(task, world):
             world.before_tick = None
 
     world.before_tick = snatch
-    assert not task.step()
-    assert task.step()
+    assert not task.work()
+    assert task.work()
     world.wait(0.3)
     assert kinds(world)[-1] == "transfer"
 
 
 def test_a_prop_out_of_reach_is_put_back(task, world):
     world.put_back(np.array([0.75, 0.0, 0.02]))
-    assert not task.step()
-    assert task.step()
+    assert not task.work()
+    assert task.work()
 
 
 @pytest.mark.parametrize(
@@ -123,7 +123,7 @@ def test_a_follower_that_stops_following_is_waited_for(task, world, after_s, fir
 
     world.before_tick = pause
     for _ in range(4):
-        task.step()
+        task.work()
     world.wait(0.3)
     assert kinds(world)[:2] == first
     assert "fall" not in kinds(world)
@@ -137,7 +137,8 @@ def test_switching_off_makes_it_let_go(task, world):
 
     world.before_tick = switch_off
     with pytest.raises(Interrupted):
-        task.run()
+        while True:
+            task.work()
     assert not world.held
 
 
@@ -149,15 +150,12 @@ def test_a_scene_that_lacks_something_is_refused_by_name(description, missing):
     if missing == "props":
         description["props"] = []
     with pytest.raises(ConfigError, match="prop" if missing == "props" else missing):
-        make_layout(description)
-        check_arms(description, SIDES)
+        make_script(RigHands(None, description), description, "pick_and_place")
 
 
-def test_the_layout_keeps_the_idle_arm_out_of_the_middle(description):
-    layout = make_layout(description)
-    assert isinstance(layout, Layout)
-    for home in layout.homes_m.values():
-        assert np.linalg.norm(np.array(home[:2]) - layout.places_m["M"]) > 0.15
+def test_the_idle_arm_waits_outside_the_middle(setup):
+    for home in setup.homes_m.values():
+        assert np.linalg.norm((home - setup.places_m["M"])[:2]) > 0.15
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from lerobot_robot_yam.rig.operator.guidance import Interrupted
 from lerobot_robot_yam.rig.operator.scripts.catalog import CATALOG, make_script
 from lerobot_robot_yam.rig.operator.scripts.setup import make_setup
 from lerobot_robot_yam.rig.scene.scene import load_scene
-from lerobot_robot_yam.rig.scene.tasks import SCRIPTS
+from lerobot_robot_yam.rig.scene.tasks import PICK_AND_PLACE, SCRIPTS
 from tests.support.stand_in import StandIn, described
 
 ARMS = {"arms": ["follower_left", "follower_right"]}
@@ -39,16 +39,16 @@ def ready(task: str, **options):
 
 def attempted(world: StandIn, script, seed: int) -> dict:
     """The judge's word on one attempt, and how long it took with the way home."""
-    world.task.place(script.setup.task.name, seed)
+    world.judge.place(script.setup.task.name, seed)
     begun = world.now()
     script.attempt()
     took_s = world.now() - begun
     world.wait(0.5)
-    return {**world.task.state(), "took_s": took_s}
+    return {**world.judge.state(), "took_s": took_s}
 
 
 def test_every_script_has_an_operator():
-    assert tuple(CATALOG) == SCRIPTS
+    assert tuple(CATALOG) == (*SCRIPTS, PICK_AND_PLACE.name)
 
 
 @pytest.mark.parametrize("task", SCRIPTS)
@@ -93,10 +93,10 @@ def test_a_cube_that_is_moved_meanwhile_is_taken_from_where_it_went():
 
 def test_what_is_out_of_reach_is_left_alone_and_the_arms_wait_again():
     world, script = ready("lift_and_place")
-    world.task.place("lift_and_place", 0)
+    world.judge.place("lift_and_place", 0)
     world.put_back(np.array([0.75, 0.3, 0.0225]))
     script.attempt()
-    assert not world.task.state()["success"]
+    assert not world.judge.state()["success"]
     for side, q in world.look().follower_rad.items():
         assert q == pytest.approx(script.setup.home_rad(side), abs=0.03)
 

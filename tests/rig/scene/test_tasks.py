@@ -7,10 +7,9 @@ import pytest
 import yaml
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.judging.task_session import TaskSession
+from lerobot_robot_yam.rig.judging.judge import Judge
 from lerobot_robot_yam.rig.scene.scene import SCENES, load_scene
 from lerobot_robot_yam.rig.scene.tasks import SCRIPTS
-from lerobot_robot_yam.rig.world.contacts import Contacts
 from lerobot_robot_yam.rig.world.world import World
 from tests.support.paths import ROOT
 
@@ -95,10 +94,10 @@ def test_the_scene_in_the_documentation_works(tmp_path):
     text = (ROOT / "docs" / "scenes.md").read_text()
     (tmp_path / "lab.yaml").write_text(re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)[0])
     world = World(load_scene(tmp_path / "lab.yaml"))
-    session = TaskSession(world, Contacts(world))
-    session.place("pen_into_box", 0)
+    judge = Judge(world)
+    judge.place("pen_into_box", 0)
     world.step(800)
-    assert not session.update() and session.state()["stage"] == 0
+    assert not judge.update(0.0) and judge.state()["stage"] == 0
     assert world.data.joint("lid").qpos[0] > np.pi / 2  # it stays open
     assert np.linalg.norm(world.data.body("box").xpos - [0.4, 0.2, 0.0]) < 0.01
 

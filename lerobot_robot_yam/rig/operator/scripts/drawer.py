@@ -3,14 +3,14 @@
 import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.operator.scripts.script import Script, grip_yaw
+from lerobot_robot_yam.rig.operator.scripts.script import Script
 
 _AWAY_M = 0.04
 _PULL_S = 1.2
 
 
 class Drawer(Script):
-    """The joint and how far it goes are those of the last stage of success; the handle is the first grip."""
+    """Joint and opening are those of the last stage of success; the handle is the first grip."""
 
     def work(self) -> bool:
         stage = self.setup.last
@@ -21,9 +21,7 @@ class Drawer(Script):
         front = sight.things[stage.joint]
         point = front.point(grip.point_m)
         worker = self.workers[self.setup.nearest(point)]
-        yaw = worker.planner.grasp_yaw(point, grip_yaw(grip, front), grip.turns)
-        worker.reach(point, yaw)
-        worker.close()
+        yaw = self.take(worker, front, grip)
         low, high = stage.joint_range
         way = (0.5 * (low + high) - sight.joints[stage.joint]) * joint.axis / np.linalg.norm(joint.axis)
         worker.go(point + front.rotation @ way, yaw, _PULL_S)

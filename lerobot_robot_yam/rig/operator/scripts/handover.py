@@ -4,21 +4,19 @@ import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.operator.guidance import Hands
-from lerobot_robot_yam.rig.operator.scripts.script import Script, grip_yaw, turned
+from lerobot_robot_yam.rig.operator.scripts.script import PUT_DOWN_M, Script, lifted
 from lerobot_robot_yam.rig.operator.scripts.setup import Setup
 from lerobot_robot_yam.rig.operator.worker import Worker
 from lerobot_robot_yam.rig.scene.props import Grip
 
 _MIDDLE = "middle"
-_LIFTED_M = 0.03
-_PUT_DOWN_M = 0.002
 _AWAY_M = 0.04
 _CLEAR_S = 0.5  # the giver's lead before the bar is moved
 
 
 class Handover(Script):
-    """The bar is the prop of the last stage of success, with a grip for each hand; at `middle` both hold it. The arm
-    that is nearest to the goal takes it.
+    """The bar is the prop of the last stage of success, with a grip for each hand. Both arms hold it at the place
+    `middle`. The arm nearest to the goal takes it over.
     """
 
     height_m = 0.18
@@ -36,10 +34,7 @@ class Handover(Script):
         gives, takes = self._grips(giver)
         if not self._offer(giver, taker, gives, takes):
             return False
-        bar = self.look_at(self._bar)
-        point = bar.point(takes.point_m)
-        taker.reach(point, taker.planner.grasp_yaw(point, grip_yaw(takes, bar), takes.turns))
-        taker.close()
+        self.take(taker, self.look_at(self._bar), takes)
         giver.open()
         giver.rise(_AWAY_M)
         giver.go_home()
@@ -47,7 +42,7 @@ class Handover(Script):
         return self._lay(taker, takes)
 
     def _grips(self, giver: Worker) -> tuple[Grip, Grip]:
-        """Where the giver holds it, which is the end nearer to it, and where the taker does."""
+        """The giver's grip, which is the nearer one, and the taker's."""
         bar, base = self.look_at(self._bar), self.setup.bases_m[giver.side]
         both = [self.grip_of(self._bar, number) for number in range(2)]
         near, far = sorted(both, key=lambda grip: float(np.linalg.norm(bar.point(grip.point_m) - base)))
@@ -56,33 +51,34 @@ class Handover(Script):
     def _offer(self, giver: Worker, taker: Worker, gives: Grip, takes: Grip) -> bool:
         """Lift it and hold it between the arms, pointing from base to base."""
         bar = self.look_at(self._bar)
-        point = bar.point(gives.point_m)
-        yaw = giver.planner.grasp_yaw(point, grip_yaw(gives, bar), gives.turns)
-        giver.reach(point, yaw)
-        giver.close()
+        yaw = self.take(giver, bar, gives)
         across, along = self.setup.bases_m[taker.side] - self.setup.bases_m[giver.side], takes.point_m - gives.point_m
         bar_yaw = np.arctan2(across[1], across[0]) - np.arctan2(along[1], along[0])
-        target = self.setup.places_m[_MIDDLE] + turned(gives.point_m, bar_yaw)
-        return self._carry(giver, target, yaw + bar_yaw - bar.yaw_rad)
+        target = self.setup.places_m[_MIDDLE] + _turned(gives.point_m, bar_yaw)
+        return self._bring(giver, target, yaw + bar_yaw - bar.yaw_rad)
 
     def _lay(self, taker: Worker, takes: Grip) -> bool:
-        """Lay it along the goal, either way round."""
+        """Lay it along the goal, the way round that turns the wrist less."""
         goal, bar = self.goal(), self.look_at(self._bar)
         _, yaw = taker.planner.tool(self.guide.q[taker.side])
         ways = []
         for bar_yaw in (goal.yaw_rad, goal.yaw_rad + np.pi):
-            target = goal.position_m + turned(takes.point_m, bar_yaw) + [0.0, 0.0, _PUT_DOWN_M]
+            target = goal.position_m + _turned(takes.point_m, bar_yaw) + [0.0, 0.0, PUT_DOWN_M]
             tool_yaw = yaw + bar_yaw - bar.yaw_rad
             wrist = (tool_yaw - taker.planner.natural_yaw(target) + np.pi) % (2 * np.pi) - np.pi
             ways.append((abs(wrist), target, tool_yaw))
         _, target, tool_yaw = min(ways, key=lambda way: way[0])
-        if not self._carry(taker, target, tool_yaw):
+        if not self._bring(taker, target, tool_yaw):
             return False
         taker.open()
-        region = self.setup.last.inside
-        off = self.look_at(self._bar).position_m - goal.position_m
-        return region is not None and bool(np.linalg.norm(off[:2]) < region.radius_m)
+        return self.lies_at_goal()
 
-    def _carry(self, worker: Worker, target_m: np.ndarray, yaw_rad: float) -> bool:
-        lying = self.setup.things[self._bar].center_m[2]
-        return worker.carry(target_m, yaw_rad, lambda sight: sight.things[self._bar].position_m[2] - lying > _LIFTED_M)
+    def _bring(self, worker: Worker, target_m: np.ndarray, yaw_rad: float) -> bool:
+        return worker.carry(target_m, yaw_rad, lifted(self._bar, self.setup.things[self._bar].center_m[2]))
+
+
+def _turned(local_m: np.ndarray, yaw_rad: float) -> np.ndarray:
+    """(3,) turned about the vertical."""
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    x, y, z = local_m
+    return np.array([c * x - s * y, s * x + c * y, z])

@@ -4,7 +4,7 @@ import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.operator.guidance import Hands
-from lerobot_robot_yam.rig.operator.scripts.script import Script, grip_yaw
+from lerobot_robot_yam.rig.operator.scripts.script import Script, lifted
 from lerobot_robot_yam.rig.operator.scripts.setup import Setup
 from lerobot_robot_yam.rig.operator.sight import Pose, Sight
 from lerobot_robot_yam.rig.operator.worker import Worker
@@ -28,20 +28,17 @@ class Insertion(Script):
         region = setup.last.inside
         if region is None or not region.frame:
             raise ConfigError(f"task {setup.task.name}: its last stage needs a region in the frame of the block")
-        self._peg, self._block = setup.last.prop, region.frame
+        self._region, self._peg, self._block = region, setup.last.prop, region.frame
 
     def work(self) -> bool:
         grip, peg = self.grip_of(self._peg), self.look_at(self._peg)
         point = peg.point(grip.point_m)
         worker = self.workers[self.setup.nearest(point)]
-        grasp_yaw = worker.planner.grasp_yaw(point, grip_yaw(grip, peg), grip.turns)
-        worker.reach(point, grasp_yaw)
-        worker.close()
+        grasp_yaw = self.take(worker, peg, grip)
         rim = self._rim(self.guide.see())
         target = rim.position_m + grip.point_m + [0.0, 0.0, _HOVER_M]
         yaw = worker.planner.grasp_yaw(target, rim.edge_yaw_rad, grip.turns)
-        begin = peg.position_m[2]
-        if not worker.carry(target, yaw, lambda sight: sight.things[self._peg].position_m[2] - begin > _LIFTED_M):
+        if not worker.carry(target, yaw, lifted(self._peg, peg.position_m[2], _LIFTED_M)):
             return False
         if not any(self._enter(worker) for _ in range(_ENTRIES)):
             worker.carry(point, grasp_yaw, lambda sight: True)  # back to where it stood, to take it anew
@@ -70,9 +67,7 @@ class Insertion(Script):
     def _enter(self, worker: Worker) -> bool:
         """Aim, and down into the hole; False when it stands on the rim."""
         worker.approach(self._off, _AIM_M, _AIM_RAD, _AIMS, above_m=_ABOVE_M)
-        region = self.setup.last.inside
-        assert region is not None
-        depth = float(self.grip_of(self._block).point_m[2] - region.center_m[2])
+        depth = float(self.grip_of(self._block).point_m[2] - self._region.center_m[2])
         point, yaw = worker.planner.tool(self.guide.q[worker.side])
         for below in (_HOVER_M + 1.5 * _ENTERED_M, _HOVER_M + depth):
             worker.go(point - [0.0, 0.0, below], yaw, 0.8)

@@ -2,6 +2,7 @@
 
 import logging
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from typing import ClassVar
 
 import numpy as np
@@ -9,12 +10,14 @@ import numpy as np
 from lerobot_robot_yam.errors import ConfigError, RigError
 from lerobot_robot_yam.rig.operator.guidance import Guide, Hands
 from lerobot_robot_yam.rig.operator.scripts.setup import Setup
-from lerobot_robot_yam.rig.operator.sight import Pose
+from lerobot_robot_yam.rig.operator.sight import Pose, Sight
 from lerobot_robot_yam.rig.operator.worker import Worker
 from lerobot_robot_yam.rig.scene.props import Grip
 
 logger = logging.getLogger(__name__)
 
+PUT_DOWN_M = 0.002  # above where it shall lie a prop is let go
+_LIFTED_M = 0.03  # a prop that rose less slipped from the fingers
 _TRIES = 4
 
 
@@ -27,10 +30,12 @@ class Script(ABC):
 
     Attributes:
         height_m: height of the tool on its way over the table.
-        workers: the arm of each side.
+        endless: `work` is done again and again from where it ended; nothing is placed, nothing judged.
+        workers: side → its arm.
     """
 
     height_m: ClassVar[float] = 0.125
+    endless: ClassVar[bool] = False
 
     def __init__(self, hands: Hands, setup: Setup):
         self.setup = setup
@@ -54,7 +59,7 @@ class Script(ABC):
             self.guide.settle(worker.side)
 
     def attempt(self) -> None:
-        """Do the task once, from what is seen; a few tries where something slips. It does not say whether it is done.
+        """Do the task once, from what is seen, in a few tries where something slips.
 
         Raises:
             Interrupted: the arms are switched off.
@@ -81,6 +86,15 @@ class Script(ABC):
         for worker in self.workers.values():
             worker.wait()
 
+    def take(self, worker: Worker, thing: Pose, grip: Grip) -> float:
+        """Reach a thing at a grip and close the fingers on it; returns the yaw of the tool."""
+        point = thing.point(grip.point_m)
+        thing_yaw = thing.edge_yaw_rad if grip.turns == 4 else thing.yaw_rad
+        yaw = worker.planner.grasp_yaw(point, grip.yaw_rad + thing_yaw, grip.turns)
+        worker.reach(point, yaw)
+        worker.close()
+        return yaw
+
     def look_at(self, thing: str) -> Pose:
         """Where a thing is now."""
         return self.guide.see().things[thing]
@@ -96,6 +110,12 @@ class Script(ABC):
             raise ConfigError(f"task {self.setup.task.name}: {thing} needs {number + 1} grips; it has {len(grips)}")
         return grips[number]
 
+    def lies_at_goal(self) -> bool:
+        """Whether the prop of the last stage is in its region, seen from above."""
+        goal, region = self.goal(), self.setup.last.inside
+        off = self.look_at(self.setup.last.prop).position_m - goal.position_m
+        return region is not None and bool(np.linalg.norm(off[:2]) < region.radius_m)
+
     def goal(self) -> Pose:
         """Where the last stage of success wants its prop: the middle of the region, as its frame is turned."""
         region = self.setup.last.inside
@@ -107,13 +127,6 @@ class Script(ABC):
         return Pose(frame.point(region.center_m), frame.quat_wxyz)
 
 
-def grip_yaw(grip: Grip, pose: Pose) -> float:
-    """Yaw of a tool that takes a thing by a grip, one of `grip.turns`."""
-    return grip.yaw_rad + (pose.edge_yaw_rad if grip.turns == 4 else pose.yaw_rad)
-
-
-def turned(local_m: np.ndarray, yaw_rad: float) -> np.ndarray:
-    """(3,) turned about the vertical."""
-    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
-    x, y, z = local_m
-    return np.array([c * x - s * y, s * x + c * y, z])
+def lifted(prop: str, from_m: float, by_m: float = _LIFTED_M) -> Callable[[Sight], bool]:
+    """For `Worker.carry`: whether a prop has risen above the height `from_m` at which it lay."""
+    return lambda sight: bool(sight.things[prop].position_m[2] - from_m > by_m)

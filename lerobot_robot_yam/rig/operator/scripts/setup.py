@@ -11,7 +11,7 @@ from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.operator.plan import ArmPlanner
 from lerobot_robot_yam.rig.scene.props import Thing
-from lerobot_robot_yam.rig.scene.tasks import Stage, Task
+from lerobot_robot_yam.rig.scene.tasks import PICK_AND_PLACE, Stage, Task
 from lerobot_robot_yam.system.strict_yaml import parse
 
 SIDES = ("left", "right")
@@ -83,7 +83,7 @@ def make_setup(scene: Mapping[str, Any], task: str) -> Setup:
     """
     where = f"scene {scene['name']}"
     tasks = {row["name"]: row for row in scene["tasks"]}
-    if task not in tasks:
+    if task not in tasks and task != PICK_AND_PLACE.name:
         raise ConfigError(f"{where} has no task '{task}'; it has: {', '.join(tasks) or 'none'}")
     planners = make_planners(scene)
     missing = [side for side in planners or SIDES if side not in scene["homes"] or not planners]
@@ -91,7 +91,7 @@ def make_setup(scene: Mapping[str, Any], task: str) -> Setup:
         raise ConfigError(f"{where}: task {task} needs followers, and under homes a waiting place of each: {missing}")
     things = [parse(Thing, row, f"{where}: {row['name']}") for row in (*scene["props"], *scene["furniture"])]
     return Setup(
-        task=parse(Task, tasks[task], f"{where}: task {task}"),
+        task=parse(Task, tasks[task], f"{where}: task {task}") if task in tasks else PICK_AND_PLACE,
         things={thing.name: thing for thing in things},
         planners=planners,
         bases_m={side: planner.base_m for side, planner in planners.items()},

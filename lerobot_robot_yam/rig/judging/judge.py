@@ -1,5 +1,9 @@
-"""The task that a rig is set: strews the world by a seed, has the attempt judged, and tells how it stands."""
+"""The rig's judge: it counts transfers of every prop, strews a task's things by a seed, and judges the attempt.
 
+It goes by the true world alone, never by what an operator says.
+"""
+
+import functools
 import math
 from typing import Any
 
@@ -8,36 +12,36 @@ import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.judging.task_judge import TaskJudge, View
+from lerobot_robot_yam.rig.judging.transfers import Transfers
 from lerobot_robot_yam.rig.scene.furnish import yaw_quat
 from lerobot_robot_yam.rig.scene.tasks import Task
 from lerobot_robot_yam.rig.world.contacts import Contacts
 from lerobot_robot_yam.rig.world.world import World
 
 
-class TaskSession:
-    """At most one task at a time, of those that the scene has.
+class Judge:
+    """Watches a world: at any time the transfers between the scene's places, and at most one task of the scene."""
 
-    Args:
-        world: the physics.
-        contacts: of its props.
-    """
-
-    def __init__(self, world: World, contacts: Contacts):
-        self._world, self._contacts = world, contacts
+    def __init__(self, world: World):
+        self._world, self._contacts = world, Contacts(world)
         self._tasks = {task.name: task for task in world.scene.tasks}
         self._arms = frozenset(world.profiles)
-        model = world.model
+        model, props = world.model, world.scene.props
         self._bodies = {thing.name: model.body(thing.name).id for thing in world.scene.things}
-        self._dofs = {thing.name: int(model.joint(thing.name).dofadr[0]) for thing in world.scene.props}
-        self._joints = {
-            thing.name: int(model.joint(thing.name).qposadr[0])
-            for thing in world.scene.furniture
-            if thing.joint is not None
-        }
+        self._dofs = {thing.name: int(model.joint(thing.name).dofadr[0]) for thing in props}
+        jointed = [thing.name for thing in world.scene.furniture if thing.joint is not None]
+        self._joints = {name: int(model.joint(name).qposadr[0]) for name in jointed}
+        places = {name: point[:2].tolist() for name, point in (world.scene.places or {}).items()}
+        self._transfers = {thing.name: Transfers(thing.name, places) for thing in props} if len(places) >= 2 else {}
         self._task: Task | None = None
-        self._judge: TaskJudge | None = None
+        self._attempt: TaskJudge | None = None
         self._seed = 0
         self._begin_s = self._decided_s = 0.0
+
+    def moved(self, prop: str) -> None:
+        """A prop was put somewhere: that is no transfer."""
+        if prop in self._transfers:
+            self._transfers[prop].reset()
 
     def place(self, task_name: str, seed: int, time_limit_s: float | None = None) -> None:
         """Begin an attempt: every thing where `seed` has it, at rest. The arms stay as they are.
@@ -51,11 +55,12 @@ class TaskSession:
             raise ConfigError(f"no task {task_name!r}; the scene has {', '.join(self._tasks) or 'none'}")
         task, world = self._tasks[task_name], self._world
         random = np.random.default_rng(seed)
-        for thing in world.scene.props:
+        props = {thing.name: thing for thing in world.scene.props}
+        for thing in props.values():
             world.put(thing.name, thing.center_m, yaw_quat(thing.yaw_rad))
+            self.moved(thing.name)
         for name in self._joints:
             world.set_joint(name, 0.0)
-        props = {thing.name: thing for thing in world.scene.props}
         for draw in task.randomise:
             if draw.position is not None:
                 world.set_joint(draw.thing, random.uniform(*draw.position))
@@ -68,30 +73,36 @@ class TaskSession:
         mujoco.mj_forward(world.model, world.data)
         world.refresh()
         self._task, self._seed, self._begin_s = task, seed, world.sim_s
-        self._judge = TaskJudge(task, self._arms, self._view(), time_limit_s)
+        self._attempt = TaskJudge(task, self._arms, self._view(), time_limit_s)
 
-    def update(self) -> list[dict[str, Any]]:
-        """Look at the world; returns what was decided, as `TaskJudge.update` does, each with the seed."""
-        if self._judge is None or self._judge.success or self._judge.failed:
-            return []
-        events = self._judge.update(self._view())
-        self._decided_s = self._world.sim_s
-        return [{**event, "seed": self._seed} for event in events]
+    def update(self, now_s: float) -> list[dict[str, Any]]:
+        """Look at the world at a time of the clock; returns what happened and was decided.
+
+        Events are those of `Transfers.update` and `TaskJudge.update`, the latter with the seed.
+        """
+        world = self._world
+        events = []
+        for name, transfers in self._transfers.items():
+            position = world.data.xpos[self._bodies[name]].tolist()
+            events += transfers.update(world.sim_s, now_s, position, functools.partial(self._contacts.holds, name))
+        if self._attempt is not None and not self._attempt.decided:
+            events += [{**event, "seed": self._seed} for event in self._attempt.update(self._view())]
+            self._decided_s = world.sim_s
+        return events
 
     def state(self) -> dict[str, Any]:
         """How the attempt stands, see `control.RigOperations.task_state`."""
-        task, judge = self._task, self._judge
-        if task is None or judge is None:
+        task, attempt = self._task, self._attempt
+        if task is None or attempt is None:
             return {"task": None}
-        decided = judge.success or judge.failed
         return {
             "task": task.name,
             "seed": self._seed,
-            "success": judge.success,
-            "failed": judge.failed,
-            "reason": judge.reason,
-            "since_s": (self._decided_s if decided else self._world.sim_s) - self._begin_s,
-            "stage": judge.stage,
+            "success": attempt.success,
+            "failed": attempt.failed,
+            "reason": attempt.reason,
+            "since_s": (self._decided_s if attempt.decided else self._world.sim_s) - self._begin_s,
+            "stage": attempt.stage,
             "stages": len(task.success),
         }
 

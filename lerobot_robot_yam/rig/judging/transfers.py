@@ -1,26 +1,26 @@
-"""Did the prop really move? Transfers and cycles judged from the world, never from the operator's word.
+"""Transfers and cycles of one prop, told from the true world alone. Pure: `judge` feeds it.
 
-A transfer is: the prop left the table, rose by at least `LIFT_M`, came to rest at least `CARRY_M` away, in nobody's
-hand. A cycle is a chain of transfers that brought it from one end place to the other. Pure: the server feeds it and
-logs its events.
+In a transfer the prop leaves the table, rises by at least `LIFT_M`, and comes to rest at least `CARRY_M` away, in no
+gripper. A cycle is a chain of transfers that brings it from one end place to the other.
 """
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from lerobot_robot_yam.rig.judging.task_judge import FALL_M, REST_SPEED_M_S
+
 LIFT_M = 0.05
 CARRY_M = 0.15
 AIRBORNE_M = 0.01
-REST_SPEED_M_S = 0.01
 REST_S = 0.2
 PLACE_RADIUS_M = 0.06
-FALL_M = -0.05
+_STEP_S = 0.004  # a shorter one does not tell a speed
 
 Point = tuple[float, ...]
 
 
-class Judge:
+class Transfers:
     """Follows one prop.
 
     Args:
@@ -33,23 +33,15 @@ class Judge:
         self._prop = prop
         self._places = {name: (float(xy[0]), float(xy[1])) for name, xy in places.items()}
         self._ends = tuple(ends)
+        self.reset()
+
+    def reset(self) -> None:
+        """The prop was put somewhere: what was under way does not count."""
         self._last: tuple[float, Point] | None = None
         self._rest: Point | None = None  # where it last lay still
         self._still_since: float | None = None
         self._moving: dict[str, Any] | None = None
         self._cycle: dict[str, Any] | None = None  # the start of the cycle under way
-        self._fallen = False
-
-    def place_of(self, position_m: Sequence[float]) -> str | None:
-        """Name of the place the prop lies at, None when at none."""
-        for name, xy in self._places.items():
-            if math.dist(position_m[:2], xy) < PLACE_RADIUS_M:
-                return name
-        return None
-
-    def reset(self) -> None:
-        """The prop was placed by hand: whatever was under way does not count."""
-        self._last = self._rest = self._still_since = self._moving = self._cycle = None
         self._fallen = False
 
     def update(
@@ -68,7 +60,7 @@ class Judge:
             self._last = (time_s, position)
             return []
         last_s, last = self._last
-        if time_s - last_s < 0.004:  # too short a step to tell a speed
+        if time_s - last_s < _STEP_S:
             return []
         self._last = (time_s, position)
         now = {"sim_s": round(time_s, 4), "monotonic_s": round(wall_s, 4)}
@@ -96,48 +88,39 @@ class Judge:
         self._moving["lift_m"] = max(self._moving["lift_m"], position[2] - self._moving["from"][2])
         if not still or position[2] - self._moving["from"][2] > AIRBORNE_M:
             return []
-        return self._settled(position, now)
-
-    def _settled(self, position: Point, now: dict[str, float]) -> list[dict[str, Any]]:
         moving, self._moving, self._rest = self._moving, None, position
-        assert moving is not None
-        carry = math.dist(position[:2], moving["from"][:2])
-        good = moving["lift_m"] >= LIFT_M and carry >= CARRY_M
-        event = self._event("transfer" if good else "drop", moving, position, now, moving["lift_m"], carry)
+        return self._settled(moving, position, now)
+
+    def _settled(self, moving: dict[str, Any], position: Point, now: dict[str, float]) -> list[dict[str, Any]]:
+        good = moving["lift_m"] >= LIFT_M and math.dist(position[:2], moving["from"][:2]) >= CARRY_M
+        events = [self._event("transfer" if good else "drop", moving, position, now)]
         if not good:
             self._cycle = None
-            return [event]
-        events = [event]
-        if self.place_of(moving["from"]) in self._ends:
+            return events
+        if self._place_of(moving["from"]) in self._ends:
             self._cycle = dict(moving)
         if self._cycle is not None:
             self._cycle["lift_m"] = min(self._cycle["lift_m"], moving["lift_m"])
-            ends = {self.place_of(self._cycle["from"]), self.place_of(position)}
-            if ends == set(self._ends):
-                span = math.dist(position[:2], self._cycle["from"][:2])
-                events.append(self._event("cycle", self._cycle, position, now, self._cycle["lift_m"], span))
+            if {self._place_of(self._cycle["from"]), self._place_of(position)} == set(self._ends):
+                events.append(self._event("cycle", self._cycle, position, now))
                 self._cycle = None
         return events
 
-    def _event(
-        self,
-        kind: str,
-        moving: dict[str, Any],
-        end: Point,
-        now: dict[str, float],
-        lift_m: float,
-        carry_m: float,
-    ) -> dict[str, Any]:
+    def _event(self, kind: str, moving: dict[str, Any], end: Point, now: dict[str, float]) -> dict[str, Any]:
         def where(position: Point) -> dict[str, Any]:
-            return {"place": self.place_of(position), "xy_m": [round(v, 4) for v in position[:2]]}
+            return {"place": self._place_of(position), "xy_m": [round(v, 4) for v in position[:2]]}
 
         return {
             "kind": kind,
             "prop": self._prop,
-            "lift_m": round(lift_m, 4),
-            "carry_m": round(carry_m, 4),
+            "lift_m": round(moving["lift_m"], 4),
+            "carry_m": round(math.dist(end[:2], moving["from"][:2]), 4),
             "from": where(moving["from"]),
             "to": where(end),
             "start": moving["start"],
             "end": now,
         }
+
+    def _place_of(self, position_m: Sequence[float]) -> str | None:
+        """Name of the place the prop lies at, None when at none."""
+        return next((name for name, xy in self._places.items() if math.dist(position_m[:2], xy) < PLACE_RADIUS_M), None)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.judging.task_session import TaskSession
+from lerobot_robot_yam.rig.judging.judge import Judge
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.rig.scene.scene import load_scene
 from lerobot_robot_yam.rig.scene.tasks import SCRIPTS
@@ -16,8 +16,8 @@ ARMS = {"arms": ["follower_left", "follower_right"]}
 
 def strewn(world: World, name: str, seed: int) -> np.ndarray:
     """qpos of everything but the arms."""
-    session = TaskSession(world, Contacts(world))
-    session.place(name, seed)
+    judge = Judge(world)
+    judge.place(name, seed)
     things = [thing.name for thing in world.scene.things if not thing.fixed]
     return np.concatenate([world.data.joint(name).qpos for name in things])
 
@@ -38,11 +38,11 @@ def test_things_are_strewn_within_their_bounds_lie_still_and_clear_of_the_arms(n
     scene = load_scene(name, ARMS)
     world = World(scene)
     contacts = Contacts(world)
-    session = TaskSession(world, contacts)
+    judge = Judge(world)
     (task,) = scene.tasks
     seen: dict[str, list[np.ndarray]] = {draw.thing: [] for draw in task.randomise}
     for seed in range(6):
-        session.place(name, seed)
+        judge.place(name, seed)
         placed = {thing.name: world.data.body(thing.name).xpos.copy() for thing in scene.props}
         for draw in task.randomise:
             if draw.x_m is not None:
@@ -54,8 +54,8 @@ def test_things_are_strewn_within_their_bounds_lie_still_and_clear_of_the_arms(n
         for prop, before in placed.items():
             assert np.linalg.norm(world.data.body(prop).xpos - before) < 2e-3, f"{prop} moved by itself"
             assert touching[prop] == {"table"}
-        assert not session.update()
-        assert session.state() | {"since_s": 0} == {
+        assert not judge.update(0.0)
+        assert judge.state() | {"since_s": 0} == {
             "task": name,
             "seed": seed,
             "success": False,

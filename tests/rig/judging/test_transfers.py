@@ -1,25 +1,25 @@
-"""The judge of transfers, on made-up histories of a prop."""
+"""The count of transfers, on made-up histories of a prop."""
 
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.rig.judging.transfer_judge import Judge
+from lerobot_robot_yam.rig.judging.transfers import Transfers
 
 PLACES = {"A": (0.3, 0.28), "M": (0.33, 0.0), "B": (0.3, -0.28)}
 A, M, B = ((*PLACES[name], 0.02) for name in "AMB")
 
 
 def judged(
-    *points, lie_s: float = 0.5, move_s: float = 1.0, judge: Judge | None = None, held: bool = False
+    *points, lie_s: float = 0.5, move_s: float = 1.0, transfers: Transfers | None = None, held: bool = False
 ) -> list[dict]:
     """Events of a prop that lies at the first point, moves in straight lines through the others, and lies again."""
-    judge = judge or Judge("cube", PLACES)
+    transfers = transfers or Transfers("cube", PLACES)
     track = [points[0]] * int(lie_s * 100)
     for start, end in zip(points, points[1:], strict=False):
         track += list(np.linspace(start, end, int(move_s * 100)))
     track += [points[-1]] * int(lie_s * 100)
     times = [i / 100 for i in range(len(track))]
-    updates = [judge.update(at, 1000 + at, point, lambda: held) for at, point in zip(times, track, strict=True)]
+    updates = [transfers.update(at, 1000 + at, point, lambda: held) for at, point in zip(times, track, strict=True)]
     return [event for events in updates for event in events]
 
 
@@ -62,11 +62,11 @@ def test_in_the_air_nothing_is_decided():
 
 def test_what_a_hand_still_holds_has_not_come_to_rest():
     low = (*M[:2], 0.025)  # 5 mm above the table
-    judge = Judge("cube", PLACES)
+    transfers = Transfers("cube", PLACES)
     for at in np.arange(-1.0, 0.0, 0.01):
-        judge.update(at, 1000 + at, A, lambda: False)
-    assert judged(*over(A, low, 0.08), lie_s=0.5, judge=judge, held=True) == []
-    (event,) = [event for i in range(40) for event in judge.update(10 + i / 100, 1010.0, M, lambda: False)]
+        transfers.update(at, 1000 + at, A, lambda: False)
+    assert judged(*over(A, low, 0.08), lie_s=0.5, transfers=transfers, held=True) == []
+    (event,) = [event for i in range(40) for event in transfers.update(10 + i / 100, 1010.0, M, lambda: False)]
     assert event["kind"] == "transfer"
 
 
@@ -96,7 +96,7 @@ def test_a_fall_is_told_once():
 
 
 def test_placing_it_by_hand_is_no_transfer():
-    judge = Judge("cube", PLACES)
-    judged(A, A, judge=judge)
-    judge.reset()
-    assert judged(B, B, judge=judge) == []
+    transfers = Transfers("cube", PLACES)
+    judged(A, A, transfers=transfers)
+    transfers.reset()
+    assert judged(B, B, transfers=transfers) == []
