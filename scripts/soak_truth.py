@@ -29,6 +29,7 @@ _TORQUE_FACTOR, _TORQUE_SLACK_NM = 1.05, 1.0  # between two ticks a motor goes o
 _NOTICED_S = 0.3  # a motor without torque has been noticed by then
 _LANDED_RAD = 0.1  # joints 2 to 4 so near to the resting pose: landed
 _CARRYING = slice(1, 4)  # joints 2 to 4 carry weight
+_KNOWN_POSE_S = 0.5  # a judge that got no time to look does not know how the arm lay
 _FALL_M, _FALL_S = 0.01, 1.0  # nothing moves farther than this after torque was cut by us
 _TRUTH_RAD, _TRUTH_RAD_PER_S = 0.02, 3.0  # what a state may differ from the truth, and per second of its age
 _FRESH_S = 0.25
@@ -116,7 +117,7 @@ class Truth:
         """One event of the rig."""
         if event["kind"] == "motor_disabled":
             channel, at_s = event["channel"], float(event["monotonic_s"])
-            before = [pose for pose in self._poses if pose["monotonic_s"] <= at_s]
+            before = [pose for pose in self._poses if 0.0 <= at_s - pose["monotonic_s"] <= _KNOWN_POSE_S]
             if channel not in self._cuts and before:
                 self._cuts[channel] = at_s, before[-1]
         elif event["kind"] == "motor_enabled":

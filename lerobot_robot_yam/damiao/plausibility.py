@@ -8,7 +8,8 @@ a the largest acceleration of the motor:
 
 The bare rotor of a small motor could gain more speed than g = 2.5 rad/s, and on average u = 2 rad/s, from one tick to
 the next, but no joint of an arm is as light. A gripper is: its fingers open and close within half a second. After a
-silence a hand may have snatched at a joint: it moves up to 0.24 rad farther, at up to 5 rad/s.
+silence a hand may have snatched at a joint: it moves up to 0.24 rad farther, at up to 5 rad/s. Whatever an adapter does
+to the times, a joint turns by no more than 0.5 rad between two readings, and gains no more than 10 rad/s.
 
 A reading that is not within is never used; it is forgotten but counted. Three kinds wait for the next one, which is
 then judged by them:
@@ -32,6 +33,7 @@ _NOISE_RAD = 0.005  # play in the gears and 13 codes of a position
 _NOISE_RAD_S = 0.5
 _UNSEEN_RAD_S = 2.0  # mean speed of a joint between two samples, beyond what both say
 _SNATCHED_RAD_S, _SNATCHED_RAD = 5.0, 0.24  # the same while nobody looks, and how far it goes beyond
+_AWAY_RAD, _BLOW_RAD_S = 0.5, 10.0  # a joint's way and gain of speed, whatever the times say
 _GAINED_RAD_S = 2.5  # by a joint from one sample to the next
 _DOUBTS = 4  # answers that cannot be, of which one is forgotten for every so many good ones
 _FORGET = 1.0 / 50.0
@@ -118,7 +120,10 @@ class Plausibility:
                 self._doubt[motor] = max(0.0, self._doubt[motor] - 1.0)
                 return True
         good = self._good[motor]
-        if _continues(good, sample, slack):
+        leaps = abs(q - good.q) > _AWAY_RAD or abs(dq) - abs(good.dq) > _BLOW_RAD_S
+        if leaps and not self._light[motor]:
+            pass  # no reading that follows makes it possible
+        elif _continues(good, sample, slack):
             gained = min(self._acceleration[motor] * (latest_s - good.likely_s), self._gained[motor])
             if not abs(dq) - abs(good.dq) > gained + _NOISE_RAD_S:
                 self.before[motor], self._good[motor] = good[:2], sample
@@ -126,7 +131,7 @@ class Plausibility:
                     self._doubt[motor] = max(0.0, self._doubt[motor] - _FORGET)
                 return True
             self._struck[motor] = sample
-        elif _may_continue(good, sample, self._slack_unheard(motor, since_s)):
+        elif self._may_continue(motor, good, sample, since_s):
             self._struck[motor] = sample
         self.rejected[motor] += 1
         self._doubt[motor] += 1.0
@@ -137,22 +142,17 @@ class Plausibility:
         """How far a motor can get in that time beyond what its speeds say, rad."""
         return _NOISE_RAD + min(0.5 * self._acceleration[motor] * unheard_s, self._unseen[motor]) * unheard_s
 
-    def _slack_unheard(self, motor: int, unheard_s: float) -> float:
-        """The same if nothing may have been heard for long."""
+    def _may_continue(self, motor: int, before: _Sample, after: _Sample, unheard_s: float) -> bool:
+        """Whether it can have got there if nobody was looking, or if the adapter has become slower or quicker."""
         slack = self._slack(motor, unheard_s)
-        if self._light[motor] or unheard_s <= _UNHEARD_S:
-            return slack
-        return min(slack + _SNATCHED_RAD, _NOISE_RAD + _SNATCHED_RAD_S * unheard_s)
+        if unheard_s > _UNHEARD_S and not self._light[motor]:
+            slack = min(slack + _SNATCHED_RAD, _NOISE_RAD + _SNATCHED_RAD_S * unheard_s)
+        return _reaches(before, after, after.asked_s - before.arrived_s, after.arrived_s - before.asked_s, slack)
 
 
 def _continues(before: _Sample, after: _Sample, slack: float) -> bool:
     """Whether a joint can have got from one sample to another, if the adapter is as it was; from none, always."""
     return _reaches(before, after, after.likely_s - before.latest_s, after.latest_s - before.likely_s, slack)
-
-
-def _may_continue(before: _Sample, after: _Sample, slack: float) -> bool:
-    """The same if the adapter may have become slower or quicker in between."""
-    return _reaches(before, after, after.asked_s - before.arrived_s, after.arrived_s - before.asked_s, slack)
 
 
 def _reaches(before: _Sample, after: _Sample, least_s: float, most_s: float, slack: float) -> bool:

@@ -44,3 +44,9 @@ def test_a_hand_may_snatch_at_a_joint_while_the_loop_stands_still(judge):
 def test_no_hand_turns_a_joint_by_a_radian_while_a_cable_is_out(judge):
     assert not answer(judge, after(0.2), 0.93, 0.0)
     assert not answer(judge, after(0.204), 0.93, 0.0)
+
+
+def test_no_time_that_an_adapter_takes_explains_any_jump(judge):
+    """Two answers that agree, through an adapter that may have taken a fifth of a second."""
+    for tick in (1, 2):
+        assert not answer(judge, after(tick * TICK_S), 1.833, 25.5, latest_s=0.1, arrived_s=0.2)
