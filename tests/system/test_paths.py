@@ -30,7 +30,7 @@ def test_profiles_and_scenes(home):
     assert load_arm("~/mine.yaml") is not None
     (home / "scene.yaml").write_text("extends: base.yaml\n")
     (home / "far.yaml").write_text("extends: ~/base.yaml\n")
-    (home / "base.yaml").write_text((PACKAGE / "rig/scenes/bimanual_table.yaml").read_text())
+    (home / "base.yaml").write_text((PACKAGE / "rig/scene/scenes/bimanual_table.yaml").read_text())
     for name in ("~/scene.yaml", "~/far.yaml", f"{home}/far.yaml"):
         assert load_scene(name).channels == load_scene().channels
 
