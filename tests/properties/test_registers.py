@@ -160,7 +160,7 @@ def test_a_register_is_read_as_it_is_or_not_at_all(register, data, noise, fate):
         bus.release()
         stamp = chain.stamp_s[1]
         chain.drain()  # an answer that comes too late is no feedback
-        chain.publish()
+        chain.feedback.publish()
         if fate == "late":
             assert noise or (chain.stamp_s[1] == stamp and chain.duplicates[1] == 0)
         assert nothing_energised(bus)

@@ -138,7 +138,7 @@ class Zeroing:
         self.chain.special(SpecialCommand.ZERO, motors=self.chosen)
         deadline = time.monotonic() + _READ_BACK_S
         while True:
-            self.chain.restart()  # the origin has moved: not a motion that could be followed over turns
+            self.chain.feedback.restart()  # the origin has moved: not a motion that could be followed over turns
             try:
                 after = self.read()
             except MotorError as error:
