@@ -92,7 +92,7 @@ def _frequency(port: BusPort, low: int, high: int, what: str, timeout_s: float) 
 def _ask[T](port: BusPort, request: bytes, decode: Callable[[bytes], T | None], what: str, timeout_s: float) -> T:
     for _ in range(_ATTEMPTS):
         while port.recv(0.0) is not None:
-            pass  # earlier answers do not repeat what they answer, so none may be left
+            pass  # an earlier answer does not say what it answers, so it must not be left
         port.send([data_message(REQUEST_ID, request)])
         deadline = port.clock.now() + timeout_s
         while (remaining := deadline - port.clock.now()) > 0.0:

@@ -36,10 +36,7 @@ class Request:
         paced: whether there were pauses between the motors, so that `sent_s` is only that of the first.
 
     Args:
-        number: see there.
-        motors: by index, those that are asked.
-        handle: whether the handle is.
-        patient: whether it is waited for, too.
+        patient: whether to wait for the handle, too.
     """
 
     __slots__ = ("_patient", "asked", "handle", "motors", "number", "paced", "sent_s")
@@ -145,7 +142,7 @@ class Requests:
         return ()
 
     def _end_silence(self, owed: list[int]) -> None:
-        """Too few motors for a group: nobody was asked for a tick. What has not been answered in it never will be."""
+        """Too few motors for a group: nobody was asked for a tick. Answers that did not come in it never will."""
         if owed == self._silence:
             self.forget()
         else:
@@ -224,7 +221,7 @@ class Requests:
         return any(self._open)
 
     def forget(self) -> None:
-        """What has not come by now is lost."""
+        """Count answers that have not come by now as lost."""
         for i, waiting in enumerate(self._open):
             self.lost[i] += len(waiting)
             waiting.clear()
