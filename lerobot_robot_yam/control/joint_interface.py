@@ -7,7 +7,7 @@ import numpy as np
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.joint_map import JointMap, resolve_turn
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.gripper.gripper import GripperAxis
 from lerobot_robot_yam.control.laws import mit_laws
 from lerobot_robot_yam.control.preflight import arm_inspection
@@ -44,7 +44,7 @@ class ArmDrive:
         meanwhile: called between questions that a running loop waits for, so that it may hold the other arms.
     """
 
-    def __init__(self, config: ArmConfig, hardware: Hardware, bus: can.BusABC):
+    def __init__(self, config: ArmConfig, hardware: ResolvedArm, bus: can.BusABC):
         self._config, self._hardware, self._bus = config, hardware, bus
         hw, n = hardware, hardware.n
         self.encoder = HandleEncoder() if hw.gripper.handle_encoder else None
