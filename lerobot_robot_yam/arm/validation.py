@@ -40,7 +40,7 @@ def finite_number(arm: str, what: str, value: object) -> float:
     """
     try:
         number = value if type(value) is float else _number(value)
-    except Exception as error:  # whatever turning it into a number raises, it is none
+    except Exception as error:  # a value may raise anything on its way to a number
         raise ActionError(f"{arm}: {what} is not a number but {type(value).__name__} ({error})") from error
     if not math.isfinite(number):
         raise ActionError(f"{arm}: {what} is {number}; nothing was sent")

@@ -30,7 +30,7 @@ def _receiver(bus: can.BusABC) -> Callable[[float], can.Message | None]:
 
     python-can's own (4.6) measures its wait with `time.time`: set back by a second in the middle of it, that waits a
     second longer, and motors that nobody commands let go after 0.4. Interfaces implement `_recv_internal`, whose wait
-    is the kernel's; one that brings a `recv` of its own is left to it.
+    is the kernel's; one that overrides `recv` keeps it.
     """
     if getattr(bus.recv, "__func__", None) is not can.BusABC.recv:
         return bus.recv
@@ -92,7 +92,7 @@ class BusPort:
             raise self._error("send", error) from error
 
     def recv(self, timeout_s: float) -> can.Message | None:
-        """Next frame, or None when none comes within `timeout_s`; 0 only looks.
+        """Next frame, or None after `timeout_s`; 0 only looks.
 
         Raises:
             BusError: the channel is gone.

@@ -1,4 +1,4 @@
-"""What a loop asks of the kernel, and what it is given: scheduling and locked memory."""
+"""Scheduling and locked memory: a loop asks the kernel for them, and reports what it gets."""
 
 import ctypes
 import gc

@@ -182,7 +182,7 @@ class FileLock:
 
 
 def sessions(directory: Path) -> dict[str, str]:
-    """Who drives arms by the locks and states in a runtime directory: the process, by the channel's key.
+    """Processes that drive arms, by the channel's key, as the locks and states in a runtime directory say.
 
     A session holds its channel's lock and publishes a state; who only asks the motors holds a lock alone.
     """

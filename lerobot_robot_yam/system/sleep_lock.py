@@ -66,7 +66,7 @@ class SleepLock:
         self._end, self._answer = self._holder.stdin, self._holder.stdout
 
     def granted(self) -> tuple[str, bool]:
-        """What is kept from happening, such as "sleep:idle", empty when nothing is; and whether that is enough.
+        """Events that the lock prevents, such as "sleep:idle", or ""; and whether that is enough.
 
         Waits for 5 s at most.
         """

@@ -173,7 +173,7 @@ def test_a_thin_thing_between_start_and_end_is_seen():
 def test_arms_that_stand_in_one_another_or_share_a_name_are_refused():
     with pytest.raises(ConfigError, match="left base and right base stand in one another.*base_position_m"):
         Clearance([guarded("left", collision_margin_m=MARGIN), guarded("right", collision_margin_m=MARGIN)])
-    with pytest.raises(ConfigError, match="names of their own"):
+    with pytest.raises(ConfigError, match="different names"):
         Clearance([guarded("left"), guarded("left")])
 
 
