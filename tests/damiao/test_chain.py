@@ -83,7 +83,7 @@ def test_a_late_reply_is_used_but_does_not_put_the_chain_behind(bus, chain):
     assert not chain.lost.any() and not chain.missed.any() and not chain.duplicates.any()
 
 
-def test_who_sleeps_past_the_deadline_takes_all_that_has_come_meanwhile(bus, chain):
+def test_a_caller_that_sleeps_past_the_deadline_takes_all_answers_that_have_come(bus, chain):
     bus.late.update(bus.specs)
     bus.late_by_a_wait = True
     assert tick(chain, 0.1, wait_s=0.01)
@@ -125,7 +125,7 @@ def test_storing_zero_takes_the_next_reading_as_it_is(bus, chain):
     np.testing.assert_allclose(chain.position_rad, 0.0, atol=2 * STEP_RAD)
 
 
-def test_special_commands_reach_every_motor_and_report_who_answered(bus, chain):
+def test_special_commands_reach_every_motor_and_report_the_motors_that_answered(bus, chain):
     bus.silent.add(7)
     assert chain.special(SpecialCommand.ENABLE, timeout_s=0.01) == [True] * 6 + [False]
     assert [m.data for m in bus.sent] == [SpecialCommand.ENABLE.value] * 7

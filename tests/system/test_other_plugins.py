@@ -115,7 +115,7 @@ def test_another_projects_leaders_over_ours_are_noticed(theirs, tmp_path):
     assert "pip uninstall lerobot_robot_yam lerobot_teleoperator_yam" in error and "from its clone" in error
 
 
-def test_another_projects_package_over_ours_is_noticed_by_what_of_ours_still_runs(tmp_path):
+def test_our_remaining_files_notice_another_projects_package_over_ours(tmp_path):
     """LeRobot imports nothing else of us then: it is up to the leaders, and to the doctor."""
     theirs = {"__init__.py": "from . import config_yam_follower", "config_yam_follower.py": ""}
     overlay(tmp_path, "lerobot_robot_yam", theirs)

@@ -41,6 +41,6 @@ def test_the_doctor_looks_at_the_same_files(home):
     assert target.calibration == home / "stops.json"
 
 
-def test_a_home_that_nobody_knows():
+def test_the_home_of_an_unknown_user_is_refused():
     with pytest.raises(ConfigError, match="~nobody-of-that-name/x.json: .*write the path in full"):
         ArmConfig(channel="x", identity_path="~nobody-of-that-name/x.json")

@@ -134,7 +134,7 @@ def test_a_closed_gripper_is_narrower():
     assert all_distances(clearance, HOME).min() == pytest.approx(opened)
 
 
-def test_no_conflict_is_missed_and_none_invented():
+def test_every_conflict_is_found_and_no_other():
     arms = pair_of_arms(
         gap_m=0.4,
         collision_margin_m=MARGIN,
