@@ -42,8 +42,7 @@ def _one(what: str, low: float, high: float, unit: str) -> tuple[None, float, fl
 # depend on the motors: of gains, torques and speeds.
 _NUMBERS: dict[str, tuple[int | None, float, float, str]] = {
     **dict.fromkeys(
-        ("kp", "kd", "idle_kd", "torque_limit_nm"),
-        (_PER_JOINT, 0.0, math.inf, "numbers from zero up, one per joint"),
+        ("kp", "kd", "idle_kd", "torque_limit_nm"), (_PER_JOINT, 0.0, math.inf, "numbers from zero up, one per joint")
     ),
     "gravity_factor": (
         _PER_JOINT,

@@ -33,11 +33,7 @@ def finite_vector(arm: str, what: str, value: object, n: int) -> np.ndarray:
 
 
 def finite_number(arm: str, what: str, value: object) -> float:
-    """`value` as a float.
-
-    Raises:
-        ActionError: no number, NaN or infinity.
-    """
+    """`value` as a float. Raises ActionError: no number, NaN or infinity."""
     try:
         number = value if type(value) is float else _number(value)
     except Exception as error:  # a value may raise anything on its way to a number

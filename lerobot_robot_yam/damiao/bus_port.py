@@ -93,11 +93,7 @@ class BusPort:
             raise self._error("send", error) from error
 
     def recv(self, timeout_s: float) -> can.Message | None:
-        """Next frame, or None after `timeout_s`; 0 only looks.
-
-        Raises:
-            BusError: the channel is gone.
-        """
+        """Next frame, or None after `timeout_s`; 0 only looks. Raises BusError: the channel is gone."""
         try:
             return self._recv(timeout_s)
         except BusError:

@@ -73,12 +73,7 @@ class MotorChain:
     error_frames: int = _of("_receiver.error_frames")
 
     def __init__(
-        self,
-        bus: can.BusABC,
-        motors: Sequence[MotorSpec],
-        *,
-        channel: str,
-        encoder: HandleEncoder | None = None,
+        self, bus: can.BusABC, motors: Sequence[MotorSpec], *, channel: str, encoder: HandleEncoder | None = None
     ):
         """
         Raises:

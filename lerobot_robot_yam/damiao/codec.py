@@ -147,11 +147,7 @@ def decode_feedback(motor_type: str, data: bytes) -> Feedback:
 
 
 def ranges_of(motor_type: str) -> Ranges:
-    """Ranges that scale the frames of this type, for `unpack_feedback`.
-
-    Raises:
-        ConfigError: unknown motor type.
-    """
+    """Ranges that scale the frames of this type, for `unpack_feedback`. Raises ConfigError: unknown motor type."""
     return _ROWS[tables.motor_type(motor_type).name]
 
 

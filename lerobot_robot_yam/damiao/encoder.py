@@ -103,10 +103,7 @@ def decode_report(data: bytes) -> HandleReport:
 def encode_report(position_rad: float, velocity_rad_s: float, buttons: tuple[bool, bool], device: int = 1) -> bytes:
     """Report of the device, 6 bytes for 0x50F; values beyond int16 counts saturate."""
     return _REPORT.pack(
-        device,
-        _counts(position_rad),
-        _counts(velocity_rad_s),
-        (1 if buttons[0] else 0) | (2 if buttons[1] else 0),
+        device, _counts(position_rad), _counts(velocity_rad_s), (1 if buttons[0] else 0) | (2 if buttons[1] else 0)
     )
 
 

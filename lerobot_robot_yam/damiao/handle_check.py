@@ -72,9 +72,7 @@ def prepare_handle(bus: can.BusABC, channel: str, timeout_s: float = 0.1) -> Han
     frequency_hz = _frequency(port, low, high, "report frequency", timeout_s)
     if frequency_hz:
         logger.warning(
-            "%s: the teaching handle reported by itself at %d Hz; set to report on request",
-            channel,
-            frequency_hz,
+            "%s: the teaching handle reported by itself at %d Hz; set to report on request", channel, frequency_hz
         )
         port.send([data_message(REQUEST_ID, encode_report_frequency(0))])
         changed = True

@@ -118,11 +118,7 @@ class RegisterReply(NamedTuple):
 
 
 def register_row(register: int) -> Register:
-    """Row of a register number.
-
-    Raises:
-        ConfigError: Damiao motors have no such register.
-    """
+    """Row of a register number. Raises ConfigError: Damiao motors have no such register."""
     try:
         return REGISTERS[register]
     except KeyError:

@@ -126,11 +126,7 @@ MOTOR_TYPES: dict[str, MotorType] = {
 
 
 def motor_type(name: str) -> MotorType:
-    """Row of motor type `name`.
-
-    Raises:
-        ConfigError: no such type.
-    """
+    """Row of motor type `name`. Raises ConfigError: no such type."""
     try:
         return MOTOR_TYPES[name]
     except KeyError:

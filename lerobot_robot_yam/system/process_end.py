@@ -11,11 +11,7 @@ _PF_EXITING = 0x4  # include/linux/sched.h
 
 
 class ProcessEnd:
-    """Watches one process of this machine, by its pid.
-
-    Raises:
-        FileNotFoundError: there is no such process any more.
-    """
+    """Watches one process of this machine, by its pid. Raises FileNotFoundError: there is no such process any more."""
 
     def __init__(self, pid: int):
         self._stat = os.open(f"/proc/{pid}/stat", os.O_RDONLY | os.O_CLOEXEC)

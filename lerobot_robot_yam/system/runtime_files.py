@@ -9,7 +9,6 @@ import os
 import re
 import stat
 from pathlib import Path
-from types import TracebackType
 
 from lerobot_robot_yam.errors import BusError, ChannelInUseError, ConfigError
 
@@ -175,9 +174,7 @@ class FileLock:
         self.acquire(blocking=True)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.release()
 
 

@@ -48,11 +48,7 @@ def can_sleep() -> bool:
 
 
 class SleepLock:
-    """Asks for the lock; `granted` waits for the answer.
-
-    Raises:
-        OSError: no process can be started.
-    """
+    """Asks for the lock; `granted` waits for the answer. Raises OSError: no process can be started."""
 
     def __init__(self) -> None:
         self._holder = subprocess.Popen(

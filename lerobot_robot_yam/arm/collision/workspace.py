@@ -52,11 +52,7 @@ class WorkspaceConfig:
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> "WorkspaceConfig":
-        """From plain values, as `dataclasses.asdict` and JSON give them.
-
-        Raises:
-            ConfigError: an unknown key.
-        """
+        """From plain values, as `dataclasses.asdict` and JSON give them. Raises ConfigError: an unknown key."""
         boxes = [_make(KeepOut, box, "workspace.keep_out") for box in _boxes(values)]
         return _make(cls, {**values, "keep_out": boxes}, "workspace")
 

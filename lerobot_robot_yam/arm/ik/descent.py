@@ -162,12 +162,7 @@ def _worst(slack: np.ndarray) -> float:
 
 
 def _solve_qp(
-    hessian: np.ndarray,
-    gradient: np.ndarray,
-    lower: np.ndarray,
-    upper: np.ndarray,
-    rows: np.ndarray,
-    slack: np.ndarray,
+    hessian: np.ndarray, gradient: np.ndarray, lower: np.ndarray, upper: np.ndarray, rows: np.ndarray, slack: np.ndarray
 ) -> np.ndarray:
     """argmin ½ x H x + g x within the box and rows · x ≥ −slack. A slack that is used up must not grow worse."""
     if not slack.size:
