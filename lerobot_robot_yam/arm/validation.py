@@ -65,7 +65,7 @@ def check_range(arm: str, what: str, value: np.ndarray, low: float, high: np.nda
 
 
 def _number(value: object) -> float:
-    """One number as a float; raises whatever the value's type raises, TypeError for what only looks like one."""
+    """One number as a float. Raises what the value's type raises, and TypeError for text and truth values."""
     if isinstance(value, str | bytes | bytearray | bool):
         raise TypeError("text and truth values are no positions")
     if isinstance(value, np.ndarray | np.generic) and value.dtype.kind not in _NUMERIC:

@@ -301,7 +301,7 @@ class MotorChain:
     def _settle(self) -> None:
         """Wait as long as answers to earlier questions can take: they must not be taken for answers to the next one.
 
-        Nothing is given up before the first answer: nobody knows then how long they take.
+        It gives up nothing before the first answer: until then it is unknown how long answers take.
         """
         self.drain()
         longest_s = self.round_trip.longest_s

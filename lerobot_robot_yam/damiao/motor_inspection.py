@@ -50,7 +50,7 @@ def check_bandwidth(motors: int, encoder: bool, rate_hz: float, bitrate: int = B
 
 
 def listen(bus: can.BusABC, seconds: float, ids: Collection[int], channel: str = "") -> None:
-    """Listen without sending: does somebody else drive motors `ids` on this bus?
+    """Listen without sending: does another driver command motors `ids` on this bus?
 
     A lock keeps out our own processes only. Answers of motors count as well as commands: motors speak only
     when spoken to. Other devices may talk; they are logged.

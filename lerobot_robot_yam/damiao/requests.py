@@ -61,7 +61,7 @@ class Requests:
 
     Attributes:
         newest: the last question.
-        heard: motors that have answered anything since somebody has cleared this.
+        heard: motors that have answered anything since the caller last cleared this.
         duplicates: per motor, answers to no question.
         lost: per motor, answers that never came.
     """
@@ -72,7 +72,7 @@ class Requests:
         self.duplicates = [0] * count
         self.lost = [0] * count
         self._open: list[deque[Request]] = [deque() for _ in range(count)]
-        self._answered = 0  # number of the newest question that somebody has answered
+        self._answered = 0  # number of the newest question that any motor has answered
         self._handle_silent = False
         self._behind = [0] * count  # ticks in a row
         self._left_out = [0] * count  # number of the last question that went out without this motor
@@ -82,7 +82,7 @@ class Requests:
         self._losses = 0  # in all, a tick ago
         self._probe: dict[int, int] = {}  # motor → number of the question that went out without it
         self._shifts: dict[int, int] = {}  # motor → by how many questions it has shown answers to be taken for too old
-        self._silence: list[int] | None = None  # what each owed as nobody was asked
+        self._silence: list[int] | None = None  # what each motor owed when no motor was asked
 
     def absent(self) -> Sequence[int]:
         """Motors to leave out of the next tick, to learn whose answers come (rule 3)."""
@@ -133,7 +133,7 @@ class Requests:
         if second not in self._probe:
             self._probe[second] = number
             return [second]
-        if self._answered > self._probe[second]:  # nobody was missing in an earlier group: the channel is that slow
+        if self._answered > self._probe[second]:  # no motor was missing in an earlier group: the channel is slow
             if not self._shifts:
                 self._usual = min(len(waiting) for waiting in self._open)
             self._probe = {}
@@ -142,7 +142,7 @@ class Requests:
         return ()
 
     def _end_silence(self, owed: list[int]) -> None:
-        """Too few motors for a group: nobody was asked for a tick. Answers that did not come in it never will."""
+        """Too few motors for a group, so none was asked for a tick. Answers that did not come in it are lost."""
         if owed == self._silence:
             self.forget()
         else:

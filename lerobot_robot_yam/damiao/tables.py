@@ -89,9 +89,9 @@ class MotorType:
 
     They equal the registers PMAX, VMAX and TMAX of the motor; with other numbers every decoded value
     would be scaled wrongly. Gains in Nm/rad and Nm s/rad. The gear ratio (register GR) is read-only and built in:
-    it tells which motor is really there; None where nobody has published it. The rotor's inertia, seen at the output,
-    is that of google-deepmind/mujoco_menagerie (i2rt_yam); of the DM3507 and the DM6248, nobody's, estimates from those
-    by size and gear.
+    it tells which motor is really there; None where it is not published. The rotor's inertia, seen at the output, is
+    that of google-deepmind/mujoco_menagerie (i2rt_yam); for the DM3507 and the DM6248 it is an estimate from those by
+    size and gear.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Logging that cannot stop a loop: a terminal on hold (Ctrl-S) or a full pipe blocks whoever writes to it."""
+"""Logging that cannot stop a loop: a terminal on hold (Ctrl-S) or a full pipe blocks its writer."""
 
 import logging
 import queue

@@ -1,4 +1,4 @@
-"""Other plugins in the way: whose a module is, and whether somebody's files lie over ours.
+"""Other plugins in the way: the owner of a module, and files of others over ours.
 
 The package index has another project's `lerobot_robot_yam`, whose files are called like some of ours.
 """

@@ -1,7 +1,7 @@
 """Seeing a process end before the kernel says so.
 
-Its parent, and whoever polls its pid, is told after its memory has been cleared away: 0.1 s for what is locked or
-large. Arms need not wait for that: from the first step of its exit on a process executes nothing any more.
+The kernel tells its parent, and a poll of its pid, after it has cleared the memory, 0.1 s for a locked or large one.
+Arms need not wait for that: from the first step of its exit on a process executes nothing any more.
 """
 
 import os

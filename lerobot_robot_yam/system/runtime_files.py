@@ -193,7 +193,7 @@ def sessions(directory: Path) -> dict[str, str]:
 
 
 def _lock_holder(path: Path) -> str | None:
-    """Process that holds a lock, None when nobody does."""
+    """Process that holds a lock, None when it is free."""
     try:
         fd = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError:
