@@ -11,10 +11,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from lerobot_robot_yam.arm.ik.starts import Starts
 from lerobot_robot_yam.arm.kinematics import (
     ORIENTATION_TOLERANCE_RAD,
     POSITION_TOLERANCE_M,
+    Starts,
     YamKinematics,
     pose_errors,
 )

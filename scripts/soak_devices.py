@@ -10,7 +10,7 @@ import numpy as np
 from soak_checks import GRIPPER
 from soak_schedule import CAMERA, CHANNELS, FOLLOWERS, LEADERS
 
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.bi_yam_follower import BiYamFollower
 from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
@@ -79,7 +79,7 @@ class Device:
         found = {}
         arms = self.device.config.arms() if hasattr(self.device.config, "arms") else {}
         for channel, config in zip(self.channels, arms.values(), strict=True):
-            hardware = Hardware(config)
+            hardware = ResolvedArm(config)
             speed = np.full(GRIPPER + 1, np.nan)
             speed[hardware.slots] = hardware.speed_limit
             motor_speed = hardware.speed_limit.copy()

@@ -1,1 +1,1 @@
-"""One arm and its loop: profiles, model, laws, gripper, safety, life cycle, process, shared blocks."""
+"""An arm as it is, without input or output: configuration, profiles, model, kinematics, collisions."""

@@ -1,10 +1,8 @@
-"""What one arm needs to be driven: which channel, which hardware, which overrides of its profile.
+"""Configuration of one arm: its channel, its hardware, and overrides of its profile.
 
 Plain values only: the dataclass travels as JSON to the control process.
 """
 
-import dataclasses
-import json
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -103,15 +101,6 @@ class ArmConfig:
             self.workspace = WorkspaceConfig.from_mapping(self.workspace)
         config_checks.check(self)
         self.workspace.check(self.name)
-
-    def to_json(self) -> str:
-        """JSON text that `from_json` reads back."""
-        return json.dumps(dataclasses.asdict(self))
-
-    @classmethod
-    def from_json(cls, text: str) -> "ArmConfig":
-        """Inverse of `to_json`."""
-        return cls(**json.loads(text))
 
     @property
     def on_command_line(self) -> str:

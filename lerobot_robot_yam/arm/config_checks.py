@@ -1,4 +1,4 @@
-"""What the values of an `ArmConfig` must be: first the type that the field declares, then what the quantity means.
+"""Checks of the values of an `ArmConfig`: first the type that the field declares, then the range of the quantity.
 
 Ranges that depend on the motors come later, with the profile (`profile_checks`).
 """
@@ -8,7 +8,7 @@ import json
 import math
 import types
 import typing
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -30,61 +30,52 @@ _RATE_MIN_HZ = 100.0  # the motors' watchdog, and the stand-by's, want to hear m
 _RATE_MAX_HZ = 1000.0
 
 
-def _above_zero(x: float) -> bool:
-    return x > 0.0
+_PER_JOINT = -1  # as many numbers as the arm has joints, which its profile knows: `ResolvedArm` counts them
+_ABOVE_ZERO = math.nextafter(0.0, 1.0)
 
 
-def _not_below_zero(x: float) -> bool:
-    return x >= 0.0
+def _one(what: str, low: float, high: float, unit: str) -> tuple[None, float, float, str]:
+    return None, low, high, f"{what} within {low:g} … {high:g} {unit}"
 
 
-def _any(x: float) -> bool:
-    return True
-
-
-def _one_within(what: str, low: float, high: float, unit: str) -> tuple[None, Callable[[float], bool], str]:
-    return None, lambda x: low <= x <= high, f"{what} within {low:g} … {high:g} {unit}"
-
-
-def _within(low: float, high: float) -> Callable[[float], bool]:
-    return lambda x: low <= x <= high
-
-
-_PER_JOINT = -1  # as many numbers as the arm has joints, which its profile knows: `hardware` counts them
-# Per field: how many numbers (None: one), which numbers, and how to say so. What depends on the motors (gains, torques,
-# speeds) has its bounds in `profile_checks`.
-_NUMBERS: dict[str, tuple[int | None, Callable[[float], bool], str]] = {
+# Per field: how many numbers (None: one), least, largest, and how to say so. `profile_checks` has the bounds that
+# depend on the motors: of gains, torques and speeds.
+_NUMBERS: dict[str, tuple[int | None, float, float, str]] = {
     **dict.fromkeys(
-        ("kp", "kd", "idle_kd", "torque_limit_nm"),
-        (_PER_JOINT, _not_below_zero, "numbers from zero up, one per joint"),
+        ("kp", "kd", "idle_kd", "torque_limit_nm"), (_PER_JOINT, 0.0, math.inf, "numbers from zero up, one per joint")
     ),
     "gravity_factor": (
         _PER_JOINT,
-        _within(0.0, GRAVITY_FACTOR_MOST),
+        0.0,
+        GRAVITY_FACTOR_MOST,
         f"numbers within 0 … {GRAVITY_FACTOR_MOST:g}, one per joint",
     ),
     "coulomb_friction_nm": (
         _PER_JOINT,
-        _within(0.0, _FRICTION_MOST_NM),
+        0.0,
+        _FRICTION_MOST_NM,
         f"numbers within 0 … {_FRICTION_MOST_NM:g} Nm, one per joint",
     ),
-    "effort_limit_nm": (_PER_JOINT, _above_zero, "numbers above zero, one per joint"),
-    "speed_limit_rad_s": (_PER_JOINT, _above_zero, "one number above zero, or one per joint"),
-    "float_speed_rad_s": _one_within("a speed", *_FLOAT_SPEEDS_RAD_S, "rad/s"),
-    "payload_mass_kg": _one_within("a mass", 0.0, PAYLOAD_MOST_KG, "kg"),
-    "payload_com_m": (3, _within(-_TOOL_M, _TOOL_M), f"three numbers within ±{_TOOL_M:g} m"),
-    "base_tilt_rad": (2, _within(-3.15, 3.15), "[roll, pitch] within a half turn, ±3.14"),
-    "rest_q_rad": (_PER_JOINT, _any, "angles in rad, one per joint"),
-    "gripper_stops_rad": (2, _any, "[closed, open] in motor radians"),
-    "ee_inertia": (10, _any, "centre (3), quaternion (4) and moments (3)"),
-    "command_timeout_s": _one_within("a time", *_TIMEOUTS_S, "s"),
-    "max_state_age_s": _one_within("a time", *_AGES_S, "s"),
-    "gripper_force_limit_n": _one_within("a force", *_FORCES_N, "N, or null for none"),
-    **dict.fromkeys(("gripper_speed_limit", "max_relative_target"), (None, _above_zero, "a number above zero")),
-    **dict.fromkeys(("gripper_kp", "gripper_kd"), (None, _not_below_zero, "a number from zero up")),
+    "effort_limit_nm": (_PER_JOINT, _ABOVE_ZERO, math.inf, "numbers above zero, one per joint"),
+    "speed_limit_rad_s": (_PER_JOINT, _ABOVE_ZERO, math.inf, "one number above zero, or one per joint"),
+    "float_speed_rad_s": _one("a speed", *_FLOAT_SPEEDS_RAD_S, "rad/s"),
+    "payload_mass_kg": _one("a mass", 0.0, PAYLOAD_MOST_KG, "kg"),
+    "payload_com_m": (3, -_TOOL_M, _TOOL_M, f"three numbers within ±{_TOOL_M:g} m"),
+    "base_tilt_rad": (2, -3.15, 3.15, "[roll, pitch] within a half turn, ±3.14"),
+    "rest_q_rad": (_PER_JOINT, -math.inf, math.inf, "angles in rad, one per joint"),
+    "gripper_stops_rad": (2, -math.inf, math.inf, "[closed, open] in motor radians"),
+    "ee_inertia": (10, -math.inf, math.inf, "centre (3), quaternion (4) and moments (3)"),
+    "command_timeout_s": _one("a time", *_TIMEOUTS_S, "s"),
+    "max_state_age_s": _one("a time", *_AGES_S, "s"),
+    "gripper_force_limit_n": _one("a force", *_FORCES_N, "N, or null for none"),
+    **dict.fromkeys(
+        ("gripper_speed_limit", "max_relative_target"), (None, _ABOVE_ZERO, math.inf, "a number above zero")
+    ),
+    **dict.fromkeys(("gripper_kp", "gripper_kd"), (None, 0.0, math.inf, "a number from zero up")),
     "rate_hz": (
         None,
-        lambda x: x == 0.0 or _RATE_MIN_HZ <= x <= _RATE_MAX_HZ,
+        0.0,
+        _RATE_MAX_HZ,
         f"a rate within {_RATE_MIN_HZ:g} … {_RATE_MAX_HZ:g}, or 0 for as fast as the wire allows",
     ),
 }
@@ -120,6 +111,8 @@ def check(config: Any) -> None:
         elif choices := [kind for kind in kinds if isinstance(kind, str)]:
             if not isinstance(value, str) or value not in choices:
                 raise _refusal(config, field.name, " or ".join(map(repr, choices)))
+    if 0.0 < config.rate_hz < _RATE_MIN_HZ:
+        raise _refusal(config, "rate_hz", _NUMBERS["rate_hz"][-1])
     if config.ee_inertia is not None and (min(config.ee_inertia[7:]) <= 0.0 or not any(config.ee_inertia[3:7])):
         raise _refusal(config, "ee_inertia", "a quaternion that is not zero, and moments above zero")
     if config.ee_inertia is not None and max(map(abs, config.ee_inertia[:3])) > _TOOL_M:
@@ -151,25 +144,23 @@ def _members(hint: Any) -> tuple[Any, ...]:
 
 
 def _numbers(config: Any, key: str, value: Any, kinds: tuple[Any, ...]) -> float | list[float]:
-    one = float in kinds
-    count, fits, takes = _NUMBERS.get(key, (None, _any, "a number" if one else "a list of numbers"))
-    if one and not isinstance(value, Sequence | np.ndarray):
-        number = _float(value)
-        if not math.isfinite(number) or not fits(number):
-            raise _refusal(config, key, takes)
-        return number
-    if list not in kinds or isinstance(value, str | bytes) or not isinstance(value, Sequence | np.ndarray):
+    default = (None, -math.inf, math.inf, "a number" if float in kinds else "a list of numbers")
+    count, low, high, takes = _NUMBERS.get(key, default)
+    several = isinstance(value, Sequence | np.ndarray)
+    if several and (list not in kinds or isinstance(value, str | bytes) or getattr(value, "ndim", 1) != 1):
         raise _refusal(config, key, takes)
-    if isinstance(value, np.ndarray) and value.ndim != 1:
+    if not several and float not in kinds:
         raise _refusal(config, key, takes)
-    numbers = [_float(item) for item in value]
-    if count not in (None, _PER_JOINT, len(numbers)) or not all(math.isfinite(x) and fits(x) for x in numbers):
+    numbers = [_float(item) for item in value] if several else [_float(value)]
+    if several and count not in (None, _PER_JOINT, len(numbers)):
         raise _refusal(config, key, takes)
-    return numbers
+    if not all(math.isfinite(x) and low <= x <= high for x in numbers):
+        raise _refusal(config, key, takes)
+    return numbers if several else numbers[0]
 
 
 def _float(value: Any) -> float:
-    """A real number as a float; NaN, which no rule admits, for what is none."""
+    """A real number as a float; NaN, which no rule admits, for anything else."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         return math.nan
     try:

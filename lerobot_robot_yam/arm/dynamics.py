@@ -1,7 +1,7 @@
-"""Gravity torque, mass matrix and kinematics of one arm: pure functions of q, at loop rate.
+"""Torques that an arm needs, as functions of q, dq and ddq, at loop rate.
 
 Inverse dynamics at rest, tau = g(q): with zero velocity and acceleration, recursive Newton–Euler leaves exactly the
-torque that holds the pose still. Kinematics + centres of mass + RNE take a few microseconds; `mj_forward` would also
+torque that holds the pose still. Kinematics, centres of mass and RNE take a few microseconds; `mj_forward` would also
 run collision and constraints for nothing.
 """
 
@@ -12,9 +12,8 @@ import mujoco
 import numpy as np
 
 from lerobot_robot_yam.arm.model import Load, base_quat, build_spec
+from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
-from lerobot_robot_yam.arm.profile_files import load_arm
-from lerobot_robot_yam.errors import ConfigError
 
 
 class GravityModel:
@@ -36,9 +35,9 @@ class GravityModel:
 
         tilt_rad: [roll, pitch] of the base, see `model.base_quat`.
         """
-        profile = arm if isinstance(arm, ArmProfile) else load_arm(arm)
-        self.joint_count = profile.joint_count
-        self.model = build_spec(profile, gripper, load=load or Load(**load_fields), visuals=False).compile()
+        arm, gripper = resolve_profiles(arm, gripper)
+        self.joint_count = arm.joint_count
+        self.model = build_spec(arm, gripper, load=load or Load(**load_fields), visuals=False).compile()
         if any(tilt_rad):
             back = base_quat(0.0, tilt_rad) * [1, -1, -1, -1]
             mujoco.mju_rotVecQuat(self.model.opt.gravity, self.model.opt.gravity.copy(), back)
@@ -47,7 +46,6 @@ class GravityModel:
         self._qpos, self._qvel, self._qacc = data.qpos[:n], data.qvel[:n], data.qacc[:n]  # views
         self._tau = np.zeros(self.model.nv)
         self._tcp = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, "tcp_site")
-        self._unit = np.eye(self.model.nv)
 
     def torque(self, q: np.ndarray) -> np.ndarray:
         """(n,) Nm along the joint axes that hold pose `q` (n,) rad still, before any factor."""
@@ -70,7 +68,7 @@ class GravityModel:
         moving = tau.copy()
         mujoco.mj_rne(self.model, data, 1, self._tau)
         accelerating = tau - moving
-        self._qvel[:] = data.cvel[:] = 0.0  # whoever asks next may mean an arm at rest
+        self._qvel[:] = data.cvel[:] = 0.0  # the next call may mean an arm at rest
         return holding, moving - holding, accelerating
 
     def torque_per_kg(self, q: np.ndarray) -> np.ndarray:
@@ -80,29 +78,6 @@ class GravityModel:
         mujoco.mj_jacSite(self.model, self._data, jacobian, None, self._tcp)
         per_kg: np.ndarray = -(self.model.opt.gravity @ jacobian)[: self.joint_count]
         return per_kg
-
-    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
-        """(n, n) kg m² joint-space inertia at `q` (n,) rad, links only (no rotor inertia)."""
-        self._move(q)
-        mujoco.mj_crb(self.model, self._data)
-        matrix = np.empty((self.model.nv, self.joint_count))
-        column = np.empty(self.model.nv)
-        for i in range(self.joint_count):  # mj_fullM changed its signature within the versions we allow
-            mujoco.mj_mulM(self.model, self._data, column, self._unit[i])
-            matrix[:, i] = column
-        return matrix[: self.joint_count]
-
-    def pose(self, q: np.ndarray, site: str = "tcp_site") -> np.ndarray:
-        """(4, 4) homogeneous pose of `site` in the base frame, metres. ConfigError for an unknown site."""
-        index = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, site)
-        if index < 0:
-            names = [self.model.site(i).name for i in range(self.model.nsite)]
-            raise ConfigError(f"this end effector has no site '{site}'; it has {names}")
-        self._move(q)
-        pose = np.eye(4)
-        pose[:3, :3] = self._data.site_xmat[index].reshape(3, 3)
-        pose[:3, 3] = self._data.site_xpos[index]
-        return pose
 
     def _move(self, q: np.ndarray) -> None:
         self._qpos[:] = q

@@ -21,9 +21,9 @@ def resolve_turn(
 ) -> float:
     """The shift (−2π, 0 or 2π, in joint coordinates) that brings a measured angle into the joint's range.
 
-    A Damiao encoder knows its angle within one turn only, so after a power cycle the reading may be off by one. A
-    reading that is off by more is not believed: the wire carries positions modulo 25 rad, which is no number of
-    turns, so beyond that the joint would seem to be 0.13 rad from where it is.
+    A Damiao encoder knows its angle within one turn only, so after a power cycle the reading may be off by one turn.
+    A reading that is off by more is not believed: the wire carries positions modulo 25 rad, which is not a whole
+    number of turns, so the joint would seem to be 0.13 rad from where it is.
 
     Args:
         arm, joint: for messages.

@@ -10,20 +10,17 @@ A pose out of reach is no error: the result is the nearest one found, and says b
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from lerobot_robot_yam.arm.ik.descent import LEVER_M, Descent
-from lerobot_robot_yam.arm.ik.self_clearance import SelfClearance
-from lerobot_robot_yam.arm.ik.starts import Starts
+from lerobot_robot_yam.arm.ik.descent import LEVER_M, Descent, SelfClearance
 from lerobot_robot_yam.arm.model import build_spec
-from lerobot_robot_yam.arm.mounting import mounted
+from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
-from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.arm.validation import finite_vector
 from lerobot_robot_yam.errors import ActionError, ConfigError
 
@@ -34,11 +31,14 @@ _SKEW = 1e-3  # by how much RᵀR may differ from 1: single precision and rounde
 _UNIT = np.eye(4)
 _TURN_M_PER_RAD = 0.01  # error that a solution may leave to save the arm a radian of motion,
 _ELSEWHERE_M = 0.01  # and to stay where it comes to from `near`
+_STARTS = 1000
+_ALIKE_M_PER_RAD = 0.3  # of orientation against position, when poses are compared; LEVER_M would find the same places
+_TRAVEL_M_PER_RAD = 0.05  # of joint motion from where the arm is: of two that suit, the nearer one first
 
 
 @dataclass(frozen=True)
 class IkResult:
-    """What inverse kinematics came to.
+    """Result of inverse kinematics.
 
     Attributes:
         q: (n,) rad, within the joint limits.
@@ -59,6 +59,36 @@ class IkResult:
     def error_m(self) -> float:
         """Both errors in one number, a radian counted as `LEVER_M`."""
         return math.hypot(self.position_error_m, self.orientation_error_rad * LEVER_M)
+
+
+class Starts:
+    """Joint vectors drawn evenly from the joint ranges, with their poses: where to start without a pose nearby.
+
+    Starts that resemble the target halve the number of descents, against starts drawn blindly.
+
+    Args:
+        fk: (n,) to (4, 4).
+        lower, upper: (n,) joint limits, rad.
+    """
+
+    def __init__(self, fk: Callable[[np.ndarray], np.ndarray], lower: np.ndarray, upper: np.ndarray):
+        self._q = np.random.default_rng(1).uniform(lower, upper, size=(_STARTS, len(lower)))
+        self._poses = np.array([fk(q) for q in self._q])
+
+    def nearest(self, pose: np.ndarray, count: int, near: np.ndarray | None = None) -> np.ndarray:
+        """(count, n) joint vectors at most, those whose poses resemble `pose` (4, 4) most first.
+
+        Rotations are compared by |R₁ − R₂|² ≈ 2 φ².
+        """
+        off = self._poses[:, :3] - pose[:3]
+        off[:, :, :3] *= _ALIKE_M_PER_RAD / np.sqrt(2.0)
+        distance = np.einsum("kij,kij->k", off, off)
+        if near is not None:
+            away = np.abs(self._q - near).max(axis=1)
+            distance += (_TRAVEL_M_PER_RAD * away) ** 2
+        count = min(count, _STARTS)
+        best = np.argpartition(distance, count - 1)[:count]
+        return self._q[best[np.argsort(distance[best])]]
 
 
 class YamKinematics:
@@ -88,8 +118,7 @@ class YamKinematics:
         *,
         collision_margin_m: float | None = None,
     ):
-        arm = arm if isinstance(arm, ArmProfile) else load_arm(arm)
-        gripper = mounted(gripper if isinstance(gripper, GripperProfile) else load_gripper(gripper), arm)
+        arm, gripper = resolve_profiles(arm, gripper)
         model = build_spec(arm, gripper, visuals=False).compile()
         keeps = collision_margin_m is not None and arm.joint_count
         clearance = SelfClearance(arm, gripper, collision_margin_m or 0.0) if keeps else None

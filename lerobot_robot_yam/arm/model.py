@@ -15,10 +15,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from lerobot_robot_yam.arm.mounting import mounted
-from lerobot_robot_yam.arm.profile import ArmProfile, Body, GripperProfile, Inertial
-from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
-from lerobot_robot_yam.arm.shapes import add_shape
+from lerobot_robot_yam.arm.mounting import resolve_profiles
+from lerobot_robot_yam.arm.profile import ArmProfile, Body, GripperProfile, Inertial, Shape
 from lerobot_robot_yam.errors import ConfigError
 
 EE_BODY = "gripper"
@@ -28,10 +26,27 @@ EE_BODY = "gripper"
 _HOUSING_FRICTION = 0.3
 _STOP_SOLREF = (0.005, 1.0)  # joint stops stiff enough to sag < 1 mrad under the arm's own weight
 
+VISUAL_GROUP = 2
+COLLISION_GROUP = 3  # of the invisible collision shapes; visible shapes that collide stay in the visual group
+
+COLOURS: dict[str, tuple[float, float, float, float]] = {
+    "housing": (0.13, 0.13, 0.15, 1.0),
+    "metal": (0.74, 0.76, 0.78, 1.0),
+    "cap": (0.30, 0.31, 0.34, 1.0),
+    "accent": (0.95, 0.47, 0.08, 1.0),
+    "rubber": (0.20, 0.20, 0.21, 1.0),
+    "soft": (0.90, 0.90, 0.86, 1.0),
+}
+
+_SHAPES = {
+    kind: getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}") for kind in ("cylinder", "capsule", "box", "ellipsoid")
+}
+_GRIPPING = ("rubber", "soft")  # colours of finger pads: they hold what they pinch
+
 
 @dataclass(frozen=True)
 class Physics:
-    """What the virtual rig adds to the rigid-body tree.
+    """Physics that the virtual rig adds to the rigid-body tree.
 
     friction_scale multiplies the profiles' dry friction, armature_scale their rotor inertia.
     """
@@ -43,7 +58,7 @@ class Physics:
 
 @dataclass(frozen=True)
 class Load:
-    """What differs from the profile at the end effector.
+    """Deviations from the profile at the end effector.
 
     payload_mass_kg at payload_com_m (tcp_site frame) is held by the tool; ee_mass_kg replaces the mass of the end
     effector's root body; ee_inertia (10 numbers: centre of mass 3, quaternion 4, principal moments 3) its inertial.
@@ -55,12 +70,7 @@ class Load:
     ee_inertia: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
-        numbers = [
-            self.payload_mass_kg,
-            *self.payload_com_m,
-            self.ee_mass_kg or 0.0,
-            *(self.ee_inertia or ()),
-        ]
+        numbers = [self.payload_mass_kg, *self.payload_com_m, self.ee_mass_kg or 0.0, *(self.ee_inertia or ())]
         if not np.isfinite(numbers).all() or self.payload_mass_kg < 0 or (self.ee_mass_kg or 0.0) < 0:
             raise ConfigError(f"payload and end-effector masses must be finite and not negative: {self}")
         if len(self.payload_com_m) != 3:
@@ -99,8 +109,7 @@ def build_spec(
     Joints joint1 … jointn, then the fingers' (joint7 and joint8, or numbered on); sites tcp_site and (but for the
     teaching handle) grasp_site. Raises ConfigError for unknown names or a broken profile.
     """
-    arm = arm if isinstance(arm, ArmProfile) else load_arm(arm)
-    gripper = mounted(gripper if isinstance(gripper, GripperProfile) else load_gripper(gripper), arm)
+    arm, gripper = resolve_profiles(arm, gripper)
     load = load or Load()
     spec = mujoco.MjSpec()
     spec.modelname = f"{arm.name}_{gripper.name}"
@@ -111,7 +120,7 @@ def build_spec(
         bodies[row.name] = _add_body(bodies, row, inertial)
         for i, shape in enumerate(row.shapes if visuals or physics else ()):
             collisions = bool(physics and physics.collisions)
-            add_shape(bodies[row.name], shape, collisions=collisions, name=_geom_name(row, i))
+            _add_shape(bodies[row.name], shape, collisions=collisions, name=f"{row.name}_{i}")
     _add_joints(bodies, arm, gripper, physics)
     _add_payload(bodies, gripper, load)
     if physics and physics.collisions:
@@ -149,6 +158,38 @@ def _add_body(bodies: dict[str, mujoco.MjsBody], row: Body, inertial: Inertial) 
     return body
 
 
+def _add_shape(body: mujoco.MjsBody, shape: Shape, *, collisions: bool, name: str) -> None:
+    """Add a primitive geom, without mass, that draws `body`; it touches things only with `collisions`.
+
+    Arm parts (contype 2, conaffinity 1) meet MuJoCo's default objects (contype 1, conaffinity 1: table, props). They
+    meet neither each other nor another arm, which saves most of the collision time of two arms. The profile names the
+    links on which an arm leans all the same (`self_contacts`).
+    """
+    visible = shape.colour != "none"
+    if not visible and not (collisions and shape.collides):
+        return
+    if shape.kind not in _SHAPES or (visible and shape.colour not in COLOURS):
+        raise ConfigError(
+            f"body '{body.name}': unknown shape '{shape.kind}' or colour '{shape.colour}'; "
+            f"kinds {sorted(_SHAPES)}, colours {sorted(COLOURS)} or 'none'"
+        )
+    geom = body.add_geom(name=name, type=_SHAPES[shape.kind], mass=0.0, density=0.0)
+    if shape.kind in ("cylinder", "capsule"):
+        geom.fromto = np.concatenate([shape.from_m, shape.to_m])
+        geom.size = [shape.radius_m, 0.0, 0.0]
+    else:
+        geom.pos, geom.quat, geom.size = shape.center_m, shape.quat_wxyz, shape.size_m / 2
+    geom.rgba = COLOURS[shape.colour] if visible else (0.5, 0.5, 0.5, 0.3)
+    geom.group = VISUAL_GROUP if visible else COLLISION_GROUP
+    geom.contype, geom.conaffinity = (2, 1) if collisions and shape.collides else (0, 0)
+    if shape.colour in _GRIPPING:
+        geom.condim = 4
+        geom.friction = [1.5, 0.02, 0.0001]  # rubber on wood, our estimate; torsion for a flat pad
+        geom.priority = 1
+        # MuJoCo's soft default lets the gripper's heavy rotor sink 8 mm into a 50 g prop and squeeze it out.
+        geom.solref, geom.solimp[:3] = [0.004, 1.0], [0.95, 0.99, 0.001]
+
+
 def _add_joints(
     bodies: dict[str, mujoco.MjsBody], arm: ArmProfile, gripper: GripperProfile, physics: Physics | None
 ) -> None:
@@ -173,18 +214,12 @@ def _add_joints(
             joint.solref_limit = _STOP_SOLREF
 
 
-def _geom_name(row: Body, index: int) -> str:
-    return f"{row.name}_{index}"
-
-
 def _add_self_contacts(spec: mujoco.MjSpec, arm: ArmProfile) -> None:
     rows = {row.name: row for row in arm.bodies}
     for pair in arm.self_contacts:
         if len(pair) != 2 or not set(pair) <= set(rows):
             raise ConfigError(f"arm '{arm.name}': self_contacts needs pairs of {sorted(rows)}, got {pair}")
-        first, second = (
-            [_geom_name(rows[name], i) for i, s in enumerate(rows[name].shapes) if s.collides] for name in pair
-        )
+        first, second = ([f"{name}_{i}" for i, s in enumerate(rows[name].shapes) if s.collides] for name in pair)
         for one in first:
             for other in second:
                 contact = spec.add_pair(geomname1=one, geomname2=other, condim=3)

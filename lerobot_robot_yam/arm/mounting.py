@@ -1,9 +1,11 @@
-"""What of an end effector depends on the arm that carries it."""
+"""An end effector on the arm that carries it: the parts of its profile that depend on that arm."""
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 from lerobot_robot_yam.arm.profile import ArmProfile, Body, GripperProfile
+from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.errors import ConfigError
 
 TIP = "tip"
@@ -11,6 +13,18 @@ TIP = "tip"
 MAKERS_GRIPPER_ID = 7  # CAN id of the motor of every gripper that the maker sells
 
 _GRASP_SITE = "grasp_site"
+
+
+def resolve_profiles(
+    arm: str | Path | ArmProfile, gripper: str | Path | GripperProfile
+) -> tuple[ArmProfile, GripperProfile]:
+    """Profiles of an arm and of the end effector as it is on this arm; reads them where names or paths are given.
+
+    Raises:
+        ConfigError: an unknown name, a broken profile, or an end effector that does not fit.
+    """
+    arm = arm if isinstance(arm, ArmProfile) else load_arm(arm)
+    return arm, mounted(gripper if isinstance(gripper, GripperProfile) else load_gripper(gripper), arm)
 
 
 def gripper_id(arm: ArmProfile, own: int = MAKERS_GRIPPER_ID) -> int:
@@ -51,7 +65,7 @@ def _mounted(body: Body, gripper: GripperProfile, arm: ArmProfile, renamed: Mapp
     parents = {own.name: own.name for own in gripper.bodies} | {TIP: tip, tip: tip}
     if body.parent not in parents:
         raise ConfigError(
-            f"gripper '{gripper.name}': body {body.name} is fixed to '{body.parent}', which is neither one of its own "
+            f"gripper '{gripper.name}': body {body.name} is fixed to '{body.parent}', which is neither one of its "
             f"bodies nor the last one of arm '{arm.name}' ({tip}); write `parent: {TIP}`"
         )
     joint = body.joint and replace(body.joint, name=renamed.get(body.joint.name, body.joint.name))

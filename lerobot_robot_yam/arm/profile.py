@@ -45,7 +45,7 @@ class Shape:
     """A primitive that draws a body, and that touches things when `collides`.
 
     kind: "cylinder" or "capsule" between `from_m` and `to_m`; "box" or "ellipsoid" of full `size_m` at
-    `center_m`, turned by `quat_wxyz`. colour: a key of `shapes.COLOURS`, or "none" for an invisible shape.
+    `center_m`, turned by `quat_wxyz`. colour: a key of `model.COLOURS`, or "none" for an invisible shape.
     """
 
     kind: str

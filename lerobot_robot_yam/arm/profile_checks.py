@@ -1,20 +1,21 @@
-"""What the numbers of a profile must fulfil beyond their types, so that motors, model and laws can work with them.
+"""Ranges of the numbers in a profile, within which motors, model and laws can work with them.
 
 Sources of the bounds: the ranges of the packed frames (`damiao.tables`), as a motor cannot be told anything beyond;
 the rest is what a quantity means (a mass is above zero, a lower limit below the upper one).
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from lerobot_robot_yam.arm.config_checks import GRAVITY_FACTOR_MOST
+from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD
 from lerobot_robot_yam.arm.profile import ArmMotor, ArmProfile, Body, GripperMotor, GripperProfile, Limiter
+from lerobot_robot_yam.damiao.motor_spec import MotorSpec, check_specs
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import ConfigError
 
-_REST_TOLERANCE_RAD = 0.15  # rest lies on a limit of joints 2 and 3; measured values may lie so far outside
 _KP_LEAST = 1.0  # Nm/rad: an arm that is held less than that falls
 _KD_LEAST = 0.02  # of kp, in s: with less it swings; the makers' are 0.025 to 0.15
 _TORQUE_LEAST = 0.1  # of the motor's range: less carries no arm
@@ -51,7 +52,7 @@ def check_arm(arm: ArmProfile, where: str) -> None:
         "friction_nm": (arm.friction_nm, 0.0, np.inf),
     }
     for gripper, rest in arm.rest_q_rad.items():
-        ranges[f"rest_q_rad.{gripper}"] = (rest, lower - _REST_TOLERANCE_RAD, upper + _REST_TOLERANCE_RAD)
+        ranges[f"rest_q_rad.{gripper}"] = (rest, lower - RANGE_TOLERANCE_RAD, upper + RANGE_TOLERANCE_RAD)
     for key, (value, low, high) in ranges.items():
         if not ((value >= low) & (value <= high)).all():
             raise ConfigError(f"{where}: {key} {value.tolist()} is not within {_shown(low)} … {_shown(high)}")
@@ -137,7 +138,7 @@ def check_gripper(gripper: GripperProfile, where: str) -> None:
 
 
 def _check_limiter(limiter: Limiter, kp: float, where: str) -> None:
-    """What the limiter divides by, or compares with, must not be zero."""
+    """Refuse zero where the limiter divides by a number or compares with it."""
     if limiter.force_map not in _FORCE_MAPS:
         raise ConfigError(f"{where}: limiter.force_map is one of {_FORCE_MAPS}, not {limiter.force_map!r}")
     lever = math.cos(limiter.close_angle_rad) - math.cos(limiter.open_angle_rad)
@@ -159,24 +160,18 @@ def _check_limiter(limiter: Limiter, kp: float, where: str) -> None:
         raise ConfigError(f"{where}: limiter.sign is 1 or -1, not {limiter.sign:g}")
 
 
-def _check_motors(motors: Iterable[ArmMotor | GripperMotor], where: str) -> None:
-    names: set[str] = set()
-    ids: set[int] = set()
+def _check_motors(motors: Sequence[ArmMotor | GripperMotor], where: str) -> None:
+    check_specs([MotorSpec(motor.name, motor.can_id, motor.type) for motor in motors], where)
     for motor in motors:
-        motor_type(motor.type)
         if motor.direction not in (-1, 1):
             raise ConfigError(f"{where}: direction of {motor.name} is 1 or -1, not {motor.direction}")
-        if not 1 <= motor.can_id <= 0xFF or motor.can_id in ids or motor.name in names:
-            raise ConfigError(f"{where}: motor {motor.name} (id {motor.can_id}) needs a name and an id 1 … 255 its own")
-        names.add(motor.name)
-        ids.add(motor.can_id)
 
 
 def _check_bodies(bodies: Iterable[Body], where: str) -> None:
     names = [body.name for body in bodies] + [body.joint.name for body in bodies if body.joint]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise ConfigError(f"{where}: bodies and joints need names of their own; {twice} appear twice")
+        raise ConfigError(f"{where}: bodies and joints need different names; {twice} appear twice")
     for body in bodies:
         inertial = body.inertial
         smallest, middle, largest = sorted(inertial.moments_kg_m2.tolist())

@@ -4,7 +4,7 @@
 replaces any field: `load_arm("yam", {"kp": [...]})`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,44 +17,38 @@ from lerobot_robot_yam.system.strict_yaml import merge, parse, read_yaml
 ARMS = ("yam", "yam_pro", "yam_ultra", "yam_ultra_2", "big_yam")
 NO_ARM = "none"
 """Arm name for gripper-only use: no joints, the gripper fixed in the world."""
-GRIPPERS = (
-    "crank_4310",
-    "linear_3507",
-    "linear_4310",
-    "flexible_4310",
-    "yam_teaching_handle",
-    "no_gripper",
-)
+GRIPPERS = ("crank_4310", "linear_3507", "linear_4310", "flexible_4310", "yam_teaching_handle", "no_gripper")
 
 _DIRECTORY = Path(__file__).parent / "profiles"
 
 
 def load_arm(name: str | Path, overrides: Mapping[str, Any] | None = None) -> ArmProfile:
     """The profile of an arm by name (`ARMS` or "none") or YAML path. Raises ConfigError."""
-    where = f"arm '{name}'"
-    profile = parse(ArmProfile, _document("arm", "arms", (*ARMS, NO_ARM), name, overrides), where)
-    check_arm(profile, where)
-    return profile
+    return _load("arm", ArmProfile, check_arm, (*ARMS, NO_ARM), name, overrides)
 
 
 def load_gripper(name: str | Path, overrides: Mapping[str, Any] | None = None) -> GripperProfile:
     """The profile of an end effector by name (`GRIPPERS`) or YAML path. Raises ConfigError."""
-    where = f"gripper '{name}'"
-    profile = parse(GripperProfile, _document("gripper", "grippers", GRIPPERS, name, overrides), where)
-    check_gripper(profile, where)
-    return profile
+    return _load("gripper", GripperProfile, check_gripper, GRIPPERS, name, overrides)
 
 
-def _document(
-    what: str, folder: str, names: tuple[str, ...], name: str | Path, overrides: Mapping[str, Any] | None
-) -> dict[str, Any]:
+def _load[T](
+    what: str,
+    kind: type[T],
+    check: Callable[[T, str], None],
+    names: Sequence[str],
+    name: str | Path,
+    overrides: Mapping[str, Any] | None,
+) -> T:
     if name in names:
-        document = _packaged(folder, str(name))
+        document = _packaged(f"{what}s", str(name))
     elif str(name).endswith((".yaml", ".yml")):
         document = read_yaml(Path(name))
     else:
         raise ConfigError(f"unknown {what} '{name}'; known: {', '.join(names)}, or a path to a YAML profile")
-    return merge(document, overrides or {})
+    profile = parse(kind, merge(document, overrides or {}), f"{what} '{name}'")
+    check(profile, f"{what} '{name}'")
+    return profile
 
 
 @cache

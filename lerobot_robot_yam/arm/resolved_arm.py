@@ -1,4 +1,4 @@
-"""What a configuration amounts to: profiles with the user's overrides, and the derived constants of one arm."""
+"""One arm as its configuration describes it: profiles with the user's overrides, and constants derived from them."""
 
 from typing import NamedTuple
 
@@ -13,6 +13,7 @@ from lerobot_robot_yam.damiao.motor_spec import MAX_MOTORS, MotorSpec, check_spe
 from lerobot_robot_yam.errors import ConfigError
 
 _OF_THE_PROFILE = ("kp", "kd", "gravity_factor", "idle_kd", "torque_limit_nm", "speed_limit_rad_s")
+_OF_THE_GRIPPER = {"gripper_kp": "kp", "gripper_kd": "kd", "gripper_speed_limit": "speed_limit_per_s"}
 
 
 class Roles(NamedTuple):
@@ -24,8 +25,8 @@ class Roles(NamedTuple):
     wrist: int | None
 
 
-class Hardware:
-    """Resolved description of one arm with its end effector. n motors: the joints, then the gripper's if it has one.
+class ResolvedArm:
+    """One arm with its end effector. n motors: the joints, then the gripper's if it has one.
 
     Attributes:
         arm, gripper: profiles with overrides applied.
@@ -33,27 +34,30 @@ class Hardware:
         n: number of motors.
         slots: of its motors in the shared records.
         direction, kp, kd, idle_kd, torque_limit_nm: (n,).
+        speed_limit: (n,) of the set-point; rad/s, and strokes per second for the gripper.
         lower, upper: (n,) command limits; rad, and 0 … 1 for the gripper.
+        coulomb_nm: (joints,) friction torque that is fed forward.
         folding: which joint does what in a landing.
         rest_q: (joints,) rad, where it lands.
         tilt_rad: roll and pitch of its base.
         lies_at_rest: it is known that cutting torque at rest_q moves nothing.
+        load: what differs from the profile at the end effector.
+
+    Raises:
+        ConfigError: names the arm, and what is unknown, does not fit, or is out of range.
     """
 
     def __init__(self, config: ArmConfig):
-        gripper_motor = {
-            "kp": config.gripper_kp,
-            "kd": config.gripper_kd,
-            "speed_limit_per_s": config.gripper_speed_limit,
-        }
-        gripper_motor = {key: value for key, value in gripper_motor.items() if value is not None}
         try:
-            given = _per_joint(config, load_arm(config.arm).joint_count)
-            self.arm: ArmProfile = load_arm(config.arm, {key: given[key] for key in _OF_THE_PROFILE if key in given})
-            gripper: GripperProfile = load_gripper(config.gripper)
-            if gripper_motor and gripper.motor is not None:
-                gripper = load_gripper(config.gripper, {"motor": gripper_motor})
-            self.gripper = mounted(gripper, self.arm)
+            arm, gripper = load_arm(config.arm), load_gripper(config.gripper)
+            given = _per_joint(config, arm.joint_count)
+            overrides = {key: given[key] for key in _OF_THE_PROFILE if key in given}
+            self.arm: ArmProfile = load_arm(config.arm, overrides) if overrides else arm
+            rows = [(field, getattr(config, key)) for key, field in _OF_THE_GRIPPER.items()]
+            of_motor = {field: value for field, value in rows if value is not None}
+            if of_motor and gripper.motor is not None:
+                gripper = load_gripper(config.gripper, {"motor": of_motor})
+            self.gripper: GripperProfile = mounted(gripper, self.arm)
         except ConfigError as error:
             raise ConfigError(f"{config.name}: {error}") from error
         if config.estop_button is not None and not self.gripper.handle_encoder:
@@ -61,8 +65,8 @@ class Hardware:
                 f"{config.name}: estop_button is a button of the teaching handle, and {self.gripper.name} has none; "
                 "set it on a leader with a handle"
             )
-        motor = self.gripper.motor
-        self.joints = self.arm.joint_count
+        joint, motor = self.arm, self.gripper.motor
+        self.joints = joint.joint_count
         self.n = self.joints + (motor is not None)
         if self.n == 0:
             raise ConfigError(f"{config.name}: arm {config.arm!r} with gripper {config.gripper!r} has no motor")
@@ -71,35 +75,23 @@ class Hardware:
                 f"{config.name}: arm {config.arm!r} has {self.n} motors, at most {MAX_MOTORS} can be driven"
             )
         self.slots = slice(self.n)
-        self.motors = [MotorSpec(m.name, m.can_id, m.type) for m in self.arm.motors]
-        joint = self.arm
-        direction = [float(m.direction) for m in joint.motors]
-        kp, kd, idle_kd, torque = (
-            list(joint.kp),
-            list(joint.kd),
-            list(joint.idle_kd),
-            list(joint.torque_limit_nm),
-        )
-        speed = list(joint.speed_limit_rad_s)
-        lower, upper = list(joint.joint_limits_rad[:, 0]), list(joint.joint_limits_rad[:, 1])
-        if motor is not None:
-            self.motors.append(MotorSpec(motor.name, motor.can_id, motor.type, turns=True))
-            direction.append(float(motor.direction))
-            kp.append(motor.kp)
-            kd.append(motor.kd)
-            idle_kd.append(motor.idle_kd)
-            torque.append(motor.torque_limit_nm)
-            speed.append(motor.speed_limit_per_s)
-            lower.append(0.0)
-            upper.append(1.0)
+        grippers = [] if motor is None else [motor]
+        self.motors = [
+            *(MotorSpec(row.name, row.can_id, row.type) for row in joint.motors),
+            *(MotorSpec(row.name, row.can_id, row.type, turns=True) for row in grippers),
+        ]
         check_specs(self.motors, config.name)
-        self.direction = np.array(direction)
-        self.kp, self.kd, self.idle_kd = np.array(kp), np.array(kd), np.array(idle_kd)
-        self.torque_limit_nm = np.array(torque)
-        self.lower, self.upper = np.array(lower), np.array(upper)
+        directions = [row.direction for row in joint.motors] + [row.direction for row in grippers]
+        self.direction = np.array(directions, dtype=float)
+        self.kp, self.kd, self.idle_kd, self.torque_limit_nm = (
+            np.array([*getattr(joint, key), *(getattr(row, key) for row in grippers)])
+            for key in ("kp", "kd", "idle_kd", "torque_limit_nm")
+        )
+        self.speed_limit = np.array([*joint.speed_limit_rad_s, *(row.speed_limit_per_s for row in grippers)])
+        self.lower = np.array([*joint.joint_limits_rad[:, 0], *(0.0 for _ in grippers)])
+        self.upper = np.array([*joint.joint_limits_rad[:, 1], *(1.0 for _ in grippers)])
         self.coulomb_nm = np.array(given.get("coulomb_friction_nm", [0.0] * self.joints))
-        self.speed_limit = np.array(speed)
-        names = [motor.name for motor in joint.motors]
+        names = [row.name for row in joint.motors]
         named = (joint.folding.base, joint.folding.shoulder, joint.folding.elbow, joint.folding.wrist)
         self.folding = Roles(*(names.index(name) if name in names else None for name in named))
         self.rest_q = self._rest_q(config.name, given.get("rest_q_rad"))
@@ -123,15 +115,15 @@ class Hardware:
 
     @property
     def has_gripper(self) -> bool:
-        """True when the end effector has a motor."""
+        """The end effector has a motor."""
         return self.gripper.motor is not None
 
 
 def _per_joint(config: ArmConfig, joints: int) -> dict[str, list[float]]:
-    """What the configuration gives for each joint, by field.
+    """Numbers per joint that the configuration gives, by field.
 
     Raises:
-        ConfigError: not as many numbers as the arm has joints.
+        ConfigError: a field has not as many numbers as the arm has joints.
     """
     given = {}
     for key in (*_OF_THE_PROFILE, "coulomb_friction_nm", "effort_limit_nm", "rest_q_rad"):

@@ -33,14 +33,10 @@ def finite_vector(arm: str, what: str, value: object, n: int) -> np.ndarray:
 
 
 def finite_number(arm: str, what: str, value: object) -> float:
-    """`value` as a float.
-
-    Raises:
-        ActionError: no number, NaN or infinity.
-    """
+    """`value` as a float. Raises ActionError: no number, NaN or infinity."""
     try:
         number = value if type(value) is float else _number(value)
-    except Exception as error:  # whatever turning it into a number raises, it is none
+    except Exception as error:  # a value may raise anything on its way to a number
         raise ActionError(f"{arm}: {what} is not a number but {type(value).__name__} ({error})") from error
     if not math.isfinite(number):
         raise ActionError(f"{arm}: {what} is {number}; nothing was sent")
@@ -69,7 +65,7 @@ def check_range(arm: str, what: str, value: np.ndarray, low: float, high: np.nda
 
 
 def _number(value: object) -> float:
-    """One number as a float; raises whatever the value's type raises, TypeError for what only looks like one."""
+    """One number as a float. Raises what the value's type raises, and TypeError for text and truth values."""
     if isinstance(value, str | bytes | bytearray | bool):
         raise TypeError("text and truth values are no positions")
     if isinstance(value, np.ndarray | np.generic) and value.dtype.kind not in _NUMERIC:

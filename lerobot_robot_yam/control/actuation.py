@@ -9,7 +9,7 @@ import numpy as np
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.dynamics import GravityModel
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.impedance import Motion
 from lerobot_robot_yam.control.joint_interface import ArmDrive
 from lerobot_robot_yam.control.landing import Landing, Phase
@@ -51,10 +51,10 @@ class ArmBody:
         hardware, gravity: of this very config, if they have been made before.
     """
 
-    def __init__(self, config: ArmConfig, bus: can.BusABC, hardware: Hardware | None, gravity: GravityModel | None):
+    def __init__(self, config: ArmConfig, bus: can.BusABC, hardware: ResolvedArm | None, gravity: GravityModel | None):
         self.config = config
         self.name = config.name
-        self.hardware = hw = hardware or Hardware(config)
+        self.hardware = hw = hardware or ResolvedArm(config)
         self.drive = ArmDrive(config, hw, bus)
         self.gripper = self.drive.gripper
         self.setpoint = SetPoint(
@@ -344,7 +344,7 @@ class ArmBody:
         self.motion.commands[:] = 0.0
 
 
-def gravity_model(hardware: Hardware) -> GravityModel | None:
+def gravity_model(hardware: ResolvedArm) -> GravityModel | None:
     """Model of an arm; None for a gripper alone."""
     if not hardware.joints:
         return None

@@ -11,7 +11,7 @@ import numpy as np
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.dynamics import GravityModel
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.actuation import LEFT_BEHIND_RAD, ArmBody
 from lerobot_robot_yam.control.float_monitor import Floating
 from lerobot_robot_yam.control.landing import Landing
@@ -48,7 +48,11 @@ class ArmController(ArmBody):
     """
 
     def __init__(
-        self, config: ArmConfig, bus: can.BusABC, hardware: Hardware | None = None, gravity: GravityModel | None = None
+        self,
+        config: ArmConfig,
+        bus: can.BusABC,
+        hardware: ResolvedArm | None = None,
+        gravity: GravityModel | None = None,
     ):
         super().__init__(config, bus, hardware, gravity)
         self._after_search = Mode.FLOAT if self._floats else Mode.HOLD

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.impedance import Motion
 from lerobot_robot_yam.control.joint_interface import ArmDrive
 from lerobot_robot_yam.control.laws.gravity_balance import CHECK, Balance
@@ -23,7 +23,7 @@ class Floating:
         drive, motion, hardware: of the arm.
     """
 
-    def __init__(self, drive: ArmDrive, motion: Motion, hardware: Hardware):
+    def __init__(self, drive: ArmDrive, motion: Motion, hardware: ResolvedArm):
         joints = hardware.motors[: hardware.joints]
         self._drive, self._motion, self._hardware = drive, motion, hardware
         self._j = slice(hardware.joints)

@@ -5,7 +5,7 @@ import numpy as np
 from lerobot_robot_yam.arm.config_checks import PAYLOAD_MOST_KG
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.gripper.gripper import GripperAxis
 from lerobot_robot_yam.control.laws import mit_laws
 from lerobot_robot_yam.control.laws.float_damping import FloatSpeed
@@ -39,7 +39,7 @@ class Motion:
 
     def __init__(
         self,
-        hardware: Hardware,
+        hardware: ResolvedArm,
         gravity: GravityModel | None,
         gripper: GripperAxis | None,
         hold_integral: bool,

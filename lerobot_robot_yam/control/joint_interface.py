@@ -7,7 +7,7 @@ import numpy as np
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.joint_map import JointMap, resolve_turn
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.gripper.gripper import GripperAxis
 from lerobot_robot_yam.control.laws import mit_laws
 from lerobot_robot_yam.control.preflight import arm_inspection
@@ -44,7 +44,7 @@ class ArmDrive:
         meanwhile: called between questions that a running loop waits for, so that it may hold the other arms.
     """
 
-    def __init__(self, config: ArmConfig, hardware: Hardware, bus: can.BusABC):
+    def __init__(self, config: ArmConfig, hardware: ResolvedArm, bus: can.BusABC):
         self._config, self._hardware, self._bus = config, hardware, bus
         hw, n = hardware, hardware.n
         self.encoder = HandleEncoder() if hw.gripper.handle_encoder else None
@@ -96,7 +96,7 @@ class ArmDrive:
                 motor_q[-1] = self.gripper.stops.motor(float(motor_q[-1]))
                 motor_dq[-1] *= self.gripper.stops.span_rad
         direction = self._hardware.direction
-        self.chain.assume(self._map.motor(motor_q), motor_dq * direction, record["motor_stamp_s"][slots])
+        self.chain.feedback.assume(self._map.motor(motor_q), motor_dq * direction, record["motor_stamp_s"][slots])
         for _ in range(3):
             if all(self.chain.refresh(timeout_s=0.01)):
                 break
@@ -111,7 +111,7 @@ class ArmDrive:
         Raises:
             MotorError: one does not answer.
         """
-        self.chain.believe(range(len(self.chain)))
+        self.chain.feedback.believe(range(len(self.chain)))
         silent = [self.chain.motors[i] for i in self._enable(range(len(self.chain)), _SOON_S, _ASK_AGAIN, meanwhile)]
         self.read()
         if silent:
@@ -148,7 +148,7 @@ class ArmDrive:
 
     def _clear_and_enable(self, motors: Sequence[int]) -> list[int]:
         chain, believed_rad = self.chain, self.chain.position_rad
-        chain.restart(motors)
+        chain.feedback.restart(motors)
         asked_s = chain.clock.now()
         for _ in range(_ASK_AGAIN):
             if (chain.stamp_s[motors] > asked_s).all():
@@ -187,7 +187,7 @@ class ArmDrive:
             f"{self.motor_q[index]:.2f} rad and was sent to {self.sent[index, mit_laws.Q]:.2f}"
             for index in lying
         )
-        self.chain.distrust(lying, believed_rad)
+        self.chain.feedback.distrust(lying, believed_rad)
         self.read()
         raise MotorError(
             f"{self._config.name} ({self._config.channel}): {told}; check cables and plugs, let the arm land, and "

@@ -1,82 +1,121 @@
 """All motors of one CAN bus: send every command, then collect every reply, by identifier.
 
-What has arrived is drained before the next tick is sent, so old data cannot pile up in the socket.
+The chain drains what has arrived before it sends the next tick, so old data cannot pile up in the socket.
 """
 
 import contextlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from operator import attrgetter
+from typing import Any
 
 import can
 import numpy as np
 
-from lerobot_robot_yam.damiao.bus_port import data_message, is_classic_data
+from lerobot_robot_yam.damiao.bus_port import BusPort, data_message, is_classic_data
 from lerobot_robot_yam.damiao.codec import SpecialCommand, encode_mit
 from lerobot_robot_yam.damiao.encoder import REQUEST_ID, HandleEncoder, encode_report_request
-from lerobot_robot_yam.damiao.motor_spec import MotorSpec
+from lerobot_robot_yam.damiao.motor_spec import MotorSpec, check_specs
 from lerobot_robot_yam.damiao.receiver import Receiver
 from lerobot_robot_yam.damiao.registers import (
+    REGISTERS,
     Opcode,
-    decode_reply,
+    decode_value,
     encode_read,
     encode_refresh,
     encode_store,
     encode_write,
-    register_row,
 )
 from lerobot_robot_yam.damiao.requests import Request
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S, REGISTER_ID
 from lerobot_robot_yam.errors import ActionError, BusError, MotorError
 
-ENABLE_PAUSE_S = 0.003  # the vendor's driver leaves this much time before each enable
-CLEAR_REPEATS = 3  # and sends "clear error" this many times
+ENABLE_PAUSE_S = 0.003  # before each enable, as in the vendor's driver
+CLEAR_REPEATS = 3  # of "clear error", as in the vendor's driver
 # After them, as long as they and their answers take on the wire: a link brought up by default has room for 20 frames.
 _CLEAR_PAUSE_S = 2 * CLEAR_REPEATS * FRAME_TIME_S
 _SETTLE_S = 0.01  # beyond what answers usually take, for those that were held up
 _HASTE_S = 0.04  # the most that a loop waits for an adapter; a third of the time after which it is taken for hung
 
 
-class MotorChain(Receiver):
+def _of(path: str) -> Any:
+    """A read-only property: what a part of the chain keeps, under the name that the chain gives it."""
+    return property(attrgetter(path))
+
+
+class MotorChain:
     """All motors (and optionally the handle encoder) on one CAN bus. One thread touches it.
 
-    State, refreshed as new arrays by every `collect`, in motor coordinates, shape (n,):
-        position_rad (where `MotorSpec.turns`, unwrapped from the first reading), velocity_rad_s, torque_nm,
-        temp_mos_c, temp_rotor_c, stamp_s (the clock's time at which the motor has sampled this, -inf before the first
-        reply), before_rad and before_rad_s (the sample before that, NaN at first), asked_s (when the command went out
-        that it answers), fault (int, see `tables.Fault`), distrusted (bool, its readings cannot be and are not used any
-        more), missed (int, questions in a row without an answer).
-    In short: `all_answered` (the last `send` that was collected) and `all_normal` (no fault, all enabled and trusted).
-
-    Counters: `lost` (answers that never came), `rejected` (those that could not be), `duplicates` (answers to no
-    question, the mark of two motors with one id), `foreign_commands` (frames that another driver sent to our motors),
-    `foreign` (identifier -> count of frames that belong to nothing here), `error_frames`.
+    Attributes:
+        feedback: the newest state of the motors. Its arrays have the same names on the chain.
+        round_trip: how long the adapter takes.
+        expected_wire_s: time that one exchange occupies the wire, two frames per motor and for the handle.
+        missed: (n,) questions in a row without an answer.
+        all_answered: every motor has answered the last `send` that was collected.
+        foreign_commands: frames that another driver sent to our motors.
+        foreign: identifier -> count of frames that belong to nothing here.
+        error_frames: count of CAN error frames.
     """
 
+    position_rad: np.ndarray = _of("feedback.position_rad")
+    velocity_rad_s: np.ndarray = _of("feedback.velocity_rad_s")
+    torque_nm: np.ndarray = _of("feedback.torque_nm")
+    temp_mos_c: np.ndarray = _of("feedback.temp_mos_c")
+    temp_rotor_c: np.ndarray = _of("feedback.temp_rotor_c")
+    stamp_s: np.ndarray = _of("feedback.stamp_s")
+    asked_s: np.ndarray = _of("feedback.asked_s")
+    before_rad: np.ndarray = _of("feedback.before_rad")
+    before_rad_s: np.ndarray = _of("feedback.before_rad_s")
+    fault: np.ndarray = _of("feedback.fault")
+    distrusted: np.ndarray = _of("feedback.distrusted")
+    all_normal: bool = _of("feedback.all_normal")
+    foreign_commands: int = _of("_receiver.foreign_commands")
+    foreign: dict[int, int] = _of("_receiver.foreign")
+    error_frames: int = _of("_receiver.error_frames")
+
     def __init__(
-        self,
-        bus: can.BusABC,
-        motors: Sequence[MotorSpec],
-        *,
-        channel: str,
-        encoder: HandleEncoder | None = None,
+        self, bus: can.BusABC, motors: Sequence[MotorSpec], *, channel: str, encoder: HandleEncoder | None = None
     ):
         """
         Raises:
             ConfigError: names or identifiers are not unique, or a type is unknown.
         """
-        super().__init__(bus, motors, channel, encoder)
+        check_specs(motors, channel)
+        self.channel, self.motors, self.encoder = channel, tuple(motors), encoder
+        self._types = [spec.type for spec in self.motors]
+        self._port = BusPort(bus, channel)
+        self.clock = self._port.clock
+        self._receiver = Receiver(self._port, self.motors, encoder)
+        self.feedback, self.round_trip = self._receiver.feedback, self._receiver.round_trip
+        self._requests = self._receiver.requests
         # Reused every tick; a bus copies what it queues.
         self._messages = [data_message(spec.can_id, bytes(8)) for spec in self.motors]
         if encoder is not None:
             self._messages.append(data_message(REQUEST_ID, encode_report_request()))
-
+        self.expected_wire_s = 2 * len(self._messages) * FRAME_TIME_S
         self._ticked = self._hasty = False  # since the last question; whether a loop waits
         self.missed: np.ndarray = np.zeros(len(self.motors), dtype=int)
         self.all_answered = False
 
+    def __len__(self) -> int:
+        return len(self.motors)
+
     @property
-    def expected_wire_s(self) -> float:
-        """Time one exchange occupies the wire: two frames per motor, and the handle's two."""
-        return 2 * len(self._messages) * FRAME_TIME_S
+    def duplicates(self) -> np.ndarray:
+        """(n,) answers to no question, the mark of two motors with one id. They are not used: their age is unknown."""
+        return np.array(self._requests.duplicates)
+
+    @property
+    def lost(self) -> np.ndarray:
+        """(n,) answers that never came."""
+        return np.array(self._requests.lost)
+
+    def silence_s(self, now: float) -> np.ndarray:
+        """(n,) seconds for which nothing was heard of each motor, beyond what its adapter takes anyway."""
+        return now - self.stamp_s - 2.0 * self.round_trip.one_way_s
+
+    def drain(self) -> None:
+        """Take everything that has already arrived, without waiting."""
+        self._receiver.drain()
 
     def pack(self, commands: np.ndarray) -> list[bytes]:
         """Data of one MIT command frame per motor. Sends nothing.
@@ -100,7 +139,7 @@ class MotorChain(Receiver):
     def send_packed(self, packed: Sequence[bytes]) -> None:
         """Send what `pack` has made, then the handle's request, without waiting for anything.
 
-        Now and then, after losses, a motor is left out of one tick; see `requests`. It goes on with what it was told.
+        After losses it sometimes leaves a motor out of one tick, see `requests`; the motor goes on as it was told.
 
         Raises:
             BusError: the channel is gone or its transmit queue is full.
@@ -122,9 +161,9 @@ class MotorChain(Receiver):
             raise
 
     def collect(self, deadline_s: float) -> bool:
-        """Take the replies to the last `send`; block until `deadline_s` (the clock's time) only for stragglers.
+        """Take the replies to the last `send`; wait until `deadline_s` (the clock's time) only for stragglers.
 
-        Returns whether every motor answered. What comes later is taken with a later tick, for what it is.
+        Returns whether every motor answered. A later tick takes the answers that come later.
 
         Raises:
             BusError: the channel is gone.
@@ -133,8 +172,7 @@ class MotorChain(Receiver):
         self.all_answered = not silent and self._requests.newest.asked == len(self.motors)
         if not self.all_answered or self.missed.any():
             self.missed = np.where([i in self._requests.heard for i in range(len(self.motors))], 0, self.missed + 1)
-        self._requests.heard.clear()
-        self.publish()
+        self._publish()
         return self.all_answered
 
     def exchange(self, commands: np.ndarray, timeout_s: float | None = None) -> bool:
@@ -152,13 +190,16 @@ class MotorChain(Receiver):
     def special(
         self, command: SpecialCommand, timeout_s: float = 0.05, motors: Sequence[int] | None = None
     ) -> list[bool]:
-        """Send a special command to motors (by index; default all), and say who of all answered within `timeout_s`.
+        """Send a special command to motors (by index; default all).
 
-        ENABLE makes motors obey; ZERO moves their origin, so that the next reading is taken as it is. DISABLE in haste
-        does not wait for answers to ticks: whether torque is off is in `fault`, whichever question a motor answers.
+        ENABLE makes motors obey. ZERO moves their origin, so the next reading is taken as it is. DISABLE in haste
+        does not wait for answers to ticks: `fault` tells whether torque is off, whichever question a motor answers.
+
+        Returns:
+            Per motor of the chain, whether it answered within `timeout_s`.
         """
         if command is SpecialCommand.ZERO:
-            self.restart()
+            self.feedback.restart()
         repeats = CLEAR_REPEATS if command is SpecialCommand.CLEAR else 1
         chosen = range(len(self.motors)) if motors is None else motors
         if command is not SpecialCommand.DISABLE or not self._hasty:
@@ -180,14 +221,14 @@ class MotorChain(Receiver):
         return self._answered(timeout_s)
 
     def read_register(self, motor: int, register: int, timeout_s: float = 0.05, attempts: int = 3) -> float | int:
-        """Value of a register of motor number `motor` (index). Blocks: not for use inside the loop.
+        """Value of a register of motor number `motor` (index). Waits for the answer: not for use inside the loop.
 
         Raises:
             MotorError: no answer to any attempt.
             ConfigError: there is no such register.
         """
         payload = encode_read(self.motors[motor].can_id, register)
-        return self._ask_register(motor, Opcode.READ, register, payload, timeout_s, attempts)
+        return self._ask_register(motor, payload, timeout_s, attempts)
 
     def write_register(
         self, motor: int, register: int, value: float, timeout_s: float = 0.05, attempts: int = 3
@@ -199,7 +240,7 @@ class MotorChain(Receiver):
             ConfigError: unknown or read-only register, or a value it cannot hold.
         """
         payload = encode_write(self.motors[motor].can_id, register, value)
-        return self._ask_register(motor, Opcode.WRITE, register, payload, timeout_s, attempts)
+        return self._ask_register(motor, payload, timeout_s, attempts)
 
     def store_registers(self, motor: int, timeout_s: float = 0.2) -> None:
         """Store the registers of a motor to flash; disable it first.
@@ -210,36 +251,36 @@ class MotorChain(Receiver):
             MotorError: no answer.
         """
         spec = self.motors[motor]
-        self.drain()
-        self._port.send([data_message(REGISTER_ID, encode_store(spec.can_id))])
-        for message in self._until(self.clock.now() + timeout_s):
-            if message.arbitration_id == spec.feedback_id and is_classic_data(message):
-                return
-            self._receive(message)
-        raise MotorError(
-            f"{self.channel}: motor {spec.name} (id {spec.can_id}) did not confirm storing its registers; "
-            "check its power and read them back"
-        )
+        if self._ask(spec, encode_store(spec.can_id), timeout_s, lambda data: True) is None:
+            raise MotorError(
+                f"{self.channel}: motor {spec.name} (id {spec.can_id}) did not confirm storing its registers; "
+                "check its power and read them back"
+            )
 
-    def _ask_register(
-        self, motor: int, opcode: int, register: int, payload: bytes, timeout_s: float, attempts: int
-    ) -> float | int:
-        spec = self.motors[motor]
+    def _ask_register(self, motor: int, payload: bytes, timeout_s: float, attempts: int) -> float | int:
+        spec, header = self.motors[motor], payload[:4]  # motor, opcode and register, which the answer repeats
         for _ in range(attempts):
-            self.drain()
-            self._port.send([data_message(REGISTER_ID, payload)])
-            for message in self._until(self.clock.now() + timeout_s):
-                if message.arbitration_id == spec.feedback_id and is_classic_data(message):
-                    reply = decode_reply(bytes(message.data))
-                    if reply is not None and reply[:3] == (spec.can_id, opcode, register):
-                        return reply.value
-                self._receive(message)
-            self._late_registers += 1
-        verb = "reading" if opcode == Opcode.READ else "writing"
+            data = self._ask(spec, payload, timeout_s, lambda data: len(data) == 8 and data[:4] == header)
+            if data is not None:
+                return decode_value(payload[3], data[4:])
+            self._receiver.late_registers += 1
+        verb = "reading" if payload[2] == Opcode.READ else "writing"
         raise MotorError(
             f"{self.channel}: motor {spec.name} (id {spec.can_id}) did not answer {verb} register "
-            f"{register_row(register).name}; check its power and cable"
+            f"{REGISTERS[payload[3]].name}; check its power and cable"
         )
+
+    def _ask(self, spec: MotorSpec, payload: bytes, timeout_s: float, answers: Callable[[bytes], bool]) -> bytes | None:
+        """Send a register request; data of the first frame of that motor that `answers` it, None after the time-out."""
+        self.drain()
+        self._port.send([data_message(REGISTER_ID, payload)])
+        for message in self._receiver.frames(self.clock.now() + timeout_s):
+            if message.arbitration_id == spec.feedback_id and is_classic_data(message):
+                data = bytes(message.data)
+                if answers(data):
+                    return data
+            self._receiver.accept(message)
+        return None
 
     def _begin(self, motors: Iterable[int], handle: bool = False, repeats: int = 1) -> Request:
         """Open a question that is about to be sent; what has arrived until now has been taken."""
@@ -260,27 +301,26 @@ class MotorChain(Receiver):
     def _settle(self) -> None:
         """Wait as long as answers to earlier questions can take: they must not be taken for answers to the next one.
 
-        Nothing is given up before the first answer: nobody knows then how long they take.
+        It gives up nothing before the first answer: until then it is unknown how long answers take.
         """
         self.drain()
         longest_s = self.round_trip.longest_s
         if not self._requests.owed or not longest_s:
             return
-        if self._hasty:  # what a question has not been answered in its own time is not waited for again
+        if self._hasty:  # do not wait again for answers to a question that has had its time
             usual_s = min(2.0 * self.round_trip.one_way_s, _HASTE_S)
             longest_s = min(longest_s, usual_s + _SETTLE_S) if self._ticked else 0.0
         self._ticked = False
-        deadline_s = self._requests.newest.sent_s + longest_s
-        while self._requests.owed and (left_s := deadline_s - self.clock.now()) > 0.0:
-            message = self._port.recv(left_s)
-            if message is not None:
-                self._receive(message)
+        for message in self._receiver.frames(self._requests.newest.sent_s + longest_s):
+            self._receiver.accept(message)
+            if not self._requests.owed:
+                break
         self._requests.forget()
 
     def _close(self, deadline_s: float) -> set[int]:
         """Wait for the answers to the newest question; returns the motors that have not answered it."""
         request = self._requests.newest
-        self._take_answers(request, deadline_s)
+        self._receiver.take_answers(request, deadline_s)
         if self._requests.give_up_handle() and self.encoder is not None:
             self.encoder.lost += 1
         return request.motors
@@ -290,6 +330,9 @@ class MotorChain(Receiver):
         silent = self._close(
             self.clock.now() + timeout_s + (min(both_ways_s, _HASTE_S) if self._hasty else both_ways_s)
         )
-        self._requests.heard.clear()
-        self.publish()
+        self._publish()
         return [i not in silent for i in range(len(self.motors))]
+
+    def _publish(self) -> None:
+        self._requests.heard.clear()
+        self.feedback.publish()

@@ -15,8 +15,8 @@ from enum import Enum
 from math import inf, isfinite
 from typing import NamedTuple
 
-from lerobot_robot_yam.damiao.tables import MOTOR_TYPES, motor_type
-from lerobot_robot_yam.errors import ActionError, BusError, ConfigError
+from lerobot_robot_yam.damiao import tables
+from lerobot_robot_yam.errors import ActionError, BusError
 
 _MAX16 = 0xFFFF
 _MAX12 = 0xFFF
@@ -29,12 +29,12 @@ Ranges = tuple[float, float, float, float, float]  # (position_max, velocity_max
 # Both directions share these rows.
 _ROWS: dict[str, Ranges] = {
     row.name: (row.position_max_rad, row.velocity_max_rad_s, row.torque_max_nm, row.kp_max, row.kd_max)
-    for row in MOTOR_TYPES.values()
+    for row in tables.MOTOR_TYPES.values()
 }
 
 
 class Feedback(NamedTuple):
-    """What a motor reports: rad, rad/s, Nm, °C. `motor_id` holds the low four bits of the identifier."""
+    """A motor's report: rad, rad/s, Nm, °C. `motor_id` holds the low four bits of the identifier."""
 
     motor_id: int
     fault: int
@@ -64,12 +64,7 @@ class SpecialCommand(Enum):
     CLEAR = b"\xff\xff\xff\xff\xff\xff\xff\xfb"
 
 
-SPECIAL_OF = {command.value: command for command in SpecialCommand}
-
-
-def decode_special(data: bytes) -> SpecialCommand | None:
-    """The special command that `data` (8 bytes) is, or None for an ordinary command."""
-    return SPECIAL_OF.get(bytes(data))
+SPECIAL_OF = {command.value: command for command in SpecialCommand}  # by payload; other commands are not in it
 
 
 def encode_mit(motor_type: str, position: float, velocity: float, kp: float, kd: float, torque: float) -> bytes:
@@ -94,7 +89,7 @@ def encode_mit(motor_type: str, position: float, velocity: float, kp: float, kd:
     try:
         p_max, v_max, t_max, kp_max, kd_max = _ROWS[motor_type]
     except KeyError:
-        raise _unknown_type(motor_type) from None
+        p_max, v_max, t_max, kp_max, kd_max = ranges_of(motor_type)  # says which types are known
     position = p_max if position > p_max else -p_max if position < -p_max else position
     velocity = v_max if velocity > v_max else -v_max if velocity < -v_max else velocity
     torque = t_max if torque > t_max else -t_max if torque < -t_max else torque
@@ -152,15 +147,8 @@ def decode_feedback(motor_type: str, data: bytes) -> Feedback:
 
 
 def ranges_of(motor_type: str) -> Ranges:
-    """What frames of this type are scaled with, for `unpack_feedback`.
-
-    Raises:
-        ConfigError: unknown motor type.
-    """
-    try:
-        return _ROWS[motor_type]
-    except KeyError:
-        raise _unknown_type(motor_type) from None
+    """Ranges that scale the frames of this type, for `unpack_feedback`. Raises ConfigError: unknown motor type."""
+    return _ROWS[tables.motor_type(motor_type).name]
 
 
 def unpack_feedback(ranges: Ranges, data: bytes) -> tuple[int, int, float, float, float, int, int]:
@@ -188,23 +176,15 @@ def encode_feedback(
     temp_mos: int,
     temp_rotor: int,
 ) -> bytes:
-    """What a motor of this type would send, 8 bytes; inverse of `decode_feedback`. Values are clamped.
+    """Feedback frame of a motor of this type, 8 bytes; inverse of `decode_feedback`. Values are clamped.
 
     Raises:
         ActionError: a value is NaN or infinite.
         ConfigError: unknown motor type.
     """
-    try:  # as in `encode_mit`
-        total = position + velocity + torque + temp_mos + temp_rotor
-        plain = type(total) is float and isfinite(total)
-    except OverflowError:
-        plain = False
-    mos: float = temp_mos
-    rotor: float = temp_rotor
-    if not plain:
-        position, velocity, torque, mos, rotor = _finite(
-            "feedback frame", position=position, velocity=velocity, torque=torque, temp_mos=mos, temp_rotor=rotor
-        )
+    position, velocity, torque, mos, rotor = _finite(
+        "feedback frame", position=position, velocity=velocity, torque=torque, temp_mos=temp_mos, temp_rotor=temp_rotor
+    )
     return pack_feedback(
         ranges_of(motor_type), fault << 4 | motor_id & 0xF, position, velocity, torque, int(mos), int(rotor)
     )
@@ -239,7 +219,7 @@ def encode_position_velocity(position: float, velocity_limit: float) -> bytes:
 
 
 def decode_position_velocity(data: bytes) -> tuple[float, float]:
-    """(position rad, velocity limit rad/s) of a position-velocity command.
+    """(position rad, velocity limit rad/s) of a position-velocity command; of a velocity command, (rad/s, 0).
 
     Raises:
         BusError: `data` is not 8 bytes long.
@@ -260,19 +240,8 @@ def encode_velocity(velocity: float) -> bytes:
     return _pack_floats(checked, 0.0)
 
 
-def decode_velocity(data: bytes) -> float:
-    """Velocity in rad/s of a velocity command.
-
-    Raises:
-        BusError: `data` is not 8 bytes long.
-    """
-    if len(data) != 8:
-        raise _wrong_length("velocity command", data)
-    return _FLOAT_PAIR.unpack(data)[0]
-
-
 def _finite(what: str, **values: float) -> list[float]:
-    """The values as plain floats, or ActionError naming the one that is none."""
+    """The values as plain floats. Raises ActionError that names the value that is not finite."""
     plain = []
     for name, value in values.items():
         try:
@@ -294,11 +263,3 @@ def _pack_floats(first: float, second: float) -> bytes:
 
 def _wrong_length(what: str, data: bytes) -> BusError:
     return BusError(f"a {what} has 8 bytes, not {len(data)}: {bytes(data).hex(' ')}")
-
-
-def _unknown_type(name: str) -> ConfigError:
-    try:
-        motor_type(name)
-    except ConfigError as error:
-        return error
-    raise AssertionError(f"{name} is in the table")

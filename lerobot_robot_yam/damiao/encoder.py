@@ -101,17 +101,14 @@ def decode_report(data: bytes) -> HandleReport:
 
 
 def encode_report(position_rad: float, velocity_rad_s: float, buttons: tuple[bool, bool], device: int = 1) -> bytes:
-    """What the device sends, 6 bytes for 0x50F; values beyond int16 counts saturate."""
+    """Report of the device, 6 bytes for 0x50F; values beyond int16 counts saturate."""
     return _REPORT.pack(
-        device,
-        _counts(position_rad),
-        _counts(velocity_rad_s),
-        (1 if buttons[0] else 0) | (2 if buttons[1] else 0),
+        device, _counts(position_rad), _counts(velocity_rad_s), (1 if buttons[0] else 0) | (2 if buttons[1] else 0)
     )
 
 
 def encode_version(version: tuple[int, int, int], device: int = 1) -> bytes:
-    """What the device answers on 0x50E to a version request."""
+    """The device's answer on 0x50E to a version request."""
     return bytes((device, OP_VERSION | REPLY_FLAG, *version))
 
 
@@ -123,7 +120,7 @@ def decode_version(data: bytes) -> tuple[int, int, int] | None:
 
 
 def encode_eeprom_byte(value: int, device: int = 1) -> bytes:
-    """What the device answers on 0x50E to an EEPROM read."""
+    """The device's answer on 0x50E to an EEPROM read."""
     return bytes((device, OP_READ_EEPROM | REPLY_FLAG, value))
 
 

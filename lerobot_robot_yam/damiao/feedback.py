@@ -9,38 +9,42 @@ from lerobot_robot_yam.damiao.codec import ranges_of, unpack_feedback
 from lerobot_robot_yam.damiao.plausibility import Plausibility
 from lerobot_robot_yam.damiao.tables import Fault, motor_type
 
+# Position, velocity, torque, two temperatures, when sampled, when asked, position and velocity before; in that order.
+_NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, -math.inf, -math.inf, math.nan, math.nan)
+
 
 class FeedbackStore:
     """Newest feedback per motor, in motor coordinates.
 
-    `take` works on lists, since storing one float into an array costs more than decoding the frame;
+    `take` works on tuples, since storing one float into an array costs more than decoding the frame;
     `publish` turns them into arrays of shape (n,), new ones each time, so that a reader may keep them.
 
     Args:
         types: of the motors.
         turns: per motor, whether it may turn beyond the range of the wire, and is followed there.
+
+    Attributes:
+        position_rad (unwrapped from the first reading where the motor turns), velocity_rad_s, torque_nm.
+        temp_mos_c, temp_rotor_c: °C.
+        stamp_s: when the motor has sampled this (the clock's time), -inf before the first reply.
+        before_rad, before_rad_s: position and speed of the sample before that, NaN at first.
+        asked_s: when the command went out that it answers.
+        fault: int, see `tables.Fault`.
+        distrusted: bool, its readings cannot be true and are not used any more.
+        all_normal: no fault, all enabled and trusted.
     """
 
     def __init__(self, types: Sequence[str], turns: Sequence[bool]):
-        self._types = list(types)
         self._ranges = [ranges_of(name) for name in types]
         rows = [motor_type(name) for name in types]
         # Half of the range that the wire carries positions modulo.
         self._half = [row.position_max_rad if turning else math.inf for row, turning in zip(rows, turns, strict=True)]
         self._judge = Plausibility(rows, turns)
-        count = len(self._types)
-        self._turn_rad = [0.0] * count
-        self._position = [0.0] * count
-        self._velocity = [0.0] * count
-        self._torque = [0.0] * count
-        self._temp_mos = [0.0] * count
-        self._temp_rotor = [0.0] * count
-        self._before_q = [math.nan] * count
-        self._before_dq = [math.nan] * count
-        self._stamp = [-math.inf] * count
-        self._asked = [-math.inf] * count
+        count = len(rows)
+        self._newest = [_NOTHING] * count
         self._fault: list[int] = [Fault.DISABLED] * count
         self._normal: list[int] = [Fault.NORMAL] * count
+        self._turn_rad = [0.0] * count
         self._fresh = [True] * count  # the next reading says which turn it is on
         self.publish()
 
@@ -60,7 +64,7 @@ class FeedbackStore:
         turn, half = self._turn_rad[index], self._half[index]
         position += turn
         if not self._fresh[index]:
-            step = position - self._position[index]
+            step = position - self._newest[index][0]
             if step > half:
                 turn -= 2.0 * half
                 position -= 2.0 * half
@@ -69,15 +73,12 @@ class FeedbackStore:
                 position += 2.0 * half
         if not self._judge.accept(index, position, velocity, sampled_s, latest_s, asked_s, arrived_s):
             return
-        self._fresh[index] = False
-        self._turn_rad[index], self._position[index], self._velocity[index] = turn, position, velocity
-        self._torque[index], self._fault[index] = torque, fault
-        self._temp_mos[index], self._temp_rotor[index] = mos, rotor
-        self._stamp[index], self._asked[index] = sampled_s, asked_s
-        self._before_q[index], self._before_dq[index] = self._judge.before[index]
+        self._fresh[index], self._turn_rad[index], self._fault[index] = False, turn, fault
+        before = self._judge.before[index]
+        self._newest[index] = (position, velocity, torque, mos, rotor, sampled_s, asked_s, *before)
 
     def assume(self, position_rad: np.ndarray, velocity_rad_s: np.ndarray, sampled_s: np.ndarray) -> None:
-        """Where motors were the last time that somebody has heard them, (n,) in motor coordinates.
+        """Where motors were when somebody last heard them, (n,) in motor coordinates.
 
         They are taken to be there until they answer, and their first answers are judged by it.
         """
@@ -85,13 +86,14 @@ class FeedbackStore:
         for index, (q, dq, at_s) in enumerate(rows):
             if math.isfinite(at_s):
                 self._judge.assume(index, q, dq, at_s)
-            if self._stamp[index] == -math.inf:
-                self._position[index] = q
+            row = self._newest[index]
+            if row[5] == -math.inf:  # never sampled
+                self._newest[index] = (q, *row[1:])
         self.publish()
 
     def restart(self, motors: Iterable[int] | None = None) -> None:
         """Take the next reading of these motors (default: all) as it is, on whatever turn, however far off."""
-        chosen = range(len(self._types)) if motors is None else list(motors)
+        chosen = range(len(self._ranges)) if motors is None else list(motors)
         self._judge.restart(chosen)
         for index in chosen:
             self._turn_rad[index], self._fresh[index] = 0.0, True
@@ -104,19 +106,17 @@ class FeedbackStore:
         """Use no readings of these motors until `restart`; they are where they were believed last, (n,) in all."""
         self._judge.distrust(motors)
         for index in motors:
-            self._position[index], self._velocity[index] = float(position_rad[index]), 0.0
+            self._newest[index] = (float(position_rad[index]), 0.0, *self._newest[index][2:])
         self.publish()
 
     @property
     def rejected(self) -> np.ndarray:
-        """(n,) answers that could not be, in total."""
+        """(n,) answers that could not be true, in total."""
         return np.array(self._judge.rejected)
 
     def publish(self) -> None:
         """Make what was taken visible in the arrays."""
-        motion = (self._position, self._velocity, self._torque)
-        before = (self._before_q, self._before_dq)
-        state = np.array((*motion, self._temp_mos, self._temp_rotor, self._stamp, self._asked, *before))
+        state = np.array(self._newest).reshape(-1, len(_NOTHING)).T.copy()
         self.position_rad, self.velocity_rad_s, self.torque_nm = state[0], state[1], state[2]
         self.temp_mos_c, self.temp_rotor_c, self.stamp_s, self.asked_s = state[3], state[4], state[5], state[6]
         self.before_rad, self.before_rad_s = state[7], state[8]

@@ -72,9 +72,7 @@ def prepare_handle(bus: can.BusABC, channel: str, timeout_s: float = 0.1) -> Han
     frequency_hz = _frequency(port, low, high, "report frequency", timeout_s)
     if frequency_hz:
         logger.warning(
-            "%s: the teaching handle reported by itself at %d Hz; set to report on request",
-            channel,
-            frequency_hz,
+            "%s: the teaching handle reported by itself at %d Hz; set to report on request", channel, frequency_hz
         )
         port.send([data_message(REQUEST_ID, encode_report_frequency(0))])
         changed = True
@@ -92,7 +90,7 @@ def _frequency(port: BusPort, low: int, high: int, what: str, timeout_s: float) 
 def _ask[T](port: BusPort, request: bytes, decode: Callable[[bytes], T | None], what: str, timeout_s: float) -> T:
     for _ in range(_ATTEMPTS):
         while port.recv(0.0) is not None:
-            pass  # earlier answers do not repeat what they answer, so none may be left
+            pass  # an earlier answer does not say what it answers, so it must not be left
         port.send([data_message(REQUEST_ID, request)])
         deadline = port.clock.now() + timeout_s
         while (remaining := deadline - port.clock.now()) > 0.0:

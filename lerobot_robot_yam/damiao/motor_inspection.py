@@ -2,13 +2,14 @@
 
 import logging
 import math
+from collections import Counter
 from collections.abc import Collection
 
 import can
 
-from lerobot_robot_yam.damiao.bus_port import is_classic_data
+from lerobot_robot_yam.damiao.bus_port import BusPort, is_classic_data
 from lerobot_robot_yam.damiao.chain import MotorChain
-from lerobot_robot_yam.damiao.registers import Register, register_row
+from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import (
     BANDWIDTH_MARGIN,
     BITRATE,
@@ -22,8 +23,7 @@ from lerobot_robot_yam.damiao.tables import (
     ControlMode,
     motor_type,
 )
-from lerobot_robot_yam.errors import BusError, ChannelInUseError, ConfigError, MotorError
-from lerobot_robot_yam.system.clock import clock_of
+from lerobot_robot_yam.errors import ChannelInUseError, ConfigError, MotorError
 
 logger = logging.getLogger(__name__)
 
@@ -32,7 +32,6 @@ _MOST_LATE_FRAMES = 1_000  # more than a bus carries while one listens
 _PRESENCE_ATTEMPTS = 3
 _DUPLICATE_WAIT_S = 0.01
 _RELATIVE_TOLERANCE = 1e-4  # of float registers: a float32 on the motor's side, rounded constants on ours
-_FLOAT_RANGES = (Register.PMAX, Register.VMAX, Register.TMAX)
 
 
 def check_bandwidth(motors: int, encoder: bool, rate_hz: float, bitrate: int = BITRATE) -> None:
@@ -51,7 +50,7 @@ def check_bandwidth(motors: int, encoder: bool, rate_hz: float, bitrate: int = B
 
 
 def listen(bus: can.BusABC, seconds: float, ids: Collection[int], channel: str = "") -> None:
-    """Listen without sending: does somebody else drive motors `ids` on this bus?
+    """Listen without sending: does another driver command motors `ids` on this bus?
 
     A lock keeps out our own processes only. Answers of motors count as well as commands: motors speak only
     when spoken to. Other devices may talk; they are logged.
@@ -64,22 +63,19 @@ def listen(bus: can.BusABC, seconds: float, ids: Collection[int], channel: str =
         base + i for base in (0, POSITION_VELOCITY_OFFSET, VELOCITY_OFFSET, FORCE_POSITION_OFFSET) for i in ids
     } | {REGISTER_ID}
     answers = {i + 16 for i in ids} | {0}
-    seen: dict[int, int] = {}
-    clock = clock_of(bus)
-    deadline = clock.now() + seconds
-    try:
-        # What has arrived by the deadline counts even if we were not running then; a flood does not keep us for ever.
-        late = 0
-        while late < _MOST_LATE_FRAMES:
-            remaining = deadline - clock.now()
-            late += remaining <= 0.0
-            message = bus.recv(max(remaining, 0.0))
-            if message is None and remaining <= 0.0:
-                break
-            if message is not None and is_classic_data(message):
-                seen[message.arbitration_id] = seen.get(message.arbitration_id, 0) + 1
-    except (can.CanError, OSError) as error:
-        raise BusError(f"CAN channel {channel}: receive failed ({error}); check the adapter and link") from error
+    seen: Counter[int] = Counter()
+    port = BusPort(bus, channel)
+    deadline = port.clock.now() + seconds
+    # Frames that arrived by the deadline count even if we did not run then; a flood does not keep us for ever.
+    late = 0
+    while late < _MOST_LATE_FRAMES:
+        remaining = deadline - port.clock.now()
+        late += remaining <= 0.0
+        message = port.recv(max(remaining, 0.0))
+        if message is None and remaining <= 0.0:
+            break
+        if message is not None and is_classic_data(message):
+            seen[message.arbitration_id] += 1
     traffic = {can_id: count for can_id, count in seen.items() if can_id in commands or can_id in answers}
     if traffic:
         listing = ", ".join(f"0x{can_id:X} ({count})" for can_id, count in sorted(traffic.items()))
@@ -95,7 +91,7 @@ def listen(bus: can.BusABC, seconds: float, ids: Collection[int], channel: str =
 def verify(chain: MotorChain) -> None:
     """Check that every motor is there, alone with its id, and set up as the profile says. Energises nothing.
 
-    That is: PMAX, VMAX, TMAX and GR of the type, MST_ID of the receive mode, CTRL_MODE MIT and the TIMEOUT of
+    Compares PMAX, VMAX, TMAX and GR with the type, MST_ID with the receive mode, CTRL_MODE with MIT, TIMEOUT with
     `WATCHDOG_S`.
 
     Raises:
@@ -117,11 +113,11 @@ def verify(chain: MotorChain) -> None:
             expected[Register.GR] = row.gear_ratio
         for register, value in expected.items():
             found = chain.read_register(i, register)
-            if not _equal(register, found, value):
-                name, unit = register_row(register).name, register_row(register).unit
+            exact = register.kind == "uint32"  # identifiers and counts
+            if not (found == value if exact else math.isclose(found, value, rel_tol=_RELATIVE_TOLERANCE)):
                 contradictions.append(
-                    f"motor {spec.name} (id {spec.can_id}, {spec.type}): {name} is {found:g} instead of "
-                    f"{value:g} {unit}"
+                    f"motor {spec.name} (id {spec.can_id}, {spec.type}): {register.name} is {found:g} instead of "
+                    f"{value:g} {register.unit}"
                 )
     if contradictions:
         raise MotorError(
@@ -130,36 +126,15 @@ def verify(chain: MotorChain) -> None:
         )
 
 
-def _equal(register: Register, found: float, expected: float) -> bool:
-    """Identifiers, counts and serial numbers exactly; floats as exactly as both sides can hold them."""
-    if register_row(register).kind == "uint32":
-        return found == expected
-    return math.isclose(found, expected, rel_tol=_RELATIVE_TOLERANCE)
-
-
-def missing_motors(chain: MotorChain) -> list[str]:
-    """Names of the motors that answer neither a refresh nor a register request."""
+def _check_presence(chain: MotorChain) -> None:
     present = [False] * len(chain)
     for _ in range(_PRESENCE_ATTEMPTS):
         present = [a or b for a, b in zip(present, chain.refresh(), strict=True)]
         if all(present):
-            return []
-    return [spec.name for i, spec in enumerate(chain.motors) if not present[i] and not _answers_register(chain, i)]
-
-
-def _answers_register(chain: MotorChain, motor: int) -> bool:
-    try:
-        chain.read_register(motor, Register.ESC_ID, timeout_s=0.02, attempts=1)
-    except MotorError:
-        return False
-    return True
-
-
-def _check_presence(chain: MotorChain) -> None:
-    missing = missing_motors(chain)
+            break
+    missing = [m for i, m in enumerate(chain.motors) if not present[i] and not _answers_register(chain, i)]
     if missing:
-        ids = {spec.name: spec.can_id for spec in chain.motors}
-        names = ", ".join(f"{name} (id {ids[name]})" for name in missing)
+        names = ", ".join(f"{spec.name} (id {spec.can_id})" for spec in missing)
         strangers = ", ".join(f"0x{can_id:X}" for can_id in sorted(chain.foreign))
         raise MotorError(
             f"{chain.channel}: no answer from {len(missing)} of {len(chain)} motors: {names}. Check motor "
@@ -180,3 +155,11 @@ def _check_presence(chain: MotorChain) -> None:
             f"{chain.channel}: more than one answer from {', '.join(doubled)}: two motors share an id, or "
             "another program drives this bus; give every motor its own id"
         )
+
+
+def _answers_register(chain: MotorChain, motor: int) -> bool:
+    try:
+        chain.read_register(motor, Register.ESC_ID, timeout_s=0.02, attempts=1)
+    except MotorError:
+        return False
+    return True

@@ -1,7 +1,7 @@
-"""Making up for what packing loses.
+"""Compensation for what packing loses.
 
 MIT frames truncate: zero speed is sent as −half a step, which at kd = 1.5 Nm s/rad is 11 mNm and lets a wrist with
-kp = 10 Nm/rad stand 1.1 mrad off. What position and velocity lose is known, so the torque field can carry it:
+kp = 10 Nm/rad stand 1.1 mrad off. The loss of position and velocity is known, so the torque field can carry it:
 
     tau ← tau + kp (q* − q*_sent) + kd (dq* − dq*_sent) + half a torque step
 """

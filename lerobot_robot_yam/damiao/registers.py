@@ -9,7 +9,6 @@ Sources: DM_Control_Python, python-damiao-driver, motorbridge, I2RT driver v1.2.
 import contextlib
 import math
 import struct
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import Literal, NamedTuple
 
@@ -31,129 +30,73 @@ class Opcode(IntEnum):
 
 
 class Register(IntEnum):
-    """Register numbers (byte 3)."""
+    """Registers by number (byte 3): kind of the four bytes, whether it can be written, unit ("" if none)."""
 
-    UV_VALUE = 0
-    KT_VALUE = 1
-    OT_VALUE = 2
-    OC_VALUE = 3
-    ACC = 4
-    DEC = 5
-    MAX_SPD = 6
-    MST_ID = 7
-    ESC_ID = 8
-    TIMEOUT = 9
-    CTRL_MODE = 10
-    DAMP = 11
-    INERTIA = 12
-    HW_VER = 13
-    SW_VER = 14
-    SN = 15
-    NPP = 16
-    RS = 17
-    LS = 18
-    FLUX = 19
-    GR = 20
-    PMAX = 21
-    VMAX = 22
-    TMAX = 23
-    I_BW = 24
-    KP_ASR = 25
-    KI_ASR = 26
-    KP_APR = 27
-    KI_APR = 28
-    OV_VALUE = 29
-    GREF = 30
-    DETA = 31
-    V_BW = 32
-    IQ_C1 = 33
-    VL_C1 = 34
-    CAN_BR = 35
-    SUB_VER = 36
-    U_OFF = 50
-    V_OFF = 51
-    K1 = 52
-    K2 = 53
-    M_OFF = 54
-    DIR = 55
-    M_OFF_MOTOR = 56
-    IMAX = 59
-    VBUS = 60
-    TPCB = 61
-    TMTR = 62
-    IU_OFF = 63
-    IV_OFF = 64
-    IW_OFF = 65
-    P_M = 80
-    XOUT = 81
-
-
-@dataclass(frozen=True)
-class RegisterRow:
-    """One register: Damiao's name, kind of its four bytes, whether it can be written, unit ("" if none)."""
-
-    name: str
     kind: Literal["float", "uint32"]
     writable: bool
     unit: str
 
+    def __new__(cls, number: int, kind: Literal["float", "uint32"], writable: bool, unit: str) -> "Register":
+        member = int.__new__(cls, number)
+        member._value_, member.kind, member.writable, member.unit = number, kind, writable, unit
+        return member
 
-_R = Register
-REGISTERS: dict[int, RegisterRow] = {
-    _R.UV_VALUE: RegisterRow("UV_Value", "float", True, "V"),
-    _R.KT_VALUE: RegisterRow("KT_Value", "float", True, "Nm/A"),
-    _R.OT_VALUE: RegisterRow("OT_Value", "float", True, "°C"),
-    _R.OC_VALUE: RegisterRow("OC_Value", "float", True, "ratio"),
-    _R.ACC: RegisterRow("ACC", "float", True, "rad/s^2"),
-    _R.DEC: RegisterRow("DEC", "float", True, "rad/s^2"),
-    _R.MAX_SPD: RegisterRow("MAX_SPD", "float", True, "rad/s"),
-    _R.MST_ID: RegisterRow("MST_ID", "uint32", True, "CAN id"),
-    _R.ESC_ID: RegisterRow("ESC_ID", "uint32", True, "CAN id"),
-    _R.TIMEOUT: RegisterRow("TIMEOUT", "uint32", True, "50 µs"),
-    _R.CTRL_MODE: RegisterRow("CTRL_MODE", "uint32", True, "enum"),
-    _R.DAMP: RegisterRow("Damp", "float", False, ""),
-    _R.INERTIA: RegisterRow("Inertia", "float", False, "kg m^2"),
-    _R.HW_VER: RegisterRow("hw_ver", "uint32", False, ""),
-    _R.SW_VER: RegisterRow("sw_ver", "uint32", False, ""),
-    _R.SN: RegisterRow("SN", "uint32", False, ""),
-    _R.NPP: RegisterRow("NPP", "uint32", False, ""),
-    _R.RS: RegisterRow("Rs", "float", False, "ohm"),
-    _R.LS: RegisterRow("Ls", "float", False, "H"),
-    _R.FLUX: RegisterRow("Flux", "float", False, "Wb"),
-    _R.GR: RegisterRow("Gr", "float", False, ""),
-    _R.PMAX: RegisterRow("PMAX", "float", True, "rad"),
-    _R.VMAX: RegisterRow("VMAX", "float", True, "rad/s"),
-    _R.TMAX: RegisterRow("TMAX", "float", True, "Nm"),
-    _R.I_BW: RegisterRow("I_BW", "float", True, ""),
-    _R.KP_ASR: RegisterRow("KP_ASR", "float", True, ""),
-    _R.KI_ASR: RegisterRow("KI_ASR", "float", True, ""),
-    _R.KP_APR: RegisterRow("KP_APR", "float", True, ""),
-    _R.KI_APR: RegisterRow("KI_APR", "float", True, ""),
-    _R.OV_VALUE: RegisterRow("OV_Value", "float", True, "V"),
-    _R.GREF: RegisterRow("GREF", "float", True, "ratio"),
-    _R.DETA: RegisterRow("Deta", "float", True, ""),
-    _R.V_BW: RegisterRow("V_BW", "float", True, ""),
-    _R.IQ_C1: RegisterRow("IQ_c1", "float", True, ""),
-    _R.VL_C1: RegisterRow("VL_c1", "float", True, ""),
-    _R.CAN_BR: RegisterRow("can_br", "uint32", True, "enum"),
-    _R.SUB_VER: RegisterRow("sub_ver", "uint32", False, ""),
-    _R.U_OFF: RegisterRow("u_off", "float", False, ""),
-    _R.V_OFF: RegisterRow("v_off", "float", False, ""),
-    _R.K1: RegisterRow("k1", "float", False, ""),
-    _R.K2: RegisterRow("k2", "float", False, ""),
-    _R.M_OFF: RegisterRow("m_off", "float", False, ""),
-    _R.DIR: RegisterRow("dir", "float", False, ""),
-    _R.M_OFF_MOTOR: RegisterRow("m_off (motor side)", "float", False, ""),
-    _R.IMAX: RegisterRow("Imax", "float", False, "A"),
-    _R.VBUS: RegisterRow("VBus", "float", False, "V"),
-    _R.TPCB: RegisterRow("Tpcb", "float", False, "°C"),
-    _R.TMTR: RegisterRow("Tmtr", "float", False, "°C"),
-    _R.IU_OFF: RegisterRow("Iu_off", "float", False, ""),
-    _R.IV_OFF: RegisterRow("Iv_off", "float", False, ""),
-    _R.IW_OFF: RegisterRow("Iw_off", "float", False, ""),
-    _R.P_M: RegisterRow("p_m", "float", False, "rad"),
-    _R.XOUT: RegisterRow("xout", "float", False, "rad"),
-}
+    UV_VALUE = 0, "float", True, "V"
+    KT_VALUE = 1, "float", True, "Nm/A"
+    OT_VALUE = 2, "float", True, "°C"
+    OC_VALUE = 3, "float", True, "ratio"
+    ACC = 4, "float", True, "rad/s^2"
+    DEC = 5, "float", True, "rad/s^2"
+    MAX_SPD = 6, "float", True, "rad/s"
+    MST_ID = 7, "uint32", True, "CAN id"
+    ESC_ID = 8, "uint32", True, "CAN id"
+    TIMEOUT = 9, "uint32", True, "50 µs"
+    CTRL_MODE = 10, "uint32", True, "enum"
+    DAMP = 11, "float", False, ""
+    INERTIA = 12, "float", False, "kg m^2"
+    HW_VER = 13, "uint32", False, ""
+    SW_VER = 14, "uint32", False, ""
+    SN = 15, "uint32", False, ""
+    NPP = 16, "uint32", False, ""
+    RS = 17, "float", False, "ohm"
+    LS = 18, "float", False, "H"
+    FLUX = 19, "float", False, "Wb"
+    GR = 20, "float", False, ""
+    PMAX = 21, "float", True, "rad"
+    VMAX = 22, "float", True, "rad/s"
+    TMAX = 23, "float", True, "Nm"
+    I_BW = 24, "float", True, ""
+    KP_ASR = 25, "float", True, ""
+    KI_ASR = 26, "float", True, ""
+    KP_APR = 27, "float", True, ""
+    KI_APR = 28, "float", True, ""
+    OV_VALUE = 29, "float", True, "V"
+    GREF = 30, "float", True, "ratio"
+    DETA = 31, "float", True, ""
+    V_BW = 32, "float", True, ""
+    IQ_C1 = 33, "float", True, ""
+    VL_C1 = 34, "float", True, ""
+    CAN_BR = 35, "uint32", True, "enum"
+    SUB_VER = 36, "uint32", False, ""
+    U_OFF = 50, "float", False, ""
+    V_OFF = 51, "float", False, ""
+    K1 = 52, "float", False, ""
+    K2 = 53, "float", False, ""
+    M_OFF = 54, "float", False, ""
+    DIR = 55, "float", False, ""
+    M_OFF_MOTOR = 56, "float", False, ""  # m_off on the motor's side
+    IMAX = 59, "float", False, "A"
+    VBUS = 60, "float", False, "V"
+    TPCB = 61, "float", False, "°C"
+    TMTR = 62, "float", False, "°C"
+    IU_OFF = 63, "float", False, ""
+    IV_OFF = 64, "float", False, ""
+    IW_OFF = 65, "float", False, ""
+    P_M = 80, "float", False, "rad"
+    XOUT = 81, "float", False, "rad"
+
+
+REGISTERS = {register.value: register for register in Register}
 
 
 class RegisterRequest(NamedTuple):
@@ -174,12 +117,8 @@ class RegisterReply(NamedTuple):
     value: float | int
 
 
-def register_row(register: int) -> RegisterRow:
-    """Row of a register number.
-
-    Raises:
-        ConfigError: Damiao motors have no such register.
-    """
+def register_row(register: int) -> Register:
+    """Row of a register number. Raises ConfigError: Damiao motors have no such register."""
     try:
         return REGISTERS[register]
     except KeyError:
@@ -215,7 +154,7 @@ def encode_refresh(motor_id: int) -> bytes:
 
 
 def decode_request(data: bytes) -> RegisterRequest | None:
-    """What a motor reads out of a 0x7FF frame, or None when it is no request."""
+    """The request in a 0x7FF frame, as a motor reads it, or None for any other frame."""
     if not 4 <= len(data) <= 8:
         return None
     motor_id, opcode, register, raw = _HEADER.unpack(bytes(data).ljust(8, b"\x00"))
@@ -229,7 +168,7 @@ def decode_request(data: bytes) -> RegisterRequest | None:
 
 
 def encode_reply(motor_id: int, opcode: int, register: int, value: float) -> bytes:
-    """What a motor answers to a read or write: the value it holds now."""
+    """A motor's answer to a read or write: the value it holds now."""
     return _HEADER.pack(motor_id, opcode, register, encode_value(register, value))
 
 

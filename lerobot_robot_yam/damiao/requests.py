@@ -36,10 +36,7 @@ class Request:
         paced: whether there were pauses between the motors, so that `sent_s` is only that of the first.
 
     Args:
-        number: see there.
-        motors: by index, those that are asked.
-        handle: whether the handle is.
-        patient: whether it is waited for, too.
+        patient: whether to wait for the handle, too.
     """
 
     __slots__ = ("_patient", "asked", "handle", "motors", "number", "paced", "sent_s")
@@ -64,7 +61,7 @@ class Requests:
 
     Attributes:
         newest: the last question.
-        heard: motors that have answered anything since somebody has cleared this.
+        heard: motors that have answered anything since the caller last cleared this.
         duplicates: per motor, answers to no question.
         lost: per motor, answers that never came.
     """
@@ -75,7 +72,7 @@ class Requests:
         self.duplicates = [0] * count
         self.lost = [0] * count
         self._open: list[deque[Request]] = [deque() for _ in range(count)]
-        self._answered = 0  # number of the newest question that somebody has answered
+        self._answered = 0  # number of the newest question that any motor has answered
         self._handle_silent = False
         self._behind = [0] * count  # ticks in a row
         self._left_out = [0] * count  # number of the last question that went out without this motor
@@ -85,7 +82,7 @@ class Requests:
         self._losses = 0  # in all, a tick ago
         self._probe: dict[int, int] = {}  # motor → number of the question that went out without it
         self._shifts: dict[int, int] = {}  # motor → by how many questions it has shown answers to be taken for too old
-        self._silence: list[int] | None = None  # what each owed as nobody was asked
+        self._silence: list[int] | None = None  # what each motor owed when no motor was asked
 
     def absent(self) -> Sequence[int]:
         """Motors to leave out of the next tick, to learn whose answers come (rule 3)."""
@@ -136,7 +133,7 @@ class Requests:
         if second not in self._probe:
             self._probe[second] = number
             return [second]
-        if self._answered > self._probe[second]:  # nobody was missing in an earlier group: the channel is that slow
+        if self._answered > self._probe[second]:  # no motor was missing in an earlier group: the channel is slow
             if not self._shifts:
                 self._usual = min(len(waiting) for waiting in self._open)
             self._probe = {}
@@ -145,7 +142,7 @@ class Requests:
         return ()
 
     def _end_silence(self, owed: list[int]) -> None:
-        """Too few motors for a group: nobody was asked for a tick. What has not been answered in it never will be."""
+        """Too few motors for a group, so none was asked for a tick. Answers that did not come in it are lost."""
         if owed == self._silence:
             self.forget()
         else:
@@ -224,7 +221,7 @@ class Requests:
         return any(self._open)
 
     def forget(self) -> None:
-        """What has not come by now is lost."""
+        """Count answers that have not come by now as lost."""
         for i, waiting in enumerate(self._open):
             self.lost[i] += len(waiting)
             waiting.clear()

@@ -4,9 +4,9 @@ A motor samples when a command reaches it. Of a round trip only the sum is known
 
     arrival − sent = out + wire + back
 
-The quickest of the last answers are taken to have been as long on their way out as on their way back. What another one
-took longer it took on its way back: adapters hold back what they have received (USB polling, the 16 ms of a serial
-adapter), not what they are given to send.
+The quickest of the last answers are taken to have been as long on their way out as on their way back. A slower answer
+lost its time on the way back: adapters hold back frames that they have received (USB polling, the 16 ms of a serial
+adapter), not frames that they send.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""What is fixed about Damiao motors: ranges per type, fault codes, identifiers, wire constants.
+"""Constants of Damiao motors: ranges per type, fault codes, identifiers, wire constants.
 
 Source of every number: I2RT driver v1.2.4 for ranges and fault codes; DM_Control_Python and
 python-damiao-driver for the register identifier and the watchdog count; Damiao's manuals and I2RT's readings (driver
@@ -27,36 +27,32 @@ FORCE_POSITION_OFFSET = 0x300
 
 
 class Fault(IntEnum):
-    """High nibble of a feedback frame. Only NORMAL means that the motor obeys commands."""
+    """High nibble of a feedback frame, and how messages put it. Only NORMAL means that the motor obeys commands."""
 
-    DISABLED = 0x0
-    NORMAL = 0x1
-    OVER_VOLTAGE = 0x8
-    UNDER_VOLTAGE = 0x9
-    OVER_CURRENT = 0xA
-    MOS_OVER_TEMPERATURE = 0xB
-    ROTOR_OVER_TEMPERATURE = 0xC
-    COMMUNICATION_LOST = 0xD
-    OVERLOAD = 0xE
+    text: str
+
+    def __new__(cls, code: int, text: str) -> "Fault":
+        member = int.__new__(cls, code)
+        member._value_, member.text = code, text
+        return member
+
+    DISABLED = 0x0, "disabled"
+    NORMAL = 0x1, "enabled, normal"
+    OVER_VOLTAGE = 0x8, "over-voltage (check the supply)"
+    UNDER_VOLTAGE = 0x9, "under-voltage (check the supply and its cable)"
+    OVER_CURRENT = 0xA, "over-current"
+    MOS_OVER_TEMPERATURE = 0xB, "power stage too hot (let it cool)"
+    ROTOR_OVER_TEMPERATURE = 0xC, "coil too hot (let it cool)"
+    COMMUNICATION_LOST = 0xD, "communication lost: no command within the watchdog time (check the cable)"
+    OVERLOAD = 0xE, "overload"
 
 
-_FAULT_TEXT = {
-    Fault.DISABLED: "disabled",
-    Fault.NORMAL: "enabled, normal",
-    Fault.OVER_VOLTAGE: "over-voltage (check the supply)",
-    Fault.UNDER_VOLTAGE: "under-voltage (check the supply and its cable)",
-    Fault.OVER_CURRENT: "over-current",
-    Fault.MOS_OVER_TEMPERATURE: "power stage too hot (let it cool)",
-    Fault.ROTOR_OVER_TEMPERATURE: "coil too hot (let it cool)",
-    Fault.COMMUNICATION_LOST: "communication lost: no command within the watchdog time (check the cable)",
-    Fault.OVERLOAD: "overload",
-}
+_FAULT_TEXT = {fault.value: fault.text for fault in Fault}
 
 
 def fault_text(code: int) -> str:
     """Readable form of a fault nibble, for messages: `0xD communication lost …`."""
-    text = _FAULT_TEXT[Fault(code)] if code in _FAULT_TEXT else "unknown code"
-    return f"0x{code:X} {text}"
+    return f"0x{code:X} {_FAULT_TEXT.get(code, 'unknown code')}"
 
 
 class ControlMode(IntEnum):
@@ -93,9 +89,9 @@ class MotorType:
 
     They equal the registers PMAX, VMAX and TMAX of the motor; with other numbers every decoded value
     would be scaled wrongly. Gains in Nm/rad and Nm s/rad. The gear ratio (register GR) is read-only and built in:
-    it tells which motor is really there; None where nobody has published it. The rotor's inertia, seen at the output,
-    is that of google-deepmind/mujoco_menagerie (i2rt_yam); of the DM3507 and the DM6248, nobody's, estimates from those
-    by size and gear.
+    it tells which motor is really there; None where it is not published. The rotor's inertia, seen at the output, is
+    that of google-deepmind/mujoco_menagerie (i2rt_yam); for the DM3507 and the DM6248 it is an estimate from those by
+    size and gear.
     """
 
     name: str
@@ -109,7 +105,7 @@ class MotorType:
 
     @property
     def acceleration_max_rad_s2(self) -> float:
-        """What its largest torque gives its own rotor; whatever it carries makes it slower."""
+        """Of its bare rotor under its largest torque; a load makes it slower."""
         return self.torque_max_nm / self.rotor_inertia_kg_m2 if self.rotor_inertia_kg_m2 else math.inf
 
 
@@ -130,11 +126,7 @@ MOTOR_TYPES: dict[str, MotorType] = {
 
 
 def motor_type(name: str) -> MotorType:
-    """Row of motor type `name`.
-
-    Raises:
-        ConfigError: no such type.
-    """
+    """Row of motor type `name`. Raises ConfigError: no such type."""
     try:
         return MOTOR_TYPES[name]
     except KeyError:

@@ -6,7 +6,7 @@ from typing import Any
 
 from lerobot_robot_yam.damiao.codec import decode_feedback
 from lerobot_robot_yam.damiao.motor_spec import MOTOR_IDS, MotorSpec
-from lerobot_robot_yam.damiao.registers import Register, register_row
+from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import (
     MOTOR_TYPES,
     TIMEOUT_COUNT_S,
@@ -255,7 +255,7 @@ def _check_registers(target: Target, spec: MotorSpec, answer: Answer, row: Mappi
     unknown = []
     for register, value in expected.items():
         found = answer.identifier if register is Register.MST_ID else row[_READ[register]]
-        name, unit = register_row(register).name, register_row(register).unit
+        name, unit = register.name, register.unit
         if found is None:
             unknown.append(name)
         elif not _same(found, value):

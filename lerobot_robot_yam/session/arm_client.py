@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.arm.validation import check_range, finite_number, finite_vector
 from lerobot_robot_yam.control.gripper.stored_stops import await_stored
 from lerobot_robot_yam.damiao.tables import motor_type
@@ -50,7 +50,7 @@ _GLANCE_S = 0.00005
 class ArmPort:
     """One arm of a running session. One thread writes; reading is free."""
 
-    def __init__(self, config: ArmConfig, hardware: Hardware, key: str, clock: Clock = SYSTEM):
+    def __init__(self, config: ArmConfig, hardware: ResolvedArm, key: str, clock: Clock = SYSTEM):
         self.config = config
         self.hardware = hardware
         self._key = key

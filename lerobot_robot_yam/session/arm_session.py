@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Literal, get_args
 
 from lerobot_robot_yam.arm.config import VIRTUAL, ArmConfig, check_together
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError, YamError
 from lerobot_robot_yam.session.arm_client import ArmPort
 from lerobot_robot_yam.session.runners import ProcessRunner, Runner, ThreadRunner
@@ -56,7 +56,7 @@ class ArmSession(Uncopied):
                 config = dataclasses.replace(config, can_options={**config.can_options, "rig": rig})
             self._configs.append(config)
             self._keys.append(channel_key(config.interface, config.channel, rig))
-        self._hardware = {config.name: Hardware(config) for config in self._configs}
+        self._hardware = {config.name: ResolvedArm(config) for config in self._configs}
         self._ports: dict[str, ArmPort] = {}
         self._runner: Runner | None = None
         self._pid = 0  # of the process that has started it
@@ -74,7 +74,7 @@ class ArmSession(Uncopied):
             raise LifeCycleError(f"{name}: not connected")
         return self._ports[name]
 
-    def hardware(self, name: str) -> Hardware:
+    def hardware(self, name: str) -> ResolvedArm:
         """Profiles and limits of the arm called `name`."""
         return self._hardware[name]
 

@@ -1,4 +1,4 @@
-"""Whose time it is: the computer's, or that of a world which is simulated tick for tick.
+"""The clock of a bus: the computer's, or that of a world that is simulated tick for tick.
 
 Drivers and loops read the time and wait through the clock of their bus, so that the very same code runs on real
 hardware and in lock-step with a simulation (`rig.lockstep`), where time stands still while the caller thinks.

@@ -1,4 +1,4 @@
-"""Logging that cannot stop a loop: a terminal on hold (Ctrl-S) or a full pipe blocks whoever writes to it."""
+"""Logging that cannot stop a loop: a terminal on hold (Ctrl-S) or a full pipe blocks its writer."""
 
 import logging
 import queue
@@ -11,7 +11,7 @@ _LAST_WORDS_S = 1.0
 
 @contextmanager
 def log_from_a_thread() -> Iterator[None]:
-    """Inside the block a thread of its own writes what the root logger's handlers would have written."""
+    """Inside the block another thread runs the root logger's handlers."""
     root = logging.getLogger()
     handlers = root.handlers[:]
     lines: queue.SimpleQueue = queue.SimpleQueue()

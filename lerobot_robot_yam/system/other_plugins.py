@@ -1,4 +1,4 @@
-"""Other plugins in the way: whose a module is, and whether somebody's files lie over ours.
+"""Other plugins in the way: the owner of a module, and files of others over ours.
 
 The package index has another project's `lerobot_robot_yam`, whose files are called like some of ours.
 """
@@ -9,7 +9,7 @@ import importlib.metadata
 import importlib.util
 
 _US = "lerobot_robot_yam"
-_OURS_ALONE = f"{_US}/registration.py"  # no other distribution has such a file
+_OURS_ALONE = f"{_US}/face/registration.py"  # no other distribution has such a file
 
 
 def distribution_of(module: str) -> str:
@@ -34,7 +34,7 @@ def is_foreign(module: str) -> bool:
 
 
 def mixture(module: str = _US) -> tuple[str, str]:
-    """What is wrong when a module of ours is somebody else's or missing, and how to repair that, for messages."""
+    """Fault and remedy, for messages, when a module of ours is somebody else's or missing."""
     package = module.partition(".")[0]
     others = _claimants(package)
     theirs = " and ".join(f"{name} {version}" for name, version in others) or "another distribution"

@@ -9,7 +9,7 @@ def user_path(path: str | Path) -> Path:
     """The path with a leading `~` expanded, which no shell does in a file or after `=`.
 
     Raises:
-        ConfigError: whose home directory that is, nobody knows.
+        ConfigError: there is no such user.
     """
     try:
         return Path(path).expanduser()

@@ -1,7 +1,7 @@
 """Seeing a process end before the kernel says so.
 
-Its parent, and whoever polls its pid, is told after its memory has been cleared away: 0.1 s for what is locked or
-large. Arms need not wait for that: from the first step of its exit on a process executes nothing any more.
+The kernel tells its parent, and a poll of its pid, after it has cleared the memory, 0.1 s for a locked or large one.
+Arms need not wait for that: from the first step of its exit on a process executes nothing any more.
 """
 
 import os
@@ -11,11 +11,7 @@ _PF_EXITING = 0x4  # include/linux/sched.h
 
 
 class ProcessEnd:
-    """Watches one process of this machine, by its pid.
-
-    Raises:
-        FileNotFoundError: there is no such process any more.
-    """
+    """Watches one process of this machine, by its pid. Raises FileNotFoundError: there is no such process any more."""
 
     def __init__(self, pid: int):
         self._stat = os.open(f"/proc/{pid}/stat", os.O_RDONLY | os.O_CLOEXEC)

@@ -1,4 +1,4 @@
-"""What a loop asks of the kernel, and what it is given: scheduling and locked memory."""
+"""Scheduling and locked memory: a loop asks the kernel for them, and reports what it gets."""
 
 import ctypes
 import gc
@@ -13,7 +13,7 @@ _SCHED_ATTR = struct.Struct("<IIQiIQQQII")  # size, policy, flags, nice, priorit
 _SHORT_SLICE_NS = 100_000  # the shortest slice that Linux >= 6.12 grants without privilege
 _PR_SET_TIMERSLACK = 29
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
-_OOM_SCORES = (-900, 0)  # of -1000 … 1000; below what a process had from whoever started it only root may go
+_OOM_SCORES = (-900, 0)  # of -1000 … 1000; only root may go below the score that a process was started with
 
 
 def request_realtime(priority: int) -> str:

@@ -9,7 +9,6 @@ import os
 import re
 import stat
 from pathlib import Path
-from types import TracebackType
 
 from lerobot_robot_yam.errors import BusError, ChannelInUseError, ConfigError
 
@@ -175,14 +174,12 @@ class FileLock:
         self.acquire(blocking=True)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.release()
 
 
 def sessions(directory: Path) -> dict[str, str]:
-    """Who drives arms by the locks and states in a runtime directory: the process, by the channel's key.
+    """Processes that drive arms, by the channel's key, as the locks and states in a runtime directory say.
 
     A session holds its channel's lock and publishes a state; who only asks the motors holds a lock alone.
     """
@@ -196,7 +193,7 @@ def sessions(directory: Path) -> dict[str, str]:
 
 
 def _lock_holder(path: Path) -> str | None:
-    """Process that holds a lock, None when nobody does."""
+    """Process that holds a lock, None when it is free."""
     try:
         fd = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError:

@@ -1,9 +1,9 @@
 """Memory that several processes map, and that no other program can shrink or write into.
 
-A mapped file kills whoever touches it once somebody has truncated it, or its disk is full (SIGBUS). A sealed memory
+A mapped file kills its readers once a program has truncated it, or its disk is full (SIGBUS). A sealed memory
 file has a size for good, and its pages from the start. It has no name either: it is handed on as a descriptor, and for
-whoever comes later a link leads to the descriptor of a process that has it open (`/proc/PID/fd/N`). What happens to
-the link happens to nobody who has mapped the memory.
+later processes a link leads to the descriptor of a process that has it open (`/proc/PID/fd/N`). A process that has
+mapped the memory does not depend on the link.
 """
 
 import contextlib
@@ -43,7 +43,7 @@ def map_to_write(descriptor: int) -> mmap.mmap:
     """The only mapping through which the memory can be written from now on; children inherit it.
 
     Raises:
-        PermissionError: somebody has it already.
+        PermissionError: another process has it already.
     """
     mapped = mmap.mmap(descriptor, os.fstat(descriptor).st_size)
     fcntl.fcntl(descriptor, fcntl.F_ADD_SEALS, _ONE_WRITER)
@@ -91,7 +91,7 @@ def find(path: Path) -> int:
     """A descriptor, to read from, of what `path` leads to.
 
     Raises:
-        FileNotFoundError: nobody has published it, or who has is gone.
+        FileNotFoundError: it is not published, or its publisher is gone.
         OSError: it cannot be opened.
     """
     return os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOCTTY | os.O_NONBLOCK)

@@ -135,7 +135,7 @@ class SharedBlock:
             if payload is not None:
                 return payload
             now = time.monotonic()
-            if sequence != stuck:  # whoever writes on is alive: it is we who were held up
+            if sequence != stuck:  # the writer is alive: we were held up
                 deadline, stuck = now + _READ_TIMEOUT_S, sequence
             if now > deadline:
                 raise StaleStateError(f"{self.path or 'a block'}: its writer died in the middle of a write")

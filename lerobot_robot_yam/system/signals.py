@@ -27,7 +27,7 @@ def end_session_on_signals() -> Callable[[], None]:
     """From now on SIGTERM and SIGHUP raise KeyboardInterrupt in the main thread.
 
     Returns:
-        What undoes it; calling it twice does no harm.
+        A function that undoes it; calling it twice does no harm.
     """
     global _users
     _users += 1

@@ -1,6 +1,6 @@
 """Keep the computer awake while it drives arms: asleep it commands no motor, and 0.4 s later they let go.
 
-A desktop counts keys and mouse only: to it nobody is there while leader arms are moved by hand. systemd's log-in
+A desktop counts keys and mouse only, so it finds no user while leader arms are moved by hand. systemd's log-in
 manager grants a lock for as long as a command runs (`systemd-inhibit`); ours waits for the end of its input, which
 comes with ours however we end. Whether that is enough is said: who has logged in from elsewhere is granted less, and
 before systemd 257 a desktop may suspend in spite of a lock of its own user.
@@ -48,11 +48,7 @@ def can_sleep() -> bool:
 
 
 class SleepLock:
-    """Asks for the lock; `granted` waits for the answer.
-
-    Raises:
-        OSError: no process can be started.
-    """
+    """Asks for the lock; `granted` waits for the answer. Raises OSError: no process can be started."""
 
     def __init__(self) -> None:
         self._holder = subprocess.Popen(
@@ -66,7 +62,7 @@ class SleepLock:
         self._end, self._answer = self._holder.stdin, self._holder.stdout
 
     def granted(self) -> tuple[str, bool]:
-        """What is kept from happening, such as "sleep:idle", empty when nothing is; and whether that is enough.
+        """Events that the lock prevents, such as "sleep:idle", or ""; and whether that is enough.
 
         Waits for 5 s at most.
         """
@@ -94,11 +90,11 @@ class SleepLock:
 def kept_awake(arms: str, quiet: bool = False) -> Iterator[None]:
     """Hold the lock where the computer can sleep, and log what is granted.
 
-    Does not wait for the answer, and fails nobody: the arms have to be driven, or landed, all the same.
+    Does not wait for the answer and raises nothing: the arms have to be driven, or landed, all the same.
 
     Args:
         arms: for the log.
-        quiet: somebody else logs it.
+        quiet: another process logs it.
     """
     if not can_sleep():
         yield

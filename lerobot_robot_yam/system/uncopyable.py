@@ -1,4 +1,4 @@
-"""What stands for arms in the world cannot be copied: thrown away, LeRobot's copy would disconnect, and land them."""
+"""Objects that stand for arms cannot be copied: LeRobot would throw its copy away, which would land the arms."""
 
 from typing import NoReturn, SupportsIndex
 

@@ -4,7 +4,7 @@ import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ConfigError
 
 
@@ -37,13 +37,13 @@ from lerobot_robot_yam.errors import ConfigError
 )
 def test_what_cannot_be_meant_is_refused(field, value, takes):
     with pytest.raises(ConfigError, match=rf"(?s)left.*{field.removeprefix('gripper_').split('_')[0]}.*{takes}"):
-        Hardware(ArmConfig(name="left", channel="x", **{field: value}))
+        ResolvedArm(ArmConfig(name="left", channel="x", **{field: value}))
 
 
 @pytest.mark.parametrize("arm", ARMS)
 @pytest.mark.parametrize("gripper", GRIPPERS)
 def test_every_packaged_arm_is_within_the_bounds_with_room_to_both_sides(arm, gripper):
-    packaged = Hardware(ArmConfig(name="left", channel="x", arm=arm, gripper=gripper))
+    packaged = ResolvedArm(ArmConfig(name="left", channel="x", arm=arm, gripper=gripper))
     for scale in (0.8, 1.0):
         fields = {key: (scale * getattr(packaged.arm, key)).tolist() for key in ("kp", "kd", "torque_limit_nm")}
-        Hardware(ArmConfig(name="left", channel="x", arm=arm, gripper=gripper, **fields))
+        ResolvedArm(ArmConfig(name="left", channel="x", arm=arm, gripper=gripper, **fields))

@@ -42,6 +42,6 @@ def test_it_holds_tracks_and_lands(name):
 def test_an_ultra_of_the_other_revision_is_refused():
     """They differ in the motor of joint 4, whose torques would be wrong by a factor of 2.8."""
     with rig_of("yam_ultra_2") as rig:
-        with pytest.raises(MotorError, match=r"motor joint_4 \(id 4, DM4310\): Gr is 40 instead of 10"):
+        with pytest.raises(MotorError, match=r"motor joint_4 \(id 4, DM4310\): GR is 40 instead of 10"):
             arm_on(rig, CHANNEL, arm="yam_ultra").connect()
         assert not any(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())

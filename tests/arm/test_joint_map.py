@@ -79,7 +79,7 @@ def test_any_reading_ends_inside_the_range_or_in_an_error_that_names_the_joint(j
     assert low - RANGE_TOLERANCE_RAD - 1e-9 <= reading + shift <= high + RANGE_TOLERANCE_RAD + 1e-9
 
 
-def test_a_reading_outside_every_turn_is_refused_with_what_to_do():
+def test_a_reading_outside_every_turn_is_refused_with_a_remedy():
     with pytest.raises(
         MotorError, match="left: joint_2 reads -1.0.*by hand.*yam-zero --channel CHANNEL --joint joint_2"
     ):

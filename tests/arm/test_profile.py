@@ -6,7 +6,7 @@ import yaml
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS, NO_ARM, load_arm, load_gripper
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import ConfigError
 
@@ -44,8 +44,8 @@ def test_gripper_is_complete(name):
     assert gripper.calibration.min_span_rad < gripper.stroke_rad < gripper.calibration.max_span_rad
     assert max(abs(closed), abs(opened)) < row.position_max_rad
     assert gripper.motor.speed_limit_per_s * gripper.stroke_rad < row.velocity_max_rad_s
-    assert Hardware(ArmConfig(channel="any", gripper=name)).speed_limit[-1] == gripper.motor.speed_limit_per_s
-    assert Hardware(ArmConfig(channel="any", gripper=name, gripper_speed_limit=1.0)).speed_limit[-1] == 1.0
+    assert ResolvedArm(ArmConfig(channel="any", gripper=name)).speed_limit[-1] == gripper.motor.speed_limit_per_s
+    assert ResolvedArm(ArmConfig(channel="any", gripper=name, gripper_speed_limit=1.0)).speed_limit[-1] == 1.0
     assert gripper.finger_joints == ("joint7", "joint8")
     assert gripper.finger_range_m[0] == 0.0 < gripper.finger_range_m[1] < 0.06
 

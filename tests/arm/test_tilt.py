@@ -37,7 +37,7 @@ def arm_at(tmp_path, tilt, role="follower", gripper="linear_4310", **fields):
             session.discard()
 
 
-def test_upright_is_what_it_was_to_the_last_bit():
+def test_an_upright_base_changes_no_bit():
     rng = np.random.default_rng(3)
     model, told = GravityModel("yam", "linear_4310"), GravityModel("yam", "linear_4310", tilt_rad=(0.0, 0.0))
     assert model.model.opt.gravity.tolist() == told.model.opt.gravity.tolist() == [0.0, 0.0, -9.81]
@@ -89,7 +89,7 @@ def test_a_tilted_arm_is_carried_and_lands_where_it_hangs(tmp_path, name):
 
 
 @pytest.mark.long
-def test_it_lands_at_a_resting_pose_of_its_own(tmp_path):
+def test_a_tilted_arm_lands_at_its_configured_rest_pose(tmp_path):
     rest = [0.0, 1.57, 2.8, 0.2, 0.0, 0.0]  # about where it hangs from the ceiling
     with arm_at(tmp_path, TILTS["ceiling"], base_tilt_rad=TILTS["ceiling"], rest_q_rad=rest) as (rig, session):
         session.start()

@@ -158,7 +158,7 @@ def test_a_moving_joint_refuses(crooked, capsys):
         (["--joint", "gripper", "--yes"], "no joint gripper"),
         (["--arm", "none", "--yes"], "a gripper has no zero to set"),
         (["--arm", "yam_max", "--yes"], "unknown arm 'yam_max'"),
-        (["--arm", "big_yam", "--yes"], "motor joint_1 .*Gr is 40 instead of 48"),
+        (["--arm", "big_yam", "--yes"], "motor joint_1 .*GR is 40 instead of 48"),
     ],
 )
 def test_what_does_not_exist_is_refused_by_name(crooked, capsys, more, message):

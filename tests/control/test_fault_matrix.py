@@ -6,7 +6,7 @@ What is expected is read from `policy.POLICY`; a row that is changed there and n
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
@@ -170,7 +170,7 @@ def check_extremes(rig, channel):
     """No command asked for more torque than the clip. Nor was a motor faster than its limit and what a late command may
     add, unless a dead joint of its arm fell."""
     late_s = check_torque(rig, channel)
-    seen, hardware = rig.watch(channel), Hardware(config_of(rig, channel))
+    seen, hardware = rig.watch(channel), ResolvedArm(config_of(rig, channel))
     n = hardware.joints
     dead = [e for e in rig.events() if e["kind"] == "motor_fault" and e["channel"] == channel]
     if not dead or dead[-1]["monotonic_s"] < seen["since_s"]:
@@ -180,7 +180,7 @@ def check_extremes(rig, channel):
 
 def check_torque(rig, channel):
     """Returns how late the latest command of each joint was, s."""
-    hardware = Hardware(config_of(rig, channel))
+    hardware = ResolvedArm(config_of(rig, channel))
     n = hardware.joints
     late_s = np.maximum(np.array(rig.watch(channel)["max_command_age_s"][:n]) - 0.008, 0.0)
     beyond = beyond_nm(rig, channel, hardware, KNOWN_S + late_s)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.actuation import gravity_model
 from tests.support.rigged import arm_on, rig_of, session_on, sim_config, track
 
@@ -21,7 +21,7 @@ def sag(**fields):
             arm.move_to(POSE, speed_rad_s=1.3)
             arm.clock.sleep(1.5)
             true = np.array(rig.state()["arms"][CHANNEL]["q"][:6])
-        return POSE - true, Hardware(sim_config(rig, CHANNEL, **fields))
+        return POSE - true, ResolvedArm(sim_config(rig, CHANNEL, **fields))
 
 
 def test_the_model_alone_holds_the_arm():
@@ -59,7 +59,7 @@ def test_coulomb_friction_that_is_fed_forward_is_made_up_for():
     for known in (False, True):
         with rig_of("lockstep", arms=[CHANNEL]) as rig:
             config = sim_config(rig, CHANNEL)
-            friction = Hardware(config).arm.friction_nm.tolist() if known else None
+            friction = ResolvedArm(config).arm.friction_nm.tolist() if known else None
             with arm_on(rig, CHANNEL, hold_integral=False, coulomb_friction_nm=friction) as arm:
                 arm.move_to(POSE)
                 begin, errors = arm.clock.now(), []

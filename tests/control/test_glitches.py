@@ -5,7 +5,7 @@ import random
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import LifeCycleError, MotorError
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.faults import Trouble
@@ -26,7 +26,7 @@ class Judge:
 
     def __init__(self, rig, session):
         self._rig, self._session = rig, session
-        hardware = Hardware(sim_config(rig, CHANNEL))
+        hardware = ResolvedArm(sim_config(rig, CHANNEL))
         self._clip, self._limit = hardware.torque_limit_nm[:6], hardware.speed_limit[:6]
         rig.truth_start(CHANNEL)
         self._after_s = session.clock.now()

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.arm.dynamics import GravityModel
+from lerobot_robot_yam.arm.kinematics import YamKinematics
 from lerobot_robot_yam.arm.profile_files import load_arm
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.landing import LANDING_SPEED_RAD_S, Landing, Phase
 from lerobot_robot_yam.control.laws.set_point import SetPoint
 from lerobot_robot_yam.damiao.tables import Fault
@@ -24,14 +24,15 @@ rig = either_rig(CHANNEL)
 def random_poses(n, seed, arm="yam", gripper="linear_4310"):
     """Poses whose straight joint line from rest keeps every body of the arm above the table."""
     rng = np.random.default_rng(seed)
-    profile, model = load_arm(arm), GravityModel(arm, gripper)
+    profile = load_arm(arm)
+    sites = [YamKinematics(arm, gripper, site) for site in ("tcp_site", "grasp_site")]
     low, high = profile.joint_limits_rad.T
     rest = profile.rest_q(gripper)
     poses = []
     while len(poses) < n:
         q = rng.uniform(low, high)
         line = [rest + share * (q - rest) for share in np.linspace(0.1, 1, 10)]
-        clear = min(min(model.pose(p, site)[2, 3] for site in ("tcp_site", "grasp_site")) for p in line[1:])
+        clear = min(min(site.fk(p)[2, 3] for site in sites) for p in line[1:])
         if clear > 0.08 and abs(q[0]) < 1.2:
             poses.append(q)
     return poses
@@ -116,7 +117,7 @@ def test_an_arm_that_lies_already_stays_where_it_is(rig):
 
 @pytest.mark.parametrize("beyond_rad", [0.0, 0.07, 0.14])
 def test_an_arm_lands_whose_base_stands_beyond_its_range(beyond_rad):
-    hardware = Hardware(ArmConfig(channel="x", name="left"))
+    hardware = ResolvedArm(ArmConfig(channel="x", name="left"))
     joints = hardware.joints
     q = np.append([hardware.lower[0] - beyond_rad], [1.0, 1.0, 0.0, 0.0, 0.0])
     most, end = np.full(hardware.n, 30.0), np.full(hardware.n, 5.0)  # rad/s²

@@ -8,7 +8,7 @@ import pytest
 from lerobot_robot_yam.arm import profile_files
 from lerobot_robot_yam.arm.collision.workspace import KeepOut, WorkspaceConfig
 from lerobot_robot_yam.arm.profile_files import load_arm
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 from tests.support.rigged import either_rig, session_on, sim_config, track
@@ -77,7 +77,7 @@ def test_targets_that_jump_at_odd_times_do_not_drive_an_arm_into_its_stops(rig, 
     speed = np.array(rig.watch(LEFT)["max_speed_rad_s"][:6])
     assert np.all(speed > 1.0)
     allowed = np.array([1.1, 1.1, 1.1, 1.3, 1.1, 1.1])
-    assert np.all(speed < allowed * Hardware(sim_config(rig, LEFT)).speed_limit[:6]), speed
+    assert np.all(speed < allowed * ResolvedArm(sim_config(rig, LEFT)).speed_limit[:6]), speed
 
 
 @pytest.mark.parametrize(

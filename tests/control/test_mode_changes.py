@@ -4,7 +4,7 @@ import can
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.arm_controller import ArmController
 from lerobot_robot_yam.control.loop import ControlLoop
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
@@ -197,7 +197,7 @@ def test_a_bring_up_that_fails_late_lands_what_it_has_energised(rig):
     session = ArmSession([unknown], isolation="lockstep")
     with pytest.raises(MotorError, match="gripper"):
         session.start()
-    assert np.abs(q_of(rig) - Hardware(unknown).rest_q)[1:3].max() < 0.15
+    assert np.abs(q_of(rig) - ResolvedArm(unknown).rest_q)[1:3].max() < 0.15
 
 
 def test_an_end_that_trouble_interrupts_is_reached_all_the_same(rig, session):

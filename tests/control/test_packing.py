@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.joint_interface import ArmDrive
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import decode_mit
@@ -18,7 +18,7 @@ STEP_RAD = 25.0 / 65535  # one code of the position
 @pytest.fixture
 def drive():
     config = ArmConfig(name="arm", channel="desk", gripper_stops_rad=STOPS)
-    hardware = Hardware(config)
+    hardware = ResolvedArm(config)
     with DeskBus(hardware.motors) as bus:
         drive = ArmDrive(config, hardware, bus)
         drive.bus = bus

@@ -6,7 +6,7 @@ The motors' own saturation is no judge of it: the profile's clips are as wide. S
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.state.records import Limited
 from tests.support.asked import beyond_nm, look_at
 from tests.support.rigged import lockstep_rig, session_on, sim_config, track
@@ -29,7 +29,7 @@ def session(rig):
 
 
 def assert_within_clip(rig):
-    beyond = beyond_nm(rig, CHANNEL, Hardware(sim_config(rig, CHANNEL, torque_limit_nm=CLIP_NM.tolist())))
+    beyond = beyond_nm(rig, CHANNEL, ResolvedArm(sim_config(rig, CHANNEL, torque_limit_nm=CLIP_NM.tolist())))
     assert not beyond.any(), beyond
 
 

@@ -21,7 +21,7 @@ def bus(request):
         yield bus
 
 
-def test_a_clock_that_is_set_back_does_not_hold_up_who_waits(bus, monkeypatch):
+def test_a_clock_that_is_set_back_lengthens_no_wait(bus, monkeypatch):
     port = BusPort(bus, "follower_left")
     steps = iter([0.0])
     monkeypatch.setattr("can.bus.time", lambda: time.time() - next(steps, 5.0))  # after the wait has begun
@@ -30,7 +30,7 @@ def test_a_clock_that_is_set_back_does_not_hold_up_who_waits(bus, monkeypatch):
     assert WAIT_S <= time.monotonic() - begin < 1.0
 
 
-def test_filters_count_and_what_they_hold_back_ends_no_wait():
+def test_filters_count_and_a_filtered_frame_ends_no_wait():
     with can.Bus(interface="virtual", channel="desk") as sender:
         with can.Bus(interface="virtual", channel="desk", can_filters=[{"can_id": 2, "can_mask": 0x7FF}]) as bus:
             port = BusPort(bus, "desk")

@@ -48,7 +48,7 @@ def test_state_is_what_the_motors_report(bus, chain):
     assert chain.fault.tolist() == [1, 1, 0xD, 1, 1, 1, 1]
     now = time.monotonic()
     assert np.all((chain.stamp_s >= before) & (chain.stamp_s <= now))
-    assert np.all(chain.age_s(now) <= now - before)
+    assert np.all(chain.asked_s >= before)
 
 
 def test_arrays_handed_out_do_not_change_later(chain):
@@ -83,7 +83,7 @@ def test_a_late_reply_is_used_but_does_not_put_the_chain_behind(bus, chain):
     assert not chain.lost.any() and not chain.missed.any() and not chain.duplicates.any()
 
 
-def test_who_sleeps_past_the_deadline_takes_all_that_has_come_meanwhile(bus, chain):
+def test_a_caller_that_sleeps_past_the_deadline_takes_all_answers_that_have_come(bus, chain):
     bus.late.update(bus.specs)
     bus.late_by_a_wait = True
     assert tick(chain, 0.1, wait_s=0.01)
@@ -112,7 +112,7 @@ def test_a_motor_that_turns_is_followed_over_the_end_of_the_wire_and_a_joint_is_
         bus.position = dict.fromkeys(bus.specs, q)
         chain.refresh()
     np.testing.assert_allclose(chain.position_rad, [12.498] * 6 + [12.501], atol=2 * STEP_RAD)
-    assert chain.rejected.tolist() == [1] * 6 + [0]
+    assert chain.feedback.rejected.tolist() == [1] * 6 + [0]
 
 
 def test_storing_zero_takes_the_next_reading_as_it_is(bus, chain):
@@ -125,7 +125,7 @@ def test_storing_zero_takes_the_next_reading_as_it_is(bus, chain):
     np.testing.assert_allclose(chain.position_rad, 0.0, atol=2 * STEP_RAD)
 
 
-def test_special_commands_reach_every_motor_and_report_who_answered(bus, chain):
+def test_special_commands_reach_every_motor_and_report_the_motors_that_answered(bus, chain):
     bus.silent.add(7)
     assert chain.special(SpecialCommand.ENABLE, timeout_s=0.01) == [True] * 6 + [False]
     assert [m.data for m in bus.sent] == [SpecialCommand.ENABLE.value] * 7
@@ -234,7 +234,7 @@ def test_the_answer_to_somebody_elses_register_question_is_no_feedback(bus, chai
         chain.send(commands())
         bus._queue.appendleft(can.Message(arbitration_id=0x11, data=answer, is_extended_id=False))
         chain.collect(time.monotonic() + 0.01)
-    chain.publish()
+    chain.feedback.publish()
     np.testing.assert_array_equal(chain.position_rad, before)
     assert chain.fault[0] == 1 and chain.foreign == {0x11: 1}
     tick(chain)

@@ -43,7 +43,7 @@ def test_velocity_commands_match_the_vendor():
         frame = codec.encode_velocity(case["vel"])
         assert frame.hex() == case["frame_hex"]
         assert case["arbitration_id"] == VELOCITY_OFFSET + case["motor_id"]
-        assert codec.decode_velocity(frame) == pytest.approx(case["vel"], rel=1e-6)
+        assert codec.decode_position_velocity(frame) == (pytest.approx(case["vel"], rel=1e-6), 0.0)
 
 
 @pytest.mark.parametrize("name", TYPES)
@@ -111,7 +111,7 @@ def test_huge_finite_values_are_clamped():
 def test_no_command_can_be_read_as_a_special_command(code):
     torque = (0xF00 | code) * 20.0 / 4095 - 10.0 + 1e-6
     frame = codec.encode_mit("DM4310", 99.0, 99.0, 999.0, 99.0, torque)
-    assert codec.decode_special(frame) is None
+    assert frame not in codec.SPECIAL_OF
     assert codec.decode_mit("DM4310", frame).torque == pytest.approx(torque, abs=0.03)
 
 
@@ -123,8 +123,8 @@ def test_special_commands_are_told_from_ordinary_ones():
         SpecialCommand.CLEAR: "fffffffffffffffb",
     }
     for command in SpecialCommand:
-        assert codec.decode_special(bytearray(command.value)) is command
-    assert codec.decode_special(bytes(8)) is None
+        assert codec.SPECIAL_OF[command.value] is command
+    assert bytes(8) not in codec.SPECIAL_OF
 
 
 def test_position_velocity_frame():

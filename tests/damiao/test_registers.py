@@ -81,7 +81,7 @@ def test_values_that_a_float_register_cannot_hold(value):
 
 
 def test_read_only_and_unknown_registers_are_refused():
-    with pytest.raises(ConfigError, match="sw_ver.*read-only"):
+    with pytest.raises(ConfigError, match="SW_VER.*read-only"):
         registers.encode_write(1, Register.SW_VER, 1)
     with pytest.raises(ConfigError, match="no register 40"):
         registers.encode_read(1, 40)

@@ -125,7 +125,7 @@ def test_losses_now_and_then(seed):
     assert channel.settled()
 
 
-def test_an_answer_to_no_question_is_none():
+def test_an_answer_to_no_question_counts_as_a_duplicate():
     requests = Requests(2)
     requests.begin([0, 1], False, 1)
     assert requests.answer(0) is requests.newest

@@ -15,7 +15,7 @@ from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 from lerobot_robot_yam.arm.profile_checks import check_arm, check_gripper
 from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS, NO_ARM, load_arm, load_gripper
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.scene import scene as scenes
 from lerobot_robot_yam.rig.scene.scene import Options, load_scene
@@ -160,7 +160,7 @@ def fields(draw):
 def test_any_fields_make_an_arm_or_are_refused(values):
     try:
         config = ArmConfig(**values)
-        hardware = Hardware(config)
+        hardware = ResolvedArm(config)
     except ConfigError as error:
         assert str(error)
         return

@@ -160,14 +160,14 @@ def test_a_register_is_read_as_it_is_or_not_at_all(register, data, noise, fate):
         bus.release()
         stamp = chain.stamp_s[1]
         chain.drain()  # an answer that comes too late is no feedback
-        chain.publish()
+        chain.feedback.publish()
         if fate == "late":
             assert noise or (chain.stamp_s[1] == stamp and chain.duplicates[1] == 0)
         assert nothing_energised(bus)
 
 
 @for_all(register=st.integers(-3, 300), value=numbers())
-def test_what_is_written_is_what_the_motor_then_holds(register, value):
+def test_a_written_register_holds_the_value(register, value):
     with RawRegisters(SPECS) as bus:
         chain = MotorChain(bus, SPECS, channel="desk")
         try:

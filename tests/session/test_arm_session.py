@@ -1,6 +1,7 @@
 """The shipped loop and driver on the virtual rig, over CAN frames, as a process and as a thread."""
 
 import dataclasses
+import json
 import logging
 import os
 import signal
@@ -320,10 +321,10 @@ def test_an_error_in_our_own_code_leaves_the_arm_held(caplog):
 
 
 CALLER = """
-import sys, time
+import json, sys, time
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.session.yam_arm import YamArm
-arm = YamArm(ArmConfig.from_json(sys.argv[1])).connect()
+arm = YamArm(ArmConfig(**json.loads(sys.argv[1]))).connect()
 arm.move_to([0.0, 1.2, 1.0, 0, 0, 0], speed_rad_s=1.4)
 print("up", flush=True)
 time.sleep(60)
@@ -333,7 +334,9 @@ time.sleep(60)
 @in_a_process
 @pytest.mark.parametrize("signal_number", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
 def test_a_dead_caller_leaves_a_landed_arm(rig, signal_number):
-    caller = subprocess.Popen([sys.executable, "-c", CALLER, arm_config(rig).to_json()], stdout=subprocess.PIPE)
+    caller = subprocess.Popen(
+        [sys.executable, "-c", CALLER, json.dumps(dataclasses.asdict(arm_config(rig)))], stdout=subprocess.PIPE
+    )
     assert caller.stdout.readline() == b"up\n"
     os.kill(caller.pid, signal_number)
     caller.wait()

@@ -18,7 +18,7 @@ from lerobot_robot_yam.arm.kinematics import YamKinematics
 from lerobot_robot_yam.arm.model import build_model
 from lerobot_robot_yam.arm.mounting import arm_ids, gripper_id, mounted
 from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.preflight.fingerprint import read_fingerprint
 from lerobot_robot_yam.errors import ActionError, ConfigError
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
@@ -43,7 +43,7 @@ def rig(tmp_path):
 
 
 def test_the_gripper_has_an_id_and_joints_of_its_own():
-    hardware = Hardware(ArmConfig(channel="any", arm=ARM))
+    hardware = ResolvedArm(ArmConfig(channel="any", arm=ARM))
     assert [(motor.name, motor.can_id) for motor in hardware.motors] == [
         *((f"joint_{n}", n) for n in range(1, 8)),
         ("gripper", 8),
@@ -70,9 +70,9 @@ def test_an_end_effector_that_is_fixed_to_a_link_in_the_middle_is_refused():
 
 @pytest.mark.parametrize("key", ["kp", "gravity_factor", "coulomb_friction_nm", "effort_limit_nm", "speed_limit_rad_s"])
 def test_numbers_per_joint_are_counted_by_the_profile(key):
-    assert Hardware(ArmConfig(channel="any", arm=ARM, **{key: [1.0] * 7})).joints == 7
+    assert ResolvedArm(ArmConfig(channel="any", arm=ARM, **{key: [1.0] * 7})).joints == 7
     with pytest.raises(ConfigError, match=f"{key} takes 7 numbers, one per joint"):
-        Hardware(ArmConfig(channel="any", arm=ARM, **{key: [1.0] * 6}))
+        ResolvedArm(ArmConfig(channel="any", arm=ARM, **{key: [1.0] * 6}))
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import contextlib
 
 import pytest
 
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.loop_builder import build
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
 from lerobot_robot_yam.errors import BusError, ChannelInUseError, EmergencyStopError
@@ -27,7 +27,7 @@ def loop_on(rig):
     with contextlib.ExitStack() as rest:
         buses, pairs = [], []
         for config, key in zip(configs, keys, strict=True):
-            port = ArmPort(config, Hardware(config), key)
+            port = ArmPort(config, ResolvedArm(config), key)
             rest.callback(port.close)
             pairs.append(BlockPair.of(port.descriptors.copies()))
             rest.callback(pairs[-1].close)

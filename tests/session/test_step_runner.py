@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.actuation import ArmBody
 from lerobot_robot_yam.damiao.bus_port import data_message
 from lerobot_robot_yam.damiao.codec import SpecialCommand
@@ -121,7 +121,7 @@ def test_a_loop_that_hangs_while_its_arm_sets_out_leaves_it_a_bounded_speed(rig)
     rig.sleep(HUNG_S + 0.03)  # until the stand-by commands
     speed = np.array(rig.watch(CHANNELS[0])["max_speed_rad_s"][:6])
     assert speed.max() > 2.0  # it does set out, and the worst of it is seen
-    assert np.all(speed < Hardware(config(rig, CHANNELS[0])).speed_limit[:6] + STALE_OVERSHOOT_RAD_S), speed
+    assert np.all(speed < ResolvedArm(config(rig, CHANNELS[0])).speed_limit[:6] + STALE_OVERSHOOT_RAD_S), speed
     session.discard()
 
 
@@ -139,7 +139,7 @@ def test_a_late_tick_adds_no_more_speed_than_its_command_accelerates(rig):
             session.clock.sleep(0.004)
             rig.sleep(rng.uniform(0.002, 0.026) if rng.random() < 0.25 else 0.0)
     seen = rig.watch(CHANNELS[0])
-    allowed = 1.1 * Hardware(config(rig, CHANNELS[0])).speed_limit[:6]
+    allowed = 1.1 * ResolvedArm(config(rig, CHANNELS[0])).speed_limit[:6]
     late = [stale_overshoot_rad_s(age_s - 0.008) for age_s in seen["max_command_age_s"][:6]]
     speed = np.array(seen["max_speed_rad_s"][:6])
     assert (speed > allowed).any()  # late ticks do matter
@@ -195,7 +195,7 @@ def test_at_rates_that_the_wire_does_not_allow_it_ticks_as_often_as_wire_and_law
     arms = rig.state()["arms"]
     assert not any(motor["enabled"] for channel in CHANNELS for motor in arms[channel]["motors"].values())
     for channel in CHANNELS:
-        assert np.abs(np.array(arms[channel]["q"][1:4]) - Hardware(configs[0]).rest_q[1:4]).max() < 0.1
+        assert np.abs(np.array(arms[channel]["q"][1:4]) - ResolvedArm(configs[0]).rest_q[1:4]).max() < 0.1
 
 
 def test_an_answer_to_somebody_else_is_not_taken_for_one_to_us(rig):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.rig.client.rig_control import RigOperations
 from lerobot_robot_yam.rig.judging.truth import beyond_clip_nm
 
@@ -18,7 +18,7 @@ def look_at(rig: RigOperations, channel: str) -> None:
 
 
 def beyond_nm(
-    rig: RigOperations, channel: str, hardware: Hardware, known_s: np.ndarray | float = KNOWN_S
+    rig: RigOperations, channel: str, hardware: ResolvedArm, known_s: np.ndarray | float = KNOWN_S
 ) -> np.ndarray:
     """The largest torque of each joint in Nm that was asked for beyond the clip since `look_at`; see `beyond_clip_nm`.
 

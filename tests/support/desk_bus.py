@@ -9,7 +9,7 @@ from collections import deque
 import can
 
 from lerobot_robot_yam.damiao import encoder, registers
-from lerobot_robot_yam.damiao.codec import decode_mit, decode_special, encode_feedback
+from lerobot_robot_yam.damiao.codec import SPECIAL_OF, decode_mit, encode_feedback
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.damiao.registers import Opcode, Register
 from lerobot_robot_yam.damiao.tables import REGISTER_ID, motor_type
@@ -62,7 +62,7 @@ class DeskBus(can.BusABC):
             self._answer_handle(data)
         elif msg.arbitration_id in self.specs:
             spec = self.specs[msg.arbitration_id]
-            if decode_special(data) is None:
+            if data not in SPECIAL_OF:
                 self.position[spec.can_id] = decode_mit(spec.type, data).position
             self._answer(spec, self._feedback(spec))
 

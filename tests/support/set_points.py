@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.state.records import STATE_DTYPE, channel_key, state_path
 from lerobot_robot_yam.system.shared_block import SharedBlock
@@ -30,7 +30,7 @@ class SetPointWatch:
         self.findings, self.ratios = [], {}
         self._checks, self._paths = {}, {}
         for config in configs:
-            hardware, limits = Hardware(config), np.full(7, np.nan)
+            hardware, limits = ResolvedArm(config), np.full(7, np.nan)
             limits[hardware.slots] = hardware.speed_limit
             self._checks[config.channel] = SetPointCheck(config.channel, limits)
             self._paths[config.channel] = state_path(channel_key(config.interface, config.channel, rig))

@@ -17,6 +17,7 @@ import lerobot_robot_yam
 from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig
 from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
 from lerobot_robot_yam.face.devices.lerobot_version import NEWEST_TESTED
+from lerobot_robot_yam.system import other_plugins
 from lerobot_teleoperator_yam.config_bi_yam_leader import BiYamLeaderConfig
 from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
 from tests.support.plugins import THEIR_TYPES, write_metadata, write_plugin
@@ -114,7 +115,7 @@ def test_another_projects_leaders_over_ours_are_noticed(theirs, tmp_path):
     assert "pip uninstall lerobot_robot_yam lerobot_teleoperator_yam" in error and "from its clone" in error
 
 
-def test_another_projects_package_over_ours_is_noticed_by_what_of_ours_still_runs(tmp_path):
+def test_our_remaining_files_notice_another_projects_package_over_ours(tmp_path):
     """LeRobot imports nothing else of us then: it is up to the leaders, and to the doctor."""
     theirs = {"__init__.py": "from . import config_yam_follower", "config_yam_follower.py": ""}
     overlay(tmp_path, "lerobot_robot_yam", theirs)
@@ -141,3 +142,7 @@ def test_which_lerobot_is_newer(version, warned, tmp_path):
         "from lerobot_robot_yam.face.devices.lerobot_version import warn_if_newer; warn_if_newer(); warn_if_newer()",
     )
     assert done.stderr.count("newer than") == warned, done.stderr
+
+
+def test_the_file_that_marks_our_distribution_is_ours():
+    assert (ROOT / other_plugins._OURS_ALONE).is_file()

@@ -30,7 +30,7 @@ def test_profiles_and_scenes(home):
     assert load_arm("~/mine.yaml") is not None
     (home / "scene.yaml").write_text("extends: base.yaml\n")
     (home / "far.yaml").write_text("extends: ~/base.yaml\n")
-    (home / "base.yaml").write_text((PACKAGE / "rig/scenes/bimanual_table.yaml").read_text())
+    (home / "base.yaml").write_text((PACKAGE / "rig/scene/scenes/bimanual_table.yaml").read_text())
     for name in ("~/scene.yaml", "~/far.yaml", f"{home}/far.yaml"):
         assert load_scene(name).channels == load_scene().channels
 
@@ -41,6 +41,6 @@ def test_the_doctor_looks_at_the_same_files(home):
     assert target.calibration == home / "stops.json"
 
 
-def test_a_home_that_nobody_knows():
+def test_the_home_of_an_unknown_user_is_refused():
     with pytest.raises(ConfigError, match="~nobody-of-that-name/x.json: .*write the path in full"):
         ArmConfig(channel="x", identity_path="~nobody-of-that-name/x.json")

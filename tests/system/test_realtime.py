@@ -18,7 +18,7 @@ print(os.sched_getscheduler(0), os.waitstatus_to_exitcode(os.waitpid(child, 0)[1
 """
 
 
-def test_it_says_what_it_got_and_children_are_ordinary():
+def test_it_reports_what_was_granted_and_children_are_ordinary():
     answer = subprocess.run([sys.executable, "-c", ASK], capture_output=True, text=True, check=True)
     granted, policies = answer.stdout.splitlines()
     own, childs = (int(text) for text in policies.split())

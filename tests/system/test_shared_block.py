@@ -155,7 +155,7 @@ def punch_a_hole(descriptor):
 
 
 @pytest.mark.parametrize("attack", attacks(-1))
-def test_nobody_else_can_shrink_a_block_or_write_into_it(tmp_path, attack):
+def test_no_other_process_can_shrink_a_block_or_write_into_it(tmp_path, attack):
     writer = SharedBlock(tmp_path / "block", DTYPE, create=True)
     reader = SharedBlock(tmp_path / "block", DTYPE, create=False)
     writer.write(record(1))
@@ -171,7 +171,7 @@ def test_nobody_else_can_shrink_a_block_or_write_into_it(tmp_path, attack):
     reader.close()
 
 
-def test_whoever_has_a_block_does_not_notice_what_happens_to_its_link(tmp_path):
+def test_a_reader_that_has_a_block_needs_its_link_no_more(tmp_path):
     writer = SharedBlock(tmp_path / "block", DTYPE, create=True)
     reader = SharedBlock(tmp_path / "block", DTYPE, create=False)
     (tmp_path / "block").unlink()

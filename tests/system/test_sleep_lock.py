@@ -68,7 +68,7 @@ def await_end(log: Path) -> None:
         (f"{ALL} sleep:idle idle", "257", "", False),
     ],
 )
-def test_it_gets_what_can_be_had_until_it_is_released(inhibit, refused, version, granted, enough):
+def test_the_lock_holds_all_that_is_granted_until_it_is_released(inhibit, refused, version, granted, enough):
     log = inhibit(refused, version)
     lock = SleepLock()
     assert lock.granted() == (granted, enough)
@@ -92,7 +92,7 @@ def test_the_death_of_its_holder_ends_it(inhibit):
     await_end(log)
 
 
-def test_a_child_of_who_lets_go_of_it_does_not_keep_it(inhibit):
+def test_a_child_does_not_keep_a_lock_that_its_parent_releases(inhibit):
     log = inhibit()
     lock = SleepLock()
     assert lock.granted()[0]

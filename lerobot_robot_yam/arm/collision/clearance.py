@@ -1,8 +1,8 @@
 """Is a straight move of the joints clear of everything? Finds the pairs of parts that it brings into conflict.
 
 The rule, for every pair on its own: somewhere on the way the pair is nearer than its limit, and nearer than at the
-start. So an approach ends at the limit, and whoever is inside it, however that came, may stay, go along and get out,
-but not further in.
+start. So an approach ends at the limit. A pair that is inside it already may stay, go along and get out, but not go
+further in.
 
 The whole way is judged, not its end only, by what a move can do at most: with lever arms r_j, the distance of a pair
 changes by no more than

@@ -67,7 +67,7 @@ class ArmParts:
     def __init__(self, arms: Sequence[GuardedArm]):
         self.names = [arm.name for arm in arms]
         if len(set(self.names)) != len(arms):
-            raise ConfigError(f"arms of one robot need names of their own, not {self.names}")
+            raise ConfigError(f"arms of one robot need different names, not {self.names}")
         for arm in arms:
             arm.workspace.check(arm.name)
         self.joints = [arm.arm.joint_count for arm in arms]

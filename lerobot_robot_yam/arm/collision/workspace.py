@@ -1,7 +1,7 @@
 """Where an arm may go: its place in the rig, a floor, keep-out boxes, and how near it may come to itself and others.
 
 Plain values, nothing heavy: the dataclasses are part of `ArmConfig`, which LeRobot parses and which travels as JSON.
-The check itself is `guard.WorkspaceGuard`. The rig frame is any frame that the arms of one robot share, z up.
+The check itself is `collision_guard`. The rig frame is any frame that the arms of one robot share, z up.
 """
 
 import math
@@ -52,11 +52,7 @@ class WorkspaceConfig:
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> "WorkspaceConfig":
-        """From plain values, as `dataclasses.asdict` and JSON give them.
-
-        Raises:
-            ConfigError: an unknown key.
-        """
+        """From plain values, as `dataclasses.asdict` and JSON give them. Raises ConfigError: an unknown key."""
         boxes = [_make(KeepOut, box, "workspace.keep_out") for box in _boxes(values)]
         return _make(cls, {**values, "keep_out": boxes}, "workspace")
 
@@ -85,7 +81,7 @@ class WorkspaceConfig:
                 raise ConfigError(f"{arm}: workspace.{where} needs three extents above zero, not {box.size_m}")
         names = [box.name for box in self.keep_out]
         if len(set(names)) != len(names):
-            raise ConfigError(f"{arm}: workspace.keep_out boxes need names of their own, not {names}")
+            raise ConfigError(f"{arm}: workspace.keep_out boxes need different names, not {names}")
 
 
 def _boxes(values: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:

@@ -8,7 +8,7 @@ With the error twist e of the site in its own frame and its Jacobian J (mink's F
 as a box-constrained QP (DAQP, which takes the box as such: a fifth of the time of the same problem through
 `mink.solve_ik`). Levenberg's μ falls with the error, so that the last steps are Newton's, and grows when a step does
 not help: far from the solution and near singularities it is gradient descent. The last row is optional, see
-`ik_clearance`.
+`SelfClearance`.
 """
 
 import time
@@ -18,10 +18,13 @@ import mink
 import mujoco
 import numpy as np
 
-from lerobot_robot_yam.arm.ik.self_clearance import SelfClearance
+from lerobot_robot_yam.arm.collision.pairs import choose_pairs
+from lerobot_robot_yam.arm.collision.parts import ArmParts, GuardedArm
+from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
+from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 
 LEVER_M = 0.1
-"""What counts as much as one radian of orientation error, in metres."""
+"""Position error, in metres, that counts as much as one radian of orientation error."""
 
 _ITERATIONS = 25
 _STOP_M, _STOP_RAD = 1e-6, 1e-5  # a hundredth of what counts as solved: paths come out smooth
@@ -33,8 +36,49 @@ _FLOOR = 1e-12  # of the Hessian: QP solvers need it definite
 _POSTURE = 1e-9  # w²: decides where the pose leaves freedom, at singularities; elsewhere below 1e-8 m
 _UNBOUNDED = 1e30  # DAQP's infinity
 _FOUL_M = 1e-4  # by how much a step may spoil a distance, from curvature
+_NEAR_M = 0.05  # a pair that is farther from its limit than this has no say in the next step
+_ENOUGH_M = 5e-4  # of a distance that is called kept: hulls are approximations to millimetres
 
 _NO_SLACK = np.zeros(0)
+
+
+class SelfClearance:
+    """Distances between an arm's own links, gripper open: the pairs that `choose_pairs` compares, each with its limit.
+
+    Args:
+        arm, gripper: profiles.
+        margin_m: how near links may come to each other; less where they are nearer by construction.
+
+    Raises:
+        ConfigError: the margin is out of range.
+    """
+
+    def __init__(self, arm: ArmProfile, gripper: GripperProfile, margin_m: float):
+        guarded = GuardedArm(arm.name, arm, gripper, WorkspaceConfig(collision_margin_m=margin_m))
+        self._parts = ArmParts([guarded])
+        self._pairs = choose_pairs(self._parts, [guarded])
+        first, second = (np.array([pair[i] for pair in self._pairs], dtype=int) for i in (0, 1))
+        self._first, self._second = first, second
+        limits = np.array([pair.limit_m for pair in self._pairs])
+        self._reach = self._parts.radius[first] + self._parts.radius[second] + limits + _NEAR_M
+
+    def rows(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gradients (k, n), m/rad, and slack (k,), m, of the pairs near their limit at `q` (n,). Below 0: too near."""
+        parts = self._parts
+        parts.place(q)
+        between = parts.centres[self._first] - parts.centres[self._second]
+        near = np.flatnonzero(np.einsum("ij,ij->i", between, between) < self._reach**2)
+        gradients, slack = [], []
+        for pair in (self._pairs[i] for i in near.tolist()):
+            distance, gradient = parts.distance_gradient(pair.first, pair.second, pair.limit_m + _NEAR_M)
+            if distance < pair.limit_m + _NEAR_M:
+                gradients.append(gradient)
+                slack.append(distance - pair.limit_m)
+        return np.array(gradients).reshape(len(slack), len(q)), np.array(slack)
+
+    def kept(self, q: np.ndarray) -> bool:
+        """Whether every pair keeps its distance at `q` (n,)."""
+        return bool((self.rows(q)[1] > -_ENOUGH_M).all())
 
 
 class Descent:
@@ -44,7 +88,7 @@ class Descent:
         model: its first joints are the arm's; others stay where `qpos0` has them.
         joints: how many.
         site: name of a site of the model.
-        clearance: distances to keep, None for none.
+        clearance: distances to keep; None keeps no distance.
     """
 
     def __init__(self, model: mujoco.MjModel, joints: int, site: str, clearance: SelfClearance | None = None):
@@ -118,12 +162,7 @@ def _worst(slack: np.ndarray) -> float:
 
 
 def _solve_qp(
-    hessian: np.ndarray,
-    gradient: np.ndarray,
-    lower: np.ndarray,
-    upper: np.ndarray,
-    rows: np.ndarray,
-    slack: np.ndarray,
+    hessian: np.ndarray, gradient: np.ndarray, lower: np.ndarray, upper: np.ndarray, rows: np.ndarray, slack: np.ndarray
 ) -> np.ndarray:
     """argmin ½ x H x + g x within the box and rows · x ≥ −slack. A slack that is used up must not grow worse."""
     if not slack.size:

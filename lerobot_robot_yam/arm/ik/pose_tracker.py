@@ -16,7 +16,7 @@ class PoseTracker:
     """Follows a target pose with the joints of one arm.
 
     Args:
-        kinematics: of the arm; nothing else may use it meanwhile from another thread.
+        kinematics: of the arm; no other thread may use it.
         q: (n,) rad, where the arm is.
     """
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD, resolve_turn
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.motor_inspection import verify
@@ -54,7 +54,7 @@ class Zeroing:
 
     def __init__(self, config: ArmConfig, bus: can.BusABC, joints: Sequence[str]):
         self.name, self.channel = config.name, config.channel
-        self.hardware = hw = Hardware(config)
+        self.hardware = hw = ResolvedArm(config)
         names = [motor.name for motor in hw.arm.motors]
         unknown = [joint for joint in joints if joint not in names]
         if unknown or not joints:
@@ -138,7 +138,7 @@ class Zeroing:
         self.chain.special(SpecialCommand.ZERO, motors=self.chosen)
         deadline = time.monotonic() + _READ_BACK_S
         while True:
-            self.chain.restart()  # the origin has moved: not a motion that could be followed over turns
+            self.chain.feedback.restart()  # the origin has moved: not a motion that could be followed over turns
             try:
                 after = self.read()
             except MotorError as error:

@@ -6,7 +6,7 @@ import can
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.mounting import arm_ids, gripper_id
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.preflight.binding import check_identity
 from lerobot_robot_yam.control.preflight.fingerprint import read_fingerprint
 from lerobot_robot_yam.control.preflight.role import check_role, explain_missing
@@ -36,7 +36,7 @@ def refuse_stopped(name: str, stop: EmergencyStop) -> None:
         )
 
 
-def inspect(config: ArmConfig, hardware: Hardware, chain: MotorChain, bus: can.BusABC) -> None:
+def inspect(config: ArmConfig, hardware: ResolvedArm, chain: MotorChain, bus: can.BusABC) -> None:
     """Is everything there, alone on the channel, and as configured?
 
     Raises:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import can
 
 from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL, ArmConfig
+from lerobot_robot_yam.damiao.tables import BITRATE
 from lerobot_robot_yam.errors import BusError, YamError
 from lerobot_robot_yam.system.sleep_lock import kept_awake
 
@@ -15,7 +16,6 @@ logger = logging.getLogger(__name__)
 # LeRobot's commands open the root logger to every level, and python-can would make a record of each frame it receives.
 logging.getLogger("can.bus").setLevel(logging.INFO)
 
-_BITRATE = 1_000_000
 _ID_MASK = 0x7FF
 _KNOWN = (SOCKETCAN, VIRTUAL, "yam_lockstep")
 
@@ -44,7 +44,7 @@ def open_bus(config: ArmConfig, only: Sequence[int] | None = None) -> can.BusABC
             channel=config.channel,
             can_filters=filters,
             ignore_config=True,  # what a file elsewhere says of buses is not meant for arms
-            **{"bitrate": _BITRATE, **config.can_options},
+            **{"bitrate": BITRATE, **config.can_options},
         )
     except YamError:
         raise
@@ -54,7 +54,7 @@ def open_bus(config: ArmConfig, only: Sequence[int] | None = None) -> can.BusABC
         elif config.interface == SOCKETCAN:
             advice = (
                 "is the adapter plugged in and the link up? "
-                f"(sudo ip link set {config.channel} up txqueuelen 100 type can bitrate {_BITRATE})"
+                f"(sudo ip link set {config.channel} up txqueuelen 100 type can bitrate {BITRATE})"
             )
         else:
             advice = "is the adapter plugged in, and is that what the interface calls it?"

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.actuation import gravity_model
 from lerobot_robot_yam.control.arm_controller import ArmController
 from lerobot_robot_yam.control.loop import ControlLoop
@@ -97,7 +97,7 @@ class StandBy:
         self._end = ProcessEnd(control_pid)
         self._poll = select.poll()
         self._poll.register(self._process, select.POLLIN)
-        self._hardware = [Hardware(config) for config in configs]
+        self._hardware = [ResolvedArm(config) for config in configs]
         self._gravity = [gravity_model(hardware) for hardware in self._hardware]
         self._records: list[np.ndarray | None] = [None] * len(keys)
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.safety.effort_monitor import EffortLimit
 from lerobot_robot_yam.control.safety.handle_monitor import StopButton
 
@@ -17,7 +17,7 @@ class StopReasons:
         config, hardware: of the arm.
     """
 
-    def __init__(self, config: ArmConfig, hardware: Hardware):
+    def __init__(self, config: ArmConfig, hardware: ResolvedArm):
         self._arm = config.name
         self._button = StopButton(_BUTTONS[config.estop_button])
         self._effort: EffortLimit | None = None

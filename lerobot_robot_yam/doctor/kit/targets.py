@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL, ArmConfig, check_together
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.state.records import channel_key
 from lerobot_robot_yam.system.paths import user_path
@@ -73,13 +73,13 @@ class Target:
         """Whether a run config has said with which options it is driven."""
         return self.calibration is not None
 
-    def hardware(self) -> Hardware:
+    def hardware(self) -> ResolvedArm:
         """Motors and limits as the profiles say.
 
         Raises:
             ConfigError: unknown arm or gripper.
         """
-        return Hardware(self.config)
+        return ResolvedArm(self.config)
 
 
 @dataclass(frozen=True)

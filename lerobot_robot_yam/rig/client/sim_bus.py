@@ -20,6 +20,7 @@ from typing import Any
 
 import can
 
+from lerobot_robot_yam.damiao.tables import BITRATE
 from lerobot_robot_yam.errors import BusError, ConfigError
 from lerobot_robot_yam.rig.bus.client_link import ClientLink
 from lerobot_robot_yam.rig.bus.frame_messages import message_of, pack_messages
@@ -34,7 +35,6 @@ logger = logging.getLogger(__name__)
 _FOREIGN_OPTIONS = frozenset(
     ("bitrate", "data_bitrate", "timing", "single_handle", "local_loopback", "ignore_rx_error_frames", "tseg1_abr")
 )
-_CLASSIC_BITRATE = 1_000_000
 _SELECTABLE = 1024  # descriptors below
 
 
@@ -71,7 +71,7 @@ class YamSimBus(can.BusABC):
         self._socket: socket.socket | None = None
         if fd:
             raise BusError(f"{channel}: the arms speak classic CAN; open the channel without CAN FD (fd=False)")
-        if bitrate is not None and int(bitrate) != _CLASSIC_BITRATE:
+        if bitrate is not None and int(bitrate) != BITRATE:
             raise BusError(f"{channel}: the motors run at 1 Mbit/s, not {bitrate} bit/s")
         if receive_own_messages:
             raise ConfigError(f"{channel}: yam_sim does not echo own messages")

@@ -12,9 +12,8 @@ import mujoco
 import numpy as np
 
 from lerobot_robot_yam.arm.model import Physics, base_quat, build_spec
-from lerobot_robot_yam.arm.mounting import mounted
+from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
-from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.scene.furnish import add_things
@@ -92,8 +91,7 @@ def _attach_arm(spec: mujoco.MjSpec, row: ArmPlacement, scene: Scene) -> None:
 
 def profiles_of(row: ArmPlacement) -> tuple[ArmProfile, GripperProfile]:
     """The arm, and its end effector as it is on that arm."""
-    arm = load_arm(row.arm)
-    return arm, mounted(load_gripper(row.gripper), arm)
+    return resolve_profiles(row.arm, row.gripper)
 
 
 def gripper_stroke(row: ArmPlacement, gripper: GripperProfile) -> tuple[float, float]:

@@ -134,7 +134,7 @@ def test_a_closed_gripper_is_narrower():
     assert all_distances(clearance, HOME).min() == pytest.approx(opened)
 
 
-def test_no_conflict_is_missed_and_none_invented():
+def test_every_conflict_is_found_and_no_other():
     arms = pair_of_arms(
         gap_m=0.4,
         collision_margin_m=MARGIN,
@@ -173,7 +173,7 @@ def test_a_thin_thing_between_start_and_end_is_seen():
 def test_arms_that_stand_in_one_another_or_share_a_name_are_refused():
     with pytest.raises(ConfigError, match="left base and right base stand in one another.*base_position_m"):
         Clearance([guarded("left", collision_margin_m=MARGIN), guarded("right", collision_margin_m=MARGIN)])
-    with pytest.raises(ConfigError, match="names of their own"):
+    with pytest.raises(ConfigError, match="different names"):
         Clearance([guarded("left"), guarded("left")])
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.arm.resolved_arm import Hardware
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.landing import LANDING_SPEED_RAD_S
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.session.arm_session import ArmSession
@@ -52,7 +52,7 @@ def landing_after_kill(rig, channel, pid, rng):
         time.sleep(rng.uniform(0, 0.1))
         since, slips, lost_s = last_event(rig), rig.stats()["slips"], machine.lost_s()
         rig.watch_start(channel)
-        hardware = Hardware(sim_config(rig, channel))
+        hardware = ResolvedArm(sim_config(rig, channel))
         travel = np.abs(block.read()["setpoint"][: hardware.joints] - hardware.rest_q)
         os.kill(pid, signal.SIGKILL)
         begin = time.monotonic()
@@ -126,7 +126,7 @@ def test_killed_at_100_random_ticks(killed):
 def test_killed_in_motion(rig, tries):
     """It brakes and lands, no faster than on its way but for what the last command adds until somebody acts."""
     channel, rng = "follower_left", np.random.default_rng(7)
-    limits = Hardware(sim_config(rig, channel)).speed_limit[:6]
+    limits = ResolvedArm(sim_config(rig, channel)).speed_limit[:6]
     for _ in range(tries):
         session = ArmSession([sim_config(rig, channel)])
         session.start()
