@@ -173,19 +173,12 @@ class ArmBody:
         if self.mode not in (Mode.OFF, Mode.OFFLINE):
             self._switch_off()
 
-    def pack(self) -> None:
-        """Have the frames of the next `send` ready.
-
-        Raises:
-            ActionError: the commands are not finite.
-        """
-        self.drive.pack(self.motion.commands)
-
     def send(self) -> None:
         """Put this tick's commands on the wire.
 
         Raises:
             BusError: the channel does not take them.
+            ActionError: they are not finite.
         """
         self.drive.send(self.motion.commands)
         self._bus_loss.clear()

@@ -39,7 +39,7 @@ class ArmController(ArmBody):
     """Drives the motors of one channel.
 
     Bring-up: `inspect` (energises nothing), `energise`, then ticks: `send`, `collect`, `measure`,
-    `decide`, (the set-point advances,) `command`; see `loop` for what else the order may be.
+    `decide`, (the set-point advances,) `command`.
 
     Args:
         config: the arm.

@@ -61,8 +61,6 @@ class ArmDrive:
         self.before = np.full(n, np.nan), np.full(n, np.nan)
         self.sent = np.zeros((n, 5))  # in joint coordinates
         self.meanwhile: Callable[[], None] = lambda: None
-        self._packed: list[bytes] = []
-        self._packed_of = b""
 
     @property
     def offset_rad(self) -> np.ndarray:
@@ -204,17 +202,6 @@ class ArmDrive:
                     break
         return [self.chain.motors[i].name for i in np.flatnonzero(self.chain.fault == Fault.NORMAL)]
 
-    def pack(self, commands: np.ndarray) -> None:
-        """Have the frames of commands (n, 5) ready: to make them takes longer than to send them, and may be early.
-
-        Raises:
-            ActionError: they are not finite.
-        """
-        made_of = commands.tobytes() + self._map.offset_rad.tobytes()
-        if made_of != self._packed_of:
-            self._packed = self.chain.pack(self._quantiser.compensate(self._map.commands(commands)))
-            self._packed_of = made_of
-
     def send(self, commands: np.ndarray) -> None:
         """Put commands (n, 5) on the wire.
 
@@ -222,8 +209,7 @@ class ArmDrive:
             BusError: the channel does not take them.
             ActionError: they are not finite.
         """
-        self.pack(commands)
-        self.chain.send_packed(self._packed)
+        self.chain.send(self._quantiser.compensate(self._map.commands(commands)))
         self.sent[:] = commands
 
     def check(self, now: float) -> Finding:

@@ -28,7 +28,7 @@ _MOMENT_S = 0.0004  # for the replies, where this process woke up so late that t
 _EARLY_S = 0.0002  # before the wire is through: what has come is decoded while the last frames travel
 _WAKE_UP_S = 0.00006  # what a sleep takes longer than asked, typically
 _ENDED = (Mode.OFF, Mode.OFFLINE)
-_LAWS_S = 0.0008  # states, laws and packing of two arms take half of it where nothing else runs
+_LAWS_S = 0.0008  # states and laws of two arms take half of it where nothing else runs
 _BREATH_S = 0.0001  # for the rest of the computer: a real-time process that never sleeps is stopped for 50 ms at a time
 _MOST_DT_S = 0.012  # after a pause the set-points go on from where they were, not in one leap
 _STOPPED_EARLY = (
@@ -262,7 +262,6 @@ class ControlLoop:
     def _command(controller: ArmController, blocks: ControllerBlocks, now: float, dt: float, tick: int) -> None:
         if controller.mode not in _ENDED:
             controller.command(now, dt)
-            controller.pack()
         if controller.mode is not blocks.published_mode:
             blocks.publish(now, tick)  # who waits for it looks at once, and of the end there is no next tick
 
@@ -337,6 +336,6 @@ def _send(controller: ArmController) -> None:
         controller.send()
     except BusError:
         raise
-    except Exception as error:  # a command that cannot be packed: the last good one instead
+    except Exception as error:  # a command that cannot be encoded: the last good one instead
         controller.fail(error)
         controller.send()
