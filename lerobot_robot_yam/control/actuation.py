@@ -10,8 +10,8 @@ import numpy as np
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.resolved_arm import Hardware
-from lerobot_robot_yam.control.impedance import Motion
-from lerobot_robot_yam.control.joint_interface import ArmDrive
+from lerobot_robot_yam.control.impedance import Impedance
+from lerobot_robot_yam.control.joint_interface import JointInterface
 from lerobot_robot_yam.control.landing import Landing, Phase
 from lerobot_robot_yam.control.laws import mit_laws
 from lerobot_robot_yam.control.laws.set_point import SetPoint
@@ -42,7 +42,7 @@ _GRIPPER_ACCELERATION = 60.0  # strokes/s²
 _HEAT_PERIOD_S = 0.1  # metal is slow
 
 
-class ArmBody:
+class Actuation:
     """Motors, set-point and laws of one arm, in one mode at a time.
 
     Args:
@@ -55,8 +55,8 @@ class ArmBody:
         self.config = config
         self.name = config.name
         self.hardware = hw = hardware or Hardware(config)
-        self.drive = ArmDrive(config, hw, bus)
-        self.gripper = self.drive.gripper
+        self.interface = JointInterface(config, hw, bus)
+        self.gripper = self.interface.gripper
         self.setpoint = SetPoint(
             hw.speed_limit,
             np.append(np.full(hw.joints, ACCELERATION_LIMIT_RAD_S2), [_GRIPPER_ACCELERATION] * hw.has_gripper),
@@ -69,7 +69,7 @@ class ArmBody:
         self.message = ""
         self.limited = Limited.NOTHING
         gravity = gravity or gravity_model(hw)
-        self.motion = Motion(hw, gravity, self.gripper, config.hold_integral, config.float_speed_rad_s)
+        self.impedance = Impedance(hw, gravity, self.gripper, config.hold_integral, config.float_speed_rad_s)
         self._bad = np.zeros(hw.n, dtype=bool)  # motors that cannot be relied on
         self._usable, self._all_usable = ~self._bad, True
         self._floats = config.start == "float"
@@ -84,12 +84,12 @@ class ArmBody:
     @property
     def chain(self) -> MotorChain:
         """The motors."""
-        return self.drive.chain
+        return self.interface.chain
 
     @property
     def q(self) -> np.ndarray:
         """(n,) measured, rad; the gripper 0 closed … 1 open."""
-        return self.drive.q
+        return self.interface.q
 
     @property
     def here(self) -> np.ndarray:
@@ -103,12 +103,12 @@ class ArmBody:
 
     def _check(self, now: float) -> Finding:
         """Which motors can be relied on from here on."""
-        finding = self.drive.check(now)
+        finding = self.interface.check(now)
         if finding.bad is not self._bad:  # as long as all are well it is the same array
             for joint in np.flatnonzero(self.chain.distrusted & finding.bad & ~self._bad):
                 # Nobody knows any more how far it is from its set-point: it keeps to the last one that was sent.
                 if joint < self.hardware.joints:
-                    self.setpoint.reseed(int(joint), float(self.drive.sent[joint, mit_laws.Q]))
+                    self.setpoint.reseed(int(joint), float(self.interface.sent[joint, mit_laws.Q]))
             self._bad, self._usable = finding.bad, ~finding.bad
             self._all_usable = bool(self._usable.all())
         return finding
@@ -127,7 +127,7 @@ class ArmBody:
         Raises:
             YamError: names the part that is not.
         """
-        self.drive.inspect()
+        self.interface.inspect()
 
     def energise(self, meanwhile: Callable[[], None] = lambda: None) -> None:
         """Enable the motors, holding the measured pose from the first command on.
@@ -147,13 +147,13 @@ class ArmBody:
                 f"{self.name}: another driver commands the motors on {self.config.channel}; stop it and try again"
             )
         try:
-            self.drive.enable(meanwhile)
+            self.interface.enable(meanwhile)
             for _ in range(_ENABLE_TICKS):
                 meanwhile()
                 self.setpoint.seed(self.q)  # as of now: since it was inspected, a hand may have moved a limp arm
                 self.command(0.0, 0.0)
-                finding = self.drive.exchange(self.motion.commands)
-                self.drive.read()
+                finding = self.interface.exchange(self.impedance.commands)
+                self.interface.read()
                 if not finding.bad.any():
                     break
             if finding.bad.any():
@@ -180,18 +180,18 @@ class ArmBody:
             BusError: the channel does not take them.
             ActionError: they are not finite.
         """
-        self.drive.send(self.motion.commands)
+        self.interface.send(self.impedance.commands)
         self._bus_loss.clear()
 
     def collect(self, deadline_s: float) -> None:
         """Take the replies of this tick; whatever is missing at the deadline ages."""
-        self.drive.chain.collect(deadline_s)
+        self.interface.chain.collect(deadline_s)
 
     def command(self, now: float, dt: float) -> None:
         """From state and set-point to the commands of the next `send`."""
-        q: np.ndarray = self.drive.motor_q
-        dq: np.ndarray = self.drive.motor_dq
-        self.motion.before = self.drive.before
+        q: np.ndarray = self.interface.motor_q
+        dq: np.ndarray = self.interface.motor_dq
+        self.impedance.before = self.interface.before
         if not self._all_usable:
             unheard = self._unheard()
             q, dq = np.where(unheard, self.setpoint.q, q), np.where(unheard, self.setpoint.dq, dq)
@@ -199,20 +199,22 @@ class ArmBody:
             self.setpoint.seed(self.here)  # whatever ends the floating finds it where the arm is
             if self.limited:
                 self.limited &= ~_TOLD_AFLOAT
-            self._tell(self.motion.float_free(q, dq, dt))
+            self._tell(self.impedance.float_free(q, dq, dt))
         else:
             self._catch(now)
             fade = None if self._landing is None else self._landing.fade
             learns = self._landing is not None and self._landing.learns
-            gripper = float(self.drive.dq[-1]), float(self.drive.tau[-1])
+            gripper = float(self.interface.dq[-1]), float(self.interface.tau[-1])
             stopped = self.mode is Mode.STOPPED
             holding = (stopped or self.mode is Mode.HOLD) and self._all_usable
             pressed = self.gripper is not None and self.gripper.force_limited
-            self._tell(self.motion.follow(now, dt, q, dq, self.setpoint, gripper, holding, stopped, learns, fade))
+            self._tell(self.impedance.follow(now, dt, q, dq, self.setpoint, gripper, holding, stopped, learns, fade))
             if pressed and self.gripper is not None and not self.gripper.force_limited:
                 # What it has pressed on is gone: from here on at its own speed, not in one leap after the set-point.
                 self.setpoint.reseed(self.hardware.n - 1, float(self.q[-1]))
-                self._tell(self.motion.follow(now, 0.0, q, dq, self.setpoint, gripper, holding, stopped, learns, fade))
+                self._tell(
+                    self.impedance.follow(now, 0.0, q, dq, self.setpoint, gripper, holding, stopped, learns, fade)
+                )
             if now - self._came_free_s < _TOLD_S:  # a target meanwhile tells anew what limits it
                 self.limited |= Limited.CAME_FREE
             elif self._came_free_s > -math.inf:  # while an arm holds, no target comes to take it back
@@ -227,11 +229,11 @@ class ArmBody:
     def _catch(self, now: float) -> None:
         """A joint that comes free of what has blocked it must not spring to where its set-point has gone meanwhile."""
         hw = self.hardware
-        dq = self.drive.motor_dq[: hw.joints]
+        dq = self.interface.motor_dq[: hw.joints]
         fast = np.abs(dq) > self._free_speed
         if not fast.any() or (self._landing is not None and self._landing.fade is not None):  # nearly always
             return
-        gap = (self.setpoint.q - self.drive.motor_q)[: hw.joints]
+        gap = (self.setpoint.q - self.interface.motor_q)[: hw.joints]
         age_s = now - self.chain.stamp_s[: hw.joints]
         behind = np.abs(gap) > _FREE_RAD + self._free_speed * age_s  # its set-point has gone on since it was there
         heard = age_s < _JUST_NOW_S + self.chain.round_trip.one_way_s
@@ -251,10 +253,10 @@ class ArmBody:
 
         Stiffer ones pull no harder than it was pulled before, but for what an arm lags with its own.
         """
-        before = self.motion.kp
-        self.motion.gains(kp, kd)
+        before = self.impedance.kp
+        self.impedance.gains(kp, kd)
         joints = slice(self.hardware.joints)
-        gap, kp_before, kp_now = (self.setpoint.q - self.here)[joints], before[joints], self.motion.kp[joints]
+        gap, kp_before, kp_now = (self.setpoint.q - self.here)[joints], before[joints], self.impedance.kp[joints]
         lags = self.hardware.kp[joints] * LEFT_BEHIND_RAD
         for joint in np.flatnonzero((kp_now > kp_before) & (kp_now * np.abs(gap) > lags)):
             keeps = float(self.q[joint] + gap[joint] * kp_before[joint] / kp_now[joint])
@@ -266,7 +268,7 @@ class ArmBody:
     def _press_less(self) -> None:
         """Who stops everything may be in the arm's way: what is left of its pull carries a load, and hurts nobody."""
         joints = self.hardware.joints
-        kp, sag = np.maximum(self.hardware.kp[:joints], 1.0), self.motion.sag_nm
+        kp, sag = np.maximum(self.hardware.kp[:joints], 1.0), self.impedance.sag_nm
         here = self.here
         gap = (self.setpoint.q - here)[:joints]
         least = np.minimum(np.maximum(gap, (-PRESS_NM - sag) / kp), (PRESS_NM - sag) / kp)
@@ -281,9 +283,9 @@ class ArmBody:
 
     def _derate(self, now: float) -> Heat | None:
         """Warm motors press and move less, but for landing. None while nobody watches their temperatures."""
-        if self.drive.heat is not None and now >= self._heat_due:
+        if self.interface.heat is not None and now >= self._heat_due:
             self._heat_due = now + _HEAT_PERIOD_S
-            self._heat = self.drive.heat.check(now, self.chain.temp_mos_c, self.chain.temp_rotor_c)
+            self._heat = self.interface.heat.check(now, self.chain.temp_mos_c, self.chain.temp_rotor_c)
             if self.gripper is not None:
                 self.gripper.derate(float(self._heat.level[-1]))
             if self._landing is None:
@@ -292,8 +294,8 @@ class ArmBody:
 
     def _repeat(self) -> None:
         """The last commands that went out, at rest: what our own code broke over is not to be computed again."""
-        self.motion.commands[:] = self.drive.sent
-        self.motion.commands[:, mit_laws.DQ] = 0.0
+        self.impedance.commands[:] = self.interface.sent
+        self.impedance.commands[:, mit_laws.DQ] = 0.0
 
     def _advance_landing(self, now: float) -> None:
         """Move its set-point on; cuts torque where that moves nothing."""
@@ -309,8 +311,8 @@ class ArmBody:
         else:
             self._unreachable_since = None
         before = self._landing.phase
-        q, dq, usable = self.q[:joints], self.drive.dq[:joints], self._usable[:joints]
-        explained = self.motion.explains(q, np.where(usable, self.setpoint.q[:joints] - q, 0.0))
+        q, dq, usable = self.q[:joints], self.interface.dq[:joints], self._usable[:joints]
+        explained = self.impedance.explains(q, np.where(usable, self.setpoint.q[:joints] - q, 0.0))
         self._landing.advance(q, dq, usable, now, explained)
         if self._landing.phase is Phase.OBSTRUCTED and before is not Phase.OBSTRUCTED:
             self.trouble, self.message = Trouble.OBSTRUCTED, "landing is obstructed; holding"
@@ -327,14 +329,14 @@ class ArmBody:
     def _switch_off(self) -> None:
         """Cut torque. Only from a landed pose, or where the arm was limp a moment ago."""
         try:
-            silent = self.drive.disable()
+            silent = self.interface.disable()
             if silent:
                 names = ", ".join(silent)
                 logger.error("%s: %s did not say that they are off; their watchdogs switch them off", self.name, names)
         except BusError as error:
             logger.error("%s: nothing reaches its motors; they let go by themselves: %s", self.name, error)
         self.mode = Mode.OFF
-        self.motion.commands[:] = 0.0
+        self.impedance.commands[:] = 0.0
 
 
 def gravity_model(hardware: Hardware) -> GravityModel | None:

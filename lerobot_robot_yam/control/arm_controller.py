@@ -12,16 +12,16 @@ import numpy as np
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.resolved_arm import Hardware
-from lerobot_robot_yam.control.actuation import LEFT_BEHIND_RAD, ArmBody
-from lerobot_robot_yam.control.float_monitor import Floating
+from lerobot_robot_yam.control.actuation import LEFT_BEHIND_RAD, Actuation
+from lerobot_robot_yam.control.float_monitor import FloatMonitor
 from lerobot_robot_yam.control.landing import Landing
-from lerobot_robot_yam.control.safety.handle_monitor import HandleWatch
-from lerobot_robot_yam.control.safety.progress_monitor import HeldBack
-from lerobot_robot_yam.control.safety.stop_triggers import StopReasons
+from lerobot_robot_yam.control.safety.handle_monitor import HandleMonitor
+from lerobot_robot_yam.control.safety.progress_monitor import ProgressMonitor
+from lerobot_robot_yam.control.safety.stop_triggers import StopTriggers
 from lerobot_robot_yam.control.safety.thermal_monitor import Stage
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import BusError, LifeCycleError, MotorError, YamError
-from lerobot_robot_yam.state.faults import POLICY, SILENT_S, Response, Trouble
+from lerobot_robot_yam.state.faults import RESPONSES, SILENT_S, Response, Trouble
 from lerobot_robot_yam.state.modes import ENERGISED, Mode, check_transition
 from lerobot_robot_yam.state.records import Limited, Request
 
@@ -35,7 +35,7 @@ _SEED_RAD = 0.3  # a set-point further than this from the arm is not what holds 
 _RELEASE_FIRST = "the emergency stop is latched: look at the arms, then `yam-estop release`"
 
 
-class ArmController(ArmBody):
+class ArmController(Actuation):
     """Drives the motors of one channel.
 
     Bring-up: `inspect` (energises nothing), `energise`, then ticks: `send`, `collect`, `measure`,
@@ -52,17 +52,19 @@ class ArmController(ArmBody):
     ):
         super().__init__(config, bus, hardware, gravity)
         self._after_search = Mode.FLOAT if self._floats else Mode.HOLD
-        self._floating = Floating(self.drive, self.motion, self.hardware)
+        self._floating = FloatMonitor(self.interface, self.impedance, self.hardware)
         self._must_land = False  # as soon as the emergency stop is released
         self._end_again_at = -math.inf
         self._halted = False  # by the other arm's trouble
         self._halted_afloat = False
         self.stopped = False  # the emergency stop is latched; to be said before anything is asked or decided
         self._news: Trouble | None = None
-        self._held_back = HeldBack(self.name, [motor.name for motor in self.hardware.motors[: self.hardware.joints]])
+        self._held_back = ProgressMonitor(
+            self.name, [motor.name for motor in self.hardware.motors[: self.hardware.joints]]
+        )
         self._last_target_at = -math.inf
-        self._handle_watch = HandleWatch(self.name, self.drive.encoder)
-        self._stop_reasons = StopReasons(config, self.hardware)
+        self._handle_watch = HandleMonitor(self.name, self.interface.encoder)
+        self._stop_reasons = StopTriggers(config, self.hardware)
         self.handle = self._handle_watch.read(-math.inf)  # trigger, buttons, stamp
 
     def adopt(self, record: np.ndarray, now: float) -> None:
@@ -70,7 +72,7 @@ class ArmController(ArmBody):
 
         An arm of which no motor is enabled is left alone.
         """
-        self.drive.adopt(record)
+        self.interface.adopt(record)
         self._check(now)
         if np.isfinite(self.chain.stamp_s).all() and not self._usable.any():  # all have answered
             self.mode = Mode.OFF
@@ -87,7 +89,7 @@ class ArmController(ArmBody):
 
     def measure(self, now: float) -> None:
         """From the replies to the state of the arm; trouble is answered as the policy says."""
-        self.drive.read()
+        self.interface.read()
         self.handle = self._handle_watch.read(now)
         if self.mode in (Mode.OFF, Mode.OFFLINE):
             return
@@ -104,7 +106,7 @@ class ArmController(ArmBody):
 
     def stop_reason(self, now: float) -> str:
         """Why everything has to stop, empty when it has not: the handle's button, or too much effort."""
-        tau = self.drive.tau[: self.hardware.joints]
+        tau = self.interface.tau[: self.hardware.joints]
         works = self.mode in ENERGISED and self.mode not in (Mode.STOPPED, Mode.FAULT)
         return self._stop_reasons.check(now, self.handle[1], tau, works)
 
@@ -132,7 +134,7 @@ class ArmController(ArmBody):
         elif self.mode in (Mode.HOLD, Mode.TRACK):
             j = slice(self.hardware.joints)
             gap = (self.setpoint.q - self.here)[j]
-            self._held_back.by_obstacle(now, gap, self.motion.kp[j], self.hardware.torque_limit_nm[j])
+            self._held_back.by_obstacle(now, gap, self.impedance.kp[j], self.hardware.torque_limit_nm[j])
 
     def _heard_s(self) -> float:
         """When the motor that has been silent for longest has answered, but for those that are lost."""
@@ -227,7 +229,7 @@ class ArmController(ArmBody):
         """Answer trouble as the policy says, and have the other arms told."""
         logger.error("%s (%s): %s: %s", self.name, self.config.channel, trouble, message)
         self._news = trouble
-        if POLICY[trouble].arm is Response.LAND:
+        if RESPONSES[trouble].arm is Response.LAND:
             self.land(now, trouble, message)
             return
         self.trouble, self.message = trouble, message
@@ -291,12 +293,12 @@ class ArmController(ArmBody):
             assert self.trouble is not None
             if self.stopped:
                 raise LifeCycleError(f"{self.name}: {self.message}; {_RELEASE_FIRST}")
-            if not POLICY[self.trouble].in_place:
-                raise LifeCycleError(f"{self.name}: {self.message}; {POLICY[self.trouble].rearm}")
+            if not RESPONSES[self.trouble].in_place:
+                raise LifeCycleError(f"{self.name}: {self.message}; {RESPONSES[self.trouble].rearm}")
             if self._floats:
                 self._floating.check(self.name)
             failed = np.flatnonzero(~self._usable).tolist()
-            again = self.drive.clear_and_enable(failed)
+            again = self.interface.clear_and_enable(failed)
             before = self.setpoint.q.copy()
             self._seed_joints()
             before[again] = self.setpoint.q[again]  # they have sagged meanwhile
@@ -304,7 +306,7 @@ class ArmController(ArmBody):
                 self.setpoint.reseed(joint, before[joint])
             self.command(self.chain.clock.now(), 0.0)
             for _ in range(_REARM_TICKS):
-                finding = self.drive.exchange(self.motion.commands)
+                finding = self.interface.exchange(self.impedance.commands)
                 if finding.trouble is None:
                     break
             if finding.trouble is not None:
@@ -361,13 +363,13 @@ class ArmController(ArmBody):
         """Leave bring-up once the gripper's stops are known."""
         if self.gripper is not None and self.gripper.searching:
             try:
-                shift = self.gripper.advance(now, float(self.drive.motor_q[-1]))
+                shift = self.gripper.advance(now, float(self.interface.motor_q[-1]))
             except YamError as error:
                 self._suffer(Trouble.GRIPPER, str(error), now)
                 return
             if shift is None:
                 return
-            self.drive.shift_gripper(shift)
+            self.interface.shift_gripper(shift)
             self.setpoint.reseed(self.hardware.n - 1, float(self.q[-1]))
         after = Mode.HOLD if self._halted else self._after_search
         if after is Mode.FLOAT:

@@ -5,9 +5,9 @@ import math
 import numpy as np
 
 from lerobot_robot_yam.arm.resolved_arm import Hardware
-from lerobot_robot_yam.control.impedance import Motion
-from lerobot_robot_yam.control.joint_interface import ArmDrive
-from lerobot_robot_yam.control.laws.gravity_balance import CHECK, Balance
+from lerobot_robot_yam.control.impedance import Impedance
+from lerobot_robot_yam.control.joint_interface import JointInterface
+from lerobot_robot_yam.control.laws.gravity_balance import CHECK, GravityBalance
 from lerobot_robot_yam.control.laws.set_point import SetPoint
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import LifeCycleError
@@ -16,19 +16,21 @@ _PATIENCE_S = 2.0  # for a hand that has held the arm up so far to let it go
 _AT_STOP_RAD = 0.05  # zeros and stops of real arms are off by a few hundredths
 
 
-class Floating:
+class FloatMonitor:
     """One arm's. Ask `watch` once per tick, then what is to be known.
 
     Args:
-        drive, motion, hardware: of the arm.
+        interface, impedance, hardware: of the arm.
     """
 
-    def __init__(self, drive: ArmDrive, motion: Motion, hardware: Hardware):
+    def __init__(self, interface: JointInterface, impedance: Impedance, hardware: Hardware):
         joints = hardware.motors[: hardware.joints]
-        self._drive, self._motion, self._hardware = drive, motion, hardware
+        self._interface, self._impedance, self._hardware = interface, impedance, hardware
         self._j = slice(hardware.joints)
         self._names = [motor.name for motor in joints]
-        self._balance = Balance(self._names, np.array([motor_type(motor.type).torque_max_nm for motor in joints]))
+        self._balance = GravityBalance(
+            self._names, np.array([motor_type(motor.type).torque_max_nm for motor in joints])
+        )
         self._now = -math.inf
         self._awaited_since: float | None = None
 
@@ -39,13 +41,13 @@ class Floating:
             What runs away, empty when nothing does.
         """
         self._now = now
-        dq = self._drive.dq[self._j]
+        dq = self._interface.dq[self._j]
         if held and self._names:
-            self._balance.advance(now, self._drive.tau[self._j], self._motion.weight_nm, dq)
+            self._balance.advance(now, self._interface.tau[self._j], self._impedance.weight_nm, dq)
         else:
             self._balance.reset()
-        joint = self._motion.float_speed.runs_away if afloat else None
-        if joint is None or not self._motion.carries(self._drive.q[self._j], joint):  # a shove drives it
+        joint = self._impedance.float_speed.runs_away if afloat else None
+        if joint is None or not self._impedance.carries(self._interface.q[self._j], joint):  # a shove drives it
             return ""
         return (
             f"{self._names[joint]} goes on at {dq[joint]:.1f} rad/s though it is damped, and is held now; {CHECK}. "
@@ -55,7 +57,7 @@ class Floating:
     def brake(self, setpoint: SetPoint) -> None:
         """What runs away is braked from its own speed, within the limit: to stop at once would throw it."""
         most = setpoint.speed_limit[self._j]
-        setpoint.dq[self._j] = np.minimum(np.maximum(self._drive.dq[self._j], -most), most)
+        setpoint.dq[self._j] = np.minimum(np.maximum(self._interface.dq[self._j], -most), most)
 
     def settled(self) -> str | None:
         """Why an arm that has just been energised, and holds where it was, does not float; "" when it may.
@@ -81,7 +83,7 @@ class Floating:
         """
         if not self._names:
             return
-        hw, q = self._hardware, self._drive.q[self._j]
+        hw, q = self._hardware, self._interface.q[self._j]
         at_stop = (q > hw.upper[self._j] - _AT_STOP_RAD).astype(float) - (q < hw.lower[self._j] + _AT_STOP_RAD)
         wrong = self._balance.verdict(self._now, at_stop)
         if wrong:

@@ -6,9 +6,9 @@ from lerobot_robot_yam.arm.config_checks import PAYLOAD_MOST_KG
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD
 from lerobot_robot_yam.arm.resolved_arm import Hardware
-from lerobot_robot_yam.control.gripper.gripper import GripperAxis
+from lerobot_robot_yam.control.gripper.gripper import Gripper
 from lerobot_robot_yam.control.laws import mit_laws
-from lerobot_robot_yam.control.laws.float_damping import FloatSpeed
+from lerobot_robot_yam.control.laws.float_damping import FloatDamping
 from lerobot_robot_yam.control.laws.hold_integral import HoldIntegral
 from lerobot_robot_yam.control.laws.set_point import SetPoint
 from lerobot_robot_yam.state.faults import MOST_RAD_S2
@@ -23,7 +23,7 @@ _LEAST_SHARE = 0.2  # of the acceleration: a set-point must always be able to br
 _AHEAD_TICKS = 1.5  # from a sample to the middle of the tick during which its command holds
 
 
-class Motion:
+class Impedance:
     """Commands of one arm, (n, 5) in joint coordinates.
 
     Args:
@@ -41,7 +41,7 @@ class Motion:
         self,
         hardware: Hardware,
         gravity: GravityModel | None,
-        gripper: GripperAxis | None,
+        gripper: Gripper | None,
         hold_integral: bool,
         float_speed_rad_s: float,
     ):
@@ -58,7 +58,7 @@ class Motion:
         self._lower, self._upper = hardware.lower - beyond, hardware.upper + beyond
         self.before = np.full(hardware.n, np.nan), np.full(hardware.n, np.nan)  # q, dq of the sample before
         self.weight_nm: np.ndarray = np.zeros(hardware.joints)
-        self.float_speed = FloatSpeed(float_speed_rad_s, hardware.joints)
+        self.float_speed = FloatDamping(float_speed_rad_s, hardware.joints)
 
     def gains(self, kp: np.ndarray | None = None, kd: np.ndarray | None = None) -> None:
         """Use these gains (n,) from now on; NaN or None means as configured."""

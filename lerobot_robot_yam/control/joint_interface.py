@@ -8,11 +8,11 @@ import numpy as np
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.joint_map import JointMap, resolve_turn
 from lerobot_robot_yam.arm.resolved_arm import Hardware
-from lerobot_robot_yam.control.gripper.gripper import GripperAxis
+from lerobot_robot_yam.control.gripper.gripper import Gripper
 from lerobot_robot_yam.control.laws import mit_laws
 from lerobot_robot_yam.control.preflight import arm_inspection
-from lerobot_robot_yam.control.safety.channel_monitor import Finding, MotorWatch
-from lerobot_robot_yam.control.safety.thermal_monitor import HeatWatch, trips_c
+from lerobot_robot_yam.control.safety.channel_monitor import ChannelMonitor, Finding
+from lerobot_robot_yam.control.safety.thermal_monitor import ThermalMonitor, trips_c
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.encoder import HandleEncoder
@@ -30,7 +30,7 @@ _OFF_S = 0.01  # three times; meanwhile nobody commands the other arm
 _PUSHED_RAD = 0.5  # what a hand or a load can have pushed a joint away that held its set-point
 
 
-class ArmDrive:
+class JointInterface:
     """Motors of one channel in joint coordinates, n motors, the gripper's last.
 
     Args:
@@ -51,11 +51,11 @@ class ArmDrive:
         self.chain = MotorChain(bus, hw.motors, channel=config.channel, encoder=self.encoder)
         self.gripper = None
         if hw.has_gripper:
-            self.gripper = GripperAxis(config, hw.gripper, float(hw.kp[-1]), float(hw.kd[-1]))
+            self.gripper = Gripper(config, hw.gripper, float(hw.kp[-1]), float(hw.kd[-1]))
         self._quantiser = Quantiser([motor.type for motor in hw.motors])
         self._map = JointMap(hw.direction, np.zeros(n))
-        self._watch = MotorWatch(self.chain)
-        self.heat: HeatWatch | None = None  # known after `inspect`
+        self._watch = ChannelMonitor(self.chain)
+        self.heat: ThermalMonitor | None = None  # known after `inspect`
         self.q, self.dq, self.tau = np.zeros(n), np.zeros(n), np.zeros(n)
         self.motor_q, self.motor_dq = np.zeros(n), np.zeros(n)
         self.before = np.full(n, np.nan), np.full(n, np.nan)
@@ -80,7 +80,7 @@ class ArmDrive:
             (self.gripper.begin if self._config.gripper_search else self.gripper.begin_if_known)()
         self.read()
         ot_value_c = [self.chain.read_register(i, Register.OT_VALUE) for i in range(len(self.chain))]
-        self.heat = HeatWatch(self._config.name, *trips_c(ot_value_c), [m.name for m in self.chain.motors])
+        self.heat = ThermalMonitor(self._config.name, *trips_c(ot_value_c), [m.name for m in self.chain.motors])
         arm_inspection.clear_stale_faults(self._config, self.chain)
 
     def adopt(self, record: np.ndarray) -> None:

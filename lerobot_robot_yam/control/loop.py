@@ -18,7 +18,7 @@ from lerobot_robot_yam.control.safety.collision_guard import WorkspaceGuard
 from lerobot_robot_yam.control.state_publisher import ControllerBlocks
 from lerobot_robot_yam.errors import BusError, LifeCycleError, MotorError
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
-from lerobot_robot_yam.state.faults import POLICY, Response
+from lerobot_robot_yam.state.faults import RESPONSES, Response
 from lerobot_robot_yam.state.modes import ENERGISED, Mode
 
 logger = logging.getLogger(__name__)
@@ -70,7 +70,7 @@ class ControlLoop:
         self._tick = 0
         self._last = 0.0  # when the laws were asked last
         for controller in controllers:
-            controller.drive.meanwhile = functools.partial(self._hold_others, controller)
+            controller.interface.meanwhile = functools.partial(self._hold_others, controller)
 
     def start(self) -> None:
         """Energise every arm, or none.
@@ -196,7 +196,7 @@ class ControlLoop:
         """The other arms answer trouble as the policy says."""
         for controller in self._controllers:
             trouble = controller.take_news()
-            if trouble is not None and POLICY[trouble].peer is Response.HOLD:
+            if trouble is not None and RESPONSES[trouble].peer is Response.HOLD:
                 for peer in self._controllers:
                     if peer is not controller:
                         peer.halt(f"{controller.name} is in trouble: {trouble}")

@@ -101,7 +101,7 @@ class ControllerBlocks:
         if self._ended:
             return
         c, record, per_motor = self._controller, self._record, self._per_motor
-        chain, drive = c.chain, c.drive
+        chain, drive = c.chain, c.interface
         record["stamp_s"] = now
         record["tick"] = self._first_tick + tick
         record["mode"] = c.mode if mode is None else mode
@@ -110,7 +110,7 @@ class ControllerBlocks:
         per_motor["dq"][:] = drive.dq
         per_motor["tau"][:] = drive.tau
         per_motor["setpoint"][:] = c.setpoint.asked[0]
-        record["own_gains"] = c.motion.own_gains
+        record["own_gains"] = c.impedance.own_gains
         per_motor["motor_stamp_s"][:] = chain.stamp_s
         record["asked_s"] = min(chain.asked_s.tolist())
         per_motor["temp_mos_c"][:] = chain.temp_mos_c

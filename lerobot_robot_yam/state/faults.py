@@ -115,7 +115,7 @@ def _seen_from_bus(sign: str, within_s: float, error: str = "MotorError that nam
     return Rule(sign, Response.LOST, Response.HOLD, error, within_s, f"repair the link, then {_RECONNECT}")
 
 
-POLICY: dict[Trouble, Rule] = {
+RESPONSES: dict[Trouble, Rule] = {
     Trouble.OVER_VOLTAGE: _motor_fault(Fault.OVER_VOLTAGE),
     Trouble.UNDER_VOLTAGE: _motor_fault(Fault.UNDER_VOLTAGE),
     Trouble.OVER_CURRENT: _motor_fault(Fault.OVER_CURRENT),
@@ -337,7 +337,7 @@ def document() -> str:
         "| fault | noticed by | the arm | its peer | the caller sees | within | to re-arm |",
         "|---|---|---|---|---|---|---|",
     ]
-    for trouble, rule in POLICY.items():
+    for trouble, rule in RESPONSES.items():
         cells = (trouble, rule.sign, rule.arm, rule.peer, rule.caller, f"{rule.within_s:g} s", rule.rearm)
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     lines += [

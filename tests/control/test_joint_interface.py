@@ -5,7 +5,7 @@ import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.resolved_arm import Hardware
-from lerobot_robot_yam.control.joint_interface import ArmDrive
+from lerobot_robot_yam.control.joint_interface import JointInterface
 from lerobot_robot_yam.damiao.codec import decode_mit
 from lerobot_robot_yam.errors import ActionError
 from tests.support.desk_bus import DeskBus
@@ -19,7 +19,7 @@ def drive():
     config = ArmConfig(name="arm", channel="desk", gripper_stops_rad=STOPS)
     hardware = Hardware(config)
     with DeskBus(hardware.motors) as bus:
-        drive = ArmDrive(config, hardware, bus)
+        drive = JointInterface(config, hardware, bus)
         drive.bus = bus
         yield drive
 

@@ -101,7 +101,7 @@ def test_soft_gains_end_with_their_targets(rig, session, how):
     }[how]
     try:
         assert fastest(rig, session, act) < (GENTLE_RAD_S if how != "land" else 0.8)
-        assert controller_of(session).motion.own_gains
+        assert controller_of(session).impedance.own_gains
         if how != "land":
             assert np.abs(q_of(rig) - AWAY).max() < 0.1
     finally:
@@ -303,7 +303,7 @@ def test_nothing_is_enabled_against_somebody_else(rig, meanwhile, error):
     mine, other = open_bus(config(rig)), open_bus(config(rig))
     controller = ArmController(config(rig), mine)
     controller.inspect()
-    enable = controller.drive.enable
+    enable = controller.interface.enable
 
     def speak():
         for _ in range(5):
@@ -315,7 +315,7 @@ def test_nothing_is_enabled_against_somebody_else(rig, meanwhile, error):
         enable(tell)
 
     if meanwhile:
-        controller.drive.enable = enable_late
+        controller.interface.enable = enable_late
     else:
         speak()
     with pytest.raises(error, match="another driver commands"):

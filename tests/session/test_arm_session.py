@@ -304,7 +304,7 @@ def test_an_error_in_our_own_code_leaves_the_arm_held(caplog):
             controller.command(time.monotonic(), TICK_S)
         assert controller.mode is Mode.HOLD
         before = np.array(own.state()["arms"]["follower_left"]["q"])
-        controller.motion.commands[:] = np.nan
+        controller.impedance.commands[:] = np.nan
         for _ in range(200):
             try:
                 controller.send()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm.resolved_arm import Hardware
-from lerobot_robot_yam.control.actuation import ArmBody
+from lerobot_robot_yam.control.actuation import Actuation
 from lerobot_robot_yam.damiao.bus_port import data_message
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.registers import encode_refresh
@@ -103,7 +103,7 @@ def test_a_state_is_fresh_while_nobody_sleeps_and_motors_let_go_when_the_loop_do
 
 def test_motors_have_a_few_ticks_to_say_that_they_are_enabled(rig):
     with LockstepBus(CHANNELS[0], rig=rig.name) as bus:
-        body = ArmBody(config(rig, CHANNELS[0]), bus, None, None)
+        body = Actuation(config(rig, CHANNELS[0]), bus, None, None)
         body.inspect()
         rig.fault(CHANNELS[0], "joint_5", "drop_next", 4)
         body.energise()
@@ -150,7 +150,7 @@ def test_a_late_tick_adds_no_more_speed_than_its_command_accelerates(rig):
 def test_answers_to_commands_are_none_to_what_follows_them(rig):
     """At rates at which the wire is never free, torque would seem cut that is not."""
     with LockstepBus(CHANNELS[0], rig=rig.name) as bus:
-        body = ArmBody(config(rig, CHANNELS[0]), bus, None, None)
+        body = Actuation(config(rig, CHANNELS[0]), bus, None, None)
         body.inspect()
         body.energise()
         body.chain.send(np.zeros((7, 5)))
@@ -167,13 +167,13 @@ def test_answers_to_commands_are_none_to_what_follows_them(rig):
 
 @pytest.mark.parametrize("rate_hz", [499.0, 0.0])
 def test_at_rates_that_the_wire_does_not_allow_it_ticks_as_often_as_wire_and_laws_do(rig, rate_hz, monkeypatch):
-    command = ArmBody.command
+    command = Actuation.command
 
     def slow_command(body, now, dt):  # here, thinking takes no time
         rig.sleep(0.0004)
         command(body, now, dt)
 
-    monkeypatch.setattr(ArmBody, "command", slow_command)
+    monkeypatch.setattr(Actuation, "command", slow_command)
     configs = [sim_config(rig, channel, rate_hz=rate_hz) for channel in CHANNELS]
     session = ArmSession(configs, isolation="lockstep")
     session.start()
@@ -212,7 +212,7 @@ def test_an_answer_to_somebody_else_is_not_taken_for_one_to_us(rig):
 
 
 def test_a_slow_loop_is_said_once_and_its_arm_goes_on(rig, monkeypatch, caplog):
-    command = ArmBody.command
+    command = Actuation.command
 
     def slow_command(body, now, dt):
         rig.sleep(0.005)
@@ -220,7 +220,7 @@ def test_a_slow_loop_is_said_once_and_its_arm_goes_on(rig, monkeypatch, caplog):
 
     session, _ = moved(rig)
     assert "control loop is slow" not in caplog.text
-    monkeypatch.setattr(ArmBody, "command", slow_command)
+    monkeypatch.setattr(Actuation, "command", slow_command)
     track(session, dict.fromkeys(CHANNELS, [0.0, 1.2, 1.2, 0.0, 0.0, 0.0]), 3.5)
     assert caplog.text.count("control loop is slow") == 1
     assert session[CHANNELS[0]].observe().q[1] == pytest.approx(1.2, abs=0.03)

@@ -18,7 +18,7 @@ from lerobot_robot_yam.errors import GripperError
 logger = logging.getLogger(__name__)
 
 
-class GripperAxis:
+class Gripper:
     """One gripper motor, joint-space motor angles in, MIT command out.
 
     Args:

@@ -19,7 +19,7 @@ _FORGET = 0.5  # seconds of that are forgotten in each second below
 _ABOUT = 0.9  # of the limit: what is damped there goes on about there
 
 
-class FloatSpeed:
+class FloatDamping:
     """Watches the speed of n floating joints. Ask once per tick.
 
     Args:

@@ -20,7 +20,7 @@ _WRONG_NM = 0.02  # of the motor's range, 0.56 Nm of a DM4340: twice the frictio
 CHECK = "check payload_mass_kg, gravity_factor, arm, gripper and base_tilt_rad"
 
 
-class Balance:
+class GravityBalance:
     """Compares the torques of n joints. Ask once per tick while the arm is held, `reset` when it is not.
 
     Args:

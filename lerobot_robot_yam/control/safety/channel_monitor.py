@@ -26,7 +26,7 @@ class Finding:
     message: str = ""
 
 
-class MotorWatch:
+class ChannelMonitor:
     """Which motors of a chain are silent, do not obey or cannot be believed. Ask once per tick."""
 
     def __init__(self, chain: MotorChain):

@@ -10,7 +10,7 @@ logger = logging.getLogger(__name__)
 _SILENT_S = 0.25
 
 
-class HandleWatch:
+class HandleMonitor:
     """Freshness of a teaching handle; a silent one is said once and never reads as zero."""
 
     def __init__(self, arm: str, encoder: HandleEncoder | None):

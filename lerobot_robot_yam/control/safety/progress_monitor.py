@@ -25,7 +25,7 @@ def far_behind(gap_rad: np.ndarray, kp: np.ndarray, limit_nm: np.ndarray) -> np.
     return far
 
 
-class HeldBack:
+class ProgressMonitor:
     """What holds the arm named `arm`, of the joints so named, back from where it is told to go."""
 
     def __init__(self, arm: str, joints: Sequence[str]):

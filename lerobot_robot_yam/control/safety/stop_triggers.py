@@ -10,7 +10,7 @@ from lerobot_robot_yam.control.safety.handle_monitor import StopButton
 _BUTTONS = {None: None, "top": 0, "bottom": 1}
 
 
-class StopReasons:
+class StopTriggers:
     """Ask once per tick.
 
     Args:

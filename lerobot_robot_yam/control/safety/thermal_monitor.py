@@ -72,7 +72,7 @@ def trips_c(ot_value_c: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
     return np.minimum(set_to, _MOS_TRIP_C), np.minimum(set_to, _COIL_TRIP_C)
 
 
-class HeatWatch:
+class ThermalMonitor:
     """Temperatures of the n motors of one arm. Ask once per tick.
 
     Args:
