@@ -225,7 +225,7 @@ class SetPointCheck:
 
 
 class PolicyCheck:
-    """An arm in trouble, and the other arm of its robot, do what `policy.RESPONSES` says.
+    """An arm in trouble, and the other arm of its robot, do what `faults.RESPONSES` says.
 
     Args:
         peers: the other arm of the same robot, by channel.

@@ -8,7 +8,6 @@ from lerobot_robot_yam.arm.resolved_arm import Hardware
 from lerobot_robot_yam.control.impedance import Impedance
 from lerobot_robot_yam.control.joint_interface import JointInterface
 from lerobot_robot_yam.control.laws.gravity_balance import CHECK, GravityBalance
-from lerobot_robot_yam.control.laws.set_point import SetPoint
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import LifeCycleError
 
@@ -53,11 +52,6 @@ class FloatMonitor:
             f"{self._names[joint]} goes on at {dq[joint]:.1f} rad/s though it is damped, and is held now; {CHECK}. "
             "If a hand was so fast, raise float_speed_rad_s"
         )
-
-    def brake(self, setpoint: SetPoint) -> None:
-        """What runs away is braked from its own speed, within the limit: to stop at once would throw it."""
-        most = setpoint.speed_limit[self._j]
-        setpoint.dq[self._j] = np.minimum(np.maximum(self._interface.dq[self._j], -most), most)
 
     def settled(self) -> str | None:
         """Why an arm that has just been energised, and holds where it was, does not float; "" when it may.

@@ -134,7 +134,7 @@ class Landing:
         self._start(now)
         target = self._setpoint.q.copy()
         target[: self._n] = goal
-        self._setpoint.aim(target, now)
+        self._setpoint.set_target(target, now)
 
     @property
     def fade(self) -> tuple[np.ndarray, np.ndarray] | None:
@@ -164,7 +164,7 @@ class Landing:
         if self.phase is Phase.FOLD:
             way = self._setpoint.target[: self._n] - self._setpoint.q[: self._n]  # a base beyond its limit comes inside
             if np.abs(way).max() < _SOFT_RAD:
-                self._setpoint.acceleration_limit[: self._n] = _SOFT_RAD_S2
+                self._setpoint.limit_acceleration(np.full(self._n, _SOFT_RAD_S2))
             wrist = self._roles.wrist
             if wrist is not None and 0.0 < self._up * (self._setpoint.q[wrist] - q[wrist]) < self._sag_rad:
                 error[wrist] = 0.0
@@ -274,7 +274,7 @@ class Landing:
         self._begin_move(first, now)
 
     def _start(self, now: float) -> None:
-        self._setpoint.speed_limit[: self._n] = self._speed * np.clip((now - self._since) / _RAMP_S, 0.1, 1.0)
+        self._setpoint.limit_speed(self._speed * np.clip((now - self._since) / _RAMP_S, 0.1, 1.0))
 
     def _enter(self, phase: Phase, now: float) -> None:
         self.phase, self._since, self._stuck_since = phase, now, None

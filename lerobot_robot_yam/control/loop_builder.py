@@ -17,7 +17,13 @@ def _workspace_guard(controllers: Sequence[ArmController]) -> WorkspaceGuard | N
         return None
     return WorkspaceGuard(
         [
-            GuardedArm(c.name, c.hardware.arm, c.hardware.gripper, c.config.workspace, c.hardware.tilt_rad)
+            GuardedArm(
+                c.name,
+                c.actuation.hardware.arm,
+                c.actuation.hardware.gripper,
+                c.config.workspace,
+                c.actuation.hardware.tilt_rad,
+            )
             for c in controllers
         ]
     )

@@ -1,6 +1,6 @@
 """Every fault of the policy in every phase, through the shipped driver: the arm, its peer, the caller, the way back.
 
-What is expected is read from `policy.RESPONSES`; a row that is changed there and not in the loop fails here.
+What is expected is read from `faults.RESPONSES`; a row that is changed there and not in the loop fails here.
 """
 
 import numpy as np
