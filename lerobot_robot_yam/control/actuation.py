@@ -15,8 +15,7 @@ from lerobot_robot_yam.control.joint_interface import JointInterface
 from lerobot_robot_yam.control.landing import Landing
 from lerobot_robot_yam.control.laws import mit_laws
 from lerobot_robot_yam.control.laws.set_point import SetPoint
-from lerobot_robot_yam.control.safety.bus_loss import BusLoss
-from lerobot_robot_yam.control.safety.channel_monitor import Finding
+from lerobot_robot_yam.control.safety.channel_monitor import BusLoss, Finding
 from lerobot_robot_yam.control.safety.thermal_monitor import Heat
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.tables import Fault

@@ -19,7 +19,6 @@ from lerobot_robot_yam.control.bring_up import BringUp
 from lerobot_robot_yam.control.fault_response import RELEASE_FIRST, FaultResponse
 from lerobot_robot_yam.control.float_monitor import FloatMonitor
 from lerobot_robot_yam.control.landing_response import LandingResponse
-from lerobot_robot_yam.control.safety.handle_monitor import HandleMonitor
 from lerobot_robot_yam.control.safety.progress_monitor import ProgressMonitor
 from lerobot_robot_yam.control.safety.stop_triggers import StopTriggers
 from lerobot_robot_yam.control.safety.thermal_monitor import Stage
@@ -62,9 +61,8 @@ class ArmController:
         self._stop = StopResponse(arm, self.landing, self.faults)
         self._progress = ProgressMonitor(self.name, [m.name for m in arm.hardware.motors[: arm.hardware.joints]])
         self._last_target_at = -math.inf
-        self._handle_monitor = HandleMonitor(self.name, arm.interface.encoder)
         self._stop_triggers = StopTriggers(config, arm.hardware)
-        self.handle = self._handle_monitor.read(-math.inf)  # trigger, buttons, stamp
+        self.handle = arm.interface.read_handle(-math.inf)  # trigger, buttons, stamp
 
     @property
     def mode(self) -> Mode:
@@ -104,7 +102,7 @@ class ArmController:
         """From the replies to the state of the arm; trouble is answered as the table says."""
         arm, status = self.actuation, self.status
         arm.interface.read()
-        self.handle = self._handle_monitor.read(now)
+        self.handle = arm.interface.read_handle(now)
         if status.ended:
             return
         finding = arm.check(now)

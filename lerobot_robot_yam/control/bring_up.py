@@ -53,7 +53,7 @@ class BringUp:
                     break
             if finding.bad.any():
                 raise MotorError(f"{where}: cannot enable {finding.message}; power-cycle the arm or look at its motors")
-            if finding.trouble is not None:  # somebody else is on the channel
+            if finding.trouble is not None:  # another driver is on the channel
                 raise MotorError(f"{where}: {finding.message}")
         except BaseException:
             arm.switch_off()

@@ -114,8 +114,8 @@ class FaultResponse:
         again = arm.interface.clear_and_enable(failed)
         before = arm.setpoint.q.copy()
         arm.seed_joints()
-        before[again] = arm.setpoint.q[again]  # they have sagged meanwhile
-        for joint in set(failed) - set(again):  # nobody knows where it is; perhaps it still holds
+        before[again] = arm.setpoint.q[again]  # they have sagged
+        for joint in set(failed) - set(again):  # its place is unknown; perhaps it still holds
             arm.setpoint.reseed(joint, before[joint])
         arm.compute_command(arm.chain.clock.now(), 0.0)
         for _ in range(_REARM_TICKS):

@@ -1,4 +1,4 @@
-"""From set-point and measured state to this tick's MIT commands: feed-forward, laws, clips. No life cycle, no clock."""
+"""The impedance of one arm: from set-point and measured state to MIT commands, without life cycle or clock."""
 
 import numpy as np
 
@@ -50,7 +50,7 @@ class Impedance:
         self.kp, self.kd = hardware.kp.copy(), hardware.kd.copy()
         self.own_gains = True  # and not those of a target
         self._integral = HoldIntegral.for_stiffness(hardware.kp[: hardware.joints]) if hold_integral else None
-        self._landing: HoldIntegral | None = None  # what gravity models miss of an arm that lands
+        self._landing: HoldIntegral | None = None  # torque that the gravity model misses while landing
         self._rubs = bool(hardware.coulomb_nm.any())
         self._clipped = False
         # Nothing is sent beyond: the gripper keeps its own stops.
@@ -69,7 +69,7 @@ class Impedance:
 
     @property
     def sag_nm(self) -> np.ndarray:
-        """(joints,) with which it carries what gravity models miss."""
+        """(joints,) Nm with which it carries what the gravity model misses."""
         zero = np.zeros(self._hardware.joints)
         return sum((part.tau for part in (self._integral, self._landing) if part is not None), zero)
 
@@ -133,7 +133,7 @@ class Impedance:
             now, dt: s.
             q, dq: (n,) of the motors, gripper in rad.
             gripper: measured rate and torque of the gripper, strokes/s and Nm.
-            holding: the arm holds, with all its motors; nobody gives targets.
+            holding: the arm holds, with all its motors; no targets come.
             stopped: the emergency stop is latched: what is made up for sag stays, since more of it would move the arm.
             learns: the arm lands and hangs off its set-point: the model is wrong, and what it misses is learnt.
             fade: (joints,) shares of stiffness with feed-forward, and of the landing's damping, that are left while

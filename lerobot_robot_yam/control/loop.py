@@ -26,9 +26,9 @@ logger = logging.getLogger(__name__)
 _STRAGGLER_S, _STRAGGLER_MOST_S = 0.0008, 0.002  # how long beyond the expected wire time a reply is waited for
 _MOMENT_S = 0.0004  # for the replies, where this process woke up so late that their time is over
 _EARLY_S = 0.0002  # before the wire is through: what has come is decoded while the last frames travel
-_WAKE_UP_S = 0.00006  # what a sleep takes longer than asked, typically
+_WAKE_UP_S = 0.00006  # a sleep takes this much longer than asked, typically
 _LAWS_S = 0.0008  # states and laws of two arms take half of it where nothing else runs
-_BREATH_S = 0.0001  # for the rest of the computer: a real-time process that never sleeps is stopped for 50 ms at a time
+_BREATH_S = 0.0001  # for other processes: the kernel stops a real-time process that never sleeps for 50 ms at a time
 _MOST_DT_S = 0.012  # after a pause the set-points go on from where they were, not in one leap
 _STOPPED_EARLY = (
     "the emergency stop was latched while the arms came up; they land when it is released: look at them, then "
@@ -44,7 +44,7 @@ class ControlLoop:
         controllers: inspected, not yet energised.
         blocks: in the same order.
         rate_hz: ticks per second; 0 runs as fast as the wire allows.
-        workspace: of arms that are to be driven; what only lands them needs none.
+        workspace: keeps driven arms clear; a loop that only lands them needs no guard.
         stop: the emergency stop that it heeds; None: this user's.
     """
 
@@ -65,14 +65,14 @@ class ControlLoop:
         self._workspace = workspace
         self._clock = controllers[0].actuation.chain.clock
         self._failure = ""  # of the bring-up
-        self._ready = True  # no arm is coming up; who takes arms over never has one that is
+        self._ready = True  # no arm is coming up, as in a stand-by
         self._tick = 0
         self._last = 0.0  # when the laws were asked last
         for controller in controllers:
             controller.actuation.interface.meanwhile = functools.partial(self._hold_others, controller)
 
     def start(self) -> None:
-        """Energise every arm, or none.
+        """Energise every arm, or leave all of them limp.
 
         Raises:
             YamError: names what failed.
@@ -81,7 +81,7 @@ class ControlLoop:
         begun: list[tuple[ArmController, ControllerBlocks]] = []
 
         def meanwhile() -> None:
-            """Those that are up are held, and a stand-by knows of them and of the next one, however long it takes."""
+            """Hold the arms that are up, and tell a stand-by of them and of the next one, however long it takes."""
             self._tick += 1
             refuse_stopped(begun[-1][0].name, self._stop)
             for controller, blocks in begun:
@@ -102,7 +102,7 @@ class ControlLoop:
             raise
 
     def _hold_others(self, waiting: ArmController) -> None:
-        """While one arm waits for its motors the others keep their commands, and a stand-by sees the loop live."""
+        """While one arm waits for its motors, command the others and show a stand-by that the loop lives."""
         self._tick += 1
         for controller, blocks in zip(self._controllers, self._blocks, strict=True):
             if controller is not waiting and controller.mode in ENERGISED:
@@ -144,7 +144,7 @@ class ControlLoop:
                     controller.landing.end(now)
             if not all(blocks.owned for blocks in self._blocks):
                 raise LifeCycleError("another process has taken the arms over; this one leaves them alone")
-            self._send_all(now)
+            self._send_all()
             patient_until = self._patience(clock.now() + self._wire_s, deadline + self._period_s)
             self._await_wire(now)
             self._think(on_ready, max(patient_until, clock.now() + _MOMENT_S))
@@ -185,14 +185,14 @@ class ControlLoop:
             self._ready = self._bring_up(on_ready)
 
     def _guard(self, controller: ArmController, work: Callable[..., None], *arguments: Any) -> None:
-        """Whatever goes wrong with an arm: one that nobody commands falls."""
+        """Work on one arm. Whatever goes wrong, it must be commanded: an arm without commands falls."""
         try:
             work(controller, *arguments)
         except Exception as error:
             controller.faults.fail(error)
 
     def _tell_peers(self) -> None:
-        """The other arms answer trouble as the policy says."""
+        """Have the other arms answer an arm's trouble as the fault table says."""
         for controller in self._controllers:
             trouble = controller.faults.take_news()
             if trouble is not None and RESPONSES[trouble].peer is Response.HOLD:
@@ -211,19 +211,19 @@ class ControlLoop:
                     logger.critical("emergency stop, until you connect again: %s (%s)", reason, error)
         return self._stop.latched
 
-    def _listen(self, controller: ArmController, work: Callable[..., object], *arguments: float) -> None:
-        """Receive frames of an arm."""
+    def _talk(self, controller: ArmController, work: Callable[..., object], *arguments: Any) -> None:
+        """Send or receive frames of an arm, whose channel may be lost."""
         try:
             work(*arguments)
         except BusError as error:
             controller.faults.lose_bus(error, self._clock.now())
-        except Exception as error:
+        except Exception as error:  # the other arms must be held all the same
             controller.faults.fail(error)
 
     def _measure(self, controller: ArmController, blocks: ControllerBlocks, collect_until: float, tick: int) -> None:
         """Publish an arm's state as soon as it is complete: a sample ages."""
         if not controller.status.ended:
-            self._listen(controller, controller.actuation.chain.collect, collect_until)
+            self._talk(controller, controller.actuation.chain.collect, collect_until)
             controller.measure(self._clock.now())
         blocks.publish(self._clock.now(), tick)
 
@@ -242,7 +242,7 @@ class ControlLoop:
                     controller.actuation.setpoint.step(now, dt)
             else:
                 self._advance_guarded(self._workspace, now, dt)
-        except Exception as error:  # whoever is to blame: no arm may be left without commands
+        except Exception as error:  # whichever arm is to blame: none may be left without commands
             for controller in self._controllers:
                 if not controller.status.ended:
                     controller.faults.fail(error)
@@ -262,33 +262,26 @@ class ControlLoop:
         if not controller.status.ended:
             controller.actuation.compute_command(now, dt)
         if controller.mode is not blocks.published_mode:
-            blocks.publish(now, tick)  # who waits for it looks at once, and of the end there is no next tick
+            blocks.publish(now, tick)  # a waiting caller looks at once, and after the end there is no next tick
 
     def _active(self) -> list[ArmController]:
         return [controller for controller in self._controllers if not controller.status.ended]
 
-    def _send_all(self, now: float) -> None:
+    def _send_all(self) -> None:
         for controller in self._active():
-            try:
-                _send(controller)
-            except BusError as error:
-                controller.faults.lose_bus(error, now)
-            except Exception as error:  # not even that: the other arms are to be held
-                controller.faults.fail(error)
+            self._talk(controller, _send, controller)
 
     @staticmethod
     def _patience(through_s: float, next_s: float) -> float:
-        """Until when replies are waited for that the wire is through with at `through_s`: as long as the laws can spare
-        before the next tick.
-        """
+        """Until when to wait for replies: the wire ends at `through_s`, and the laws need time before `next_s`."""
         return min(max(through_s + _STRAGGLER_S, next_s - _LAWS_S), through_s + _STRAGGLER_MOST_S)
 
     def _await_wire(self, sent_s: float) -> None:
-        """Come back when the wire should be through with what was sent, most replies decoded already."""
+        """Wait until the wire should be through with what was sent; most replies are decoded by then."""
         through_s = sent_s + self._wire_s
         self._clock.sleep(max(_BREATH_S, through_s - _EARLY_S - self._clock.now()))
         for controller in self._active():
-            self._listen(controller, controller.actuation.chain.drain)
+            self._talk(controller, controller.actuation.chain.drain)
         left_s = through_s - _WAKE_UP_S - self._clock.now()
         if left_s > 0.0:
             self._clock.sleep(left_s)
@@ -313,7 +306,7 @@ class ControlLoop:
         """Log how the loop did and remove the state blocks.
 
         Args:
-            stand_by: there is one; it takes over what is still in the air, for which it needs the block.
+            stand_by: a stand-by takes over arms that are still in the air; it needs their blocks.
         """
         lost = {c.name: int(c.actuation.chain.lost.sum()) for c in self._controllers}
         logger.info("control loop: %s; lost replies %s", self.statistics.summary(), lost)
@@ -326,7 +319,7 @@ class ControlLoop:
                 what = "%s (%s): CAN error frames: %d; check cable, termination and bit-rate"
                 logger.warning(what, controller.name, chain.channel, chain.error_frames)
             if controller.mode is Mode.OFF:
-                blocks.publish(self._clock.now(), 0)  # a stand-by may still look at it
+                blocks.publish(self._clock.now(), 0)  # a stand-by may still look at the block
             blocks.close(remove=not (stand_by and controller.mode in ENERGISED))
 
 

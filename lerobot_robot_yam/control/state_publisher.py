@@ -15,18 +15,8 @@ from lerobot_robot_yam.state.records import OWNER_AT, STATE_DTYPE, Request, stat
 
 logger = logging.getLogger(__name__)
 
-_PER_MOTOR = (
-    "q",
-    "dq",
-    "tau",
-    "setpoint",
-    "motor_stamp_s",
-    "temp_mos_c",
-    "temp_rotor_c",
-    "fault",
-    "lost",
-    "offset_rad",
-)
+_MEASURED = ("q", "dq", "tau", "setpoint", "motor_stamp_s", "temp_mos_c", "temp_rotor_c", "offset_rad")  # NaN at first
+_PER_MOTOR = (*_MEASURED, "fault", "lost")
 
 
 class ControllerBlocks:
@@ -45,11 +35,10 @@ class ControllerBlocks:
         try:
             self._states.publish(state_path(key))
         except (OSError, YamError) as error:  # a full disk, a log-out that had the user's files removed
-            logger.warning("%s: nobody else can watch the arm: %s", controller.name, error)
+            logger.warning("%s: no other program can watch the arm: %s", controller.name, error)
         self._record = np.zeros((), STATE_DTYPE)
-        for field in ("q", "dq", "tau", "setpoint", "motor_stamp_s", "temp_mos_c", "temp_rotor_c", "offset_rad"):
+        for field in (*_MEASURED, "gripper_stops_rad"):
             self._record[field] = np.nan
-        self._record["gripper_stops_rad"] = np.nan
         if adopt is not None:
             self._record[()] = adopt
             self._states.adopt()
@@ -69,7 +58,7 @@ class ControllerBlocks:
         sequence = self._commands.sequence()
         if sequence == self._seen:
             return
-        command = self._commands.glance()  # a caller that is held up, or dies, in the middle holds up nobody
+        command = self._commands.glance()  # never waits for a caller that is held up, or dies, in the middle
         if command is None:
             return
         self._seen = sequence
@@ -93,10 +82,10 @@ class ControllerBlocks:
                 controller.set_target(command["q"][slots], now, velocity, command["kp"][slots], command["kd"][slots])
 
     def publish(self, now: float, tick: int, mode: Mode | None = None) -> None:
-        """Write the arm's state as of this tick; that of an arm which is off is written once, then it stands.
+        """Write the arm's state as of this tick. The state of an arm that is off is written once.
 
         Args:
-            mode: to say instead of the arm's own.
+            mode: published instead of the arm's own.
         """
         if self._ended:
             return
@@ -148,6 +137,6 @@ class ControllerBlocks:
         return self._states.peek(OWNER_AT) == self._owner
 
     def close(self, remove: bool) -> None:
-        """Let go of both blocks, and have nobody find the states any more, unless a stand-by goes on with them."""
+        """Let go of both blocks, and hide the states, unless a stand-by goes on with them."""
         self._states.close(remove)
         self._commands.close()

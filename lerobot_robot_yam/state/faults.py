@@ -11,7 +11,7 @@ from lerobot_robot_yam.damiao.tables import Fault
 
 
 class Response(StrEnum):
-    """What an arm does."""
+    """Responses of an arm."""
 
     GO_ON = "goes on"
     HOLD = "holds with every motor that still obeys; targets are ignored until it is re-armed"
@@ -23,7 +23,7 @@ class Response(StrEnum):
 
 
 class Trouble(StrEnum):
-    """What can go wrong with an arm, its bus, its loop or its caller."""
+    """Troubles of an arm, its bus, its loop or its caller."""
 
     OVER_VOLTAGE = "over-voltage"
     UNDER_VOLTAGE = "under-voltage"
@@ -102,7 +102,7 @@ STALE_OVERSHOOT_RAD_S = 1.6  # beyond its speed limit, of a joint whose last com
 
 
 def stale_overshoot_rad_s(late_s: float) -> float:
-    """What a command that is obeyed `late_s` too long can add to a joint's speed, rad/s: it goes on accelerating."""
+    """Speed, rad/s, that a joint gains while it obeys an accelerating command `late_s` too long."""
     return min(MOST_RAD_S2 * max(late_s, 0.0), STALE_OVERSHOOT_RAD_S)
 
 

@@ -44,7 +44,7 @@ class SetPoint:
         end_deceleration: np.ndarray,
     ):
         self.speed_limit = np.array(speed_limit, dtype=float)
-        # What it can brake for: the target, the lower and the upper end. In one array, as numpy's calls are what costs.
+        # For the target, the lower and the upper end. In one array, because each call of numpy costs.
         self._decelerations = np.array((acceleration_limit, end_deceleration, end_deceleration), dtype=float)
         self.acceleration_limit = self._decelerations[0]
         self._lower, self._upper = lower, upper
@@ -181,7 +181,7 @@ class SetPoint:
 
 
 def _brakes_within(ways: np.ndarray, decelerations: np.ndarray, dt: float) -> np.ndarray:
-    """The speeds from which `ways` suffice to come to rest, sqrt(2 a way); 0 where none is left. All (3, n)."""
+    """The speeds from which `ways` suffice to come to rest, sqrt(2 a way); 0 where no way is left. All (3, n)."""
     ways = np.maximum(ways, 0.0)
     # One tick is the resolution: without the floor the last steps would shrink for ever.
     return np.minimum(np.sqrt(2.0 * decelerations * ways), ways / dt)

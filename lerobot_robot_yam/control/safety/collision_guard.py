@@ -31,7 +31,7 @@ _MOST_SLOWED = 4  # pairs at a time; the time that a tick takes is bounded
 _LONG_WAY = 1000  # looks at a move of any length, which is no tick's
 _ROUNDS = 3  # of slowing down: to slow for one pair may take from another what parts it
 _GAIN_M = 1e-7  # a joint that adds less to a distance has no part in it
-_STANDS = 1e-3  # a smaller share of a step is none: an arm that leans on a limit stands still
+_STANDS = 1e-3  # a smaller share of a step counts as 0: an arm that leans on a limit stands still
 
 
 class Nearness(NamedTuple):
@@ -51,7 +51,7 @@ class Nearness(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """What may be taken of a step.
+    """The part of a step that may be taken.
 
     q, dq: per arm (joints,), where the set-points may go, before they are kept within their ranges: joints that brake
     in proportion may be too fast for an end that is near. blocked: per arm, whether it is held back. because: the
@@ -64,7 +64,7 @@ class Verdict(NamedTuple):
     because: tuple[Nearness, ...]
 
     def message(self, arm: int) -> str:
-        """What holds this arm back: "left link4 – keep-out 'camera mast', 12 mm"; empty when nothing does."""
+        """The parts that hold this arm back: "left link4 – keep-out 'camera mast', 12 mm"; empty when none do."""
         return "; ".join(str(row) for row in self.because if arm in row.arms) if self.blocked[arm] else ""
 
 
@@ -271,7 +271,7 @@ class WorkspaceGuard:
         return factor, approaching
 
     def _to_blame(self, conflict: Conflict, now: np.ndarray, then: np.ndarray) -> list[int]:
-        """The arms whose own part of the move brings the pair together; all its arms when none does alone."""
+        """The arms whose own part of the move brings the pair together; all its arms when no arm does alone."""
         arms = conflict.pair.arms
         if len(arms) == 1:
             return list(arms)

@@ -6,7 +6,7 @@ import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.profile_files import load_gripper
-from lerobot_robot_yam.control.gripper.force_derating import HOLD_SHARE, GripForce
+from lerobot_robot_yam.control.gripper.force_limiter import HOLD_SHARE, GripForce
 from lerobot_robot_yam.control.gripper.gripper import Gripper
 from tests.support.rigged import LIVE, STOPS, arm_on, rig_of
 
