@@ -17,8 +17,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from bench_measures import STEPS, Results, Settings, report
-from bench_report import json_text, plot, table
+from bench.measures import STEPS, Results, Settings, report
+from bench.report import json_text, plot, table
 from tqdm import tqdm
 
 from lerobot_robot_yam.rig.client.rig_control import RigControl

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from bench_ik_placo import PlacoArm
+from bench.placo import PlacoArm
 from tqdm import tqdm
 
 from lerobot_robot_yam.arm.ik.pose_tracker import PoseTracker

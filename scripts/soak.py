@@ -3,8 +3,8 @@
     python scripts/soak.py --minutes 20 --seed 1 --json outputs/soak.json --plot outputs/soak.png
 
 The arms of a rig of its own are driven through the shipped LeRobot classes, under a random schedule of faults that is
-the same for the same seed (`soak_schedule`). A person is played who re-arms or connects anew. A judge in a process of
-its own (`soak_monitor`) reads every state and asks the rig what is really so. Prints a table; exit status 1 when an
+the same for the same seed (`soak.schedule`). A person is played who re-arms or connects anew. A judge in a process of
+its own (`soak.monitor`) reads every state and asks the rig what is really so. Prints a table; exit status 1 when an
 invariant was violated. No arm, display or network is used; nothing outside its own runtime directory is touched.
 """
 
@@ -22,7 +22,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from soak_schedule import KINDS, make_schedule
+from soak.schedule import KINDS, make_schedule
 from tqdm import tqdm
 
 logger = logging.getLogger("soak")
@@ -57,7 +57,8 @@ class Judge:
         self.summary: dict[str, Any] = {}
         self._begin_s = begin_s
         self._process = subprocess.Popen(
-            [sys.executable, str(Path(__file__).with_name("soak_monitor.py"))],
+            [sys.executable, "-m", "soak.monitor"],
+            cwd=Path(__file__).parent,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -106,10 +107,10 @@ class Judge:
 
 def soak(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     """Run it; returns the report."""
-    from soak_devices import keys, make_devices
-    from soak_injector import Injector
-    from soak_operator import Operator
-    from soak_teleop import Teleoperation
+    from soak.devices import keys, make_devices
+    from soak.injector import Injector
+    from soak.operator import Operator
+    from soak.teleop import Teleoperation
 
     from lerobot_robot_yam.rig.client.rig_control import RigControl, wait_ended
 
@@ -190,7 +191,7 @@ def left_behind(runtime: Path) -> list[str]:
 
 def main(args: argparse.Namespace) -> int:
     """Soak, report; exit status 1 when an invariant was violated."""
-    from soak_report import plot, table
+    from soak.report import plot, table
 
     base = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
     runtime, folder = Path(tempfile.mkdtemp(prefix="yam-soak-", dir=base)), Path(tempfile.mkdtemp(prefix="yam-soak-"))

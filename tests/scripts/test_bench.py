@@ -14,9 +14,9 @@ from tests.support.paths import SCRIPTS
 @pytest.fixture
 def windows(monkeypatch):
     monkeypatch.syspath_prepend(str(SCRIPTS))
-    import bench_windows
+    from bench import windows
 
-    return bench_windows
+    return windows
 
 
 def test_only_ticks_in_undisturbed_windows_make_periods(windows):
@@ -49,7 +49,7 @@ def test_percentiles_are_named_as_the_report_names_them(windows):
 
 def test_a_miss_says_what_nobody_could_have_reached(monkeypatch):
     monkeypatch.syspath_prepend(str(SCRIPTS))
-    from bench_report import TARGETS
+    from bench.report import TARGETS
 
     (target,) = [target for target in TARGETS if target.what == "the same, one arm"]
 

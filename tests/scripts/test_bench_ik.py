@@ -31,7 +31,7 @@ def test_a_short_run_reports_every_figure(tmp_path):
 def test_the_urdf_is_the_arm(monkeypatch, arm):
     """MuJoCo reads it back: the same poses."""
     monkeypatch.syspath_prepend(str(SCRIPTS))
-    from bench_ik_placo import urdf
+    from bench.placo import urdf
 
     compiler = '<mujoco><compiler fusestatic="false" boundmass="1" boundinertia="1"/></mujoco>'
     text = urdf(build_model(arm, "linear_4310", visuals=False)).replace('name="arm">', f'name="arm">{compiler}', 1)

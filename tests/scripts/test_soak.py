@@ -24,18 +24,14 @@ TICK_S = 0.004
 def soak(monkeypatch):
     """The soak's modules."""
     monkeypatch.syspath_prepend(str(SCRIPTS))
-    import soak_checks
-    import soak_context
-    import soak_obedience
-    import soak_schedule
-    import soak_seeds
-    import soak_truth
+    import soak.checks
+    import soak.context
+    import soak.obedience
+    import soak.schedule
+    import soak.seeds
+    import soak.truth
 
-    class Modules:
-        checks, context, schedule, obedience = soak_checks, soak_context, soak_schedule, soak_obedience
-        seeds, truth = soak_seeds, soak_truth
-
-    return Modules
+    return soak
 
 
 def record(tick, setpoint, mode=Mode.TRACK, q=None, trouble="", pid=1):
@@ -347,7 +343,7 @@ def test_the_monitor_sees_an_arm_fall(rig):
         for channel, other in ((CHANNEL, PEER), (PEER, CHANNEL))
     }
     judge = subprocess.Popen(
-        [sys.executable, str(SCRIPTS / "soak_monitor.py")], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        [sys.executable, "-m", "soak.monitor"], cwd=SCRIPTS, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
     try:
         judge.stdin.write(json.dumps({"rig": rig.name, "arms": arms}) + "\n")

@@ -14,7 +14,7 @@ from tests.policy_plugin.checkpoints import save_scripted
 FOLLOWERS = ("follower_left", "follower_right")
 FPS = 15  # what a machine with two cores manages beside the physics
 PLUGIN = "--robot.discover_packages_path=tests.policy_plugin"
-# The profiles' limit on the set-point, and what the arm itself may exceed it by; as scripts/soak_truth.py has it.
+# The profiles' limit on the set-point, and what the arm itself may exceed it by; as scripts/soak/truth.py has it.
 SPEED_LIMIT_RAD_S, SPEED_FACTOR, SPEED_SLACK_RAD_S = 1.5, 1.2, 0.15
 BUSY_FACTOR = 2.0  # when the physics had no CPU for a while, commands came to it in heaps
 

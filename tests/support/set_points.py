@@ -25,7 +25,7 @@ class SetPointWatch:
     def __init__(self, rig, configs):
         if str(SCRIPTS) not in sys.path:
             sys.path.insert(0, str(SCRIPTS))
-        from soak_checks import SetPointCheck
+        from soak.checks import SetPointCheck
 
         self.findings, self.ratios = [], {}
         self._checks, self._paths = {}, {}

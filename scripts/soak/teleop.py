@@ -8,12 +8,11 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
-from soak_devices import Device
-from soak_injector import Injector
-from soak_operator import PATIENCE_S, Operator
-from soak_schedule import CAMERA, Injection
-
 from lerobot_robot_yam.errors import ActionError, YamError
+from soak.devices import Device
+from soak.injector import Injector
+from soak.operator import PATIENCE_S, Operator
+from soak.schedule import CAMERA, Injection
 
 logger = logging.getLogger("soak")
 

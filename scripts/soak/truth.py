@@ -7,14 +7,14 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from soak_arm import Arm
-from soak_checks import GRIPPER, READY, Finding, mode_of
-from soak_context import Context
-from soak_seeds import judge_seed
 
 from lerobot_robot_yam.rig.client.rig_control import RigControl
 from lerobot_robot_yam.rig.judging.truth import beyond_clip_nm
 from lerobot_robot_yam.state.faults import STALE_OVERSHOOT_RAD_S, stale_overshoot_rad_s
+from soak.arm import Arm
+from soak.checks import GRIPPER, READY, Finding, mode_of
+from soak.context import Context
+from soak.seeds import judge_seed
 
 _SETTLE_S = 1.0  # an arm that was pushed, struck something, lost or got back a motor, moves by itself for so long
 _COASTS_S = 3.0  # a floating arm that was let go in motion comes to rest within so long

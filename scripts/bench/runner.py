@@ -14,15 +14,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bench_windows import WINDOW_S, Periods, Windows, periods
 
+from bench.windows import WINDOW_S, Periods, Windows, periods
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.rig.client.rig_control import RigControl, running_rig
 
 CHANNEL = "follower_left"  # where ticks are stamped
 _BLOCK_WINDOWS = 10  # windows between two readings of the rig's trace, which takes the rig a moment
 _PATIENCE = 3  # gives up when disturbed windows have made a measurement this many times as long
-_SUBJECT = Path(__file__).with_name("bench_subject.py")
+_SCRIPTS = Path(__file__).parents[1]
 _TIMEOUT_S = 120.0
 
 
@@ -35,14 +35,15 @@ class Subject:
 
     Args:
         rig: name of the rig.
-        job: what `bench_subject` makes a driver from.
+        job: what `bench.subject` makes a driver from.
     """
 
     def __init__(self, rig: str, job: dict[str, Any]):
         self._log = tempfile.TemporaryFile("w+")
         self.name = str(job["kind"])
         self._process = subprocess.Popen(
-            [sys.executable, str(_SUBJECT), json.dumps(job)],
+            [sys.executable, "-m", "bench.subject", json.dumps(job)],
+            cwd=_SCRIPTS,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._log,

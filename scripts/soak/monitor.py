@@ -10,17 +10,16 @@ import sys
 import time
 from typing import Any
 
-from soak_arm import Arm
-from soak_checks import Finding, PolicyCheck
-from soak_context import Context, cpu_times, steal_share
-from soak_obedience import ObedienceCheck
-from soak_stalls import ProcessorWatch
-from soak_truth import Truth
-
 from lerobot_robot_yam.rig.client.rig_control import RigControl
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.system.realtime import request_realtime
+from soak.arm import Arm
+from soak.checks import Finding, PolicyCheck
+from soak.context import Context, cpu_times, steal_share
+from soak.obedience import ObedienceCheck
+from soak.stalls import ProcessorWatch
+from soak.truth import Truth
 
 _PERIOD_S = 0.004
 _RIG_PERIOD_S = 0.2

@@ -3,10 +3,9 @@
 import math
 from typing import Any
 
-from soak_checks import Finding, mode_of
-
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.state.modes import Mode
+from soak.checks import Finding, mode_of
 
 _STILL = frozenset({Mode.STOPPED, Mode.FAULT, Mode.OFF, Mode.OFFLINE})
 _STOP_S = 0.1  # in which an emergency stop has reached every arm

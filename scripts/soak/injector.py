@@ -13,13 +13,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from soak_schedule import CAMERA, CHANNELS, LOSS_RATE, Injection
-
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.rig.client.rig_control import RigControl
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.records import STATE_DTYPE, state_path
 from lerobot_robot_yam.system.shared_block import SharedBlock
+from soak.schedule import CAMERA, CHANNELS, LOSS_RATE, Injection
 
 logger = logging.getLogger("soak")
 

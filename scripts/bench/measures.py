@@ -14,9 +14,9 @@ from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
-from bench_runner import CHANNEL, BenchError, Subject, driver, measure_periods, measure_work
-from bench_windows import Periods, cpu_s, percentiles
 
+from bench.runner import CHANNEL, BenchError, Subject, driver, measure_periods, measure_work
+from bench.windows import Periods, cpu_s, percentiles
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S
 from lerobot_robot_yam.rig.client.rig_control import RigControl
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from soak_seeds import Seed
 
 from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.control.landing import LANDING_SPEED_RAD_S
 from lerobot_robot_yam.state.faults import RESPONSES, Response, Trouble
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
+from soak.seeds import Seed
 
 GRIPPER = load_arm("yam").joint_count
 """Slot of the gripper in the records of the soak's arms: the one behind the joints."""

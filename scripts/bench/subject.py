@@ -1,8 +1,8 @@
 """One driver under measurement, in a process of its own: JSON requests on standard input, JSON answers on output.
 
-    echo '{"do": "start"}' | YAM_RIG=demo python scripts/bench_subject.py '{"kind": "ours", "arms": 1}'
+    cd scripts; echo '{"do": "start"}' | YAM_RIG=demo python -m bench.subject '{"kind": "ours", "arms": 1}'
 
-Started by `bench.py`. The rig is the one that YAM_RIG names. Requests: start, hog (busy until SIGUSR1), work
+Started by `bench.runner`. The rig is the one that YAM_RIG names. Requests: start, hog (busy until SIGUSR1), work
 (get + send at a rate), stop.
 """
 
@@ -13,7 +13,7 @@ import sys
 import time
 from typing import Any
 
-from bench_drivers import KINDS, Driver
+from bench.drivers import KINDS, Driver
 
 
 class Subject:

@@ -5,13 +5,13 @@ from collections import deque
 from typing import Any
 
 import numpy as np
-from soak_checks import GRIPPER, SetPointCheck, mode_of
 
 from lerobot_robot_yam.control.actuation import PRESS_NM
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE, state_path
 from lerobot_robot_yam.system.shared_block import SharedBlock
+from soak.checks import GRIPPER, SetPointCheck, mode_of
 
 _KEPT, _AROUND_S = 500, 0.3
 

@@ -8,13 +8,12 @@ import time
 from collections import Counter
 from collections.abc import Callable
 
-from soak_devices import Device
-from soak_injector import Injector
-from soak_schedule import LEADERS, hand_path
-
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.rig.client.rig_control import RigControl
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from soak.devices import Device
+from soak.injector import Injector
+from soak.schedule import LEADERS, hand_path
 
 logger = logging.getLogger("soak")
 

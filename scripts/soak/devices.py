@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from soak_checks import GRIPPER
-from soak_schedule import CAMERA, CHANNELS, FOLLOWERS, LEADERS
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.bi_yam_follower import BiYamFollower
@@ -23,6 +21,8 @@ from lerobot_robot_yam.system.shared_block import SharedBlock
 from lerobot_teleoperator_yam.bi_yam_leader import BiYamLeader
 from lerobot_teleoperator_yam.config_bi_yam_leader import BiYamLeaderConfig
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
+from soak.checks import GRIPPER
+from soak.schedule import CAMERA, CHANNELS, FOLLOWERS, LEADERS
 
 TORQUE_LIMIT_NM = [20.0, 24.0, 20.0, 7.0, 7.0, 7.0]  # below the motors' own, or the clip could not be seen
 _HUNG_S = 0.3
