@@ -283,10 +283,11 @@ def document() -> str:
     lines = [
         "# What happens when something fails",
         "",
-        "Generated from `lerobot_robot_yam/state/faults.py`, the module that the control loop reads:",
-        "`python -m lerobot_robot_yam.state.faults > docs/faults.md`. The arm is the one concerned, the peer the other",
-        "arm of the same robot. An arm that lands already goes on landing with the motors that still obey. Where it",
-        "cannot fold without the failed one, it sinks slowly onto what it meets.",
+        "One row for each fault: how it is noticed, what the arms do, and how an arm is brought back. The arm is",
+        "the one concerned, the peer is the other arm of the same robot. An arm that lands already goes on landing",
+        "with the motors that still obey. If these cannot fold it, it sinks slowly onto what it meets.",
+        "",
+        "`python -m lerobot_robot_yam.state.faults > docs/faults.md` writes this page from the loop's own table.",
         "",
         "| fault | noticed by | the arm | its peer | the caller sees | within | to re-arm |",
         "|---|---|---|---|---|---|---|",
@@ -296,16 +297,16 @@ def document() -> str:
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     lines += [
         "",
-        "When power fails, or control process and stand-by are both killed, nothing commands the motors. 0.4 s later",
-        "their own watchdog ends torque, and the arm falls. Only mechanics can help then.",
+        "When power fails, or control process and stand-by are both killed, nothing commands the motors. 0.4 s",
+        "later their own watchdog ends torque and the arm falls. Only mechanics can help then.",
         "",
-        "While the emergency stop is latched nothing lands: followers hold and leaders float. The loop goes on",
-        "commanding them after its caller has gone, and `yam-estop release` lands them at once. A leader that floats",
-        "away by itself is held.",
+        "While the emergency stop is latched, nothing lands: followers hold and leaders float. The loop goes on",
+        "commanding them after its caller has gone, and `yam-estop release` then lands them at once. A leader that",
+        "floats away by itself is held.",
         "",
-        "Motors keep their last command until the next one arrives. A joint whose last command",
-        f"accelerated it exceeds its speed limit by up to {STALE_OVERSHOOT_RAD_S} rad/s (arm stretched out); after a",
-        f"tick that is late by 10 ms, by up to {stale_overshoot_rad_s(0.01):g} rad/s.",
+        "A motor goes on with its last command until the next one comes. A joint whose last command accelerated it",
+        f"exceeds its speed limit by up to {STALE_OVERSHOOT_RAD_S} rad/s (arm stretched out). After a tick that is",
+        f"late by 10 ms, it exceeds it by up to {stale_overshoot_rad_s(0.01):g} rad/s.",
     ]
     return "\n".join(lines) + "\n"
 
