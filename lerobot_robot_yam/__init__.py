@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from lerobot_robot_yam.yam_follower import YamFollower as YamFollower
 
 _MODULES = {
-    "YamArm": "arm.yam_arm",
+    "YamArm": "session.yam_arm",
     "YamKinematics": "arm.kinematics",
     "YamFollower": "yam_follower",
     "YamFollowerConfig": "config_yam_follower",
