@@ -18,7 +18,7 @@ class YamSimCameraConfig(CameraConfig):
         fps, width, height: of the images; software rendering manages three such cameras on two cores.
         rig: which rig: "auto" is that of the robot's arms; without any, that of this process, unless the variable
             YAM_RIG names another.
-        scene, rig_options: of a rig that this camera has to start because nobody else has; unset, as the arms say.
+        scene, rig_options: of a rig that this camera starts if there is none yet; unset: as the arms say.
     """
 
     camera: str

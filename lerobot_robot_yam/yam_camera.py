@@ -14,7 +14,7 @@ from lerobot_robot_yam.rig.scene.scene import load_scene
 
 
 class YamSimCamera(Camera):
-    """Images (height, width, 3) uint8 RGB, rendered by the rig in a process of its own."""
+    """Images (height, width, 3) uint8 RGB, rendered by the rig in another process."""
 
     def __init__(self, config: YamSimCameraConfig):
         super().__init__(config)

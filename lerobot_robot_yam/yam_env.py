@@ -15,8 +15,7 @@ from lerobot_robot_yam.arm.profile_files import load_gripper
 from lerobot_robot_yam.config_yam_env import AGENT_POS, YamEnvConfig, eyes_of
 from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError
 from lerobot_robot_yam.face.devices.feature_names import motors_of
-from lerobot_robot_yam.face.envs.env_checks import check_render_camera, check_reset_pose
-from lerobot_robot_yam.face.envs.in_lockstep import put_in_lockstep
+from lerobot_robot_yam.face.envs.env_robot import check_render_camera, check_reset_pose, put_in_lockstep
 from lerobot_robot_yam.face.envs.referee import CallableReferee, OperatorReferee, Referee, RigReferee, find_judge
 from lerobot_robot_yam.rig.client.rendered_camera import RigCamera
 from lerobot_robot_yam.rig.client.rig_control import RigControl, RigOperations
@@ -137,7 +136,7 @@ class YamEnv(gym.Env):
     def render(self) -> np.ndarray:
         """The newest image of the render camera, (height, width, 3) uint8: one of the robot's or of the virtual rig.
 
-        Black where there is none: `lerobot-eval` asks for it whether anybody wants a video or not.
+        Black without a camera: `lerobot-eval` always asks for an image, even if no video is made.
         """
         if self._frame is not None:
             return self._frame
@@ -169,12 +168,11 @@ class YamEnv(gym.Env):
         """The task as the scene of a virtual rig describes it."""
         if not self._virtual or self._config.task is None:
             return None
+        task = self._config.task
         tasks = {task.name: task for task in load_scene(self._scene, self._config.rig_options).tasks}
-        if self._config.task not in tasks and self._config.success == "rig":
-            raise ConfigError(
-                f"env.task: the scene has no task '{self._config.task}'; it has {', '.join(tasks) or 'none'}"
-            )
-        return tasks.get(self._config.task)
+        if task not in tasks and self._config.success == "rig":
+            raise ConfigError(f"env.task: the scene has no task '{task}'; it has {', '.join(tasks) or 'none'}")
+        return tasks.get(task)
 
     @property
     def sides(self) -> list[str]:
@@ -185,7 +183,7 @@ class YamEnv(gym.Env):
         """The rig in lock-step and its task, after a reset; for scripted operators.
 
         Raises:
-            ConfigError: there is no such rig, or no task of its own.
+            ConfigError: there is no such rig, or it has no task.
         """
         if not isinstance(self._rig, LockstepRig) or self._task is None:
             raise ConfigError("a scripted operator needs an environment in lock-step, with a task of its scene")
@@ -198,12 +196,10 @@ class YamEnv(gym.Env):
 
     def close(self) -> None:
         """Land the arms (in lock-step their world just ends) and let go of everything. Idempotent."""
-        robot, self._robot = self._robot, None
-        referee, self._referee = self._referee, None
-        rig, self._rig = self._rig, None
-        spectator, self._spectator = self._spectator, None
+        robot, parts = self._robot, (self._rig, self._referee, self._spectator)
+        self._robot = self._rig = self._referee = self._spectator = None
         with contextlib.ExitStack() as rest:  # what comes last here is done first: the arms land before all else
-            for part in (rig, referee, spectator):
+            for part in parts:
                 if part is not None:
                     rest.callback(part.close)
             if robot is not None:
@@ -246,30 +242,28 @@ class YamEnv(gym.Env):
             )
         return referee
 
-    def _person(self) -> Referee | None:
-        """Who lays the scene out on real arms: a person at the keyboard, where there is one."""
-        if self._virtual:
-            return None
-        try:
-            return OperatorReferee(self._config.task or "")
-        except ConfigError:
-            logger.warning("no keyboard: episodes follow each other without asking; keep out of the arms' reach")
-            return None
+    def _person(self) -> Referee:
+        """Lays the scene out on real arms: a person at the keyboard, where there is one."""
+        if not self._virtual:
+            try:
+                return OperatorReferee(self._config.task or "")
+            except ConfigError:
+                logger.warning("no keyboard: episodes follow each other without asking; keep out of the arms' reach")
+        return Referee()
 
     def _make_rig(self) -> RigControl | LockstepRig:
-        config, arms = self._config, self._robot_config.arms()
-        if not config.lockstep:
+        arms = self._robot_config.arms()
+        if self._config.lockstep:
+            rig_in_step = LockstepRig(self._scene, **self._rig_options())
+            put_in_lockstep(self._robot_config, rig_in_step)
+            return rig_in_step
+        if self._rig_name is not None:
             for arm in arms.values():
-                if self._rig_name is not None:
-                    arm.can_options = {**arm.can_options, "rig": self._rig_name}
-            rig = next(iter(arms.values())).can_options.get("rig")
+                arm.can_options = {**arm.can_options, "rig": self._rig_name}
             for camera in self._robot_config.all_cameras().values():
-                if self._rig_name is not None and camera.type == "yam_sim":
+                if camera.type == "yam_sim":
                     camera.rig = self._rig_name
-            return RigControl(rig, self._scene, **self._rig_options())
-        rig_in_step = LockstepRig(self._scene, **self._rig_options())
-        put_in_lockstep(self._robot_config, rig_in_step)
-        return rig_in_step
+        return RigControl(next(iter(arms.values())).can_options.get("rig"), self._scene, **self._rig_options())
 
     def _go_to_start(self, robot: FollowerBase) -> None:
         """Move to the reset pose, at the loop's own speed limits."""
@@ -278,7 +272,7 @@ class YamEnv(gym.Env):
         deadline_s = robot.clock.now() + _REACH_TIMEOUT_S
         there_s = math.inf
         while True:
-            robot.track_joints(self._start_pose)
+            robot.send_joints(self._start_pose)
             robot.clock.sleep(1.0 / self._config.fps)
             now, off = robot.clock.now(), np.abs(robot.joints() - self._start_pose)
             there_s = min(there_s, now) if off[self._is_joint].max(initial=0.0) < _ARRIVED else math.inf
@@ -304,16 +298,13 @@ class YamEnv(gym.Env):
         return np.array(pose)
 
     def _named(self, action: np.ndarray) -> dict[str, float]:
-        values = np.asarray(action, float).reshape(-1)
-        if len(values) != len(self._action_keys):
-            raise ActionError(
-                f"an action has {len(values)} values, the robot takes {len(self._action_keys)}: "
-                f"{', '.join(self._action_keys)}"
-            )
-        return dict(zip(self._action_keys, values.tolist(), strict=True))
+        values, keys = np.asarray(action, float).reshape(-1), self._action_keys
+        if len(values) != len(keys):
+            raise ActionError(f"an action has {len(values)} values, the robot takes {len(keys)}: {', '.join(keys)}")
+        return dict(zip(keys, values.tolist(), strict=True))
 
     def _look(self, robot: FollowerBase) -> tuple[dict[str, Any], dict[str, Any]]:
-        """What a policy sees, and all of what the robot says."""
+        """The observation of a policy, and that of the robot."""
         seen = robot.get_observation()
         pixels = {name: seen[name] for name in self._cameras}
         self._frame = pixels.get(self._config.render_camera or next(iter(pixels), ""))

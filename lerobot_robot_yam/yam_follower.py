@@ -15,20 +15,17 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.config_checks import check_switches
 from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
 from lerobot_robot_yam.face.datasets.recording import recorded_name
-from lerobot_robot_yam.face.devices.action_space import make_action_space
-from lerobot_robot_yam.face.devices.arm_group import ArmGroup, arm_config
+from lerobot_robot_yam.face.devices.arm_device import ArmDevice
 from lerobot_robot_yam.face.devices.command_check import check_command
 from lerobot_robot_yam.face.devices.follower_options import FollowerOptions
-from lerobot_robot_yam.face.devices.images import newest_images
-from lerobot_robot_yam.face.devices.sim_cameras import beside_arms
+from lerobot_robot_yam.face.devices.images import beside_arms, newest_images
 from lerobot_robot_yam.state.records import ArmState
 from lerobot_robot_yam.system.clock import Clock
-from lerobot_robot_yam.system.uncopyable import Uncopied
 
 logger = logging.getLogger(__name__)
 
 
-class FollowerBase(Uncopied, Robot):
+class FollowerBase(ArmDevice, Robot):
     """One follower arm or two.
 
     Args:
@@ -44,19 +41,10 @@ class FollowerBase(Uncopied, Robot):
         check_switches(self.name, options)
         # Data sets of tool poses do not tell a unit of what is beside them.
         self._use_degrees = options.use_degrees and options.action_space == "joint"
-        self.name: str = recorded_name(self.name, options.use_degrees, options.action_space)
+        self.name = recorded_name(self.name, options.use_degrees, options.action_space)
         self.robot_type = self.name
-        self._arms = ArmGroup(
-            self.name,
-            {
-                prefix: arm_config(arm, f"{prefix}follower", self.calibration_dir, self.id and f"{prefix}{self.id}")
-                for prefix, arm in arms.items()
-            },
-            self._use_degrees,
-            options.isolation,
-        )
-        self._models = [(side.hardware.arm, side.hardware.gripper) for side in self._arms.sides]
-        self._space = make_action_space(options.action_space, self._arms, self._models)
+        self._arms = self._make_arms("follower", arms, self._use_degrees, options.isolation)
+        self._speak(options.action_space, [(side.hardware.arm, side.hardware.gripper) for side in self._arms.sides])
         self._camera_configs = {name: beside_arms(camera, arms.values()) for name, camera in cameras.items()}
         self.cameras = make_cameras_from_configs(self._camera_configs)
         self._last_action: dict[str, Any] = {}
@@ -74,21 +62,6 @@ class FollowerBase(Uncopied, Robot):
             if getattr(config, "use_depth", False):
                 features[f"{name}_depth"] = (height, width, 1)
         return features
-
-    @cached_property
-    def action_features(self) -> dict[str, type]:
-        """`joint_1.pos`, `joint_2.pos` … (or `ee_x.pos` …), `gripper.pos`; of two arms with `left_`, then `right_`."""
-        return dict.fromkeys(self._space.keys, float)
-
-    @property
-    def is_connected(self) -> bool:
-        """Whether the arms are ours. Cameras have no say: a dead camera must not keep the arms from being landed."""
-        return self._arms.connected
-
-    @property
-    def is_calibrated(self) -> bool:
-        """Whether the grippers' stops are known without a search."""
-        return self._arms.calibrated
 
     @check_if_already_connected
     def connect(self, calibrate: bool = True) -> None:
@@ -139,18 +112,6 @@ class FollowerBase(Uncopied, Robot):
                 logger.warning("camera %s did not close: %s", name, error)
 
     @check_if_not_connected
-    def calibrate(self) -> None:
-        """Search the grippers' stops and store them. Nothing may be between the fingers.
-
-        Raises:
-            YamError: a search failed.
-        """
-        self._arms.calibrate()
-
-    def configure(self) -> None:
-        """Nothing to do: the control loop has checked and set up the motors."""
-
-    @check_if_not_connected
     def get_observation(self) -> dict[str, Any]:
         """Measured positions and the newest images; one that is late is waited for, see `images`.
 
@@ -161,21 +122,12 @@ class FollowerBase(Uncopied, Robot):
         states = self._arms.observe()
         images, waited = newest_images(self.cameras, self._camera_configs)
         if waited:
-            states = self._arms.observe()  # they have gone on meanwhile
+            states = self._arms.observe()  # they have moved on
         observation: dict[str, Any] = dict(self._space.action(_measured(states)))
         if self._extra_keys:
             observation.update(zip(self._extra_keys, self._extras(states), strict=True))
         observation.update(images)
         return observation
-
-    @check_if_not_connected
-    def rearm(self) -> None:
-        """After a fault (docs/faults.md): enable again what has failed, and hold. Look at the arms first.
-
-        Raises:
-            YamError: an arm still fails, or needs a new connection.
-        """
-        self._arms.rearm()
 
     def _extras(self, states: list[ArmState]) -> list[float]:
         options: FollowerOptions = self.config
@@ -184,12 +136,10 @@ class FollowerBase(Uncopied, Robot):
             rates = [_with_gripper(state.dq, state.gripper_rate) for state in states]
             values += (np.concatenate(rates) * self._arms.scale).tolist()
         if options.observe_torque:
-            for state in states:
-                values += _with_gripper(state.tau_nm, state.gripper_tau_nm).tolist()
+            values += [x for state in states for x in _with_gripper(state.tau_nm, state.gripper_tau_nm).tolist()]
         if options.observe_temperature:
-            for kind in ("temp_mos_c", "temp_rotor_c"):
-                for state in states:
-                    values += getattr(state, kind).tolist()
+            values += [x for state in states for x in state.temp_mos_c.tolist()]
+            values += [x for state in states for x in state.temp_rotor_c.tolist()]
         return values
 
     @check_if_not_connected
@@ -209,7 +159,7 @@ class FollowerBase(Uncopied, Robot):
         if self._arms.paused and self._is_last(action):
             return self._space.action(self._arms.held())
         self._arms.paused = False
-        sent = self._track(self._space.vector(action))
+        sent = self._write_targets(self._space.vector(action))
         self._last_action = dict(action)
         return self._space.action(sent)
 
@@ -219,11 +169,8 @@ class FollowerBase(Uncopied, Robot):
         return last.keys() == action.keys() and all(np.array_equal(action[key], last[key]) for key in last)
 
     @check_if_not_connected
-    def track_joints(self, target: np.ndarray) -> np.ndarray:
-        """Give the arms a target in joint coordinates, whatever the unit of actions is.
-
-        Args:
-            target: (n,) in canonical order, rad; grippers 0 closed … 1 open.
+    def send_joints(self, target: np.ndarray) -> np.ndarray:
+        """Give the arms a target (n,) in canonical order, rad, grippers 0 … 1, whatever the unit of actions is.
 
         Returns:
             What was really sent, (n,).
@@ -232,20 +179,20 @@ class FollowerBase(Uncopied, Robot):
             ActionError: not finite; nothing was sent to the arm concerned.
         """
         self._space.begin()
-        return self._track(target)
+        return self._write_targets(target)
 
-    def _track(self, target: np.ndarray) -> np.ndarray:
+    def _write_targets(self, target: np.ndarray) -> np.ndarray:
         sent = target.copy()
         for side in self._arms.sides:
             index = side.gripper_index
             gripper = None if index is None else target[index]
-            sent[side.slice], gripper = self._arms[side].track(target[side.slice], gripper)
+            sent[side.slice], gripper = self._arms[side].write_target(target[side.slice], gripper)
             if index is not None:
                 sent[index] = gripper
         return sent
 
     def action_for(self, joints: np.ndarray) -> dict[str, float]:
-        """The action that asks for a target in joint coordinates (n,), as `track_joints` takes it."""
+        """The action that asks for a target in joint coordinates (n,), as `send_joints` takes it."""
         return self._space.action(joints)
 
     @check_if_not_connected
@@ -263,10 +210,7 @@ def _with_gripper(joints: np.ndarray, gripper: float | None) -> np.ndarray:
 
 
 def _measured(states: list[ArmState]) -> np.ndarray:
-    values: list[float] = []
-    for state in states:
-        values += state.positions
-    return np.array(values)
+    return np.array([value for state in states for value in state.positions])
 
 
 class YamFollower(FollowerBase):

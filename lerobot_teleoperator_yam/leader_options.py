@@ -1,6 +1,6 @@
-"""What a leader shows LeRobot, one arm or two.
+"""Options of a leader, one arm or two.
 
-In a module of its own, so that no config module needs another one (see `lerobot_robot_yam.face.registration`).
+In a separate module, so that no config module needs another one (see `lerobot_robot_yam.face.registration`).
 """
 
 from dataclasses import dataclass
@@ -31,13 +31,13 @@ class LeaderArmConfig(ArmConfig):
 
 @dataclass(kw_only=True)
 class LeaderOptions:
-    """What a leader shows LeRobot, one arm or two.
+    """Options of a leader, one arm or two.
 
     Attributes:
         use_degrees: joints in degrees in actions and feedback; as the follower's option of this name.
         action_space: "joint": actions and feedback are `joint_1.pos` …; "ee": they are the pose of the *follower's*
             tool, `ee_x.pos` …; as the follower's option of this name.
-        isolation: "process" runs the control loop in a process of its own; "thread" is for debugging.
+        isolation: "process" runs the control loop in another process; "thread" is for debugging.
     """
 
     use_degrees: bool = False

@@ -12,10 +12,8 @@ from lerobot.utils.decorators import check_if_already_connected, check_if_not_co
 from lerobot_robot_yam.arm.config_checks import check_switches
 from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.devices.action_space import make_action_space
-from lerobot_robot_yam.face.devices.arm_group import ArmGroup, arm_config
+from lerobot_robot_yam.face.devices.arm_device import ArmDevice
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.system.uncopyable import Uncopied
 from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig, LeaderOptions
 
@@ -25,7 +23,7 @@ _OPEN = 1.0
 _PICKED_UP = 0.05  # of the stroke: so near to the opening that feedback has left, the trigger takes over
 
 
-class LeaderBase(Uncopied, Teleoperator):
+class LeaderBase(ArmDevice, Teleoperator):
     """One leader arm or two. They float until `enable_torque`.
 
     Args:
@@ -38,18 +36,11 @@ class LeaderBase(Uncopied, Teleoperator):
         self.config = config
         options: LeaderOptions = config
         check_switches(self.name, options)
-        self._arms = ArmGroup(
-            self.name,
-            {
-                prefix: arm_config(arm, f"{prefix}leader", self.calibration_dir, self.id and f"{prefix}{self.id}")
-                for prefix, arm in arms.items()
-            },
-            options.use_degrees and options.action_space == "joint",
-            options.isolation,
-            handles={prefix for prefix, arm in arms.items() if load_gripper(arm.ee_gripper).motor is not None},
-        )
+        handles = {prefix for prefix, arm in arms.items() if load_gripper(arm.ee_gripper).motor is not None}
+        joints_in_degrees = options.use_degrees and options.action_space == "joint"
+        self._arms = self._make_arms("leader", arms, joints_in_degrees, options.isolation, handles)
         tools = []
-        lower, upper = np.zeros(len(self._arms.keys)), np.ones(len(self._arms.keys))
+        self._lower, self._upper = np.zeros(len(self._arms.keys)), np.ones(len(self._arms.keys))
         for side, arm in zip(self._arms.sides, arms.values(), strict=True):
             follower = load_arm(arm.follower_arm or arm.arm)
             tools.append((follower, load_gripper(arm.ee_gripper)))
@@ -59,38 +50,23 @@ class LeaderBase(Uncopied, Teleoperator):
                     raise ConfigError(
                         f"{side.name}: follower_arm {arm.follower_arm!r} has {len(limits)} joints, not {side.joints}"
                     )
-                lower[side.slice], upper[side.slice] = limits[:, 0], limits[:, 1]
-        self._lower, self._upper = lower, upper
-        self._models = tools
-        self._space = make_action_space(options.action_space, self._arms, tools)
-        self._release_grippers()
+                self._lower[side.slice], self._upper[side.slice] = limits.T
+        self._speak(options.action_space, tools)
+        self._restart()
+
+    def _restart(self) -> None:
+        """Forget what a session has left."""
         self._action: dict[str, float] | None = None
         self._was_held = self._follows_feedback = False
-
-    def _release_grippers(self) -> None:
         sides = len(self._arms.sides)
         self._openings = [_OPEN] * sides  # last ones, for while a handle is silent
         self._triggers = [_OPEN] * sides  # the same as the triggers say it
         self._left_by_feedback: list[float | None] = [None] * sides
 
     @cached_property
-    def action_features(self) -> dict[str, type]:
-        """`joint_1.pos`, `joint_2.pos` … (or `ee_x.pos` …), `gripper.pos`; of two arms with `left_`, then `right_`."""
-        return dict.fromkeys(self._space.keys, float)
-
-    @cached_property
     def feedback_features(self) -> dict[str, type]:
         """The same as `action_features`: a leader can be led to where its follower is."""
         return dict(self.action_features)
-
-    @property
-    def is_connected(self) -> bool:
-        return self._arms.connected
-
-    @property
-    def is_calibrated(self) -> bool:
-        """Teaching handles need no calibration; a leader with a gripper motor needs its stops."""
-        return self._arms.calibrated
 
     @check_if_already_connected
     def connect(self, calibrate: bool = True) -> None:
@@ -99,27 +75,13 @@ class LeaderBase(Uncopied, Teleoperator):
         Raises:
             YamError: an arm cannot be driven, or this process's follower takes other actions.
         """
-        self._release_grippers()
-        self._action = None
-        self._was_held = self._follows_feedback = False
+        self._restart()
         self._arms.start(calibrate, self._space.keys, self._models)
         logger.info("%s connected", self)
 
     def disconnect(self) -> None:
         """Land the arms. Idempotent."""
         self._arms.stop()
-
-    @check_if_not_connected
-    def calibrate(self) -> None:
-        """Search and store the stops of gripper motors, where there are any.
-
-        Raises:
-            YamError: a search failed.
-        """
-        self._arms.calibrate()
-
-    def configure(self) -> None:
-        """Nothing to do: the control loop has checked and set up the motors."""
 
     @check_if_not_connected
     def get_action(self) -> dict[str, float]:
@@ -129,8 +91,8 @@ class LeaderBase(Uncopied, Teleoperator):
 
         The gripper is open (1) with the trigger released and closed (0) with it squeezed. While a handle is silent
         its last opening stays; before the first report that is open. A trigger cannot be led: the opening that feedback
-        has asked for stays until the trigger has come to it, or whoever takes over would drop what the follower holds.
-        During an emergency stop the last action stays, as the followers do.
+        has asked for stays until the trigger has come to it, so that a person who takes over does not drop the object
+        in the follower's gripper. During an emergency stop the last action stays, as the followers do.
 
         Raises:
             MotorError: a motor has failed.
@@ -140,9 +102,9 @@ class LeaderBase(Uncopied, Teleoperator):
         if self._action is not None and any(state.mode is Mode.STOPPED for state in states):
             return dict(self._action)
         values: list[float] = []
-        for index, state in enumerate(states):
+        for index, (side, state) in enumerate(zip(self._arms.sides, states, strict=True)):
             values += state.q.tolist()
-            if self._arms.sides[index].has_gripper:
+            if side.has_gripper:
                 if state.gripper is not None:
                     self._openings[index] = state.gripper
                 elif state.trigger is not None:
@@ -178,16 +140,7 @@ class LeaderBase(Uncopied, Teleoperator):
         for index, side in enumerate(self._arms.sides):
             gripper = None if side.gripper_index is None else min(max(float(vector[side.gripper_index]), 0.0), 1.0)
             self._left_by_feedback[index] = gripper
-            self._arms[side].track(vector[side.slice], gripper if side.hardware.has_gripper else None)
-
-    @check_if_not_connected
-    def rearm(self) -> None:
-        """After a fault (docs/faults.md): enable again what has failed, and float. Look at the arms first.
-
-        Raises:
-            YamError: an arm still fails, or needs a new connection.
-        """
-        self._arms.rearm()
+            self._arms[side].write_target(vector[side.slice], gripper if side.hardware.has_gripper else None)
 
     @check_if_not_connected
     def enable_torque(self) -> None:
@@ -195,7 +148,7 @@ class LeaderBase(Uncopied, Teleoperator):
         self._arms.pause_followers()
         for side in self._arms.sides:
             self._arms[side].hold()
-        self._left_by_feedback = list(self._openings)  # whoever lets go of a trigger now drops nothing
+        self._left_by_feedback = list(self._openings)  # to let go of a trigger now drops nothing
         self._was_held = self._follows_feedback = True
 
     @check_if_not_connected

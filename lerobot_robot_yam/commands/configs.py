@@ -32,7 +32,7 @@ def config_path(name: str) -> Path:
     """Path of the config called `name`, such as "sim/record".
 
     Raises:
-        ConfigError: there is none of that name; lists those that there are.
+        ConfigError: there is no such config; lists the names.
     """
     path = configs_dir() / f"{name.removesuffix('.yaml')}.yaml"
     if not path.is_file():

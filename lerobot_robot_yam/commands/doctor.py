@@ -16,38 +16,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL
 from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS
-from lerobot_robot_yam.doctor.check_adapters import (
-    RULES_DIRECTORIES,
-    adapters_section,
-    check_adapters,
-    read_adapters,
-    read_rules,
-)
-from lerobot_robot_yam.doctor.check_calibration import calibration_section, check_calibrations
-from lerobot_robot_yam.doctor.check_cameras import DEV, cameras_section, check_cameras, read_cameras
+from lerobot_robot_yam.doctor.check_adapters import RULES_DIRECTORIES, check_adapters, read_adapters, read_rules
+from lerobot_robot_yam.doctor.check_calibration import check_calibrations
+from lerobot_robot_yam.doctor.check_cameras import DEV, check_cameras, read_cameras
 from lerobot_robot_yam.doctor.check_channel import ChannelSections, examine_channel
-from lerobot_robot_yam.doctor.check_host import check_host, host_section
-from lerobot_robot_yam.doctor.check_link import (
-    IP_COMMAND,
-    TC_COMMAND,
-    Link,
-    check_links,
-    links_section,
-    parse_links,
-    tool_output,
-)
-from lerobot_robot_yam.doctor.kit.findings import Section
-from lerobot_robot_yam.doctor.kit.report import as_json, as_text, exit_status
-from lerobot_robot_yam.doctor.kit.targets import (
-    SOCKETCAN,
-    VIRTUAL,
-    Plan,
-    calibration_root,
-    from_config,
-    from_option,
-    undeclared,
-)
+from lerobot_robot_yam.doctor.check_host import check_host
+from lerobot_robot_yam.doctor.check_link import IP_COMMAND, TC_COMMAND, Link, check_links, parse_links, tool_output
+from lerobot_robot_yam.doctor.kit.findings import Section, as_json, as_text, exit_status
+from lerobot_robot_yam.doctor.kit.targets import Plan, calibration_root, from_config, from_option, undeclared
 from lerobot_robot_yam.doctor.kit.usb import SYSFS
 from lerobot_robot_yam.errors import ConfigError
 
@@ -64,16 +42,10 @@ class System:
 
 
 def examine(plan: Plan, samples: int = _SAMPLES, system: System | None = None) -> list[Section]:
-    """Look at everything in the plan; with no target in it, at all CAN interfaces of this computer.
-
-    Args:
-        plan: arms and cameras.
-        samples: questions per motor for the reply latency; 0 leaves it out.
-        system: where to look.
-    """
+    """Look at everything in the plan; with no target in it, at all CAN interfaces of this computer."""
     system = system or System()
     targets, channels = list(plan.targets), ChannelSections()
-    interfaces, adapters, cameras = links_section(), adapters_section(), cameras_section()
+    interfaces, adapters, cameras = Section("interfaces"), Section("adapters"), Section("cameras")
     links: dict[str, Link] | None = None
     if plan.real:
         wanted = [target.channel for target in targets if target.real]
@@ -88,7 +60,7 @@ def examine(plan: Plan, samples: int = _SAMPLES, system: System | None = None) -
         link = links.get(target.channel) if links is not None and target.real else None
         if link is not None or links is None or not target.real:  # else it is not there
             examine_channel(target, link, samples, channels, _say)
-    calibration, host = calibration_section(), host_section()
+    calibration, host = Section("gripper_calibration"), Section("host")
     check_calibrations(targets, calibration_root(), calibration)
     check_host(system.sysfs, host)
     return [interfaces, adapters, *channels.all(), calibration, cameras, host]

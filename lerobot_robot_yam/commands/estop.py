@@ -1,12 +1,13 @@
 """yam-estop            latch the emergency stop: followers hold and leaders float, BOTH STILL ENERGISED; no
                      other arm is energised
 yam-estop release    let arms move again, each from where it is, with its next target; LANDS at once those whose session
-                     has ended meanwhile
+                     has ended since
 yam-estop status     say whether it is latched, by whom and why; exit status 1 if it is
 
-It reaches all arms that this user drives on this machine, from whatever shell; root's reaches those of every user. It
-says which running sessions hear it. That none does is no failure, as whatever starts later is not energised either,
-but it may mean that an arm goes on moving: it is said in capitals. Exit status 1: some arms could not be reached.
+It reaches all arms that this user drives on this machine, from any shell; root's reaches those of every user. It says
+which running sessions hear it. If there is no such session, an arm may go on moving, and a warning in capitals says so;
+the exit status stays 0, since no session that starts later energises its arms. Exit status 1: some arms could not be
+reached.
 """
 
 import argparse
@@ -56,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _complain(options.action, stops, missed)
     if options.action == "status":
         return int(bool(latched))
-    # Who releases has no need of what belongs to others; who stops has.
+    # To stop is to stop the arms of all users; to release, only one's own.
     return int(bool(missed) if options.action == "latch" else stops[0].directory in missed)
 
 
@@ -64,7 +65,7 @@ def _directories(action: str) -> list[Path]:
     """Where to act; to stop what this user may start later, its own is made."""
     found = runtime_dirs()
     if os.getuid() == 0 and len(found) > 1 and not found[0].exists():
-        return found[1:]  # root drives nothing; what it leaves here nobody else could look into when they stop
+        return found[1:]  # root drives nothing; others could not read what it leaves here when they stop
     if action == "latch":
         with contextlib.suppress(ConfigError):  # what is wrong with it comes out when it is written to
             runtime_dir()

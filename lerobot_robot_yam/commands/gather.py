@@ -10,9 +10,9 @@ import argparse
 import json
 import logging
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import av
 import datasets
@@ -26,11 +26,11 @@ from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE
 from lerobot.utils.utils import init_logging
 from tqdm import tqdm
 
-from lerobot_robot_yam.commands.lib.demonstration import Frame, demonstrate
 from lerobot_robot_yam.config_yam_env import AGENT_POS, YamEnvConfig, eyes_of
 from lerobot_robot_yam.errors import ConfigError, RigError, YamError
 from lerobot_robot_yam.face.datasets.recording import recorded_name
 from lerobot_robot_yam.face.datasets.repair.inspection import inspect
+from lerobot_robot_yam.rig.operator.demonstrator import Demonstrator
 from lerobot_robot_yam.system.paths import user_path
 from lerobot_robot_yam.system.signals import finished_first
 from lerobot_robot_yam.yam_env import YamEnv
@@ -41,6 +41,37 @@ FIRST_SEED = 100_000  # far from those of evaluations, which LeRobot begins at 1
 _SEEDS = "seeds.json"  # beside the data: which seeds were tried, and with what outcome
 _GIVE_UP = 20  # failures in a row
 _ENCODER = {"vcodec": "h264", "preset": "ultrafast", "crf": 18}
+
+
+class Frame(NamedTuple):
+    """One step: the observation before it, the action (m,) really sent, and whether it brought success."""
+
+    observation: dict[str, Any]
+    action: np.ndarray
+    success: bool
+
+
+def demonstrate(env: YamEnv, seed: int) -> Iterator[Frame]:
+    """The operator's attempt at the environment's task, laid out by `seed`, until it is over.
+
+    Raises:
+        ConfigError: the environment is not in lock-step, or its task has no operator.
+        YamError: robot, rig or operator fail.
+    """
+    observation, _ = env.reset(seed=seed)
+    rig, task = env.lockstep_task()
+    operator = Demonstrator(rig, task, env.sides)
+    try:
+        over = False
+        while not over:
+            targets = operator.targets()
+            action = env.action_of(np.concatenate([targets[side] for side in env.sides]))
+            before = observation
+            observation, _, terminated, truncated, info = env.step(action)
+            over = terminated or truncated
+            yield Frame(before, env.sent, bool(info["is_success"]))
+    finally:
+        operator.close()
 
 
 def features_of(config: YamEnvConfig) -> dict[str, dict[str, Any]]:
@@ -76,7 +107,7 @@ def gather(config: YamEnvConfig, root: Path, repo_id: str, episodes: int, first_
                 won = _attempt(env, seed, dataset)
                 tried[seed] = won
                 with finished_first("saving the episode"):
-                    _note(seeds_path, tried)  # before it is saved: whoever goes on must not do the same seed again
+                    _note(seeds_path, tried)  # before it is saved: the next run must not do the same seed again
                     if won:
                         dataset.save_episode()
                         bar.update()
@@ -101,30 +132,26 @@ def _note(path: Path, tried: dict[int, bool]) -> None:
 
 
 def _attempt(env: YamEnv, seed: int, dataset: LeRobotDataset) -> bool:
-    frame = None
-    for frame in demonstrate(env, seed):
-        dataset.add_frame(_row(frame, env.task_description))
-    return frame is not None and frame.success
-
-
-def _row(frame: Frame, task: str) -> dict[str, Any]:
-    seen = frame.observation
-    images = {f"{OBS_IMAGES}.{name}": image for name, image in seen["pixels"].items()}
-    return {OBS_STATE: seen[AGENT_POS], ACTION: frame.action.astype(np.float32), **images, "task": task}
+    success = False
+    for seen, action, success in demonstrate(env, seed):  # noqa: B007
+        images = {f"{OBS_IMAGES}.{name}": image for name, image in seen["pixels"].items()}
+        row = {OBS_STATE: seen[AGENT_POS], ACTION: action.astype(np.float32), **images, "task": env.task_description}
+        dataset.add_frame(row)
+    return success
 
 
 def _open(config: YamEnvConfig, root: Path, repo_id: str, steps: int) -> LeRobotDataset:
-    encoding: dict[str, Any] = {
-        "rgb_encoder": RGBEncoderConfig(**_ENCODER),
-        "streaming_encoding": True,
-        "encoder_threads": 1,
-        "encoder_queue_maxsize": steps + 1,  # LeRobot drops what does not fit, and shifts all pictures behind it
-    }
+    encoding: dict[str, Any] = {"rgb_encoder": RGBEncoderConfig(**_ENCODER), "streaming_encoding": True}
+    encoding |= {"encoder_threads": 1, "encoder_queue_maxsize": steps + 1}  # LeRobot drops frames that do not fit
     robot, features = cast(Any, config.robot), features_of(config)
     robot_type = recorded_name(robot.type, robot.use_degrees, robot.action_space)
     if not (root / "meta" / "info.json").exists():
         return LeRobotDataset.create(repo_id, config.fps, features, root, robot_type=robot_type, **encoding)
-    _refuse_broken(root)
+    if wrong := damage(root):  # LeRobot would count the rows of an interrupted episode twice, and shift all others
+        raise ConfigError(
+            f"{root}: gathering was killed ({wrong}); `yam-repair-dataset {root}` makes a data set of it: put that in "
+            "the place of this to go on"
+        )
     dataset = LeRobotDataset.resume(repo_id, root, **encoding)
     _refuse_another("fps", dataset.fps, config.fps, root)
     _refuse_another("robot", dataset.meta.robot_type, robot_type, root)
@@ -138,21 +165,12 @@ def _open(config: YamEnvConfig, root: Path, repo_id: str, steps: int) -> LeRobot
 
 
 def damage(root: Path) -> str:
-    """What a kill has left broken in the data set that is gathered in `root`; empty when it is whole."""
+    """The first defect that a kill has left in the data set in `root`; empty when it is whole."""
     if not any((root / "data").glob("*/*.parquet")):
         return ""
     findings = inspect(root, lambda episodes: ())  # without decoding the videos
     wrong = [*findings.problems, *(f"episode {e.number}: {e.lost}" for e in findings.episodes if e.lost)]
     return wrong[0] if wrong else ""
-
-
-def _refuse_broken(root: Path) -> None:
-    """LeRobot would count the rows of an episode twice whose saving was cut short, and shift all that follow."""
-    if wrong := damage(root):
-        raise ConfigError(
-            f"{root}: gathering was killed ({wrong}); `yam-repair-dataset {root}` makes a data set of it: put that in "
-            "the place of this to go on"
-        )
 
 
 def _refuse_another(what: str, held: object, wanted: object, root: Path) -> None:
@@ -175,12 +193,6 @@ def environment(path: Path) -> YamEnvConfig:
     return config
 
 
-def _leave_the_bar_alone() -> None:
-    """Ours shows how far the gathering is; what libav and datasets say of every episode would tear it apart."""
-    av.logging.set_libav_level(av.logging.ERROR)
-    datasets.disable_progress_bars()
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of `yam-gather`."""
     parser = argparse.ArgumentParser(
@@ -193,7 +205,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="of a new data set (default %(default)s)")
     options = parser.parse_args(arguments)
     init_logging()
-    _leave_the_bar_alone()
+    av.logging.set_libav_level(av.logging.ERROR)  # messages about every episode would tear our progress bar apart
+    datasets.disable_progress_bars()
     try:
         config = environment(options.eval_config)
         tried = gather(config, options.root, options.repo_id, options.episodes, options.first_seed)

@@ -13,10 +13,11 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.mounting import arm_ids, gripper_id
-from lerobot_robot_yam.arm.profile_files import load_arm
+from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.commands.lib.arm_command import (
     add_arm_arguments,
     arm_config,
@@ -27,12 +28,16 @@ from lerobot_robot_yam.commands.lib.arm_command import (
     table,
     tell,
 )
-from lerobot_robot_yam.commands.lib.wiggle import hazard, wiggle
 from lerobot_robot_yam.control.preflight.binding import bind, check_identity
 from lerobot_robot_yam.control.preflight.fingerprint import Fingerprint, read_fingerprint
 from lerobot_robot_yam.control.preflight.role import Role, likely_gripper
 from lerobot_robot_yam.errors import ConfigError, MotorError
+from lerobot_robot_yam.session.yam_arm import YamArm
 from lerobot_robot_yam.system.paths import user_path
+
+WIGGLE_RAD = 0.08
+SPEED_RAD_S = 0.15
+_QUESTION = "Which arm moved? Its name, or just Enter to see it again:"
 
 
 def describe(channel: str, found: Fingerprint, role: str) -> str:
@@ -123,7 +128,7 @@ def _watch_it_move(args: argparse.Namespace, config: ArmConfig, found: Fingerpri
     tell(hazard(config))
     if not args.yes and ask("Clear the space around every arm, then type wiggle to go on:") != "wiggle":
         raise ConfigError("not confirmed; nothing was energised")
-    answer = wiggle(config, None if args.yes else _which_moved)
+    answer = _wiggle(config, None if args.yes else _QUESTION)
     if args.yes:
         return config.name
     if args.name is not None and answer != args.name:
@@ -134,9 +139,38 @@ def _watch_it_move(args: argparse.Namespace, config: ArmConfig, found: Fingerpri
     return answer
 
 
-def _which_moved() -> str | None:
-    """The arm that moved; None to see it again."""
-    return ask("Which arm moved? Its name, or just Enter to see it again:") or None
+def hazard(config: ArmConfig) -> str:
+    """What will happen, for the person who has to confirm it."""
+    text = (
+        f"HAZARD: this energises the arm on channel {config.channel}, which then holds its pose, turns its last joint "
+        f"by ±{WIGGLE_RAD} rad at up to {SPEED_RAD_S} rad/s, lands and goes limp. Keep hands off all arms and the "
+        "emergency stop within reach."
+    )
+    path = config.calibration_path
+    if load_gripper(config.gripper).motor is not None and (path is None or not Path(path).exists()):
+        known = "give --calibration to avoid that" if path is None else f"there is no {path} yet"
+        text += f" Its gripper closes and opens fully to find its stops ({known})."
+    return text
+
+
+def _wiggle(config: ArmConfig, question: str | None) -> str:
+    """Energise, hold, wiggle until the question gets an answer, which is returned, and land.
+
+    Without a question the arm wiggles once, and the answer is empty.
+
+    Raises:
+        YamError: what failed; the arm has landed, or was never energised.
+    """
+    if not load_arm(config.arm).joint_count:
+        raise ConfigError(f"{config.name}: arm {config.arm!r} has no joint to turn")
+    with YamArm(config, start="hold") as arm:
+        home = arm.observe().setpoint_q
+        while True:
+            for offset in (WIGGLE_RAD, -WIGGLE_RAD, 0.0):
+                arm.move_to([*home[:-1], home[-1] + offset], speed_rad_s=SPEED_RAD_S)
+            answer = ask(question) if question else ""
+            if answer or not question:
+                return answer
 
 
 if __name__ == "__main__":

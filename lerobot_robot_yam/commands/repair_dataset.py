@@ -9,7 +9,7 @@ Exit status: 0 the data set is healthy, or repaired; 1 nothing can be recovered;
 import argparse
 import os
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +22,11 @@ def _say(line: str) -> None:
     sys.stdout.flush()
 
 
-def _bar(items: Iterable[Any], what: str) -> Iterator[Any]:
-    """The items, with a progress bar on a terminal once it takes longer than a second."""
+def _bar(what: str) -> Callable[[Iterable[Any]], Iterable[Any]]:
+    """A progress bar around items, shown on a terminal once it takes longer than a second."""
     from tqdm import tqdm
 
-    yield from tqdm(items, what, delay=1.0, leave=False, disable=None)
+    return lambda items: tqdm(items, what, delay=1.0, leave=False, disable=None)
 
 
 def _ranges(numbers: list[int]) -> str:
@@ -49,14 +49,14 @@ def repair(root: Path, target: Path, dry_run: bool = False) -> int:
     from lerobot_robot_yam.face.datasets.repair.inspection import inspect
     from lerobot_robot_yam.face.datasets.repair.rebuild import rebuild, verify
 
-    findings = inspect(root, lambda episodes: _bar(episodes, "looking at episodes"))
+    findings = inspect(root, _bar("looking at episodes"))
     kept, lost = findings.kept, [episode for episode in findings.episodes if episode.lost]
     problems = [*findings.problems, *findings.leftovers]
     for problem in problems:
         _say(f"  {problem}")
     if not problems and not lost:
         if not dry_run:
-            verify(root, lambda episodes: _bar(episodes, "loading episodes"))
+            verify(root, _bar("loading episodes"))
         _say(f"{root}: healthy, {len(kept)} episodes")
         return 0
     for episode in lost:
@@ -70,7 +70,7 @@ def repair(root: Path, target: Path, dry_run: bool = False) -> int:
     if dry_run:
         _say(f"{root}: needs repair; nothing was written")
         return 0
-    rebuild(findings, target, lambda items: _bar(items, "writing and loading"))
+    rebuild(findings, target, _bar("writing and loading"))
     _say(f"{target}: written, and loaded again with LeRobot; {root} is as it was")
     if lost and numbers != _ranges(list(range(len(kept)))):
         _say("  episodes are numbered anew, from 0, in the order of the numbers above")

@@ -13,6 +13,7 @@ import math
 import select
 import sys
 from collections.abc import Sequence
+from typing import Any
 
 import can
 
@@ -104,7 +105,7 @@ def _zero(args: argparse.Namespace) -> int:
 
 
 def _with_gripper(args: argparse.Namespace, config: ArmConfig, bus: can.BusABC) -> ArmConfig:
-    """The configuration with the gripper that answers, unless one was given: its motor shall not change."""
+    """The configuration with the gripper that answers, unless one was given: its motor must not change."""
     if args.gripper is not None:
         return config
     found = probe_role(bus, config.channel, gripper_id(load_arm(config.arm)))
@@ -123,7 +124,7 @@ def _wait_until_placed(zeroing: Zeroing) -> None:
 
 
 def _warn_of_change(zeroing: Zeroing, present: Reading) -> None:
-    """Say which joints will be taken to be somewhere else: wanted after a repair, a mistake otherwise."""
+    """Warn of joints whose angle will change: wanted after a repair, otherwise a mistake."""
     far = [
         f"{zeroing.names[i]} by {-present.joint_rad[i]:+.2f}"
         for i in zeroing.chosen
@@ -135,20 +136,13 @@ def _warn_of_change(zeroing: Zeroing, present: Reading) -> None:
 
 def _report(args: argparse.Namespace, zeroing: Zeroing, before: Reading, after: Reading) -> None:
     if args.json:
-
-        def plain(value: float) -> float | None:
-            return float(value) if math.isfinite(value) else None
-
-        motors = {
-            name: {
-                "zeroed": i in zeroing.chosen,
-                "before_motor_rad": plain(before.motor_rad[i]),
-                "before_joint_rad": plain(before.joint_rad[i]),
-                "after_motor_rad": plain(after.motor_rad[i]),
-                "after_joint_rad": plain(after.joint_rad[i]),
-            }
-            for i, name in enumerate(zeroing.names)
+        motors: dict[str, dict[str, Any]] = {
+            name: {"zeroed": i in zeroing.chosen} for i, name in enumerate(zeroing.names)
         }
+        for when, reading in (("before", before), ("after", after)):
+            for kind in ("motor_rad", "joint_rad"):
+                for name, value in zip(zeroing.names, getattr(reading, kind).tolist(), strict=True):
+                    motors[name][f"{when}_{kind}"] = value if math.isfinite(value) else None
         sys.stdout.write(json.dumps({"channel": zeroing.channel, "motors": motors}) + "\n")
     else:
         sys.stdout.write(

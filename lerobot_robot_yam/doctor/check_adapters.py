@@ -78,20 +78,6 @@ def read_rules(directories: Sequence[Path]) -> list[str]:
     return [line.strip() for line in lines if not line.lstrip().startswith("#")]
 
 
-def adapters_section() -> Section:
-    """An empty section for `check_adapters`."""
-    columns = {
-        "name": "interface",
-        "driver": "driver",
-        "product": "product",
-        "serial": "serial number",
-        "port": "USB port",
-        "number": "channel",
-        "named_by": "named by",
-    }
-    return Section("adapters", "CAN adapters", columns)
-
-
 def check_adapters(adapters: Sequence[Adapter], wanted: Sequence[str], rules: Sequence[str], section: Section) -> None:
     """Rows for all adapters, findings for the wanted ones: names that may shuffle, serial numbers that repeat."""
     for adapter in adapters:
@@ -118,28 +104,19 @@ def _check_name(adapter: Adapter, adapters: Sequence[Adapter], rules: Sequence[s
     by = _named_by(adapter, rules)
     alike = [a.name for a in adapters if a.usb_interface == adapter.usb_interface and a.number == adapter.number]
     if len(alike) > 1:
-        others = ", ".join(other for other in alike if other != name)
-        section.problem(
-            name,
-            f"this kernel does not tell it from {others}, another channel of the same adapter: no rule can tie a name "
-            "to either, and arms are swapped",
-            "use Linux 6.1 or newer, or an adapter for each arm",
-        )
+        what = f"this kernel does not tell it from {', '.join(other for other in alike if other != name)}, another "
+        what += "channel of the same adapter: no rule can tie a name to either, and arms are swapped"
+        section.problem(name, what, "use Linux 6.1 or newer, or an adapter for each arm")
     elif twins and by != "USB port":
-        section.problem(
-            name,
-            f"its adapter has the same serial number ({usb.serial}) as that of {', '.join(twins)}: a name tied to it "
-            "may land on either, and arms are swapped",
-            _add_rule(adapter, by_port=True),
-        )
+        what = f"its adapter has the same serial number ({usb.serial}) as that of {', '.join(twins)}: a name "
+        what += "tied to it may land on either, and arms are swapped"
+        section.problem(name, what, _add_rule(adapter, by_port=True))
     elif _KERNEL_NAME.fullmatch(name) and by == "order of discovery":
-        several = sum(a.usb is not None for a in adapters) > 1
-        (section.warn if several else section.note)(
-            name,
-            "the name follows the order of discovery"
-            + (": with several adapters arms may be swapped at the next start" if several else ""),
-            _add_rule(adapter, by_port=usb.serial is None),
-        )
+        what, rule = "the name follows the order of discovery", _add_rule(adapter, by_port=usb.serial is None)
+        if sum(a.usb is not None for a in adapters) > 1:
+            section.warn(name, f"{what}: with several adapters arms may be swapped at the next start", rule)
+        else:
+            section.note(name, what, rule)
 
 
 def _add_rule(adapter: Adapter, by_port: bool) -> str:
@@ -148,7 +125,7 @@ def _add_rule(adapter: Adapter, by_port: bool) -> str:
 
 
 def _named_by(adapter: Adapter, rules: Sequence[str]) -> str | None:
-    """What the udev rule that gives this name goes by; None is unknown."""
+    """The property by which a udev rule gives this name; None is unknown."""
     naming = [line for line in rules if re.search(rf'NAME:?="{re.escape(adapter.name)}"', line)]
     if any("KERNELS==" in line or "ID_PATH" in line or "DEVPATH" in line for line in naming):
         return "USB port"

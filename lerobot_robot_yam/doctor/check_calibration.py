@@ -18,19 +18,6 @@ _DAY_S = 86400.0
 _PATTERN = "*/*/yam/*_gripper.json"  # robots/<type>/yam/<id>_gripper.json below LeRobot's directory
 
 
-def calibration_section() -> Section:
-    """An empty section for `check_calibrations`."""
-    columns = {
-        "channel": "channel",
-        "gripper": "gripper",
-        "state": "state",
-        "span_rad": "span rad",
-        "age_days": "age days",
-        "file": "file",
-    }
-    return Section("gripper_calibration", "Gripper calibration", columns)
-
-
 def check_calibrations(targets: Sequence[Target], root: Path, section: Section) -> None:
     """Check the files that the targets name; when none does, all below LeRobot's directory `root`."""
     named = [target for target in targets if target.calibration is not None]

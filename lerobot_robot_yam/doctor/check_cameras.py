@@ -55,22 +55,10 @@ def read_cameras(sysfs: Path) -> list[Camera]:
     return [Camera(name, tuple(nodes), usb) for name, usb, nodes in devices.values()]
 
 
-def cameras_section() -> Section:
-    """An empty section for `check_cameras`."""
-    columns = {"name": "camera", "nodes": "nodes", "serial": "USB serial", "port": "USB port", "speed_mbit": "Mbit/s"}
-    return Section("cameras", "Cameras", columns)
-
-
 def check_cameras(
     cameras: Sequence[Camera], configured: Mapping[str, Mapping[str, Any]], dev: Path, section: Section
 ) -> None:
-    """Rows for all cameras; findings about slow links and about configured cameras that are not there.
-
-    Args:
-        cameras: what is plugged in.
-        configured: LeRobot's camera configs by name, as mappings; other types than these are not checked.
-        dev: directory of the device nodes.
-    """
+    """Rows for all cameras; findings about slow links and about configured cameras that are not there."""
     slow: dict[int, list[Camera]] = {}
     for camera in cameras:
         usb = camera.usb
@@ -118,8 +106,11 @@ def _check_configured(
         if node.is_absolute() and node.is_relative_to("/dev"):
             node = dev / node.relative_to("/dev")
         if not node.exists():
-            what = f"{index} is not there"
-            section.problem(f"camera {name}", what, "plug it in, or name another one (lerobot-find-cameras opencv)")
+            section.problem(
+                f"camera {name}",
+                f"{index} is not there",
+                "plug it in, or name another one (lerobot-find-cameras opencv)",
+            )
         elif node.name.removeprefix("video").isdigit():
             what = f"{index} follows the order of discovery: cameras may be swapped at the next start"
             section.note(f"camera {name}", what, "name it by a link of `ls -l /dev/v4l/by-path` in the config")

@@ -4,17 +4,18 @@ import dataclasses
 import errno
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import can
 
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
 from lerobot_robot_yam.damiao.motor_inspection import listen
-from lerobot_robot_yam.doctor.check_handle import handle_firmware, handles_section, inspect_handle
-from lerobot_robot_yam.doctor.check_latency import latency_section, measure_latency
+from lerobot_robot_yam.doctor.check_handle import handle_firmware, inspect_handle
+from lerobot_robot_yam.doctor.check_latency import measure_latency
 from lerobot_robot_yam.doctor.check_link import QUEUE_LENGTH, Link
-from lerobot_robot_yam.doctor.check_motors import inspect_motors, motors_section
-from lerobot_robot_yam.doctor.check_session import driver_of, sessions_section, watch_session
+from lerobot_robot_yam.doctor.check_motors import inspect_motors
+from lerobot_robot_yam.doctor.check_session import driver_of, watch_session
 from lerobot_robot_yam.doctor.kit.findings import Section
 from lerobot_robot_yam.doctor.kit.questions import Questions
 from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Target
@@ -29,15 +30,11 @@ _LISTEN_S = 0.3  # longer than a session's 50 ms: a slow foreign poller is heard
 class ChannelSections:
     """Where the channels put what they find."""
 
-    channels: Section = field(
-        default_factory=lambda: Section(
-            "channels", "Channels", {"channel": "channel", "arm": "arm", "gripper": "gripper", "examined": "examined"}
-        )
-    )
-    motors: Section = field(default_factory=motors_section)
-    handles: Section = field(default_factory=handles_section)
-    latency: Section = field(default_factory=latency_section)
-    sessions: Section = field(default_factory=sessions_section)
+    channels: Section = field(default_factory=partial(Section, "channels"))
+    motors: Section = field(default_factory=partial(Section, "motors"))
+    handles: Section = field(default_factory=partial(Section, "handles"))
+    latency: Section = field(default_factory=partial(Section, "latency"))
+    sessions: Section = field(default_factory=partial(Section, "sessions"))
 
     def all(self) -> list[Section]:
         """In the order of the report."""
@@ -47,15 +44,7 @@ class ChannelSections:
 def examine_channel(
     target: Target, link: Link | None, samples: int, sections: ChannelSections, say: Callable[[str], None]
 ) -> None:
-    """Examine one channel.
-
-    Args:
-        target: the arm.
-        link: state of its interface; None when there is none or it is unknown.
-        samples: questions per motor for the latency; 0 leaves it out.
-        sections: take what is found.
-        say: told what is being done.
-    """
+    """Examine one channel."""
     config = target.config
     row = {"channel": target.channel, "arm": config.arm, "gripper": config.gripper, "examined": "asked"}
     sections.channels.rows.append(row)
@@ -112,7 +101,7 @@ def _ask(
         what = f"a teaching handle answers, which gripper profile {target.config.gripper} does not have"
         sections.handles.problem(channel, what, f"name it --channel {channel}:{target.config.arm}:{LEADER_GRIPPER}")
     if not target.declared and present:
-        what = f"nobody has said what is on it; taken for arm {target.config.arm} with {target.config.gripper}"
+        what = f"its arm was not named; taken for arm {target.config.arm} with {target.config.gripper}"
         sections.channels.note(channel, what, f"name it: --channel {channel}:ARM:GRIPPER, or --config_path FILE")
     if samples and present:
         say(f"{channel}: {samples} questions to each of {len(present)} motors")
@@ -121,7 +110,7 @@ def _ask(
 
 
 def _bus_remedy(target: Target, link: Link | None, error: Exception) -> str:
-    """What repairs a channel that failed while it was asked."""
+    """The remedy for a channel that failed while it was asked."""
     if not target.real:
         return "check the names of channel and rig"
     link = link or Link(name=target.channel, up=True)
@@ -132,10 +121,7 @@ def _bus_remedy(target: Target, link: Link | None, error: Exception) -> str:
 
 def _error_number(error: BaseException) -> int | None:
     """errno of the system call behind an error, wherever python-can has put it."""
-    cause: BaseException | None = error
-    while cause is not None:
-        number = getattr(cause, "error_code", None) or getattr(cause, "errno", None)
-        if isinstance(number, int):
-            return number
-        cause = cause.__cause__
-    return None
+    number = getattr(error, "error_code", None) or getattr(error, "errno", None)
+    if isinstance(number, int):
+        return number
+    return None if error.__cause__ is None else _error_number(error.__cause__)

@@ -1,23 +1,7 @@
 """The teaching handle of one channel: firmware, report mode, trigger. Its settings are left as they are."""
 
-from typing import Any
-
-from lerobot_robot_yam.damiao.encoder import (
-    EEPROM_REPORT_FREQUENCY_HIGH,
-    EEPROM_REPORT_FREQUENCY_LOW,
-    FIRMWARE_REQUIRED,
-    REPORT_ID,
-    REQUEST_ID,
-    TRIGGER_TRAVEL_RAD,
-    HandleReport,
-    decode_eeprom_byte,
-    decode_frequency,
-    decode_report,
-    decode_version,
-    encode_eeprom_read,
-    encode_report_request,
-    encode_version_request,
-)
+from lerobot_robot_yam.damiao import encoder
+from lerobot_robot_yam.damiao.encoder import FIRMWARE_REQUIRED, TRIGGER_TRAVEL_RAD, HandleReport
 from lerobot_robot_yam.doctor.kit.findings import Section
 from lerobot_robot_yam.doctor.kit.questions import Questions
 from lerobot_robot_yam.doctor.kit.remedies import report_on_request, zero_trigger
@@ -29,50 +13,27 @@ _BEYOND = 1.15  # of the trigger's travel: more cannot be a trigger with the rig
 _RELEASED = 0.1  # of the trigger's travel
 
 
-def handles_section() -> Section:
-    """An empty section for `inspect_handle`."""
-    columns = {
-        "channel": "channel",
-        "firmware": "firmware",
-        "report_frequency_hz": "reports by itself at Hz",
-        "trigger": "trigger",
-        "trigger_rad": "rad",
-        "buttons": "buttons",
-    }
-    return Section("handles", "Teaching handles", columns)
-
-
 def handle_firmware(questions: Questions, expected: bool) -> tuple[int, int, int] | None:
-    """Firmware version of the handle on the channel, None when none answers.
-
-    Args:
-        questions: the open channel.
-        expected: whether there should be one; otherwise it is asked once only.
-    """
-    return questions.handle(
-        encode_version_request(), REQUEST_ID, decode_version, _TIMEOUT_S, _ATTEMPTS if expected else 1
-    )
+    """Firmware version of the handle on the channel, None when none answers. One that is not expected is asked once."""
+    request, attempts = encoder.encode_version_request(), _ATTEMPTS if expected else 1
+    return questions.handle(request, encoder.REQUEST_ID, encoder.decode_version, _TIMEOUT_S, attempts)
 
 
 def inspect_handle(
     questions: Questions, target: Target, firmware: tuple[int, int, int] | None, section: Section
 ) -> None:
-    """Ask the handle, and check what it says.
-
-    Raises:
-        BusError: the channel is gone.
-    """
+    """Ask the handle, and check what it says."""
     where = f"{target.channel} teaching handle"
-    report = questions.handle(encode_report_request(), REPORT_ID, _report, _TIMEOUT_S, _ATTEMPTS)
+    report = questions.handle(encoder.encode_report_request(), encoder.REPORT_ID, _report, _TIMEOUT_S, _ATTEMPTS)
     if firmware is None and report is None:
         section.rows.append({"channel": target.channel, "firmware": "no answer"})
         what = "does not answer: the arm works without it, but has no trigger and no buttons"
         section.problem(where, what, "check the handle's cable, or name a gripper profile without a handle")
         return
-    low = _eeprom(questions, EEPROM_REPORT_FREQUENCY_LOW)
-    high = _eeprom(questions, EEPROM_REPORT_FREQUENCY_HIGH)
-    frequency = None if low is None or high is None else decode_frequency(low, high)
-    row: dict[str, Any] = {
+    low = _eeprom(questions, encoder.EEPROM_REPORT_FREQUENCY_LOW)
+    high = _eeprom(questions, encoder.EEPROM_REPORT_FREQUENCY_HIGH)
+    frequency = None if low is None or high is None else encoder.decode_frequency(low, high)
+    row = {
         "channel": target.channel,
         "firmware": firmware and _dotted(firmware),
         "report_frequency_hz": frequency,
@@ -105,11 +66,12 @@ def _check_trigger(target: Target, where: str, report: HandleReport, section: Se
 
 
 def _report(data: bytes) -> HandleReport | None:
-    return decode_report(data) if len(data) == _REPORT_BYTES else None
+    return encoder.decode_report(data) if len(data) == _REPORT_BYTES else None
 
 
 def _eeprom(questions: Questions, offset: int) -> int | None:
-    return questions.handle(encode_eeprom_read(offset), REQUEST_ID, decode_eeprom_byte, _TIMEOUT_S, _ATTEMPTS)
+    request = encoder.encode_eeprom_read(offset)
+    return questions.handle(request, encoder.REQUEST_ID, encoder.decode_eeprom_byte, _TIMEOUT_S, _ATTEMPTS)
 
 
 def _dotted(version: tuple[int, int, int]) -> str:

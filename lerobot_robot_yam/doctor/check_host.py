@@ -1,4 +1,4 @@
-"""What this computer grants to a control loop: real-time scheduling, locked memory, CPUs; and the emergency stop."""
+"""Whether this computer grants a control loop real-time scheduling, locked memory and CPUs; the emergency stop."""
 
 import os
 import platform
@@ -16,17 +16,12 @@ from lerobot_robot_yam.system.sleep_lock import SWITCH_OFF, SleepLock, can_sleep
 
 _LIMITS_FILE = "/etc/security/limits.d/90-yam.conf"
 _CPUS_MIN = 4  # the loop, LeRobot, the video encoder and the system
-# In a process of its own, since what is granted stays granted.
+# In another process, since what is granted stays granted.
 _ASK = (
     "import sys; from lerobot_robot_yam.system.realtime import request_realtime; "
     f"sys.stdout.write(request_realtime({RT_PRIORITY}))"
 )
 _ASK_TIMEOUT_S = 30.0
-
-
-def host_section() -> Section:
-    """An empty section for `check_host`."""
-    return Section("host", "This computer", {"what": "what", "value": "value"})
 
 
 def check_host(sysfs: Path, section: Section) -> None:

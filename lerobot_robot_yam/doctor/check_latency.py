@@ -22,30 +22,10 @@ _QUICKER = (
 )
 
 
-def latency_section() -> Section:
-    """An empty section for `measure_latency`."""
-    columns = {
-        "channel": "channel",
-        "id": "id",
-        "name": "motor",
-        "samples": "samples",
-        "lost": "lost",
-        "p50_ms": "p50 ms",
-        "p99_ms": "p99 ms",
-        "max_ms": "max ms",
-        "histogram": " ".join(_LABELS),
-    }
-    return Section("latency", "Reply latency", columns)
-
-
 def measure_latency(
     questions: Questions, target: Target, motors: Sequence[MotorSpec], samples: int, section: Section
 ) -> None:
-    """Ask each motor `samples` times for feedback, in turn; rows and findings.
-
-    Raises:
-        BusError: the channel is gone.
-    """
+    """Ask each motor `samples` times for feedback, in turn; rows and findings."""
     times_ms: dict[int, list[float]] = {spec.can_id: [] for spec in motors}
     lost = dict.fromkeys(times_ms, 0)
     in_a_row = dict.fromkeys(times_ms, 0)
@@ -96,7 +76,7 @@ def _report(target: Target, spec: MotorSpec, times_ms: Sequence[float], lost: in
         add(where, what, "reseat the CAN cables of the arm and check the terminators (120 Ω at both ends)")
     if p99 is not None and p99 > _TICK_MS:
         what = f"one reply in a hundred takes longer than {p99:.1f} ms; a tick of the loop is {_TICK_MS:g} ms"
-        section.warn(where, what, "plug the adapter into a USB port of its own, and stop what keeps the CPUs busy")
+        section.warn(where, what, "plug the adapter into a separate USB port, and stop what keeps the CPUs busy")
 
 
 def histogram(times_ms: Sequence[float]) -> list[int]:

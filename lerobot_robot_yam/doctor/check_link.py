@@ -24,6 +24,9 @@ _NO_RESTART = frozenset({"gs_usb"})
 # Controller modes that the arms do not want, and `ip`'s names of them; the first two cut the motors off.
 _WRONG_MODES = {"LISTEN-ONLY": "listen-only", "LOOPBACK": "loopback", "FD": "fd", "ONE-SHOT": "one-shot"}
 _DEAF_MODES = {"LISTEN-ONLY", "LOOPBACK"}
+_STOPPED = ("BUS-OFF", "STOPPED", "SLEEPING")
+_BUS_OFF = "bus-off: the controller has given up after too many errors and sends nothing"
+_CHECK_CABLE = "check the CAN cable and the terminators (120 Ω at both ends)"
 _TOOL_TIMEOUT_S = 10.0
 
 
@@ -62,7 +65,7 @@ class Link:
         """Whether asking motors through it makes sense and does no harm (a wrong bit-rate disturbs the bus)."""
         return (
             self.up
-            and self.state not in ("BUS-OFF", "STOPPED", "SLEEPING")
+            and self.state not in _STOPPED
             and self.bitrate in (None, BITRATE)
             and not _DEAF_MODES & set(self.modes)
             and not self.full
@@ -102,10 +105,7 @@ def parse_links(ip_json: str, tc_json: str | None = None) -> list[Link]:
     Raises:
         ValueError: not the JSON of these tools.
     """
-    queues: dict[str, Any] = {}
-    for row in _rows(tc_json or "[]"):
-        if row.get("root"):
-            queues[row.get("dev", "")] = row
+    queues = {row.get("dev", ""): row for row in _rows(tc_json or "[]") if row.get("root")}
     return [_link(row, queues.get(row["ifname"], {})) for row in _rows(ip_json) if "ifname" in row]
 
 
@@ -142,25 +142,6 @@ def _link(row: dict[str, Any], queue: dict[str, Any]) -> Link:
     )
 
 
-def links_section() -> Section:
-    """An empty section for `check_links`."""
-    columns = {
-        "name": "interface",
-        "link": "link",
-        "state": "state",
-        "bitrate": "bit/s",
-        "modes": "modes",
-        "restart_ms": "restart-ms",
-        "queue_length": "queue",
-        "waiting": "waiting",
-        "refused": "refused",
-        "dropped": "dropped",
-        "bus_offs": "bus-offs",
-        "driver": "driver",
-    }
-    return Section("interfaces", "CAN interfaces", columns)
-
-
 def check_links(links: Sequence[Link], wanted: Sequence[str], section: Section) -> None:
     """Rows for all links, findings for the wanted ones that are there."""
     for link in links:
@@ -177,21 +158,15 @@ def _check(link: Link, section: Section) -> None:
         repair = link.repair(QUEUE_LENGTH if short else None)
         section.problem(name, "the interface is down (arms look unpowered)", repair)
         return
-    if link.state == "BUS-OFF":
-        what = "bus-off: the controller has given up after too many errors and sends nothing"
+    if link.state in _STOPPED:
+        what = _BUS_OFF if link.state == "BUS-OFF" else f"the controller is {link.state.lower()}"
         section.problem(name, what, link.repair())
-    elif link.state in ("STOPPED", "SLEEPING"):
-        section.problem(name, f"the controller is {link.state.lower()}", link.repair())
     elif link.state == "ERROR-PASSIVE":
         counters = "" if link.tx_errors is None else f" (transmit errors {link.tx_errors}, receive {link.rx_errors})"
-        section.problem(
-            name,
-            f"error-passive{counters}: frames are not acknowledged or arrive damaged",
-            "switch the arm's power on, then check the CAN cable and the terminators (120 Ω at both ends)",
-        )
+        what = f"error-passive{counters}: frames are not acknowledged or arrive damaged"
+        section.problem(name, what, f"switch the arm's power on, then {_CHECK_CABLE}")
     elif link.state == "ERROR-WARNING":
-        what = "error-warning: many frames arrive damaged"
-        section.warn(name, what, "check the CAN cable and the terminators (120 Ω at both ends)")
+        section.warn(name, "error-warning: many frames arrive damaged", _CHECK_CABLE)
     elif link.state is None:
         section.note(name, "the controller's state is unknown: the driver does not tell", "none needed")
     if link.bitrate is not None and link.bitrate != BITRATE:
@@ -208,21 +183,18 @@ def _check(link: Link, section: Section) -> None:
         section.warn(name, what, f"sudo ip link set {name} down && sudo ip link set {name} up type can restart-ms 0")
     if link.bus_offs:
         what = f"the controller has been bus-off since it was plugged in (times: {link.bus_offs})"
-        section.warn(name, what, "check the CAN cable and the terminators (120 Ω at both ends)")
+        section.warn(name, what, _CHECK_CABLE)
     if link.lost_rx:
         what = f"the adapter has lost {link.lost_rx} received frames"
-        section.warn(name, what, "plug the adapter into a USB port of its own, without a hub")
+        section.warn(name, what, "plug the adapter into a separate USB port, without a hub")
 
 
 def _check_queue(link: Link, section: Section) -> None:
     name, length = link.name, link.queue_length
     if length is not None and link.full:
-        section.problem(
-            name,
-            f"no buffer space: {link.waiting} frames wait in a queue of {length} and none gets through, since nobody "
-            "acknowledges them (arm without power, cable out) or the adapter hangs",
-            link.repair(max(length, QUEUE_LENGTH)),
-        )
+        what = f"no buffer space: {link.waiting} frames wait in a queue of {length} and none gets through, since "
+        what += "nobody acknowledges them (arm without power, cable out) or the adapter hangs"
+        section.problem(name, what, link.repair(max(length, QUEUE_LENGTH)))
     elif length is not None and length < QUEUE_MIN:
         what = f"the transmit queue holds only {length} frames (txqueuelen): a late tick gets 'No buffer space'"
         section.warn(name, what, f"sudo ip link set {name} txqueuelen {QUEUE_LENGTH}")

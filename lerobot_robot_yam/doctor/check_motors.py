@@ -46,26 +46,6 @@ _READ = {
     Register.OV_VALUE: "supply_max_v",
     Register.VBUS: "supply_v",
 }
-_COLUMNS = {
-    "channel": "channel",
-    "id": "id",
-    "name": "motor",
-    "type": "type",
-    "state": "state",
-    "firmware": "firmware",
-    "firmware_sub": "sub",
-    "hardware": "hw",
-    "gear_ratio": "gear",
-    "position_max_rad": "PMAX",
-    "velocity_max_rad_s": "VMAX",
-    "torque_max_nm": "TMAX",
-    "timeout_s": "time-out s",
-    "control_mode": "mode",
-    "answers_on": "answers",
-    "temp_mos_c": "MOS °C",
-    "temp_rotor_c": "coil °C",
-    "supply_v": "V",
-}
 _CONNECT = "connect again: that clears the fault"
 _FAULT_REMEDIES: dict[int, str] = {
     Fault.OVER_VOLTAGE: f"measure the supply, then {_CONNECT}",
@@ -79,26 +59,8 @@ _FAULT_REMEDIES: dict[int, str] = {
 }
 
 
-def motors_section() -> Section:
-    """An empty section for `inspect_motors`."""
-    return Section("motors", "Motors", _COLUMNS)
-
-
 def inspect_motors(questions: Questions, target: Target, handle_answers: bool, section: Section) -> list[MotorSpec]:
-    """Ask all motors of a channel and check what they say.
-
-    Args:
-        questions: the open channel.
-        target: what should be there.
-        handle_answers: whether a teaching handle has answered.
-        section: takes rows and findings.
-
-    Returns:
-        The motors of the profile that are there.
-
-    Raises:
-        BusError: the channel is gone.
-    """
+    """Ask all motors of a channel and check what they say; returns those of the profile that are there."""
     specs = target.hardware().motors
     answers = _roll_call(questions, [spec.can_id for spec in specs])
     present = [spec for spec in specs if spec.can_id in answers]
@@ -135,7 +97,7 @@ def _roll_call(questions: Questions, expected: Sequence[int]) -> dict[int, tuple
     answers: dict[int, list[Answer]] = {}
     asked = dict.fromkeys(MOTOR_IDS, 0)
     for _ in range(_ROUNDS):
-        # Ids that nobody expects are given less time, and only once.
+        # Unexpected ids are given less time, and only once.
         absent = [can_id for can_id in MOTOR_IDS if can_id not in expected and not asked[can_id]]
         for ids, timeout_s in ((list(expected), _TIMEOUT_S), (absent, _SETTLE_S)):
             for can_id in ids:
@@ -216,7 +178,7 @@ def _read(questions: Questions, target: Target, spec: MotorSpec, answer: Answer)
 def _check_state(where: str, row: Mapping[str, Any], section: Section) -> None:
     fault, mos, rotor = row["fault"], row["temp_mos_c"], row["temp_rotor_c"]
     if fault == Fault.NORMAL:
-        what = "is energised although nobody drives it"
+        what = "is energised although no session drives it"
         section.problem(where, what, _FAULT_REMEDIES[fault])
     elif fault != Fault.DISABLED:
         remedy = _FAULT_REMEDIES.get(fault, "switch the arm's power off and on")
@@ -226,12 +188,10 @@ def _check_state(where: str, row: Mapping[str, Any], section: Section) -> None:
         what = f"power stage {mos} °C, coil {rotor} °C; it switches itself off at {limit:g} °C"
         section.warn(where, what, "let it rest before the next session, and reduce what it holds")
     supply, least, most = row["supply_v"], row["supply_min_v"], row["supply_max_v"]
-    if supply and least and supply < least * _SUPPLY_MARGIN:
-        what = f"the supply is {supply:.1f} V; it switches itself off at {least:g} V"
-        section.warn(where, what, "check the supply and its cable")
-    if supply and most and supply * _SUPPLY_MARGIN > most:
-        what = f"the supply is {supply:.1f} V; it switches itself off at {most:g} V"
-        section.warn(where, what, "check the supply")
+    low = supply and least and supply < least * _SUPPLY_MARGIN
+    if low or (supply and most and supply * _SUPPLY_MARGIN > most):
+        what = f"the supply is {supply:.1f} V; it switches itself off at {least if low else most:g} V"
+        section.warn(where, what, "check the supply and its cable" if low else "check the supply")
 
 
 def _check_registers(target: Target, spec: MotorSpec, answer: Answer, row: Mapping[str, Any], section: Section) -> None:
@@ -243,15 +203,11 @@ def _check_registers(target: Target, spec: MotorSpec, answer: Answer, row: Mappi
         what = f"its gear ratio is {ratio:g} ({' or '.join(fitting) or 'no known type'}) instead of {kind.gear_ratio:g}"
         what += f" ({spec.type}): another arm or gripper than the profile says"
         section.problem(where, what, f"name the right one: --channel {target.channel}:ARM:GRIPPER")
-    expected: dict[Register, float] = {
-        Register.TIMEOUT: round(WATCHDOG_S / TIMEOUT_COUNT_S),
-        Register.CTRL_MODE: ControlMode.MIT,
-        Register.MST_ID: spec.feedback_id,
-    }
+    expected: dict[Register, float] = {Register.TIMEOUT: round(WATCHDOG_S / TIMEOUT_COUNT_S)}
+    expected |= {Register.CTRL_MODE: ControlMode.MIT, Register.MST_ID: spec.feedback_id}
     if not other_type:  # otherwise its ranges are those of the other type
-        expected[Register.PMAX] = kind.position_max_rad
-        expected[Register.VMAX] = kind.velocity_max_rad_s
-        expected[Register.TMAX] = kind.torque_max_nm
+        ranges = kind.position_max_rad, kind.velocity_max_rad_s, kind.torque_max_nm
+        expected |= dict(zip((Register.PMAX, Register.VMAX, Register.TMAX), ranges, strict=True))
     unknown = []
     for register, value in expected.items():
         found = answer.identifier if register is Register.MST_ID else row[_READ[register]]

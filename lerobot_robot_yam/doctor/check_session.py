@@ -19,28 +19,11 @@ from lerobot_robot_yam.system.shared_block import SharedBlock
 _WATCH_S = 0.5
 _LOST_MAX = 0.01  # share of lost replies
 _LATE_SHARE = 0.9  # of the configured rate
-
-
-def sessions_section() -> Section:
-    """An empty section for `watch_session`."""
-    columns = {
-        "channel": "channel",
-        "driver": "driven by",
-        "mode": "mode",
-        "rate_hz": "Hz",
-        "age_ms": "age ms",
-        "name": "motor",
-        "state": "state",
-        "motor_age_ms": "reply ms ago",
-        "lost": "lost",
-        "temp_mos_c": "MOS °C",
-        "temp_rotor_c": "coil °C",
-    }
-    return Section("sessions", "Live sessions (watched, not asked)", columns)
+_REARM = "remove the cause, then re-arm the session or connect again"
 
 
 def driver_of(target: Target) -> str:
-    """Who holds the channel's lock: "process 1234 (python -m …)"."""
+    """The holder of the channel's lock: "process 1234 (python -m …)"."""
     try:
         pid = lock_path(target.key).read_text().strip()
     except OSError:
@@ -59,14 +42,13 @@ def watch_session(target: Target, driver: str, section: Section) -> None:
     channel = target.channel
     try:
         block = SharedBlock(state_path(target.key), STATE_DTYPE, create=False)
-    except FileNotFoundError:
+    except (FileNotFoundError, StaleStateError) as error:
         section.rows.append({"channel": channel, "driver": driver, "mode": None})
-        what = f"is held by {driver}, which publishes no state (yet): nothing was asked"
-        section.note(channel, what, "run yam-doctor again when that session runs or has ended")
-        return
-    except StaleStateError as error:
-        section.rows.append({"channel": channel, "driver": driver, "mode": None})
-        section.problem(channel, f"its state cannot be read: {error}", f"end {driver}")
+        if isinstance(error, StaleStateError):
+            section.problem(channel, f"its state cannot be read: {error}", f"end {driver}")
+        else:
+            what = f"is held by {driver}, which publishes no state (yet): nothing was asked"
+            section.note(channel, what, "run yam-doctor again when that session runs or has ended")
         return
     try:
         first = block.read()
@@ -107,10 +89,10 @@ def _report(target: Target, driver: str, first: np.ndarray, record: np.ndarray, 
         what = f"its control loop has published nothing for {age:.2f} s"
         section.problem(channel, what, f"hold the arm by hand, then end {driver}")
     elif state.mode in (Mode.FAULT, Mode.STOPPED):
-        section.problem(
-            channel, f"is in {state.mode.name.lower()}: {state.message or 'no reason given'}", _rearm(state)
-        )
-    elif target.configured and 0 < rate < target.config.rate_hz * _LATE_SHARE and state.mode is not Mode.OFF:
+        what = f"is in {state.mode.name.lower()}: {state.message or 'no reason given'}"
+        stopped = "look at the arms, then: yam-estop release"
+        section.problem(channel, what, stopped if state.mode is Mode.STOPPED else _REARM)
+    elif state.mode is not Mode.OFF and target.calibration and 0 < rate < target.config.rate_hz * _LATE_SHARE:
         what = f"its control loop makes {rate:.0f} instead of {target.config.rate_hz:g} ticks a second"
         section.warn(channel, what, "stop what keeps the CPUs busy (top), or lower rate_hz")
     if hardware.gripper.handle_encoder and state.mode in ENERGISED and state.trigger is None:
@@ -118,14 +100,8 @@ def _report(target: Target, driver: str, first: np.ndarray, record: np.ndarray, 
         section.problem(f"{channel} teaching handle", what, "check the handle's cable")
 
 
-def _rearm(state: ArmState) -> str:
-    if state.mode is Mode.STOPPED:
-        return "look at the arms, then: yam-estop release"
-    return "remove the cause, then re-arm the session or connect again"
-
-
 def _motor_rows(target: Target, record: np.ndarray, now: float) -> list[dict[str, Any]]:
-    """One per motor of the profile; a session that nobody has described may drive fewer."""
+    """One per motor of the profile; a session without a config may drive fewer."""
     hardware = target.hardware()
     fields = ("motor_stamp_s", "fault", "lost", "temp_mos_c", "temp_rotor_c")
     columns = (hardware.motors, *(record[field][hardware.slots].tolist() for field in fields))
@@ -147,10 +123,10 @@ def _motor_rows(target: Target, record: np.ndarray, now: float) -> list[dict[str
 def _check_motor(channel: str, row: dict[str, Any], mode: Mode, lost: int, ticks: int, section: Section) -> None:
     """`lost` of `ticks` replies were lost while the session was watched."""
     if row["motor_age_ms"] is None:
-        return  # the session has none: nobody has said what is on the channel
+        return  # the session has no such motor: the channel's arm was not named
     where = f"{channel} motor {row['name']} (id {row['id']})"
     if row["fault"] not in (Fault.DISABLED, Fault.NORMAL):
-        section.problem(where, f"reports {row['state']}", "remove the cause, then re-arm the session or connect again")
+        section.problem(where, f"reports {row['state']}", _REARM)
     elif row["fault"] == Fault.DISABLED and mode in ENERGISED - {Mode.FAULT}:
         section.problem(where, "is disabled in a running session", "connect again")
     if lost > _LOST_MAX * ticks:  # a warning: of a motor that is really lost the session itself speaks

@@ -1,4 +1,4 @@
-"""Our types in LeRobot's registries, without importing LeRobot for those who do not use it.
+"""Our types in LeRobot's registries, without importing LeRobot where it is not used.
 
 `lerobot.robots.config` alone costs seconds and loads torch, and our own processes (control loop, virtual rig) import
 this package too. So each config module of ours is imported right after the LeRobot module that holds its registry:
@@ -18,8 +18,7 @@ from types import ModuleType
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.devices import ffmpeg_message
-from lerobot_robot_yam.face.devices.lerobot_version import warn_if_newer
+from lerobot_robot_yam.face.start_messages import shorten_ffmpeg_message, warn_if_newer
 from lerobot_robot_yam.system.other_plugins import distribution_of, is_foreign, mixture
 
 # LeRobot's modules that hold a registry, and our modules that register types there.
@@ -64,7 +63,7 @@ def register_types(lerobot_module: str) -> None:
         ConfigError: another distribution has put its own files over ours.
     """
     warn_if_newer()
-    ffmpeg_message.shorten()
+    shorten_ffmpeg_message()
     for name in REGISTRIES[lerobot_module]:
         try:
             module = importlib.import_module(name)
@@ -82,7 +81,7 @@ def register_as[C: type](registry: Any, name: str, spare: str | None = None) -> 
     Args:
         registry: LeRobot's base class of such configs.
         name: of the type. When another plugin has taken it, the class gets the spare name.
-        spare: name of a subclass that is the same otherwise, None where there is none.
+        spare: another name for the same class, None without one.
     """
 
     def decorate(config_class: C) -> C:

@@ -1,25 +1,31 @@
 """The caller's side: start the control loop of a robot, read states, give targets, stop safely."""
 
+import contextlib
 import dataclasses
 import logging
 import os
-from collections.abc import Sequence
-from typing import Literal, get_args
+from collections.abc import Callable, Sequence
+from typing import Literal
 
 from lerobot_robot_yam.arm.config import VIRTUAL, ArmConfig, check_together
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError, YamError
-from lerobot_robot_yam.session.arm_client import ArmPort
-from lerobot_robot_yam.session.runners import ProcessRunner, Runner, ThreadRunner
+from lerobot_robot_yam.session.arm_client import ArmClient
+from lerobot_robot_yam.session.runners import ProcessRunner, Runner, StepRunner, ThreadRunner
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.state.records import channel_key
+from lerobot_robot_yam.state.records import channel_key, lock_path, state_path
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
-from lerobot_robot_yam.system.runtime_files import rig_name
+from lerobot_robot_yam.system.runtime_files import FileLock, rig_name
 from lerobot_robot_yam.system.uncopyable import Uncopied
 
 logger = logging.getLogger(__name__)
 
 Isolation = Literal["process", "thread", "lockstep"]
+_RUNNERS: dict[str, Callable[[list[ArmConfig], list[str]], Runner]] = {
+    "process": ProcessRunner,
+    "thread": ThreadRunner,
+    "lockstep": StepRunner,
+}
 
 _LAND_TIMEOUT_S = 60.0  # the longest way down at landing speed, and one retry
 
@@ -42,8 +48,8 @@ class ArmSession(Uncopied):
     """
 
     def __init__(self, configs: Sequence[ArmConfig], isolation: Isolation = "process"):
-        if isolation not in get_args(Isolation):
-            raise ConfigError(f"isolation is one of {', '.join(get_args(Isolation))}, not {isolation!r}")
+        if isolation not in _RUNNERS:
+            raise ConfigError(f"isolation is one of {', '.join(_RUNNERS)}, not {isolation!r}")
         check_together(configs)
         self._isolation = isolation
         self._configs: list[ArmConfig] = []
@@ -51,18 +57,18 @@ class ArmSession(Uncopied):
         for config in configs:
             rig = config.can_options.get("rig")
             if config.interface == VIRTUAL:
-                # The loop's process must meet the rig of this process, not start one of its own.
+                # The loop's process must meet the rig of this process, not start another one.
                 rig, _ = rig_name(rig)
                 config = dataclasses.replace(config, can_options={**config.can_options, "rig": rig})
             self._configs.append(config)
             self._keys.append(channel_key(config.interface, config.channel, rig))
         self._hardware = {config.name: ResolvedArm(config) for config in self._configs}
-        self._ports: dict[str, ArmPort] = {}
+        self._clients: dict[str, ArmClient] = {}
         self._runner: Runner | None = None
         self._pid = 0  # of the process that has started it
 
-    def __getitem__(self, name: str) -> ArmPort:
-        """Port of the arm called `name`.
+    def __getitem__(self, name: str) -> ArmClient:
+        """The client of the arm called `name`.
 
         Raises:
             LifeCycleError: the session is not running.
@@ -70,9 +76,9 @@ class ArmSession(Uncopied):
         """
         if name not in self._hardware:
             raise ConfigError(f"no arm is called {name!r}; there are {list(self._hardware)}")
-        if name not in self._ports:
+        if name not in self._clients:
             raise LifeCycleError(f"{name}: not connected")
-        return self._ports[name]
+        return self._clients[name]
 
     def hardware(self, name: str) -> ResolvedArm:
         """Profiles and limits of the arm called `name`."""
@@ -82,12 +88,6 @@ class ArmSession(Uncopied):
     def running(self) -> bool:
         """True between `start` and `stop`, whatever state the arms are in."""
         return self._runner is not None
-
-    @property
-    def rig(self) -> str | None:
-        """Name of the virtual rig, None on real arms."""
-        rig: str | None = self._configs[0].can_options.get("rig")
-        return rig
 
     def start(self, search_grippers: bool = True) -> None:
         """Bring all arms up; returns when they hold (or float) and their grippers' stops are known
@@ -105,27 +105,18 @@ class ArmSession(Uncopied):
             dataclasses.replace(config, gripper_search=config.gripper_search and search_grippers)
             for config in self._configs
         ]
-        runner = self._new_runner(configs)
-        ports: dict[str, ArmPort] = {}
+        runner = _RUNNERS[self._isolation](configs, self._keys)
+        clients: dict[str, ArmClient] = {}
         try:
-            for config, key in zip(self._configs, self._keys, strict=True):
-                ports[config.name] = ArmPort(config, self._hardware[config.name], key, runner.clock)
-            runner.start([port.descriptors for port in ports.values()])
+            for config in self._configs:
+                clients[config.name] = ArmClient(config, self._hardware[config.name], runner.clock)
+            runner.start([client.descriptors for client in clients.values()])
         except BaseException:
             runner.stop()
-            for port in ports.values():
-                port.close()
+            for client in clients.values():
+                client.close()
             raise
-        self._ports, self._runner, self._pid = ports, runner, os.getpid()
-
-    def _new_runner(self, configs: list[ArmConfig]) -> Runner:
-        if self._isolation == "lockstep":
-            from lerobot_robot_yam.session.step_runner import (
-                StepRunner,  # with the loop, which elsewhere is not in here
-            )
-
-            return StepRunner(configs, self._keys)
-        return (ProcessRunner if self._isolation == "process" else ThreadRunner)(configs, self._keys)
+        self._clients, self._runner, self._pid = clients, runner, os.getpid()
 
     @property
     def clock(self) -> Clock:
@@ -140,14 +131,14 @@ class ArmSession(Uncopied):
         runner, self._runner = self._runner, None
         if runner is None:
             return
-        ports = list(self._ports.values())
+        clients = list(self._clients.values())
         try:
             if self._forked:
                 return
-            if runner.stop(lambda: all(port.off for port in ports)):
-                for port in ports:
-                    if not port.off:
-                        port.bury()
+            if runner.stop(lambda: all(client.off for client in clients)):
+                for client, key in zip(clients, self._keys, strict=True):
+                    if not client.off:
+                        _bury(client.config, key)
         finally:
             self._let_go()
 
@@ -156,9 +147,9 @@ class ArmSession(Uncopied):
         return os.getpid() != self._pid
 
     def _let_go(self) -> None:
-        ports, self._ports = self._ports, {}
-        for port in ports.values():
-            port.close()
+        clients, self._clients = self._clients, {}
+        for client in clients.values():
+            client.close()
 
     def discard(self) -> None:
         """Leave a world in lock-step that is thrown away: nothing lands. Idempotent.
@@ -166,8 +157,6 @@ class ArmSession(Uncopied):
         Raises:
             LifeCycleError: these arms are not in lock-step; they have to land.
         """
-        from lerobot_robot_yam.session.step_runner import StepRunner
-
         if self._runner is None:
             return
         if not isinstance(self._runner, StepRunner):
@@ -186,10 +175,10 @@ class ArmSession(Uncopied):
             LifeCycleError: an arm still fails, or needs a new connection; those that hold because of it go on holding.
             MotorError: a gripper's stops are not found.
         """
-        for port in sorted(self._ports.values(), key=lambda port: port.mode() is not Mode.FAULT):
-            port.rearm()
-        for port in self._ports.values():
-            port.await_gripper()
+        for client in sorted(self._clients.values(), key=lambda client: client.mode() is not Mode.FAULT):
+            client.rearm()
+        for client in self._clients.values():
+            client.await_gripper()
 
     def land(self) -> None:
         """Land every arm and wait until torque is off; the session still has to be stopped.
@@ -198,16 +187,26 @@ class ArmSession(Uncopied):
             LifeCycleError: an arm does not land, or has failed and the emergency stop is latched; the others land.
         """
         refused: list[YamError] = []
-        for port in self._ports.values():
+        for client in self._clients.values():
             try:
-                port.land()
+                client.land()
             except YamError as error:
                 refused.append(error)
         if refused:
             raise refused[0]
         clock = self.clock
         deadline = clock.now() + _LAND_TIMEOUT_S
-        while any(port.mode() is not Mode.OFF for port in self._ports.values()):
+        while any(client.mode() is not Mode.OFF for client in self._clients.values()):
             if clock.now() > deadline:
                 raise LifeCycleError("an arm does not land; see the log for what is in its way")
             clock.sleep(0.02)
+
+
+def _bury(config: ArmConfig, key: str) -> None:
+    """Report an arm whose control process and stand-by have both died, and remove their files."""
+    logger.critical("%s: nothing drives the arm any more; its motors have switched themselves off", config.name)
+    with contextlib.suppress(OSError, YamError):
+        lock = FileLock(lock_path(key), config.channel)
+        lock.acquire()
+        state_path(key).unlink(missing_ok=True)
+        lock.release()

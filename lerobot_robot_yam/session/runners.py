@@ -1,4 +1,4 @@
-"""Where a robot's control loop runs: in a process of its own, or in a thread of the caller."""
+"""Where a robot's control loop runs: in another process, in a thread of the caller, or in steps of its world."""
 
 import dataclasses
 import json
@@ -10,8 +10,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
-from typing import Protocol
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Protocol
 
 from lerobot_robot_yam import errors
 from lerobot_robot_yam.arm.config import ArmConfig
@@ -19,13 +19,18 @@ from lerobot_robot_yam.control.process.lifeline import Lifeline
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.state.block_pair import BlockPair, Descriptors
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
-from lerobot_robot_yam.system.clock import SYSTEM, Clock
+from lerobot_robot_yam.system.clock import SYSTEM, Clock, clock_of
+
+if TYPE_CHECKING:
+    import can
+
+    from lerobot_robot_yam.control.loop import ControlLoop
 
 logger = logging.getLogger(__name__)
 
 _START_TIMEOUT_S = 60.0  # a virtual rig may have to start; a gripper calibration takes some seconds
 _LAND_TIMEOUT_S = 60.0  # the longest way down at landing speed, and one retry
-_STOPPED_S = 2.0  # while the emergency stop is latched nothing lands; who has latched it may release it at once
+_STOPPED_S = 2.0  # while the emergency stop is latched nothing lands; it may be released again at once
 _HELD = (
     "the arms stay in the air, held or floating, and their control loop lands them when it is released; clear their "
     "way, then `yam-estop release`"
@@ -48,7 +53,7 @@ class Runner(Protocol):
         """
 
     def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
-        """Have it land and end; True when nobody drives the arms any more.
+        """Have it land and end; True when nothing drives the arms any more.
 
         Args:
             off: whether torque is off, for a loop that somebody else may have taken over.
@@ -56,7 +61,7 @@ class Runner(Protocol):
 
 
 class ProcessRunner:
-    """The loop in a process of its own, which the caller's interpreter cannot disturb."""
+    """The loop in another process, which the caller's interpreter cannot disturb."""
 
     clock: Clock = SYSTEM
 
@@ -98,7 +103,7 @@ class ProcessRunner:
             raise getattr(errors, reply["kind"], YamError)(reply["error"])
 
     def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
-        """Have it land and end; True when nobody drives the arms any more."""
+        """Have it land and end; True when nothing drives the arms any more."""
         child, self._child = self._child, None
         lifeline = self._lifeline
         if child is None or lifeline is None:
@@ -159,9 +164,86 @@ class ThreadRunner:
             raise self._error
 
     def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
-        """Have it land and end; True when nobody drives the arms any more."""
+        """Have it land and end; True when nothing drives the arms any more."""
         self._land.set()
         return self._thread.ident is None or wait_patiently(lambda: not self._thread.is_alive(), outlives_us=False)
+
+
+class StepRunner:
+    """A `Runner` that is also the caller's clock: while the caller sleeps, the loop ticks.
+
+    The world is the caller's own. When it is thrown away with arms in the air, nothing falls.
+    """
+
+    def __init__(self, configs: list[ArmConfig], keys: list[str]):
+        self._configs, self._keys = configs, keys
+        self._buses: list[can.BusABC] = []
+        self._pairs: list[BlockPair] = []
+        self._loop: ControlLoop | None = None
+        self._ticks: Iterator[None] = iter(())
+        self._world: Clock = SYSTEM
+        self._landing = False
+
+    @property
+    def clock(self) -> Clock:
+        return self
+
+    def now(self) -> float:
+        """The world's time in s."""
+        return self._world.now()
+
+    def sleep(self, seconds: float) -> None:
+        """Simulate, with a control loop that ticks in it."""
+        until_s = self._world.now() + seconds
+        while self._world.now() < until_s:
+            if next(self._ticks, False) is False:  # the arms are off, or have failed
+                self._world.sleep(max(0.0, until_s - self._world.now()))
+
+    def start(self, blocks: Sequence[Descriptors]) -> None:
+        from lerobot_robot_yam.control.loop_builder import build  # which the other runners do not need in here
+        from lerobot_robot_yam.control.preflight.open_bus import open_bus
+
+        try:
+            for config in self._configs:
+                self._buses.append(open_bus(config))
+            self._world = clock_of(self._buses[0])
+            self._pairs = [BlockPair.of(descriptors.copies()) for descriptors in blocks]
+            self._loop = build(self._configs, self._keys, self._buses, self._pairs)
+            self._loop.start()
+            ready: list[str] = []
+            self._ticks = self._loop.ticks(ready.append, lambda: self._landing)
+            give_up_s = self._world.now() + _START_TIMEOUT_S
+            while not ready or ready[0]:  # what has failed lands first
+                next(self._ticks)
+                if self._world.now() > give_up_s:
+                    raise YamError(f"the control loop did not come up within {_START_TIMEOUT_S:.0f} s")
+        except BaseException:
+            self.discard()
+            raise
+
+    def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
+        """Land, in simulated time; False when that does not end."""
+        self._landing, landed = True, True
+        give_up_s = self._world.now() + _LAND_TIMEOUT_S
+        for _ in self._ticks:
+            if self._world.now() > give_up_s:
+                logger.error("the arms do not land; their world is thrown away")
+                landed = False
+                break
+        self.discard()
+        return landed
+
+    def discard(self) -> None:
+        """End at once, as the world does. Idempotent."""
+        self._ticks = iter(())
+        loop, self._loop = self._loop, None
+        if loop is not None:
+            loop.close()
+        for pair in self._pairs:
+            pair.close()
+        buses, self._buses = self._buses, []
+        for bus in buses:
+            bus.shutdown()
 
 
 def wait_patiently(done: Callable[[], bool], outlives_us: bool) -> bool:
@@ -195,5 +277,5 @@ def wait_patiently(done: Callable[[], bool], outlives_us: bool) -> bool:
 def _stopped() -> bool:
     try:
         return EmergencyStop().latched
-    except errors.ConfigError:  # the runtime directory has been taken away: the loop latches, nobody hears of it
+    except errors.ConfigError:  # the runtime directory was removed: the loop latches, but no other process learns of it
         return False

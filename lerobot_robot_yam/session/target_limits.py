@@ -19,7 +19,7 @@ logger = logging.getLogger(__name__)
 _WORTH_SAYING = 0.01  # rad, or of the gripper's stroke: measured poses may lie a little outside the limits
 
 
-def action_vector(device: str, action: Mapping[str, object], keys: Sequence[str]) -> np.ndarray:
+def validate_action(device: str, action: Mapping[str, object], keys: Sequence[str]) -> np.ndarray:
     """The values of a LeRobot action in the order of `keys`, (n,). 0-d tensors and arrays are numbers.
 
     Raises:
@@ -35,10 +35,10 @@ def action_vector(device: str, action: Mapping[str, object], keys: Sequence[str]
 
 
 def refuse_degrees(device: str, q: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
-    """Refuse joint angles that are none in radians, but a pose of the arms in degrees.
+    """Refuse joint angles that cannot be radians, but are a pose of the arms in degrees.
 
-    Clamped to the joint limits, they would send the arms all the way there. A single wild value is no sign of degrees,
-    and what no pose fits is not either: these are limited like any other target.
+    Clamped to the joint limits, they would send the arms all the way there. A single wild value,
+    or values that are no pose in degrees either, are limited like any other target.
 
     Args:
         device: for messages.

@@ -11,8 +11,6 @@ With `interface="yam_sim", channel="follower_left"` the same lines drive the vir
 
 import dataclasses
 import math
-from collections.abc import Sequence
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -22,6 +20,7 @@ from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD
 from lerobot_robot_yam.arm.validation import finite_vector
 from lerobot_robot_yam.control.safety.progress_monitor import far_behind
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError
+from lerobot_robot_yam.session.arm_client import Vector
 from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import ArmState
@@ -30,8 +29,6 @@ from lerobot_robot_yam.system.uncopyable import Uncopied
 
 _STREAM_S = 0.02
 _SETTLE_TIMEOUT_S = 2.0
-
-Vector = Sequence[float] | np.ndarray
 
 
 class YamArm(Uncopied):
@@ -68,9 +65,7 @@ class YamArm(Uncopied):
     def __enter__(self) -> "YamArm":
         return self if self._session.running else self.connect()
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     @property
@@ -87,7 +82,7 @@ class YamArm(Uncopied):
         """The newest state.
 
         Raises:
-            StaleStateError, MotorError, LifeCycleError: see `ArmPort.observe`.
+            StaleStateError, MotorError, LifeCycleError: see `ArmClient.observe`.
         """
         return self._session[self.config.name].observe()
 
@@ -112,7 +107,7 @@ class YamArm(Uncopied):
             ActionError: wrong shape, not finite, or more than a motor takes; nothing was sent.
             YamError: it floats, has failed or is silent; nothing was sent.
         """
-        return self._session[self.config.name].track(q, gripper, dq, kp, kd)[0]
+        return self._session[self.config.name].write_target(q, gripper, dq, kp, kd)[0]
 
     def move_to(self, q: Vector, gripper: float | None = None, speed_rad_s: float = 0.8) -> ArmState:
         """Go to a pose along a straight joint line with half-cosine speed, and wait until it is reached.
@@ -143,7 +138,7 @@ class YamArm(Uncopied):
             elapsed = clock.now() - begin
             share = 0.5 - 0.5 * math.cos(math.pi * min(elapsed / reach_s, 1.0))
             grip = None if gripper is None or first_grip is None else first_grip + share * (gripper - first_grip)
-            asked, asked_grip = port.track(start + share * (goal - start), grip)
+            asked, asked_grip = port.write_target(start + share * (goal - start), grip)
             state = port.observe()
             if state.mode not in (Mode.HOLD, Mode.TRACK):
                 mode = state.mode.name.lower()

@@ -59,7 +59,7 @@ class OurSession:
 
     def send(self, got: Any) -> None:
         for name, state in zip(self._names, got, strict=True):
-            self._session[name].track(state.setpoint_q, state.gripper_setpoint)
+            self._session[name].write_target(state.setpoint_q, state.gripper_setpoint)
 
     def age_s(self, got: Any, now: float) -> float:
         return max(

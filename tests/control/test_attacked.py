@@ -71,7 +71,7 @@ def test_nothing_that_is_done_to_its_files_lets_an_arm_fall(rig):
         deadline = time.monotonic() + 1.0
         while time.monotonic() < deadline:
             assert session[CHANNEL].observe().mode in (Mode.HOLD, Mode.TRACK)
-            session[CHANNEL].track([0.1, 1.2, 1.2, -0.2, 0.0, 0.0], 0.5)  # and the caller drives on
+            session[CHANNEL].write_target([0.1, 1.2, 1.2, -0.2, 0.0, 0.0], 0.5)  # and the caller drives on
             time.sleep(0.02)
         assert all(runs(pid) for pid in pids)
         assert rig.state()["arms"][CHANNEL]["q"][1] == pytest.approx(1.2, abs=0.02)

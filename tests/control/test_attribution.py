@@ -22,7 +22,9 @@ def swing(session, seconds):
     while clock.now() < begin + seconds:
         if clock.now() >= next_target_s:
             next_target_s += 1 / 30
-            session[CHANNEL].track(MIDDLE + SWING_RAD * np.sin(2 * np.pi * SWING_HZ * (clock.now() - begin)), 0.5)
+            session[CHANNEL].write_target(
+                MIDDLE + SWING_RAD * np.sin(2 * np.pi * SWING_HZ * (clock.now() - begin)), 0.5
+            )
         clock.sleep(0.004)
         yield session[CHANNEL].published()
 
@@ -75,7 +77,7 @@ def test_an_adapter_that_becomes_quick_makes_nobody_distrust_a_fast_gripper(late
         for opening in (1.0, 0.0, 1.0, 0.0):
             rig.fault(CHANNEL, None, "latency_s", latency_s)
             track(session, {CHANNEL: MIDDLE}, 1.0, gripper=opening)
-            session[CHANNEL].track(MIDDLE, 1.0 - opening)
+            session[CHANNEL].write_target(MIDDLE, 1.0 - opening)
             session.clock.sleep(0.15)
             assert abs(session[CHANNEL].published().gripper_rate) > 1.0, "it is meant to move"
             rig.fault(CHANNEL, None, "latency_s", 0.0)

@@ -218,7 +218,7 @@ def check_in_session(rig, session, fault, peer):
             state = port.observe()  # never an error
             assert clock.now() - state.stamp_s < 0.25
             if mode is Mode.TRACK:
-                port.track(AWAY, 0.5)
+                port.write_target(AWAY, 0.5)
             assert port.mode() is mode
             clock.sleep(0.01)
         lost = np.subtract(state.lost, lost_before)[2]
@@ -252,7 +252,7 @@ def check_in_session(rig, session, fault, peer):
         wait_for(clock, "the peer holds", lambda: session[peer].mode() is Mode.HOLD, slack_s)
         state = session[peer].observe()
         assert Limited.PEER in state.limited
-        session[peer].track(-AWAY, 0.0)
+        session[peer].write_target(-AWAY, 0.0)
         clock.sleep(0.3)
         assert session[peer].observe().setpoint_q == pytest.approx(state.setpoint_q, abs=0.05)
     if rule.arm is Response.HOLD:

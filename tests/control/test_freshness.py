@@ -25,7 +25,7 @@ def session(rig):
 
 CALLS = {
     "observe": lambda port: port.observe(),
-    "track": lambda port: port.track(POSE, 0.5),
+    "track": lambda port: port.write_target(POSE, 0.5),
 }
 
 

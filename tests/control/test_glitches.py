@@ -103,7 +103,7 @@ def try_lies(rig, seed, count):
                 farthest = 0.0
                 for _ in range(int(AFTER_S / 0.02)):
                     if mode is Mode.TRACK and session[CHANNEL].mode() is Mode.TRACK:
-                        session[CHANNEL].track(POSE, 0.5)
+                        session[CHANNEL].write_target(POSE, 0.5)
                     session.clock.sleep(0.02)
                     farthest = max(farthest, float(np.linalg.norm(judge.tool() - before)))
                 done += 1

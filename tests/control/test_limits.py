@@ -72,7 +72,7 @@ def test_targets_that_jump_at_odd_times_do_not_drive_an_arm_into_its_stops(rig, 
     gaps_s = np.maximum(np.random.default_rng(seed).exponential(1 / 30, 90), 1e-3)
     rig.watch_start(LEFT)
     for step, gap_s in enumerate(gaps_s):
-        session[LEFT].track(rest + step % 2, 0.5)
+        session[LEFT].write_target(rest + step % 2, 0.5)
         session.clock.sleep(gap_s)
     speed = np.array(rig.watch(LEFT)["max_speed_rad_s"][:6])
     assert np.all(speed > 1.0)
@@ -134,7 +134,7 @@ def test_a_warm_motor_halves_the_speed(rig, running):
     begin = session.clock.now()
     last = session[LEFT].observe()
     while session.clock.now() < begin + 0.8:
-        session[LEFT].track([1.5, 0.8, 0.8, 0.0, 0.0, 0.0], 0.5)
+        session[LEFT].write_target([1.5, 0.8, 0.8, 0.0, 0.0, 0.0], 0.5)
         session.clock.sleep(0.1)
         state = session[LEFT].observe()
         speeds.append((state.setpoint_q[0] - last.setpoint_q[0]) / (state.stamp_s - last.stamp_s))
@@ -158,7 +158,7 @@ def test_a_joint_that_comes_free_does_not_spring_to_where_its_set_point_has_gone
     told = False
     for _ in range(30):  # as often as a caller looks
         if after == "track":
-            session[LEFT].track(far, 0.5)
+            session[LEFT].write_target(far, 0.5)
         session.clock.sleep(1 / 30)
         state = session[LEFT].observe()
         told |= Limited.CAME_FREE in state.limited

@@ -46,7 +46,7 @@ def push_away(rig, session):
     class Targets:
         @staticmethod
         def sleep(seconds):
-            session[CHANNEL].track(POSE, 0.5, kp=np.zeros(6), kd=np.ones(6))
+            session[CHANNEL].write_target(POSE, 0.5, kp=np.zeros(6), kd=np.ones(6))
             session.clock.sleep(seconds)
 
     carry(rig, Targets, CHANNEL, AWAY)
@@ -171,7 +171,7 @@ def test_a_motor_of_which_nobody_knows_where_it_is_is_not_enabled(rig):
 
 def test_a_hold_is_not_undone_by_the_target_before_it(session):
     go(session, POSE)
-    session[CHANNEL].track(AWAY, 0.5)  # the loop has not looked at it yet
+    session[CHANNEL].write_target(AWAY, 0.5)  # the loop has not looked at it yet
     session[CHANNEL].hold()
     session.clock.sleep(0.5)
     assert session[CHANNEL].mode() is Mode.HOLD

@@ -62,7 +62,7 @@ class Driven:
         rig.watch_start(CHANNEL)
         begin, frame = clock.now(), 0
         while (t := clock.now() - begin) < seconds:
-            self.port.track(MIDDLE + offset(t), 0.5, dq=dq(t))
+            self.port.write_target(MIDDLE + offset(t), 0.5, dq=dq(t))
             frame += 1
             clock.sleep(max(begin + frame / fps - clock.now(), 1e-4))
         seen = rig.watch(CHANNEL)
@@ -125,7 +125,7 @@ def test_a_wave_is_followed_no_later_than_before(drive, fps, most_ms):
     clock, rows = driven.session.clock, []
     begin, frame = clock.now(), 0
     while (t := clock.now() - begin) < 4.0:
-        driven.port.track(MIDDLE + 0.3 * np.sin(np.pi * t), 0.5)
+        driven.port.write_target(MIDDLE + 0.3 * np.sin(np.pi * t), 0.5)
         rows.append((t, *driven.rig.state()["arms"][CHANNEL]["q"][:6]))
         frame += 1
         clock.sleep(max(begin + frame / fps - clock.now(), 1e-4))

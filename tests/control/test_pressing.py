@@ -144,7 +144,7 @@ def test_stiffer_gains_take_a_soft_arm_up_where_it_has_gone_to(rig, running, gai
         track(session, {CHANNEL: NEAR}, 0.02, **soft)
     rig.watch_start(CHANNEL)
     for _ in range(30):
-        session[CHANNEL].track(NEAR, 0.5, **gain)
+        session[CHANNEL].write_target(NEAR, 0.5, **gain)
         session.clock.sleep(1 / 30)
         assert Limited.CAME_FREE not in session[CHANNEL].observe().limited
     assert fastest(rig) < 1.95  # the limit is 1.5
@@ -158,6 +158,6 @@ def test_gains_that_vary_do_not_shake_an_arm_that_carries_something(rig, running
     track(session, {CHANNEL: NEAR}, 1.5, kp=np.full(6, 60.0))
     rig.watch_start(CHANNEL)
     for frame in range(60):
-        session[CHANNEL].track(NEAR, 0.5, kp=np.full(6, 60.0 + 2.0 * (frame % 2)))
+        session[CHANNEL].write_target(NEAR, 0.5, kp=np.full(6, 60.0 + 2.0 * (frame % 2)))
         session.clock.sleep(1 / 30)
     assert fastest(rig) < 0.15

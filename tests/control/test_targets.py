@@ -31,7 +31,7 @@ def test_gains_and_speeds_that_no_frame_carries_are_refused(session, option, val
     port = session[CHANNEL]
     before = port.observe().setpoint_q
     with pytest.raises(ActionError, match=message):
-        port.track(POSE, 0.5, **{option: value})
+        port.write_target(POSE, 0.5, **{option: value})
     session.clock.sleep(0.5)
     np.testing.assert_array_equal(port.observe().setpoint_q, before)
 
@@ -41,16 +41,16 @@ def test_a_target_for_an_arm_that_has_failed_is_no_success(rig, session):
     rig.fault(CHANNEL, "joint_2", "nibble", int(Fault.OVERLOAD))
     session.clock.sleep(0.1)
     with pytest.raises(MotorError, match="joint_2"):
-        port.track(POSE, 0.5)
+        port.write_target(POSE, 0.5)
 
 
 def test_a_floating_arm_takes_no_target_and_says_so(session):
     port = session[CHANNEL]
     port.float()
     with pytest.raises(LifeCycleError, match="float.*hold"):
-        port.track(POSE, 0.5)
+        port.write_target(POSE, 0.5)
     port.hold()
-    port.track(POSE, 0.5)
+    port.write_target(POSE, 0.5)
 
 
 def test_moving_to_a_pose_does_not_succeed_during_an_emergency_stop(rig):

@@ -2,8 +2,8 @@
 
 import pytest
 
-from lerobot_robot_yam.doctor.check_adapters import adapters_section, check_adapters, read_adapters, read_rules
-from lerobot_robot_yam.doctor.kit.findings import Severity
+from lerobot_robot_yam.doctor.check_adapters import check_adapters, read_adapters, read_rules
+from lerobot_robot_yam.doctor.kit.findings import Section, Severity
 from tests.support.doctor_desk import RULE, Sysfs
 
 
@@ -14,7 +14,7 @@ def sysfs(tmp_path):
 
 def check(sysfs, rules=()):
     adapters = read_adapters(sysfs.root)
-    section = adapters_section()
+    section = Section("adapters")
     check_adapters(adapters, [adapter.name for adapter in adapters], rules, section)
     return section
 

@@ -4,8 +4,8 @@ import sys
 
 import pytest
 
-from lerobot_robot_yam.doctor.check_cameras import cameras_section, check_cameras, read_cameras
-from lerobot_robot_yam.doctor.kit.findings import Severity
+from lerobot_robot_yam.doctor.check_cameras import check_cameras, read_cameras
+from lerobot_robot_yam.doctor.kit.findings import Section, Severity
 from tests.support.doctor_desk import Sysfs
 
 WEBCAM = {"vendor": "046d", "product_id": "0825", "product": "Webcam C270"}
@@ -19,7 +19,7 @@ def sysfs(tmp_path, monkeypatch):
 
 
 def check(sysfs, configured=None, dev=None):
-    section = cameras_section()
+    section = Section("cameras")
     check_cameras(read_cameras(sysfs.root), configured or {}, dev or sysfs.root / "dev", section)
     return section
 

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from lerobot_robot_yam.doctor.check_link import IP_COMMAND, check_links, links_section, parse_links, tool_output
-from lerobot_robot_yam.doctor.kit.findings import Severity
+from lerobot_robot_yam.doctor.check_link import IP_COMMAND, check_links, parse_links, tool_output
+from lerobot_robot_yam.doctor.kit.findings import Section, Severity
 from tests.support.doctor_desk import RECORDED, recorded
 
 UP = "sudo ip link set can_follower_l up type can bitrate 1000000"
@@ -35,7 +35,7 @@ WARNINGS = {
 
 def check(name):
     links = parse_links(recorded(name), recorded(name, "tc"))
-    section = links_section()
+    section = Section("interfaces")
     check_links(links, [link.name for link in links], section)
     return links, section
 
@@ -77,7 +77,7 @@ def test_no_gs_usb_adapter_is_told_to_restart_by_itself():
 
 
 def test_only_wanted_interfaces_have_findings():
-    section = links_section()
+    section = Section("interfaces")
     check_links(parse_links(recorded("down")), ["can_other"], section)
     assert section.findings == [] and len(section.rows) == 1
 

@@ -41,7 +41,7 @@ def test_a_computer_with_two_arms(rig, tmp_path, monkeypatch, capsys):
     assert status == 0, report["findings"]
     assert [row["state"] for row in report["interfaces"]] == ["ERROR-ACTIVE"] * 2
     assert [row["gripper"] for row in report["channels"]] == ["linear_4310", "yam_teaching_handle"]
-    assert len(found(report, "note", "_left", "nobody has said what is on it")) == 2
+    assert len(found(report, "note", "_left", "its arm was not named")) == 2
     status, report = examine(capsys, f"--sysfs={sysfs.root}", f"--channel={LEADER_ARM}", "--samples=1")
     assert status == 0 and not found(report, "note", LEADER)
     rig.fault(FOLLOWER, "joint_1", "register", 1, register=int(Register.TIMEOUT))

@@ -128,7 +128,7 @@ def test_a_motor_that_is_energised_without_a_driver(sick, capsys):
         chain.write_register(0, Register.TIMEOUT, 0)
         chain.special(SpecialCommand.ENABLE)
     _, report = examine(capsys, *virtual(sick, FOLLOWER, samples=0))
-    (problem,) = found(report, "problem", "joint_1", "energised although nobody drives it")
+    (problem,) = found(report, "problem", "joint_1", "energised although no session drives it")
     assert "hold the arm by hand" in problem["remedy"]
 
 

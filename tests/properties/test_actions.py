@@ -16,7 +16,7 @@ from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
 from lerobot_robot_yam.errors import ActionError
 from lerobot_robot_yam.face.devices.follower_options import FollowerArmConfig
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
-from lerobot_robot_yam.session.target_limits import action_vector, limit_target
+from lerobot_robot_yam.session.target_limits import limit_target, validate_action
 from lerobot_robot_yam.state.records import Limited
 from lerobot_robot_yam.yam_follower import YamFollower
 from tests.support.cases import SPECIAL, finite, for_all, junk, numbers
@@ -79,7 +79,7 @@ def actions(draw, free):
 @for_all(action=actions(FREE))
 def test_an_action_is_a_finite_vector_or_refused(action):
     try:
-        vector = action_vector("arm", action, SINGLE)
+        vector = validate_action("arm", action, SINGLE)
     except ActionError as error:
         assert "arm" in str(error)
         return

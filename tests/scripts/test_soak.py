@@ -352,7 +352,7 @@ def test_the_monitor_sees_an_arm_fall(rig):
         session.start()
         deadline = time.monotonic() + 1.2
         while time.monotonic() < deadline:
-            session["left"].track([0.0, 1.0, 1.0, 0.0, 0.0, 0.0], 0.5)
+            session["left"].write_target([0.0, 1.0, 1.0, 0.0, 0.0, 0.0], 0.5)
             time.sleep(0.02)
         rig.cut_torque(CHANNEL)
         time.sleep(1.0)

@@ -72,8 +72,8 @@ def test_an_arm_comes_up_tracks_and_lands(rig, isolation, caplog):
         goal = np.array([0.3, 0.9, 0.8, -0.4, 0.2, 0.3])
         deadline = time.monotonic() + 2.5
         while time.monotonic() < deadline:
-            session["left"].track(goal, 0.4)
-            session["right"].track(goal * [-1, 1, 1, 1, 1, 1], 0.9)
+            session["left"].write_target(goal, 0.4)
+            session["right"].write_target(goal * [-1, 1, 1, 1, 1, 1], 0.9)
             time.sleep(0.02)
         state = session["left"].observe()
         assert state.mode is Mode.TRACK

@@ -101,7 +101,7 @@ def test_a_forked_child_may_watch_but_not_drive(session):
     session[CHANNEL].hold()
     port = session[CHANNEL]
     assert in_a_child(lambda: port.published().mode.name) == "HOLD"
-    for drive in (lambda: port.track(AWAY, 0.5), port.float, port.land, session.rearm, session.land):
+    for drive in (lambda: port.write_target(AWAY, 0.5), port.float, port.land, session.rearm, session.land):
         said = in_a_child(drive)
         assert said.startswith(f"LifeCycleError: {CHANNEL}: the arm belongs to process {os.getpid()}")
     session.clock.sleep(0.1)

@@ -8,7 +8,7 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.loop_builder import build
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
 from lerobot_robot_yam.errors import BusError, ChannelInUseError, EmergencyStopError
-from lerobot_robot_yam.session.arm_client import ArmPort
+from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.state.block_pair import BlockPair
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.records import channel_key
@@ -26,8 +26,8 @@ def loop_on(rig):
     keys = [channel_key(config.interface, config.channel, rig.name) for config in configs]
     with contextlib.ExitStack() as rest:
         buses, pairs = [], []
-        for config, key in zip(configs, keys, strict=True):
-            port = ArmPort(config, ResolvedArm(config), key)
+        for config in configs:
+            port = ArmClient(config, ResolvedArm(config))
             rest.callback(port.close)
             pairs.append(BlockPair.of(port.descriptors.copies()))
             rest.callback(pairs[-1].close)

@@ -40,7 +40,7 @@ def moved(rig):
     seen = []
     for _ in range(60):
         for channel in CHANNELS:
-            session[channel].track(GOAL, 0.3)
+            session[channel].write_target(GOAL, 0.3)
         session.clock.sleep(1 / 30)
         states = [session[channel].observe() for channel in CHANNELS]
         seen.append([[*state.q, state.gripper] for state in states])
@@ -135,7 +135,7 @@ def test_a_late_tick_adds_no_more_speed_than_its_command_accelerates(rig):
     rig.watch_start(CHANNELS[0])
     for frame in range(90):
         far = near + rng.uniform(-3.3, 3.3, 6)
-        session[CHANNELS[0]].track(far if frame // 30 == 1 else near, 0.5)
+        session[CHANNELS[0]].write_target(far if frame // 30 == 1 else near, 0.5)
         for _ in range(6):
             session.clock.sleep(0.004)
             rig.sleep(rng.uniform(0.002, 0.026) if rng.random() < 0.25 else 0.0)

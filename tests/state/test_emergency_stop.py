@@ -40,7 +40,7 @@ def test_followers_hold_leaders_float_and_only_a_release_ends_it(rig, stop):
     try:
         track(session, {"follower_left": AWAY}, 1.5)
         session["leader_left"].hold()
-        session["follower_left"].track([-1.0, *AWAY[1:]], 0.5)  # on its way
+        session["follower_left"].write_target([-1.0, *AWAY[1:]], 0.5)  # on its way
         session.clock.sleep(0.1)
         stop.latch("a test")
         wait_mode(session, "follower_left", Mode.STOPPED)
@@ -48,7 +48,7 @@ def test_followers_hold_leaders_float_and_only_a_release_ends_it(rig, stop):
         session.clock.sleep(0.6)  # it brakes within 50 ms and settles
         held = session["follower_left"].observe()
         assert Limited.EMERGENCY_STOP in held.limited
-        asked, _ = session["follower_left"].track([1.0, *AWAY[1:]], 0.5)
+        asked, _ = session["follower_left"].write_target([1.0, *AWAY[1:]], 0.5)
         assert asked == pytest.approx(held.setpoint_q)  # what would be recorded is what is done
         session.clock.sleep(0.3)
         assert session["follower_left"].observe().q == pytest.approx(held.q, abs=2e-3)
@@ -63,7 +63,7 @@ def test_followers_hold_leaders_float_and_only_a_release_ends_it(rig, stop):
         wait_mode(session, "leader_left", Mode.FLOAT)
         last = session["follower_left"].observe().setpoint_q
         assert last == pytest.approx(held.q, abs=5e-3)  # from the measured pose
-        session["follower_left"].track(AWAY, 0.5)
+        session["follower_left"].write_target(AWAY, 0.5)
         wait_mode(session, "follower_left", Mode.TRACK)
     finally:
         stop.release()
@@ -209,7 +209,7 @@ def test_a_target_between_the_stop_and_the_next_tick_moves_nothing(rig, stop):
         session.clock.sleep(0.3)
         before = session["follower_left"].observe().q
         stop.latch("a test")
-        session["follower_left"].track([-1.0, *AWAY[1:]], 0.5)
+        session["follower_left"].write_target([-1.0, *AWAY[1:]], 0.5)
         session.clock.sleep(0.3)
         assert session["follower_left"].observe().q == pytest.approx(before, abs=5e-3)
         stop.release()

@@ -108,5 +108,5 @@ def track(session, poses, seconds, gripper=0.5, **gains):
     deadline = clock.now() + seconds
     while clock.now() < deadline:
         for name, pose in poses.items():
-            session[name].track(pose, gripper, **gains)
+            session[name].write_target(pose, gripper, **gains)
         clock.sleep(0.02)

@@ -16,7 +16,7 @@ from lerobot.teleoperators import TeleoperatorConfig, make_teleoperator_from_con
 import lerobot_robot_yam
 from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig
 from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
-from lerobot_robot_yam.face.devices.lerobot_version import NEWEST_TESTED
+from lerobot_robot_yam.face.start_messages import NEWEST_TESTED
 from lerobot_robot_yam.system import other_plugins
 from lerobot_teleoperator_yam.config_bi_yam_leader import BiYamLeaderConfig
 from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
@@ -139,7 +139,7 @@ def test_which_lerobot_is_newer(version, warned, tmp_path):
     write_metadata(tmp_path, "lerobot", version)
     done = run(
         tmp_path,
-        "from lerobot_robot_yam.face.devices.lerobot_version import warn_if_newer; warn_if_newer(); warn_if_newer()",
+        "from lerobot_robot_yam.face.start_messages import warn_if_newer; warn_if_newer(); warn_if_newer()",
     )
     assert done.stderr.count("newer than") == warned, done.stderr
 

@@ -1,4 +1,4 @@
-"""What the commands about one arm have in common: arguments, the channel for oneself, questions, exit status."""
+"""Shared by the commands about one arm: arguments, the exclusive channel, questions, exit status."""
 
 import argparse
 import logging

@@ -1,6 +1,6 @@
 """Make limp motors take their present angle as zero, and prove that this, and nothing else, happened.
 
-Nothing is energised: a ZERO command moves the origin of a motor that obeys no other command meanwhile.
+Nothing is energised: a ZERO command moves the origin of a motor that obeys no other command while it is limp.
 """
 
 import math
@@ -54,6 +54,7 @@ class Zeroing:
 
     def __init__(self, config: ArmConfig, bus: can.BusABC, joints: Sequence[str]):
         self.name, self.channel = config.name, config.channel
+        self._where = f"{config.name} ({config.channel})"  # for messages
         self.hardware = hw = ResolvedArm(config)
         names = [motor.name for motor in hw.arm.motors]
         unknown = [joint for joint in joints if joint not in names]
@@ -120,7 +121,7 @@ class Zeroing:
         for index, distance in zip(self.chosen, moved, strict=True):
             if distance > STILL_RAD:
                 raise MotorError(
-                    f"{self.name} ({self.channel}): {self.names[index]} moved by {distance:.3f} rad within "
+                    f"{self._where}: {self.names[index]} moved by {distance:.3f} rad within "
                     f"{STILL_S} s; nothing was zeroed. Support the arm so that it stays still, and try again"
                 )
 
@@ -145,7 +146,7 @@ class Zeroing:
                 if time.monotonic() < deadline:
                     continue
                 raise MotorError(
-                    f"{self.name} ({self.channel}): zero was set, or not, of "
+                    f"{self._where}: zero was set, or not, of "
                     f"{', '.join(self.names[i] for i in self.chosen)}; then: {error}. Switch the arm's power off and "
                     "on and run it again for these joints before anything is energised"
                 ) from error
@@ -156,14 +157,11 @@ class Zeroing:
         return before, after
 
     def _verify(self, before: Reading, after: Reading, failed: list[int]) -> None:
-        where = f"{self.name} ({self.channel})"
         if failed:
             read = ", ".join(f"{self.names[i]} reads {after.motor_rad[i]:.3f} rad" for i in failed)
             taken = ", ".join(self.names[i] for i in self.chosen if i not in failed) or "none"
-            raise MotorError(
-                f"{where}: not zeroed: {read} after the command (zeroed: {taken}). Keep the arm still and run it again "
-                "for these joints"
-            )
+            remedy = "Keep the arm still and run it again for these joints"
+            raise MotorError(f"{self._where}: not zeroed: {read} after the command (zeroed: {taken}). {remedy}")
         others = np.setdiff1d(np.arange(self.hardware.n), self.chosen)
         moved = [i for i in others if abs(after.motor_rad[i] - before.motor_rad[i]) > READ_BACK_RAD]
         if moved:
@@ -171,12 +169,12 @@ class Zeroing:
                 f"{self.names[i]} from {before.motor_rad[i]:.3f} to {after.motor_rad[i]:.3f} rad" for i in moved
             )
             raise MotorError(
-                f"{where}: motors changed that were not to be zeroed: {changed}. If nobody moved them, two motors may "
-                "share an id; check the whole arm before energising it"
+                f"{self._where}: motors changed that were not to be zeroed: {changed}. If nobody moved them, two "
+                "motors may share an id; check the whole arm before energising it"
             )
         unclear = [after.problems[self.names[i]] for i in self.chosen if self.names[i] in after.problems]
         if unclear:
-            raise MotorError(f"{where}: zeroed, but no pose follows from it: {'; '.join(unclear)}")
+            raise MotorError(f"{self._where}: zeroed, but no pose follows from it: {'; '.join(unclear)}")
         self._check_limp()
 
     def _refresh(self) -> None:
@@ -187,22 +185,20 @@ class Zeroing:
             if (self.chain.stamp_s >= asked).all():
                 return
         silent = [name for name, stamp in zip(self.names, self.chain.stamp_s, strict=True) if stamp < asked]
-        raise MotorError(
-            f"{self.name} ({self.channel}): no answer from {', '.join(silent)}; check motor power and the CAN cable"
-        )
+        raise MotorError(f"{self._where}: no answer from {', '.join(silent)}; check motor power and the CAN cable")
 
     def _check_limp(self) -> None:
         faults = dict(zip(self.names, self.chain.fault.tolist(), strict=True))
         enabled = [name for name, fault in faults.items() if fault == Fault.NORMAL]
         if enabled:
             raise MotorError(
-                f"{self.name} ({self.channel}): {', '.join(enabled)} energised; zeroing is for limp motors. End the "
+                f"{self._where}: {', '.join(enabled)} energised; zeroing is for limp motors. End the "
                 "program that drives the arm, which lands it, or land it with one, and try again"
             )
-        faulty = [f"{self.names[i]}: {fault_text(faults[self.names[i]])}" for i in self.chosen]
-        faulty = [text for i, text in zip(self.chosen, faulty, strict=True) if faults[self.names[i]] != Fault.DISABLED]
+        chosen = [(self.names[i], faults[self.names[i]]) for i in self.chosen]
+        faulty = [f"{name}: {fault_text(fault)}" for name, fault in chosen if fault != Fault.DISABLED]
         if faulty:
             raise MotorError(
-                f"{self.name} ({self.channel}): {'; '.join(faulty)}. See to the fault, switch the arm's power off and "
+                f"{self._where}: {'; '.join(faulty)}. See to the fault, switch the arm's power off and "
                 "on again, and try again"
             )

@@ -1,6 +1,8 @@
-"""What the doctor hands over: facts in rows, and findings, each with the one thing that repairs it."""
+"""The doctor's report, as a table or JSON: facts in rows, and findings, each with the one thing that repairs it."""
 
-from dataclasses import dataclass, field
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any
 
@@ -29,20 +31,57 @@ class Finding:
     remedy: str
 
 
+# Per section its title and the columns of its table: keys of the rows, and the headings of those that differ.
+_TABLES = {
+    "interfaces": (
+        "CAN interfaces",
+        "name=interface, link, state, bitrate=bit/s, modes, restart_ms=restart-ms, queue_length=queue, waiting, "
+        "refused, dropped, bus_offs=bus-offs, driver",
+    ),
+    "adapters": (
+        "CAN adapters",
+        "name=interface, driver, product, serial=serial number, port=USB port, number=channel, named_by=named by",
+    ),
+    "channels": ("Channels", "channel, arm, gripper, examined"),
+    "motors": (
+        "Motors",
+        "channel, id, name=motor, type, state, firmware, firmware_sub=sub, hardware=hw, gear_ratio=gear, "
+        "position_max_rad=PMAX, velocity_max_rad_s=VMAX, torque_max_nm=TMAX, timeout_s=time-out s, control_mode=mode, "
+        "answers_on=answers, temp_mos_c=MOS °C, temp_rotor_c=coil °C, supply_v=V",
+    ),
+    "handles": (
+        "Teaching handles",
+        "channel, firmware, report_frequency_hz=reports by itself at Hz, trigger, trigger_rad=rad, buttons",
+    ),
+    "sessions": (
+        "Live sessions (watched, not asked)",
+        "channel, driver=driven by, mode, rate_hz=Hz, age_ms=age ms, name=motor, state, motor_age_ms=reply ms ago, "
+        "lost, temp_mos_c=MOS °C, temp_rotor_c=coil °C",
+    ),
+    "latency": (
+        "Reply latency",
+        "channel, id, name=motor, samples, lost, p50_ms=p50 ms, p99_ms=p99 ms, max_ms=max ms, "
+        "histogram=≤0.3 ≤0.5 ≤1 ≤2 ≤4 ≤8 ≤16 more",
+    ),
+    "gripper_calibration": (
+        "Gripper calibration",
+        "channel, gripper, state, span_rad=span rad, age_days=age days, file",
+    ),
+    "cameras": ("Cameras", "name=camera, nodes, serial=USB serial, port=USB port, speed_mbit=Mbit/s"),
+    "host": ("This computer", "what, value"),
+}
+
+
 @dataclass
 class Section:
     """One part of the report.
 
     Attributes:
-        name: key in the JSON form.
-        title: headline of the table.
-        columns: key of a row -> heading, for the table; rows may hold more, which the JSON form shows.
-        rows: facts, JSON values; None is "unknown".
+        name: key in the JSON form, and in the table above.
+        rows: facts, JSON values; None is "unknown". The JSON form shows all of a row, the table its columns.
     """
 
     name: str
-    title: str
-    columns: dict[str, str]
     rows: list[dict[str, Any]] = field(default_factory=list)
     findings: list[Finding] = field(default_factory=list)
 
@@ -57,3 +96,65 @@ class Section:
     def note(self, where: str, what: str, remedy: str) -> None:
         """Add a note."""
         self.findings.append(Finding(Severity.NOTE, where, what, remedy))
+
+
+def _findings(sections: Sequence[Section]) -> list[Finding]:
+    """All findings, problems first."""
+    order = list(Severity)
+    return sorted((f for section in sections for f in section.findings), key=lambda f: order.index(f.severity))
+
+
+def _counts(found: Sequence[Finding]) -> dict[str, int]:
+    return {severity.value: sum(finding.severity is severity for finding in found) for severity in Severity}
+
+
+def exit_status(sections: Sequence[Section]) -> int:
+    """0 when there is no problem, else 1."""
+    return int(any(finding.severity is Severity.PROBLEM for finding in _findings(sections)))
+
+
+def as_json(sections: Sequence[Section]) -> str:
+    """One JSON object: healthy, counts, findings, and per section its rows."""
+    found = _findings(sections)
+    report: dict[str, Any] = {
+        "healthy": exit_status(sections) == 0,
+        "counts": _counts(found),
+        "findings": [asdict(finding) for finding in found],
+        **{section.name: section.rows for section in sections},
+    }
+    return json.dumps(report, indent=1, allow_nan=False, ensure_ascii=False)
+
+
+def as_text(sections: Sequence[Section]) -> str:
+    """Tables, then the findings, each with its remedy on the next line."""
+    lines: list[str] = []
+    for section in sections:
+        if section.rows:
+            lines += [_TABLES[section.name][0], *_table(section), ""]
+    found = _findings(sections)
+    for finding in found:
+        lines.append(f"{finding.severity.value.upper():8} {finding.where}: {finding.what}")
+        lines.append(f"{'':8} -> {finding.remedy}")
+    counts = _counts(found)
+    words = ", ".join(f"{count} {name}{'' if count == 1 else 's'}" for name, count in counts.items())
+    lines += [""] * bool(found) + [("" if counts[Severity.PROBLEM] else "healthy: ") + words]
+    return "\n".join(lines)
+
+
+def _table(section: Section) -> list[str]:
+    columns = [column.partition("=") for column in _TABLES[section.name][1].split(", ")]
+    rows = [[heading or key for key, _, heading in columns]]
+    rows += [[_cell(row.get(key)) for key, _, _ in columns] for row in section.rows]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
+    return [f"  {line}".rstrip() for line in lines]
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return "?"
+    if isinstance(value, list):
+        return ",".join(map(str, value)) or "-"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return str(value)

@@ -111,7 +111,7 @@ class Questions:
     def handle[T](
         self, request: bytes, identifier: int, decode: Callable[[bytes], T | None], timeout_s: float, attempts: int
     ) -> T | None:
-        """The teaching handle's answer to a question, None when there is none."""
+        """The teaching handle's answer to a question, None without one."""
         for _ in range(attempts):
             self._drain()  # its answers do not repeat the question, so no earlier one may be left
             self._send(encoder.REQUEST_ID, request)

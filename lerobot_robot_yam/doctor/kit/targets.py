@@ -1,4 +1,4 @@
-"""Which arms the doctor looks at: named on the command line, read from a LeRobot run config, or all that there are."""
+"""The arms that the doctor looks at: named on the command line, read from a LeRobot run config, or all of them."""
 
 import dataclasses
 import difflib
@@ -42,7 +42,7 @@ class Target:
 
     Attributes:
         config: the arm.
-        declared: False when nobody has said which arm and gripper it is: then what answers decides.
+        declared: whether its arm and gripper were named; else the doctor goes by what answers.
         calibration: file in which LeRobot's device keeps the gripper's stops, None when that is unknown.
         calibrate: the command that finds the stops of the grippers of its device, when it is known.
     """
@@ -68,11 +68,6 @@ class Target:
         rig = self.config.can_options.get("rig") if self.config.interface == VIRTUAL else None
         return channel_key(self.config.interface, self.channel, rig)
 
-    @property
-    def configured(self) -> bool:
-        """Whether a run config has said with which options it is driven."""
-        return self.calibration is not None
-
     def hardware(self) -> ResolvedArm:
         """Motors and limits as the profiles say.
 
@@ -84,7 +79,7 @@ class Target:
 
 @dataclass(frozen=True)
 class Plan:
-    """What to look at: arms, and LeRobot's camera configs by name."""
+    """The arms to look at, and LeRobot's camera configs by name."""
 
     targets: tuple[Target, ...] = ()
     cameras: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -109,13 +104,12 @@ def from_option(text: str, interface: str, rig: str | None) -> Target:
     channel, *profiles = text.split(":")
     if not channel or len(profiles) > 2:
         raise ConfigError(f"channel {text!r}: write NAME, NAME:ARM or NAME:ARM:GRIPPER")
-    values = dict(zip(("arm", "gripper"), (profile for profile in profiles), strict=False))
-    values = {key: value for key, value in values.items() if value}
+    values = {key: value for key, value in zip(("arm", "gripper"), profiles, strict=False) if value}
     return _target({"channel": channel, "interface": interface, **values}, channel, rig)
 
 
 def undeclared(channel: str) -> Target:
-    """A CAN interface of which nobody has said what is on it."""
+    """A CAN interface whose arm was not named."""
     return Target(ArmConfig(channel=channel, name=channel), declared=False)
 
 
@@ -128,11 +122,9 @@ def from_config(path: Path, rig: str | None) -> Plan:
     document = read_yaml(path)
     targets: list[Target] = []
     cameras: dict[str, Mapping[str, Any]] = {}
-    environment = document.get("env")
+    environment = document.get("env")  # of an evaluation
     for section, (folder, types) in _DEVICES.items():
-        device = document.get(section)
-        if device is None and isinstance(environment, Mapping):  # of an evaluation
-            device = environment.get(section)
+        device = document.get(section) or (environment.get(section) if isinstance(environment, Mapping) else None)
         if not isinstance(device, Mapping) or device.get("type") not in types:
             continue
         cameras.update(_cameras(device))
@@ -169,11 +161,12 @@ def _arms(device: Mapping[str, Any], where: str) -> dict[str, Mapping[str, Any]]
     """Options of each arm by prefix."""
     if not str(device["type"]).startswith("bi_"):
         return {"": device}
-    arms = {f"{side}_": device.get(f"{side}_arm_config") for side in ("left", "right")}
-    for prefix, arm in arms.items():
-        if not isinstance(arm, Mapping):
+    arms: dict[str, Mapping[str, Any]] = {}
+    for prefix in ("left_", "right_"):
+        if not isinstance(arm := device.get(f"{prefix}arm_config"), Mapping):
             raise ConfigError(f"{where}: {prefix}arm_config is missing")
-    return {prefix: arm for prefix, arm in arms.items() if isinstance(arm, Mapping)}
+        arms[prefix] = arm
+    return arms
 
 
 def _check_options(section: str, device: Mapping[str, Any], arms: Mapping[str, Mapping[str, Any]], where: str) -> None:
@@ -211,7 +204,7 @@ def _target(values: Mapping[str, Any], name: str, rig: str | None) -> Target:
     known = {key: value for key, value in values.items() if key in _FIELDS}
     options = dict(known.pop("can_options", None) or {})
     if known.get("interface") == VIRTUAL:
-        options.pop("operator", None)  # nobody shall move a leader while the doctor looks
+        options.pop("operator", None)  # no leader may move while the doctor looks
         options["rig"], _ = rig_name(rig or options.get("rig"))
     try:
         target = Target(ArmConfig(**{"name": name, **known, "can_options": options}))

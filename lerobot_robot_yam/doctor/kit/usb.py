@@ -1,4 +1,4 @@
-"""What sysfs tells about the USB device behind a network interface or a camera."""
+"""The USB device behind a network interface or a camera, from sysfs."""
 
 from dataclasses import dataclass
 from pathlib import Path

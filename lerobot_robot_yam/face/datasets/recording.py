@@ -1,4 +1,4 @@
-"""What a data set or a checkpoint keeps of the robot that it was recorded with.
+"""What a data set or a checkpoint tells of the robot that it was recorded with.
 
 LeRobot records neither units nor what the values of an action mean, but
 
@@ -28,7 +28,7 @@ _NORMALISERS = ("normalizer_processor", "unnormalizer_processor")
 
 @dataclass(frozen=True)
 class Recording:
-    """What there is to know of a data set or a checkpoint.
+    """Facts about a data set or a checkpoint.
 
     Attributes:
         what: what messages call it.
@@ -43,7 +43,7 @@ class Recording:
     statistics: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def largest(self, which: np.ndarray) -> float | None:
-        """Largest magnitude that the statistics show; None if they are of something else, or there are none.
+        """Largest magnitude that the statistics show; None without statistics, or if they describe something else.
 
         Args:
             which: (n,) the values of an action that count; in a state they come first.
@@ -58,7 +58,7 @@ class Recording:
 
 
 def recorded_name(device: str, use_degrees: bool, action_space: str) -> str:
-    """What a robot is called in data sets, so that they tell what their numbers are.
+    """The name of a robot in data sets, which tells what their numbers are.
 
     lerobot-record itself compares these names when it resumes. Poses of a tool are in m and rad whatever `use_degrees`
     says of joints.
@@ -69,11 +69,7 @@ def recorded_name(device: str, use_degrees: bool, action_space: str) -> str:
 
 
 def of_dataset(repo_id: str, root: str | None) -> Recording:
-    """What a data set tells; nothing if it cannot be read.
-
-    Args:
-        repo_id, root: as LeRobot's options `dataset.repo_id` and `dataset.root`.
-    """
+    """Facts about a data set (LeRobot's options `dataset.repo_id`, `dataset.root`); empty if it cannot be read."""
     from lerobot.datasets import LeRobotDatasetMetadata
 
     what = f"data set {root or repo_id}"
@@ -86,11 +82,7 @@ def of_dataset(repo_id: str, root: str | None) -> Recording:
 
 
 def of_checkpoint(path: str, revision: str | None) -> Recording:
-    """What a checkpoint tells; nothing if it cannot be read.
-
-    Args:
-        path, revision: a directory, or a repository of the hub, as LeRobot's `policy.path`.
-    """
+    """Facts about a checkpoint, a directory or a repository of the hub; empty if it cannot be read."""
     data = _trained_on(path, revision)
     names = _json(path, "config.json", revision).get("action_feature_names") or _action_names(data.get("features", {}))
     return Recording(f"checkpoint {path}", data.get("robot_type") or "", tuple(names), _statistics(path, revision))
@@ -111,7 +103,7 @@ def _action_names(features: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _statistics(path: str, revision: str | None) -> dict[str, dict[str, np.ndarray]]:
-    """What training has left in the processors beside a policy."""
+    """The statistics that training has left in the processors beside a policy."""
     from safetensors.numpy import load_file
 
     statistics: dict[str, dict[str, np.ndarray]] = {}
@@ -126,18 +118,18 @@ def _statistics(path: str, revision: str | None) -> dict[str, dict[str, np.ndarr
 
 
 def config_of(path: str, revision: str | None) -> dict[str, Any]:
-    """The saved config of a policy, empty where there is none."""
+    """The saved config of a policy, empty without one."""
     return _json(path, "config.json", revision)
 
 
 def _json(path: str, name: str, revision: str | None) -> dict[str, Any]:
-    """A JSON object of a checkpoint or data set, empty where there is none."""
+    """A JSON object of a checkpoint or data set, empty without such a file."""
     file = _file(path, name, revision)
     return json.loads(file.read_text()) if file else {}
 
 
 def _file(path: str, name: str, revision: str | None) -> Path | None:
-    """A file of a checkpoint; None where there is none, or no way to the hub."""
+    """A file of a checkpoint; None if it is missing, or the hub cannot be reached."""
     if Path(path).is_dir():
         file = Path(path) / name
         return file if file.is_file() else None
@@ -145,6 +137,6 @@ def _file(path: str, name: str, revision: str | None) -> Path | None:
 
     try:
         return Path(hf_hub_download(repo_id=path, filename=name, revision=revision))
-    except Exception as error:  # no such file, no network, no name of a repository: it tells nothing
+    except Exception as error:  # no such file, no network, not the name of a repository
         logger.debug("checkpoint %s: %s", path, error)
         return None

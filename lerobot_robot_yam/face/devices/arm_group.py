@@ -2,12 +2,10 @@
 
 import atexit
 import contextlib
-import dataclasses
 import logging
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -15,34 +13,19 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 from lerobot_robot_yam.errors import ConfigError, YamError
 from lerobot_robot_yam.face.devices.feature_names import motor_names, space_of
-from lerobot_robot_yam.session.arm_client import ArmPort
+from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
-from lerobot_robot_yam.session.target_limits import action_vector, refuse_degrees
+from lerobot_robot_yam.session.target_limits import refuse_degrees, validate_action
 from lerobot_robot_yam.state.records import ArmState
 from lerobot_robot_yam.system.clock import Clock
 from lerobot_robot_yam.system.signals import end_session_on_signals, undisturbed
 
 logger = logging.getLogger(__name__)
 
-_DEFAULT_NAME = ArmConfig(channel="any").name
+Models = Sequence[tuple[ArmProfile, GripperProfile]]
+"""Of each arm in canonical order: the arm and end effector that actions speak of."""
+
 _running: "list[ArmGroup]" = []  # of this process
-
-
-def arm_config(options: ArmConfig, name: str, calibration_dir: Path, ident: str | None) -> ArmConfig:
-    """The arm layer's part of a LeRobot config that extends `ArmConfig`.
-
-    Args:
-        options: the LeRobot config (of one arm).
-        name: what messages call the arm, unless the user has named it.
-        calibration_dir: LeRobot's directory of the device; ours is a subdirectory, whose files LeRobot never reads.
-        ident: LeRobot's id of the device (with the side), None to name the file after the channel.
-    """
-    values: dict[str, Any] = {field.name: getattr(options, field.name) for field in dataclasses.fields(ArmConfig)}
-    if options.name == _DEFAULT_NAME:
-        values["name"] = name
-    if options.calibration_path is None:
-        values["calibration_path"] = str(calibration_dir / "yam" / f"{ident or options.channel}_gripper.json")
-    return ArmConfig(**values)
 
 
 class _Side:
@@ -98,14 +81,14 @@ class ArmGroup:
         self.keys = [f"{motor}.pos" for motor in self.motors]
         self.is_joint = np.array([flag for side in self.sides for flag in side.is_joint], dtype=bool)
         self._action_keys: list[str] = []  # while the arms are driven
-        self._models: list[tuple[ArmProfile, GripperProfile]] = []
+        self._models: Models = []
         self.scale = np.where(self.is_joint & use_degrees, 180.0 / math.pi, 1.0)
         limits = [(side.hardware.lower[: side.joints], side.hardware.upper[: side.joints]) for side in self.sides]
         self._lower, self._upper = (np.concatenate(column) for column in zip(*limits, strict=True))
         self.paused = False
         self._undo_signals: Callable[[], None] = lambda: None
 
-    def __getitem__(self, side: _Side) -> ArmPort:
+    def __getitem__(self, side: _Side) -> ArmClient:
         return self._session[side.name]
 
     @property
@@ -122,21 +105,19 @@ class ArmGroup:
             if side.hardware.has_gripper
         )
 
-    def start(
-        self, calibrate: bool, action_keys: Sequence[str], models: Sequence[tuple[ArmProfile, GripperProfile]]
-    ) -> None:
+    def start(self, calibrate: bool, action_keys: Sequence[str], models: Models) -> None:
         """Energise all arms or none.
 
         Args:
             calibrate: False means that a calibration may follow (lerobot-calibrate): the grippers' stops are not
                 sought, and those that are known but do not fit are put aside.
             action_keys: of the device. A leader's in this process have to be a follower's.
-            models: arm and end effector that its actions speak of, in canonical order. These, too.
+            models: likewise.
 
         Raises:
             YamError: what failed; nothing is energised.
         """
-        self._action_keys, self._models, self.paused = list(action_keys), list(models), False
+        self._action_keys, self._models, self.paused = list(action_keys), models, False
         for other in _running:
             if other._leads is not self._leads:
                 self._check_pair(other)
@@ -155,14 +136,12 @@ class ArmGroup:
         spaces = {space_of(group._action_keys) for group in (self, other)}
         if spaces == {"joint", "ee"}:
             raise ConfigError(f"{both}: one speaks of joints, the other of tool poses; give both the same action_space")
-        differing = sorted(set(self._action_keys) ^ set(other._action_keys))
-        if differing and all(key.endswith("gripper.pos") for key in differing):
-            raise ConfigError(
-                f"{both}: only one has {', '.join(differing)}; set ee_gripper of the leader's arm to the gripper that "
-                "the follower carries, which takes a handle, or a gripper motor, on the leader to lead it"
-            )
-        if differing:
-            raise ConfigError(f"{both}: only one has {', '.join(differing)}; drive one arm with one, or two with two")
+        if differing := sorted(set(self._action_keys) ^ set(other._action_keys)):
+            remedy = "drive one arm with one, or two with two"
+            if all(key.endswith("gripper.pos") for key in differing):
+                remedy = "set ee_gripper of the leader's arm to the gripper that the follower carries, which takes a "
+                remedy += "handle, or a gripper motor, on the leader to lead it"
+            raise ConfigError(f"{both}: only one has {', '.join(differing)}; {remedy}")
         if other._use_degrees is not self._use_degrees:
             raise ConfigError(f"{both}: one uses degrees; give both the same use_degrees")
         for (arm, gripper), (other_arm, other_gripper) in zip(self._models, other._models, strict=True):
@@ -226,8 +205,7 @@ class ArmGroup:
     def pause_followers(self) -> None:
         """Have the followers of this process brake and hold until a new target comes, not the last one once more.
 
-        A leader that is held is about to be led to a follower. LeRobot, which pauses then, says that the follower
-        holds, but goes on to send its last action.
+        A held leader is about to be led to a follower. LeRobot pauses then, but goes on to send its last action.
         """
         for other in _running:
             if not other._leads:
@@ -252,10 +230,7 @@ class ArmGroup:
         Raises:
             YamError: an arm is silent or has failed.
         """
-        values: list[float] = []
-        for state in self.newest():
-            values += state.setpoints
-        return np.array(values)
+        return np.array([value for state in self.newest() for value in state.setpoints])
 
     def observe(self) -> list[ArmState]:
         """Fresh state of each arm.
@@ -277,7 +252,7 @@ class ArmGroup:
         Raises:
             ActionError: missing or unknown keys, values that are not finite numbers, degrees instead of radians.
         """
-        vector = action_vector(self.device, action, self.keys) / self.scale
+        vector = validate_action(self.device, action, self.keys) / self.scale
         if not self._use_degrees:
             refuse_degrees(self.device, vector[self.is_joint], self._lower, self._upper)
         return vector

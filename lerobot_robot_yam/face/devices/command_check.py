@@ -17,8 +17,15 @@ from draccus.utils import flatten
 from lerobot.configs import parser
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.datasets.recorded_space import check_names, check_space, refuse_other_space
-from lerobot_robot_yam.face.datasets.recorded_unit import DEGREES, RADIANS, check_unit, unit_of
+from lerobot_robot_yam.face.datasets.recorded_actions import (
+    DEGREES,
+    RADIANS,
+    check_names,
+    check_space,
+    check_unit,
+    refuse_other_space,
+    unit_of,
+)
 from lerobot_robot_yam.face.datasets.recording import config_of, of_checkpoint, of_dataset
 from lerobot_robot_yam.face.devices.feature_names import space_of
 
@@ -71,11 +78,6 @@ def _given_options() -> dict[str, str]:
 
 def check_command(device: str, keys: Sequence[str], use_degrees: bool) -> None:
     """Refuse what this LeRobot command is about to replay, resume or roll out if its numbers mean something else.
-
-    Args:
-        device: for messages.
-        keys: of the robot's action, in canonical order.
-        use_degrees: the robot's option.
 
     Raises:
         ConfigError: it is of other values, of tool poses instead of joints (or the reverse), or in the other unit.

@@ -6,7 +6,7 @@
     yam_ee_to_tool                                         ←
 
     w = log R           LeRobot's rotation vector, from the axes of the arm's base
-    r = log(R R_downᵀ)  ours, see `arm.tool_vector`
+    r = log(R R_downᵀ)  ours, see `arm.tool_pose`
 
 Positions are the same numbers, m, of `site` in the frame of the arm's base; the gripper stays 0 closed … 1 open.
 `prefix` ("left_") stands before all keys of the arm; two arms take two steps. Importing this module registers the
@@ -67,7 +67,7 @@ class _ArmStep(ProcessorStep):
         self._gripper_keys = _GRIPPER_KEYS[self.reads], _GRIPPER_KEYS[self.writes]
 
     def get_config(self) -> dict[str, Any]:
-        """What makes the step anew."""
+        """The arguments that make the step anew."""
         return asdict(self)
 
     @abstractmethod

@@ -4,24 +4,22 @@
     ee_rx.pos, ee_ry.pos, ee_rz.pos    rotation vector from "pointing straight down, facing forward", rad
     gripper.pos                        as always, where there is one
 
-with `left_` and `right_` in front for two arms. (`arm.tool_vector` says what the rotation vector is. The names end in
-.pos because rollout drops what does not.) `EeSpace` speaks these keys towards LeRobot and joints towards the arms; it
-has the methods of `ArmGroup` that speak joint keys.
+with `left_` and `right_` in front for two arms. (`arm.tool_pose` says what the rotation vector is. The names end in
+.pos because lerobot-rollout drops others.) `EeSpace` is an `arm_device.ActionSpace`, as `ArmGroup` is for joint keys.
 """
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
 from lerobot_robot_yam.arm.ik.pose_tracker import PoseTracker
 from lerobot_robot_yam.arm.kinematics import IkResult, YamKinematics, pose_distance_m
-from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 from lerobot_robot_yam.arm.tool_pose import downward, pose_to_vector, vector_to_pose
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.devices.arm_group import ArmGroup
+from lerobot_robot_yam.face.devices.arm_group import ArmGroup, Models
 from lerobot_robot_yam.face.devices.feature_names import TOOL_NUMBERS
-from lerobot_robot_yam.session.target_limits import action_vector
+from lerobot_robot_yam.session.target_limits import validate_action
 from lerobot_robot_yam.state.modes import Mode
 
 logger = logging.getLogger(__name__)
@@ -35,17 +33,13 @@ _QUIET = 30  # poses within reach, a second's worth, before the next one out of 
 
 
 class EeSpace:
-    """Keys, observations and actions of a group of arms by their tools' poses.
-
-    Args:
-        arms: the group; every arm has joints.
-        models: of each arm in canonical order, the arm and end effector whose tool is meant.
+    """Keys, observations and actions of a group of arms by the poses of the tools of `models`.
 
     Raises:
         ConfigError: an arm without joints.
     """
 
-    def __init__(self, arms: ArmGroup, models: Sequence[tuple[ArmProfile, GripperProfile]]):
+    def __init__(self, arms: ArmGroup, models: Models):
         self._arms = arms
         self._tools = []
         self.keys: list[str] = []
@@ -71,7 +65,7 @@ class EeSpace:
             ActionError: missing or unknown keys, values that are not finite numbers or no pose.
             YamError: an arm is silent or has failed.
         """
-        vector = action_vector(self._arms.device, action, self.keys)
+        vector = validate_action(self._arms.device, action, self.keys)
         states = self._arms.newest()
         for side, tool, state in zip(self._arms.sides, self._tools, states, strict=True):
             if state.mode is not Mode.TRACK:  # the first action, after a pause, after an emergency stop
@@ -86,12 +80,7 @@ class EeSpace:
 
 
 class Tool:
-    """The tool of one arm: from joints to the six numbers and back.
-
-    Args:
-        name: of the arm, for messages.
-        kinematics: of arm and end effector.
-    """
+    """The tool of one arm: from joints to the six numbers and back."""
 
     def __init__(self, name: str, kinematics: YamKinematics):
         self._name = name

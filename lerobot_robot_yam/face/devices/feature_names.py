@@ -7,7 +7,7 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 
 TOOL_NUMBERS = ("ee_x", "ee_y", "ee_z", "ee_rx", "ee_ry", "ee_rz")
-"""What stands for the joints of an arm where actions are poses of its tool, see `ee_space`."""
+"""The values of an arm in place of its joints where actions are poses of its tool, see `ee_space`."""
 
 _SPACES = {
     "joint": re.compile(r"(.+_)?joint_\d+\.pos"),
@@ -17,11 +17,6 @@ _SPACES = {
 
 def motor_names(prefix: str, arm: ArmConfig, handles: bool = False) -> list[str]:
     """`joint_1`, `joint_2` …, `gripper` behind a prefix such as `left_`.
-
-    Args:
-        prefix: of the arm.
-        arm: the arm.
-        handles: a teaching handle's trigger counts as a gripper (leaders).
 
     Raises:
         ConfigError: unknown arm or gripper.
@@ -33,7 +28,7 @@ def motor_names(prefix: str, arm: ArmConfig, handles: bool = False) -> list[str]
 
 
 def motors_of(arms: Mapping[str, ArmConfig]) -> list[str]:
-    """Motors of all arms by prefix."""
+    """Names of the motors of arms by prefix."""
     return [motor for prefix, arm in arms.items() for motor in motor_names(prefix, arm)]
 
 

@@ -1,6 +1,6 @@
-"""What a follower shows LeRobot, one arm or two.
+"""Options of a follower, one arm or two.
 
-In a module of its own, so that no config module needs another one (see `registration`).
+In a separate module, so that no config module needs another one (see `registration`).
 """
 
 from abc import ABC, abstractmethod
@@ -26,7 +26,7 @@ class FollowerOptions(ABC):
             Fields of this config keep their units.
         action_space: "joint": actions and observed positions are `joint_1.pos` …; "ee": they are the tool's pose,
             `ee_x.pos` … in m and rad, velocities in rad/s, whatever `use_degrees` says (docs/end-effector.md).
-        isolation: "process" runs the control loop in a process of its own; "thread" is for debugging,
+        isolation: "process" runs the control loop in another process; "thread" is for debugging,
             "lockstep" for rigs in lock-step (the environment `yam` sets it).
     """
 

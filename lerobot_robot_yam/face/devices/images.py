@@ -1,28 +1,50 @@
-"""The images of an observation: the newest of every camera, and some patience with one that is late."""
+"""The cameras of a robot: which rig they look at, their newest images, and some patience with one that is late."""
 
+import dataclasses
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from lerobot.cameras.camera import Camera
 from lerobot.cameras.configs import CameraConfig
 
+from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import StaleStateError
+from lerobot_robot_yam.rig.scene.scene import Options
+from lerobot_robot_yam.system.runtime_files import rig_name
 
 logger = logging.getLogger(__name__)
 
-# A busy machine or USB bus makes images late now and then, and a recording should outlive that. Who waits leaves the
-# machine to those who make the images; who goes on with old ones, up to the 0.5 s that LeRobot takes, keeps it busy.
+# A busy machine or USB bus makes images late now and then, and a recording should outlive that. To wait leaves the
+# machine to the processes that make the images; to go on with old ones, up to LeRobot's 0.5 s, would keep it busy.
 _FRESH_S, _FRESH_SLOW_S = 0.2, 0.4
 _FRESH_FRAMES = 2.0  # of a slow camera
 LATE_S = 0.6  # from then on, what LeRobot takes will do
-# A camera whose image is so old is dead, and told of within the second that docs/faults.md promises, if the machine
-# lets us watch. Others are merely slow, as all are while somebody else has the machine.
+# A camera whose image is so old is dead. It is reported within the second that docs/faults.md promises, if this
+# process gets its time; while another process has the machine, all cameras are merely slow.
 _DEAD_MS = 800
 PATIENCE_S = 3.0
 _GLANCE_S = 0.005
 _ASLEEP_S = 0.1  # between two glances, or more: somebody else had the machine, and the cameras no chance either
+_SCENE_OPTIONS = {field.name for field in dataclasses.fields(Options)}
+
+
+def beside_arms(camera: Any, arms: Iterable[ArmConfig]) -> Any:
+    """A camera's config in the rig of a robot's virtual arms, unless it names another.
+
+    The camera may be the first to start that rig. Cameras of other types stay as they are.
+    """
+    said = next((arm.can_options for arm in arms if arm.interface == "yam_sim"), None)
+    if said is None or camera.type != "yam_sim" or camera.rig != "auto":
+        return camera
+    options = {key: value for key, value in said.items() if key in _SCENE_OPTIONS}
+    return dataclasses.replace(
+        camera,
+        rig=rig_name(said.get("rig"))[0],
+        scene=camera.scene or said.get("scene"),
+        rig_options=camera.rig_options or options,
+    )
 
 
 def newest_images(cameras: Mapping[str, Camera], configs: Mapping[str, CameraConfig]) -> tuple[dict[str, Any], bool]:
@@ -30,9 +52,6 @@ def newest_images(cameras: Mapping[str, Camera], configs: Mapping[str, CameraCon
 
     After `LATE_S`, images that are younger than their cameras take (0.5 s) will do. A camera is called dead only after
     a watch that was awake for so long: where this process got no time for 0.1 s, it begins anew.
-
-    Args:
-        cameras, configs: by feature name.
 
     Returns:
         Images by feature name, depth as `<name>_depth`; and whether one was waited for.

@@ -1,4 +1,4 @@
-"""What surrounds the robot of an environment: the scene that is laid out before an episode, and who judges it."""
+"""The referee of an environment: lays the scene out before an episode, and judges it."""
 
 import importlib
 import logging
@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from lerobot.utils.keyboard_input import create_key_listener
@@ -29,8 +29,8 @@ class Verdict(NamedTuple):
     over: bool = False
 
 
-class Referee(Protocol):
-    """Lays scenes out and judges episodes."""
+class Referee:
+    """Lays scenes out and judges episodes. This one has nothing to lay out, and lets every episode run on."""
 
     def arrange(self, seed: int | None) -> None:
         """Lay the scene out for an episode; the arms are out of the way.
@@ -41,12 +41,13 @@ class Referee(Protocol):
 
     def verdict(self, observation: Mapping[str, Any]) -> Verdict:
         """How the episode stands."""
+        return Verdict()
 
     def close(self) -> None:
         """Leave. Idempotent."""
 
 
-class RigReferee:
+class RigReferee(Referee):
     """A virtual rig's own task, laid out and judged by the rig.
 
     Args:
@@ -68,16 +69,9 @@ class RigReferee:
         success = bool(state["success"])
         return Verdict(success, success or bool(state["failed"]))
 
-    def close(self) -> None:
-        pass
 
-
-class OperatorReferee:
+class OperatorReferee(Referee):
     """A person lays the scene out and judges, by keys: space goes on, s is success, f failure.
-
-    Args:
-        task: what the person is told.
-        scene: lays the scene out instead.
 
     Raises:
         ConfigError: there is no keyboard to listen to.
@@ -102,15 +96,13 @@ class OperatorReferee:
     def arrange(self, seed: int | None) -> None:
         if self._scene is not None:
             self._scene.arrange(seed)
-            self._key = ""
-            return
-        logger.info("lay out the scene of '%s' (seed %s), then press space", self._task, seed)
-        since_s = time.monotonic()
-        while True:
+        else:
+            logger.info("lay out the scene of '%s' (seed %s), then press space", self._task, seed)
+            since_s = time.monotonic()
             self._pressed.clear()
-            if self._pressed.wait(_REMIND_S) and self._key == "space":
-                break
-            logger.info("waiting for space, since %.0f s; the arms hold", time.monotonic() - since_s)
+            while not self._pressed.wait(_REMIND_S) or self._key != "space":
+                logger.info("waiting for space, since %.0f s; the arms hold", time.monotonic() - since_s)
+                self._pressed.clear()
         self._key = ""
 
     def verdict(self, observation: Mapping[str, Any]) -> Verdict:
@@ -141,21 +133,14 @@ def find_judge(name: str) -> Judge:
     return judge
 
 
-class CallableReferee:
-    """Another referee, with a callable as its judge.
+class CallableReferee(Referee):
+    """Another referee, with a callable as its judge."""
 
-    Args:
-        other: lays the scene out; None: nothing has to be laid out.
-        judge: of every observation.
-    """
-
-    def __init__(self, other: Referee | None, judge: Judge):
-        self._other = other
-        self._judge = judge
+    def __init__(self, other: Referee, judge: Judge):
+        self._other, self._judge = other, judge
 
     def arrange(self, seed: int | None) -> None:
-        if self._other is not None:
-            self._other.arrange(seed)
+        self._other.arrange(seed)
 
     def verdict(self, observation: Mapping[str, Any]) -> Verdict:
         said = self._judge(observation)
@@ -164,5 +149,4 @@ class CallableReferee:
         return Verdict(bool(said), said is not None)
 
     def close(self) -> None:
-        if self._other is not None:
-            self._other.close()
+        self._other.close()

@@ -70,7 +70,7 @@ class YamOpenpiConfig(PreTrainedConfig):
 
     @property
     def server(self) -> str:
-        """What messages call the server."""
+        """The name of the server in messages."""
         return f"openpi server {self.url.partition('://')[2].rpartition('@')[2]}"
 
     def api_key(self) -> str | None:

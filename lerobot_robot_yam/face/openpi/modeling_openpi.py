@@ -12,9 +12,8 @@ from lerobot.policies.rtc import RTCProcessor
 from lerobot.utils.constants import OBS_STATE
 
 from lerobot_robot_yam.errors import ActionError, ConfigError, PolicyServerError
-from lerobot_robot_yam.face.openpi.answers import action_chunk, check_metadata, check_state
 from lerobot_robot_yam.face.openpi.configuration_openpi import YamOpenpiConfig
-from lerobot_robot_yam.face.openpi.observations import server_observation
+from lerobot_robot_yam.face.openpi.messages import action_chunk, check_metadata, check_state, server_observation
 from lerobot_robot_yam.face.openpi.server_connection import ServerConnection
 
 
@@ -23,9 +22,6 @@ class YamOpenpiPolicy(PreTrainedPolicy):
 
     The connection is made at once, so that a wrong address or a server for another robot is known before an arm is
     energised. Whatever goes wrong later raises, and no action comes out: the arms hold.
-
-    Args:
-        config: where the server is and what it expects.
 
     Raises:
         ConfigError: a field, or the server's metadata, do not fit.
@@ -38,15 +34,7 @@ class YamOpenpiPolicy(PreTrainedPolicy):
     def __init__(self, config: YamOpenpiConfig, **_: Any):
         super().__init__(config)
         config.validate_features()
-        self._server = ServerConnection(
-            config.url,
-            config.server,
-            config.api_key(),
-            config.connect_timeout_s,
-            config.first_response_timeout_s,
-            config.response_timeout_s,
-            lambda metadata: check_metadata(config, metadata),
-        )
+        self._server = ServerConnection(config, lambda metadata: check_metadata(config, metadata))
         self._server.open()
         self._hang_up = weakref.finalize(self, self._server.close)  # also when the interpreter ends
         self._queue: deque[torch.Tensor] = deque()
@@ -98,7 +86,7 @@ class YamOpenpiPolicy(PreTrainedPolicy):
         """A new chunk of actions, (B, steps, n).
 
         Args:
-            batch: see `server_observation`. Each row is a question of its own.
+            batch: see `server_observation`. Each row is a separate question.
             inference_delay: steps of the running chunk that will be executed before this one can be.
             prev_chunk_left_over: the running chunk's actions from now on, (k, n), padded with zeros.
 
@@ -106,7 +94,7 @@ class YamOpenpiPolicy(PreTrainedPolicy):
             PolicyServerError: the server failed, is gone, or does not answer in time; with real-time chunking also
                 where the question, or the answer, is of the episode before. LeRobot asks again then.
             ActionError: its actions cannot be used.
-            ConfigError: the robot does not observe what the server is to be sent.
+            ConfigError: the robot does not observe something that the server expects.
         """
         if OBS_STATE not in batch:
             raise ConfigError(f"there is no {OBS_STATE} to send; the robot has to observe its positions")

@@ -26,7 +26,7 @@ def decode(data: bytes) -> Any:
     """The message that these bytes say. Arrays are read-only.
 
     Raises:
-        ValueError: they are not msgpack, or contain an array that is none.
+        ValueError: they are not msgpack, or contain an invalid array.
     """
     try:
         return msgpack.unpackb(data, object_hook=_unpack)

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError, PolicyServerError
+from lerobot_robot_yam.face.openpi.configuration_openpi import YamOpenpiConfig
 
 try:
     from websockets.exceptions import ConnectionClosed, InvalidStatus, InvalidURI, WebSocketException
@@ -41,33 +42,19 @@ class ServerConnection:
     it again.
 
     Args:
-        url: `ws://host:port`.
-        name: what messages call it.
-        api_key: sent as openpi's client does, None for none.
-        connect_timeout_s: for the server to come up, and to greet.
-        first_response_timeout_s: for the first answer after each connection.
-        response_timeout_s: for every other answer.
+        config: where the server is, and how long it is waited for.
         check: called with the metadata of every greeting; raises where they do not fit.
+
+    Raises:
+        ConfigError: there is no API key where the config says.
     """
 
-    def __init__(
-        self,
-        url: str,
-        name: str,
-        api_key: str | None,
-        connect_timeout_s: float,
-        first_response_timeout_s: float,
-        response_timeout_s: float,
-        check: Callable[[dict[str, Any]], None],
-    ):
-        self._url = url
-        self._name = name
-        self._headers = {"Authorization": f"Api-Key {api_key}"} if api_key else None
-        self._connect_timeout_s = connect_timeout_s
-        self._first_response_timeout_s = self._next_timeout_s = first_response_timeout_s
-        self._overdue = False  # it is there, but has not answered in time: to wait longer would help nobody
-        self._response_timeout_s = response_timeout_s
-        self._check = check
+    def __init__(self, config: YamOpenpiConfig, check: Callable[[dict[str, Any]], None]):
+        self._config, self._name, self._check = config, config.server, check
+        key = config.api_key()
+        self._headers = {"Authorization": f"Api-Key {key}"} if key else None
+        self._next_timeout_s = config.first_response_timeout_s
+        self._overdue = False  # it is there, but has not answered in time: waiting longer would not help
         self._stack = contextlib.ExitStack()
         self._connection: ClientConnection | None = None
 
@@ -76,9 +63,9 @@ class ServerConnection:
 
         Raises:
             PolicyServerError: it does not come up, greet, or let us in.
-            ConfigError: the URL is none, or the metadata do not fit.
+            ConfigError: the URL is invalid, or the metadata do not fit.
         """
-        deadline = time.monotonic() + self._connect_timeout_s
+        deadline = time.monotonic() + self._config.connect_timeout_s
         logger.info("waiting for the %s", self._name)
         while True:
             try:
@@ -89,7 +76,7 @@ class ServerConnection:
             time.sleep(_RETRY_S)
 
     def infer(self, observation: dict[str, Any]) -> dict[str, Any]:
-        """What the server answers to an observation.
+        """The server's answer to an observation.
 
         Raises:
             PolicyServerError: it failed, is gone, or does not answer in time.
@@ -104,7 +91,7 @@ class ServerConnection:
                     f"state_key and prompt are what its policy expects:\n{answer.strip()}"
                 )
             message = self._decode(answer)
-        self._next_timeout_s, self._overdue = self._response_timeout_s, False
+        self._next_timeout_s, self._overdue = self._config.response_timeout_s, False
         return message
 
     def close(self) -> None:
@@ -116,16 +103,16 @@ class ServerConnection:
         try:
             connection = self._stack.enter_context(
                 connect(
-                    self._url,
+                    self._config.url,
                     additional_headers=self._headers,
                     compression=None,  # as openpi's client: images would cost milliseconds
                     max_size=_MOST_BYTES,
-                    open_timeout=self._connect_timeout_s,
+                    open_timeout=self._config.connect_timeout_s,
                     close_timeout=_CLOSE_TIMEOUT_S,
                     ping_interval=None,  # the server cannot answer pings while it computes; `_exchange` has a time-out
                 )
             )
-        except (InvalidURI, ValueError) as error:  # ValueError: what urllib says of a host that is none
+        except (InvalidURI, ValueError) as error:  # ValueError: urllib raises it for an invalid host
             raise ConfigError(f"--policy.host and --policy.port make no websocket URL: {error}") from error
         except InvalidStatus as error:
             status = error.response.status_code
@@ -140,7 +127,7 @@ class ServerConnection:
             ) from error
         with self._closed_on_failure():
             try:
-                greeting = connection.recv(self._connect_timeout_s)
+                greeting = connection.recv(self._config.connect_timeout_s)
             except (TimeoutError, ConnectionClosed) as error:
                 self._check_size(error)
                 raise PolicyServerError(f"the {self._name} did not greet ({_words(error)}); is it one?") from error
@@ -149,7 +136,7 @@ class ServerConnection:
             self._check(metadata)
         self._connection = connection
         if not self._overdue:
-            self._next_timeout_s = self._first_response_timeout_s
+            self._next_timeout_s = self._config.first_response_timeout_s
 
     def _exchange(self, message: bytes, timeout_s: float) -> bytes | str:
         """Send and receive within a time; the timer also ends a send to a server that does not read."""
@@ -184,7 +171,7 @@ class ServerConnection:
             timer.join()
 
     def _check_size(self, error: Exception) -> None:
-        """Raise an error of its own where it was us who closed the connection, since a message was too large."""
+        """Raise another error if we closed the connection, because a message was too large."""
         ours = error.sent if isinstance(error, ConnectionClosed) else None
         if ours is not None and ours.code == CloseCode.MESSAGE_TOO_BIG:
             raise PolicyServerError(

@@ -51,7 +51,7 @@ def record_of(rig):
 
 def newest_of(session):
     """The same, where the link to the block has ended with who has published it last."""
-    return session[CHANNEL]._states.read()
+    return session[CHANNEL]._states.block.read()
 
 
 @pytest.mark.parametrize("silent", [False, True])

@@ -9,8 +9,8 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.commands.configs import config_path
 from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig, FollowerArmConfig
 from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
-from lerobot_robot_yam.doctor.check_calibration import calibration_section, check_calibrations
-from lerobot_robot_yam.doctor.kit.findings import Severity
+from lerobot_robot_yam.doctor.check_calibration import check_calibrations
+from lerobot_robot_yam.doctor.kit.findings import Section, Severity
 from lerobot_robot_yam.doctor.kit.targets import ARM_OPTIONS, DEVICE_OPTIONS, calibration_root, from_config, from_option
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_teleoperator_yam.config_bi_yam_leader import BiYamLeaderConfig, LeaderArmConfig
@@ -138,7 +138,7 @@ def check(tmp_path, text):
     path.mkdir() if text is None else path.write_text(text)
     config = tmp_path / "one.yaml"
     config.write_text(f"robot: {{type: yam_follower, channel: can_x, calibration_path: {path}}}")
-    section = calibration_section()
+    section = Section("gripper_calibration")
     check_calibrations(from_config(config, None).targets, tmp_path, section)
     return path, section
 
@@ -164,7 +164,7 @@ def test_a_good_calibration(tmp_path):
 def test_no_calibration_yet(tmp_path):
     config = tmp_path / "one.yaml"
     config.write_text(f"robot: {{type: yam_follower, channel: can_x, calibration_path: {tmp_path / 'none.json'}}}")
-    section = calibration_section()
+    section = Section("gripper_calibration")
     check_calibrations(from_config(config, None).targets, tmp_path, section)
     assert [f.severity for f in section.findings] == [Severity.WARNING]
     assert section.rows[0]["state"] == "missing"
@@ -173,7 +173,7 @@ def test_no_calibration_yet(tmp_path):
 def test_stops_in_the_config(tmp_path):
     config = tmp_path / "one.yaml"
     config.write_text("robot: {type: yam_follower, channel: can_x, gripper_stops_rad: [3.2, 3.1]}")
-    section = calibration_section()
+    section = Section("gripper_calibration")
     check_calibrations(from_config(config, None).targets, tmp_path, section)
     assert section.findings[0].severity is Severity.PROBLEM and "gripper_stops_rad" in section.findings[0].remedy
 
@@ -184,7 +184,7 @@ def test_without_a_config_all_files_of_lerobot_are_looked_at(tmp_path):
     (directory / "a_gripper.json").write_text(WHOLE)
     (directory / "b_gripper.json").write_text("{")
     (directory / "c_gripper.json").write_text(WHOLE.replace("linear_4310", "my_own"))
-    section = calibration_section()
+    section = Section("gripper_calibration")
     check_calibrations([from_option("can_x", "socketcan", None)], tmp_path, section)
     assert [row["state"] for row in section.rows] == ["valid", "unusable", "unknown"]
     assert [f.severity for f in section.findings] == [Severity.PROBLEM, Severity.NOTE]

@@ -24,10 +24,10 @@ from lerobot_robot_yam.damiao.registers import (
 )
 from lerobot_robot_yam.damiao.tables import REGISTER_ID
 from lerobot_robot_yam.doctor.check_channel import ChannelSections, examine_channel
-from lerobot_robot_yam.doctor.check_handle import handle_firmware, handles_section, inspect_handle
+from lerobot_robot_yam.doctor.check_handle import handle_firmware, inspect_handle
 from lerobot_robot_yam.doctor.check_latency import BIN_EDGES_MS, BLOCKS, bars, histogram, percentile
 from lerobot_robot_yam.doctor.check_link import Link
-from lerobot_robot_yam.doctor.kit.findings import Severity
+from lerobot_robot_yam.doctor.kit.findings import Section, Severity
 from lerobot_robot_yam.doctor.kit.questions import Questions, harmless
 from lerobot_robot_yam.doctor.kit.targets import from_option
 from lerobot_robot_yam.errors import LifeCycleError
@@ -108,7 +108,7 @@ def desk():
 
 
 def inspect(desk):
-    questions, section = Questions(desk, "can_x"), handles_section()
+    questions, section = Questions(desk, "can_x"), Section("handles")
     inspect_handle(questions, TARGET, handle_firmware(questions, expected=True), section)
     return section
 

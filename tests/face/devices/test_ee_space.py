@@ -140,7 +140,7 @@ def test_degrees_mean_nothing_beside_tool_poses(rig, tmp_path):
     try:
         target = robot.joints() + np.array([0.5, 0, 0, 0, 0, 0, 0])
         for _ in range(40):
-            robot.track_joints(target)
+            robot.send_joints(target)
             time.sleep(0.02)
             fastest = max(fastest, abs(robot.get_observation()["joint_1.vel"]))
     finally:

@@ -10,7 +10,7 @@ from lerobot.configs.eval import EvalPipelineConfig
 from lerobot.envs.utils import NEW_ROLLOUT_OPTION
 
 from lerobot_robot_yam.commands.configs import config_path
-from lerobot_robot_yam.commands.lib.demonstration import demonstrate
+from lerobot_robot_yam.commands.gather import demonstrate
 from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
 from lerobot_robot_yam.config_yam_env import YamEnvConfig
@@ -142,7 +142,7 @@ def test_a_reset_between_two_tool_poses_begins_a_new_path(tmp_path):
             env.reset(seed=1)
             follower, _ = env._connected()
             for _ in range(120):
-                follower.track_joints(np.array([*q, 1.0]))
+                follower.send_joints(np.array([*q, 1.0]))
                 follower.clock.sleep(1 / 30)
             follower.clock.sleep(0.5)
             pose = env.action_of(np.array([*q, 1.0]))

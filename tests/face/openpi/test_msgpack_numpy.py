@@ -6,7 +6,7 @@ import torch
 from PIL import Image
 
 from lerobot_robot_yam.face.openpi import msgpack_numpy
-from lerobot_robot_yam.face.openpi.padded_images import resize_with_pad
+from lerobot_robot_yam.face.openpi.messages import resize_with_pad
 
 # Made with msgpack_numpy.packb of the published openpi-client 0.1.2 (under NumPy 2, which its metadata forbid).
 GOLDEN_QUESTION = {

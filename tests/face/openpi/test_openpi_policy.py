@@ -11,7 +11,7 @@ from lerobot.policies.rtc import RTCConfig
 
 from lerobot_robot_yam.errors import ConfigError, PolicyServerError
 from lerobot_robot_yam.face.openpi.configuration_openpi import YamOpenpiConfig
-from lerobot_robot_yam.face.openpi.padded_images import resize_with_pad
+from lerobot_robot_yam.face.openpi.messages import resize_with_pad
 from tests.face.openpi.conftest import batch_of
 from tests.support.openpi_server import answering, zeros
 

@@ -177,7 +177,7 @@ def teleoperated(rig: RigControl) -> Iterator[Callable[[], None]]:
         def pass_on() -> None:
             for side in SIDES:
                 state = leaders[side].observe()
-                followers[side].track(state.q, 1.0 - state.trigger)
+                followers[side].write_target(state.q, 1.0 - state.trigger)
 
         yield pass_on
 

@@ -1,1 +1,1 @@
-"""What yam-repair-dataset does: read what a killed recording left, and write it as a whole data set."""
+"""Repair of a data set: read what a killed recording left, and write it as a whole data set."""

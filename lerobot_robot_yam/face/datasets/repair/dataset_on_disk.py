@@ -1,7 +1,9 @@
 """A LeRobot data set (format v3) as it lies on disk, in words and numbers."""
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import datasets
 import numpy as np
@@ -12,6 +14,14 @@ from lerobot.datasets.utils import DatasetInfo
 
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.face.datasets.repair.parquet_salvage import salvage
+
+Progress = Callable[[Iterable[Any]], Iterable[Any]]
+"""Wraps a loop to show how far it is."""
+
+
+def clip_columns(key: str) -> list[str]:
+    """Names of an episode's metadata about its clip of a camera: chunk, file, begin and end (s) in the file."""
+    return [f"videos/{key}/{name}" for name in ("chunk_index", "file_index", "from_timestamp", "to_timestamp")]
 
 
 class DatasetError(YamError, RuntimeError):
@@ -29,7 +39,7 @@ class Clip:
 
 @dataclass
 class Episode:
-    """What is known of one episode; `lost` says why it cannot be recovered, and is empty where it can."""
+    """One episode; `lost` says why it cannot be recovered, and is empty if it can."""
 
     number: int  # as recorded
     path: Path  # data file, relative to the data set
@@ -51,7 +61,7 @@ class Findings:
     stats: dict[str, dict[str, np.ndarray]]  # of all episodes together; empty where they cannot be read
     episodes: list[Episode] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
-    leftovers: list[str] = field(default_factory=list)  # what nobody reads, in words
+    leftovers: list[str] = field(default_factory=list)  # files that no program reads, in words
 
     @property
     def kept(self) -> list[Episode]:

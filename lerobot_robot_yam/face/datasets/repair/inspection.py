@@ -1,4 +1,4 @@
-"""What a LeRobot data set (format v3) on disk really holds, in whatever state its recording left it.
+"""The inspection of a LeRobot data set (format v3) on disk, in whatever state its recording left it.
 
 LeRobot's writer keeps one data file and one file of episode metadata open for a whole session and writes their footers
 at its end; metadata of up to ten episodes lies only in memory. So after a kill -9 nothing loads, not even the episodes
@@ -6,35 +6,47 @@ that were saved. Their rows and videos are on disk all the same: rows are read p
 where an episode lies in its cameras' videos follows from the lengths, since episodes are appended in their order.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import closing
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import av
+import datasets
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from lerobot.configs import DepthEncoderConfig
+from lerobot.datasets.compute_stats import (
+    auto_downsample_height_width,
+    compute_episode_stats,
+    get_feature_stats,
+    sample_indices,
+)
+from lerobot.datasets.depth_utils import dequantize_depth
 from lerobot.datasets.io_utils import cast_stats_to_numpy, load_info, load_stats, load_tasks
+from lerobot.datasets.video_utils import decode_video_frames
 
-from lerobot_robot_yam.face.datasets.repair.dataset_on_disk import Clip, DatasetError, Episode, Findings
-from lerobot_robot_yam.face.datasets.repair.episode_check import check
-
-Progress = Callable[[Iterable[Episode]], Iterable[Episode]]
+from lerobot_robot_yam.face.datasets.repair.dataset_on_disk import (
+    Clip,
+    DatasetError,
+    Episode,
+    Findings,
+    Progress,
+    clip_columns,
+)
 
 _INTERRUPTED = "{}: rows of an episode {} whose saving was interrupted"
+_TOLERANCE_S = 1e-4  # LeRobot's own, between a frame and its time in the video
+_BATCH = 16  # frames asked for at once: LeRobot's decoder keeps all that lie between the first and the last
 
 
 def inspect(root: Path, progress: Progress = iter) -> Findings:
-    """Look at a data set, change nothing.
-
-    Args:
-        root: its directory.
-        progress: wraps the loop that decodes videos.
+    """Look at a data set, change nothing. `progress` wraps the loop that decodes videos.
 
     Raises:
-        DatasetError: what says how the data are to be read is missing.
+        DatasetError: a file that says how to read the data is missing.
     """
     try:
         name = "meta/info.json"
@@ -59,7 +71,7 @@ def inspect(root: Path, progress: Progress = iter) -> Findings:
         _place(findings, key)
     for episode in progress(findings.kept):
         try:
-            check(findings, episode)
+            _check(findings, episode)
         except DatasetError as error:
             episode.lost = str(error)
     kept = findings.kept
@@ -125,7 +137,7 @@ def _episodes(findings: Findings, path: Path, rows: dict[int, dict[str, Any]]) -
         next_index += length
         if row is not None:
             for key in findings.keys("video"):
-                place = [f"videos/{key}/{name}" for name in ("chunk_index", "file_index", "from_timestamp")]
+                place = clip_columns(key)[:3]
                 # LeRobot saves the row first where it encodes the videos of several episodes at once.
                 if all(row.get(name) is not None for name in place):
                     episode.videos[key] = Clip(*(row[name] for name in place))
@@ -171,3 +183,74 @@ def _frame_count(path: Path) -> int:
             return sum(stream.frames for stream in video.streams.video[:1])
     except (av.FFmpegError, OSError):
         return 0
+
+
+def _check(findings: Findings, episode: Episode) -> None:
+    """Decode the first and the last frame of each video; where LeRobot's statistics are lost, make them.
+
+    Raises:
+        DatasetError: a video cannot be decoded.
+    """
+    if episode.stats is not None:
+        for key, clip in episode.videos.items():
+            for index in (0, episode.length - 1):
+                _frames(findings, key, clip, [index])
+        return
+    features, chosen = findings.info.features, sample_indices(episode.length)
+    table = findings.read_data(episode.path)[0].slice(episode.start, episode.length)
+    numeric = {
+        key: np.array(table.column(key).to_pylist(), features[key]["dtype"])
+        for key in table.column_names
+        if features[key]["dtype"] not in ("image", "string", "language")
+    }
+    stats = compute_episode_stats(numeric, features)
+    pictures = {key: _frames(findings, key, clip, chosen) for key, clip in episode.videos.items()}
+    for key in findings.keys("image"):
+        cells = table.column(key).take(chosen)
+        pictures[key] = _small(np.stack([_channels_first(datasets.Image().decode_example(c.as_py())) for c in cells]))
+    for key, images in pictures.items():
+        scale = 1.0 if _is_depth(features[key]) else 255.0
+        raw = get_feature_stats(images, axis=(0, 2, 3), keepdims=True)
+        stats[key] = {name: np.squeeze(value / scale, axis=0) for name, value in raw.items() if name != "count"}
+        # LeRobot weighs episodes by this: in pixels where it encoded while recording, else in pictures it looked at.
+        in_pixels = key in findings.stats and findings.stats[key]["count"][0] > findings.info.total_frames
+        stats[key]["count"] = np.array([episode.length * images[0, 0].size if in_pixels else len(images)])
+    episode.stats = stats
+
+
+def _frames(findings: Findings, key: str, clip: Clip, indices: list[int]) -> np.ndarray:
+    """Frames of an episode (n, channels, height, width), made smaller as LeRobot does for its statistics.
+
+    Raises:
+        DatasetError: they cannot be decoded.
+    """
+    info = findings.info.features[key].get("info") or {}
+    is_depth, path = _is_depth(findings.info.features[key]), findings.root / findings.video(key, clip)
+    found = []
+    for first in range(0, len(indices), _BATCH):
+        exact = np.array(indices[first : first + _BATCH]) / findings.info.fps
+        times = [clip.start_s + time for time in exact.astype(np.float32).tolist()]  # as LeRobot stores and asks them
+        try:
+            frames = decode_video_frames(path, times, _TOLERANCE_S, "pyav", return_uint8=True, is_depth=is_depth)
+        except (av.FFmpegError, OSError, ValueError, RuntimeError, IndexError) as error:
+            why = str(error).partition("\n")[0][:120]
+            raise DatasetError(f"{path.relative_to(findings.root)} cannot be decoded: {why}") from error
+        if is_depth:
+            coding = DepthEncoderConfig.from_video_info(info)
+            limits = {name: getattr(coding, name) for name in ("depth_min", "depth_max", "shift", "use_log")}
+            frames = dequantize_depth(frames, **limits, output_unit=info.get("depth_unit") or "mm")
+        found.append(_small(frames.numpy()))
+    return np.concatenate(found)
+
+
+def _is_depth(feature: dict[str, Any]) -> bool:
+    return bool((feature.get("info") or {}).get("is_depth_map"))
+
+
+def _small(images: np.ndarray) -> np.ndarray:
+    return np.stack([auto_downsample_height_width(image) for image in images])
+
+
+def _channels_first(image: Any) -> np.ndarray:
+    array = np.asarray(image)
+    return array[None] if array.ndim == 2 else array.transpose(2, 0, 1)

@@ -1,7 +1,6 @@
 """A whole LeRobot data set from what `inspection` found, written by LeRobot's own functions."""
 
 import shutil
-from collections.abc import Callable, Iterable
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -11,9 +10,7 @@ import pyarrow as pa
 from lerobot.datasets import LeRobotDataset, LeRobotDatasetMetadata
 from lerobot.datasets.io_utils import write_stats, write_table_one_row_group_per_episode
 
-from lerobot_robot_yam.face.datasets.repair.dataset_on_disk import DatasetError, Findings
-
-Progress = Callable[[Iterable[Any]], Iterable[Any]]
+from lerobot_robot_yam.face.datasets.repair.dataset_on_disk import DatasetError, Findings, Progress, clip_columns
 
 _REPLACED = ("data", "videos", "images", "episodes")  # directories whose content is written anew, or of no use
 
@@ -79,12 +76,8 @@ def _metadata(findings: Findings, target: Path) -> None:
         chunk, file = (int(part.rpartition("-")[2]) for part in (episode.path.parent.name, episode.path.stem))
         places: dict[str, Any] = {"data/chunk_index": chunk, "data/file_index": file}
         for key, clip in episode.videos.items():
-            places |= {
-                f"videos/{key}/chunk_index": clip.chunk,
-                f"videos/{key}/file_index": clip.file,
-                f"videos/{key}/from_timestamp": clip.start_s,
-                f"videos/{key}/to_timestamp": clip.start_s + episode.length / info.fps,
-            }
+            end_s = clip.start_s + episode.length / info.fps
+            places |= dict(zip(clip_columns(key), (clip.chunk, clip.file, clip.start_s, end_s), strict=True))
         assert episode.stats is not None
         meta.save_episode(number, episode.length, episode.tasks, episode.stats, places)
     meta.finalize()
@@ -94,7 +87,7 @@ def _metadata(findings: Findings, target: Path) -> None:
 
 
 def _rest(findings: Findings, target: Path) -> None:
-    """What lies beside the data and is not LeRobot's bookkeeping: the card, notes, other packages' files."""
+    """Copy the files beside the data that are not LeRobot's own: the card, notes, files of other packages."""
     for directory in (Path(), Path("meta")):
         for path in sorted((findings.root / directory).iterdir()):
             copy = target / directory / path.name

@@ -1,15 +1,90 @@
-"""What an openpi server says of itself, and its actions: checked before anything of it reaches an arm."""
+"""Messages to and from an openpi server: the observation that is sent, and checks of what comes back.
+
+Nothing that the server says of itself, and none of its actions, reaches an arm unchecked.
+"""
 
 import math
 from typing import Any, get_args
 
 import numpy as np
+import torch
+from lerobot.utils.constants import OBS_IMAGES, OBS_STATE
+from PIL import Image
 
 from lerobot_robot_yam.errors import ActionError, ConfigError
 from lerobot_robot_yam.face.openpi.configuration_openpi import ActionSpace, YamOpenpiConfig
 
+PROMPT_KEY = "prompt"
 # No joint of these arms turns further than 3.2 rad either way, so a larger number is an angle in degrees.
 _LARGEST_RAD = 2.0 * math.pi
+
+
+def server_observation(config: YamOpenpiConfig, batch: dict[str, Any], row: int) -> dict[str, Any]:
+    """The message to the server for one row of a batch.
+
+    Args:
+        config: names and forms that the server expects.
+        batch: LeRobot's, from the policy's preprocessor: `observation.state` (B, n), `observation.images.<camera>`
+            (B, 3, H, W) from 0 to 1, `task`: B texts or one.
+        row: which of the B.
+
+    Returns:
+        State float32 (n,), images uint8 (height, width, 3) or (3, height, width), prompt where there is one.
+
+    Raises:
+        ConfigError: the robot has no such camera.
+    """
+    observation: dict[str, Any] = {config.state_key: batch[OBS_STATE][row].cpu().numpy().astype(np.float32)}
+    images = {key: _image(config, batch, camera, row) for camera, key in config.image_keys.items()}
+    if config.image_group is None:
+        observation |= images
+    else:
+        observation[config.image_group] = images
+    task = batch.get("task") or ""
+    prompt = config.prompt or (task if isinstance(task, str) else task[row])
+    if prompt:  # without one, the server takes the default prompt that it was started with
+        observation[PROMPT_KEY] = prompt
+    return observation
+
+
+def _image(config: YamOpenpiConfig, batch: dict[str, Any], camera: str, row: int) -> np.ndarray:
+    name = f"{OBS_IMAGES}.{camera}"
+    if name not in batch or batch[name].shape[-3] != 3:
+        cameras = [key.removeprefix(f"{OBS_IMAGES}.") for key in batch if key.startswith(f"{OBS_IMAGES}.")]
+        raise ConfigError(
+            f"--policy.image_keys names the camera {camera!r}, of which there is no colour image; the robot has: "
+            f"{', '.join(cameras) or 'no cameras'}"
+        )
+    tensor = batch[name][row]
+    if tensor.is_floating_point():  # rounded, it is exactly what the camera gave
+        tensor = (tensor * 255.0).round().clamp(0, 255).to(torch.uint8)
+    image = tensor.permute(1, 2, 0).cpu().numpy()
+    if config.image_size is not None:
+        image = resize_with_pad(np.ascontiguousarray(image), *config.image_size)
+    return np.ascontiguousarray(image.transpose(2, 0, 1) if config.image_layout == "chw" else image)
+
+
+def resize_with_pad(image: np.ndarray, height: int, width: int) -> np.ndarray:
+    """The largest copy of the image that fits, in the middle of a black one of this size.
+
+    Bilinear, whole pixels rounded down: to the pixel what `openpi_client.image_tools.resize_with_pad` (0.1.2) makes,
+    which openpi uses in training too.
+
+    Args:
+        image: (H, W, 3), uint8.
+
+    Returns:
+        (height, width, 3), uint8.
+    """
+    if image.shape[:2] == (height, width):
+        return image
+    shrink = max(image.shape[1] / width, image.shape[0] / height)
+    inner_height, inner_width = int(image.shape[0] / shrink), int(image.shape[1] / shrink)
+    inner = Image.fromarray(image).resize((inner_width, inner_height), resample=Image.Resampling.BILINEAR)
+    top, left = (height - inner_height) // 2, (width - inner_width) // 2
+    padded = np.zeros((height, width, 3), dtype=np.uint8)
+    padded[top : top + inner_height, left : left + inner_width] = np.asarray(inner)
+    return padded
 
 
 def check_metadata(config: YamOpenpiConfig, metadata: dict[str, Any]) -> None:
@@ -21,17 +96,15 @@ def check_metadata(config: YamOpenpiConfig, metadata: dict[str, Any]) -> None:
     Raises:
         ConfigError: they contradict each other.
     """
-    ours: dict[str, Any] = {"angle_unit": config.angle_unit, "action_space": config.action_space}
-    if config.action_dim is not None:
-        ours["action_dim"] = config.action_dim
     space = metadata.get("action_space", config.action_space)
     if space not in get_args(ActionSpace):
         raise ConfigError(
             f"the {config.server} says that its action_space is {space!r}; these arms can be driven by "
             f"{' or '.join(get_args(ActionSpace))}"
         )
-    for key, value in ours.items():
-        if key in metadata and metadata[key] != value:
+    for key in ("angle_unit", "action_space", "action_dim"):
+        value = getattr(config, key)
+        if value is not None and metadata.get(key, value) != value:
             raise ConfigError(
                 f"the {config.server} says that its {key} is {metadata[key]!r}, --policy.{key} is {value!r}; they have "
                 f"to agree, and the robot with them"

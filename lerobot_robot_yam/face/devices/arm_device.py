@@ -1,0 +1,130 @@
+"""One arm or two as a LeRobot device: what followers and leaders have in common."""
+
+import dataclasses
+from collections.abc import Collection, Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from lerobot.utils.decorators import check_if_not_connected
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.face.devices.arm_group import ArmGroup, Models
+from lerobot_robot_yam.session.arm_session import Isolation
+from lerobot_robot_yam.system.uncopyable import Uncopied
+
+_DEFAULT_NAME = ArmConfig(channel="any").name
+
+
+def _arm_config(options: ArmConfig, name: str, calibration_dir: Path, ident: str | None) -> ArmConfig:
+    """The arm layer's part of a LeRobot config that extends `ArmConfig`.
+
+    Args:
+        options: the LeRobot config (of one arm).
+        name: what messages call the arm, unless the user has named it.
+        calibration_dir: LeRobot's directory of the device; ours is a subdirectory, whose files LeRobot never reads.
+        ident: LeRobot's id of the device (with the side), None to name the file after the channel.
+    """
+    values: dict[str, Any] = {field.name: getattr(options, field.name) for field in dataclasses.fields(ArmConfig)}
+    if options.name == _DEFAULT_NAME:
+        values["name"] = name
+    if options.calibration_path is None:
+        values["calibration_path"] = str(calibration_dir / "yam" / f"{ident or options.channel}_gripper.json")
+    return ArmConfig(**values)
+
+
+class ActionSpace(Protocol):
+    """The form of a device's actions: `ArmGroup` speaks of joints, `ee_space.EeSpace` of the poses of tools."""
+
+    keys: list[str]
+
+    def vector(self, action: Mapping[str, object]) -> np.ndarray:
+        """Joints and grippers of a LeRobot action, in canonical order and SI units; raises YamError."""
+
+    def action(self, vector: np.ndarray) -> dict[str, float]:
+        """LeRobot's form of joints and grippers in canonical order and SI units."""
+
+    def begin(self) -> None:
+        """The next action has nothing to do with those before: something else has moved the arms."""
+
+
+class ArmDevice(Uncopied):
+    """Mixin for LeRobot's `Robot` and `Teleoperator`."""
+
+    name: str
+    id: str | None
+    calibration_dir: Path
+    _arms: ArmGroup
+    _models: Models
+    _space: ActionSpace
+
+    def _make_arms(
+        self,
+        role: str,
+        arms: Mapping[str, ArmConfig],
+        use_degrees: bool,
+        isolation: Isolation,
+        handles: Collection[str] | None = None,
+    ) -> ArmGroup:
+        """The group of these arms, which messages call by their prefix and `role`; see `ArmGroup`."""
+        configs = {
+            prefix: _arm_config(arm, f"{prefix}{role}", self.calibration_dir, self.id and f"{prefix}{self.id}")
+            for prefix, arm in arms.items()
+        }
+        return ArmGroup(self.name, configs, use_degrees, isolation, handles)
+
+    def _speak(self, kind: Literal["joint", "ee"], models: Models) -> None:
+        """Have actions be joints, or poses of the tools of `models`.
+
+        Raises:
+            ConfigError: no such kind, or an arm that has no tool pose.
+        """
+        self._models = models
+        if kind == "joint":
+            self._space = self._arms
+        elif kind == "ee":
+            from lerobot_robot_yam.face.devices.ee_space import EeSpace  # mink takes a second to import
+
+            self._space = EeSpace(self._arms, models)
+        else:
+            raise ConfigError(f"{self.name}: action_space must be joint or ee, not {kind!r}")
+
+    @cached_property
+    def action_features(self) -> dict[str, type]:
+        """`joint_1.pos`, `joint_2.pos` … (or `ee_x.pos` …), `gripper.pos`; of two arms with `left_`, then `right_`."""
+        return dict.fromkeys(self._space.keys, float)
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the arms are ours. Cameras have no say: a dead camera must not keep the arms from being landed."""
+        return self._arms.connected
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether the stops of all gripper motors are known without a search; handles need none."""
+        return self._arms.calibrated
+
+    @check_if_not_connected
+    def calibrate(self) -> None:
+        """Search the stops of gripper motors and store them. Nothing may be between the fingers.
+
+        Raises:
+            YamError: a search failed.
+        """
+        self._arms.calibrate()
+
+    def configure(self) -> None:
+        """Nothing to do: the control loop has checked and set up the motors."""
+
+    @check_if_not_connected
+    def rearm(self) -> None:
+        """After a fault (docs/faults.md): enable again what has failed. Look at the arms first.
+
+        Followers then hold where they are, leaders float.
+
+        Raises:
+            YamError: an arm still fails, or needs a new connection.
+        """
+        self._arms.rearm()

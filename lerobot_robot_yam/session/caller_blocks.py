@@ -1,0 +1,202 @@
+"""The caller's ends of an arm's two blocks: it reads the states that the loop publishes, and writes commands."""
+
+import math
+import os
+import threading
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.errors import GripperError, LifeCycleError, MotorError, StaleStateError
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.records import COMMAND_DTYPE, PUBLISHED_AT, STATE_DTYPE, ArmState, Request, packed
+from lerobot_robot_yam.system.clock import SYSTEM, Clock
+from lerobot_robot_yam.system.shared_block import SharedBlock, allocate
+
+_FAILED = (Mode.FAULT, Mode.LAND, Mode.OFF)  # with a message: not because the caller has asked for it
+_WITHOUT_STOPS = {
+    Mode.BRING_UP: "they are being sought; wait",
+    Mode.STOPPED: "they are sought when the emergency stop is released (yam-estop release)",
+}
+_NEARLY_S = 0.0013  # a state that comes so soon is worth waiting for: the one before it is a whole tick older
+_LATE_S = 0.003  # how long it is waited for beyond; the loop itself waits up to 2 ms for a reply
+_OLD_S = 0.0025  # a sample that is older than a tick and this is not the newest that could be had
+_GLANCE_S = 0.00005
+_GRIPPER_OPTIONS = {"dq": 0.0, "kp": math.nan, "kd": math.nan}  # it has its own
+
+
+def without_stops(mode: Mode) -> str:
+    """The remedy for a gripper whose stops are unknown, in this mode."""
+    return _WITHOUT_STOPS.get(mode, "calibrate it (lerobot-calibrate)")
+
+
+class StateReader:
+    """Reads what the control loop publishes; any thread may."""
+
+    def __init__(self, config: ArmConfig, has_gripper: bool, clock: Clock):
+        self._config, self._has_gripper, self._clock = config, has_gripper, clock
+        self._block: SharedBlock | None = SharedBlock(None, STATE_DTYPE, False, allocate(STATE_DTYPE))
+        self._period_s = 1.0 / config.rate_hz if config.rate_hz > 0 and clock is SYSTEM else 0.0
+        self._newest: tuple[int, ArmState] | None = None  # that was found to be well, and its number in the block
+
+    @property
+    def block(self) -> SharedBlock:
+        """The block.
+
+        Raises:
+            LifeCycleError: closed.
+        """
+        if self._block is None:
+            raise LifeCycleError(f"{self._config.name}: not connected")
+        return self._block
+
+    def close(self) -> None:
+        """Let go of the block. Idempotent."""
+        block, self._block = self._block, None
+        if block is not None:
+            block.close()
+
+    def published(self) -> ArmState:
+        """See `ArmClient.published`."""
+        payload = self.block.read_bytes()
+        if payload is None:
+            raise LifeCycleError(f"{self._config.name}: not connected")
+        return ArmState(payload)
+
+    def await_fresh(self) -> None:
+        """See `ArmClient.await_fresh`."""
+        period_s = self._period_s
+        if not period_s or self._block is None:
+            return
+        self._await_tick(self._block, self._block.sequence(), _NEARLY_S)
+        age_s = self._clock.now() - self.newest().stamp_s
+        if self._newest is not None and period_s + _OLD_S < age_s < 2.0 * period_s + _OLD_S:
+            self._await_tick(self._block, self._newest[0], period_s)
+
+    def _await_tick(self, block: SharedBlock, sequence: int, within_s: float) -> None:
+        """Let the tick after record `sequence` end if it should so soon; one that is late is not waited for."""
+        due = block.peek_float(PUBLISHED_AT) + self._period_s
+        if due - within_s < self._clock.now():
+            while block.sequence() == sequence and self._clock.now() < due + _LATE_S:
+                self._clock.sleep(_GLANCE_S)
+
+    def newest(self) -> ArmState:
+        """See `ArmClient.newest`."""
+        newest = self._newest
+        sequence = self.block.sequence()  # before the record: that may be newer than its number, never older
+        if newest is None or newest[0] != sequence:  # a caller that answers within one tick reads it once
+            newest = self._newest = (sequence, self._examined())
+        state = newest[1]
+        self.check_age(state.asked_s)
+        return state
+
+    def _examined(self) -> ArmState:
+        state, name = self.published(), self._config.name
+        self.check_failed(state)
+        if state.mode is Mode.OFF:
+            raise LifeCycleError(f"{name}: the arm is off; connect again")
+        if self._has_gripper and state.gripper_stops_rad is None:
+            raise GripperError(
+                f"{name}: the gripper's stops are unknown, and so is its position; {without_stops(state.mode)}"
+            )
+        return state
+
+    def check_age(self, since_s: float) -> None:
+        """Refuse a state that was asked for, or published, too long ago.
+
+        Raises:
+            StaleStateError: longer than `max_state_age_s`.
+        """
+        age = self._clock.now() - since_s
+        if age > self._config.max_state_age_s:
+            raise StaleStateError(
+                f"{self._config.name} ({self._config.channel}): newest state is {age:.2f} s old; "
+                "the control loop or a motor is silent, or the CAN adapter is that slow (yam-doctor)"
+            )
+
+    def check_failed(self, state: ArmState) -> None:
+        """Refuse the state of an arm that has failed.
+
+        Raises:
+            MotorError: says what has.
+        """
+        if state.mode in _FAILED and state.message:
+            raise MotorError(f"{self._config.name} ({self._config.channel}): {state.message}")
+
+
+class CommandWriter:
+    """Writes the command block of one arm. Any thread may: one often streams targets while another re-arms.
+
+    A forked child may not: it would repeat commands that its parent has taken back since.
+
+    Args:
+        name: of the arm, for messages.
+        motors: how many it has, the gripper's included.
+    """
+
+    def __init__(self, name: str, motors: int):
+        self._name, self._pid = name, os.getpid()
+        self._lock = threading.Lock()
+        self._block = SharedBlock(None, COMMAND_DTYPE, create=True)
+        self._pack = packed(COMMAND_DTYPE, motors)[0].pack
+        self._unset = [math.nan] * motors
+        self._stamp_s, self._number, self._target = 0.0, 0, self._unset
+        self._options = [self._unset] * len(_GRIPPER_OPTIONS)
+        self._asked, self._requests = Request.NONE, 0
+        self._write()
+
+    @property
+    def descriptor(self) -> int:
+        """Of the block's memory."""
+        return self._block.descriptor
+
+    def close(self) -> None:
+        """Let go of the block."""
+        self._block.close()
+
+    def write_target(self, stamp_s: float, target: Sequence[float], options: Mapping[str, np.ndarray]) -> None:
+        """Write a target given at `stamp_s` (the clock's time).
+
+        Args:
+            target: joints in rad; behind them the gripper, 0 closed … 1 open, where there is one.
+            options: dq (rad/s), kp (Nm/rad), kd (Nm s/rad) of the joints, those that are given.
+
+        Raises:
+            LifeCycleError: the arm is another process's.
+        """
+        rows = [
+            [*options[field].tolist(), last][: len(target)] if field in options else self._unset
+            for field, last in _GRIPPER_OPTIONS.items()
+        ]
+        self._check_process()
+        with self._lock:
+            self._target, self._options = list(target), rows
+            self._stamp_s = stamp_s
+            self._number += 1
+            self._write()
+
+    def write_request(self, request: Request) -> int:
+        """Write a request, and return its number; a target the loop has not looked at yet is void.
+
+        Raises:
+            LifeCycleError: the arm is another process's.
+        """
+        self._check_process()
+        with self._lock:
+            self._asked = request
+            self._requests += 1
+            self._stamp_s = -math.inf
+            self._write()
+            return self._requests
+
+    def _check_process(self) -> None:
+        if os.getpid() != self._pid:
+            raise LifeCycleError(
+                f"{self._name}: the arm belongs to process {self._pid}; its forked child {os.getpid()} may watch it, "
+                "but not drive it"
+            )
+
+    def _write(self) -> None:
+        values = [self._stamp_s, self._number, *self._target, *(value for row in self._options for value in row)]
+        self._block.write_bytes(self._pack(*values, self._asked, self._requests))
