@@ -1,6 +1,6 @@
 """The rig's judge: it counts transfers of every prop, strews a task's things by a seed, and judges the attempt.
 
-It goes by the true world alone, never by what an operator says.
+It looks at the true world alone, never at an operator.
 """
 
 import functools
@@ -13,10 +13,10 @@ import numpy as np
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.judging.task_judge import TaskJudge, View
 from lerobot_robot_yam.rig.judging.transfers import Transfers
-from lerobot_robot_yam.rig.scene.furnish import yaw_quat
 from lerobot_robot_yam.rig.scene.tasks import Task
 from lerobot_robot_yam.rig.world.contacts import Contacts
 from lerobot_robot_yam.rig.world.world import World
+from lerobot_robot_yam.rig.world.world_model import yaw_quat
 
 
 class Judge:
@@ -52,7 +52,7 @@ class Judge:
             ConfigError: the scene has no such task.
         """
         if task_name not in self._tasks:
-            raise ConfigError(f"no task {task_name!r}; the scene has {', '.join(self._tasks) or 'none'}")
+            raise ConfigError(f"no task {task_name!r}; the scene has {', '.join(self._tasks) or 'no tasks'}")
         task, world = self._tasks[task_name], self._world
         random = np.random.default_rng(seed)
         props = {thing.name: thing for thing in world.scene.props}
@@ -69,7 +69,7 @@ class Judge:
             usual = ((draw.x_m, thing.center_m[0]), (draw.y_m, thing.center_m[1]), (draw.yaw_rad, thing.yaw_rad))
             x, y, yaw = (value if bounds is None else random.uniform(*bounds) for bounds, value in usual)
             world.put(thing.name, np.array([x, y, thing.center_m[2]]), yaw_quat(yaw))
-        world.data.qacc_warmstart[:] = 0.0  # what was before leaves no trace
+        world.data.qacc_warmstart[:] = 0.0  # the past leaves no trace
         mujoco.mj_forward(world.model, world.data)
         world.refresh()
         self._task, self._seed, self._begin_s = task, seed, world.sim_s

@@ -1,7 +1,6 @@
-"""Moving leaders by hand along paths, with an eye on whether their followers come along.
+"""Moving leaders by hand along paths, while watching whether their followers come along.
 
-Clock and world come in through `Hands`, so that the same code runs before a live rig and before a simulation that
-runs faster than time.
+Clock and world come in through `Hands`. So the same code runs on a live rig and on a simulation faster than time.
 """
 
 import logging
@@ -16,7 +15,7 @@ from lerobot_robot_yam.rig.operator.sight import Sight
 logger = logging.getLogger(__name__)
 
 _LOOK_S = 0.05
-_LAG_RAD = 0.35  # a follower further behind than this for _STALL_S does not follow at all
+_LAG_RAD = 0.35  # a follower further behind than this for _STALL_S does not follow
 _STALL_S = 0.4
 _ARRIVED_RAD = 0.05
 _STILL_RAD = 0.004  # between two looks
@@ -43,7 +42,7 @@ class Hands(Protocol):
     def put_back(self, position_m: np.ndarray) -> None: ...
 
 
-class Interrupted(Exception):  # noqa: N818 - not an error: the session ends under the operator's hands
+class Interrupted(Exception):  # noqa: N818 - not an error: the session ended
     """The arms are switched off, or go their own way."""
 
 
@@ -69,7 +68,7 @@ class Guide:
         self.trigger = dict.fromkeys(self.trigger, 0.0)
 
     def stop(self, side: str) -> None:
-        """Give up the rest of a path. The hand stays where it is as soon as it is told anything else."""
+        """Give up the rest of a path: the hand's next path begins where it is now."""
         begun, path = self._paths.pop(side)
         self.q[side] = path.at(self._hands.now() - begun)
 
@@ -103,7 +102,7 @@ class Guide:
             self.follow(side, self._paths[side][1].duration_s)
 
     def follow(self, side: str, until_s: float) -> None:
-        """Wait until a hand is until_s into its path; when the follower stays behind, wait for it there."""
+        """Wait until a hand is until_s into its path; wait there for a follower that stays behind."""
         behind_since = None
         ending = self._paths[side][1].duration_s - until_s
         while True:
@@ -123,7 +122,7 @@ class Guide:
                 behind_since = None
 
     def _wait_for_follower(self, side: str, q_rad: np.ndarray) -> None:
-        """Hold still until the follower has come: it is not driven now, or has been stopped."""
+        """Hold still until the follower, which is not driven or was stopped, has come."""
         logger.info("the %s follower does not follow; waiting for it", side)
         self._start(side, Path(np.array([0.0, 0.1]), np.stack([q_rad, q_rad])))
         deadline = self._hands.now() + _PATIENCE_S
@@ -133,7 +132,7 @@ class Guide:
                 return
 
     def settle(self, side: str) -> None:
-        """Give the follower a moment to arrive where the hand is and come to rest; wait for it if it does not."""
+        """Let the follower arrive where the hand is and come to rest; wait for it if it does not."""
         deadline = self._hands.now() + _SETTLE_S
         before = self.see().follower_rad[side]
         while self._hands.now() < deadline:

@@ -24,21 +24,14 @@ Off = Callable[[Sight], tuple[np.ndarray, float]]
 class Worker:
     """The arm of one side. Every method may raise Interrupted, or RigError where a point is out of reach.
 
-    Args:
-        guide: the hands.
-        side: whose.
-        planner: of its follower.
-        home_m: (3,) where the tool waits.
-        height_m: height of the tool on its way over the table.
-
-    Attributes:
-        home_rad: the waiting pose, (n,).
+    planner: of the side's follower. home_m: (3,) where the tool waits; home_rad: (n,) the joints there.
+    height_m: height of the tool on its way over the table.
     """
 
     def __init__(self, guide: Guide, side: str, planner: ArmPlanner, home_m: np.ndarray, height_m: float):
         self.side, self.planner = side, planner
         self._guide, self._home, self._height = guide, np.asarray(home_m, float), height_m
-        self.home_rad = planner.natural_pose(self._home)
+        self.home_rad = planner.pose(self._home)
         self._bias = np.zeros(3)  # from where the tool is to where it was sent
 
     @property
@@ -58,8 +51,7 @@ class Worker:
     def reach(self, point_m: np.ndarray, yaw_rad: float) -> None:
         """Over the table and down to a point; then bring the follower's tool to the point itself.
 
-        Friction and imperfect gravity compensation keep it a few millimetres off. What was off once is allowed for
-        the next time.
+        Friction and imperfect gravity compensation keep it a few millimetres off; the next time that is allowed for.
         """
         self._transfer(point_m + self._bias, yaw_rad)
         self.wait()
@@ -71,7 +63,7 @@ class Worker:
     def approach(
         self, off: Off, within_m: float = _AIM_M, within_rad: float = np.inf, tries: int = _AIMS, above_m: float = 0.0
     ) -> bool:
-        """Go where `off` says, until what it says is small; whether it is.
+        """Go by `off` until it is small; whether it is.
 
         above_m: come from so far above each time, so that friction always pulls the same way.
         """
@@ -105,7 +97,7 @@ class Worker:
         self._guide.squeeze(self.side, 0.0)
 
     def carry(self, point_m: np.ndarray, yaw_rad: float, lifted: Callable[[Sight], bool]) -> bool:
-        """Bring what it holds to a tool pose. If `lifted` denies it on the way, it stops there and lets go: False."""
+        """Bring a held thing to a tool pose. If `lifted` is False halfway, stop there and let go: returns False."""
         path = self._transfer(point_m + self._bias, yaw_rad)
         self._guide.follow(self.side, 0.5 * path.duration_s)
         if not lifted(self._guide.see()):

@@ -1,6 +1,6 @@
 """Pictures of a MuJoCo world through software OpenGL, cheap enough for three cameras beside a control loop.
 
-Only a process that set MUJOCO_GL before importing mujoco may use this (`rig.renderer` does).
+Only a process that set MUJOCO_GL before importing mujoco may use this, as `renderer` does.
 """
 
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ class Painter:
             self._gl = mujoco.GLContext(width, height)
             self._gl.make_current()
             self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
-        except Exception as error:  # each OpenGL backend raises errors of its own, some of them plain Exception
+        except Exception as error:  # each OpenGL backend raises other errors, some of them plain Exception
             raise RigError(
                 f"rendered cameras need OpenGL through EGL, which failed ({error}); install a software one "
                 "(Debian and Ubuntu: libegl1 libgl1-mesa-dri) or run without rendered cameras"
@@ -97,7 +97,7 @@ class Painter:
 
 
 def _regroup(model: mujoco.MjModel, hidden: Sequence[str]) -> None:
-    """Move the visible shapes of bodies whose names begin with one of `hidden` into a group of their own."""
+    """Move the visible shapes of bodies whose names begin with one of `hidden` into another group."""
     for geom in range(model.ngeom):
         name = model.body(model.geom_bodyid[geom]).name
         if model.geom_group[geom] in _VISUAL_GROUPS and name.startswith(tuple(hidden)):

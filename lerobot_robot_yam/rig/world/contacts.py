@@ -1,4 +1,4 @@
-"""Who touches a prop: other things, or which arm, and whether with both fingers; from the world's contacts."""
+"""Touches of props in the world: by things, by arms, and by an arm's two fingers."""
 
 from collections.abc import Mapping
 
@@ -11,29 +11,23 @@ Touches = Mapping[str, frozenset[str]]
 
 
 class Contacts:
-    """Touches of the scene's props, as of the last step.
-
-    Args:
-        world: the physics.
-    """
+    """Touches of the scene's props, as of the last step."""
 
     def __init__(self, world: World):
         model = world.model
         self._data = world.data
         self._props = {model.body(thing.name).id: thing.name for thing in world.scene.props}
         self._bodies: np.ndarray = model.geom_bodyid
-        self._arms = {}  # body → channel, of everything that belongs to an arm
+        self._names = [model.body(body).name for body in range(model.nbody)]
+        owners = {body: name.partition("/")[0] for body, name in enumerate(self._names)}
+        self._arms = {body: owner for body, owner in owners.items() if owner in world.profiles}
         self._fingers: dict[int, int] = {}  # body → number of the finger
         for channel, (_, gripper) in world.profiles.items():
-            for body in range(model.nbody):
-                if model.body(body).name.startswith(f"{channel}/"):
-                    self._arms[body] = channel
             for number, name in enumerate(gripper.finger_joints):
                 self._fingers[int(model.joint(f"{channel}/{name}").bodyid[0])] = number
-        self._names = [model.body(body).name for body in range(model.nbody)]
 
     def look(self) -> tuple[Touches, Touches]:
-        """What touches each prop: (channels of arms, names of things, "world"; channels whose two fingers both do)."""
+        """For each prop the channels, things and "world" that touch it, and the channels whose two fingers both do."""
         touching: dict[str, set[str]] = {name: set() for name in self._props.values()}
         fingers: dict[str, set[tuple[str, int]]] = {name: set() for name in self._props.values()}
         for body, other in self._pairs():

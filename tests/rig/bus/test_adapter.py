@@ -129,7 +129,7 @@ def test_a_client_that_falls_silent_has_been_heard(lockstep):
     assert rig.state()["arms"][CHANNEL]["motors"]["joint_6"]["enabled"]
 
 
-def test_whole_ticks_stay_in_order_and_none_is_lost(lockstep):
+def test_whole_ticks_stay_in_order_and_complete(lockstep):
     rig, bus, now, sleep = lockstep
     rig.fault(CHANNEL, None, "latency_s", 0.04)
     for tick in range(50):
@@ -147,7 +147,7 @@ def test_whole_ticks_stay_in_order_and_none_is_lost(lockstep):
     assert rig.device.channels[CHANNEL].overflows == 0
 
 
-def test_a_link_that_is_down_loses_what_is_under_way(lockstep):
+def test_a_link_that_is_down_loses_frames_under_way(lockstep):
     rig, bus, _, sleep = lockstep
     rig.fault(CHANNEL, None, "latency_s", 0.02)
     bus.send(message(WRIST, SpecialCommand.ENABLE.value))

@@ -81,7 +81,7 @@ def test_it_is_limp_until_it_is_enabled_and_then_obeys(desk):
     assert kinds.count("second_motor_enabled") == 1 and kinds.count("motor_enabled") == 0
 
 
-def test_its_torque_is_what_it_is_told_and_at_most_what_it_can_do(desk):
+def test_torque_follows_the_command_up_to_the_limit(desk):
     fault(desk, WRIST, "duplicate", {"q_rad": 0.0})
     both(desk, SpecialCommand.ENABLE.value)
     both(desk, mit(kp=500, q=12.0))

@@ -133,7 +133,7 @@ class Pair:
 
 @pytest.mark.parametrize("channel", ["follower_left", "leader_right"])
 @pytest.mark.parametrize("seed", range(3))
-def test_whole_ticks_are_what_their_frames_are(channel, seed):
+def test_whole_ticks_equal_their_frames(channel, seed):
     pair = Pair(channel, seed)
     for _ in range(150):
         pair.tick()

@@ -30,8 +30,8 @@ def renderer_pids(rig: RigControl) -> list[int]:
     """Children of the rig's server that draw."""
     found = []
     for child in Path(f"/proc/{rig.pid}/task/{rig.pid}/children").read_text().split():
-        with contextlib.suppress(OSError):  # it has ended meanwhile
-            if b"rig.renderer" in Path(f"/proc/{child}/cmdline").read_bytes():
+        with contextlib.suppress(OSError):  # it has ended since
+            if b"render.renderer" in Path(f"/proc/{child}/cmdline").read_bytes():
                 found.append(int(child))
     return found
 

@@ -93,7 +93,7 @@ def test_doing_nothing_fails_when_time_is_over(rig):
 
 
 @pytest.mark.parametrize("limit_s", [1.0, 16.0])
-def test_an_attempt_may_have_a_time_limit_of_its_own(rig, limit_s):
+def test_an_attempt_may_replace_the_time_limit(rig, limit_s):
     rig.task("lift_and_place", seed=3, time_limit_s=limit_s)
     rig.sleep(limit_s - 0.1)
     assert not rig.task_state()["failed"]
@@ -147,7 +147,7 @@ def test_a_task_that_cannot_be_set_is_refused(rig, name, seed, text):
 def test_a_scene_without_tasks_says_so():
     rig = LockstepRig(**ARMS)
     try:
-        with pytest.raises(ConfigError, match="the scene has none"):
+        with pytest.raises(ConfigError, match="the scene has no tasks"):
             rig.task("lift_and_place", seed=0)
     finally:
         rig.close()

@@ -35,7 +35,7 @@ def make_script(hands: Hands, scene: Mapping[str, Any], task: str) -> Script:
     """The script of a task of the scene, as `control.RigOperations.scene` tells it.
 
     Raises:
-        ConfigError: there is no such task, or the scene lacks what the operator needs.
+        ConfigError: there is no such task, or the scene lacks something that the operator needs.
     """
     setup = make_setup(scene, task)
     if setup.task.does not in CATALOG:

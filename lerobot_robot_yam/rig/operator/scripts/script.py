@@ -26,7 +26,7 @@ class Script(ABC):
 
     Args:
         hands: the operator's eyes, hands and clock.
-        setup: the task, and what it is done with.
+        setup: the task, its things and the arms.
 
     Attributes:
         height_m: height of the tool on its way over the table.
@@ -75,7 +75,7 @@ class Script(ABC):
 
     @abstractmethod
     def work(self) -> bool:
-        """One try; whether it looks done. May raise RigError where a point is out of reach."""
+        """One try; whether it looks done. Raises RigError where a point is out of reach."""
 
     def _retreat(self) -> None:
         for worker in self.workers.values():
@@ -117,7 +117,7 @@ class Script(ABC):
         return region is not None and bool(np.linalg.norm(off[:2]) < region.radius_m)
 
     def goal(self) -> Pose:
-        """Where the last stage of success wants its prop: the middle of the region, as its frame is turned."""
+        """The pose that the last stage of success asks of its prop: the middle of the region, turned as its frame."""
         region = self.setup.last.inside
         if region is None:
             raise ConfigError(f"task {self.setup.task.name}: its last stage needs a region inside which the prop ends")
