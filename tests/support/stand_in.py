@@ -30,7 +30,7 @@ def described(scene: Scene) -> dict:
 
 
 class StandIn:
-    """Implements `guidance.Hands` in simulated time, which runs as fast as it can."""
+    """Implements `hands.Hands` in simulated time, which runs as fast as it can."""
 
     def __init__(self, scene: Scene, sides: tuple[str, ...] = ("left", "right")):
         self.world = World(scene)

@@ -17,7 +17,6 @@ from lerobot_robot_yam.errors import BusError
 
 _RECORD = struct.Struct("<dIBBxx8s")
 RECORD_SIZE = _RECORD.size
-MAX_RECORDS = 512  # per packet; keeps a packet far below the socket's limit
 
 FLAG_EXTENDED = 1
 FLAG_REMOTE = 2

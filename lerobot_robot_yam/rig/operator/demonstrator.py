@@ -15,14 +15,14 @@ from collections.abc import Iterable
 import numpy as np
 
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
-from lerobot_robot_yam.rig.operator.guidance import Interrupted
+from lerobot_robot_yam.rig.operator.hands import Interrupted
 from lerobot_robot_yam.rig.operator.plan import Path
 from lerobot_robot_yam.rig.operator.scripts.catalog import make_script
 from lerobot_robot_yam.rig.operator.sight import Sight, sight_of
 
 
 class Demonstrator:
-    """Implements `guidance.Hands` for the script of a task, and gives the targets that follow from it.
+    """Implements `hands.Hands` for the script of a task, and gives the targets that follow from it.
 
     rig: with its things laid out. task: of its scene. sides: those that have a follower.
 
@@ -33,8 +33,10 @@ class Demonstrator:
     def __init__(self, rig: LockstepRig, task: str, sides: Iterable[str]):
         self._rig, self._sides = rig, tuple(sides)
         self._script = make_script(self, rig.scene(), task)
-        self._pulls: dict[str, Path] = {}  # side → joints and opening at times of the rig
-        self._start: dict[str, np.ndarray] = {}
+        seen = self.look()
+        start = {side: np.append(seen.follower_rad[side], seen.opening[side]) for side in self._sides}
+        # side → joints and opening at times of the rig
+        self._pulls = {side: Path(np.zeros(1), values[None]) for side, values in start.items()}
         self._wake_s = rig.now()
         self._script_turn, self._our_turn = threading.Semaphore(0), threading.Semaphore(0)
         self._error: Exception | None = None
@@ -55,17 +57,7 @@ class Demonstrator:
             self._our_turn.acquire()
             if self._error is not None:
                 raise self._error
-        seen = None
-        targets = {}
-        for side in self._sides:
-            if side in self._pulls:
-                targets[side] = self._pulls[side].at(now)
-                continue
-            if side not in self._start:
-                seen = seen or self.look()
-                self._start[side] = np.append(seen.follower_rad[side], seen.opening[side])
-            targets[side] = self._start[side]
-        return targets
+        return {side: path.at(now) for side, path in self._pulls.items()}
 
     def close(self) -> None:
         """End the script wherever it is. Idempotent."""

@@ -82,7 +82,6 @@ class Drawing:
         if settings in self._views:  # a second client asked before the first was answered
             return
         name, width, height, fps = settings
-        self._painter.reserve(width, height)
         dtype = frame_dtype(width, height)
         block = SharedBlock(frame_path(self._rig, name, width, height, fps), dtype, create=True)
         now = time.monotonic()

@@ -22,7 +22,6 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.rig.client.camera_frames import Settings
 from lerobot_robot_yam.rig.client.launch import add_scene_arguments, options_of
 
 if TYPE_CHECKING:
@@ -47,22 +46,20 @@ def _serve(drawing: "Drawing", answers: int, on_demand: bool) -> None:
 
 
 def _obey(drawing: "Drawing", request: dict[str, Any], answers: int) -> None:
-    if request["do"] == "stall":
-        drawing.stall(request["camera"], request["until_s"])
-        return
-    if request["do"] == "draw":
+    verb = request["do"]
+    camera: Any = request.get("camera")
+    if verb == "stall":
+        drawing.stall(camera, request["until_s"])
+    elif verb == "draw":
         if request["anew"]:
             drawing.begin_anew()
         drawing.draw_all()
         _answer(answers, {"drawn": True})
-        return
-    name, width, height, fps = request["camera"]
-    settings: Settings = (name, width, height, fps)
-    if request["do"] == "close":
-        drawing.close(settings)
-        return
-    drawing.open(settings)
-    _answer(answers, {"ready": settings})
+    elif verb == "close":
+        drawing.close(tuple(camera))
+    else:
+        drawing.open(tuple(camera))
+        _answer(answers, {"ready": camera})
 
 
 def _answer(answers: int, message: dict[str, Any]) -> None:

@@ -130,7 +130,7 @@ class RigDevice:
             self.events.add(event.pop("kind"), **event)
         for name, hand in self.hands.items():
             if hand.resisted and not self._any_enabled(name):
-                hand.forgive()
+                hand.resisted = False
         for channel in self.channels.values():
             channel.poll(now_s)
 

@@ -106,14 +106,10 @@ def _link_mass(device: RigDevice, channel: Channel, value: Any) -> None:
     device.ballast[channel.name].scale(fields["link"], number(fields["factor"], *_FACTORS))
 
 
-def _link(device: RigDevice, channel: Channel, **change: bool) -> None:
-    channel.set_link(device.clock.now(), **change)
-
-
 _CHANNEL_KINDS: dict[str, Callable[[RigDevice, Channel, Any], None]] = {
-    "link_down": lambda device, channel, value: _link(device, channel, down=flag(value)),
-    "adapter_gone": lambda device, channel, value: _link(device, channel, gone=flag(value)),
-    "bus_off": lambda device, channel, value: _link(device, channel, bus_off=flag(value)),
+    "link_down": lambda device, channel, value: channel.set_link(device.clock.now(), down=flag(value)),
+    "adapter_gone": lambda device, channel, value: channel.set_link(device.clock.now(), gone=flag(value)),
+    "bus_off": lambda device, channel, value: channel.set_link(device.clock.now(), bus_off=flag(value)),
     "cable_out": lambda device, channel, value: setattr(channel, "cable_out", flag(value)),
     "foreign": _foreign,
     "latency_s": lambda device, channel, value: setattr(channel.adapter, "latency_s", number(value, 0.0, _DELAY_MAX_S)),

@@ -39,7 +39,7 @@ class Hand:
         self._rates: list[list[float]] = self._path
         self._next_s = 0.0
         self.gripping = False
-        self.resisted = False  # the arm worked against the hand; it does not take hold again until `forgive`
+        self.resisted = False  # the arm worked against the hand; it takes hold again once the arm was limp
         self._easy_s = 0.0  # when the arm last gave way
 
     def move(self, times_s: Sequence[float], q_rad: Sequence[Sequence[float]], trigger: Sequence[float]) -> None:
@@ -80,10 +80,6 @@ class Hand:
             drive.command(0.0, 0.0, 0.0, 0.0, 0.0)
         if self._handle is not None:
             self._handle.trigger = self._handle.trigger_rate = 0.0
-
-    def forgive(self) -> None:
-        """The arm is limp: the hand may take hold again."""
-        self.resisted = False
 
     def advance(self, energised: bool) -> None:
         """Follow the trajectory; call at least every few milliseconds of simulated time.

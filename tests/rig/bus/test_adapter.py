@@ -1,4 +1,4 @@
-"""An adapter that delays or keeps frames back: what motors hear and when, and what the host gets and when."""
+"""An adapter that delays frames or keeps them back: when motors and host get them."""
 
 import contextlib
 import time
@@ -118,7 +118,7 @@ def answers_tell_the_state_of_their_moment(rig, bus, now, sleep, latency_s):
 
 
 def test_a_client_that_falls_silent_has_been_heard(lockstep):
-    """What the adapter has taken goes out, though nobody waits for the answer."""
+    """Frames that the adapter has taken go out, though nobody waits for the answer."""
     rig, bus, _, sleep = lockstep
     rig.fault(CHANNEL, None, "latency_s", 0.02)
     bus.send(message(WRIST, SpecialCommand.ENABLE.value))

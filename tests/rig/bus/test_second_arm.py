@@ -1,4 +1,4 @@
-"""Two motors with one identifier: both hear every frame, both answer, each from a state of its own."""
+"""Two motors with one identifier: both hear every frame, both answer, each from another state."""
 
 import contextlib
 
@@ -29,7 +29,7 @@ def fault(desk, motor, kind, value=True, **details):
 
 
 def both(desk, data, can_id=WRIST):
-    """What the first and the second motor answer."""
+    """The answers of the first and the second motor."""
     first, second = desk.send((can_id, data))
     assert first.id == second.id == can_id + 16 and second.stamp_s > first.stamp_s
     return [codec.decode_feedback(desk.motor(can_id).kind, answer.data) for answer in (first, second)]

@@ -60,7 +60,7 @@ def scene(channel):
 
 
 class Ear:
-    """A client that keeps what it is sent."""
+    """A client that keeps its packets."""
 
     def __init__(self):
         self.heard = []
@@ -71,7 +71,7 @@ class Ear:
 
 
 class Pair:
-    """The same rig twice: one is given packets, the other their frames. Whatever happens, both must stay the same."""
+    """The same rig twice: one gets packets, the other their frames. Both must always stay the same."""
 
     def __init__(self, channel, seed=0):
         self.now_s = 100.0

@@ -1,4 +1,4 @@
-"""Several clients on one channel: who hears what, and that nobody is held up by one that does not read."""
+"""Several clients on one channel: each hears the others, and one that does not read delays no other."""
 
 import can
 import pytest

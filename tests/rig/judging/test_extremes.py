@@ -1,4 +1,4 @@
-"""What the rig records about its arms by itself."""
+"""Extremes of its arms that the rig itself records."""
 
 import can
 import numpy as np

@@ -1,4 +1,4 @@
-"""Tasks in the simulated world: how it is strewn, who touches what, and what a rig says of it."""
+"""Tasks in the simulated world: starts by a seed, contacts, and the rig's verdicts."""
 
 import numpy as np
 import pytest
@@ -171,7 +171,7 @@ def test_held_is_touched_by_both_fingers():
 
 
 def test_a_drawer_that_is_pulled_to_its_stop_is_open():
-    """The stop gives way a little: who pulls has it farther out than it goes."""
+    """The stop gives way a little, so a pulled drawer is out farther than its range."""
     rig = LockstepRig("drawer", arms=["follower_left"])
     try:
         rig.task("drawer", 3)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.operator.guidance import Interrupted
+from lerobot_robot_yam.rig.operator.hands import Interrupted
 from lerobot_robot_yam.rig.operator.scripts.catalog import CATALOG, make_script
 from lerobot_robot_yam.rig.operator.scripts.setup import make_setup
 from lerobot_robot_yam.rig.scene.scene import load_scene

@@ -1,4 +1,4 @@
-"""What the operator sees."""
+"""The operator's view of the rig."""
 
 import math
 

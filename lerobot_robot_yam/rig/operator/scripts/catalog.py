@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.operator.guidance import Hands
+from lerobot_robot_yam.rig.operator.hands import Hands
 from lerobot_robot_yam.rig.operator.scripts.drawer import Drawer
 from lerobot_robot_yam.rig.operator.scripts.handover import Handover
 from lerobot_robot_yam.rig.operator.scripts.insertion import Insertion

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError, RigError
-from lerobot_robot_yam.rig.operator.guidance import Guide, Hands
+from lerobot_robot_yam.rig.operator.hands import Hands, see
 from lerobot_robot_yam.rig.operator.scripts.setup import Setup
 from lerobot_robot_yam.rig.operator.sight import Pose, Sight
 from lerobot_robot_yam.rig.operator.worker import Worker
@@ -38,10 +38,9 @@ class Script(ABC):
     endless: ClassVar[bool] = False
 
     def __init__(self, hands: Hands, setup: Setup):
-        self.setup = setup
-        self.guide = Guide(hands, setup.planners)
+        self.hands, self.setup = hands, setup
         self.workers = {
-            side: Worker(self.guide, side, planner, setup.homes_m[side], self.height_m)
+            side: Worker(hands, side, planner, setup.homes_m[side], self.height_m)
             for side, planner in setup.planners.items()
         }
 
@@ -51,12 +50,11 @@ class Script(ABC):
         Raises:
             Interrupted: the arms are switched off.
         """
-        self.guide.forget()
         for worker in self.workers.values():
             worker.unfold()
         for worker in self.workers.values():
             worker.wait()
-            self.guide.settle(worker.side)
+            worker.settle()
 
     def attempt(self) -> None:
         """Do the task once, from what is seen, in a few tries where something slips.
@@ -97,7 +95,7 @@ class Script(ABC):
 
     def look_at(self, thing: str) -> Pose:
         """Where a thing is now."""
-        return self.guide.see().things[thing]
+        return see(self.hands).things[thing]
 
     def grip_of(self, thing: str, number: int = 0) -> Grip:
         """How to take a thing.
