@@ -91,8 +91,8 @@ class Pair:
     def send(self, frames, stamps_s=None):
         stamps_s = [self.now_s] * len(frames) if stamps_s is None else stamps_s
         sent = [Frame(stamp, ident, data) for stamp, (ident, data) in zip(stamps_s, frames, strict=True)]
-        packets, general = self.channels
-        packets.receive_packet(self.ears[0], packets.pack(sent), self.now_s)
+        plain, general = self.channels
+        plain.receive_packet(self.ears[0], packets.pack(sent), self.now_s)
         general.receive(self.ears[1], sent, self.now_s)
 
     def tick(self):
