@@ -18,8 +18,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from lerobot_robot_yam.errors import BusError, ConfigError, RigError, YamError
 from lerobot_robot_yam.rig.scene.scene import load_scene
 from lerobot_robot_yam.system.runtime_files import FileLock, rig_name, runtime_dir, slug
@@ -74,12 +72,12 @@ def connect(name: str, hello: Mapping[str, Any]) -> tuple[socket.socket, dict[st
 
 
 def to_json(message: Mapping[str, Any]) -> bytes:
-    """A message as JSON; numpy values become lists and numbers."""
+    """A message as JSON; values of numpy become lists and numbers."""
     return json.dumps(message, default=_plain).encode()
 
 
 def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray | np.generic):
+    if hasattr(value, "tolist"):
         return value.tolist()
     raise TypeError(f"{type(value).__name__} has no JSON form")
 

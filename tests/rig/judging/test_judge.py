@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.judging.judge import Judge
+from lerobot_robot_yam.rig.judging.judge import Contacts, Judge
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.rig.scene.scene import load_scene
 from lerobot_robot_yam.rig.scene.tasks import SCRIPTS
-from lerobot_robot_yam.rig.world.contacts import Contacts
 from lerobot_robot_yam.rig.world.world import World
 
 ARMS = {"arms": ["follower_left", "follower_right"]}
