@@ -18,7 +18,8 @@ from lerobot_robot_yam.face.devices.feature_names import motors_of
 from lerobot_robot_yam.face.envs.env_robot import check_render_camera, check_reset_pose, put_in_lockstep
 from lerobot_robot_yam.face.envs.referee import CallableReferee, OperatorReferee, Referee, RigReferee, find_judge
 from lerobot_robot_yam.rig.client.rendered_camera import RigCamera
-from lerobot_robot_yam.rig.client.rig_control import RigControl, RigOperations
+from lerobot_robot_yam.rig.client.rig_control import RigControl
+from lerobot_robot_yam.rig.client.rig_operations import RigOperations
 from lerobot_robot_yam.rig.lockstep.lockstep_cameras import LockstepCamera
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.rig.operator.scripts.setup import make_setup

@@ -3,7 +3,7 @@
 import numpy as np
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.rig.client.rig_control import RigOperations
+from lerobot_robot_yam.rig.client.rig_operations import RigOperations
 from lerobot_robot_yam.rig.judging.truth import beyond_clip_nm
 
 KNOWN_S = 0.012  # a command acts for a tick, on a state that is a tick old when it is sent, and each took its way

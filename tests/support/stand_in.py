@@ -16,7 +16,8 @@ from lerobot_robot_yam.rig.operator.sight import Pose, Sight
 from lerobot_robot_yam.rig.scene.scene import Scene
 from lerobot_robot_yam.rig.simulation import rig_commands
 from lerobot_robot_yam.rig.simulation.device import RigDevice
-from lerobot_robot_yam.rig.world.world import HAND_KD, HAND_KP, World
+from lerobot_robot_yam.rig.world.world import World
+from lerobot_robot_yam.rig.world.world_model import HAND_KD, HAND_KP
 
 TICK_STEPS = 4
 LAG_TICKS = 8  # of LeRobot at 30 Hz between leader and follower
@@ -29,7 +30,7 @@ def described(scene: Scene) -> dict:
 
 
 class StandIn:
-    """Implements `guidance.Hands` in simulated time, which runs as fast as it can."""
+    """Implements `hands.Hands` in simulated time, which runs as fast as it can."""
 
     def __init__(self, scene: Scene, sides: tuple[str, ...] = ("left", "right")):
         self.world = World(scene)

@@ -13,7 +13,7 @@ import numpy as np
 from lerobot.utils.keyboard_input import create_key_listener
 
 from lerobot_robot_yam.errors import ConfigError, RigError
-from lerobot_robot_yam.rig.client.rig_control import RigOperations
+from lerobot_robot_yam.rig.client.rig_operations import RigOperations
 
 logger = logging.getLogger(__name__)
 

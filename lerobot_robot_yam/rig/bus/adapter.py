@@ -1,7 +1,6 @@
-"""The CAN adapter between a channel's clients and its wire: what it delays, and what it keeps back.
+"""The CAN adapter between a channel's clients and its wire: it delays frames and keeps them back.
 
-Order is kept in both directions, whatever changes meanwhile: no frame is given to a client with an earlier time than
-one before it.
+Order is kept in both directions, whatever changes: no frame reaches a client with an earlier time than the one before.
 """
 
 import math
@@ -12,23 +11,22 @@ from typing import Protocol
 
 from lerobot_robot_yam.rig.devices.packets import Frame
 
-# From this latency on, commands wait until it has passed. Below, motors obey at once and answer for the time of the
-# answer: their positions are carried on, which is exact enough over so short a time, and costs the rig no wake-up.
+# From this latency on, commands wait until it has passed. Below, motors obey at once, and their positions are carried
+# on to the time of the answer: exact enough over so short a time, and no wake-up for the rig.
 _WAITS_FROM_S = 0.001
 
 
 class Listener(Protocol):
-    """A client of a channel: a socket, or what takes packets as one."""
+    """A client of a channel: a socket, or an object that takes packets as a socket does."""
 
     def send(self, data: bytes, flags: int = 0, /) -> int: ...
 
 
 @dataclass(frozen=True)
 class HoldBack:
-    """Times at which received frames are kept back: from `begin_s` for `seconds`, again every `every_s`.
+    """Received frames are kept back from `begin_s` for `seconds`, again every `every_s`.
 
-    stamped: frames carry the time at which the wire delivered them (an adapter with a clock), not that at which the
-    host gets them.
+    stamped: frames carry the time at which the wire delivered them (an adapter with a clock), not that of the host.
     """
 
     begin_s: float
@@ -46,13 +44,9 @@ class HoldBack:
 
 
 class Adapter:
-    """Delays of one channel.
+    """Delays of one channel: `latency_s` each way, and `hold`.
 
-    Args:
-        latency_s: each way.
-
-    Attributes:
-        due_s: when something is due next, at the wire or at a client; infinity for never.
+    due_s: when something is due next, at the wire or at a client; infinity for never.
     """
 
     def __init__(self, latency_s: float):
@@ -102,23 +96,23 @@ class Adapter:
 
     @property
     def keeps(self) -> bool:
-        """Whether frames wait in the adapter, as their stamps must not tell when they reach the host."""
+        """Whether frames wait in the adapter, because their stamps must not tell when they reach the host."""
         return bool(self._kept) or (self.hold is not None and self.hold.stamped)
 
     def keep(self, until_s: float, client: Listener, frames: list[Frame]) -> None:
-        """Give a client these frames at that time."""
+        """Give a client these frames at a time."""
         self._kept.append((until_s, client, frames))
         self._look_ahead()
 
     def released(self, until_s: float) -> Iterator[tuple[Listener, list[Frame]]]:
-        """What was kept and is due at a client, in order."""
+        """Kept frames that are due at a client, in order."""
         while self._kept and self._kept[0][0] <= until_s:
             released = self._kept.popleft()[1:]
             self._look_ahead()
             yield released
 
     def repair(self, latency_s: float) -> None:
-        """Keep nothing back from now on; what is under way arrives."""
+        """Keep nothing back from now on; frames under way arrive."""
         self.latency_s, self.hold = latency_s, None
 
     def _look_ahead(self) -> None:

@@ -1,8 +1,8 @@
 """One simulated CAN channel: its wire, the devices on it and the clients that listen.
 
-Clients hear each other, as on a real bus, but not themselves, and nothing from before they opened the channel. A
-packet is answered as one packet: its frames take the wire one after the other, then the replies do. A client that
-does not read loses packets once its socket is full, which are counted; nobody waits for it.
+As on a real bus a client hears the others, not itself, and nothing from before it opened the channel. A packet is
+answered as one packet: its frames take the wire one after the other, then the replies do. A client that does not read
+loses packets once its socket is full. They are counted; nothing waits for the client.
 """
 
 import contextlib
@@ -10,34 +10,50 @@ import random
 import socket
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from lerobot_robot_yam.damiao import codec
 from lerobot_robot_yam.damiao.encoder import REQUEST_ID
 from lerobot_robot_yam.damiao.tables import POSITION_VELOCITY_OFFSET, REGISTER_ID, VELOCITY_OFFSET
 from lerobot_robot_yam.rig.bus.adapter import Adapter, Listener
-from lerobot_robot_yam.rig.bus.client_link import BUS_OFF_FRAME_ID
-from lerobot_robot_yam.rig.bus.foreign_driver import ForeignDriver
-from lerobot_robot_yam.rig.bus.link_state import Link, LinkState
+from lerobot_robot_yam.rig.bus.link_state import BUS_OFF_FRAME_ID, Link, LinkState
 from lerobot_robot_yam.rig.bus.whole_tick import WholeTick
 from lerobot_robot_yam.rig.devices import packets
 from lerobot_robot_yam.rig.devices.packets import Frame, Wire
 from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
 from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
 
-_TRACE_LENGTH = 500_000
 _BACKLOG_S = 0.05  # a real adapter's queue is full at about this
 _FOREIGN_KP, _FOREIGN_KD = 10.0, 1.0  # Nm/rad, Nm s/rad with which a foreign driver holds a motor
+_FOREIGN_AT_ONCE = 50  # its frames after a pause of the rig; the rest is skipped
+PAYLOADS = ("hold", "zero")
+
+
+@dataclass
+class ForeignDriver:
+    """Another computer on the wire, which a lock on ours cannot keep out; it sends frames to one identifier.
+
+    payload: "hold", an MIT command to stay where the motor is; "zero", eight zero bytes, which a motor reads as a
+    command at the negative end of every range. Identifiers of no motor always get zeros. since_s: on the rig's clock.
+    """
+
+    ident: int
+    rate_hz: float
+    payload: str
+    since_s: float
+    sent: int = 0
+
+    def due(self, now_s: float) -> int:
+        """How many frames to send now; they count as sent."""
+        behind = max(0, int((now_s - self.since_s) * self.rate_hz) - self.sent)
+        self.sent += behind
+        return min(behind, _FOREIGN_AT_ONCE)
 
 
 class Channel:
-    """Motors, maybe a handle, and clients on one wire.
+    """Motors, on leaders a handle, and clients on one wire.
 
-    Args:
-        name: the CAN channel.
-        motors: the motors on it.
-        handle: the handle encoder, on leaders.
-        latency_s: of the adapter, each way.
-        seed: of lost and garbled frames.
+    latency_s: of the adapter, each way. seed: of lost and garbled frames.
     """
 
     def __init__(self, name: str, motors: Sequence[SimMotor], handle: SimHandle | None, latency_s: float, seed: int):
@@ -64,17 +80,13 @@ class Channel:
             for offset in (0, POSITION_VELOCITY_OFFSET, VELOCITY_OFFSET)
         }
 
-    def start_trace(self) -> None:
-        """Record every frame that clients send, from now on."""
-        self.trace = deque(maxlen=_TRACE_LENGTH)
-
     @property
     def tick_size(self) -> int:
         """Bytes of a packet that holds a whole tick."""
         return self._tick.size
 
     def receive_packet(self, sender: Listener, packet: bytes, now_s: float) -> None:
-        """`receive` for frames as they come over a socket, see `wire`.
+        """`receive` for frames as they come over a socket, see `packets`.
 
         Raises:
             BusError: the packet is not a whole number of records.
@@ -87,7 +99,7 @@ class Channel:
         self.receive(sender, packets.unpack(packet), now_s)
 
     def _is_plain(self, sender: Listener, now_s: float) -> bool:
-        """Whether frames concern only motors and handle, reach them as they are, and are answered at once."""
+        """Whether frames reach nobody but motors and handle, unchanged, and are answered at once."""
         adapter, handle = self.adapter, self.handle
         return (
             len(self.clients) == 1
@@ -113,7 +125,7 @@ class Channel:
             self._transmit(sender, timed, now_s + latency_s)
 
     def pass_on(self, until_s: float) -> None:
-        """Do what the adapter's delays have put off until now."""
+        """Handle frames that the adapter has delayed until now."""
         for sender, timed in self.adapter.take(until_s):
             if not (self.cable_out or self.link.state) and sender in self.clients:
                 self._transmit(sender, timed, timed[0][0])
@@ -137,31 +149,30 @@ class Channel:
             self._deliver(self.clients, replies)
 
     def emit(self, frame: Frame, now_s: float) -> None:
-        """A device speaks unasked."""
+        """Deliver a frame that a device sends unasked."""
         if not (self.cable_out or self.link.state):
             self._deliver(self.clients, [(self.wire.transmit(now_s), frame)])
 
     def set_link(self, now_s: float, **change: bool) -> None:
-        """Change the interface: down=, gone= or bus_off=; clients meet what `client_link` says.
+        """Change the interface: down=, gone= or bus_off=; clients meet the errors of `ClientLink`.
 
         An unplugged adapter takes its clients' sockets with it: those are dead for good.
         """
         before = self.link.state
-        for name, value in change.items():
-            {"down": self.link.set_down, "gone": self.link.unplug, "bus_off": self.link.set_bus_off}[name](value)
+        self.link.change(**change)
         if self.link.state == before:
             return
         if self.link.state == LinkState.BUS_OFF:
             for client in self.clients:
                 self._hand_over(client, [Frame(now_s, BUS_OFF_FRAME_ID, bytes(8), packets.FLAG_ERROR)])
         for client in self.clients:
-            with contextlib.suppress(OSError):  # full or gone: then it does not wait for us either
+            with contextlib.suppress(OSError):  # full or gone: then it is not waiting for a packet
                 client.send(packets.WAKE, socket.MSG_DONTWAIT)
         if self.link.state == LinkState.GONE:
             self.clients.clear()
 
     def poll(self, now_s: float) -> None:
-        """Send what has become due: delayed answers, the handle's own reports, a foreign driver's frames."""
+        """Send due frames: delayed answers, the handle's own reports, a foreign driver's frames."""
         if self._late:
             due = [frame for at, frame in self._late if at <= now_s]
             self._late = [item for item in self._late if item[0] > now_s]
@@ -176,7 +187,7 @@ class Channel:
                 self._hear_foreign(self.foreign, now_s)
 
     def _hear_foreign(self, driver: ForeignDriver, now_s: float) -> None:
-        """A frame of another computer: motors obey and answer it, whatever our own link does."""
+        """Motors obey and answer a frame of another computer, whatever the state of our own link."""
         data = bytes(8)
         motor, offset = self._by_id.get(driver.ident, (None, 0))
         if driver.payload == "hold" and motor is not None and offset == 0:
@@ -188,7 +199,7 @@ class Channel:
             self.emit(answer, now_s)
 
     def _answers(self, frame: Frame, at_s: float) -> Sequence[Frame]:
-        if frame.flags:  # extended or remote: nobody here listens
+        if frame.flags:  # extended or remote: no device listens
             return ()
         entry = self._by_id.get(frame.id)
         offset: int | None
@@ -248,4 +259,4 @@ class Channel:
         except BlockingIOError:
             self.overflows += 1
         except OSError:
-            pass  # it has gone; the server notices by itself
+            pass  # it has gone, which the server notices

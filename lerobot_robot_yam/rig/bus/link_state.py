@@ -1,37 +1,32 @@
-"""State of a channel's network interface, and how the clients of other processes see it.
+"""State of a channel's network interface, and the errors of SocketCAN that its clients meet when it is not up.
 
-One 64-bit word per channel in sealed memory: written by the rig, looked at by each client before it sends or
-receives. A word costs a client nothing, reaches one that never reads its socket, and cannot get lost.
+One 64-bit word per channel in sealed memory: the rig writes it, each client looks at it before it sends or receives.
+A word costs a client nothing, reaches one that never reads its socket, and cannot get lost.
 """
 
+import errno
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import IntEnum
 from pathlib import Path
 
+import can
+
 from lerobot_robot_yam.system import sealed_memory
 
+BUS_OFF_FRAME_ID = 0x40  # CAN_ERR_BUSOFF of linux/can/error.h
+TX_QUEUE_FRAMES = 10  # the kernel's default queue of a CAN interface
 _WORD = 8
 _STATE_BITS, _UNPLUG_BITS = 8, 24  # of the word, from below; the rest counts changes
 
 
 class LinkState(IntEnum):
-    """What the system would say about the interface."""
+    """The state of the interface, as the system reports it."""
 
     UP = 0
     DOWN = 1  # `ip link set canX down`
     GONE = 2  # the adapter is unplugged
     BUS_OFF = 3  # the controller has left the bus after too many errors
-
-
-def state_of(word: int) -> LinkState:
-    """The state in a word."""
-    return LinkState(word & (1 << _STATE_BITS) - 1)
-
-
-def unplugs_of(word: int) -> int:
-    """How often the adapter had been unplugged; a client that saw another number holds a dead socket."""
-    return word >> _STATE_BITS & (1 << _UNPLUG_BITS) - 1
 
 
 class Link:
@@ -50,25 +45,15 @@ class Link:
         self.unplugs = self._changes = 0
         self.word = [int(self.state)]
 
-    def set_down(self, down: bool) -> None:
-        """Take the interface down or bring it up; down also ends a bus-off, as on a real controller."""
-        self._down = down
-        self._bus_off = self._bus_off and not down
-        self._changed()
+    def change(self, down: bool | None = None, gone: bool | None = None, bus_off: bool | None = None) -> None:
+        """Take the interface down, its adapter away or its controller off the bus, or the reverse; None: as it is.
 
-    def unplug(self, gone: bool) -> None:
-        """Take the adapter away or plug it in again."""
-        self.unplugs += gone and not self._gone
-        self._gone = gone
-        self._bus_off = self._bus_off and not gone
-        self._changed()
-
-    def set_bus_off(self, bus_off: bool) -> None:
-        """Drive the controller into bus-off or restart it."""
-        self._bus_off = bus_off
-        self._changed()
-
-    def _changed(self) -> None:
+        Down and gone also end a bus-off, as on a real controller.
+        """
+        self.unplugs += bool(gone) and not self._gone
+        self._bus_off = (self._bus_off if bus_off is None else bus_off) and not (down or gone)
+        self._down = self._down if down is None else down
+        self._gone = self._gone if gone is None else gone
         if self._gone:
             self.state = LinkState.GONE
         elif self._down:
@@ -98,7 +83,7 @@ class LinkTable:
     def close(self) -> None:
         """Show every link as up, so that clients hear of the rig's end instead, and remove the link."""
         for index in range(len(self._words)):
-            self._words[index] &= ~((1 << _STATE_BITS) - 1)  # that is UP; of what was unplugged nobody is to hear now
+            self._words[index] &= ~((1 << _STATE_BITS) - 1)  # UP
         self._words.release()
         self._map.close()
         sealed_memory.unpublish(self._path, self._link)
@@ -117,3 +102,61 @@ def watch_link(path: Path, index: int) -> memoryview:
     finally:
         os.close(descriptor)
     return memoryview(mapped)[index * _WORD : (index + 1) * _WORD].cast("Q")
+
+
+class ClientLink:
+    """One client's view of its interface. Several threads may call it.
+
+    Unlike the kernel's, a receive on an interface that is down raises each time, not once.
+
+    Args:
+        word: of its channel: a sequence of one, see `Link.word` and `watch_link`.
+        unplugs: how often its adapter had been unplugged when the client connected.
+    """
+
+    def __init__(self, word: Sequence[int], unplugs: int):
+        self._word = word
+        self._unplugs = unplugs
+        self._fine = -1  # the last word seen under which nothing was wrong
+        self._queued_word = -1
+        self._queued = 0  # frames that wait in the queue of an interface in bus-off
+
+    def check_receive(self) -> None:
+        """
+        Raises:
+            can.CanOperationError: the interface is down, or its adapter is gone.
+        """
+        if self._word[0] != self._fine:
+            self._state("Error receiving")
+
+    def check_send(self, frames: int) -> bool:
+        """Whether `frames` frames get out; False: they are taken into a queue that never empties.
+
+        Raises:
+            can.CanOperationError: the interface is down, its adapter is gone, or its queue is full.
+        """
+        word = self._word[0]
+        if word == self._fine or self._state("Failed to transmit") == LinkState.UP:
+            return True
+        if word != self._queued_word:
+            self._queued_word, self._queued = word, 0
+        self._queued += frames
+        if self._queued > TX_QUEUE_FRAMES:
+            raise _error("Failed to transmit", errno.ENOBUFS)
+        return False
+
+    def _state(self, what: str) -> LinkState:
+        word = self._word[0]
+        state = LinkState(word & (1 << _STATE_BITS) - 1)
+        unplugs = word >> _STATE_BITS & (1 << _UNPLUG_BITS) - 1
+        if unplugs != self._unplugs or state == LinkState.GONE:  # unplugged since: our socket is dead
+            raise _error(what, errno.ENODEV)
+        if state == LinkState.DOWN:
+            raise _error(what, errno.ENETDOWN)
+        if state == LinkState.UP:
+            self._fine = word
+        return state
+
+
+def _error(what: str, code: int) -> can.CanOperationError:
+    return can.CanOperationError(f"{what}: {os.strerror(code)}", code)

@@ -1,13 +1,12 @@
 """A whole tick of a channel in one pass: a packet with one MIT command to every motor, answered by one packet.
 
-This is all that a control loop sends while it runs. `Channel.receive` does the same frame by frame, for any frames and
-with any fault. Bytes and times come out the same, since the operations and their order are those of `SimMotor`, `Drive`
-and `codec`, written out in one loop:
+A running control loop sends nothing else. `Channel.receive` does the same frame by frame, for any frames and with any
+fault. Bytes and times come out the same: the operations and their order are those of `SimMotor`, `Drive` and `codec`,
+written out in one loop:
 
     control = kp (u* − base) + kd u̇* + tau,    reported position = direction (u + u̇ · ahead) + zero
 
-That is a third of the work. With numpy's arrays of seven it is more than before, as they do not stay in the processor's
-caches beside the physics.
+That is a third of the work. numpy's arrays of seven cost more, as they leave the processor's caches beside the physics.
 """
 
 import struct
@@ -29,19 +28,14 @@ _REQUEST = encode_report_request()
 
 
 class WholeTick:
-    """The motors of a channel, all on a `Drive`, and its handle.
-
-    Args:
-        motors: of the channel.
-        handle: of the channel.
-    """
+    """The motors of a channel, all on a `Drive`, and its handle."""
 
     def __init__(self, motors: Sequence[SimMotor], handle: SimHandle | None):
         self._motors, self._handle = motors, handle
         self._world = motors[0].world
         count = len(motors)
         rest = 0 if handle is None else 1
-        # Records as in `wire`: stamp; identifier, length and flags as one word; data.
+        # Records as in `packets`: stamp; identifier, length and flags as one word; data.
         self._records = struct.Struct("<" + "dQ8s" * (count + rest))
         self.size = self._records.size  # of a packet
         self._commands = struct.Struct(">" + "16xHHHH" * count + "24x" * rest)
@@ -53,12 +47,6 @@ class WholeTick:
 
     def answer(self, packet: bytes, now_s: float, wire: Wire, adapter: Adapter) -> bytes | None:
         """Serve a packet while every motor is plain (`SimMotor.is_plain`) and the handle not silent.
-
-        Args:
-            packet: of a client.
-            now_s: monotonic time.
-            wire: of the channel.
-            adapter: of the channel.
 
         Returns:
             The answer; None: the packet has another form, and nothing was done.
@@ -148,7 +136,7 @@ class WholeTick:
         return answers
 
     def _lay_out(self) -> None:
-        """Note what is the same from tick to tick; other frames can change zeros and identifiers."""
+        """Note what stays the same from tick to tick; other frames can change zeros and identifiers."""
         self._zeros = [motor.zero_rad for motor in self._motors]
         self._ids = [motor.can_id for motor in self._motors]
         self._answer_ids = [motor.master_id for motor in self._motors]
@@ -168,7 +156,7 @@ def _head(ident: int, length: int) -> int:
 
 
 def _row(motor: SimMotor) -> tuple[Any, ...]:
-    """What `WholeTick` needs of a motor, in its order."""
+    """The values of a motor that `WholeTick` uses, in its order."""
     drive = motor.drive
     assert isinstance(drive, Drive)
     first, last = drive.q[0], drive.q[1] if len(drive.q) > 1 else None

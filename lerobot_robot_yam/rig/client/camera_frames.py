@@ -1,4 +1,4 @@
-"""What a renderer and the users of its pictures share: where a camera's newest frame is, and its layout."""
+"""Place and layout of a camera's newest frame, shared by the renderer and its clients."""
 
 from pathlib import Path
 

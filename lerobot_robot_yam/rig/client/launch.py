@@ -1,9 +1,9 @@
 """Find a virtual rig, or start it: one server process per rig name, started under a lock.
 
-The server is nobody's child (it must outlive whoever happened to start it) and ends by itself after its last
-client has left.
+The server is a child of init, as it must outlive the process that started it. It ends after its last client has left.
 """
 
+import argparse
 import contextlib
 import json
 import logging
@@ -27,12 +27,12 @@ logger = logging.getLogger(__name__)
 _START_TIMEOUT_S = 60.0
 _HELLO_TIMEOUT_S = 10.0
 _PROBE_TIMEOUT_S = 0.2
-_said: set[tuple[str, str]] = set()  # options of which it has been said that they have no effect
-# Files of a rig, and blocks of its arms, whose name says which process has made it.
+_said: set[tuple[str, str]] = set()  # rigs and options that were already reported to have no effect
+# Files of a rig, and blocks of its arms, whose name tells the process that made them.
 _MADE_BY = re.compile(r"(?:rig|state)-((?:auto|rig|env)-(\d+)(?:-\d+)?)\.(?!lock$)")
 MAX_PACKET = 1 << 17  # bytes; no packet of either side is longer
 
-# Run by the process we wait for: it leaves at once, so the server becomes a child of init and no zombie of ours.
+# Run by the process we wait for. It leaves at once, so the server becomes a child of init and no zombie of ours.
 _DETACH = "import os, sys\nif os.fork(): os._exit(0)\nos.setsid()\nos.execv(sys.executable, sys.argv[1:])"
 
 
@@ -42,7 +42,7 @@ def rig_path(name: str, suffix: str) -> Path:
 
 
 def connect(name: str, hello: Mapping[str, Any]) -> tuple[socket.socket, dict[str, Any]]:
-    """Connect to a running rig and introduce ourselves.
+    """Connect to a running rig with a hello, see `serving`.
 
     Returns:
         The socket (SEQPACKET, blocking) and the rig's answer.
@@ -59,20 +59,35 @@ def connect(name: str, hello: Mapping[str, Any]) -> tuple[socket.socket, dict[st
         answer = sock.recv(MAX_PACKET)
         if not answer:
             raise ConnectionRefusedError(f"rig {name} is ending")
-        reply = json.loads(answer)
-        if "error" in reply:
-            raise_remote(reply)
+        reply = answer_of(answer)
         sock.settimeout(None)
         return sock, reply
-    except (BrokenPipeError, ConnectionResetError) as error:
+    except BaseException as error:
         sock.close()
-        raise ConnectionRefusedError(f"rig {name} is ending") from error
-    except TimeoutError as error:
-        sock.close()
-        raise RigError(f"rig {name} does not answer; end it (its pid is in {rig_path(name, 'log')})") from error
-    except BaseException:
-        sock.close()
+        if isinstance(error, BrokenPipeError | ConnectionResetError):
+            raise ConnectionRefusedError(f"rig {name} is ending") from error
+        if isinstance(error, TimeoutError):
+            raise RigError(f"rig {name} does not answer; end it (its pid is in {rig_path(name, 'log')})") from error
         raise
+
+
+def to_json(message: Mapping[str, Any]) -> bytes:
+    """A message as JSON; values of numpy become lists and numbers."""
+    return json.dumps(message, default=_plain).encode()
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} has no JSON form")
+
+
+def answer_of(packet: bytes) -> dict[str, Any]:
+    """A rig's answer; raises the error that it carries, as `raise_remote` does."""
+    answer: dict[str, Any] = json.loads(packet)
+    if "error" in answer:
+        raise_remote(answer)
+    return answer
 
 
 def raise_remote(reply: Mapping[str, Any]) -> None:
@@ -94,11 +109,10 @@ def connect_or_start(
     """Connect to a rig, starting it when it does not run.
 
     Args:
-        rig: see `runtime.rig_name`.
-        hello: who we are, see `server`.
+        rig: see `runtime_files.rig_name`.
+        hello: see `serving`.
         scene: scene name or path for a rig that we start.
-        options: scene options for a rig that we start. A running rig keeps its scene and options; what differs is
-            logged.
+        options: scene options for a rig that we start. A running rig keeps its own; differences are logged.
 
     Returns:
         Socket, resolved rig name, the rig's answer.
@@ -125,7 +139,7 @@ def connect_or_start(
 def _join(
     name: str, hello: Mapping[str, Any], scene: str | None, options: Mapping[str, Any]
 ) -> tuple[socket.socket, str, dict[str, Any]]:
-    """Connect to a rig that runs already, and say what of the wishes for a new one has no effect."""
+    """Connect to a rig that runs already, and log the wishes for a new one that have no effect."""
     asked = {**({} if scene is None else {"scene": load_scene(scene).name}), **options}
     connection, answer = connect(name, hello)
     has = {"scene": answer["scene"], **answer["options"]}
@@ -138,8 +152,31 @@ def _join(
     return connection, name, answer
 
 
+def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
+    """Let a process of the rig take `scene_arguments`."""
+    parser.add_argument("--scene", help="scene name or YAML path")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="replace a scene option")
+
+
+def options_of(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The scene options of parsed arguments.
+
+    Raises:
+        ConfigError: one is not key=value.
+    """
+    options: dict[str, Any] = {}
+    for text in arguments.set:
+        key, separator, value = text.partition("=")
+        if not separator:
+            raise ConfigError(f"--set takes key=value, not {text!r}")
+        options[key] = value
+        with contextlib.suppress(json.JSONDecodeError):
+            options[key] = json.loads(value)
+    return options
+
+
 def scene_arguments(scene: str | None, options: Mapping[str, Any]) -> list[str]:
-    """How a scene is named on the command lines of the rig's processes."""
+    """A scene on the command lines of the rig's processes."""
     named = [] if scene is None else ["--scene", scene]
     return named + [part for key, value in options.items() for part in ("--set", f"{key}={json.dumps(value)}")]
 
@@ -148,10 +185,8 @@ def _start(name: str, owner: int | None, scene: str | None, options: Mapping[str
     """Start the server and wait until it listens. The caller holds the rig's lock."""
     ready_read, ready_write = os.pipe()
     server = [sys.executable, "-P", "-m", "lerobot_robot_yam.rig.server.server", "--name", name]
-    server += ["--ready-fd", str(ready_write)]
-    if owner is not None:
-        server += ["--owner", str(owner)]
-    server += scene_arguments(scene, options)
+    server += ["--ready-fd", str(ready_write), *scene_arguments(scene, options)]
+    server += [] if owner is None else ["--owner", str(owner)]
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     try:
         with open(rig_path(name, "log"), "wb") as log:
@@ -195,7 +230,7 @@ def _read_answer(fd: int) -> bytes:
 
 
 def _sweep() -> None:
-    """Remove what rigs have left that were killed, and those who had started them have ended."""
+    """Remove the files of killed rigs whose starters have ended."""
     left: dict[str, list[Path]] = {}
     for path in runtime_dir().iterdir():
         made_by = _MADE_BY.match(path.name)
@@ -210,4 +245,4 @@ def _sweep() -> None:
                 for path in paths:
                     path.unlink(missing_ok=True)
             except OSError:
-                continue  # it is there, and busy
+                continue  # it runs, and is busy

@@ -10,7 +10,6 @@ import select
 import socket
 import time
 from collections.abc import Mapping
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -29,10 +28,9 @@ class RigCamera:
 
     Args:
         camera: name in the scene.
-        width: pixels.
-        height: pixels.
+        width, height: pixels.
         fps: frames a second.
-        rig: which rig, see `runtime.rig_name`.
+        rig: which rig, see `runtime_files.rig_name`.
         scene: scene of a rig that is started for us.
         options: scene options of a rig that is started for us.
     """
@@ -52,7 +50,7 @@ class RigCamera:
         self._socket: socket.socket | None = None
         self._block: SharedBlock | None = None
         self._seen = 0
-        self._end: dict[str, Any] | None = None  # the rig's last word about this camera
+        self._end: dict[str, Any] | None = None  # the rig's last message about this camera
 
     @property
     def is_connected(self) -> bool:
@@ -72,7 +70,9 @@ class RigCamera:
         hello |= {"width": self.width, "height": self.height, "fps": self.fps}  # type: ignore[dict-item]
         self._socket, name, _ = launch.connect_or_start(self._rig, hello, self._scene, self._options)
         try:
-            self._await_ready(deadline)
+            if not select.select([self._socket], [], [], max(0.0, deadline - time.monotonic()))[0]:
+                raise RigError(f"camera {self.camera}: the renderer did not start in time; is the machine overloaded?")
+            self._hear()
             path = frame_path(name, self.camera, self.width, self.height, self.fps)
             self._block = SharedBlock(path, frame_dtype(self.width, self.height), create=False)
             self.wait_new(max(0.1, deadline - time.monotonic()))
@@ -80,16 +80,8 @@ class RigCamera:
             self.close()
             raise
 
-    def _await_ready(self, deadline_s: float) -> None:
-        assert self._socket is not None
-        if not select.select([self._socket], [], [], max(0.0, deadline_s - time.monotonic()))[0]:
-            raise RigError(
-                f"camera {self.camera}: the rig's renderer did not start in time; is the machine overloaded?"
-            )
-        self._hear()
-
     def _hear(self) -> None:
-        """Read one packet of the rig; anything but "ready" is an end that it explains, from then on each time."""
+        """Read one packet of the rig. Anything but "ready" is an end, whose reason every later call raises too."""
         assert self._socket is not None
         if self._end is not None:
             launch.raise_remote(self._end)
@@ -131,7 +123,7 @@ class RigCamera:
         """The next frame that no call has returned yet; as `latest` otherwise.
 
         Raises:
-            StaleStateError: none came within timeout_s; one left over from before the renderer stopped does not count.
+            StaleStateError: no frame within timeout_s; a frame from before the renderer stopped does not count.
             RigError: not connected, or the rig or its renderer has ended.
         """
         block = self._connected()
@@ -181,7 +173,5 @@ class RigCamera:
         self.connect()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()

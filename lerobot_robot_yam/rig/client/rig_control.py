@@ -1,289 +1,80 @@
-"""Control client of a virtual rig, for tests, benches and operators.
+"""Control client of a virtual rig, for tests, benches and operators: reach it or start it, ask it, end it.
 
     with RigControl.start(friction=0) as rig:
         bus = can.Bus(interface="yam_sim", channel="follower_left", rig=rig.name)
         rig.state()["arms"]["follower_left"]["q"]
 
-While it is open the rig stays alive. Not for use by several threads at once. Times are simulated seconds unless a
-key says `monotonic_s`; lengths in m, angles in rad, forces in N.
+While it is open the rig stays alive. Not for use by several threads at once.
 """
 
 import contextlib
+import itertools
+import os
+import socket
 import time
-from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import Any, Self
 
 from lerobot_robot_yam.errors import RigError
-from lerobot_robot_yam.rig.client.rig_connection import RigConnection
+from lerobot_robot_yam.rig.client import launch
+from lerobot_robot_yam.rig.client.rig_operations import RigOperations
+
+_TIMEOUT_S = 10.0
+_numbers = itertools.count(1)
 
 
-class RigOperations(ABC):
-    """What can be asked of a rig, a method per operation, wherever it runs."""
+class RigControl(RigOperations):
+    """A connection to a rig's control channel, with a method per operation.
 
-    name: str
+    Args:
+        rig: which rig, see `runtime_files.rig_name`.
+        scene: scene of a rig that is started for us.
+        hold: this connection keeps the rig alive.
+        options: scene options of a rig that is started for us.
 
-    @abstractmethod
+    Raises:
+        RigError: the rig cannot be started.
+        ConfigError: unknown scene or option.
+    """
+
+    def __init__(self, rig: str | None = None, scene: str | Path | None = None, hold: bool = True, **options: Any):
+        hello = {"kind": "control", "hold": hold}
+        name = None if scene is None else str(scene)
+        self._socket, self.name, answer = launch.connect_or_start(rig, hello, name, options)
+        self._socket.settimeout(_TIMEOUT_S)
+        self.pid: int = answer["pid"]
+
+    @classmethod
+    def start(cls, scene: str | Path | None = None, name: str | None = None, hold: bool = True, **options: Any) -> Self:
+        """Start a new rig (under a new name unless one is given) and hold it alive."""
+        return cls(name or f"rig-{os.getpid()}-{next(_numbers)}", scene, hold, **options)
+
     def request(self, op: str, **arguments: Any) -> dict[str, Any]:
         """Ask the rig; returns its answer.
 
         Raises:
-            ConfigError: the rig refuses.
+            RigError: the rig has ended or does not answer.
+            ConfigError, BusError: the rig refuses.
         """
-
-    # what is so
-
-    def scene(self) -> dict[str, Any]:
-        """Arms with their placement, places, homes, seed, props, furniture and tasks, as the rig runs them; the fields
-        are those of the scene's file.
-        """
-        return self.request("scene")
-
-    def state(self, bodies: bool = False) -> dict[str, Any]:
-        """The true state of the world.
-
-        Returns:
-            sim_s, monotonic_s; arms[channel]: q and dq (n,), opening 0 … 1 or None, trigger, buttons, held,
-            resists (the hand has let go of an arm that worked against it), clients,
-            motors[name]: {id, enabled, fault, torque_nm, motor_rad}, second_motors (of fault "second_arm") alike,
-            tcp_site and grasp_site: {pos (3,), mat (9,)}; props[name] and furniture[name]: {pos, quat};
-            joints[name], of furniture: m or rad; with `bodies`, bodies[name]: position (3,).
-        """
-        return self.request("state", bodies=bodies)
-
-    def task_state(self) -> dict[str, Any]:
-        """How the attempt at the task stands.
-
-        Returns:
-            task (None: none was set), seed, success, failed, reason (of the failure), since_s (simulated time from the
-            placing to the verdict, or to now), stage (stages reached) of stages.
-        """
-        return self.request("task_state")
-
-    def stats(self) -> dict[str, Any]:
-        """Server's pid, cpu_s, uptime_s, sim_s, slips, wakes, realtime, frames and overflows per channel."""
-        return self.request("stats")
-
-    def events(self, since: int = 0) -> list[dict[str, Any]]:
-        """All events from number `since` on, each with number, sim_s, monotonic_s, kind and details.
-
-        Of motor_disabled: channel, motor, and where the arm's bodies are at that moment, as in `state`.
-        """
-        found: list[dict[str, Any]] = []
-        while True:
-            chunk = self.request("events", since=since)["events"]
-            if not chunk:
-                return found
-            found += chunk
-            since = chunk[-1]["number"] + 1
-
-    def trace_start(self, channel: str) -> None:
-        """From now on record every frame that clients send to the channel."""
-        self.request("trace", channel=channel, start=True)
-
-    def trace(self, channel: str) -> list[tuple[float, float, int, int]]:
-        """(sent, arrived at the rig, identifier, first data byte) of every frame since `trace_start`; monotonic s."""
-        found: list[tuple[float, float, int, int]] = []
-        while chunk := self.request("trace", channel=channel, since=len(found))["frames"]:
-            found += [(sent, arrived, ident, first) for sent, arrived, ident, first in chunk]
-        return found
-
-    def watch_start(self, channel: str) -> None:
-        """From now on record the arm's extremes, anew; for `watch`."""
-        self.request("watch", channel=channel, start=True)
-
-    def watch_stop(self, channel: str) -> None:
-        """Record no longer; `watch` still tells what was."""
-        self.request("watch", channel=channel, stop=True)
-
-    def watch(self, channel: str) -> dict[str, Any]:
-        """What the rig itself saw since `watch_start`, every 2 to 4 ms of simulated time, torques every millisecond.
-
-        Returns:
-            since_s (monotonic); motors: n names, gripper last; max_speed_rad_s (n), of motors while enabled, and
-            max_torque_nm (n), magnitudes at the joint (gripper: at the motor), and max_asked_nm (n), the torque that
-            the command asked for before the motor's own limit cut it; each with the monotonic time of the largest,
-            max_speed_at_s, max_torque_at_s and max_asked_at_s (0 before the first); max_command_age_s (n): the longest
-            that an enabled motor acted on one command, simulated time; min_tcp_z_m; max_tcp_drop_m, below its height at
-            the start; touched_at_s: when it last touched anything, or pressed on itself with more than 50 N (0: never);
-            enabled_events: (monotonic_s, motor, enabled) of every change; fault_events: (monotonic_s, motor, fault
-            code).
-
-        Raises:
-            ConfigError: it was never started.
-        """
-        found = chunk = self.request("watch", channel=channel)
-        seen = chunk["changes"]
-        while chunk["changes"]:
-            chunk = self.request("watch", channel=channel, since=seen)
-            seen += chunk["changes"]
-            for key in ("enabled_events", "fault_events"):
-                found[key] += chunk[key]
-        for key in ("enabled_events", "fault_events"):
-            found[key] = [tuple(row) for row in found[key]]
-        del found["changes"]
-        return found
-
-    def truth_start(self, channel: str, seconds: float = 1.0) -> None:
-        """From now on keep the last seconds (at most 120) of what the channel's shafts truly did, for `truth`."""
-        self.request("truth", channel=channel, start=True, seconds=seconds)
-
-    def truth_stop(self, channel: str) -> None:
-        """Keep it no longer."""
-        self.request("truth", channel=channel, stop=True)
-
-    def truth(self, channel: str, after_s: float = 0.0) -> dict[str, np.ndarray]:
-        """What the shafts of the channel's n motors truly did, one row per step of the physics (1 ms), oldest first.
-
-        Args:
-            after_s: only later rows, monotonic s.
-
-        Returns:
-            stamp_s (k,) monotonic; q (k, n), dq (k, n) at that time, joint sign, gripper at the motor; torque_nm (k, n)
-            that the motors applied in the step before; asked_nm (k, n), what their commands asked for then,
-            kp (q* − q) + kd (dq* − dq) + tau, not cut by the motors' own limits.
-
-        Raises:
-            ConfigError: `truth_start` was not called.
-        """
-        rows: list[Any] = []
-        while chunk := self.request("truth", channel=channel, after_s=after_s)["samples"]:
-            rows += chunk
-            after_s = chunk[-1][0]
-        columns = zip(*rows, strict=True) if rows else [()] * 5
-        return dict(zip(("stamp_s", "q", "dq", "torque_nm", "asked_nm"), map(np.array, columns), strict=True))
-
-    # what tests change
-
-    def place(self, prop: str, pos: Sequence[float], quat: Sequence[float] = (1, 0, 0, 0)) -> None:
-        """Put a prop somewhere, at rest."""
-        self.request("place", prop=prop, pos=pos, quat=quat)
-
-    def task(self, name: str, seed: int, time_limit_s: float | None = None) -> None:
-        """Begin an attempt at a task of the scene: its things are strewn by the seed, at rest; the arms stay.
-
-        `time_limit_s`: simulated time after which it has failed; None: as the task says.
-
-        Raises:
-            ConfigError: the scene has no such task.
-        """
-        self.request("task", name=name, seed=seed, time_limit_s=time_limit_s)
-
-    def set_pose(self, channel: str, q: Sequence[float] | None = None, opening: float | None = None) -> None:
-        """Teleport an arm (n,) and its gripper (0 closed … 1 open), at rest."""
-        self.request("set_pose", channel=channel, q=q, opening=opening)
-
-    def push(self, channel: str, body: str, force: Sequence[float], seconds: float) -> None:
-        """Push a body of an arm ("link4") with a force (3,) in world axes."""
-        self.request("push", channel=channel, body=body, force=force, seconds=seconds)
-
-    def fault(self, channel: str, motor: str | int | None, kind: str, value: Any = True, **details: Any) -> None:
-        """Make something fail, until `clear_faults` or the same kind with the value that means "not".
-
-        Of one motor (name or CAN id) or, with None, of every motor of the channel:
-            "silent" (bool): neither obeys nor answers.
-            "drop_next" (answers), "loss_rate" (0 … 1), "delay_s" (s): answers are lost or late.
-            "command_loss_rate" (0 … 1): it hears so many frames not.
-            "duplicate" (bool, or {"q_rad": rad}): a second motor has its identifiers, see "second_arm".
-            "wrong_id" (identifier, or False): answers come under it; the registers know nothing of it.
-            "corrupt_rate" (0 … 1; all_bytes=True): so many answers have random contents; motor number and fault
-                code stay right without all_bytes.
-            "reading" ({"position_rad", "velocity_rad_s", "torque_nm", "answers", "freeze"}, each optional, or False):
-                its answers lie, and its own servo does not know: they add these offsets (joint sign; positions wrap at
-                the end of the frame's range), the next `answers` of them or all; with "freeze": true they all repeat
-                the first one's position, velocity and torque.
-            "temperatures_c" ([power stage, coil] °C, or False): sensors that lie; the motor does not act on them.
-            "temperature_ramp" ({"rate_c_per_s", "from_c", "part": "both", "mos" or "rotor"}, or False): it warms (or
-                cools) from from_c on; at OT_VALUE (power stage, 0xB) or 100 °C (coil, 0xC) it switches itself off,
-                and again after each CLEAR while it is as hot.
-            "torque_bias_nm" (Nm, joint sign): while enabled it delivers so much more than told, and does not say so.
-            "stuck" (bool): jammed; "friction_nm" (Nm): so much more dry friction.
-            "nibble" (fault code; sticky=True survives CLEAR): it fails with that code now.
-            "register" (value; register=number): overwrites a register, read-only ones too.
-        Of the channel, motor None:
-            "link_down" (bool): as `ip link set canX down`: send and receive raise "Network is down".
-            "adapter_gone" (bool): open buses are dead for good ("No such device"), opening raises BusError.
-            "bus_off" (bool): one error frame (0x40), nothing gets through, sends raise "No buffer space available"
-                after 10 frames; ended by False, or by link_down.
-            "cable_out" (bool): nothing gets through, and nobody is told.
-            "foreign" ({"id", "rate_hz", "payload": "hold" or "zero"}, or False): another computer sends frames to
-                that identifier: MIT commands to stay where the motor is, or eight zero bytes. Motors obey and answer.
-            "latency_s" (s): each way; commands reach the motors late, and answers the host. Time stamps are those of
-                the arrival at the host.
-            "hold_back" ({"seconds", "every_s", "stamped"}, or False): from now on, again every every_s or once, the
-                adapter keeps received frames back for so long and then gives them all at once, in order, stamped with
-                that moment; with "stamped": true with the time at which the wire delivered them.
-            "second_arm" (bool, or {"q_rad": rad per motor, joint sign}): another arm with the same identifiers is on
-                the bus. Each of its motors hears every frame and answers after the first arm's, from registers, fault
-                code and shaft of its own. It is limp until it is enabled, and nothing is mounted on its shafts: without
-                q_rad they are 0.3 rad from where the arm was when the rig started. `state` shows them as second_motors.
-            "payload_kg" (kg): a point mass sits at the tool; "link_mass" ({"link": "link3", "factor"}): a link weighs
-                so many times what the profile says.
-            "handle_silent" (bool).
-
-        Raises:
-            ConfigError: no such channel, motor or kind, or a value that does not fit.
-        """
-        self.request("fault", channel=channel, motor=motor, kind=kind, value=value, **details)
-
-    def clear_faults(self, channel: str) -> None:
-        """Undo what `fault` did to the channel; registers and latched fault codes stay."""
-        self.request("clear_faults", channel=channel)
-
-    def camera_fault(self, camera: str, kind: str | None, seconds: float | None = None) -> None:
-        """Make a camera of the scene fail, for every client: "stall", no new frames, for `seconds` or until None;
-        "dead", its clients are told and it cannot be opened; None: it can again, by connecting anew.
-
-        Raises:
-            ConfigError: no such camera or kind.
-        """
-        self.request("camera_fault", camera=camera, kind=kind, seconds=seconds)
-
-    def cut_torque(self, channel: str) -> None:
-        """Disable every motor of the arm at once, as an emergency stop of its supply would."""
-        self.request("cut_torque", channel=channel)
-
-    def trigger(self, channel: str, value: float) -> None:
-        """Squeeze a handle's trigger: 0 released … 1."""
-        self.request("trigger", channel=channel, value=value)
-
-    def buttons(self, channel: str, sync: bool = False, record: bool = False) -> None:
-        """Hold a handle's two buttons down, or not."""
-        self.request("buttons", channel=channel, value=[sync, record])
-
-    def hand(
-        self,
-        channel: str,
-        times: Sequence[float],
-        q: Sequence[Sequence[float]],
-        trigger: float | Sequence[float] = 0.0,
-    ) -> None:
-        """Grip a leader and pull it with limited force, from where it is, along q (k, n) at times (k,) s from now.
-
-        Then hold it there.
-        """
-        self.request("hand", channel=channel, times=times, q=q, trigger=trigger)
-
-    def release(self, channel: str) -> None:
-        """Let a leader go."""
-        self.request("hand", channel=channel, release=True)
-
-    def log(self, kind: str, **details: Any) -> None:
-        """Add an event to the rig's log."""
-        self.request("log", kind=kind, details=details)
-
-
-class RigControl(RigConnection, RigOperations):
-    """A connection to a rig's control channel, with a method per operation; opened as `RigConnection` says."""
+        message = launch.to_json({"op": op, **arguments})
+        try:
+            self._socket.send(message)
+            packet = self._socket.recv(launch.MAX_PACKET)
+        except BaseException as error:
+            self.close()  # a late answer would be taken for the next one
+            if isinstance(error, OSError):
+                raise RigError(f"rig {self.name} does not answer ({error}); has its process ended?") from error
+            raise
+        if not packet:
+            raise RigError(f"rig {self.name} has ended")
+        return launch.answer_of(packet)
 
     def wait_event(self, kind: str, timeout_s: float, since: int = 0, **details: Any) -> dict[str, Any]:
         """The first event of that kind and details from number `since` on; waits for it.
 
         Raises:
-            RigError: none within timeout_s.
+            RigError: no such event within timeout_s.
         """
         deadline = time.monotonic() + timeout_s
         while True:
@@ -295,10 +86,26 @@ class RigControl(RigConnection, RigOperations):
                 raise RigError(f"rig {self.name}: no event {kind} {details} within {timeout_s} s")
             time.sleep(0.02)
 
+    def end(self) -> None:
+        """End the rig at once, with or without other clients."""
+        self.request("end")
+
+    def close(self) -> None:
+        """Leave; the rig ends about a second after its last client. Idempotent."""
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+        self._socket.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
 
 @contextlib.contextmanager
 def running_rig(**arguments: Any) -> Iterator[RigControl]:
-    """A rig of one's own (arguments as for `RigControl.start`) that has ended when the block is left.
+    """A new rig (arguments as for `RigControl.start`) that has ended when the block is left.
 
     Raises:
         RigError: at the end, somebody still used it.
@@ -323,7 +130,7 @@ def wait_ended(rig: RigControl, timeout_s: float = 10.0) -> None:
     deadline = time.monotonic() + timeout_s
     while runs(rig.pid):
         if time.monotonic() > deadline:
-            raise RigError(f"rig {rig.name} (process {rig.pid}) still runs; who uses it?")
+            raise RigError(f"rig {rig.name} (process {rig.pid}) still runs; close its other clients")
         time.sleep(0.01)
 
 

@@ -2,15 +2,14 @@
 
     can.Bus(interface="yam_sim", channel="follower_left")
 
-Any python-can program can use it. The rig starts on demand and ends with its last client; which rig it is, the
-keyword `rig` or the variable YAM_RIG says ("auto", the default: the rig of this process).
+Any python-can program can use it. The rig starts on demand and ends with its last client. The keyword `rig` or the
+variable YAM_RIG names it ("auto", the default: the rig of this process).
 
-Like a SocketCAN socket it hears what other clients send, from its opening on, and loses frames when nobody reads it;
-when a fault is injected (`control.RigControl.fault`) it raises what python-can's SocketCAN bus would.
+Like a SocketCAN socket it hears what other clients send, from its opening on, and loses frames when nobody reads it.
+Under an injected fault (`control.RigControl.fault`) it raises what python-can's SocketCAN bus would.
 """
 
 import contextlib
-import logging
 import select
 import socket
 import time
@@ -22,14 +21,10 @@ import can
 
 from lerobot_robot_yam.damiao.tables import BITRATE
 from lerobot_robot_yam.errors import BusError, ConfigError
-from lerobot_robot_yam.rig.bus.client_link import ClientLink
-from lerobot_robot_yam.rig.bus.frame_messages import message_of, pack_messages
-from lerobot_robot_yam.rig.bus.link_state import watch_link
+from lerobot_robot_yam.rig.bus.link_state import ClientLink, watch_link
 from lerobot_robot_yam.rig.client import launch
 from lerobot_robot_yam.rig.devices import packets
-from lerobot_robot_yam.rig.devices.packets import Frame
-
-logger = logging.getLogger(__name__)
+from lerobot_robot_yam.rig.devices.packets import Frame, message_of, pack_messages
 
 # Keywords that other interfaces take and callers pass to any: without effect here.
 _FOREIGN_OPTIONS = frozenset(
@@ -44,7 +39,7 @@ class YamSimBus(can.BusABC):
     Args:
         channel: a channel of the rig's scene, for example "follower_left".
         can_filters: as for any bus.
-        rig: rig to use, see `runtime.rig_name`.
+        rig: rig to use, see `runtime_files.rig_name`.
         scene: scene of a rig that is started for us.
         fd: only False; the motors speak classic CAN.
         bitrate: only 1 Mbit/s, or None.
@@ -113,7 +108,7 @@ class YamSimBus(can.BusABC):
             if timeout is not None and not _wait(self._socket, select.POLLOUT, timeout):
                 raise BusError(f"{self.channel_info}: the rig takes no frames; is its process stopped?")
             self._socket.send(packet)
-        except (BrokenPipeError, ConnectionResetError, ValueError) as error:  # ValueError: shut down meanwhile
+        except (BrokenPipeError, ConnectionResetError, ValueError) as error:  # ValueError: shut down by another thread
             raise self._gone() from error
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
@@ -140,7 +135,7 @@ class YamSimBus(can.BusABC):
             self._fetch(remaining)
 
     def _fetch(self, timeout: float | None) -> None:
-        """Move what the rig has sent into the queue; waits for the first packet only, at most `timeout` s."""
+        """Move packets of the rig into the queue; waits for the first one only, at most `timeout` s."""
         sock = self._socket
         if sock is None:
             raise BusError(f"{self.channel_info} is shut down")
@@ -150,7 +145,7 @@ class YamSimBus(can.BusABC):
             while True:
                 packet = sock.recv(launch.MAX_PACKET, socket.MSG_DONTWAIT)
                 if not packet:
-                    if self._arrived:  # what the wire has taken is still delivered
+                    if self._arrived:  # frames that the wire has taken are still delivered
                         return
                     raise self._gone()
                 if packet != packets.WAKE:

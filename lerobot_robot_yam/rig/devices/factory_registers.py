@@ -1,4 +1,4 @@
-"""Register contents of a motor as delivered and set up for an arm."""
+"""Register contents of a motor that was set up for an arm."""
 
 import struct
 
@@ -34,7 +34,7 @@ def factory_registers(can_id: int, kind: str, serial: int) -> dict[int, float | 
         Register.CAN_BR: 4,
         Register.VBUS: 24.0,
     }
-    # What a float32 register holds is what a reader gets.
+    # A reader gets the float32 that the register holds.
     return {
         key: struct.unpack("<f", struct.pack("<f", value))[0] if registers.REGISTERS[key].kind == "float" else value
         for key, value in held.items()

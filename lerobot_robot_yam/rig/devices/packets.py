@@ -1,27 +1,28 @@
-"""The wire: what a packet between a bus client and the rig holds, and how long frames occupy the bus.
+"""Packets between a bus client and the rig, and how long their frames occupy the wire.
 
 A packet is any number of 24-byte records (stamp, identifier, length, flags, data). Towards the rig the stamp is
-the time of the send call; towards the client it is the time at which the wire delivers the frame, and the client
-waits for it. So a whole tick travels as one packet each way and still takes the time a real bus would take.
+the time of the send call. Towards the client it is the time at which the wire delivers the frame, and the client
+waits for it. So a whole tick travels as one packet each way and takes the time that a real bus would take.
 """
 
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import accumulate, repeat
 from typing import NamedTuple
+
+import can
 
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S
 from lerobot_robot_yam.errors import BusError
 
 _RECORD = struct.Struct("<dIBBxx8s")
 RECORD_SIZE = _RECORD.size
-MAX_RECORDS = 512  # per packet; keeps a packet far below the socket's limit
 
 FLAG_EXTENDED = 1
 FLAG_REMOTE = 2
 FLAG_ERROR = 4  # from the interface itself, never on the wire
 
-WAKE = b"\0"  # a packet without frames: the receiver shall look at its link
+WAKE = b"\0"  # a packet without frames: it makes the receiver look at its link
 
 _OLDEST_SEND_S = 0.05  # a send stamp older than this is taken as that old: the sender was descheduled
 
@@ -58,11 +59,39 @@ def unpack(packet: bytes) -> list[Frame]:
     ]
 
 
-class Wire:
-    """Occupancy of one bus: frames follow one another, `FRAME_TIME_S` each.
+def pack_messages(messages: Sequence[can.Message], now_s: float) -> bytes:
+    """python-can's messages that are sent now, as one packet.
 
-    Work-conserving; between frames that wait at the same moment the caller orders (commands before replies,
-    as their identifiers are lower). A frame scheduled later never overtakes one scheduled before.
+    Raises:
+        BusError: one is not classic CAN.
+    """
+    records = []
+    for message in messages:
+        if message.is_fd:
+            raise BusError(f"CAN FD frame {message.arbitration_id:#x} sent; the arms speak classic CAN")
+        flags = message.is_extended_id * FLAG_EXTENDED | message.is_remote_frame * FLAG_REMOTE
+        records.append(pack_one(now_s, message.arbitration_id, message.data, flags))
+    return b"".join(records)
+
+
+def message_of(frame: Frame, channel: str) -> can.Message:
+    """A frame as python-can's message, as a receiver gets it."""
+    stamp_s, ident, data, flags = frame
+    return can.Message(
+        timestamp=stamp_s,
+        arbitration_id=ident,
+        is_extended_id=bool(flags & FLAG_EXTENDED),
+        is_remote_frame=bool(flags & FLAG_REMOTE),
+        is_error_frame=bool(flags & FLAG_ERROR),
+        data=data,
+        channel=channel,
+    )
+
+
+class Wire:
+    """Occupancy of one bus: frames follow one another, `FRAME_TIME_S` each, in the order of the calls.
+
+    Among frames that wait at the same moment the caller chooses: commands before replies, whose identifiers are higher.
     """
 
     def __init__(self, frame_time_s: float = FRAME_TIME_S):
@@ -71,14 +100,14 @@ class Wire:
         self.frames = 0
 
     def transmit(self, ready_s: float) -> float:
-        """Put one frame on the wire that is ready at `ready_s`; returns the time at which it is through."""
+        """Put a frame that is ready at `ready_s` on the wire; returns the time at which it is through."""
         start = ready_s if ready_s > self.free_at_s else self.free_at_s
         self.free_at_s = start + self.frame_time_s
         self.frames += 1
         return self.free_at_s
 
     def transmit_all(self, ready_s: float, count: int) -> list[float]:
-        """`transmit` for so many frames, all ready at `ready_s`; the times at which each is through."""
+        """`transmit` for `count` frames, all ready at `ready_s`; returns the time at which each is through."""
         start = ready_s if ready_s > self.free_at_s else self.free_at_s
         _, *through_s = accumulate(repeat(self.frame_time_s, count), initial=start)
         self.free_at_s = through_s[-1]

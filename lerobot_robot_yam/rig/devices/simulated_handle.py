@@ -1,6 +1,6 @@
 """The simulated teaching-handle encoder on a leader's bus: firmware 2.4.0, set to report on request.
 
-It differs from the real one in this: its replies to overlapping requests keep their order.
+Unlike the real one it keeps the order of replies to overlapping requests.
 """
 
 from lerobot_robot_yam.damiao import encoder
@@ -29,7 +29,7 @@ class SimHandle:
         self._eeprom[encoder.EEPROM_ADC_FREQUENCY_LOW] = encoder.ADC_FREQUENCY
 
     def request(self, data: bytes) -> Frame | None:
-        """Answer a frame to 0x50E; None for settings and for what is not understood."""
+        """Answer a frame to 0x50E; None for settings and unknown requests."""
         if self.silent or len(data) < 2 or data[0] not in (_DEVICE, encoder.ALL_DEVICES):
             return None
         opcode, parameters = data[1], data[2:]

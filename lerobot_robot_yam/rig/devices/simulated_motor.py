@@ -1,8 +1,10 @@
 """A simulated Damiao motor: frames in, feedback out, registers, states, watchdog.
 
-Behaviour that no public source documents and that we chose: ENABLE does not clear a fault (CLEAR does, leaving the
-motor disabled); only frames to the motor's own command identifiers feed the watchdog; a command of another mode
-than CTRL_MODE is answered but not obeyed; the answer to STORE is an echo of the request.
+No public source documents these, so we chose them:
+- ENABLE does not clear a fault; CLEAR does, and leaves the motor disabled.
+- Only frames to the motor's own command identifiers feed the watchdog.
+- A command of another mode than CTRL_MODE is answered but not obeyed.
+- The answer to STORE is an echo of the request.
 """
 
 import contextlib
@@ -24,21 +26,19 @@ from lerobot_robot_yam.damiao.tables import (
 )
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.devices.factory_registers import factory_registers
-from lerobot_robot_yam.rig.devices.false_reading import FalseReading
-from lerobot_robot_yam.rig.devices.link_faults import LinkFaults
+from lerobot_robot_yam.rig.devices.motor_faults import FalseReading, LinkFaults
 from lerobot_robot_yam.rig.devices.packets import Frame
-from lerobot_robot_yam.rig.devices.thermometer import Ramp, Thermometer
-from lerobot_robot_yam.rig.world.loose_shaft import LooseShaft
-from lerobot_robot_yam.rig.world.shaft import Shaft
+from lerobot_robot_yam.rig.devices.thermometer import Thermometer
+from lerobot_robot_yam.rig.world.shaft import Drive, LooseShaft
 from lerobot_robot_yam.rig.world.world import World
 
-# Gains of the motor's own loops in the modes that bring none along.
+# Gains of the motor's own loops in the modes whose commands carry none.
 _POSITION_KP, _POSITION_KD = 100.0, 5.0
 _VELOCITY_KD = 5.0
 _RANGES: dict[int, str] = {Register.PMAX: "PMAX", Register.VMAX: "VMAX", Register.TMAX: "TMAX"}
-AHEAD_S = 0.003  # a sample is carried on by at most this
+AHEAD_S = 0.003  # the most by which a sample is carried on
 _TWIN_OFFSET_RAD = 0.3  # of a second motor from where the first one was when the rig started; our choice
-_TWIN_SERIAL = 100_000  # its serial number is by so much higher
+_TWIN_SERIAL = 100_000  # added to the serial number of a second motor
 
 
 class SimMotor:
@@ -50,9 +50,7 @@ class SimMotor:
         kind: a row of `damiao.tables.MOTOR_TYPES`.
         direction: +1 or -1, motor angle against joint angle.
         zero_rad: motor angle at joint angle 0.
-        drive: its shaft.
-        world: for times and options.
-        log: called with (kind of event, details).
+        log: called with the kind of an event and its details.
         serial: its serial number.
     """
 
@@ -63,7 +61,7 @@ class SimMotor:
         kind: str,
         direction: int,
         zero_rad: float,
-        drive: Shaft,
+        drive: Drive | LooseShaft,
         world: World,
         log: Callable[..., None],
         serial: int,
@@ -73,7 +71,7 @@ class SimMotor:
         self.faults = LinkFaults()
         self.sticky_fault = False  # CLEAR does not help
         self.bias_nm = 0.0  # see `set_bias`
-        self.reading: FalseReading | None = None  # what it measures wrong
+        self.reading: FalseReading | None = None  # its false measurements
         self.twin: SimMotor | None = None  # see `plug_in_twin`
         self.drive, self.world, self._log = drive, world, log
         self.direction, self.zero_rad = direction, zero_rad
@@ -93,10 +91,7 @@ class SimMotor:
         return self.fault == Fault.NORMAL
 
     def is_plain(self) -> bool:
-        """Whether it is enabled in MIT mode, measures and answers as it should, and nothing was done to its settings.
-
-        A row of such motors is served by `motor_row`.
-        """
+        """Whether it is enabled in MIT mode without faults and with the settings of its type, as `WholeTick` asks."""
         return (
             self.fault == Fault.NORMAL
             and self._plainly_set
@@ -119,13 +114,9 @@ class SimMotor:
     # frames
 
     def command(self, offset: int, data: bytes, at_s: float) -> Frame | None:
-        """Obey a frame to identifier can_id + offset that the wire delivers at `at_s`, and answer it."""
+        """Obey a frame to identifier can_id + offset that the wire delivers at `at_s`, and answer it. Hot."""
         if self.faults.silent:
             return None
-        return Frame(0.0, self.master_id, self.answer(offset, data, at_s))
-
-    def answer(self, offset: int, data: bytes, at_s: float) -> bytes:
-        """The same of a motor that is not silent: the data of its answer. Hot: once per frame."""
         special = codec.SPECIAL_OF.get(data)
         self.last_command_s = self.world.sim_s
         if special is not None:
@@ -136,7 +127,7 @@ class SimMotor:
                     self._obey(*codec.unpack_mit(self.ranges, data))
             else:
                 self._obey_floats(offset, data)
-        return self.sample(at_s)
+        return self.feedback(at_s)
 
     def request(self, data: bytes, at_s: float) -> Frame | None:
         """Answer a register request addressed to this motor, delivered at `at_s`."""
@@ -153,19 +144,16 @@ class SimMotor:
             assert request.value is not None
             with contextlib.suppress(ConfigError):  # the answer then shows the value still held
                 self.set_register(request.register, request.value)
-        value = self._register(request.register)
+        angle = request.register in (Register.P_M, Register.XOUT)
+        value = self.motor_angle_rad if angle else self._registers[request.register]
         # Identifiers may just have changed; the answer still comes from the one that was asked.
         answer = registers.encode_reply(request.motor_id, request.opcode, request.register, value)
         return Frame(0.0, self.master_id, answer)
 
     def feedback(self, at_s: float) -> Frame:
-        """A feedback frame of the state at monotonic time `at_s`; its time stamp is for the caller to set."""
-        return Frame(0.0, self.master_id, self.sample(at_s))
+        """A feedback frame of the state at monotonic time `at_s`; the caller sets its time stamp. Hot: once per frame.
 
-    def sample(self, at_s: float) -> bytes:
-        """Data of a feedback frame of the state at monotonic time `at_s`. Hot: once per frame.
-
-        The physics may be behind that time by a packet's way over the wire; the position is carried on with the
+        The physics may be behind that time by a packet's way over the wire. The position is carried on with the
         velocity, which over 3 ms is exact to less than the frame's last bit.
         """
         direction, drive, world = self.direction, self.drive, self.world
@@ -185,12 +173,13 @@ class SimMotor:
             )
         mos, rotor = self.thermometer.read(velocity, torque, world.sim_s, world.stamp_s + ahead)
         status = self.fault << 4 | self.can_id & 0xF
-        return codec.pack_feedback(self.ranges, status, position, velocity, torque, mos, rotor)
+        data = codec.pack_feedback(self.ranges, status, position, velocity, torque, mos, rotor)
+        return Frame(0.0, self.master_id, data)
 
     # state
 
     def advance(self, elapsed_s: float) -> None:
-        """Move the reference of a position-velocity move on; call while there is a `goal`."""
+        """Move the reference of a position-velocity move; call while there is a `goal`."""
         if self.goal is None:
             return
         target, speed = self.goal
@@ -214,19 +203,15 @@ class SimMotor:
             self.twin.look_after_itself()
 
     def set_bias(self, torque_nm: float) -> None:
-        """While enabled the motor delivers so much more torque (joint sign, Nm) than it is told, and than it says."""
+        """Add a torque (joint sign, Nm) while the motor is enabled; it does not report it."""
         self.bias_nm = torque_nm
         self.drive.load(torque_nm if self.fault == Fault.NORMAL else 0.0)
 
-    def warm(self, rate_c_per_s: float, from_c: float, part: str) -> None:
-        """From now on the temperature of `thermometer.PARTS` rises, or falls."""
-        self.thermometer.ramp = Ramp(rate_c_per_s, from_c, self.world.sim_s, part)
-
     def plug_in_twin(self, angle_rad: float | None = None) -> None:
-        """From now on a second motor with the same identifiers hears every frame and answers after this one.
+        """Plug in a second motor with the same identifiers: it hears every frame and answers after this one.
 
-        It is limp at first, has registers of its own and a shaft that nothing is mounted on, at `angle_rad` (joint
-        sign); it obeys MIT commands. Its events are called second_motor_enabled and so on.
+        It is limp at first. It has its own registers, and a bare shaft at `angle_rad` (joint sign). It obeys MIT
+        commands. Its events are called second_motor_enabled and so on.
         """
         angle = self._start_rad + _TWIN_OFFSET_RAD if angle_rad is None else angle_rad
         shaft = LooseShaft(self.world, angle, self.ranges[2])
@@ -249,7 +234,7 @@ class SimMotor:
         self.drive.rub(0.0)
 
     def fail(self, fault: int) -> None:
-        """Fall into a fault: torque off, or damping after a lost link if the scene says so."""
+        """Enter a fault: torque off, or damping after a lost link if the scene says so."""
         self._limp()
         options = self.world.scene.options
         if fault == Fault.COMMUNICATION_LOST and options.watchdog == "damping":
@@ -274,7 +259,7 @@ class SimMotor:
         if register in _RANGES and value <= 0:
             raise ConfigError(f"register {_RANGES[register]} must be positive, not {value}")
         if register in (Register.MST_ID, Register.ESC_ID) and value > REGISTER_ID:
-            raise ConfigError(f"a CAN identifier has 11 bits; {value:#x} has more")
+            raise ConfigError(f"a CAN identifier is at most {REGISTER_ID:#x}, not {value:#x}")
         self._registers[register] = value
         self._registers_changed()
 
@@ -295,7 +280,7 @@ class SimMotor:
                 self._limp()
 
     def _obey(self, position: float, velocity: float, kp: float, kd: float, torque: float, scale: bool = True) -> None:
-        """Servo to a command in motor coordinates; `scale`: it came packed in the motor's own ranges."""
+        """Servo to a command in motor coordinates; `scale`: it was packed in the motor's own ranges."""
         if scale:
             self.goal = None
             if self._scales is not None:
@@ -322,11 +307,6 @@ class SimMotor:
     def _limp(self) -> None:
         self.goal = None
         self.drive.command(0.0, 0.0, 0.0, 0.0, 0.0)
-
-    def _register(self, register: int) -> float | int:
-        if register in (Register.P_M, Register.XOUT):
-            return self.motor_angle_rad
-        return self._registers[register]
 
     def _registers_changed(self) -> None:
         held = self._registers

@@ -1,4 +1,4 @@
-"""Temperatures of one simulated motor: what it reports, and when it switches itself off."""
+"""Temperatures of one simulated motor: what it reports, and at which it switches itself off."""
 
 import random
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ _TIME_CONSTANT_S = (20.0, 60.0)  # our estimate
 PERIOD_S = 0.02  # of measuring; our choice
 PARTS = ("both", "mos", "rotor")
 _STAMP_UNIT_S = 2e-4
-_STAMP_DIGIT = 84  # °C: below what our heat watch calls warm, so that no stamp is ever taken for heat
+_STAMP_DIGIT = 84  # °C: below what our thermal monitor calls warm, so that no stamp is taken for heat
 _STAMP_WRAP = _STAMP_DIGIT**2
 
 
@@ -26,7 +26,7 @@ def sample_age_s(temp_mos: int, temp_rotor: int, now_s: float) -> float:
 
 
 def stamped_bytes(sample_s: float) -> tuple[int, int]:
-    """What the temperature bytes carry for `sample_age_s`: the sample's time, monotonic s."""
+    """The temperature bytes for `sample_age_s` that carry the sample's time, monotonic s."""
     return divmod(int(sample_s / _STAMP_UNIT_S) % _STAMP_WRAP, _STAMP_DIGIT)
 
 
@@ -39,15 +39,16 @@ class Ramp:
     since_s: float
     part: str = "both"
 
+    def at(self, sim_s: float) -> float:
+        """The temperature at a simulated time, °C."""
+        return self.from_c + self.rate_c_per_s * (sim_s - self.since_s)
+
 
 class Thermometer:
     """Power stage ("mos") and coil ("rotor") of one motor, °C.
 
     held: fixed readings of sensors that lie; the motor does not act on them. ramp: a real change; the motor does.
-
-    Args:
-        chance: of the noise.
-        stamped: report each sample's time instead, see `sample_age_s`.
+    chance: of the noise. stamped: report each sample's time instead, see `sample_age_s`.
     """
 
     def __init__(self, chance: random.Random, stamped: bool = False):
@@ -62,8 +63,8 @@ class Thermometer:
     def read(self, velocity_rad_s: float, torque_nm: float, sim_s: float, sample_s: float) -> tuple[int, int]:
         """Reported power stage and coil of a sample taken at monotonic time `sample_s`.
 
-        Without a fault it is the vendor simulation's formula, which has no inertia, behind one: metal does not follow
-        the power within a tick.
+        Without a fault it is the vendor simulation's formula, which has no inertia, behind a low-pass filter: metal
+        does not follow the power within a tick.
         """
         if self.stamped:
             return stamped_bytes(sample_s)
@@ -73,7 +74,7 @@ class Thermometer:
         if self.held is not None:
             mos, rotor = self.held
         elif self.ramp is not None:
-            warm = self._ramped(self.ramp, sim_s)
+            warm = self.ramp.at(sim_s)
             mos = mos if self.ramp.part == "rotor" else warm
             rotor = rotor if self.ramp.part == "mos" else warm
         return int(mos), int(rotor)
@@ -88,16 +89,12 @@ class Thermometer:
         self._measured = _REST_C[0] + mos + noise, _REST_C[1] + rotor + noise
 
     def tripped(self, mos_limit_c: float, sim_s: float) -> Fault | None:
-        """The fault that the motor falls into because it is too hot."""
+        """The fault that the motor enters because it is too hot."""
         if self.ramp is None:
             return None
-        warm = self._ramped(self.ramp, sim_s)
+        warm = self.ramp.at(sim_s)
         if self.ramp.part != "rotor" and warm >= mos_limit_c:
             return Fault.MOS_OVER_TEMPERATURE
         if self.ramp.part != "mos" and warm >= COIL_LIMIT_C:
             return Fault.ROTOR_OVER_TEMPERATURE
         return None
-
-    @staticmethod
-    def _ramped(ramp: Ramp, sim_s: float) -> float:
-        return ramp.from_c + ramp.rate_c_per_s * (sim_s - ramp.since_s)

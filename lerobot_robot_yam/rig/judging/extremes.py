@@ -1,9 +1,10 @@
-"""Extremes that the rig records about its arms by itself, so that a soak can assert them without missing a tick.
+"""Extremes of the arms that the rig itself records, so that a soak can assert them without missing a tick.
 
-Off by default. While it is on for any channel, torques are looked at in every step of the physics, and all else after
+Off by default. While it is on for any channel, torques are looked at in every step of the physics, and the rest after
 every advance (at most 4 ms of simulated time), in one pass over all motors.
 """
 
+import itertools
 from collections import deque
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -17,38 +18,52 @@ from lerobot_robot_yam.system.clock import Clock
 
 _PERIOD_S = 0.002  # simulated time between two looks, at least
 _CHANGES_KEPT = 50_000
-_PRESS_N = 50.0  # at a point, with which an arm presses on itself; folded and limp, its wrist lies there with 27
+_PRESS_N = 50.0  # of an arm on itself, at a point; the wrist of a folded limp arm presses with 27
 
 
 class Change(NamedTuple):
-    """Something a motor reported of itself, at a time of the rig's clock."""
+    """A motor was enabled, disabled or entered a fault, at a time of the rig's clock."""
 
     at_s: float
     motor: str
     switched: bool  # `enabled` was different before
     enabled: bool
-    fault: int  # code that it fell into, 0 without
+    fault: int  # its code, 0 without
+
+
+class Largest:
+    """The largest of each of n values so far, and when it was reached."""
+
+    def __init__(self, count: int):
+        self.value, self.at_s = np.zeros(count), np.zeros(count)
+
+    def forget(self, rows: slice) -> None:
+        """Begin some of them anew."""
+        self.value[rows] = self.at_s[rows] = 0.0
+
+    def see(self, value: np.ndarray, now_s: float) -> None:
+        """Look at (n,) values."""
+        more = value > self.value
+        if more.any():
+            self.value[more] = value[more]
+            self.at_s[more] = now_s
 
 
 class Watch:
     """Records largest speed under torque, torque and age of a command per motor, lowest height and last touch per arm.
 
-    Args:
-        world: the physics.
-        channels: all channels, in the order of the scene.
-        clock: the rig's.
+    channels: all, in the order of the scene.
     """
 
     def __init__(self, world: World, channels: Sequence[Channel], clock: Clock):
         self._world, self._clock = world, clock
         self.on: set[str] = set()
         self._motors = {channel.name: [motor.name for motor in channel.motors] for channel in channels}
-        self._rows: dict[str, slice] = {}  # of each channel's motors in the arrays
         self._all_motors = [motor for channel in channels for motor in channel.motors]
-        actuators: list[int] = []
-        for channel in channels:
-            self._rows[channel.name] = slice(len(actuators), len(actuators) + len(channel.motors))
-            actuators += [motor.drive.actuator for motor in channel.motors]
+        ends = list(itertools.accumulate((len(channel.motors) for channel in channels), initial=0))
+        # of each channel's motors in the arrays
+        self._rows = {channel.name: slice(*ends[i : i + 2]) for i, channel in enumerate(channels)}
+        actuators = [motor.drive.actuator for motor in self._all_motors]
         self._arm = {channel.name: index for index, channel in enumerate(channels)}
         geom_bodies = world.model.geom_bodyid.tolist()
         self._actuators = np.array(actuators)
@@ -58,10 +73,7 @@ class Watch:
         self._arm_of = np.array([self._arm.get(world.model.body(b).name.partition("/")[0], -1) for b in geom_bodies])
         count, arms = len(actuators), len(channels)
         self._enabled = np.zeros(count)  # 1 with torque, 0 without
-        self._speed, self._speed_at = np.zeros(count), np.zeros(count)
-        self._torque, self._torque_at = np.zeros(count), np.zeros(count)
-        self._asked, self._asked_at = np.zeros(count), np.zeros(count)
-        self._age = np.zeros(count)
+        self._speed, self._torque, self._asked, self._age = (Largest(count) for _ in range(4))
         self._start_z, self._lowest_z = np.zeros(arms), np.full(arms, np.inf)
         self._touched_at = np.zeros(arms)
         self._changes: dict[str, deque[Change]] = {}
@@ -71,9 +83,8 @@ class Watch:
     def start(self, channel: str) -> None:
         """Record a channel, from now on and anew."""
         rows, arm = self._rows[channel], self._arm[channel]
-        torques = (self._torque, self._torque_at, self._asked, self._asked_at)
-        for array in (self._speed, self._speed_at, *torques, self._age):
-            array[rows] = 0.0
+        for largest in (self._speed, self._torque, self._asked, self._age):
+            largest.forget(rows)
         mujoco.mj_kinematics(self._world.model, self._world.data)
         self._touched_at[arm] = 0.0
         self._start_z[arm] = self._lowest_z[arm] = self._heights[self._tools[arm]]
@@ -86,11 +97,11 @@ class Watch:
         return channel in self._started_s
 
     def stop(self, channel: str) -> None:
-        """Record it no longer; what was recorded stays."""
+        """Record it no longer; the record stays."""
         self.on.discard(channel)
 
     def note(self, channel: str, kind: str, motor: str, fault: int = 0) -> None:
-        """A motor's own event: it was enabled, disabled, or fell into a fault."""
+        """Take an event of a motor: it was enabled, disabled, or entered a fault."""
         row = self._rows[channel].start + self._motors[channel].index(motor)
         before, now = bool(self._enabled[row]), kind == "motor_enabled"
         self._enabled[row] = now
@@ -98,11 +109,11 @@ class Watch:
             self._changes[channel].append(Change(self._clock.now(), motor, before != now, now, fault))
 
     def sample_torques(self) -> None:
-        """Look at the step that was just simulated: a torque that is asked for may be gone after a few."""
+        """Look at the step that was just simulated: a torque may last for only a few."""
         if self.on:
             now = self._world.stamp_s
-            _keep_largest(np.abs(self._forces[self._actuators]), self._torque, self._torque_at, now)
-            _keep_largest(np.abs(self._world.asked_nm(self._actuators)), self._asked, self._asked_at, now)
+            self._torque.see(np.abs(self._forces[self._actuators]), now)
+            self._asked.see(np.abs(self._world.asked_nm(self._actuators)), now)
 
     def sample(self) -> None:
         """Look at the present state. Hot: 500 times a second while on."""
@@ -113,10 +124,10 @@ class Watch:
         now = world.stamp_s
         speed = np.abs(self._velocities[self._actuators])
         speed *= self._enabled
-        _keep_largest(speed, self._speed, self._speed_at, now)
+        self._speed.see(speed, now)
         age = world.sim_s - np.array([motor.last_command_s for motor in self._all_motors])
         age *= self._enabled
-        np.maximum(self._age, age, out=self._age)
+        self._age.see(age, now)
         np.minimum(self._lowest_z, self._heights[self._tools], out=self._lowest_z)
         contact, count = world.data.contact, world.data.ncon
         near = np.flatnonzero(contact.dist[:count] <= 0.0)
@@ -134,19 +145,19 @@ class Watch:
         return abs(float(wrench[0]))  # along the normal
 
     def report(self, channel: str, since: int, limit: int) -> dict[str, Any]:
-        """What was recorded, see `control.RigControl.watch`; of the changes at most `limit` from number `since` on."""
+        """The record, see `RigOperations.watch`; of the changes at most `limit` from number `since` on."""
         rows, arm = self._rows[channel], self._arm[channel]
         changes = list(self._changes[channel])[since : since + limit]
         return {
             "since_s": self._started_s[channel],
             "motors": self._motors[channel],
-            "max_speed_rad_s": self._speed[rows],
-            "max_speed_at_s": self._speed_at[rows],
-            "max_torque_nm": self._torque[rows],
-            "max_torque_at_s": self._torque_at[rows],
-            "max_asked_nm": self._asked[rows],
-            "max_asked_at_s": self._asked_at[rows],
-            "max_command_age_s": self._age[rows],
+            "max_speed_rad_s": self._speed.value[rows],
+            "max_speed_at_s": self._speed.at_s[rows],
+            "max_torque_nm": self._torque.value[rows],
+            "max_torque_at_s": self._torque.at_s[rows],
+            "max_asked_nm": self._asked.value[rows],
+            "max_asked_at_s": self._asked.at_s[rows],
+            "max_command_age_s": self._age.value[rows],
             "min_tcp_z_m": self._lowest_z[arm],
             "max_tcp_drop_m": self._start_z[arm] - self._lowest_z[arm],
             "touched_at_s": self._touched_at[arm],
@@ -154,11 +165,3 @@ class Watch:
             "enabled_events": [(row.at_s, row.motor, row.enabled) for row in changes if row.switched],
             "fault_events": [(row.at_s, row.motor, row.fault) for row in changes if row.fault],
         }
-
-
-def _keep_largest(value: np.ndarray, largest: np.ndarray, at_s: np.ndarray, now_s: float) -> None:
-    """Raise `largest` to `value` where that is more, and note when; all (n,)."""
-    more = value > largest
-    if more.any():
-        largest[more] = value[more]
-        at_s[more] = now_s

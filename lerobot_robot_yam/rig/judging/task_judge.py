@@ -36,16 +36,12 @@ class View:
 class TaskJudge:
     """Follows one attempt at a task.
 
-    Args:
-        task: what to judge by.
-        arms: channels of the arms.
-        begin: the world at the start.
-        time_limit_s: in place of the task's, if not None.
+    arms: channels. begin: the world at the start. time_limit_s: in place of the task's, if not None.
 
     Attributes:
-        stage: stages reached so far.
+        stage: number of stages reached so far.
         success, failed: the verdict; once one of them is true it stands.
-        reason: why it failed.
+        reason: of the failure.
     """
 
     def __init__(self, task: Task, arms: frozenset[str], begin: View, time_limit_s: float | None = None):
@@ -67,7 +63,7 @@ class TaskJudge:
         """Look at the world; returns what this decides, as events.
 
         Their `kind` is "task_stage" (with `stage`, the number reached, 0 after a setback), "task_success" or
-        "task_failed" (with `reason`); all have `task` and `since_s`, the simulated time since the start.
+        "task_failed" (with `reason`). All have `task`, and in `since_s` the simulated time since the start.
         """
         if self.decided:
             return []

@@ -1,4 +1,4 @@
-"""What each motor's shaft truly did, step by step of the physics: for those who judge a driver by it."""
+"""The true state of each motor's shaft in every step of the physics, by which tests judge a driver."""
 
 import bisect
 import itertools
@@ -19,7 +19,7 @@ _Sample = tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 class TruthRecorder:
     """Keeps the last seconds of the world, one sample per step, while it is on for any channel.
 
-    Off by default: while it is on, the physics goes step by step.
+    Off by default: while it is on, the physics is simulated step by step.
     """
 
     def __init__(self, world: World, channels: Iterable[Channel]):
@@ -39,12 +39,12 @@ class TruthRecorder:
         return bool(self._seconds)
 
     def start(self, channel: str, seconds: float) -> None:
-        """Keep so much of a channel, from now on and anew."""
+        """Keep the last seconds of a channel, from now on and anew."""
         self._seconds[channel], self._since_s[channel] = seconds, self._world.stamp_s
         self._resize()
 
     def stop(self, channel: str) -> None:
-        """Keep nothing of it any more."""
+        """Keep nothing of it."""
         self._seconds.pop(channel, None)
         self._resize()
 
@@ -57,14 +57,14 @@ class TruthRecorder:
         return channel in self._seconds
 
     def sample(self) -> None:
-        """Keep the present state, and the torques of the step that led to it."""
+        """Keep the present state, and the torques of the step before it."""
         if self._seconds:
             world, data = self._world, self._world.data
             state = data.qpos.copy(), data.qvel.copy(), data.actuator_force.copy()
             self._kept.append((world.stamp_s, *state, world.asked_nm(self._all)))
 
     def report(self, channel: str, after_s: float, limit: int) -> dict[str, Any]:
-        """The oldest `limit` samples later than `after_s`, see `control.RigControl.truth`."""
+        """The oldest `limit` samples later than `after_s`, see `RigOperations.truth`."""
         after_s = max(after_s, self._since_s[channel])
         begin = bisect.bisect_right(self._kept, after_s, key=lambda sample: sample[0])
         rows = list(itertools.islice(self._kept, begin, begin + limit))
@@ -81,14 +81,14 @@ class TruthRecorder:
 def beyond_clip_nm(
     truth: dict[str, np.ndarray], kp: np.ndarray, kd: np.ndarray, clip_nm: np.ndarray, known_s: np.ndarray | float
 ) -> np.ndarray:
-    """The largest torque in Nm that commands asked each of the first n motors for beyond its clip; 0 where none did.
+    """The largest torque in Nm that commands asked of each of the first n motors beyond its clip; 0 if all kept to it.
 
-    A command that keeps to the clip by a state of up to `known_s` ago asks for more where the joint has moved since:
-    by  kp (q before − q now) + kd (dq before − dq now), which no driver can know. Whatever state before explains a
-    torque is taken to be the one that the driver knew.
+    A command that keeps to the clip by a state of up to `known_s` ago asks for more where the joint has moved since,
+    by  kp (q before − q now) + kd (dq before − dq now). No driver can know that. Of those states the one that explains
+    a torque best is taken for the one that the driver knew.
 
     Args:
-        truth: of `control.RigControl.truth`, steps of 1 ms.
+        truth: of `RigOperations.truth`, steps of 1 ms.
         kp, kd: (n,) gains of the commands, Nm/rad and Nm s/rad.
         clip_nm: (n,) Nm.
         known_s: (n,) or one for all, s.

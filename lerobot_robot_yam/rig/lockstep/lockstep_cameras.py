@@ -1,4 +1,4 @@
-"""Rendered cameras of a rig in lock-step: a picture shows the very instant at which it is asked for."""
+"""Rendered cameras of a rig in lock-step: a picture shows the instant at which it is asked for."""
 
 import select
 from collections.abc import Callable
@@ -16,18 +16,17 @@ from lerobot_robot_yam.system.shared_block import SharedBlock
 
 _TIMEOUT_S = 60.0  # the computer's time: the renderer builds its world first
 
-
-_eyes: dict[str, "LockstepEyes"] = {}
-
-
-def _eyes_of(rig: LockstepRig) -> "LockstepEyes":
-    if rig.name not in _eyes:
-        _eyes[rig.name] = LockstepEyes(rig)
-        rig.at_close.append(lambda: _eyes.pop(rig.name).close())
-    return _eyes[rig.name]
+_renderers: dict[str, "LockstepRenderer"] = {}
 
 
-class LockstepEyes:
+def _renderer_of(rig: LockstepRig) -> "LockstepRenderer":
+    if rig.name not in _renderers:
+        _renderers[rig.name] = LockstepRenderer(rig)
+        rig.at_close.append(lambda: _renderers.pop(rig.name).close())
+    return _renderers[rig.name]
+
+
+class LockstepRenderer:
     """All cameras of one rig, drawn together by one renderer process. It ends with the rig."""
 
     def __init__(self, rig: LockstepRig):
@@ -54,7 +53,7 @@ class LockstepEyes:
         return path
 
     def drop(self, client: "LockstepCamera") -> None:
-        """A camera is not needed any more."""
+        """Draw a camera no longer."""
         self._service.drop(client)
 
     def look(self) -> None:
@@ -83,13 +82,9 @@ class LockstepEyes:
 
 
 class LockstepCamera:
-    """One camera; as `cameras.RigCamera`, but its pictures are never old.
+    """One camera; as `rendered_camera.RigCamera`, but its pictures are never old.
 
-    Args:
-        rig: the rig.
-        camera: name in the scene.
-        width, height: pixels.
-        fps: frames a second, for whoever asks; a picture is drawn whenever one is wanted.
+    camera: name in the scene. width, height: pixels. fps: without effect, as each request draws a picture.
     """
 
     def __init__(self, rig: LockstepRig, camera: str, width: int, height: int, fps: int):
@@ -110,7 +105,7 @@ class LockstepCamera:
             RigError: no OpenGL.
         """
         if self._block is None:
-            self._block = SharedBlock(_eyes_of(self._rig).open(self, self._hello), self._dtype, create=False)
+            self._block = SharedBlock(_renderer_of(self._rig).open(self, self._hello), self._dtype, create=False)
 
     def latest(self, max_age_s: float = 0.0) -> tuple[np.ndarray, float]:
         """(height, width, 3) uint8 RGB of this instant, and the rig's time in s.
@@ -120,7 +115,7 @@ class LockstepCamera:
         """
         if self._block is None:
             raise RigError(f"camera {self._hello['camera']} is not connected; call connect() first")
-        _eyes_of(self._rig).look()
+        _renderer_of(self._rig).look()
         record = self._block.read()
         assert record is not None
         return record["rgb"], float(record["stamp_s"])
@@ -134,4 +129,4 @@ class LockstepCamera:
         block, self._block = self._block, None
         if block is not None:
             block.close()
-            _eyes_of(self._rig).drop(self)
+            _renderer_of(self._rig).drop(self)

@@ -1,9 +1,9 @@
-"""A virtual rig in this very process, in lock-step: its time passes only while somebody sleeps on its clock.
+"""A virtual rig in lock-step in this process: its time passes only while a caller sleeps on its clock.
 
     rig = LockstepRig("tasks", arms=["follower_left", "follower_right"])
     bus = can.Bus(interface="yam_lockstep", channel="follower_left", rig=rig.name)
 
-The same world, motors and wires as the live rig's, without sockets. Nothing in it depends on the computer's clock or
+It has the world, motors and wires of the live rig, without sockets. Nothing in it depends on the computer's clock or
 load: the same calls give the same bits, as fast as the machine allows.
 """
 
@@ -17,19 +17,17 @@ from pathlib import Path
 from typing import Any
 
 import can
-import numpy as np
 
 from lerobot_robot_yam.errors import BusError, ConfigError
-from lerobot_robot_yam.rig.bus.client_link import ClientLink
-from lerobot_robot_yam.rig.bus.frame_messages import message_of, pack_messages
-from lerobot_robot_yam.rig.client.launch import rig_path
-from lerobot_robot_yam.rig.client.rig_control import RigOperations
+from lerobot_robot_yam.rig.bus.link_state import ClientLink
+from lerobot_robot_yam.rig.client.launch import rig_path, to_json
+from lerobot_robot_yam.rig.client.rig_operations import RigOperations
 from lerobot_robot_yam.rig.devices import packets
-from lerobot_robot_yam.rig.devices.packets import Frame
+from lerobot_robot_yam.rig.devices.packets import Frame, message_of, pack_messages
 from lerobot_robot_yam.rig.scene.scene import load_scene
 from lerobot_robot_yam.rig.simulation import rig_commands
 from lerobot_robot_yam.rig.simulation.device import RigDevice
-from lerobot_robot_yam.system.shared_block import SharedBlock
+from lerobot_robot_yam.rig.world.world import WorldBlock
 
 BEGIN_S = 100.0  # the rig's time when it starts
 _STEP_S = 0.004  # physics in one go, as the live rig does
@@ -48,8 +46,7 @@ class LockstepRig(RigOperations):
     """World, channels and clock of a rig in lock-step.
 
     Args:
-        scene: see `scene.load_scene`.
-        options: scene options.
+        scene, options: see `scene.load_scene`.
 
     Attributes:
         restarts: how often `restart` was called.
@@ -67,8 +64,7 @@ class LockstepRig(RigOperations):
         self.device = RigDevice(self._scene, self)
         self._now_s = BEGIN_S
         self.device.world.start(BEGIN_S)
-        self._record = np.zeros((), self.device.world.state_dtype())
-        self._block = SharedBlock(rig_path(self.name, "world"), self._record.dtype, create=True)
+        self._block = WorldBlock(rig_path(self.name, "world"), self.device.world)
         self.restarts = 0
         self.at_close: list[Callable[[], None]] = []
         _rigs[self.name] = self
@@ -87,12 +83,12 @@ class LockstepRig(RigOperations):
             self.device.advance(self._now_s)
 
     def request(self, op: str, **arguments: Any) -> dict[str, Any]:
-        answer = rig_commands.ask(self.device, {"op": op, **json.loads(json.dumps(arguments, default=_plain))})
-        plain: dict[str, Any] = json.loads(json.dumps(answer, default=_plain))
+        answer = rig_commands.ask(self.device, json.loads(to_json({"op": op, **arguments})))
+        plain: dict[str, Any] = json.loads(to_json(answer))
         return plain
 
     def restart(self) -> None:
-        """Begin anew, at the same time, in a world as at the first start. Open buses are dead then."""
+        """Begin anew, at the same time, in the same world as at first. Open buses are dead afterwards."""
         for channel in self.device.channels.values():
             channel.clients.clear()
         self.device.events.close()
@@ -103,13 +99,10 @@ class LockstepRig(RigOperations):
 
     def show(self) -> None:
         """Publish the world's present state for the renderer."""
-        world, record = self.device.world, self._record
-        record["sim_s"], record["stamp_s"] = world.sim_s, world.stamp_s
-        record["qpos"], record["qvel"] = world.data.qpos, world.data.qvel
-        self._block.write(record)
+        self._block.publish(self.device.world)
 
     def close(self) -> None:
-        """Throw it away. Idempotent."""
+        """End it. Idempotent."""
         if _rigs.pop(self.name, None) is not None:
             while self.at_close:
                 self.at_close.pop()()
@@ -133,9 +126,7 @@ class LockstepBus(can.BusABC):
     def __init__(self, channel: str, can_filters: Any = None, *, rig: str | None = None, **foreign_options: Any):
         found = find_lockstep(rig)
         if found is None:
-            raise ConfigError(
-                f"{channel}: no rig in lock-step called {rig!r} in this process; start a LockstepRig first"
-            )
+            raise ConfigError(f"{channel}: this process has no rig in lock-step {rig!r}; start a LockstepRig first")
         if channel not in found.device.channels:
             raise BusError(f"rig {rig} has no channel '{channel}'; it has {', '.join(found.device.channels)}")
         self.clock = found
@@ -198,7 +189,7 @@ class LockstepBus(can.BusABC):
 
 
 class _Mailbox:
-    """What a channel delivers to, in a socket's place."""
+    """Takes a channel's packets in a socket's place."""
 
     def __init__(self, arrived: deque[Frame]):
         self._arrived = arrived
@@ -207,7 +198,3 @@ class _Mailbox:
         if data != packets.WAKE:
             self._arrived.extend(packets.unpack(data))
         return len(data)
-
-
-def _plain(value: Any) -> Any:
-    return value.tolist()

@@ -1,12 +1,12 @@
-"""A scripted operator in lock-step: what its hands do become the followers' targets, at the rig's own time.
+"""A scripted operator in lock-step: its hands' paths become the followers' targets, at the rig's own time.
 
     demonstrator = Demonstrator(rig, "lift_and_place", ["left", "right"])
     while not demonstrator.done:
         targets = demonstrator.targets()      # side → joints (n,) and opening, for this instant
         …                                     # send them, let time pass
 
-The operator's script blocks while it waits, so it runs in a thread of its own; only one of the two threads runs at any
-time, and they change places at times of the rig's clock, so that the outcome does not depend on the computer.
+The operator's script blocks while it waits, so it runs in another thread. Only one of the two threads runs at any
+time. They change places at times of the rig's clock, so that the outcome does not depend on the computer.
 """
 
 import threading
@@ -15,42 +15,30 @@ from collections.abc import Iterable
 import numpy as np
 
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
-from lerobot_robot_yam.rig.operator.guidance import Interrupted
+from lerobot_robot_yam.rig.operator.hands import Interrupted
+from lerobot_robot_yam.rig.operator.plan import Path
 from lerobot_robot_yam.rig.operator.scripts.catalog import make_script
 from lerobot_robot_yam.rig.operator.sight import Sight, sight_of
 
 
-class _Pull:
-    """A path of one hand, begun at a time of the rig."""
-
-    def __init__(self, begun_s: float, times_s: np.ndarray, q_rad: np.ndarray, trigger: np.ndarray):
-        self.times_s = begun_s + np.asarray(times_s, float)
-        self.values = np.column_stack([q_rad, 1.0 - np.asarray(trigger, float)])
-
-    def at(self, now_s: float) -> np.ndarray:
-        """Joints and opening (n + 1,)."""
-        return np.array([np.interp(now_s, self.times_s, column) for column in self.values.T])
-
-
 class Demonstrator:
-    """Implements `guidance.Hands` for the script of a task, and tells the targets that follow from it.
+    """Implements `hands.Hands` for the script of a task, and gives the targets that follow from it.
 
-    Args:
-        rig: the rig, with its things laid out.
-        task: a task of its scene.
-        sides: whose followers there are.
+    rig: with its things laid out. task: of its scene. sides: those that have a follower.
 
     Raises:
-        ConfigError: the task has no script, or the scene lacks what that needs.
+        ConfigError: the task has no script, or the scene lacks something that the script needs.
     """
 
     def __init__(self, rig: LockstepRig, task: str, sides: Iterable[str]):
         self._rig, self._sides = rig, tuple(sides)
         self._script = make_script(self, rig.scene(), task)
-        self._pulls: dict[str, _Pull] = {}
-        self._start: dict[str, np.ndarray] = {}
+        seen = self.look()
+        start = {side: np.append(seen.follower_rad[side], seen.opening[side]) for side in self._sides}
+        # side → joints and opening at times of the rig
+        self._pulls = {side: Path(np.zeros(1), values[None]) for side, values in start.items()}
         self._wake_s = rig.now()
-        self._his_turn, self._our_turn = threading.Semaphore(0), threading.Semaphore(0)
+        self._script_turn, self._our_turn = threading.Semaphore(0), threading.Semaphore(0)
         self._error: Exception | None = None
         self._over = False
         self.done = False
@@ -58,40 +46,28 @@ class Demonstrator:
         self._thread.start()
 
     def targets(self) -> dict[str, np.ndarray]:
-        """Where each follower is asked to be now: joints and opening (n + 1,).
-
-        Before a hand moves: where it was at first.
+        """Each follower's target now: joints and opening (n + 1,); where it was at first until its hand moves.
 
         Raises:
             YamError: the script failed.
         """
         now = self._rig.now()
         while not self.done and self._wake_s <= now:
-            self._his_turn.release()
+            self._script_turn.release()
             self._our_turn.acquire()
             if self._error is not None:
                 raise self._error
-        seen = None
-        targets = {}
-        for side in self._sides:
-            if side in self._pulls:
-                targets[side] = self._pulls[side].at(now)
-                continue
-            if side not in self._start:
-                seen = seen or self.look()
-                self._start[side] = np.append(seen.follower_rad[side], seen.opening[side])
-            targets[side] = self._start[side]
-        return targets
+        return {side: path.at(now) for side, path in self._pulls.items()}
 
     def close(self) -> None:
         """End the script wherever it is. Idempotent."""
         self._over = True
         if self._thread.is_alive():
-            self._his_turn.release()
+            self._script_turn.release()
             self._thread.join()
 
     def _run(self) -> None:
-        self._his_turn.acquire()
+        self._script_turn.acquire()
         try:
             if not self._over:
                 self._script.begin()
@@ -113,7 +89,7 @@ class Demonstrator:
         """Let the rig's time pass."""
         self._wake_s = self._rig.now() + seconds
         self._our_turn.release()
-        self._his_turn.acquire()
+        self._script_turn.acquire()
         if self._over:
             raise Interrupted
 
@@ -123,15 +99,12 @@ class Demonstrator:
 
     def pull(self, side: str, times_s: np.ndarray, q_rad: np.ndarray, trigger: np.ndarray) -> None:
         """Move a side's target along (k, n) joints at times from now (k,), with trigger 0 … 1 (k,)."""
-        self._pulls[side] = _Pull(self._rig.now(), times_s, q_rad, trigger)
+        path = np.column_stack([q_rad, 1.0 - np.asarray(trigger, float)])
+        self._pulls[side] = Path(self._rig.now() + np.asarray(times_s, float), path)
 
     def let_go(self) -> None:
         """Nothing to let go of: the targets stay."""
 
     def put_back(self, position_m: np.ndarray) -> None:
-        """Not in an attempt that counts: it has failed.
-
-        Raises:
-            Interrupted: always.
-        """
+        """Raises Interrupted: an attempt that needs this has failed."""
         raise Interrupted

@@ -19,7 +19,7 @@ import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError, RigError
 from lerobot_robot_yam.rig.client.rig_control import RigControl
-from lerobot_robot_yam.rig.operator.guidance import Interrupted
+from lerobot_robot_yam.rig.operator.hands import Interrupted
 from lerobot_robot_yam.rig.operator.scripts.catalog import make_script
 from lerobot_robot_yam.rig.operator.scripts.script import Script
 from lerobot_robot_yam.rig.operator.scripts.setup import SIDES, sides_of
@@ -33,11 +33,7 @@ _VERDICT_S = 2.0  # the judge sees a prop rest for a while before it says so
 
 
 class RigHands:
-    """Implements `guidance.Hands` on a live rig.
-
-    Args:
-        rig: connection to the rig.
-        scene: as `RigControl.scene` returns it.
+    """Implements `hands.Hands` on a live rig with a scene as `RigControl.scene` returns it.
 
     Raises:
         ConfigError: a side has no leader to guide or no follower, or there are no sides.
@@ -91,7 +87,7 @@ def operate(rig: RigControl, task: str) -> None:
     """Do the task whenever all arms are energised, until the rig ends.
 
     Raises:
-        ConfigError: unknown task, or a scene that lacks what it needs.
+        ConfigError: unknown task, or a scene that lacks something that it needs.
         RigError: the rig has ended.
     """
     scene = rig.scene()

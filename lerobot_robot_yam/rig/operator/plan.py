@@ -16,7 +16,8 @@ from lerobot_robot_yam.errors import RigError
 _POSITION_TOLERANCE_M = 1e-4
 _ANGLE_TOLERANCE_RAD = 1e-3
 _SAMPLES = 33
-# When in a transfer the tool rises, travels and sinks, as fractions of its duration: the overlaps round the corners.
+_TRANSFER_S = 0.4  # at least
+# Spans in which the tool rises, travels and sinks, as fractions of a transfer: overlaps round the corners.
 _RISE, _TRAVEL, _SINK = (0.0, 0.42), (0.16, 0.84), (0.58, 1.0)
 
 
@@ -52,7 +53,7 @@ class Path:
         return np.array([np.interp(t_s, self.times_s, column) for column in self.q_rad.T])
 
     def rest(self, t_s: float, ease_s: float = 0.4) -> "Path":
-        """What is left after t_s, starting from a standstill: the first ease_s are stretched to twice as long."""
+        """The rest after t_s, starting from a standstill: its first ease_s are stretched to twice as long."""
         left = self.times_s[-1] - t_s
         if left <= 0.0:
             return Path(np.array([0.0, 0.1]), np.stack([self.end_rad, self.end_rad]))
@@ -71,10 +72,9 @@ class ArmPlanner:
         model: the arm with its gripper, base at the origin, as `arm.model.build_model` returns it.
         position_m: base in the world, (3,).
         yaw_rad: base heading.
-        speed_rad_s: no joint moves faster than this.
-        acceleration_rad_s2: nor accelerates faster than this.
+        speed_rad_s, acceleration_rad_s2: bounds of every joint.
         seed_rad: (n,) a bent pose to start the inverse kinematics from; None: the middle of the joint ranges.
-        leads: joints that go ahead when the arm unfolds, from the elbow on.
+        leads: joints that go ahead when the arm unfolds: from the elbow on.
 
     Attributes:
         base_m: base in the world, (3,).
@@ -119,7 +119,7 @@ class ArmPlanner:
     def grasp_yaw(self, position_m: np.ndarray, prop_yaw_rad: float, turns: int = 4) -> float:
         """Yaw that puts the fingers on two faces of the prop with the least turn of the last joint.
 
-        turns: how often the prop looks the same to the fingers in a whole turn: 4 a cube, 2 a bar.
+        turns: number of ways to take the prop in a whole turn: 4 a cube, 2 a bar.
         """
         natural = self.natural_yaw(position_m)
         part = 2 * np.pi / turns
@@ -147,22 +147,19 @@ class ArmPlanner:
         seed[0] = self.natural_yaw(position_m) - self._yaw
         return np.clip(seed, self._kinematics.lower, self._kinematics.upper)
 
-    def natural_pose(self, position_m: np.ndarray) -> np.ndarray:
-        """As `pose`, with the wrist straight."""
-        return self.pose(position_m, self.natural_yaw(position_m))
-
-    def pose(self, position_m: np.ndarray, yaw_rad: float) -> np.ndarray:
-        """Joint vector (n,) for a tool pose.
+    def pose(self, position_m: np.ndarray, yaw_rad: float | None = None) -> np.ndarray:
+        """Joint vector (n,) for a tool pose; without a yaw, for the natural one.
 
         Raises:
             RigError: the arm cannot reach it.
         """
-        return self._solved(position_m, yaw_rad, self._facing(position_m))
+        yaw = self.natural_yaw(position_m) if yaw_rad is None else yaw_rad
+        return self._solved(position_m, yaw, self._facing(position_m))
 
     def _solved(self, position_m: np.ndarray, yaw_rad: float, q_near_rad: np.ndarray) -> np.ndarray:
         q = self.solve(position_m, yaw_rad, q_near_rad)
         if q is None:
-            raise RigError(f"the operator cannot reach {np.round(position_m, 3)} m; move the prop nearer to the arm")
+            raise RigError(f"the operator cannot reach {np.round(position_m, 3)} m; move the prop nearer to an arm")
         return q
 
     def joint_move(self, start_rad: np.ndarray, end_rad: np.ndarray) -> Path:
@@ -176,18 +173,9 @@ class ArmPlanner:
         Raises:
             RigError: some point of the way is out of reach.
         """
-        origin, yaw = self.tool(start_rad)
-        target = np.asarray(position_m, float)
-        turn = _shortest(yaw_rad - yaw)
-        near = np.asarray(start_rad, float)
-
-        def joints(s: float) -> np.ndarray:
-            nonlocal near
-            x = float(minimum_jerk(s))
-            near = self._solved(origin + (target - origin) * x, yaw + turn * x, near)
-            return near
-
-        return self._timed(joints, least_s)
+        origin, _ = self.tool(start_rad)
+        way = np.asarray(position_m, float) - origin
+        return self._tool_path(start_rad, yaw_rad, lambda s: origin + way * _span(s), _span, least_s)
 
     def unfold(self, start_rad: np.ndarray, end_rad: np.ndarray) -> Path:
         """As `joint_move`, the elbow ahead of the shoulder: a folded arm lifts its tool before it reaches out."""
@@ -200,31 +188,39 @@ class ArmPlanner:
 
         return self._timed(joints, 0.2)
 
-    def transfer(
-        self,
-        start_rad: np.ndarray,
-        position_m: np.ndarray,
-        yaw_rad: float,
-        height_m: float,
-        least_s: float = 0.4,
-    ) -> Path:
+    def transfer(self, start_rad: np.ndarray, position_m: np.ndarray, yaw_rad: float, height_m: float) -> Path:
         """Rise to height_m, travel and sink to a tool pose, in one smooth motion.
 
         Raises:
             RigError: some point of the way is out of reach.
         """
-        origin, yaw = self.tool(start_rad)
+        origin, _ = self.tool(start_rad)
         target = np.asarray(position_m, float)
-        turn = _shortest(yaw_rad - yaw)
         top = max(height_m, origin[2], target[2])
+
+        def point(s: float) -> np.ndarray:
+            found = origin + (target - origin) * _span(s, *_TRAVEL)
+            found[2] = origin[2] + (top - origin[2]) * _span(s, *_RISE) + (target[2] - top) * _span(s, *_SINK)
+            return found
+
+        return self._tool_path(start_rad, yaw_rad, point, lambda s: _span(s, *_TRAVEL), _TRANSFER_S)
+
+    def _tool_path(
+        self,
+        start_rad: np.ndarray,
+        yaw_rad: float,
+        point: Callable[[float], np.ndarray],
+        turned: Callable[[float], float],
+        least_s: float,
+    ) -> Path:
+        """Path on which the tool is at point(s), having made turned(s) of its turn to a yaw, for s = 0 … 1."""
+        _, yaw = self.tool(start_rad)
+        turn = (yaw_rad - yaw + np.pi) % (2 * np.pi) - np.pi
         near = np.asarray(start_rad, float)
 
         def joints(s: float) -> np.ndarray:
             nonlocal near
-            x = _span(s, *_TRAVEL)
-            point = origin + (target - origin) * x
-            point[2] = origin[2] + (top - origin[2]) * _span(s, *_RISE) + (target[2] - top) * _span(s, *_SINK)
-            near = self._solved(point, yaw + turn * x, near)
+            near = self._solved(point(s), yaw + turn * turned(s), near)
             return near
 
         return self._timed(joints, least_s)
@@ -239,9 +235,5 @@ class ArmPlanner:
         return Path(s * duration, q)
 
 
-def _shortest(turn_rad: float) -> float:
-    return float((turn_rad + np.pi) % (2 * np.pi) - np.pi)
-
-
-def _span(s: float, start: float, end: float) -> float:
+def _span(s: float, start: float = 0.0, end: float = 1.0) -> float:
     return float(minimum_jerk((s - start) / (end - start)))

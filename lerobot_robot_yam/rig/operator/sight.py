@@ -1,4 +1,4 @@
-"""What a scripted operator sees of the rig."""
+"""A scripted operator's view of the rig."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -47,9 +47,9 @@ class Sight:
     Attributes:
         things: prop or piece of furniture → its pose.
         joints: jointed furniture → position, m or rad.
-        leader_rad, follower_rad: side → joints (n,) of leader and follower. Without leaders the follower's are both.
+        leader_rad, follower_rad: side → joints (n,); without leaders both are the follower's.
         opening: side → opening of the follower's gripper, 0 … 1.
-        willing: all arms are energised and none has worked against the hand.
+        willing: all arms are energised, and no arm has worked against the hand.
     """
 
     things: Mapping[str, Pose]
@@ -61,7 +61,7 @@ class Sight:
 
 
 def sight_of(state: Mapping[str, Any], sides: Iterable[str]) -> Sight:
-    """What `control.RigOperations.state` tells, as one sees it; `sides` are those that have a follower."""
+    """The view of a state as `RigOperations.state` returns it; `sides` are those that have a follower."""
     arms, sides = state["arms"], tuple(sides)
     things = {**state["furniture"], **state["props"]}
     followers = {side: arms[f"follower_{side}"] for side in sides}

@@ -1,4 +1,4 @@
-"""One arm of the scripted operator: reaching, aiming, holding, carrying and going home, by way of its leader."""
+"""One arm of the scripted operator: it pulls the leader along paths, and watches whether the follower comes along."""
 
 import logging
 from collections.abc import Callable
@@ -6,8 +6,8 @@ from collections.abc import Callable
 import numpy as np
 
 from lerobot_robot_yam.errors import RigError
-from lerobot_robot_yam.rig.operator.guidance import Guide
-from lerobot_robot_yam.rig.operator.plan import ArmPlanner, Path
+from lerobot_robot_yam.rig.operator.hands import Hands, pause, see
+from lerobot_robot_yam.rig.operator.plan import ArmPlanner, Path, minimum_jerk
 from lerobot_robot_yam.rig.operator.sight import Sight
 
 logger = logging.getLogger(__name__)
@@ -16,6 +16,15 @@ _AIM_M = 0.006
 _AIMS = 3
 _BIAS_M = 0.03
 _AT_HOME_RAD = 1e-3
+_LOOK_S = 0.05
+_LAG_RAD = 0.35  # a follower further behind than this for _STALL_S does not follow
+_STALL_S = 0.4
+_ARRIVED_RAD = 0.05
+_STILL_RAD = 0.004  # between two looks
+_SETTLE_S = 0.8
+_PATIENCE_S = 20.0
+_TRIGGER_S = 0.3
+_FINGERS_REST = 0.01  # of the stroke, between two looks
 
 Off = Callable[[Sight], tuple[np.ndarray, float]]
 """How far the tool has to go yet: (3,) m in the world and a turn about the vertical, rad."""
@@ -25,62 +34,55 @@ class Worker:
     """The arm of one side. Every method may raise Interrupted, or RigError where a point is out of reach.
 
     Args:
-        guide: the hands.
-        side: whose.
-        planner: of its follower.
+        planner: of the side's follower.
         home_m: (3,) where the tool waits.
         height_m: height of the tool on its way over the table.
 
     Attributes:
-        home_rad: the waiting pose, (n,).
+        q: (n,) where the hand is, or will be at the end of its path.
+        home_rad: (n,) the waiting pose.
+        holds: its trigger is squeezed.
     """
 
-    def __init__(self, guide: Guide, side: str, planner: ArmPlanner, home_m: np.ndarray, height_m: float):
+    def __init__(self, hands: Hands, side: str, planner: ArmPlanner, home_m: np.ndarray, height_m: float):
         self.side, self.planner = side, planner
-        self._guide, self._home, self._height = guide, np.asarray(home_m, float), height_m
-        self.home_rad = planner.natural_pose(self._home)
+        self._hands, self._home, self._height = hands, np.asarray(home_m, float), height_m
+        self.q = self.home_rad = planner.pose(self._home)
+        self.holds = False
+        self._path: tuple[float, Path] | None = None  # the one it is on, and when that began
         self._bias = np.zeros(3)  # from where the tool is to where it was sent
 
-    @property
-    def holds(self) -> bool:
-        """Whether its trigger is squeezed."""
-        return self._guide.trigger[self.side] > 0.0
-
     def unfold(self) -> None:
-        """Start towards the waiting pose from any pose, folded ones too."""
-        start = self._guide.see().leader_rad[self.side]
-        self._guide.send(self.side, self.planner.unfold(start, self.home_rad))
-
-    def wait(self) -> None:
-        """Wait for the end of the path that it is on."""
-        self._guide.follow_to_end(self.side)
+        """Take hold, and start towards the waiting pose from any pose, folded ones too."""
+        self._path, self.holds = None, False
+        start = see(self._hands).leader_rad[self.side]
+        self._send(self.planner.unfold(start, self.home_rad))
 
     def reach(self, point_m: np.ndarray, yaw_rad: float) -> None:
         """Over the table and down to a point; then bring the follower's tool to the point itself.
 
-        Friction and imperfect gravity compensation keep it a few millimetres off. What was off once is allowed for
-        the next time.
+        Friction and imperfect gravity compensation keep it a few millimetres off; the next time that is allowed for.
         """
         self._transfer(point_m + self._bias, yaw_rad)
         self.wait()
-        start, _ = self.planner.tool(self._guide.q[self.side])
+        start, _ = self.planner.tool(self.q)
         self.approach(lambda sight: (point_m - self.planner.tool(sight.follower_rad[self.side])[0], 0.0))
-        gone = self.planner.tool(self._guide.q[self.side])[0] - start
+        gone = self.planner.tool(self.q)[0] - start
         self._bias = np.clip(self._bias + gone, -_BIAS_M, _BIAS_M)
 
     def approach(
         self, off: Off, within_m: float = _AIM_M, within_rad: float = np.inf, tries: int = _AIMS, above_m: float = 0.0
     ) -> bool:
-        """Go where `off` says, until what it says is small; whether it is.
+        """Go by `off` until it is small; whether it is.
 
         above_m: come from so far above each time, so that friction always pulls the same way.
         """
         for _ in range(tries):
-            self._guide.settle(self.side)
-            way, turn = off(self._guide.see())
+            self.settle()
+            way, turn = off(see(self._hands))
             if np.abs(way).max() < within_m and abs(turn) < within_rad:
                 return True
-            point, yaw = self.planner.tool(self._guide.q[self.side])
+            point, yaw = self.planner.tool(self.q)
             if above_m > 0.0:
                 self.go(point + way + [0.0, 0.0, above_m], yaw + turn)
             self.go(point + way, yaw + turn)
@@ -88,45 +90,122 @@ class Worker:
 
     def go(self, point_m: np.ndarray, yaw_rad: float, least_s: float = 0.2) -> None:
         """Straight to a tool pose."""
-        self._guide.send(self.side, self.planner.straight(self._guide.q[self.side], point_m, yaw_rad, least_s))
+        self._send(self.planner.straight(self.q, point_m, yaw_rad, least_s))
         self.wait()
 
     def rise(self, height_m: float) -> None:
         """Straight up."""
-        point, yaw = self.planner.tool(self._guide.q[self.side])
+        point, yaw = self.planner.tool(self.q)
         self.go(point + [0.0, 0.0, height_m], yaw)
 
     def close(self) -> None:
-        """Squeeze until the fingers stand still."""
-        self._guide.squeeze(self.side, 1.0)
+        """Squeeze until the fingers stand still, closed on something or not."""
+        self._squeeze(1.0)
 
     def open(self) -> None:
         """Let go."""
-        self._guide.squeeze(self.side, 0.0)
+        self._squeeze(0.0)
 
     def carry(self, point_m: np.ndarray, yaw_rad: float, lifted: Callable[[Sight], bool]) -> bool:
-        """Bring what it holds to a tool pose. If `lifted` denies it on the way, it stops there and lets go: False."""
+        """Bring a held thing to a tool pose. If `lifted` is False halfway, stop there and let go: returns False."""
         path = self._transfer(point_m + self._bias, yaw_rad)
-        self._guide.follow(self.side, 0.5 * path.duration_s)
-        if not lifted(self._guide.see()):
+        self._follow(0.5 * path.duration_s)
+        if not lifted(see(self._hands)):
             logger.info("missed the prop with the %s hand; trying again", self.side)
-            self._guide.stop(self.side)
+            assert self._path is not None
+            begun, path = self._path
+            self._path, self.q = None, path.at(self._hands.now() - begun)
             self.open()
             return False
         self.wait()
-        self._guide.settle(self.side)
+        self.settle()
         return True
 
     def go_home(self) -> None:
         """Start towards the waiting pose, if it is not there."""
-        if np.abs(self._guide.q[self.side] - self.home_rad).max() < _AT_HOME_RAD:
+        if np.abs(self.q - self.home_rad).max() < _AT_HOME_RAD:
             return
         try:
             self._transfer(self._home, self.planner.natural_yaw(self._home))
         except RigError:
-            self._guide.send(self.side, self.planner.joint_move(self._guide.q[self.side], self.home_rad))
+            self._send(self.planner.joint_move(self.q, self.home_rad))
+
+    def wait(self) -> None:
+        """Wait for the end of the path that it is on."""
+        if self._path is not None:
+            self._follow(self._path[1].duration_s)
+
+    def settle(self) -> None:
+        """Let the follower arrive where the hand is and come to rest; wait for it if it does not."""
+        deadline = self._hands.now() + _SETTLE_S
+        before = see(self._hands).follower_rad[self.side]
+        while self._hands.now() < deadline:
+            after = pause(self._hands, _LOOK_S).follower_rad[self.side]
+            if _distance(after, self.q) < _ARRIVED_RAD and _distance(after, before) < _STILL_RAD:
+                return
+            before = after
+        if _distance(before, self.q) > 2 * _ARRIVED_RAD:
+            self._wait_for_follower(self.q)
 
     def _transfer(self, point_m: np.ndarray, yaw_rad: float) -> Path:
-        path = self.planner.transfer(self._guide.q[self.side], point_m, yaw_rad, self._height)
-        self._guide.send(self.side, path)
+        path = self.planner.transfer(self.q, point_m, yaw_rad, self._height)
+        self._send(path)
         return path
+
+    def _send(self, path: Path) -> None:
+        """Start a path, after the end of the one that it is still on."""
+        self.wait()
+        self.q = path.end_rad
+        self._start(path)
+
+    def _start(self, path: Path) -> None:
+        self._path = (self._hands.now(), path)
+        self._hands.pull(self.side, path.times_s, path.q_rad, np.full(len(path.times_s), float(self.holds)))
+
+    def _squeeze(self, trigger: float) -> None:
+        """Move the trigger, and wait until the fingers have come to rest."""
+        start, self.holds = float(self.holds), trigger > 0.0
+        times = np.linspace(0.0, _TRIGGER_S, 9)
+        squeeze = start + (trigger - start) * minimum_jerk(times / _TRIGGER_S)
+        self._hands.pull(self.side, times, np.stack([self.q] * len(times)), squeeze)
+        opening = pause(self._hands, _TRIGGER_S).opening[self.side]
+        deadline = self._hands.now() + _SETTLE_S
+        while self._hands.now() < deadline:
+            before, opening = opening, pause(self._hands, 2 * _LOOK_S).opening[self.side]
+            if abs(opening - before) < _FINGERS_REST:
+                return
+
+    def _follow(self, until_s: float) -> None:
+        """Wait until the hand is until_s into its path; wait there for a follower that stays behind."""
+        assert self._path is not None
+        behind_since = None
+        ending = self._path[1].duration_s - until_s
+        while True:
+            begun, path = self._path
+            left = path.duration_s - ending - (self._hands.now() - begun)
+            if left <= 1e-3:
+                return
+            sight = pause(self._hands, min(_LOOK_S, left))
+            elapsed = self._hands.now() - begun
+            if _distance(sight.follower_rad[self.side], path.at(elapsed)) < _LAG_RAD:
+                behind_since = None
+                continue
+            behind_since = self._hands.now() if behind_since is None else behind_since
+            if self._hands.now() - behind_since > _STALL_S:
+                self._wait_for_follower(path.at(elapsed))
+                self._start(path.rest(elapsed))
+                behind_since = None
+
+    def _wait_for_follower(self, q_rad: np.ndarray) -> None:
+        """Hold still until the follower, which is not driven or was stopped, has come."""
+        logger.info("the %s follower does not follow; waiting for it", self.side)
+        self._start(Path(np.array([0.0, 0.1]), np.stack([q_rad, q_rad])))
+        deadline = self._hands.now() + _PATIENCE_S
+        while _distance(pause(self._hands, _LOOK_S).follower_rad[self.side], q_rad) > 2 * _ARRIVED_RAD:
+            if self._hands.now() > deadline:
+                logger.info("the %s follower is stuck; going on", self.side)
+                return
+
+
+def _distance(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.abs(np.asarray(a) - b).max())

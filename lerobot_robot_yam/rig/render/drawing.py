@@ -1,4 +1,4 @@
-"""Every camera of a rig that somebody watches: when it is due, from which state, and where its frames go."""
+"""The open cameras of a rig: when each is due, which state it shows, and where its frames go."""
 
 import math
 import time
@@ -10,13 +10,34 @@ from lerobot_robot_yam.errors import RigError
 from lerobot_robot_yam.rig.client.camera_frames import Settings, frame_dtype, frame_path
 from lerobot_robot_yam.rig.client.launch import rig_path
 from lerobot_robot_yam.rig.render.painter import Painter
-from lerobot_robot_yam.rig.render.sensor import Sensor
 from lerobot_robot_yam.rig.scene.scene import Scene
-from lerobot_robot_yam.rig.world.world import build_world, world_dtype
+from lerobot_robot_yam.rig.world.world_model import build_world, world_dtype
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
 _UNCHANGED = 1e-6  # rad or m; below this in every joint the last picture is still right
 _ALL_SEEING = ("overview",)  # cameras that show the leaders too
+_MARGIN = 64  # a larger sheet of noise than the picture, cut elsewhere for each exposure
+
+
+class Sensor:
+    """A camera's sensor: it adds Gaussian noise of `sigma` grey levels to pictures of one size.
+
+    Every exposure differs, also of a still scene, so that a frame delivered twice can be told from two frames.
+    """
+
+    def __init__(self, width: int, height: int, sigma: float, seed: int = 0):
+        self._random = np.random.default_rng(seed)
+        sheet = self._random.normal(0.0, sigma, (height + _MARGIN, width + _MARGIN, 3))
+        self._sheet = np.round(sheet).astype(np.int16)
+        self._sum = np.empty((height, width, 3), np.int16)
+
+    def expose(self, clean: np.ndarray, out: np.ndarray) -> None:
+        """One exposure of the picture `clean` into `out`, both (height, width, 3) uint8."""
+        height, width, _ = clean.shape
+        top, left = self._random.integers(_MARGIN, size=2)
+        np.add(clean, self._sheet[top : top + height, left : left + width], out=self._sum)
+        np.clip(self._sum, 0, 255, out=self._sum)
+        out[:] = self._sum
 
 
 @dataclass
@@ -37,11 +58,7 @@ class View:
 
 
 class Drawing:
-    """All views of one rig.
-
-    Args:
-        rig: the rig's name; its world block must exist.
-        scene: the same scene that the rig simulates.
+    """All views of the rig of that name, which simulates this scene.
 
     Raises:
         RigError: no OpenGL, or the world's block is missing.
@@ -65,7 +82,6 @@ class Drawing:
         if settings in self._views:  # a second client asked before the first was answered
             return
         name, width, height, fps = settings
-        self._painter.reserve(width, height)
         dtype = frame_dtype(width, height)
         block = SharedBlock(frame_path(self._rig, name, width, height, fps), dtype, create=True)
         now = time.monotonic()
@@ -99,7 +115,7 @@ class Drawing:
         """Draw and publish every view whose time has come, all from one state of the world while that is new."""
         due = [view for view in self._views.values() if view.due_s <= now_s]
         for view in due:
-            view.due_s = _next_beat(now_s, view.period_s)  # what is late is skipped: no burst
+            view.due_s = _next_beat(now_s, view.period_s)  # late frames are skipped: no burst
         self._draw([view for view in due if self._stalled_until_s.get(view.settings[0], 0.0) <= now_s])
 
     def draw_all(self) -> None:

@@ -1,6 +1,6 @@
 """Pictures of a MuJoCo world through software OpenGL, cheap enough for three cameras beside a control loop.
 
-Only a process that set MUJOCO_GL before importing mujoco may use this (`rig.renderer` does).
+Only a process that set MUJOCO_GL before importing mujoco may use this, as `renderer` does.
 """
 
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ class Painter:
             self._gl = mujoco.GLContext(width, height)
             self._gl.make_current()
             self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
-        except Exception as error:  # each OpenGL backend raises errors of its own, some of them plain Exception
+        except Exception as error:  # each OpenGL backend raises other errors, some of them plain Exception
             raise RigError(
                 f"rendered cameras need OpenGL through EGL, which failed ({error}); install a software one "
                 "(Debian and Ubuntu: libegl1 libgl1-mesa-dri) or run without rendered cameras"
@@ -57,12 +57,6 @@ class Painter:
         self._views: dict[str, mujoco.MjvCamera] = {}
         self._raw: dict[tuple[int, int], np.ndarray] = {}
 
-    def reserve(self, width: int, height: int) -> None:
-        """Make the offscreen buffer large enough for pictures of this size; clearing it costs time every frame."""
-        context = self._context
-        if width > context.offWidth or height > context.offHeight:
-            mujoco.mjr_resizeOffscreen(max(width, context.offWidth), max(height, context.offHeight), context)
-
     def pose(self, qpos: np.ndarray) -> None:
         """Take a state, (nq,)."""
         self.data.qpos[:] = qpos
@@ -71,11 +65,11 @@ class Painter:
         mujoco.mj_camlight(self.model, self.data)
 
     def paint(self, camera: str, out: np.ndarray, show_hidden: bool = False) -> None:
-        """Render one camera of the model into out, (height, width, 3) uint8 RGB, first row on top.
-
-        `reserve` must have been called for this size.
-        """
+        """Render one camera of the model into out, (height, width, 3) uint8 RGB, first row on top."""
         height, width, _ = out.shape
+        context = self._context
+        if width > context.offWidth or height > context.offHeight:  # no larger than needed: clearing it costs time
+            mujoco.mjr_resizeOffscreen(max(width, context.offWidth), max(height, context.offHeight), context)
         view = self._views.get(camera)
         if view is None:
             view = mujoco.MjvCamera()
@@ -86,8 +80,8 @@ class Painter:
         self._option.geomgroup[_HIDDEN_GROUP] = int(show_hidden)
         mujoco.mjv_updateScene(self.model, self.data, self._option, None, view, mujoco.mjtCatBit.mjCAT_ALL, self._scene)
         viewport = mujoco.MjrRect(0, 0, width, height)
-        mujoco.mjr_render(viewport, self._scene, self._context)
-        mujoco.mjr_readPixels(raw, None, viewport, self._context)
+        mujoco.mjr_render(viewport, self._scene, context)
+        mujoco.mjr_readPixels(raw, None, viewport, context)
         np.copyto(out, raw[::-1])
 
     def close(self) -> None:
@@ -97,7 +91,7 @@ class Painter:
 
 
 def _regroup(model: mujoco.MjModel, hidden: Sequence[str]) -> None:
-    """Move the visible shapes of bodies whose names begin with one of `hidden` into a group of their own."""
+    """Move the visible shapes of bodies whose names begin with one of `hidden` into another group."""
     for geom in range(model.ngeom):
         name = model.body(model.geom_bodyid[geom]).name
         if model.geom_group[geom] in _VISUAL_GROUPS and name.startswith(tuple(hidden)):

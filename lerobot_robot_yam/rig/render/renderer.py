@@ -1,4 +1,4 @@
-"""Renderer of a virtual rig; the rig starts it, nobody else needs to.
+"""Renderer of a virtual rig, which starts it.
 
     python -m lerobot_robot_yam.rig.render.renderer --rig NAME --scene bimanual_table
 
@@ -8,7 +8,8 @@ height, fps]}, {"do": "stall", "camera": name, "until_s": monotonic time}. Answe
 camera} or {"error": text}. With --on-demand it draws only when told to: {"do": "draw", "anew": whether the world was
 restarted}, answered by {"drawn": true}.
 
-It ends when its input does, so it never outlives the rig. It preempts nobody by waking up, and skips what is late.
+It ends when its input does, so it never outlives the rig. It preempts no other process, and skips pictures that are
+late.
 """
 
 import argparse
@@ -21,7 +22,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.rig.client.camera_frames import Settings
+from lerobot_robot_yam.rig.client.launch import add_scene_arguments, options_of
 
 if TYPE_CHECKING:
     from lerobot_robot_yam.rig.render.drawing import Drawing
@@ -45,22 +46,20 @@ def _serve(drawing: "Drawing", answers: int, on_demand: bool) -> None:
 
 
 def _obey(drawing: "Drawing", request: dict[str, Any], answers: int) -> None:
-    if request["do"] == "stall":
-        drawing.stall(request["camera"], request["until_s"])
-        return
-    if request["do"] == "draw":
+    verb = request["do"]
+    camera: Any = request.get("camera")
+    if verb == "stall":
+        drawing.stall(camera, request["until_s"])
+    elif verb == "draw":
         if request["anew"]:
             drawing.begin_anew()
         drawing.draw_all()
         _answer(answers, {"drawn": True})
-        return
-    name, width, height, fps = request["camera"]
-    settings: Settings = (name, width, height, fps)
-    if request["do"] == "close":
-        drawing.close(settings)
-        return
-    drawing.open(settings)
-    _answer(answers, {"ready": settings})
+    elif verb == "close":
+        drawing.close(tuple(camera))
+    else:
+        drawing.open(tuple(camera))
+        _answer(answers, {"ready": camera})
 
 
 def _answer(answers: int, message: dict[str, Any]) -> None:
@@ -70,8 +69,8 @@ def _answer(answers: int, message: dict[str, Any]) -> None:
 def _draw_for(rig: str, scene: str | None, options: dict[str, Any]) -> "Drawing":
     # mujoco reads this once, when it is imported, and fails there where OpenGL's libraries are missing.
     os.environ["MUJOCO_GL"] = "egl"
-    # Software OpenGL draws in our thread: it must not take both cores, and a thread of its own cost a fifth more here,
-    # and two waits for a processor per picture on a busy machine.
+    # Software OpenGL draws in our thread: it must not take both cores. A separate thread cost a fifth more, and two
+    # waits for a processor per picture on a busy machine.
     os.environ["LP_NUM_THREADS"] = "0"
     from lerobot_robot_yam.rig.render.drawing import Drawing
     from lerobot_robot_yam.rig.scene.scene import load_scene
@@ -79,33 +78,24 @@ def _draw_for(rig: str, scene: str | None, options: dict[str, Any]) -> "Drawing"
     return Drawing(rig, load_scene(scene, options))
 
 
-def _option(text: str) -> tuple[str, Any]:
-    key, _, value = text.partition("=")
-    try:
-        return key, json.loads(value)
-    except json.JSONDecodeError:
-        return key, value
-
-
 def main() -> int:
     """Entry point of the renderer's process."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rig", required=True, help="name of the running rig")
-    parser.add_argument("--scene", help="scene name or YAML path, as given to the rig")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="scene option")
+    add_scene_arguments(parser)
     parser.add_argument("--on-demand", action="store_true", help="draw when told to, for a rig in lock-step")
     args = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="renderer: %(levelname)s: %(message)s")
     answers = os.dup(1)
-    os.dup2(2, 1)  # what a library prints must not mix with the answers
+    os.dup2(2, 1)  # prints of libraries must not mix with the answers
     if not args.on_demand:
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # never preempt physics or control by waking up
     try:
-        drawing = _draw_for(args.rig, args.scene, dict(_option(item) for item in args.set))
+        drawing = _draw_for(args.rig, args.scene, options_of(args))
     except YamError as error:
         _answer(answers, {"error": str(error)})
         return 1
-    except (ImportError, AttributeError) as error:  # how PyOpenGL reports a library that is not there
+    except (ImportError, AttributeError) as error:  # PyOpenGL reports a missing library so
         _answer(answers, {"error": f"rendered cameras need OpenGL through EGL, which cannot be loaded ({error})"})
         raise
     try:

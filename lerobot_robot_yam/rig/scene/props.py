@@ -1,4 +1,4 @@
-"""What is on the table, as a scene file says it: things of boxes and cylinders, fixed, loose or jointed."""
+"""The things of a scene file: made of boxes and cylinders, fixed, loose or jointed."""
 
 import math
 from collections.abc import Collection, Sequence
@@ -17,8 +17,8 @@ JOINT_KINDS = ("slide", "hinge")
 class Part:
     """One box or upright cylinder of a thing, in the thing's frame.
 
-    size_m: full size along x, y, z; of a cylinder diameter, the same again, length along z. rgba: None takes the
-    thing's. solid: False only shows, and touches nothing.
+    size_m: full size along x, y, z; of a cylinder diameter, diameter, length along z. rgba: None takes the thing's.
+    solid: False is only visible, and touches nothing.
     """
 
     size_m: np.ndarray = array_field(3)
@@ -38,8 +38,8 @@ class Part:
 class Joint:
     """How a thing moves on another one, or on the table: along or about `axis` through `pivot_m`, in its own frame.
 
-    range: least and largest position, m of a slide, rad of a hinge; it starts at 0. friction (N or Nm) and damping
-    (N s/m or Nm s/rad) resist.
+    range: least and largest position, m of a slide, rad of a hinge; it starts at 0. friction: N or Nm. damping: N s/m
+    or Nm s/rad.
     """
 
     kind: str
@@ -54,7 +54,7 @@ class Joint:
 class Grip:
     """Where a gripper takes a thing: a point of its frame; the fingers close along its y axis turned by `yaw_rad`.
 
-    turns: ways to take it in a whole turn: 4 a cube, 2 a bar.
+    turns: number of ways to take it in a whole turn: 4 a cube, 2 a bar.
     """
 
     name: str
@@ -67,7 +67,7 @@ class Grip:
 class Thing:
     """A prop or a piece of furniture: a box of `size_m`, `parts`, or both. Its frame stands at `center_m`.
 
-    carrier: the thing that it is on, whose frame `center_m` and `yaw_rad` are then in; it needs a joint.
+    carrier: the thing that carries it, in whose frame `center_m` and `yaw_rad` are; it then needs a joint.
     friction: sliding coefficient. mass_kg: 0 is fixed.
     """
 
@@ -95,10 +95,10 @@ class Thing:
 
 
 def check_things(props: Sequence[Thing], furniture: Sequence[Thing], where: str) -> None:
-    """Things that physics can make.
+    """Check things.
 
     Raises:
-        ConfigError: one of them is not.
+        ConfigError: physics cannot make one of them.
     """
     things = (*furniture, *props)
     names = [thing.name for thing in things]
@@ -118,10 +118,8 @@ def _check_thing(thing: Thing, prop: bool, carriers: Collection[str], where: str
         raise ConfigError(f"{where}: furniture has a joint and a mass above zero, or neither")
     if thing.carrier and (thing.joint is None or thing.carrier not in carriers):
         raise ConfigError(f"{where}: carrier names a thing without one, and asks for a joint, not '{thing.carrier}'")
-    if not any(part.solid for part in thing.all_parts) and not thing.fixed:
-        raise ConfigError(f"{where}: needs a size_m, or parts of which one is solid")
-    if not thing.all_parts:
-        raise ConfigError(f"{where}: needs a size_m or parts")
+    if not thing.all_parts or not (thing.fixed or any(part.solid for part in thing.all_parts)):
+        raise ConfigError(f"{where}: needs a size_m or parts; if something moves it, one must be solid")
     for part in thing.all_parts:
         _check_part(part, where)
     if thing.joint is not None:

@@ -1,6 +1,6 @@
-"""Scenes: which arms stand where on which CAN channel, what lies on the table, the tasks, and the rig's options.
+"""Scenes: arms and their CAN channels, things on the table, tasks, and the rig's options.
 
-A scene is a YAML file, packaged (`SCENES`) or one's own. With `extends: NAME` it takes from another one every key that
+A scene is a YAML file, packaged (`SCENES`) or the user's. With `extends: NAME` it takes from another one every key that
 it does not give itself. Any field of its `options` can be replaced when the rig is started: `--set friction=0`,
 `RigControl.start(friction=0)`, `can.Bus(..., friction=0)`.
 """
@@ -71,20 +71,19 @@ class Camera:
 
 @dataclass(frozen=True)
 class Options:
-    """What can be changed per start.
+    """Options that can be changed per start.
 
     arm, gripper: replace every follower's (tests of other hardware). arms: only these channels.
     friction, armature: factors on the profiles' dry friction and rotor inertia.
-    latency_s: of the CAN adapter, each way. watchdog: what a motor does after its time-out, "limp" or "damping"
-    (watchdog_damping, Nm s/rad). operator: what the scripted operator does: "none", "pick_and_place" or a task of
-    the scene.
+    latency_s: of the CAN adapter, each way. watchdog: a motor's state after its time-out, "limp" or "damping"
+    (watchdog_damping, Nm s/rad). operator: the scripted operator's task: "none", "pick_and_place" or a task of the
+    scene.
     swapped: two channels whose cables are exchanged: each arm, where it stands, is found on the other's channel.
     serials: numbers in the motors' SN registers, "unique" or "same" on every arm (then no register tells arms apart).
     stamp_temperatures: temperature bytes carry the sample's time instead, see `thermometer.sample_age_s`.
     camera_noise: grey levels (sigma) that the cameras' sensors add. seed: of lost and garbled frames and
     temperature noise, and of the operator's first attempt at a task.
-    event_dir: folder that keeps the event log as `rig-<name>.events.jsonl`, one JSON object a line, also after the
-    rig's end; none without.
+    event_dir: folder for the event log `rig-<name>.events.jsonl`, one JSON object a line, which outlives the rig.
     """
 
     arm: str | None = None
@@ -107,8 +106,8 @@ class Options:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A whole scene. `places` are named points (x, y, z) m between which the operator carries the prop; `homes` where
-    its tool waits during tasks, by side.
+    """A whole scene. `places` are named points (x, y, z) m of the operator's tasks; `homes` are the points (x, y, z) m
+    at which its tools wait, by side.
     """
 
     name: str
@@ -159,7 +158,7 @@ def load_scene(name: str | Path | None = None, options: Mapping[str, Any] | None
 
 
 def _document(name: str, folder: Path) -> dict[str, Any]:
-    """What the file of a scene says; a path is taken from `folder`."""
+    """The mapping in a scene's file; a path is relative to `folder`."""
     if name in SCENES:
         return read_yaml(_DIRECTORY / f"{name}.yaml")
     if name.endswith((".yaml", ".yml")):
@@ -170,7 +169,7 @@ def _document(name: str, folder: Path) -> dict[str, Any]:
 def _check(scene: Scene) -> None:
     where, options = f"scene '{scene.name}'", scene.options
     if len(set(scene.channels)) != len(scene.channels) or not scene.arms:
-        raise ConfigError(f"{where}: needs arms, each with a channel of its own, not {scene.channels}")
+        raise ConfigError(f"{where}: needs arms, each with another channel, not {scene.channels}")
     for arm in scene.arms:
         if arm.role not in ROLES:
             raise ConfigError(f"{where}: role of {arm.channel} must be one of {ROLES}, not '{arm.role}'")
@@ -180,11 +179,12 @@ def _check(scene: Scene) -> None:
             raise ConfigError(f"{where}: option {key} must be one of {known}, not '{getattr(options, key)}'")
     if not _TIMESTEPS_S[0] <= options.timestep_s <= _TIMESTEPS_S[1]:
         raise ConfigError(f"{where}: option timestep_s must lie within {_TIMESTEPS_S}, not {options.timestep_s:g}")
-    positive = {"armature": options.armature}
-    not_negative = {"friction": options.friction, "latency_s": options.latency_s}
-    wrong = [k for k, v in positive.items() if v <= 0] + [k for k, v in not_negative.items() if v < 0]
+    wrong = ["armature"] * (options.armature <= 0.0)
+    wrong += [key for key in ("friction", "latency_s") if getattr(options, key) < 0.0]
     if wrong:
-        raise ConfigError(f"{where}: out of range: options {wrong}")
+        raise ConfigError(
+            f"{where}: options {wrong} are out of range: armature must be above zero, the others not below"
+        )
     for key, named in {"arms": options.arms, "swapped": options.swapped}.items():
         unknown = sorted(set(named or ()) - set(scene.channels))
         if unknown:
@@ -194,7 +194,7 @@ def _check(scene: Scene) -> None:
 
 
 def _check_things(scene: Scene) -> None:
-    """Things, tasks and cameras that physics and renderer can make."""
+    """Check things, tasks and cameras."""
     where = f"scene '{scene.name}'"
     check_things(scene.props, scene.furniture, where)
     followers = [arm.channel for arm in scene.arms if arm.role == "follower"]
@@ -204,15 +204,13 @@ def _check_things(scene: Scene) -> None:
         raise ConfigError(f"{where}: cameras need names of their own, not {names}")
     for camera in scene.cameras:
         if np.linalg.norm(np.cross(camera.position_m - camera.target_m, camera.up)) < 1e-9:
-            raise ConfigError(f"{where}: camera {camera.name} looks nowhere, or along its own up direction")
+            raise ConfigError(f"{where}: camera {camera.name} needs a target_m elsewhere, not along its up direction")
         if not 0.0 < camera.fovy_deg < 180.0:
-            raise ConfigError(
-                f"{where}: camera {camera.name}: fovy_deg lies between 0 and 180, not {camera.fovy_deg:g}"
-            )
+            raise ConfigError(f"{where}: camera {camera.name}: fovy_deg is between 0 and 180, not {camera.fovy_deg:g}")
 
 
 def _check_placement(row: ArmPlacement) -> None:
-    """Poses, zeros and stops that fit the arm and its gripper."""
+    """Check that poses, zeros and stops fit the arm and its gripper."""
     arm, gripper = load_arm(row.arm), load_gripper(row.gripper)
     motors = arm.joint_count + (gripper.motor is not None)
     for key, value, n in (("q_rad", row.q_rad, arm.joint_count), ("zero_offset_rad", row.zero_offset_rad, motors)):

@@ -1,4 +1,4 @@
-"""Tasks of a scene as its file says them: what is strewn where, and by which stages success is told.
+"""The tasks of a scene file: where things start, and the stages of success.
 
 tasks:
   - name: lift_and_place
@@ -21,12 +21,12 @@ from lerobot_robot_yam.rig.scene.props import Thing
 from lerobot_robot_yam.system.strict_yaml import array_field
 
 SCRIPTS = ("lift_and_place", "handover", "drawer", "insertion")
-"""What the scripted operator does for tasks, see `operator.scripts.catalog`."""
+"""The scripted operator's scripts for tasks, see `operator.scripts.catalog`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Draw:
-    """Where a thing is at the start: drawn evenly from [least, largest] of each; what is not named is the scene's.
+    """Where a thing is at the start: drawn evenly from [least, largest] of each; the rest is as the scene has it.
 
     x_m, y_m, yaw_rad: of a prop, in the world. position: of a jointed thing, m or rad.
     """
@@ -42,7 +42,7 @@ class Draw:
 class Region:
     """An upright cylinder: `radius_m` about `center_m`, `height_m` above and below; in the world, or the thing `frame`.
 
-    What is asked to be in it is the origin of a prop's frame.
+    A prop is in it if the origin of its frame is.
     """
 
     center_m: np.ndarray = array_field(3)
@@ -53,11 +53,11 @@ class Region:
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """What must be so, all at once and for `for_s`, for a stage to be reached.
+    """A stage is reached when all its conditions hold at once for `for_s`.
 
-    Of the prop: lifted_m: that far above where it was placed. inside: its frame's origin is there. held_by: both
-    fingers of that follower touch it. released: no arm touches it. still: it rests. airborne: ever since the stage
-    before nothing but arms has touched it; else all begins anew. Of the joint: its position is in joint_range.
+    Of the prop: lifted_m: it is this far above where it was placed. inside: it is in the region. held_by: both fingers
+    of that follower touch it. released: no arm touches it. still: it rests. airborne: since the stage before nothing
+    but arms has touched it; else all stages begin anew. Of the joint: its position is in joint_range.
     """
 
     prop: str = ""
@@ -76,8 +76,8 @@ class Stage:
 class Task:
     """A task: success is reaching all stages of `success`, one after the other, within `time_limit_s`.
 
-    description: as data sets and policies hear it. script: what the scripted operator does for it, one of `SCRIPTS`,
-    if not the one called as the task.
+    description: the text for data sets and policies. script: the scripted operator's, one of `SCRIPTS`, if it is not
+    called as the task.
     """
 
     name: str
@@ -94,14 +94,14 @@ class Task:
 
 
 PICK_AND_PLACE = Task("pick_and_place", "Carry the prop from A to B and back, handing it over at M.", math.inf, ())
-"""What the scripted operator does without end in any scene that has these places; nobody judges it."""
+"""The scripted operator does this without end in any scene that has these places; no verdict is given."""
 
 
 def check_tasks(tasks: Sequence[Task], things: Sequence[Thing], followers: Collection[str], where: str) -> None:
-    """Tasks that speak of what is there.
+    """Check tasks.
 
     Raises:
-        ConfigError: one of them does not.
+        ConfigError: one has impossible values, or names a thing or arm that is not there.
     """
     names = [task.name for task in tasks]
     if len(set(names)) < len(names) or not all(names):
@@ -138,7 +138,7 @@ def _check_stage(stage: Stage, things: dict[str, Thing], followers: Collection[s
     asked = (stage.lifted_m, stage.inside, stage.held_by, stage.released, stage.still, stage.airborne)
     of_prop = any(value is not None and value != "" and value is not False for value in asked)
     if of_prop != bool(stage.prop) or (stage.joint_range is not None) != bool(stage.joint):
-        raise ConfigError(f"{where}: a stage names a prop and what is asked of it, or a joint and its joint_range")
+        raise ConfigError(f"{where}: a stage names a prop and conditions on it, or a joint and its joint_range")
     if not stage.prop and not stage.joint:
         raise ConfigError(f"{where}: a stage needs a prop or a joint")
     if stage.prop and (_known(stage.prop, things, where).fixed or things[stage.prop].joint is not None):

@@ -1,7 +1,7 @@
-"""The rig server's side of rendered cameras: starts the renderer when a camera is asked for, and ends it.
+"""The rig server's side of rendered cameras: it starts the renderer for the first camera, and ends it.
 
-The server never waits for it. It hands over hellos of kind "camera", watches `fileno()`, and passes on what
-`poll()` returns to the clients.
+The server never waits for the renderer. It hands over hellos of kind "camera", watches `fileno()`, and sends the
+answers of `poll()` to the clients.
 """
 
 import contextlib
@@ -29,10 +29,7 @@ _DEAD = "camera {camera} has died: it delivers no more frames; check its cable, 
 class CameraService:
     """All rendered cameras of one rig, drawn by one child process.
 
-    Args:
-        rig: the rig's name.
-        cameras: names of the scene's cameras.
-        renderer_arguments: the server's own `--scene` and `--set`, so that the renderer builds the same world.
+    cameras: names of the scene's. renderer_arguments: `--scene` and `--set`, for the same world in the renderer.
     """
 
     def __init__(self, rig: str, cameras: Collection[str], renderer_arguments: Sequence[str] = ()):
@@ -42,20 +39,20 @@ class CameraService:
         self._process: subprocess.Popen[bytes] | None = None
         self._waiting: dict[Settings, list[Hashable]] = {}
         self._users: dict[Settings, set[Hashable]] = {}
-        self._opened: set[Settings] = set()  # ever: a renderer that hangs or crashes removes no block
+        self._opened: set[Settings] = set()  # ever; a renderer that hangs or crashes leaves their blocks
         self._ready: set[Settings] = set()
         self._answers: list[tuple[Hashable, dict[str, Any]]] = []
         self._tail = b""
-        self._refused: set[Hashable] = set()  # have been told why they get nothing
+        self._refused: set[Hashable] = set()  # clients that know why they get nothing
         self._stalls: dict[str, float] = {}  # camera → monotonic time until which it delivers nothing new
         self._dead: set[str] = set()
         self.drawn = True
 
     def open(self, client: Hashable, hello: Mapping[str, Any]) -> dict[str, Any]:
-        """A client asks for a camera; starts the renderer for the first one.
+        """Open a camera for a client; the first one starts the renderer.
 
         Returns:
-            The answer to send now. A second one ({"ready": true} or an error) follows from `poll`.
+            The answer to send now. A second one ({"ready": true} or an error) comes from `poll`.
 
         Raises:
             ConfigError: unknown camera or impossible settings.
@@ -83,7 +80,7 @@ class CameraService:
         return {"block": str(frame_path(self._rig, *settings))}
 
     def drop(self, client: Hashable) -> None:
-        """A client has left; a camera without users is no longer drawn. Unknown clients are ignored."""
+        """Forget a client that has left; a camera without clients is not drawn. Unknown clients are ignored."""
         for settings, users in list(self._users.items()):
             if client not in users:
                 continue
@@ -97,11 +94,10 @@ class CameraService:
                 self._tell("close", camera=settings)
 
     def fail(self, camera: Any, kind: Any, seconds: Any = None) -> None:
-        """Make a camera fail: "stall" (no new frames, for `seconds` if given), "dead" (its clients are told, and
-        nobody can open it), or None (it works again, for those who open it).
+        """Make a camera fail, see `RigOperations.camera_fault`.
 
         Raises:
-            ConfigError: unknown camera or kind, or no such time.
+            ConfigError: unknown camera or kind, or a time that does not fit.
         """
         name = self._known(camera)
         if kind not in (None, "stall", "dead") or (seconds is not None and kind != "stall"):
@@ -120,10 +116,9 @@ class CameraService:
                 self.drop(client)
 
     def draw(self, anew: bool) -> None:
-        """Have a renderer that works on demand draw every open camera; `drawn` says when it has.
+        """Have a renderer that works on demand draw every open camera; `drawn` is True when it has.
 
-        Args:
-            anew: the world was restarted since the last picture.
+        anew: the world was restarted since the last picture.
         """
         self.drawn = False
         self._tell("draw", anew=anew)
@@ -140,7 +135,7 @@ class CameraService:
         return self._process.stdout.fileno()
 
     def poll(self) -> list[tuple[Hashable, dict[str, Any]]]:
-        """Answers for clients: what the renderer has said since the last call, or that it died. Never blocks."""
+        """New answers for clients: from the renderer, or that it died. Never blocks."""
         if self._process is not None and self._process.stdout is not None:
             with contextlib.suppress(BlockingIOError):
                 while True:
@@ -155,13 +150,13 @@ class CameraService:
         return answers
 
     def close(self) -> None:
-        """End the renderer."""
+        """End the renderer and remove its blocks."""
         process, self._process = self._process, None
         if process is None:
             return
         for pipe in (process.stdin, process.stdout):
             if pipe is not None:
-                with contextlib.suppress(OSError):  # what is still unsaid to a dead renderer
+                with contextlib.suppress(OSError):  # unsent requests to a dead renderer
                     pipe.close()
         try:
             process.wait(_END_TIMEOUT_S)  # it ends when its input does
@@ -172,21 +167,9 @@ class CameraService:
             frame_path(self._rig, *settings).unlink(missing_ok=True)
 
     def _start(self) -> None:
-        command = [
-            sys.executable,
-            "-P",
-            "-m",
-            "lerobot_robot_yam.rig.render.renderer",
-            "--rig",
-            self._rig,
-            *self._arguments,
-        ]
-        self._process = subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            bufsize=0,
-        )
+        command = [sys.executable, "-P", "-m", "lerobot_robot_yam.rig.render.renderer", "--rig", self._rig]
+        command += self._arguments
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
         assert self._process.stdout is not None
         os.set_blocking(self._process.stdout.fileno(), False)
         self._tail = b""
@@ -195,7 +178,7 @@ class CameraService:
 
     def _tell(self, verb: str, **details: Any) -> None:
         if self._process is not None and self._process.stdin is not None:
-            with contextlib.suppress(BrokenPipeError):  # poll() will see its end
+            with contextlib.suppress(BrokenPipeError):  # poll() sees its end
                 self._process.stdin.write(json.dumps({"do": verb, **details}).encode() + b"\n")
 
     def _heard(self, message: dict[str, Any]) -> None:
@@ -224,13 +207,7 @@ class CameraService:
         self._answers += [(client, failed) for client in set().union(*self._users.values()) - self._refused]
         if self._users:
             logger.error("the renderer ended (%s); its cameras deliver nothing until they are opened again", why)
-        for settings in self._opened:
-            frame_path(self._rig, *settings).unlink(missing_ok=True)
-        for pipe in (self._process.stdin, self._process.stdout):
-            if pipe is not None:
-                with contextlib.suppress(OSError):
-                    pipe.close()
-        self._process = None
+        self.close()
         self._users.clear()
         self._refused.clear()
         self._ready.clear()

@@ -1,4 +1,4 @@
-"""When a rig ends: a while after its last client, at once when told to, at last after its owner."""
+"""When a rig ends: a while after its last client, at once when told to, and some time after its owner."""
 
 import os
 import select
@@ -9,17 +9,14 @@ from lerobot_robot_yam.rig.client.launch import rig_path
 from lerobot_robot_yam.system.runtime_files import FileLock
 
 LINGER_S = 1.0  # after the last client
-FIRST_CLIENT_S = 10.0  # without any client so far
-ORPHAN_S = 30.0  # after the owner's death clients may still land their arms, for so long
+FIRST_CLIENT_S = 10.0  # after the start, without any client
+ORPHAN_S = 30.0  # after the owner's death, in which clients may land their arms
 
 
 class Lifetime:
     """Decides when to end, under the lock that starters of this rig take.
 
-    Args:
-        name: the rig's name.
-        owner: process whose rig this is, None for a named rig.
-        now_s: monotonic time.
+    owner: process whose rig this is, None for a named rig. Times are monotonic, s.
     """
 
     def __init__(self, name: str, owner: int | None, now_s: float):
@@ -36,20 +33,17 @@ class Lifetime:
                 self._orphaned_s = now_s
 
     def met_a_client(self) -> None:
-        """Somebody has come: from now on the rig waits less long."""
+        """A client has come: from now on the rig lingers less long."""
         self._met = True
 
     def end(self) -> None:
-        """End as soon as nobody is starting this rig, clients or not."""
+        """End, clients or not, as soon as nobody is starting this rig."""
         self._told = True
 
     def is_over(self, held: bool, now_s: float, somebody_waits: Callable[[], bool]) -> bool:
         """Whether to end now. If so the lock is held, and nobody can start this rig until `close`.
 
-        Args:
-            held: a client keeps the rig alive.
-            now_s: monotonic time.
-            somebody_waits: asked under the lock; a connection that waits keeps the rig alive too.
+        held: a client keeps the rig alive. somebody_waits: called under the lock; a waiting connection does so too.
         """
         if self._orphaned_s is None and self._owner_fd >= 0 and select.select([self._owner_fd], [], [], 0)[0]:
             self._orphaned_s = now_s

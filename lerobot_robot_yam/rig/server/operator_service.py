@@ -1,4 +1,4 @@
-"""The rig server's side of the scripted operator: a child process, there while the leaders are energised."""
+"""The rig server's side of the scripted operator: a child process, which runs while the leaders are energised."""
 
 import logging
 import subprocess
@@ -9,17 +9,12 @@ from lerobot_robot_yam.rig.simulation.device import RigDevice
 logger = logging.getLogger(__name__)
 
 NO_OPERATOR = "none"
-_SETTLE_S = 0.5  # leaders must have been energised for so long
+_SETTLE_S = 0.5  # from the leaders' torque to the operator's start
 _END_TIMEOUT_S = 2.0
 
 
 class OperatorService:
-    """Starts the scene's operator when every leader motor is enabled, ends it when one is not.
-
-    Args:
-        rig: the rig's name.
-        device: the rig.
-    """
+    """Starts the operator of a rig's scene when every leader motor is enabled, ends it when one is not."""
 
     def __init__(self, rig: str, device: RigDevice):
         self._rig, self._device = rig, device
@@ -31,14 +26,20 @@ class OperatorService:
         self._failed = False
 
     def keep(self, now_s: float) -> None:
-        """Look after the operator; call several times a second."""
+        """Start or end the operator; call several times a second."""
         if self._task == NO_OPERATOR:
             return
-        self._see_off(now_s)
+        if self._leaving is not None:
+            if self._leaving.poll() is not None:
+                self._leaving = None
+            elif now_s - self._leaving_since_s > _END_TIMEOUT_S:
+                self._leaving.kill()
         if not self._device.leaders_energised():
-            self._energised_s = None
-            self._failed = False
-            self._dismiss(now_s)
+            self._energised_s, self._failed = None, False
+            if self._process is not None:
+                # Without waiting: motors that are not answered for 0.1 s count as lost.
+                self._process.terminate()
+                self._leaving, self._leaving_since_s, self._process = self._process, now_s, None
             return
         self._energised_s = self._energised_s or now_s
         if self._process is not None:
@@ -52,20 +53,6 @@ class OperatorService:
             command += ["--rig", self._rig, "--task", self._task]
             self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL)
             self._device.events.add("operator_started", task=self._task)
-
-    def _dismiss(self, now_s: float) -> None:
-        """Tell the operator to end, without waiting: motors that are not answered for 0.1 s count as lost."""
-        if self._process is not None:
-            self._process.terminate()
-            self._leaving, self._leaving_since_s, self._process = self._process, now_s, None
-
-    def _see_off(self, now_s: float) -> None:
-        if self._leaving is None:
-            return
-        if self._leaving.poll() is not None:
-            self._leaving = None
-        elif now_s - self._leaving_since_s > _END_TIMEOUT_S:
-            self._leaving.kill()
 
     def close(self) -> None:
         """End the operator and wait for it: the rig is ending."""

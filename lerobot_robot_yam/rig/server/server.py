@@ -2,7 +2,7 @@
 
     python -m lerobot_robot_yam.rig.server.server --name NAME [--scene SCENE] [--set key=value ...]
 
-Started by `launch`. It wakes for packets and for physics, steps the world up to now and answers each packet at once
+`launch` starts it. It wakes for packets and for physics, steps the world up to now and answers each packet at once
 as one packet. It ends about a second after its last client has left.
 """
 
@@ -16,8 +16,8 @@ from typing import Any
 
 import mujoco
 
-from lerobot_robot_yam.errors import ConfigError, RigError, YamError
-from lerobot_robot_yam.rig.client.launch import error_reply, rig_path
+from lerobot_robot_yam.errors import RigError, YamError
+from lerobot_robot_yam.rig.client.launch import add_scene_arguments, error_reply, options_of, rig_path, scene_arguments
 from lerobot_robot_yam.rig.scene.scene import load_scene
 from lerobot_robot_yam.rig.server.serving import RigServer
 from lerobot_robot_yam.rig.simulation.device import RigDevice
@@ -29,37 +29,24 @@ logger = logging.getLogger(__name__)
 PRIORITY = 10  # below the control loops, above everything ordinary
 
 
-def _option(text: str) -> tuple[str, Any]:
-    key, separator, value = text.partition("=")
-    if not separator:
-        raise ConfigError(f"--set takes key=value, not {text!r}")
-    try:
-        return key, json.loads(value)
-    except json.JSONDecodeError:
-        return key, value
-
-
 def main() -> None:
     """Entry point of the server process."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--name", required=True, help="the rig's name")
-    parser.add_argument("--scene", help="scene name or YAML path")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="replace a scene option")
+    add_scene_arguments(parser)
     parser.add_argument("--owner", type=int, help="end with this process")
     parser.add_argument("--ready-fd", type=int, help="write one JSON line here once up")
     args = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
-    mujoco.set_mju_user_warning(lambda text: logger.warning("MuJoCo: %s", text))  # else a file where we stand
+    mujoco.set_mju_user_warning(lambda text: logger.warning("MuJoCo: %s", text))  # else it writes a file
     gc.disable()  # until everything is built; request_realtime freezes it
-    arguments = ["--scene", args.scene] if args.scene else []
-    for item in args.set:
-        arguments += ["--set", item]
     try:
-        device = RigDevice(load_scene(args.scene, dict(_option(item) for item in args.set)))
+        options = options_of(args)
+        device = RigDevice(load_scene(args.scene, options))
         if device.scene.options.event_dir is not None:
             folder = user_path(device.scene.options.event_dir)
             device.events.keep(folder / rig_path(args.name, "events.jsonl").name)
-        server = RigServer(args.name, device, arguments, args.owner)
+        server = RigServer(args.name, device, scene_arguments(args.scene, options), args.owner)
     except Exception as error:
         known = error if isinstance(error, YamError) else RigError(f"rig {args.name} crashed at its start: {error!r}")
         _report(args.ready_fd, error_reply(known))

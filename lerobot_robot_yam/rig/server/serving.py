@@ -1,7 +1,7 @@
-"""The virtual rig's sockets: one thread that hears clients, moves the device on to now, and answers at once.
+"""The virtual rig's sockets: one thread that hears clients, simulates up to now, and answers at once.
 
-The first packet of a client says who it is: {"kind": "bus", "channel": ...}, {"kind": "control"} or {"kind": "camera",
-...}; `"hold": false` keeps the client from keeping the rig alive.
+A client's first packet is its hello: {"kind": "bus", "channel": ...}, {"kind": "control"} or {"kind": "camera", ...}.
+With `"hold": false` the client does not keep the rig alive.
 """
 
 import contextlib
@@ -16,28 +16,27 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from lerobot_robot_yam.errors import BusError, ConfigError, YamError
 from lerobot_robot_yam.rig.bus.channel import Channel
 from lerobot_robot_yam.rig.bus.link_state import LinkState, LinkTable
-from lerobot_robot_yam.rig.client.launch import MAX_PACKET, error_reply, rig_path
+from lerobot_robot_yam.rig.client.launch import MAX_PACKET, error_reply, rig_path, to_json
 from lerobot_robot_yam.rig.server.camera_service import CameraService
 from lerobot_robot_yam.rig.server.lifetime import Lifetime
 from lerobot_robot_yam.rig.server.operator_service import OperatorService
 from lerobot_robot_yam.rig.simulation import rig_commands
 from lerobot_robot_yam.rig.simulation.device import RigDevice
-from lerobot_robot_yam.system.shared_block import SharedBlock
+from lerobot_robot_yam.rig.world.world import WorldBlock
 
 logger = logging.getLogger(__name__)
 
-_BATCH_S = 0.004  # physics between two packets waits for at most this long
+_BATCH_S = 0.004  # the longest that physics waits between two packets
 _PUBLISH_S = 1 / 60
 _HOUSE_S = 0.05
+_MALFORMED = (ValueError, KeyError, TypeError, AttributeError, YamError)  # of requests and hellos
 
 
 class Client:
-    """A connection; `channel` is set once it has introduced itself as a bus client."""
+    """A connection; `channel` is set by the hello of a bus client."""
 
     def __init__(self, sock: socket.socket):
         self.socket = sock
@@ -50,11 +49,7 @@ class Client:
 class RigServer:
     """Sockets, life time and children of one rig.
 
-    Args:
-        name: the rig's name.
-        device: what is simulated.
-        arguments: --scene and --set, for the renderer.
-        owner: process whose end is the rig's end.
+    arguments: --scene and --set, for the renderer. owner: process with which the rig ends, None for a named rig.
     """
 
     def __init__(self, name: str, device: RigDevice, arguments: list[str], owner: int | None):
@@ -72,8 +67,7 @@ class RigServer:
         self._listener.listen(64)
         self._listener.setblocking(False)
         self._poll.register(self._listener.fileno(), select.EPOLLIN)
-        self._block = SharedBlock(rig_path(name, "world"), device.world.state_dtype(), create=True)
-        self._record = np.zeros((), device.world.state_dtype())
+        self._block = WorldBlock(rig_path(name, "world"), device.world)
         self._links = LinkTable(rig_path(name, "links"), len(device.channels))
         self._link_numbers = {channel: index for index, channel in enumerate(device.channels)}
         for channel, index in self._link_numbers.items():
@@ -101,13 +95,13 @@ class RigServer:
                     self._accept()
             if now >= next_publish:
                 next_publish = max(next_publish + _PUBLISH_S, now)
-                self._publish()
+                self._block.publish(world)
             if now >= next_house:
                 next_house = now + _HOUSE_S
                 self._keep_house(now)
 
     def close(self) -> None:
-        """Remove the rig's files, drop the clients, end the children: after a crash a successor may start meanwhile."""
+        """Remove the rig's files, drop the clients, end the children; after a crash a successor may start during it."""
         self._path.unlink(missing_ok=True)
         self._links.close()
         rig_path(self.name, "log").unlink(missing_ok=True)
@@ -136,7 +130,7 @@ class RigServer:
                 self._poll.register(sock.fileno(), select.EPOLLIN)
 
     def _hear(self, client: Client) -> None:
-        """Take everything a client has sent; what has queued up counts as sent in one go, as a whole tick does."""
+        """Take everything that a client has sent; queued packets count as one, as those of a tick do."""
         frames = b""
         gone = False
         try:
@@ -184,7 +178,7 @@ class RigServer:
                 reply |= self._cameras.open(client, hello)
             elif client.kind != "control":
                 raise ConfigError(f"a rig has no clients of kind {client.kind!r}")
-        except (ValueError, KeyError, TypeError, AttributeError, RecursionError, YamError) as error:
+        except (*_MALFORMED, RecursionError) as error:
             client.holds = False
             self._answer(client, error_reply(error))
             return
@@ -215,16 +209,7 @@ class RigServer:
             if request.get("op") == "hand":
                 (client.hands.discard if request.get("release") else client.hands.add)(request["channel"])
             return reply
-        except (
-            ValueError,
-            KeyError,
-            TypeError,
-            AttributeError,
-            IndexError,
-            ArithmeticError,
-            RuntimeError,
-            YamError,
-        ) as error:
+        except (*_MALFORMED, IndexError, ArithmeticError, RuntimeError) as error:
             return error_reply(error)
 
     def _camera_fault(self, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -235,11 +220,11 @@ class RigServer:
 
     def _answer(self, client: Client, reply: Mapping[str, Any]) -> None:
         try:
-            client.socket.send(json.dumps(reply, default=_plain).encode())
+            client.socket.send(to_json(reply))
         except BlockingIOError:
             logger.warning("a client does not read its answers")
         except OSError:
-            pass  # it has gone; epoll tells
+            pass  # it has gone, which epoll reports
 
     def _drop(self, client: Client) -> None:
         fd = client.socket.fileno()
@@ -256,12 +241,6 @@ class RigServer:
         client.socket.close()
 
     # periodic work
-
-    def _publish(self) -> None:
-        world, record = self.device.world, self._record
-        record["sim_s"], record["stamp_s"] = world.sim_s, world.stamp_s
-        record["qpos"], record["qvel"] = world.data.qpos, world.data.qvel
-        self._block.write(record)
 
     def _keep_house(self, now_s: float) -> None:
         for client, reply in self._cameras.poll():
@@ -285,10 +264,3 @@ class RigServer:
             "frames": {name: channel.wire.frames for name, channel in self.device.channels.items()},
             "overflows": {name: channel.overflows for name, channel in self.device.channels.items()},
         }
-
-
-def _plain(value: Any) -> Any:
-    """JSON form of numpy values."""
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    raise TypeError(f"{type(value).__name__} has no JSON form")

@@ -16,19 +16,15 @@ from lerobot_robot_yam.rig.simulation.events import EventLog
 from lerobot_robot_yam.rig.simulation.hand import Hand
 from lerobot_robot_yam.rig.world.ballast import Ballast
 from lerobot_robot_yam.rig.world.shaft import Drive
-from lerobot_robot_yam.rig.world.world import World, gripper_stroke
+from lerobot_robot_yam.rig.world.world import World
+from lerobot_robot_yam.rig.world.world_model import gripper_stroke
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
 
 _SLOW_PERIOD_S = 0.005  # of watchdogs and the judge, simulated time
 
 
 class RigDevice:
-    """Everything simulated. Owned by one thread, driven by `advance`.
-
-    Args:
-        scene: what there is.
-        clock: by which `advance` is called, and events and faults are stamped.
-    """
+    """Everything simulated. Owned by one thread, driven by `advance` with the time of `clock`."""
 
     def __init__(self, scene: Scene, clock: Clock = SYSTEM):
         self.scene, self.clock = scene, clock
@@ -58,8 +54,12 @@ class RigDevice:
     def _motors(self, row: ArmPlacement) -> list[SimMotor]:
         arm, gripper = self.world.profiles[row.channel]
         motors: list[ArmMotor | GripperMotor] = [*arm.motors]
+        shafts: list[tuple[tuple[str, ...], float, float]] = [
+            ((f"joint{i + 1}",), 0.0, 1.0) for i in range(arm.joint_count)
+        ]
         if gripper.motor is not None:
             motors.append(gripper.motor)
+            shafts.append((gripper.finger_joints, *gripper_stroke(row, gripper)))
         zeros = np.zeros(len(motors)) if row.zero_offset_rad is None else row.zero_offset_rad
 
         def log(kind: str, **details: Any) -> None:
@@ -69,24 +69,16 @@ class RigDevice:
                 self.watch.note(row.channel, kind, **details)
 
         found = []
-        for i, motor in enumerate(motors):
-            name = f"{row.channel}/{motor.name}"
-            if i < arm.joint_count:
-                drive = Drive(self.world, name, (f"{row.channel}/joint{i + 1}",), 0.0, 1.0)
-            else:
-                closed, coefficient = gripper_stroke(row, gripper)
-                joints = tuple(f"{row.channel}/{joint}" for joint in gripper.finger_joints)
-                drive = Drive(self.world, name, joints, closed, coefficient)
-            zero = float(zeros[i])
-            serial = serial_number(self.scene, row, motor.can_id)
-            found.append(
-                SimMotor(motor.name, motor.can_id, motor.type, motor.direction, zero, drive, self.world, log, serial)
-            )
+        for motor, zero, (names, base, coefficient) in zip(motors, zeros.tolist(), shafts, strict=True):
+            joints = tuple(f"{row.channel}/{joint}" for joint in names)
+            drive = Drive(self.world, f"{row.channel}/{motor.name}", joints, base, coefficient)
+            kind = motor.name, motor.can_id, motor.type, motor.direction, zero
+            found.append(SimMotor(*kind, drive, self.world, log, serial_number(self.scene, row, motor.can_id)))
         return found
 
     @property
     def due_s(self) -> float:
-        """When an adapter of a channel is due to do something; infinity for never."""
+        """When a channel's adapter next has something to do; infinity for never."""
         return min([adapter.due_s for adapter in self._adapters])
 
     def advance(self, now_s: float) -> None:
@@ -138,7 +130,7 @@ class RigDevice:
             self.events.add(event.pop("kind"), **event)
         for name, hand in self.hands.items():
             if hand.resisted and not self._any_enabled(name):
-                hand.forgive()
+                hand.resisted = False
         for channel in self.channels.values():
             channel.poll(now_s)
 
@@ -146,7 +138,7 @@ class RigDevice:
         return any(motor.enabled for motor in self.channels[channel].motors)
 
     def push(self, body: int, force_n: np.ndarray, seconds: float) -> None:
-        """Push a body at its centre of mass with a force (3,) in world axes."""
+        """Push a body at its centre of mass with a force (3,) in world axes for a time."""
         self.world.data.xfrc_applied[body, :3] = force_n
         self._pushes[body] = self.world.sim_s + seconds
 

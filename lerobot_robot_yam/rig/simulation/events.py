@@ -1,7 +1,7 @@
-"""What happened on the rig, in order, with simulated times and those of its clock."""
+"""The rig's event log: in order, with simulated times and those of its clock."""
 
 import contextlib
-import json
+import itertools
 import logging
 import time
 from collections import deque
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.rig.client.launch import to_json
 from lerobot_robot_yam.system.clock import Clock
 
 logger = logging.getLogger(__name__)
@@ -27,7 +28,7 @@ class EventLog:
         self._file: TextIO | None = None
 
     def keep(self, path: Path) -> None:
-        """Also append every event from now on to a file, one JSON object a line; the first relates the clocks.
+        """From now on also append every event to a file, one JSON object a line; the first relates the clocks.
 
         Raises:
             ConfigError: it cannot be written.
@@ -53,23 +54,12 @@ class EventLog:
         self._next += 1
         if self._file is not None:
             try:
-                self._file.write(json.dumps(event, default=_plain) + "\n")
+                self._file.write(to_json(event).decode() + "\n")
             except OSError as error:  # recordings fill disks; the arms go on
-                logger.error("the event log is kept no longer: %s", error)
+                logger.error("the event log is no longer written: %s", error)
                 with contextlib.suppress(OSError):
                     self.close()
 
     def since(self, number: int, limit: int) -> list[dict[str, Any]]:
         """At most `limit` events from `number` on."""
-        found = []
-        for event in self._events:
-            if event["number"] >= number:
-                found.append(event)
-                if len(found) == limit:
-                    break
-        return found
-
-
-def _plain(value: Any) -> Any:
-    """JSON form of numpy values."""
-    return value.tolist() if hasattr(value, "tolist") else str(value)
+        return list(itertools.islice((event for event in self._events if event["number"] >= number), limit))

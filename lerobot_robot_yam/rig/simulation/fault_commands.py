@@ -1,6 +1,6 @@
-"""What can be made to fail on a channel, by name: the operations "fault" and "clear_faults" of control clients.
+"""Faults of a channel and its motors by name: the operations "fault" and "clear_faults" of control clients.
 
-`control.RigControl.fault` documents each kind.
+`RigOperations.fault` documents each kind.
 """
 
 import math
@@ -9,11 +9,10 @@ from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.bus.adapter import HoldBack
-from lerobot_robot_yam.rig.bus.channel import Channel
-from lerobot_robot_yam.rig.bus.foreign_driver import PAYLOADS, ForeignDriver
-from lerobot_robot_yam.rig.devices.false_reading import FalseReading
+from lerobot_robot_yam.rig.bus.channel import PAYLOADS, Channel, ForeignDriver
+from lerobot_robot_yam.rig.devices.motor_faults import FalseReading
 from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
-from lerobot_robot_yam.rig.devices.thermometer import PARTS
+from lerobot_robot_yam.rig.devices.thermometer import PARTS, Ramp
 from lerobot_robot_yam.rig.simulation.device import RigDevice
 from lerobot_robot_yam.rig.simulation.lookup import channel_of, flag, handle_of, motors_of, number, vector, whole
 
@@ -25,13 +24,13 @@ _DELAY_MAX_S = 10.0
 _EVERY_MAX_S = 1000.0
 _MASS_MAX_KG = 50.0
 _FACTORS = (0.01, 100.0)  # of a link's mass
-_RATE_MAX_HZ = 5000.0  # what one wire can carry is less than 8000 frames a second
+_RATE_MAX_HZ = 5000.0  # one wire carries less than 8000 frames a second
 _TORQUE_MAX_NM = 100.0
 _BYTE_MAX = 255.0
 _TEMPERATURE_MAX_C = 1000.0
 
 
-def fault(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
+def fault(device: RigDevice, request: dict[str, Any]) -> None:
     """Make something fail.
 
     Raises:
@@ -41,7 +40,7 @@ def fault(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
     try:
         if kind in _CHANNEL_KINDS:
             if motor is not None:
-                raise ConfigError(f"it is of the whole channel: name no motor, not {motor!r}")
+                raise ConfigError(f"it concerns the whole channel: give motor None, not {motor!r}")
             _CHANNEL_KINDS[kind](device, channel, request["value"])
         elif kind in _MOTOR_KINDS:
             for one in motors_of(channel, motor):
@@ -52,11 +51,10 @@ def fault(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
     except ConfigError as error:
         raise ConfigError(f"fault {kind!r} on {channel.name}: {error}") from error
     device.events.add("fault_set", channel=channel.name, fault=kind, motor=motor, value=request["value"])
-    return {}
 
 
-def clear_faults(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
-    """Undo what `fault` did to a channel; registers, and the fault codes that motors are in, stay."""
+def clear_faults(device: RigDevice, request: dict[str, Any]) -> None:
+    """Undo all that `fault` did to a channel, except registers and the fault codes of motors."""
     channel = channel_of(device, request)
     channel.set_link(device.clock.now(), bus_off=False, down=False, gone=False)
     channel.cable_out = False
@@ -68,11 +66,6 @@ def clear_faults(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
     for motor in channel.motors:
         motor.repair()
     device.events.add("faults_cleared", channel=channel.name)
-    return {}
-
-
-def _cable_out(_: RigDevice, channel: Channel, value: Any) -> None:
-    channel.cable_out = flag(value)
 
 
 def _foreign(device: RigDevice, channel: Channel, value: Any) -> None:
@@ -85,10 +78,6 @@ def _foreign(device: RigDevice, channel: Channel, value: Any) -> None:
         raise ConfigError(f"payload must be one of {PAYLOADS}, not {payload!r}")
     rate_hz = number(fields["rate_hz"], 0.01, _RATE_MAX_HZ)
     channel.foreign = ForeignDriver(whole(fields["id"], 0, _ID_MAX), rate_hz, payload, device.clock.now())
-
-
-def _latency(_: RigDevice, channel: Channel, value: Any) -> None:
-    channel.adapter.latency_s = number(value, 0.0, _DELAY_MAX_S)
 
 
 def _hold_back(device: RigDevice, channel: Channel, value: Any) -> None:
@@ -112,56 +101,33 @@ def _second_arm(_: RigDevice, channel: Channel, value: Any) -> None:
         motor.plug_in_twin(angle)
 
 
-def _handle_silent(_: RigDevice, channel: Channel, value: Any) -> None:
-    handle_of(channel).silent = flag(value)
-
-
-def _payload(device: RigDevice, channel: Channel, value: Any) -> None:
-    device.ballast[channel.name].carry(number(value, 0.0, _MASS_MAX_KG))
-
-
 def _link_mass(device: RigDevice, channel: Channel, value: Any) -> None:
     fields = _fields(value, ("link", "factor"), ())
     device.ballast[channel.name].scale(fields["link"], number(fields["factor"], *_FACTORS))
 
 
-def _link(device: RigDevice, channel: Channel, **change: bool) -> None:
-    channel.set_link(device.clock.now(), **change)
-
-
 _CHANNEL_KINDS: dict[str, Callable[[RigDevice, Channel, Any], None]] = {
-    "link_down": lambda device, channel, value: _link(device, channel, down=flag(value)),
-    "adapter_gone": lambda device, channel, value: _link(device, channel, gone=flag(value)),
-    "bus_off": lambda device, channel, value: _link(device, channel, bus_off=flag(value)),
-    "cable_out": _cable_out,
+    "link_down": lambda device, channel, value: channel.set_link(device.clock.now(), down=flag(value)),
+    "adapter_gone": lambda device, channel, value: channel.set_link(device.clock.now(), gone=flag(value)),
+    "bus_off": lambda device, channel, value: channel.set_link(device.clock.now(), bus_off=flag(value)),
+    "cable_out": lambda device, channel, value: setattr(channel, "cable_out", flag(value)),
     "foreign": _foreign,
-    "latency_s": _latency,
+    "latency_s": lambda device, channel, value: setattr(channel.adapter, "latency_s", number(value, 0.0, _DELAY_MAX_S)),
     "hold_back": _hold_back,
     "second_arm": _second_arm,
-    "payload_kg": _payload,
+    "payload_kg": lambda device, channel, value: device.ballast[channel.name].carry(number(value, 0.0, _MASS_MAX_KG)),
     "link_mass": _link_mass,
-    "handle_silent": _handle_silent,
+    "handle_silent": lambda device, channel, value: setattr(handle_of(channel), "silent", flag(value)),
 }
 
 
-def _silent(motor: SimMotor, request: _Request) -> None:
-    motor.faults.silent = flag(request["value"])
+def _link_fault(name: str, check: Callable[[Any], Any]) -> Callable[[SimMotor, _Request], None]:
+    """A kind that sets the field of that name of `LinkFaults`."""
+    return lambda motor, request: setattr(motor.faults, name, check(request["value"]))
 
 
-def _drop_next(motor: SimMotor, request: _Request) -> None:
-    motor.faults.drop_next = whole(request["value"], 0, _COUNT_MAX)
-
-
-def _loss_rate(motor: SimMotor, request: _Request) -> None:
-    motor.faults.loss_rate = number(request["value"], 0.0, 1.0)
-
-
-def _command_loss_rate(motor: SimMotor, request: _Request) -> None:
-    motor.faults.command_loss_rate = number(request["value"], 0.0, 1.0)
-
-
-def _delay(motor: SimMotor, request: _Request) -> None:
-    motor.faults.delay_s = number(request["value"], 0.0, _DELAY_MAX_S)
+def _share(value: Any) -> float:
+    return number(value, 0.0, 1.0)
 
 
 def _duplicate(motor: SimMotor, request: _Request) -> None:
@@ -172,13 +138,8 @@ def _duplicate(motor: SimMotor, request: _Request) -> None:
     motor.plug_in_twin(None if value is True else number(_fields(value, ("q_rad",), ())["q_rad"]))
 
 
-def _wrong_id(motor: SimMotor, request: _Request) -> None:
-    value = request["value"]
-    motor.faults.wrong_id = None if value is False else whole(value, 0, _ID_MAX)
-
-
 def _corrupt_rate(motor: SimMotor, request: _Request) -> None:
-    motor.faults.corrupt_rate = number(request["value"], 0.0, 1.0)
+    motor.faults.corrupt_rate = _share(request["value"])
     motor.faults.corrupt_all = flag(request.get("all_bytes", False))
 
 
@@ -208,19 +169,8 @@ def _temperature_ramp(motor: SimMotor, request: _Request) -> None:
     if part not in PARTS:
         raise ConfigError(f"part must be one of {PARTS}, not {part!r}")
     rate = number(fields["rate_c_per_s"], -_TEMPERATURE_MAX_C, _TEMPERATURE_MAX_C)
-    motor.warm(rate, number(fields["from_c"], 0.0, _TEMPERATURE_MAX_C), part)
-
-
-def _torque_bias(motor: SimMotor, request: _Request) -> None:
-    motor.set_bias(number(request["value"], -_TORQUE_MAX_NM, _TORQUE_MAX_NM))
-
-
-def _stuck(motor: SimMotor, request: _Request) -> None:
-    motor.drive.jam(flag(request["value"]))
-
-
-def _friction(motor: SimMotor, request: _Request) -> None:
-    motor.drive.rub(number(request["value"], 0.0, _TORQUE_MAX_NM))
+    from_c = number(fields["from_c"], 0.0, _TEMPERATURE_MAX_C)
+    motor.thermometer.ramp = Ramp(rate, from_c, motor.world.sim_s, part)
 
 
 def _nibble(motor: SimMotor, request: _Request) -> None:
@@ -229,27 +179,25 @@ def _nibble(motor: SimMotor, request: _Request) -> None:
     motor.fail(code)
 
 
-def _register(motor: SimMotor, request: _Request) -> None:
-    motor.set_register(whole(request["register"], 0, _ID_MAX), number(request["value"]))
-
-
 _MOTOR_KINDS: dict[str, Callable[[SimMotor, _Request], None]] = {
-    "silent": _silent,
-    "drop_next": _drop_next,
-    "loss_rate": _loss_rate,
-    "command_loss_rate": _command_loss_rate,
-    "delay_s": _delay,
+    "silent": _link_fault("silent", flag),
+    "drop_next": _link_fault("drop_next", lambda value: whole(value, 0, _COUNT_MAX)),
+    "loss_rate": _link_fault("loss_rate", _share),
+    "command_loss_rate": _link_fault("command_loss_rate", _share),
+    "delay_s": _link_fault("delay_s", lambda value: number(value, 0.0, _DELAY_MAX_S)),
     "duplicate": _duplicate,
-    "wrong_id": _wrong_id,
+    "wrong_id": _link_fault("wrong_id", lambda value: None if value is False else whole(value, 0, _ID_MAX)),
     "corrupt_rate": _corrupt_rate,
     "reading": _reading,
     "temperatures_c": _temperatures,
     "temperature_ramp": _temperature_ramp,
-    "torque_bias_nm": _torque_bias,
-    "stuck": _stuck,
-    "friction_nm": _friction,
+    "torque_bias_nm": lambda motor, request: motor.set_bias(number(request["value"], -_TORQUE_MAX_NM, _TORQUE_MAX_NM)),
+    "stuck": lambda motor, request: motor.drive.jam(flag(request["value"])),
+    "friction_nm": lambda motor, request: motor.drive.rub(number(request["value"], 0.0, _TORQUE_MAX_NM)),
     "nibble": _nibble,
-    "register": _register,
+    "register": lambda motor, request: motor.set_register(
+        whole(request["register"], 0, _ID_MAX), number(request["value"])
+    ),
 }
 
 KINDS = (*_MOTOR_KINDS, *_CHANNEL_KINDS)

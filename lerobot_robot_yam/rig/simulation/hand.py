@@ -1,7 +1,7 @@
 """A hand on a leader arm: it pulls the joints along a trajectory, with limited force, and squeezes the trigger.
 
 The pull is a damped spring at each joint, integrated with the physics; the arm's own motors work against or with it.
-A person feels an arm that goes its own way, as when it lands, and lets it go.
+As a person would, the hand lets go of an arm that works against it, as one does that lands.
 """
 
 import bisect
@@ -12,7 +12,8 @@ import numpy as np
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
 from lerobot_robot_yam.rig.world.shaft import Drive
-from lerobot_robot_yam.rig.world.world import HAND_KD, HAND_KP, World
+from lerobot_robot_yam.rig.world.world import World
+from lerobot_robot_yam.rig.world.world_model import HAND_KD, HAND_KP
 
 _PERIOD_S = 0.002  # of the target's interpolation
 _RESIST_NM = 2.5  # a leader that floats takes less than 1 Nm at any joint
@@ -20,13 +21,7 @@ _RESIST_S = 0.4  # shorter peaks are the jerk of starting and stopping
 
 
 class Hand:
-    """The operator's hand on one leader.
-
-    Args:
-        world: the physics.
-        channel: the leader's.
-        handle: its handle encoder, if the end effector has one.
-    """
+    """The operator's hand on the leader of a channel, and on its handle encoder if it has one."""
 
     def __init__(self, world: World, channel: str, handle: SimHandle | None):
         self._world = world
@@ -44,13 +39,11 @@ class Hand:
         self._rates: list[list[float]] = self._path
         self._next_s = 0.0
         self.gripping = False
-        self.resisted = False  # the arm worked against the hand; it does not take hold again until `forgive`
+        self.resisted = False  # the arm worked against the hand; it takes hold again once the arm was limp
         self._easy_s = 0.0  # when the arm last gave way
 
     def move(self, times_s: Sequence[float], q_rad: Sequence[Sequence[float]], trigger: Sequence[float]) -> None:
-        """Grip and pull from where the arm is along q_rad (k, n) at times_s (k,) from now, straight between.
-
-        It holds the last of them.
+        """Grip and pull from where the arm is along q_rad (k, n) at times_s (k,) from now, then hold the last.
 
         trigger (k,): 0 released … 1 squeezed.
 
@@ -87,10 +80,6 @@ class Hand:
             drive.command(0.0, 0.0, 0.0, 0.0, 0.0)
         if self._handle is not None:
             self._handle.trigger = self._handle.trigger_rate = 0.0
-
-    def forgive(self) -> None:
-        """The arm is limp, or another one: the hand may take hold again."""
-        self.resisted = False
 
     def advance(self, energised: bool) -> None:
         """Follow the trajectory; call at least every few milliseconds of simulated time.

@@ -1,4 +1,7 @@
-"""What requests of control clients name: channels, motors, handles, bodies, values. Wrong names are refused by name."""
+"""Channels, motors, handles, bodies and values that requests of control clients name.
+
+Each function raises ConfigError, which names what is wrong.
+"""
 
 import math
 from collections.abc import Mapping
@@ -30,7 +33,7 @@ def handle_of(channel: Channel) -> SimHandle:
 
 
 def motors_of(channel: Channel, which: str | int | None) -> list[SimMotor]:
-    """The motors named (name or CAN id), all without one."""
+    """The motor of that name or CAN id; None: all."""
     if which is None:
         return channel.motors
     found = [motor for motor in channel.motors if which in (motor.name, motor.can_id)]

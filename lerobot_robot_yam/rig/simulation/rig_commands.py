@@ -1,10 +1,11 @@
-"""What a control client can ask: one function per operation, `ask(device, request)` finds it by its name.
+"""The operations of control clients: one function each, which `ask(device, request)` finds by its name.
 
-Requests and answers are JSON objects; `control.RigControl` is the client with a method per operation.
+Requests and answers are JSON objects; `rig_operations.RigOperations` has a method per operation.
 """
 
 import itertools
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -13,18 +14,19 @@ import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
+from lerobot_robot_yam.rig.scene.props import Thing
 from lerobot_robot_yam.rig.simulation import fault_commands
 from lerobot_robot_yam.rig.simulation.device import RigDevice
 from lerobot_robot_yam.rig.simulation.lookup import body_of, channel_of, handle_of, number, vector, whole
 
 _EVENTS_PER_ANSWER = 200
-_TRACE_PER_ANSWER = 1000
+_TRACE_LENGTH, _TRACE_PER_ANSWER = 500_000, 1000
 _CHANGES_PER_ANSWER = 500
 _TRUTH_PER_ANSWER = 100
 _TRUTH_MAX_S = 120.0
 _SEED_MAX = 2**63 - 1
 
-Operation = Callable[[RigDevice, dict[str, Any]], dict[str, Any]]
+Operation = Callable[[RigDevice, dict[str, Any]], dict[str, Any] | None]
 _OPERATIONS: dict[str, Operation] = {"fault": fault_commands.fault, "clear_faults": fault_commands.clear_faults}
 
 
@@ -38,10 +40,10 @@ def ask(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
     if operation is None:
         raise ConfigError(f"unknown operation {request.get('op')!r}; known: {', '.join(sorted(_OPERATIONS))}")
     try:
-        return operation(device, request)
+        return operation(device, request) or {}
+    except ConfigError:
+        raise
     except (KeyError, TypeError, ValueError) as error:
-        if isinstance(error, ConfigError):
-            raise
         raise ConfigError(f"operation {request['op']}: {type(error).__name__}: {error}") from error
 
 
@@ -53,21 +55,11 @@ def _operation(function: Operation) -> Operation:
 @_operation
 def _scene(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
     scene = device.scene
-    arms = [
-        {
-            "channel": row.channel,
-            "role": row.role,
-            "arm": row.arm,
-            "gripper": row.gripper,
-            "position_m": row.position_m,
-            "yaw_rad": row.yaw_rad,
-        }
-        for row in scene.arms
-    ]
+    shown = ("channel", "role", "arm", "gripper", "position_m", "yaw_rad")
     return {
         "name": scene.name,
         "seed": scene.options.seed,
-        "arms": arms,
+        "arms": [{key: getattr(row, key) for key in shown} for row in scene.arms],
         "places": dict(scene.places or {}),
         "homes": dict(scene.homes or {}),
         "props": [asdict(thing) for thing in scene.props],
@@ -81,40 +73,38 @@ def _state(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
     world = device.world
     mujoco.mj_kinematics(world.model, world.data)
     arms = {}
-    for row in device.scene.arms:
-        channel = device.channels[row.channel]
+    for name, channel in device.channels.items():
+        handle, hand = channel.handle, device.hands.get(name)
         arm: dict[str, Any] = {
-            "q": [world.qpos[a] for a in world.joint_addresses(row.channel)],
-            "dq": [world.qvel[a] for a in world.joint_dofs(row.channel)],
-            "opening": world.opening(row.channel),
-            "trigger": channel.handle.trigger if channel.handle else None,
-            "buttons": list(channel.handle.buttons) if channel.handle else None,
-            "held": row.channel in device.hands and device.hands[row.channel].gripping,
-            "resists": row.channel in device.hands and device.hands[row.channel].resisted,
+            "q": [world.qpos[a] for a in world.joint_addresses(name)],
+            "dq": [world.qvel[a] for a in world.joint_dofs(name)],
+            "opening": world.opening(name),
+            "trigger": handle.trigger if handle else None,
+            "buttons": list(handle.buttons) if handle else None,
+            "held": hand is not None and hand.gripping,
+            "resists": hand is not None and hand.resisted,
             "clients": len(channel.clients),
             "motors": {motor.name: _motor(motor) for motor in channel.motors},
             "second_motors": {motor.name: _motor(motor.twin) for motor in channel.motors if motor.twin is not None},
         }
         for site in ("tcp_site", "grasp_site"):
-            index = mujoco.mj_name2id(world.model, mujoco.mjtObj.mjOBJ_SITE, f"{row.channel}/{site}")
+            index = mujoco.mj_name2id(world.model, mujoco.mjtObj.mjOBJ_SITE, f"{name}/{site}")
             if index >= 0:
                 arm[site] = {"pos": world.data.site_xpos[index], "mat": world.data.site_xmat[index]}
-        arms[row.channel] = arm
-    things = {
-        thing.name: {"pos": world.data.body(thing.name).xpos, "quat": world.data.body(thing.name).xquat}
-        for thing in device.scene.things
-    }
+        arms[name] = arm
+
+    def poses(things: Sequence[Thing]) -> dict[str, Any]:
+        bodies = {thing.name: world.data.body(thing.name) for thing in things}
+        return {name: {"pos": body.xpos, "quat": body.xquat} for name, body in bodies.items()}
+
+    jointed = [thing.name for thing in device.scene.furniture if thing.joint is not None]
     answer = {
         "sim_s": world.sim_s,
         "monotonic_s": world.stamp_s,
         "arms": arms,
-        "props": {thing.name: things[thing.name] for thing in device.scene.props},
-        "furniture": {thing.name: things[thing.name] for thing in device.scene.furniture},
-        "joints": {
-            thing.name: world.data.joint(thing.name).qpos[0]
-            for thing in device.scene.furniture
-            if thing.joint is not None
-        },
+        "props": poses(device.scene.props),
+        "furniture": poses(device.scene.furniture),
+        "joints": {name: world.data.joint(name).qpos[0] for name in jointed},
     }
     if request.get("bodies"):
         answer["bodies"] = world.bodies()
@@ -132,27 +122,25 @@ def _motor(motor: SimMotor) -> dict[str, Any]:
 
 
 @_operation
-def _place(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
+def _place(device: RigDevice, request: dict[str, Any]) -> None:
     world, prop = device.world, request["prop"]
     if prop not in {box.name for box in device.scene.props}:
         raise ConfigError(f"no prop {prop!r}; the scene has {[box.name for box in device.scene.props]}")
     position, quat = vector(request["pos"], 3), vector(request.get("quat") or [1, 0, 0, 0], 4)
     if not np.linalg.norm(quat) > 0.0:
-        raise ConfigError(f"{quat.tolist()} is no orientation; a quaternion is w x y z, not all zero")
+        raise ConfigError(f"{quat.tolist()} is not an orientation; give a quaternion w x y z that is not all zero")
     world.put(prop, position, quat)
     world.refresh()
     device.judge.moved(prop)
     device.events.add("placed", prop=prop, pos=position.tolist())
-    return {}
 
 
 @_operation
-def _task(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
+def _task(device: RigDevice, request: dict[str, Any]) -> None:
     name, limit_s = str(request["name"]), request.get("time_limit_s")
     seed = whole(request["seed"], 0, _SEED_MAX)
     device.judge.place(name, seed, None if limit_s is None else number(limit_s, 0.0))
     device.events.add("task_placed", task=name, seed=seed)
-    return {}
 
 
 @_operation
@@ -161,57 +149,49 @@ def _task_state(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
 
 
 @_operation
-def _set_pose(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
+def _set_pose(device: RigDevice, request: dict[str, Any]) -> None:
     channel, q, opening = channel_of(device, request), request.get("q"), request.get("opening")
-    device.world.set_pose(
-        channel.name,
-        None if q is None else vector(q, len(q)),
-        None if opening is None else number(opening, 0.0, 1.0),
-    )
+    pose = None if q is None else vector(q, len(q))
+    device.world.set_pose(channel.name, pose, None if opening is None else number(opening, 0.0, 1.0))
     device.world.refresh()
     device.events.add("set_pose", channel=channel.name)
-    return {}
 
 
 @_operation
-def _push(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
+def _push(device: RigDevice, request: dict[str, Any]) -> None:
     name = request["body"]
     if request.get("channel"):
         name = f"{channel_of(device, request).name}/{name}"
     device.push(body_of(device, name), vector(request["force"], 3), number(request["seconds"], 0.0))
     device.events.add("push", body=name, force=request["force"], seconds=request["seconds"])
-    return {}
 
 
 @_operation
-def _trigger(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
+def _trigger(device: RigDevice, request: dict[str, Any]) -> None:
     handle = handle_of(channel_of(device, request))
     handle.trigger, handle.trigger_rate = number(request["value"], 0.0, 1.0), 0.0
-    return {}
 
 
 @_operation
-def _buttons(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
+def _buttons(device: RigDevice, request: dict[str, Any]) -> None:
     channel = channel_of(device, request)
     first, second = request["value"]
     event = handle_of(channel).press((bool(first), bool(second)))
     if event is not None:
         channel.emit(event, device.clock.now())
-    return {}
 
 
 @_operation
-def _cut_torque(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
+def _cut_torque(device: RigDevice, request: dict[str, Any]) -> None:
     for motor in channel_of(device, request).motors:
         motor.disable()
-    return {}
 
 
 @_operation
 def _hand(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
     channel = channel_of(device, request)
     if channel.name not in device.hands:
-        raise ConfigError(f"{channel.name} is no leader; hands pull {list(device.hands)}")
+        raise ConfigError(f"{channel.name} is not a leader; a hand can pull {list(device.hands)}")
     hand = device.hands[channel.name]
     if request.get("release"):
         hand.release()
@@ -226,43 +206,42 @@ def _events(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
 
 
 @_operation
-def _log(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
+def _log(device: RigDevice, request: dict[str, Any]) -> None:
     device.events.add(str(request["kind"]), **request.get("details", {}))
-    return {}
 
 
 @_operation
 def _trace(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
     channel = channel_of(device, request)
     if request.get("start"):
-        channel.start_trace()
+        channel.trace = deque(maxlen=_TRACE_LENGTH)
     start = int(request.get("since", 0))
     return {"frames": list(itertools.islice(channel.trace or (), start, start + _TRACE_PER_ANSWER))}
 
 
 @_operation
-def _watch(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
+def _watch(device: RigDevice, request: dict[str, Any]) -> dict[str, Any] | None:
     channel, watch = channel_of(device, request).name, device.watch
     if request.get("start"):
         watch.start(channel)
-        return {}
-    if not watch.knows(channel):
+    elif not watch.knows(channel):
         raise ConfigError(f"{channel} is not watched; call watch_start first")
-    if request.get("stop"):
+    elif request.get("stop"):
         watch.stop(channel)
-        return {}
-    return watch.report(channel, int(request.get("since", 0)), _CHANGES_PER_ANSWER)
+    else:
+        return watch.report(channel, int(request.get("since", 0)), _CHANGES_PER_ANSWER)
+    return None
 
 
 @_operation
-def _truth(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
+def _truth(device: RigDevice, request: dict[str, Any]) -> dict[str, Any] | None:
     channel, truth = channel_of(device, request).name, device.truth
     if request.get("start"):
         truth.start(channel, number(request.get("seconds", 1.0), 0.001, _TRUTH_MAX_S))
-        return {}
-    if request.get("stop"):
+    elif request.get("stop"):
         truth.stop(channel)
-        return {}
-    if not truth.knows(channel):
-        raise ConfigError(f"{channel}: the truth is not kept; call truth_start first")
-    return truth.report(channel, number(request.get("after_s", 0.0)), _TRUTH_PER_ANSWER)
+    elif not truth.knows(channel):
+        raise ConfigError(f"{channel}: the truth is not recorded; call truth_start first")
+    else:
+        return truth.report(channel, number(request.get("after_s", 0.0)), _TRUTH_PER_ANSWER)
+    return None

@@ -1,46 +1,35 @@
-"""Masses of a simulated arm that its profile, and so the driver's model, does not know of."""
-
-from typing import TYPE_CHECKING
+"""Masses that an arm's profile, and so the driver's model, does not know of."""
 
 import mujoco
 import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
-
-if TYPE_CHECKING:
-    from lerobot_robot_yam.rig.world.world import World
+from lerobot_robot_yam.rig.world.world import World
 
 _FIELDS = ("body_mass", "body_ipos", "body_iquat", "body_inertia", "body_sameframe", "body_simple")
 
 
 class Ballast:
-    """A load at an arm's tool and factors on its links' masses, changed while the world runs.
+    """A payload at an arm's tool and factors on its links' masses, changed while the world runs."""
 
-    Args:
-        world: model and state.
-        channel: the arm's.
-    """
-
-    def __init__(self, world: "World", channel: str):
+    def __init__(self, world: World, channel: str):
         model = world.model
         self._model = model
         site = model.site(f"{channel}/tcp_site")
         self._tool, self._point = int(site.bodyid[0]), site.pos.copy()
-        names = [model.body(b).name for b in range(model.nbody)]
-        self._bodies = {
-            name.partition("/")[2]: body for body, name in enumerate(names) if name.startswith(f"{channel}/")
-        }
+        names = [model.body(b).name.partition("/") for b in range(model.nbody)]
+        self._bodies = {name: body for body, (arm, _, name) in enumerate(names) if arm == channel}
         self._built = {field: getattr(model, field).copy() for field in _FIELDS}
         self._payload_kg = 0.0
         self._factors: dict[str, float] = {}
 
     def carry(self, payload_kg: float) -> None:
-        """A point mass sits at the tool from now on; 0 for none."""
+        """Put a point mass at the tool, 0 to take it away."""
         self._payload_kg = payload_kg
         self._apply()
 
     def scale(self, link: str, factor: float) -> None:
-        """A link weighs so many times what its profile says; its inertia follows.
+        """Multiply mass and inertia of a link of the profile.
 
         Raises:
             ConfigError: no such link.
@@ -51,15 +40,15 @@ class Ballast:
         self._apply()
 
     def repair(self) -> None:
-        """Weigh what the profile says."""
+        """Restore the masses of the profile."""
         if self._payload_kg or self._factors:
             self._payload_kg, self._factors = 0.0, {}
             self._apply()
 
     def _apply(self) -> None:
-        model = self._model
+        model, bodies = self._model, list(self._bodies.values())
         for field, built in self._built.items():
-            getattr(model, field)[list(self._bodies.values())] = built[list(self._bodies.values())]
+            getattr(model, field)[bodies] = built[bodies]
         for link, factor in self._factors.items():
             model.body_mass[self._bodies[link]] *= factor
             model.body_inertia[self._bodies[link]] *= factor

@@ -1,45 +1,25 @@
-"""A motor's shaft in the simulated world: angle, velocity, torque, and what can be wrong with its mechanics."""
-
-from typing import TYPE_CHECKING, Protocol
+"""A motor's shaft: angle, velocity, torque, and what can be wrong with its mechanics."""
 
 import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
-
-if TYPE_CHECKING:
-    from lerobot_robot_yam.rig.world.world import World
+from lerobot_robot_yam.rig.world.world import World
 
 _CONTROL_MAX = 1e9  # MuJoCo drops all controls of the world when one exceeds 1e10; forces are limited far below
 _STIFF = 0.999  # impedance under which a shaft that friction holds creeps by 5 mrad/s; by default it is 0.5 rad/s
 _JAMMED = 1e5  # Nm s/rad: 10 Nm turn a jammed shaft by 0.1 mrad/s
-
-
-class Shaft(Protocol):
-    """What a motor turns: a `Drive` of the world, or a `LooseShaft`."""
-
-    actuator: int
-
-    def angle(self) -> float: ...
-    def velocity(self) -> float: ...
-    def torque(self) -> float: ...
-    def command(self, angle: float, velocity: float, kp: float, kd: float, torque: float) -> None: ...
-    def load(self, torque_nm: float) -> None: ...
-    def jam(self, jammed: bool) -> None: ...
-    def rub(self, friction_nm: float) -> None: ...
+_INERTIA_KG_M2 = 0.05  # of a loose shaft, between an arm's shoulder (0.2) and its wrist (0.005); our choice
+_DAMPING_NM_S_RAD = 0.2  # of its gear and bearings; our choice
+_CATCH_UP_S = 2.0  # left alone for longer, it is at rest
 
 
 class Drive:
-    """One actuator, seen from its shaft: angle u = base + Σ coefficient · q of one or two joints.
+    """One actuator of the world, seen from its shaft: angle u = base + Σ coefficient · q of one or two joints.
 
-    Args:
-        world: model and state.
-        actuator: its name in the model.
-        joints: names of its one or two joints.
-        base_rad: shaft angle at joint value 0.
-        coefficient: shaft angle per joint value.
+    actuator, joints: names in the model. base_rad: shaft angle at joint value 0. coefficient: rad per joint value.
     """
 
-    def __init__(self, world: "World", actuator: str, joints: tuple[str, ...], base_rad: float, coefficient: float):
+    def __init__(self, world: World, actuator: str, joints: tuple[str, ...], base_rad: float, coefficient: float):
         model = world.model
         self.actuator = model.actuator(actuator).id
         self._world = world
@@ -91,16 +71,94 @@ class Drive:
         self.gains = kp, kd
 
     def load(self, torque_nm: float) -> None:
-        """From now on a torque from outside acts on the shaft; the actuator does not report it."""
+        """Let an outer torque act on the shaft from now on; the actuator does not report it."""
         self._world.data.qfrc_applied[self.v] = self.coefficient * torque_nm
 
     def jam(self, jammed: bool) -> None:
-        """Make the shaft hardly turn at all, whatever pulls, or free it."""
+        """Jam the shaft so that it hardly turns, or free it."""
         jam = _JAMMED * self.coefficient**2
         self._world.model.dof_damping[self.v] = jam if jammed else self._damping
 
     def rub(self, friction_nm: float) -> None:
-        """From now on the shaft has so much more dry friction than the profile says."""
+        """Add dry friction to that of the profile, from now on."""
         model = self._world.model
         model.dof_frictionloss[self.v] = self._friction + abs(self.coefficient) * friction_nm
         model.dof_solimp[self.v, :2] = _STIFF if friction_nm else self._impedance
+
+
+class LooseShaft:
+    """A second arm's shaft, without gravity:  I ω̇ = clip(kp (u* − u) + kd (u̇* − ω) + tau) + load − b ω.
+
+    It has a `Drive`'s methods, and is simulated when it is looked at. At first it rests at `angle_rad`.
+    """
+
+    actuator = -1  # it has none in the world
+
+    def __init__(self, world: World, angle_rad: float, torque_max_nm: float):
+        self._world, self._limit = world, torque_max_nm
+        self._angle, self._rate, self._torque = angle_rad, 0.0, 0.0
+        self._command = (0.0, 0.0, 0.0, 0.0, 0.0)
+        self._load = self._friction = 0.0
+        self._jammed = False
+        self._sim_s = world.sim_s
+
+    def angle(self) -> float:
+        """Shaft angle in rad."""
+        self._catch_up()
+        return self._angle
+
+    def velocity(self) -> float:
+        """Shaft velocity in rad/s."""
+        self._catch_up()
+        return self._rate
+
+    def torque(self) -> float:
+        """Shaft torque of the last step in Nm."""
+        self._catch_up()
+        return self._torque
+
+    def command(self, angle: float, velocity: float, kp: float, kd: float, torque: float) -> None:
+        """From now on  kp (angle − u) + kd (velocity − u̇) + torque.  Units: rad, rad/s, Nm."""
+        self._catch_up()
+        self._command = (angle, velocity, kp, kd, torque)
+
+    def load(self, torque_nm: float) -> None:
+        """Let an outer torque act on the shaft from now on."""
+        self._catch_up()
+        self._load = torque_nm
+
+    def jam(self, jammed: bool) -> None:
+        """Hold the shaft where it is, or free it."""
+        self._catch_up()
+        self._jammed = jammed
+
+    def rub(self, friction_nm: float) -> None:
+        """Brake the shaft by dry friction from now on."""
+        self._catch_up()
+        self._friction = friction_nm
+
+    def _catch_up(self) -> None:
+        step_s, now_s = self._world.timestep_s, self._world.sim_s
+        if now_s - self._sim_s < 0.5 * step_s:
+            return
+        for _ in range(round(min(now_s - self._sim_s, _CATCH_UP_S) / step_s)):
+            self._step(step_s)
+        self._sim_s = now_s
+
+    def _step(self, step_s: float) -> None:
+        """Implicit in the velocity, as the world's own integration is."""
+        angle, velocity, kp, kd, torque = self._command
+        push = kp * (angle - self._angle) + torque
+        rate = (self._rate + step_s / _INERTIA_KG_M2 * (push + kd * velocity + self._load)) / (
+            1.0 + step_s / _INERTIA_KG_M2 * (kd + _DAMPING_NM_S_RAD)
+        )
+        self._torque = push + kd * (velocity - rate)
+        if abs(self._torque) > self._limit:
+            self._torque = min(max(self._torque, -self._limit), self._limit)
+            rate = (self._rate + step_s / _INERTIA_KG_M2 * (self._torque + self._load)) / (
+                1.0 + step_s / _INERTIA_KG_M2 * _DAMPING_NM_S_RAD
+            )
+        braked = step_s / _INERTIA_KG_M2 * self._friction
+        rate = max(0.0, abs(rate) - braked) * (1.0 if rate > 0.0 else -1.0)
+        self._rate = 0.0 if self._jammed else rate
+        self._angle += self._rate * step_s

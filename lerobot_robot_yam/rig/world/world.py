@@ -1,118 +1,21 @@
-"""The rig's physics: a MuJoCo world of a scene, kept at real time.
-
-Every motor is one actuator with force  kp (u* − u) + kd (u̇* − u̇) + tau,  integrated implicitly in the velocity
-(implicitfast), as an explicit kd at 1 ms would make the light wrist joints limit-cycle. u is the joint angle, or
-the gripper motor's angle through a tendon over both fingers.
-"""
+"""The rig's physics: the state of a scene's world, kept at real time."""
 
 import logging
 import math
+from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from lerobot_robot_yam.arm.model import Physics, base_quat, build_spec
-from lerobot_robot_yam.arm.mounting import resolve_profiles
-from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
-from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.scene.furnish import add_things
-from lerobot_robot_yam.rig.scene.scene import ArmPlacement, Camera, Scene
-from lerobot_robot_yam.rig.scene.scenery import add_scenery
+from lerobot_robot_yam.rig.scene.scene import Scene
+from lerobot_robot_yam.rig.world.world_model import build_world, profiles_of, world_dtype
+from lerobot_robot_yam.system.shared_block import SharedBlock
 
 logger = logging.getLogger(__name__)
 
-HAND_KP, HAND_KD = 200.0, 20.0  # Nm/rad, Nm s/rad: a firm grip on the leader's joints
-HAND_TORQUE_NM = 12.0  # what the operator's pull can do at a joint
 _SLIP_S = 0.05  # further behind than this, simulated time is given up
 _SLIP_TELL_S = 5.0  # between two log messages about it
-
-
-def build_world(scene: Scene, visible: bool = True) -> mujoco.MjModel:
-    """The compiled world. Names of an arm's parts carry its channel: "follower_left/joint1".
-
-    Every process of the rig that needs the model builds it anew from the scene; the result is the same. Without
-    `visible` it lacks the shapes that only a camera sees, and each step costs a tenth less.
-
-    Raises:
-        ConfigError: a profile is unknown or does not fit.
-    """
-    spec = mujoco.MjSpec()
-    spec.modelname = scene.name
-    spec.compiler.degree = False
-    spec.option.timestep = scene.options.timestep_s
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.impratio = 10.0  # held props must not creep out of the fingers
-    add_scenery(spec)
-    for row in scene.arms:
-        _attach_arm(spec, row, scene)
-    add_things(spec, scene.things)
-    for camera in scene.cameras:
-        _add_camera(spec, camera)
-    spec.compiler.discardvisual = not visible
-    return spec.compile()
-
-
-def _add_camera(spec: mujoco.MjSpec, camera: Camera) -> None:
-    body = spec.worldbody if not camera.body else spec.body(camera.body)
-    if body is None:
-        raise ConfigError(f"camera '{camera.name}': no body '{camera.body}'; bodies are named channel/body")
-    backward = camera.position_m - camera.target_m
-    backward = backward / np.linalg.norm(backward)
-    right = np.cross(camera.up, backward)
-    right /= np.linalg.norm(right)
-    rotation = np.column_stack([right, np.cross(backward, right), backward])
-    quat = np.empty(4)
-    mujoco.mju_mat2Quat(quat, rotation.ravel())
-    body.add_camera(name=camera.name, pos=camera.position_m, quat=quat, fovy=camera.fovy_deg)
-
-
-def _attach_arm(spec: mujoco.MjSpec, row: ArmPlacement, scene: Scene) -> None:
-    physics = Physics(friction_scale=scene.options.friction, armature_scale=scene.options.armature)
-    arm, gripper = profiles_of(row)
-    frame = spec.worldbody.add_frame(pos=row.position_m, quat=base_quat(row.yaw_rad, row.tilt_rad.tolist()))
-    spec.attach(build_spec(arm, gripper, physics=physics), prefix=f"{row.channel}/", frame=frame)
-    for i, motor in enumerate(arm.motors):
-        target = f"{row.channel}/joint{i + 1}"
-        limit = motor_type(motor.type).torque_max_nm
-        _add_servo(spec, f"{row.channel}/{motor.name}", target, mujoco.mjtTrn.mjTRN_JOINT, limit)
-        if row.role == "leader":
-            _add_servo(spec, f"{row.channel}/hand_{i + 1}", target, mujoco.mjtTrn.mjTRN_JOINT, HAND_TORQUE_NM)
-    if gripper.motor is not None:
-        coefficient = gripper_stroke(row, gripper)[1]
-        tendon = spec.add_tendon(name=f"{row.channel}/gripper")
-        for joint in gripper.finger_joints:
-            tendon.wrap_joint(f"{row.channel}/{joint}", coefficient)
-        limit = motor_type(gripper.motor.type).torque_max_nm
-        target = f"{row.channel}/gripper"
-        _add_servo(spec, f"{row.channel}/{gripper.motor.name}", target, mujoco.mjtTrn.mjTRN_TENDON, limit)
-
-
-def profiles_of(row: ArmPlacement) -> tuple[ArmProfile, GripperProfile]:
-    """The arm, and its end effector as it is on that arm."""
-    return resolve_profiles(row.arm, row.gripper)
-
-
-def gripper_stroke(row: ArmPlacement, gripper: GripperProfile) -> tuple[float, float]:
-    """(closed stop rad, radians per metre of one finger / 2), joint space."""
-    assert gripper.calibration is not None and gripper.finger_range_m is not None
-    stops = gripper.calibration.nominal_stops_rad if row.stops_rad is None else row.stops_rad
-    travel = float(gripper.finger_range_m[1] - gripper.finger_range_m[0])
-    return float(stops[0]), float(stops[1] - stops[0]) / travel / max(1, len(gripper.finger_joints))
-
-
-def _add_servo(spec: mujoco.MjSpec, name: str, target: str, kind: mujoco.mjtTrn, limit_nm: float) -> None:
-    spec.add_actuator(
-        name=name,
-        target=target,
-        trntype=kind,
-        gaintype=mujoco.mjtGain.mjGAIN_FIXED,
-        biastype=mujoco.mjtBias.mjBIAS_AFFINE,
-        gainprm=[1.0] + [0.0] * 9,
-        forcelimited=True,
-        forcerange=[-limit_nm, limit_nm],
-    )
 
 
 class World:
@@ -121,6 +24,8 @@ class World:
     Attributes:
         sim_s: simulated time in s.
         stamp_s: monotonic time that the present state stands for.
+        slips: how often simulated time was given up; `slipped_s`: how much, the last time.
+        steps: done so far.
     """
 
     def __init__(self, scene: Scene):
@@ -128,19 +33,16 @@ class World:
         self.model = build_world(scene, visible=False)
         self.data = mujoco.MjData(self.model)
         self.timestep_s = self.model.opt.timestep
-        self.profiles: dict[str, tuple[ArmProfile, GripperProfile]] = {
-            row.channel: profiles_of(row) for row in scene.arms
-        }
+        self.profiles = {row.channel: profiles_of(row) for row in scene.arms}
         self._addresses = {row.channel: self._look_up(row.channel) for row in scene.arms}
         for row in scene.arms:
             arm, gripper = self.profiles[row.channel]
             self.set_pose(row.channel, arm.rest_q(gripper.name) if row.q_rad is None else row.q_rad)
         mujoco.mj_forward(self.model, self.data)
-        self.slips = 0
-        self.slipped_s = 0.0  # how far, the last time
+        self.slips = self.steps = 0
+        self.slipped_s = 0.0
         self._slip_told_s = -math.inf
         self._anchor_s = 0.0  # monotonic time of simulated time 0
-        self.steps = 0
         self._tell_time()
         self.refresh()
 
@@ -152,18 +54,18 @@ class World:
     def due(self, now_s: float) -> int:
         """Steps to do until now; gives time up (a slip) when too far behind."""
         behind = now_s - self.stamp_s
-        if behind > _SLIP_S:
-            self._anchor_s += behind
-            self._tell_time()
-            self.slips += 1
-            self.slipped_s = behind
-            if now_s - self._slip_told_s > _SLIP_TELL_S:
-                self._slip_told_s = now_s
-                logger.warning(
-                    "physics fell %.0f ms behind (slip %d); simulated time is given up", behind * 1e3, self.slips
-                )
-            return 0
-        return max(0, int(behind / self.timestep_s))
+        if behind <= _SLIP_S:
+            return max(0, int(behind / self.timestep_s))
+        self._anchor_s += behind
+        self._tell_time()
+        self.slips += 1
+        self.slipped_s = behind
+        if now_s - self._slip_told_s > _SLIP_TELL_S:
+            self._slip_told_s = now_s
+            logger.warning(
+                "physics fell %.0f ms behind (slip %d); simulated time is given up", behind * 1e3, self.slips
+            )
+        return 0
 
     def step(self, count: int) -> None:
         """Simulate `count` steps."""
@@ -183,14 +85,14 @@ class World:
         self.force: list[float] = self.data.actuator_force.tolist()
 
     def asked_nm(self, actuators: np.ndarray) -> np.ndarray:
-        """Torques  kp (u* − u) + kd (u̇* − u̇) + tau  of the last step in Nm, which the motors' own limits do not cut."""
+        """Torques  kp (u* − u) + kd (u̇* − u̇) + tau  of the last step in Nm, before the motors' own limits."""
         data, bias = self.data, self.model.actuator_biasprm[actuators]
         position, velocity = data.actuator_length[actuators], data.actuator_velocity[actuators]
         asked: np.ndarray = data.ctrl[actuators] + bias[:, 1] * position + bias[:, 2] * velocity
         return asked
 
     def _look_up(self, channel: str) -> tuple[list[int], list[int], list[int]]:
-        """Where an arm is in the state; by name, which takes too long for whoever holds up the replies."""
+        """Addresses of an arm's joints and fingers; looking names up again would hold the replies up."""
         arm, gripper = self.profiles[channel]
         joints = [self.model.joint(f"{channel}/joint{i + 1}") for i in range(arm.joint_count)]
         fingers = [self.model.joint(f"{channel}/{name}") for name in gripper.finger_joints]
@@ -204,18 +106,14 @@ class World:
         """Positions of an arm's joints in qpos."""
         return self._addresses[channel][0]
 
+    def joint_dofs(self, channel: str) -> list[int]:
+        """Positions of an arm's joints in qvel."""
+        return self._addresses[channel][1]
+
     def bodies(self, of: str = "") -> dict[str, list[float]]:
         """Position of each body whose name begins so, (3,) m."""
         names = [self.model.body(i).name for i in range(1, self.model.nbody)]
         return {name: self.data.body(name).xpos.tolist() for name in names if name.startswith(of)}
-
-    def finger_addresses(self, channel: str) -> list[int]:
-        """Positions of the fingers' joints in qpos."""
-        return self._addresses[channel][2]
-
-    def joint_dofs(self, channel: str) -> list[int]:
-        """Positions of an arm's joints in qvel."""
-        return self._addresses[channel][1]
 
     def opening(self, channel: str) -> float | None:
         """Gripper opening, 0 closed … 1 open; None without fingers."""
@@ -223,26 +121,29 @@ class World:
         if gripper.finger_range_m is None:
             return None
         low, high = gripper.finger_range_m
-        fingers = self.finger_addresses(channel)
+        fingers = self._addresses[channel][2]
         return float((sum(self.qpos[a] for a in fingers) / len(fingers) - low) / (high - low))
 
     def set_pose(self, channel: str, q_rad: np.ndarray | None = None, opening: float | None = None) -> None:
-        """Teleport an arm (n,) rad and, 0 closed … 1 open, its fingers; at rest."""
+        """Teleport an arm (n,) rad and, 0 closed … 1 open, its fingers; at rest.
+
+        Raises:
+            ConfigError: the arm has another number of joints.
+        """
         _, gripper = self.profiles[channel]
+        joints, _, fingers = self._addresses[channel]
         moved = []
         if q_rad is not None:
-            addresses = self.joint_addresses(channel)
-            if len(q_rad) != len(addresses):
-                raise ConfigError(f"{channel} has {len(addresses)} joints, the pose {len(q_rad)}")
-            self.data.qpos[addresses] = q_rad
-            moved += addresses
+            if len(q_rad) != len(joints):
+                raise ConfigError(f"{channel} has {len(joints)} joints, the pose {len(q_rad)}")
+            self.data.qpos[joints] = q_rad
+            moved += joints
         if opening is not None and gripper.finger_range_m is not None:
             low, high = gripper.finger_range_m
-            addresses = self.finger_addresses(channel)
-            self.data.qpos[addresses] = low + opening * (high - low)
-            moved += addresses
-        joints = [j for j in range(self.model.njnt) if self.model.jnt_qposadr[j] in moved]
-        self.data.qvel[self.model.jnt_dofadr[joints]] = 0.0
+            self.data.qpos[fingers] = low + opening * (high - low)
+            moved += fingers
+        found = [j for j in range(self.model.njnt) if self.model.jnt_qposadr[j] in moved]
+        self.data.qvel[self.model.jnt_dofadr[found]] = 0.0
 
     def put(self, prop: str, position_m: np.ndarray, quat_wxyz: np.ndarray) -> None:
         """Teleport a loose thing (3,), (4,); at rest."""
@@ -255,11 +156,21 @@ class World:
         joint = self.data.joint(thing)
         joint.qpos[:], joint.qvel[:] = position, 0.0
 
-    def state_dtype(self) -> np.dtype:
-        """Layout of the block that shows the world to renderers and operators."""
-        return world_dtype(self.model)
 
+class WorldBlock:
+    """The block at `path` that shows a world's state to the renderer."""
 
-def world_dtype(model: mujoco.MjModel) -> np.dtype:
-    """One record of the world block: simulated and monotonic time in s, qpos, qvel."""
-    return np.dtype([("sim_s", "f8"), ("stamp_s", "f8"), ("qpos", "f8", (model.nq,)), ("qvel", "f8", (model.nv,))])
+    def __init__(self, path: Path, world: World):
+        self._record = np.zeros((), world_dtype(world.model))
+        self._block = SharedBlock(path, self._record.dtype, create=True)
+
+    def publish(self, world: World) -> None:
+        """Show the present state of a world of the same scene."""
+        record = self._record
+        record["sim_s"], record["stamp_s"] = world.sim_s, world.stamp_s
+        record["qpos"], record["qvel"] = world.data.qpos, world.data.qvel
+        self._block.write(record)
+
+    def close(self) -> None:
+        """Remove the block."""
+        self._block.close()

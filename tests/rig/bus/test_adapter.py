@@ -1,4 +1,4 @@
-"""An adapter that delays or keeps frames back: what motors hear and when, and what the host gets and when."""
+"""An adapter that delays frames or keeps them back: when motors and host get them."""
 
 import contextlib
 import time
@@ -118,7 +118,7 @@ def answers_tell_the_state_of_their_moment(rig, bus, now, sleep, latency_s):
 
 
 def test_a_client_that_falls_silent_has_been_heard(lockstep):
-    """What the adapter has taken goes out, though nobody waits for the answer."""
+    """Frames that the adapter has taken go out, though nobody waits for the answer."""
     rig, bus, _, sleep = lockstep
     rig.fault(CHANNEL, None, "latency_s", 0.02)
     bus.send(message(WRIST, SpecialCommand.ENABLE.value))
@@ -129,7 +129,7 @@ def test_a_client_that_falls_silent_has_been_heard(lockstep):
     assert rig.state()["arms"][CHANNEL]["motors"]["joint_6"]["enabled"]
 
 
-def test_whole_ticks_stay_in_order_and_none_is_lost(lockstep):
+def test_whole_ticks_stay_in_order_and_complete(lockstep):
     rig, bus, now, sleep = lockstep
     rig.fault(CHANNEL, None, "latency_s", 0.04)
     for tick in range(50):
@@ -147,7 +147,7 @@ def test_whole_ticks_stay_in_order_and_none_is_lost(lockstep):
     assert rig.device.channels[CHANNEL].overflows == 0
 
 
-def test_a_link_that_is_down_loses_what_is_under_way(lockstep):
+def test_a_link_that_is_down_loses_frames_under_way(lockstep):
     rig, bus, _, sleep = lockstep
     rig.fault(CHANNEL, None, "latency_s", 0.02)
     bus.send(message(WRIST, SpecialCommand.ENABLE.value))

@@ -1,4 +1,4 @@
-"""Two motors with one identifier: both hear every frame, both answer, each from a state of its own."""
+"""Two motors with one identifier: both hear every frame, both answer, each from another state."""
 
 import contextlib
 
@@ -29,7 +29,7 @@ def fault(desk, motor, kind, value=True, **details):
 
 
 def both(desk, data, can_id=WRIST):
-    """What the first and the second motor answer."""
+    """The answers of the first and the second motor."""
     first, second = desk.send((can_id, data))
     assert first.id == second.id == can_id + 16 and second.stamp_s > first.stamp_s
     return [codec.decode_feedback(desk.motor(can_id).kind, answer.data) for answer in (first, second)]
@@ -81,7 +81,7 @@ def test_it_is_limp_until_it_is_enabled_and_then_obeys(desk):
     assert kinds.count("second_motor_enabled") == 1 and kinds.count("motor_enabled") == 0
 
 
-def test_its_torque_is_what_it_is_told_and_at_most_what_it_can_do(desk):
+def test_torque_follows_the_command_up_to_the_limit(desk):
     fault(desk, WRIST, "duplicate", {"q_rad": 0.0})
     both(desk, SpecialCommand.ENABLE.value)
     both(desk, mit(kp=500, q=12.0))

@@ -60,7 +60,7 @@ def scene(channel):
 
 
 class Ear:
-    """A client that keeps what it is sent."""
+    """A client that keeps its packets."""
 
     def __init__(self):
         self.heard = []
@@ -71,7 +71,7 @@ class Ear:
 
 
 class Pair:
-    """The same rig twice: one is given packets, the other their frames. Whatever happens, both must stay the same."""
+    """The same rig twice: one gets packets, the other their frames. Both must always stay the same."""
 
     def __init__(self, channel, seed=0):
         self.now_s = 100.0
@@ -91,8 +91,8 @@ class Pair:
     def send(self, frames, stamps_s=None):
         stamps_s = [self.now_s] * len(frames) if stamps_s is None else stamps_s
         sent = [Frame(stamp, ident, data) for stamp, (ident, data) in zip(stamps_s, frames, strict=True)]
-        packets, general = self.channels
-        packets.receive_packet(self.ears[0], packets.pack(sent), self.now_s)
+        plain, general = self.channels
+        plain.receive_packet(self.ears[0], packets.pack(sent), self.now_s)
         general.receive(self.ears[1], sent, self.now_s)
 
     def tick(self):
@@ -133,7 +133,7 @@ class Pair:
 
 @pytest.mark.parametrize("channel", ["follower_left", "leader_right"])
 @pytest.mark.parametrize("seed", range(3))
-def test_whole_ticks_are_what_their_frames_are(channel, seed):
+def test_whole_ticks_equal_their_frames(channel, seed):
     pair = Pair(channel, seed)
     for _ in range(150):
         pair.tick()

@@ -73,7 +73,7 @@ def test_a_stall_without_an_end_lasts_until_it_is_ended(rig):
         camera.async_read(5000)
 
 
-def test_a_dead_camera_says_so_each_time_and_opens_again_when_it_lives(rig):
+def test_a_dead_camera_raises_each_time_and_opens_again_when_repaired(rig):
     with connected(rig) as camera:
         rig.camera_fault("top", "dead")
         with pytest.raises(RigError, match="camera top has died"):

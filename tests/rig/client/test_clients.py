@@ -1,4 +1,4 @@
-"""Several clients on one channel: who hears what, and that nobody is held up by one that does not read."""
+"""Several clients on one channel: each hears the others, and one that does not read delays no other."""
 
 import can
 import pytest
@@ -37,7 +37,7 @@ def test_a_new_client_hears_nothing_from_before_it_came(rig, bus):
         assert early.recv(5.0).arbitration_id == 0x7FF
 
 
-def test_a_client_that_idles_loses_frames_and_holds_nobody_up(rig, bus):
+def test_an_idle_client_loses_frames_and_delays_no_other(rig, bus):
     before = rig.stats()["overflows"][CHANNEL]
     with can.Bus(interface="yam_sim", channel=CHANNEL, rig=rig.name) as idle:
         ticks = 0

@@ -30,8 +30,8 @@ def renderer_pids(rig: RigControl) -> list[int]:
     """Children of the rig's server that draw."""
     found = []
     for child in Path(f"/proc/{rig.pid}/task/{rig.pid}/children").read_text().split():
-        with contextlib.suppress(OSError):  # it has ended meanwhile
-            if b"rig.renderer" in Path(f"/proc/{child}/cmdline").read_bytes():
+        with contextlib.suppress(OSError):  # it has ended since
+            if b"render.renderer" in Path(f"/proc/{child}/cmdline").read_bytes():
                 found.append(int(child))
     return found
 
@@ -172,7 +172,7 @@ def rounds_and_ages(rig: RigControl, cameras: list[RigCamera]) -> tuple[float, l
 
 
 def test_a_renderer_that_gets_little_time_draws_every_camera_as_the_world_is_then():
-    """All from one state, the last one would be a whole round old when it is there."""
+    """If all came from one state, the last would be a whole round old on arrival."""
     with running_rig() as rig, contextlib.ExitStack() as stack:
         cameras = [stack.enter_context(RigCamera(name, 320, 240, 30, rig=rig.name)) for name in CAMERAS]
         for run_s in (0.008, 0.004, 0.002, 0.001):  # fast machines draw a round in a few milliseconds

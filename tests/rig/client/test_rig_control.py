@@ -76,7 +76,7 @@ def test_cutting_torque_disables_every_motor(rig):
     assert not any(motor["enabled"] for motor in motors.values())
 
 
-def test_events_tell_what_motors_did(rig):
+def test_motors_log_events(rig):
     since = len(rig.events())
     enable(rig, "follower_left", [4])
     event = rig.wait_event("motor_fault", 5.0, since=since, channel="follower_left")  # nobody feeds its watchdog
@@ -159,7 +159,7 @@ def test_a_trace_has_every_frame_a_client_sent(rig):
         (lambda rig: rig.cut_torque("can0"), "no channel 'can0'"),
         (lambda rig: rig.place("ball", (0, 0, 0)), "no prop 'ball'"),
         (lambda rig: rig.place("cube", (0, 0, float("nan"))), "finite"),
-        (lambda rig: rig.place("cube", (0, 0, 0.1), (0, 0, 0, 0)), "no orientation"),
+        (lambda rig: rig.place("cube", (0, 0, 0.1), (0, 0, 0, 0)), "not an orientation"),
         (lambda rig: rig.set_pose("leader_left", [0, 0]), "6 joints"),
         (lambda rig: rig.set_pose("follower_left", opening=float("nan")), "finite"),
         (lambda rig: rig.push("leader_left", "link2", (0, 0, 1), float("nan")), "finite"),
@@ -168,13 +168,13 @@ def test_a_trace_has_every_frame_a_client_sent(rig):
         (lambda rig: rig.fault("leader_left", "joint_9", "silent"), "no motor 'joint_9'"),
         (lambda rig: rig.fault("leader_left", 1, "rust"), "no fault kind 'rust'"),
         (lambda rig: rig.trigger("follower_left", 1), "no teaching handle"),
-        (lambda rig: rig.hand("follower_left", [0], [[0] * 6]), "no leader"),
+        (lambda rig: rig.hand("follower_left", [0], [[0] * 6]), "not a leader"),
         (lambda rig: rig.hand("leader_left", [0, 0], [[0] * 6] * 2), "increasing"),
         (lambda rig: rig.hand("leader_left", [0], [[0] * 5]), "joints"),
         (lambda rig: rig.request("push", body="cube"), "push.*force"),
     ],
 )
-def test_what_cannot_be_done_is_refused_by_name(rig, call, text):
+def test_impossible_requests_are_refused_by_name(rig, call, text):
     with pytest.raises(ConfigError, match=text):
         call(rig)
     assert rig.state()["sim_s"] > 0  # and the rig lives on

@@ -63,7 +63,7 @@ def test_a_tick_sent_at_once_is_answered_in_order(bus):
     assert bus.recv(0) is None
 
 
-def test_nothing_to_receive_is_none_and_takes_as_long_as_asked(bus):
+def test_receive_without_frames_returns_none_after_its_timeout(bus):
     before = time.monotonic()
     assert bus.recv(0.05) is None
     assert 0.05 <= time.monotonic() - before
@@ -126,7 +126,7 @@ def test_a_notifier_delivers(bus):
     notifier.stop()
 
 
-def test_shutdown_is_idempotent_and_then_nothing_works(rig):
+def test_shutdown_is_idempotent_and_ends_the_bus(rig):
     bus = can.Bus(interface="yam_sim", channel=CHANNEL, rig=rig.name)
     bus.shutdown()
     bus.shutdown()
@@ -164,7 +164,7 @@ def test_shutdown_wakes_a_thread_that_waits(rig):
         ({"receive_own_messages": True}, ConfigError, "echo"),
     ],
 )
-def test_what_it_cannot_do_it_refuses(rig, arguments, error, text):
+def test_unsupported_options_are_refused(rig, arguments, error, text):
     with pytest.raises(error, match=text):
         can.Bus(**{"interface": "yam_sim", "channel": CHANNEL, "rig": rig.name} | arguments)
 

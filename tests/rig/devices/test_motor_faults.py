@@ -181,7 +181,7 @@ def test_a_motor_that_is_off_delivers_no_bias(desk):
 
 
 @pytest.mark.parametrize("can_id", [2, WRIST, 7])
-def test_a_stuck_motor_does_not_move_whatever_it_does(desk, can_id):
+def test_a_stuck_motor_does_not_move_under_any_command(desk, can_id):
     desk.special(can_id, SpecialCommand.ENABLE)
     before = desk.mit(can_id).position
     fault(desk, can_id, "stuck")

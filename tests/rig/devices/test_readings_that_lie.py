@@ -26,7 +26,7 @@ def lie(desk, can_id, value):
     rig_commands.ask(desk.device, request)
 
 
-def test_offsets_are_added_to_what_is_reported(desk):
+def test_offsets_are_added_to_reports(desk):
     desk.special(WRIST, SpecialCommand.ENABLE)
     true = desk.mit(WRIST)
     lie(desk, WRIST, {"position_rad": 1.5, "velocity_rad_s": -4.0, "torque_nm": 3.0})
@@ -51,7 +51,7 @@ def test_offsets_are_in_joint_sign():
     desk.close()
 
 
-def test_only_so_many_answers_lie(desk):
+def test_only_the_given_number_of_answers_lies(desk):
     true = desk.special(WRIST, SpecialCommand.ENABLE).position
     lie(desk, WRIST, {"position_rad": 12.0, "answers": 2})
     told = [desk.mit(WRIST).position for _ in range(4)]

@@ -177,7 +177,7 @@ def test_store_is_answered(desk):
     assert ask(desk, 1, registers.encode_store(1)).data[2] == 0xAA
 
 
-def test_a_changed_range_changes_what_feedback_means(desk):
+def test_a_changed_range_scales_feedback(desk):
     ask(desk, 1, registers.encode_write(1, Register.PMAX, 25.0))
     desk.device.world.set_pose("follower_left", np.array([1.0, 0.5, 0.5, 0, 0, 0]))
     desk.device.world.refresh()
@@ -323,7 +323,7 @@ def test_an_impossible_range_is_not_taken(desk, value):
     assert registers.decode_reply(ask(desk, 1, raw).data).value == 12.5
 
 
-def test_numbers_that_are_none_do_not_move_a_motor(desk):
+def test_commands_that_are_not_finite_do_not_move_a_motor(desk):
     ask(desk, WRIST, registers.encode_write(WRIST, Register.CTRL_MODE, 3))
     desk.special(WRIST, SpecialCommand.ENABLE)
     desk.send((0x200 + WRIST, struct.pack("<ff", float("nan"), 0.0)))

@@ -1,4 +1,4 @@
-"""What the rig records about its arms by itself."""
+"""Extremes of its arms that the rig itself records."""
 
 import can
 import numpy as np
@@ -25,7 +25,7 @@ def watch(desk, **details):
     return rig_commands.ask(desk.device, {"op": "watch", "channel": CHANNEL, **details})
 
 
-def test_nothing_is_recorded_unasked(desk):
+def test_recording_is_off_by_default(desk):
     desk.run(0.05)
     assert not desk.device.watch.on
     with pytest.raises(ConfigError, match="watch_start"):

@@ -1,14 +1,13 @@
-"""Tasks in the simulated world: how it is strewn, who touches what, and what a rig says of it."""
+"""Tasks in the simulated world: starts by a seed, contacts, and the rig's verdicts."""
 
 import numpy as np
 import pytest
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.judging.judge import Judge
+from lerobot_robot_yam.rig.judging.judge import Contacts, Judge
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.rig.scene.scene import load_scene
 from lerobot_robot_yam.rig.scene.tasks import SCRIPTS
-from lerobot_robot_yam.rig.world.contacts import Contacts
 from lerobot_robot_yam.rig.world.world import World
 
 ARMS = {"arms": ["follower_left", "follower_right"]}
@@ -93,7 +92,7 @@ def test_doing_nothing_fails_when_time_is_over(rig):
 
 
 @pytest.mark.parametrize("limit_s", [1.0, 16.0])
-def test_an_attempt_may_have_a_time_limit_of_its_own(rig, limit_s):
+def test_an_attempt_may_replace_the_time_limit(rig, limit_s):
     rig.task("lift_and_place", seed=3, time_limit_s=limit_s)
     rig.sleep(limit_s - 0.1)
     assert not rig.task_state()["failed"]
@@ -147,7 +146,7 @@ def test_a_task_that_cannot_be_set_is_refused(rig, name, seed, text):
 def test_a_scene_without_tasks_says_so():
     rig = LockstepRig(**ARMS)
     try:
-        with pytest.raises(ConfigError, match="the scene has none"):
+        with pytest.raises(ConfigError, match="the scene has no tasks"):
             rig.task("lift_and_place", seed=0)
     finally:
         rig.close()
@@ -171,7 +170,7 @@ def test_held_is_touched_by_both_fingers():
 
 
 def test_a_drawer_that_is_pulled_to_its_stop_is_open():
-    """The stop gives way a little: who pulls has it farther out than it goes."""
+    """The stop gives way a little, so a pulled drawer is out farther than its range."""
     rig = LockstepRig("drawer", arms=["follower_left"])
     try:
         rig.task("drawer", 3)

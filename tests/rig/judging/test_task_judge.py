@@ -59,7 +59,7 @@ def test_lifted_and_put_to_rest_at_the_goal_is_success():
     assert each.update(view(3.0, at=(0, 0, -1))) == []  # the verdict stands
 
 
-def test_success_tells_when():
+def test_success_has_its_time():
     each = judge(LIFT, REST)
     events = [event for seen in (LIFTED, *resting(2.0, 3.0)) for event in each.update(seen)]
     assert events[-1] == {"kind": "task_success", "task": "try", "since_s": pytest.approx(2.3, abs=0.051)}
@@ -83,7 +83,7 @@ def test_pushing_it_to_the_goal_is_not_success():
     assert shown(judge(LIFT, REST), *resting(1.0, 7.0)) == []
 
 
-def test_what_must_last_begins_anew_when_it_is_interrupted():
+def test_a_lasting_condition_begins_anew_after_an_interruption():
     each = judge(REST)
     assert shown(each, *resting(0.0, 0.25), view(0.25), *resting(0.3, 0.55)) == []
     assert shown(each, *resting(0.55, 0.7)) == [1, "task_success"]

@@ -46,7 +46,7 @@ def test_less_than_that_is_a_drop(points):
     assert [event["kind"] for event in judged(*points)] == ["drop"]
 
 
-def test_pushing_along_the_table_is_nothing():
+def test_pushing_along_the_table_gives_no_event():
     assert judged(A, M) == []
 
 
@@ -60,7 +60,7 @@ def test_in_the_air_nothing_is_decided():
     assert judged(A, (*A[:2], 0.1), high, lie_s=2.0) == []
 
 
-def test_what_a_hand_still_holds_has_not_come_to_rest():
+def test_a_held_prop_has_not_come_to_rest():
     low = (*M[:2], 0.025)  # 5 mm above the table
     transfers = Transfers("cube", PLACES)
     for at in np.arange(-1.0, 0.0, 0.01):

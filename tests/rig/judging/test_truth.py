@@ -51,7 +51,7 @@ def test_every_step_is_kept_and_only_the_last_ones(rig):
         rig.truth(CHANNEL)
 
 
-def test_it_begins_anew_for_each_who_starts(rig):
+def test_each_start_begins_anew(rig):
     rig.truth_start(CHANNEL)
     rig.sleep(0.1)
     rig.truth_start(CHANNEL, 0.5)
@@ -78,7 +78,7 @@ def test_looking_changes_nothing(desk):
     assert swing(True) == swing(False)
 
 
-def test_what_was_asked_for_is_told_beside_what_the_motor_could_do(desk):
+def test_asked_torque_is_reported_beside_applied_torque(desk):
     op(desk, "truth", start=True)
     op(desk, "watch", start=True)
     desk.special(WRIST, SpecialCommand.ENABLE)
@@ -97,7 +97,7 @@ def test_what_was_asked_for_is_told_beside_what_the_motor_could_do(desk):
     assert seen["max_asked_at_s"][5] == pytest.approx(desk.now_s - 0.016, abs=0.005)
 
 
-def test_the_grippers_torque_is_told_too(desk):
+def test_the_grippers_torque_is_reported_too(desk):
     """Its drive is a tendon."""
     op(desk, "truth", start=True)
     desk.special(7, SpecialCommand.ENABLE)

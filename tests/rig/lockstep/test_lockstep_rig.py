@@ -69,7 +69,7 @@ def test_a_restart_ends_open_buses(rig):
 
 
 def test_wrong_names_are_refused(rig):
-    with pytest.raises(ConfigError, match="lock-step called 'nowhere'"):
+    with pytest.raises(ConfigError, match="no rig in lock-step 'nowhere'"):
         can.Bus(interface="yam_lockstep", channel="follower_left", rig="nowhere")
     with pytest.raises(BusError, match="no channel 'follower_up'"):
         can.Bus(interface="yam_lockstep", channel="follower_up", rig=rig.name)

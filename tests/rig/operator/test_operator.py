@@ -11,7 +11,7 @@ import pytest
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.client.rig_control import RigControl, running_rig
-from lerobot_robot_yam.rig.operator.guidance import Interrupted
+from lerobot_robot_yam.rig.operator.hands import Interrupted
 from lerobot_robot_yam.rig.operator.operator import RigHands
 from lerobot_robot_yam.rig.operator.scripts.catalog import CATALOG, make_script
 from lerobot_robot_yam.rig.operator.scripts.setup import SIDES, Setup, make_setup
@@ -160,7 +160,7 @@ def test_the_idle_arm_waits_outside_the_middle(setup):
 
 @contextmanager
 def teleoperated(rig: RigControl) -> Iterator[Callable[[], None]]:
-    """All arms up, in control loops of their own; call what this gives to pass the leaders' poses on."""
+    """All arms up, in their control loops; call the result to pass the leaders' poses on."""
     with ExitStack() as stack:
         sim: dict = {"interface": "yam_sim", "can_options": {"rig": rig.name}}
         leaders, followers = (

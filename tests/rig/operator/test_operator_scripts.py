@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.operator.guidance import Interrupted
+from lerobot_robot_yam.rig.operator.hands import Interrupted
 from lerobot_robot_yam.rig.operator.scripts.catalog import CATALOG, make_script
 from lerobot_robot_yam.rig.operator.scripts.setup import make_setup
 from lerobot_robot_yam.rig.scene.scene import load_scene
@@ -77,7 +77,7 @@ def test_one_arm_is_enough_where_one_is_used():
     assert attempted(world, script, seed=2)["success"]
 
 
-def test_a_cube_that_is_moved_meanwhile_is_taken_from_where_it_went():
+def test_a_cube_moved_during_the_reach_is_taken_from_its_new_place():
     world, script = ready("lift_and_place")
     begun = world.now()
 
@@ -91,7 +91,7 @@ def test_a_cube_that_is_moved_meanwhile_is_taken_from_where_it_went():
     assert state["success"], state
 
 
-def test_what_is_out_of_reach_is_left_alone_and_the_arms_wait_again():
+def test_a_cube_out_of_reach_is_left_alone_and_the_arms_wait_again():
     world, script = ready("lift_and_place")
     world.judge.place("lift_and_place", 0)
     world.put_back(np.array([0.75, 0.3, 0.0225]))
@@ -130,7 +130,7 @@ def _without(task, change):
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (_without("drawer", lambda scene: scene["tasks"].clear()), "has no task 'drawer'; it has: none"),
+        (_without("drawer", lambda scene: scene["tasks"].clear()), "has no task 'drawer'; it has: no tasks"),
         (_without("drawer", lambda scene: scene["homes"].pop("right")), "a waiting place of each.*right"),
         (_without("drawer", lambda scene: scene["arms"].clear()), "needs followers"),
         (_without("handover", lambda scene: scene["places"].clear()), "a place called middle"),

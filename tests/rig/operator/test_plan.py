@@ -90,7 +90,7 @@ def test_a_straight_path_is_straight_and_within_limits(planner):
         planner.straight(path.end_rad, in_front(planner, 0.9, 0.0, 0.1), yaw)
 
 
-def test_out_of_reach_is_said(planner):
+def test_a_point_out_of_reach_is_refused(planner):
     far = in_front(planner, 0.9, 0.0, 0.02)
     assert not planner.reaches(far)
     with pytest.raises(RigError, match="cannot reach"):
@@ -108,7 +108,7 @@ def test_unfolding_from_rest_keeps_the_tool_off_the_table(planner):
     assert min(planner.tool(q)[0][2] for q in path.q_rad) > 0.04
 
 
-def test_what_is_left_of_a_path_starts_at_rest_and_ends_at_its_end():
+def test_the_rest_of_a_path_starts_at_rest_and_ends_at_its_end():
     times = np.linspace(0.0, 2.0, 41)
     path = Path(times, np.outer(minimum_jerk(times / 2.0), np.arange(6)))
     rest = path.rest(0.9)

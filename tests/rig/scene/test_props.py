@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.scene.furnish import add_things
 from lerobot_robot_yam.rig.scene.props import Thing, check_things
+from lerobot_robot_yam.rig.world.world_model import add_things
 from lerobot_robot_yam.system.strict_yaml import parse
 
 CUBE = {"name": "cube", "size_m": [0.04, 0.04, 0.04], "center_m": [0.3, 0.1, 0.02], "mass_kg": 0.05}
@@ -54,7 +54,7 @@ def test_a_single_box_is_a_body_with_its_mass_and_size():
     assert model.nq == 7
 
 
-def test_parts_share_the_mass_by_volume_and_what_is_not_solid_has_none():
+def test_solid_parts_share_the_mass_by_volume():
     peg = thing(PEG)
     shaft, handle = 0.02 * 0.02 * 0.04, math.pi * 0.02**2 * 0.02
     model = world(peg)
@@ -98,7 +98,7 @@ def test_a_lid_turns_on_its_hinge():
         (True, {"parts": [{"size_m": [1, 1, 1], "shape": "ball"}]}, "shape is one of .*'ball'"),
         (True, {"parts": [{"size_m": [1, 2, 1], "shape": "cylinder"}]}, "diameter, diameter, length"),
         (True, {"parts": [{"size_m": [1, 1, 1], "quat_wxyz": [0, 0, 0, 0]}]}, "quat_wxyz"),
-        (True, {"size_m": None, "parts": [{"size_m": [1, 1, 1], "solid": False}]}, "one is solid"),
+        (True, {"size_m": None, "parts": [{"size_m": [1, 1, 1], "solid": False}]}, "one must be solid"),
         (True, {"friction": -1}, "friction"),
         (True, {"grips": [{"name": "a"}, {"name": "a"}]}, "grips need names"),
         (True, {"grips": [{"name": "a", "turns": 0}]}, "turns"),

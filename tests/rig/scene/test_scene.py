@@ -8,7 +8,7 @@ from lerobot_robot_yam.damiao import registers
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.scene.scene import load_scene
-from lerobot_robot_yam.rig.world.world import build_world
+from lerobot_robot_yam.rig.world.world_model import build_world
 from tests.support.rig_desk import Desk
 
 
@@ -107,7 +107,7 @@ def test_serial_numbers_are_unique_and_stable():
     assert serials(channel="follower_right")[0] == by_channel["follower_right"]
 
 
-def test_serial_numbers_can_be_the_same_on_every_arm_and_then_nothing_differs():
+def test_arms_with_the_same_serial_numbers_have_equal_registers():
     left, right = (serials(channel=f"follower_{side}", serials="same") for side in ("left", "right"))
     assert left == right
     assert len(set(left[0])) == 7

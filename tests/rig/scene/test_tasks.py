@@ -72,8 +72,8 @@ def test_a_scene_extends_a_file_beside_it_and_only_one_deep(tmp_path):
         ({"randomise": [{"thing": "lid", "x_m": [0, 1]}]}, "lid can be given a position"),
         ({"randomise": [{"thing": "lid", "position": [0, 2]}]}, "within its joint's range"),
         ({"success": [{}]}, "needs a prop or a joint"),
-        ({"success": [{"prop": "cube"}]}, "names a prop and what is asked"),
-        ({"success": [{"lifted_m": 0.1}]}, "names a prop and what is asked"),
+        ({"success": [{"prop": "cube"}]}, "names a prop and conditions"),
+        ({"success": [{"lifted_m": 0.1}]}, "names a prop and conditions"),
         ({"success": [{"prop": "ball", "still": True}]}, "there is no 'ball'"),
         ({"success": [{"prop": "table", "still": True}]}, "'table' is no prop"),
         ({"success": [{"joint": "lid"}]}, "joint_range"),
@@ -85,7 +85,7 @@ def test_a_scene_extends_a_file_beside_it_and_only_one_deep(tmp_path):
         ({"success": [{"prop": "cube", "inside": {"center_m": [0, 0, 0], "frame": "moon"}}]}, "no 'moon'"),
     ],
 )
-def test_a_task_that_speaks_of_what_is_not_there_is_refused(tmp_path, changes, text):
+def test_a_task_with_an_unknown_name_or_impossible_value_is_refused(tmp_path, changes, text):
     with pytest.raises(ConfigError, match=text):
         load(tmp_path, **changes)
 
@@ -103,7 +103,7 @@ def test_the_scene_in_the_documentation_works(tmp_path):
 
 
 @pytest.mark.parametrize("name", SCRIPTS)
-def test_each_packaged_task_is_a_scene_of_its_own(name):
+def test_each_packaged_task_has_a_scene(name):
     assert name in SCENES
     scene = load_scene(name, {"operator": name})
     (task,) = scene.tasks

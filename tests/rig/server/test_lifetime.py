@@ -10,7 +10,7 @@ import can
 import pytest
 
 from lerobot_robot_yam.errors import RigError
-from lerobot_robot_yam.rig.client import launch, rig_connection
+from lerobot_robot_yam.rig.client import launch, rig_control
 from lerobot_robot_yam.rig.client.rig_control import RigControl, runs, wait_ended
 from lerobot_robot_yam.rig.server import lifetime
 from lerobot_robot_yam.system.runtime_files import FileLock, rig_name, runtime_dir
@@ -150,7 +150,7 @@ def test_files_of_a_dead_owner_are_swept_at_the_next_start():
     wait_ended(rig)
 
 
-def test_files_of_rigs_that_were_killed_are_swept_when_those_who_started_them_have_ended():
+def test_files_of_killed_rigs_are_swept_after_their_starters_end():
     """Their names are never used twice, so that nobody else would."""
     code = """
 import os, signal
@@ -192,7 +192,7 @@ input()
 
 
 def test_an_answer_that_comes_too_late_is_not_taken_for_the_next_one(monkeypatch):
-    monkeypatch.setattr(rig_connection, "_TIMEOUT_S", 0.3)
+    monkeypatch.setattr(rig_control, "_TIMEOUT_S", 0.3)
     with RigControl.start() as rig:
         with RigControl(rig.name) as slow:
             os.kill(rig.pid, signal.SIGSTOP)
@@ -236,7 +236,7 @@ def test_a_name_that_is_no_pid_is_refused():
         rig_name("auto:me")
 
 
-def test_options_that_come_too_late_are_said_once_to_have_no_effect(rig, caplog):
+def test_options_for_a_running_rig_are_logged_once(rig, caplog):
     for options in ({"operator": "pick_and_place", "seed": 0}, {"operator": "pick_and_place"}):
         with can.Bus(interface="yam_sim", channel="leader_left", rig=rig.name, **options):
             pass
@@ -244,7 +244,7 @@ def test_options_that_come_too_late_are_said_once_to_have_no_effect(rig, caplog)
     assert said == [f"rig {rig.name} runs already, with operator: 'none'; 'pick_and_place' has no effect"]
 
 
-def test_a_scene_that_comes_too_late_is_said_to_have_no_effect(rig, caplog):
+def test_a_scene_for_a_running_rig_is_logged(rig, caplog):
     for scene in ("bimanual_table", "drawer"):
         RigControl(rig.name, scene).close()
     said = [record.message for record in caplog.records if "no effect" in record.message]

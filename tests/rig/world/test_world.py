@@ -6,6 +6,7 @@ import pytest
 from lerobot_robot_yam.rig.scene.scene import load_scene
 from lerobot_robot_yam.rig.simulation.device import RigDevice
 from lerobot_robot_yam.rig.world.world import World
+from lerobot_robot_yam.rig.world.world_model import world_dtype
 
 
 def test_time_given_up_after_a_stall_is_a_slip_and_not_a_burst():
@@ -21,7 +22,7 @@ def test_time_given_up_after_a_stall_is_a_slip_and_not_a_burst():
 
 def test_every_process_builds_the_same_world():
     one, other = World(load_scene()), World(load_scene())
-    assert one.state_dtype() == other.state_dtype()
+    assert world_dtype(one.model) == world_dtype(other.model)
     for world in (one, other):
         world.step(200)
     np.testing.assert_array_equal(one.data.qpos, other.data.qpos)

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.operator.guidance import Hands
+from lerobot_robot_yam.rig.operator.hands import Hands
 from lerobot_robot_yam.rig.operator.scripts.drawer import Drawer
 from lerobot_robot_yam.rig.operator.scripts.handover import Handover
 from lerobot_robot_yam.rig.operator.scripts.insertion import Insertion
@@ -35,7 +35,7 @@ def make_script(hands: Hands, scene: Mapping[str, Any], task: str) -> Script:
     """The script of a task of the scene, as `control.RigOperations.scene` tells it.
 
     Raises:
-        ConfigError: there is no such task, or the scene lacks what the operator needs.
+        ConfigError: there is no such task, or the scene lacks something that the operator needs.
     """
     setup = make_setup(scene, task)
     if setup.task.does not in CATALOG:

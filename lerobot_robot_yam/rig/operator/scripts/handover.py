@@ -3,7 +3,7 @@
 import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.operator.guidance import Hands
+from lerobot_robot_yam.rig.operator.hands import Hands, pause
 from lerobot_robot_yam.rig.operator.scripts.script import PUT_DOWN_M, Script, lifted
 from lerobot_robot_yam.rig.operator.scripts.setup import Setup
 from lerobot_robot_yam.rig.operator.worker import Worker
@@ -38,7 +38,7 @@ class Handover(Script):
         giver.open()
         giver.rise(_AWAY_M)
         giver.go_home()
-        self.guide.pause(_CLEAR_S)
+        pause(self.hands, _CLEAR_S)
         return self._lay(taker, takes)
 
     def _grips(self, giver: Worker) -> tuple[Grip, Grip]:
@@ -60,7 +60,7 @@ class Handover(Script):
     def _lay(self, taker: Worker, takes: Grip) -> bool:
         """Lay it along the goal, the way round that turns the wrist less."""
         goal, bar = self.goal(), self.look_at(self._bar)
-        _, yaw = taker.planner.tool(self.guide.q[taker.side])
+        _, yaw = taker.planner.tool(taker.q)
         ways = []
         for bar_yaw in (goal.yaw_rad, goal.yaw_rad + np.pi):
             target = goal.position_m + _turned(takes.point_m, bar_yaw) + [0.0, 0.0, PUT_DOWN_M]

@@ -3,7 +3,7 @@
 import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.operator.guidance import Hands
+from lerobot_robot_yam.rig.operator.hands import Hands, see
 from lerobot_robot_yam.rig.operator.scripts.script import Script, lifted
 from lerobot_robot_yam.rig.operator.scripts.setup import Setup
 from lerobot_robot_yam.rig.operator.sight import Pose, Sight
@@ -35,7 +35,7 @@ class Insertion(Script):
         point = peg.point(grip.point_m)
         worker = self.workers[self.setup.nearest(point)]
         grasp_yaw = self.take(worker, peg, grip)
-        rim = self._rim(self.guide.see())
+        rim = self._rim(see(self.hands))
         target = rim.position_m + grip.point_m + [0.0, 0.0, _HOVER_M]
         yaw = worker.planner.grasp_yaw(target, rim.edge_yaw_rad, grip.turns)
         if not worker.carry(target, yaw, lifted(self._peg, peg.position_m[2], _LIFTED_M)):
@@ -54,7 +54,7 @@ class Insertion(Script):
 
     def _depth(self) -> float:
         """How far below the rim the foot is."""
-        sight = self.guide.see()
+        sight = see(self.hands)
         return float(self._rim(sight).position_m[2] - sight.things[self._peg].position_m[2])
 
     def _off(self, sight: Sight) -> tuple[np.ndarray, float]:
@@ -68,10 +68,10 @@ class Insertion(Script):
         """Aim, and down into the hole; False when it stands on the rim."""
         worker.approach(self._off, _AIM_M, _AIM_RAD, _AIMS, above_m=_ABOVE_M)
         depth = float(self.grip_of(self._block).point_m[2] - self._region.center_m[2])
-        point, yaw = worker.planner.tool(self.guide.q[worker.side])
+        point, yaw = worker.planner.tool(worker.q)
         for below in (_HOVER_M + 1.5 * _ENTERED_M, _HOVER_M + depth):
             worker.go(point - [0.0, 0.0, below], yaw, 0.8)
-            self.guide.settle(worker.side)
+            worker.settle()
             if self._depth() < _ENTERED_M:
                 worker.go(point, yaw)
                 return False

@@ -9,7 +9,7 @@ import logging
 import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError, RigError
-from lerobot_robot_yam.rig.operator.guidance import Hands
+from lerobot_robot_yam.rig.operator.hands import Hands, pause
 from lerobot_robot_yam.rig.operator.scripts.script import PUT_DOWN_M, Script, lifted
 from lerobot_robot_yam.rig.operator.scripts.setup import Setup
 from lerobot_robot_yam.rig.operator.sight import Pose
@@ -32,7 +32,6 @@ class PickAndPlace(Script):
 
     def __init__(self, hands: Hands, setup: Setup):
         super().__init__(hands, setup)
-        self._hands = hands
         self._prop = next(iter(setup.things.values()))  # props come before furniture
         missing = [place for place in ("A", "M", "B") if place not in setup.places_m]
         if missing or len(self.workers) < 2 or self._prop.fixed or self._prop.size_m is None:
@@ -53,9 +52,9 @@ class PickAndPlace(Script):
         if side is None or self._failures >= _GIVE_UP:
             logger.warning("the prop at %s cannot be taken; putting it back", np.round(prop.position_m, 3))
             self._failures = 0
-            self.guide.pause(1.0)
-            self._hands.put_back(np.array([*self.setup.places_m["A"][:2], self._half_m]))
-            self.guide.pause(0.5)
+            pause(self.hands, 1.0)
+            self.hands.put_back(np.array([*self.setup.places_m["A"][:2], self._half_m]))
+            pause(self.hands, 0.5)
             return False
         worker = self.workers[side]
         try:
@@ -70,7 +69,7 @@ class PickAndPlace(Script):
             self._rise(worker)  # the way back begins here
         else:
             worker.go_home()
-            self.guide.pause(_CLEAR_S)  # come back when the middle is clear
+            pause(self.hands, _CLEAR_S)  # come back when the middle is clear
         return done
 
     def _see(self) -> Pose:
@@ -108,7 +107,7 @@ class PickAndPlace(Script):
         return self._is_at(self._see(), place)
 
     def _rise(self, worker: Worker) -> None:
-        position, _ = worker.planner.tool(self.guide.q[worker.side])
+        position, _ = worker.planner.tool(worker.q)
         try:
             worker.rise(self.height_m - position[2])
         except RigError as error:

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError, RigError
-from lerobot_robot_yam.rig.operator.guidance import Guide, Hands
+from lerobot_robot_yam.rig.operator.hands import Hands, see
 from lerobot_robot_yam.rig.operator.scripts.setup import Setup
 from lerobot_robot_yam.rig.operator.sight import Pose, Sight
 from lerobot_robot_yam.rig.operator.worker import Worker
@@ -26,7 +26,7 @@ class Script(ABC):
 
     Args:
         hands: the operator's eyes, hands and clock.
-        setup: the task, and what it is done with.
+        setup: the task, its things and the arms.
 
     Attributes:
         height_m: height of the tool on its way over the table.
@@ -38,10 +38,9 @@ class Script(ABC):
     endless: ClassVar[bool] = False
 
     def __init__(self, hands: Hands, setup: Setup):
-        self.setup = setup
-        self.guide = Guide(hands, setup.planners)
+        self.hands, self.setup = hands, setup
         self.workers = {
-            side: Worker(self.guide, side, planner, setup.homes_m[side], self.height_m)
+            side: Worker(hands, side, planner, setup.homes_m[side], self.height_m)
             for side, planner in setup.planners.items()
         }
 
@@ -51,12 +50,11 @@ class Script(ABC):
         Raises:
             Interrupted: the arms are switched off.
         """
-        self.guide.forget()
         for worker in self.workers.values():
             worker.unfold()
         for worker in self.workers.values():
             worker.wait()
-            self.guide.settle(worker.side)
+            worker.settle()
 
     def attempt(self) -> None:
         """Do the task once, from what is seen, in a few tries where something slips.
@@ -75,7 +73,7 @@ class Script(ABC):
 
     @abstractmethod
     def work(self) -> bool:
-        """One try; whether it looks done. May raise RigError where a point is out of reach."""
+        """One try; whether it looks done. Raises RigError where a point is out of reach."""
 
     def _retreat(self) -> None:
         for worker in self.workers.values():
@@ -97,7 +95,7 @@ class Script(ABC):
 
     def look_at(self, thing: str) -> Pose:
         """Where a thing is now."""
-        return self.guide.see().things[thing]
+        return see(self.hands).things[thing]
 
     def grip_of(self, thing: str, number: int = 0) -> Grip:
         """How to take a thing.
@@ -117,7 +115,7 @@ class Script(ABC):
         return region is not None and bool(np.linalg.norm(off[:2]) < region.radius_m)
 
     def goal(self) -> Pose:
-        """Where the last stage of success wants its prop: the middle of the region, as its frame is turned."""
+        """The pose that the last stage of success asks of its prop: the middle of the region, turned as its frame."""
         region = self.setup.last.inside
         if region is None:
             raise ConfigError(f"task {self.setup.task.name}: its last stage needs a region inside which the prop ends")

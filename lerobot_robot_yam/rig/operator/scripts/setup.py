@@ -1,4 +1,4 @@
-"""What a scripted operator knows before it begins, from a scene as `control.RigOperations.scene` tells it."""
+"""A scripted operator's knowledge before it begins, from a scene as `RigOperations.scene` returns it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,10 +19,10 @@ SIDES = ("left", "right")
 
 @dataclass(frozen=True)
 class Setup:
-    """A task and what it is done with.
+    """A task, and the things and arms that do it.
 
     Attributes:
-        task: what is to be done.
+        task: the task.
         things: props and furniture by name.
         planners: side → planner of the follower that stands there.
         bases_m: side → base of that follower, (3,).
@@ -39,12 +39,12 @@ class Setup:
 
     @property
     def last(self) -> Stage:
-        """The stage that success ends with."""
+        """The last stage of success."""
         return self.task.success[-1]
 
     def home_rad(self, side: str) -> np.ndarray:
         """The waiting pose of a follower, (n,)."""
-        return self.planners[side].natural_pose(self.homes_m[side])
+        return self.planners[side].pose(self.homes_m[side])
 
     def nearest(self, point_m: np.ndarray) -> str:
         """The side whose base is nearest to a point."""
@@ -84,7 +84,7 @@ def make_setup(scene: Mapping[str, Any], task: str) -> Setup:
     where = f"scene {scene['name']}"
     tasks = {row["name"]: row for row in scene["tasks"]}
     if task not in tasks and task != PICK_AND_PLACE.name:
-        raise ConfigError(f"{where} has no task '{task}'; it has: {', '.join(tasks) or 'none'}")
+        raise ConfigError(f"{where} has no task '{task}'; it has: {', '.join(tasks) or 'no tasks'}")
     planners = make_planners(scene)
     missing = [side for side in planners or SIDES if side not in scene["homes"] or not planners]
     if missing:

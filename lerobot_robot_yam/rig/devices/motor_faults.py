@@ -1,4 +1,4 @@
-"""What can be made to fail between a motor and its driver, for tests."""
+"""Faults of a motor for tests: frames lost on their way, and false measurements."""
 
 import random
 from collections.abc import Sequence
@@ -6,20 +6,23 @@ from dataclasses import dataclass, field, fields
 
 from lerobot_robot_yam.rig.devices.packets import Frame
 
+State = tuple[float, float, float]
+"""Position in rad, velocity in rad/s, torque in Nm."""
+
 
 @dataclass
 class LinkFaults:
-    """Everything off by default."""
+    """Faults between a motor and its driver; by default everything works."""
 
     silent: bool = False  # neither obeys nor answers, as if unpowered
-    drop_next: int = 0  # so many answers are lost
+    drop_next: int = 0  # this many answers are lost
     loss_rate: float = 0.0  # share of answers lost
     command_loss_rate: float = 0.0  # share of commands and requests that the motor does not hear
-    delay_s: float = 0.0  # answers come so much late
-    wrong_id: int | None = None  # answers come under this identifier; the registers know nothing of it
+    delay_s: float = 0.0  # of every answer
+    wrong_id: int | None = None  # answers come under this identifier; the registers do not know it
     corrupt_rate: float = 0.0  # share of answers with random contents
     corrupt_all: bool = False  # also in the first byte: motor number and fault code
-    set: bool = field(default=False, init=False)  # whether anything is not as it is by default; kept up to date
+    set: bool = field(default=False, init=False)  # whether any other field differs from its default
 
     def __setattr__(self, name: str, value: object) -> None:
         super().__setattr__(name, value)
@@ -31,11 +34,11 @@ class LinkFaults:
         return bool(self.drop_next or self.loss_rate or self.delay_s or self.corrupt_rate or self.wrong_id is not None)
 
     def unheard(self, chance: random.Random) -> bool:
-        """Whether the frame that comes now is lost on its way to the motor."""
+        """Whether the present frame is lost on its way to the motor."""
         return self.command_loss_rate > 0.0 and chance.random() < self.command_loss_rate
 
     def spoil(self, answer: Frame, chance: random.Random) -> Sequence[Frame]:
-        """What remains of an answer; `delay_s` is for the caller to heed."""
+        """The frames that remain of an answer; the caller heeds `delay_s`."""
         if self.drop_next > 0:
             self.drop_next -= 1
             return ()
@@ -47,3 +50,31 @@ class LinkFaults:
             kept = b"" if self.corrupt_all else answer.data[:1]
             answer = answer._replace(data=kept + chance.randbytes(len(answer.data) - len(kept)))
         return (answer,)
+
+
+@dataclass
+class FalseReading:
+    """Offsets (joint sign) of the next `answers` answers, None for all; with `freeze` all repeat the first one.
+
+    The motor's own servo does not know of them.
+    """
+
+    position_rad: float = 0.0
+    velocity_rad_s: float = 0.0
+    torque_nm: float = 0.0
+    answers: int | None = None
+    freeze: bool = False
+    _frozen: State | None = field(default=None, init=False)
+
+    def of(self, true: State, direction: int) -> State:
+        """The reported state in place of the true one, both in the motor's sign."""
+        if self.answers is not None:
+            if self.answers <= 0:
+                return true
+            self.answers -= 1
+        offsets = self.position_rad, self.velocity_rad_s, self.torque_nm
+        position, velocity, torque = (value + direction * offset for value, offset in zip(true, offsets, strict=True))
+        if not self.freeze:
+            return position, velocity, torque
+        self._frozen = self._frozen or (position, velocity, torque)
+        return self._frozen

@@ -1,6 +1,6 @@
 import numpy as np
 
-from lerobot_robot_yam.rig.render.sensor import Sensor
+from lerobot_robot_yam.rig.render.drawing import Sensor
 
 
 def test_every_exposure_of_a_still_scene_differs_a_little():

@@ -1,0 +1,167 @@
+"""A scene as a MuJoCo model: arms with a servo per motor, things, cameras and scenery.
+
+Every motor is one actuator with force  kp (u* − u) + kd (u̇* − u̇) + tau,  integrated implicitly in the velocity
+(implicitfast): an explicit kd at 1 ms would make the light wrist joints limit-cycle. u is the joint angle, or the
+gripper motor's angle through a tendon over both fingers.
+"""
+
+import math
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from lerobot_robot_yam.arm.model import Physics, base_quat, build_spec
+from lerobot_robot_yam.arm.mounting import mounted
+from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
+from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
+from lerobot_robot_yam.damiao.tables import motor_type
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.rig.scene.props import Part, Thing
+from lerobot_robot_yam.rig.scene.scene import ArmPlacement, Camera, Scene
+
+HAND_KP, HAND_KD = 200.0, 20.0  # Nm/rad, Nm s/rad: a firm grip on the leader's joints
+HAND_TORQUE_NM = 12.0  # the most that the operator's pull does at a joint
+_FLOOR_Z_M = -0.74  # the table's top is z = 0
+_SHAPES = {"box": mujoco.mjtGeom.mjGEOM_BOX, "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER}
+_JOINTS = {"slide": mujoco.mjtJoint.mjJNT_SLIDE, "hinge": mujoco.mjtJoint.mjJNT_HINGE}
+
+
+def build_world(scene: Scene, visible: bool = True) -> mujoco.MjModel:
+    """The compiled world. Names of an arm's parts carry its channel: "follower_left/joint1".
+
+    Every process of the rig that needs the model builds it anew from the scene; the result is the same. Without
+    `visible` it lacks the shapes that only a camera sees, and each step costs a tenth less.
+
+    Raises:
+        ConfigError: a profile is unknown or does not fit.
+    """
+    spec = mujoco.MjSpec()
+    spec.modelname = scene.name
+    spec.compiler.degree = False
+    spec.option.timestep = scene.options.timestep_s
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = 10.0  # held props must not creep out of the fingers
+    _add_scenery(spec)
+    for row in scene.arms:
+        _attach_arm(spec, row, scene)
+    add_things(spec, scene.things)
+    for camera in scene.cameras:
+        _add_camera(spec, camera)
+    spec.compiler.discardvisual = not visible
+    return spec.compile()
+
+
+def world_dtype(model: mujoco.MjModel) -> np.dtype:
+    """One record of the world block: simulated and monotonic time in s, qpos, qvel."""
+    return np.dtype([("sim_s", "f8"), ("stamp_s", "f8"), ("qpos", "f8", (model.nq,)), ("qvel", "f8", (model.nv,))])
+
+
+def profiles_of(row: ArmPlacement) -> tuple[ArmProfile, GripperProfile]:
+    """The arm, and its end effector as it is on that arm."""
+    arm = load_arm(row.arm)
+    return arm, mounted(load_gripper(row.gripper), arm)
+
+
+def gripper_stroke(row: ArmPlacement, gripper: GripperProfile) -> tuple[float, float]:
+    """(closed stop rad, radians per metre of one finger / 2), joint space."""
+    assert gripper.calibration is not None and gripper.finger_range_m is not None
+    stops = gripper.calibration.nominal_stops_rad if row.stops_rad is None else row.stops_rad
+    travel = float(gripper.finger_range_m[1] - gripper.finger_range_m[0])
+    return float(stops[0]), float(stops[1] - stops[0]) / travel / max(1, len(gripper.finger_joints))
+
+
+def yaw_quat(yaw_rad: float) -> np.ndarray:
+    """Quaternion (4,) w x y z of a turn about the vertical."""
+    return np.array([math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2)])
+
+
+def add_things(spec: mujoco.MjSpec, things: Sequence[Thing]) -> None:
+    """Add a body for each thing, named after it, as is its joint; a thing on another one comes after that."""
+    for thing in sorted(things, key=lambda thing: bool(thing.carrier)):
+        parent = spec.body(thing.carrier) if thing.carrier else spec.worldbody
+        body = parent.add_body(name=thing.name, pos=thing.center_m, quat=yaw_quat(thing.yaw_rad))
+        if (row := thing.joint) is not None:
+            joint = body.add_joint(name=thing.name, type=_JOINTS[row.kind], axis=row.axis, pos=row.pivot_m)
+            joint.range, joint.limited = row.range, mujoco.mjtLimited.mjLIMITED_TRUE
+            joint.frictionloss, joint.damping = row.friction, [row.damping, 0.0, 0.0]
+        elif not thing.fixed:
+            body.add_freejoint(name=thing.name)
+        solid_m3 = sum(part.volume_m3 for part in thing.all_parts if part.solid)
+        for i, part in enumerate(thing.all_parts):
+            _add_part(body, thing, part, f"{thing.name}_{i}" if i else thing.name, solid_m3)
+        if thing.carrier:
+            # Between a body and its parent MuJoCo leaves contacts out anyway, but for a parent that is fixed.
+            spec.add_exclude(bodyname1=thing.carrier, bodyname2=thing.name)
+
+
+def _add_part(body: mujoco.MjsBody, thing: Thing, part: Part, name: str, solid_m3: float) -> None:
+    x, _, z = part.size_m / 2
+    size = part.size_m / 2 if part.shape == "box" else [x, z, 0.0]
+    geom = body.add_geom(name=name, type=_SHAPES[part.shape], size=size, pos=part.center_m, quat=part.quat_wxyz)
+    geom.rgba = thing.rgba if part.rgba is None else part.rgba
+    geom.friction = [thing.friction, 0.01, 0.0001]
+    geom.condim = 4
+    geom.mass = thing.mass_kg * part.volume_m3 / solid_m3 if part.solid else 0.0
+    if not part.solid:
+        geom.contype = geom.conaffinity = 0
+
+
+def _add_camera(spec: mujoco.MjSpec, camera: Camera) -> None:
+    body = spec.worldbody if not camera.body else spec.body(camera.body)
+    if body is None:
+        raise ConfigError(f"camera '{camera.name}': no body '{camera.body}'; bodies are named channel/body")
+    backward = camera.position_m - camera.target_m
+    backward = backward / np.linalg.norm(backward)
+    right = np.cross(camera.up, backward)
+    right /= np.linalg.norm(right)
+    rotation = np.column_stack([right, np.cross(backward, right), backward])
+    quat = np.empty(4)
+    mujoco.mju_mat2Quat(quat, rotation.ravel())
+    body.add_camera(name=camera.name, pos=camera.position_m, quat=quat, fovy=camera.fovy_deg)
+
+
+def _attach_arm(spec: mujoco.MjSpec, row: ArmPlacement, scene: Scene) -> None:
+    physics = Physics(friction_scale=scene.options.friction, armature_scale=scene.options.armature)
+    arm, gripper = profiles_of(row)
+    frame = spec.worldbody.add_frame(pos=row.position_m, quat=base_quat(row.yaw_rad, row.tilt_rad.tolist()))
+    spec.attach(build_spec(arm, gripper, physics=physics), prefix=f"{row.channel}/", frame=frame)
+    for i, motor in enumerate(arm.motors):
+        target = f"{row.channel}/joint{i + 1}"
+        limit = motor_type(motor.type).torque_max_nm
+        _add_servo(spec, f"{row.channel}/{motor.name}", target, mujoco.mjtTrn.mjTRN_JOINT, limit)
+        if row.role == "leader":
+            _add_servo(spec, f"{row.channel}/hand_{i + 1}", target, mujoco.mjtTrn.mjTRN_JOINT, HAND_TORQUE_NM)
+    if gripper.motor is not None:
+        target, coefficient = f"{row.channel}/gripper", gripper_stroke(row, gripper)[1]
+        tendon = spec.add_tendon(name=target)
+        for finger in gripper.finger_joints:
+            tendon.wrap_joint(f"{row.channel}/{finger}", coefficient)
+        limit = motor_type(gripper.motor.type).torque_max_nm
+        _add_servo(spec, f"{row.channel}/{gripper.motor.name}", target, mujoco.mjtTrn.mjTRN_TENDON, limit)
+
+
+def _add_servo(spec: mujoco.MjSpec, name: str, target: str, kind: mujoco.mjtTrn, limit_nm: float) -> None:
+    actuator = spec.add_actuator(name=name, target=target, trntype=kind, gainprm=[1.0] + [0.0] * 9)
+    actuator.gaintype, actuator.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
+    actuator.forcelimited, actuator.forcerange = True, [-limit_nm, limit_nm]
+
+
+def _add_scenery(spec: mujoco.MjSpec) -> None:
+    """Add sky, floor and lights. The floor stops things that fall off the table; the rest touches nothing."""
+    head = spec.visual.headlight
+    head.ambient, head.diffuse, head.specular = [0.38] * 3, [0.22] * 3, [0.05] * 3
+    spec.visual.map.znear = 0.01
+    sky = spec.add_texture(name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, width=32, height=192)
+    sky.builtin, sky.rgb1, sky.rgb2 = mujoco.mjtBuiltin.mjBUILTIN_GRADIENT, [0.80, 0.87, 0.94], [0.42, 0.53, 0.66]
+    floor = spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[4.0, 4.0, 0.1])
+    floor.pos = [0.0, 0.0, _FLOOR_Z_M]
+    floor.rgba = [0.50, 0.53, 0.56, 1.0]  # no texture: software OpenGL would take 40 % longer for a frame
+    for position, direction, level in (
+        ([0.8, 0.8, 2.0], [-0.35, -0.4, -1.0], 0.45),
+        ([-0.6, -1.0, 2.2], [0.3, 0.4, -1.0], 0.22),
+    ):
+        light = spec.worldbody.add_light(type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=position, dir=direction)
+        light.diffuse, light.specular = [level, 0.97 * level, 0.92 * level], [0.15] * 3
+        light.ambient, light.castshadow = [0.0] * 3, False
