@@ -12,9 +12,8 @@ import mujoco
 import numpy as np
 
 from lerobot_robot_yam.arm.model import Physics, base_quat, build_spec
-from lerobot_robot_yam.arm.mounting import mounted
+from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
-from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.scene.props import Part, Thing
@@ -60,8 +59,7 @@ def world_dtype(model: mujoco.MjModel) -> np.dtype:
 
 def profiles_of(row: ArmPlacement) -> tuple[ArmProfile, GripperProfile]:
     """The arm, and its end effector as it is on that arm."""
-    arm = load_arm(row.arm)
-    return arm, mounted(load_gripper(row.gripper), arm)
+    return resolve_profiles(row.arm, row.gripper)
 
 
 def gripper_stroke(row: ArmPlacement, gripper: GripperProfile) -> tuple[float, float]:
