@@ -151,7 +151,7 @@ class Actuation:
         pressed = self.gripper is not None and self.gripper.force_limited
         self._tell(self.impedance.follow(now, dt, q, dq, self.setpoint, gripper, holding, stopped, learns, fade))
         if pressed and self.gripper is not None and not self.gripper.force_limited:
-            # What it has pressed on is gone: it goes on at its own speed, not in one leap after the set-point.
+            # The object that it pressed on is gone: it goes on at its own speed, not in one leap after the set-point.
             self.setpoint.reseed(self.hardware.n - 1, float(self.q[-1]))
             self._tell(self.impedance.follow(now, 0.0, q, dq, self.setpoint, gripper, holding, stopped, learns, fade))
         if now - self._came_free_s < _TOLD_S:  # each new target tells anew what limits the arm

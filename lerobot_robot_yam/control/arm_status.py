@@ -1,4 +1,4 @@
-"""What one arm does and why: its mode, its trouble, and the orders that stand. The mode is written here only."""
+"""The status of one arm: its mode, its trouble, and the orders that stand. The mode is written here only."""
 
 from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode, check_transition

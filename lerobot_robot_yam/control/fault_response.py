@@ -1,4 +1,4 @@
-"""What an arm does in trouble, its own or the other arm's, and how it is re-armed; the table is `state.faults`."""
+"""The response of an arm to trouble, its own or the other arm's, and its re-arming. The table is `state.faults`."""
 
 import logging
 

@@ -7,13 +7,13 @@
     fade    stiffness and feed-forward to nothing under full damping; whatever is still unsupported sinks slowly
     still   wait until nothing moves; only then may torque be cut
 
-If both ways are barred the arm keeps holding and says so, and tries again; the third time it sinks slowly onto what is
-below it. An arm without one of the motors that carry it may never get there (a limp wrist stands in its way): it sinks
-onto what it has met on its way down.
+If both ways are barred the arm holds, says so and tries again. The third time it sinks slowly onto what is below it.
+An arm without one of the motors that carry it may never get there, since a limp wrist stands in its way. It sinks onto
+what it has met on its way down.
 
-An arm whose model is wrong hangs off its set-point. What the model may miss, because it is wrong by a load or a factor,
-is learnt then; what a weight cannot explain is an obstacle. A load that the model does not know makes the soft
-wrist sag; it is about to be lowered anyway, so that obstructs nothing.
+An arm whose model is wrong hangs off its set-point. A torque that a wrong load or factor explains is learnt then; any
+other torque means an obstacle. An unknown load makes the soft wrist sag. The wrist is lowered next, so that is no
+obstacle.
 
 An arm whose base is tilted, or whose resting pose is configured, does not lie there. From there it sinks to where it
 hangs or lies, and torque is cut when nothing moves any more.
@@ -39,7 +39,7 @@ _OPEN_RAD = 1.2  # elbow with which the tool is highest while the upper arm lies
 _AT_POSE_RAD = 0.06
 _STUCK_RAD = 0.25  # set-point this far ahead of the arm: something is in the way
 _CONTACT_RAD = 0.12
-_SAG_NM = 5.0  # of the wrist's stiffness: 2 kg at 0.25 m. What takes more is no load but something in its way
+_SAG_NM = 5.0  # of the wrist's stiffness: 2 kg at 0.25 m. More torque means an obstacle, not a load
 _STUCK_S = 0.5
 _RETRY_S = 3.0
 _LEARN_S = 2.0
@@ -293,7 +293,7 @@ class Landing:
         return least
 
     def _give_way(self, q: np.ndarray, usable: np.ndarray) -> None:
-        """The set-point goes to q, at rest, as far as anybody knows where that is."""
+        """Move the set-point to q, at rest, for joints whose place is known."""
         seed = self._setpoint.q.copy()
         seed[: self._n] = np.where(usable, q, seed[: self._n])
         self._setpoint.seed(seed)

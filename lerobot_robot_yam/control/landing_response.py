@@ -1,4 +1,4 @@
-"""When an arm lands, and what its landing ends in; the way down itself is in `landing`."""
+"""The response of an arm to a request to land, from its first tick until torque is cut; `landing` plans the way."""
 
 import logging
 import math

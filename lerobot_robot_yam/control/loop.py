@@ -185,7 +185,7 @@ class ControlLoop:
             self._ready = self._bring_up(on_ready)
 
     def _guard(self, controller: ArmController, work: Callable[..., None], *arguments: Any) -> None:
-        """Work on one arm. Whatever goes wrong, it must be commanded: an arm without commands falls."""
+        """Work on one arm. It must be commanded even if the work fails: an arm without commands falls."""
         try:
             work(controller, *arguments)
         except Exception as error:

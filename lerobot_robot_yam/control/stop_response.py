@@ -1,4 +1,4 @@
-"""The emergency stop of one arm: what it does while the stop is latched, and how it goes on after that."""
+"""The response of an arm to the emergency stop: it holds or floats while the stop is latched, then goes on."""
 
 import numpy as np
 

@@ -7,7 +7,7 @@ It works only while the set-point rests. When the set-point moves, or the arm fl
 knock. While the torque clip acts, or where the error is too large for sag (a hand holds the arm), it does not grow. A
 landing has another integral, for arms that hang off their set-point because their model is wrong.
 
-The deadband is what keeps it from hunting: against dry friction an integral without one creeps to and fro for ever.
+The deadband keeps it from hunting: against dry friction an integral without one creeps to and fro for ever.
 """
 
 import numpy as np

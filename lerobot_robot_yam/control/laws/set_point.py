@@ -1,9 +1,9 @@
 """The set-point: where the arm is asked to be at this tick, and how fast it is asked to move there.
 
 Callers send targets at 30–60 Hz; the loop runs at 250 Hz. Each new target is reached after about one caller period,
-in a straight line per joint, so the arm sees ramps and not steps, and the ramp's slope is given to the motors as dq*
-(without it, kd alone makes these gains lag by 60–150 ms). Speed and acceleration are limited always, the
-ends of the range are approached slowly, and nothing jumps.
+in a straight line per joint, so that the arm sees ramps and not steps. The motors get the ramp's slope as dq*: without
+it, kd alone makes these gains lag by 60–150 ms. Speed and acceleration are always limited, the ends of the range are
+approached slowly, and nothing jumps.
 
 Each tick plans one step. The motors are asked for the weighted mean of the last three plans, and for the acceleration
 across them. So position, speed and acceleration belong to one smooth motion. An acceleration that comes later than its

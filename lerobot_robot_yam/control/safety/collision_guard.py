@@ -1,13 +1,13 @@
 """Keeps the set-points of all arms of a control loop clear of each other, of keep-out boxes and of the floor.
 
-A set-point cannot stop at once. What is judged is therefore where it would come to rest if it braked after the step,
-all joints in proportion, so that it keeps its direction:
+A set-point cannot stop at once. Therefore the guard judges where it would come to rest if it braked after the step, all
+joints in proportion, so that it keeps its direction:
 
     q_rest = q + dq T / 2        T = max |dq_j| / a_j
 
 The step and the way to its resting place are one straight line, and `clearance` judges all of it. As long as every
-step that was taken has a way to rest without conflict, there is always something to fall back on: to brake. What is
-done about a conflict is tried in this order, each proposal judged like the step itself:
+step that was taken has a way to rest without conflict, braking is always possible. In a conflict the guard tries these
+proposals in order, and judges each like the step itself:
 
     1. the step as wanted
     2. the joints that bring the parts together are slowed, just as far as the limit demands; the others go on
