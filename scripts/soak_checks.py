@@ -11,7 +11,7 @@ from soak_seeds import Seed
 
 from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.control.landing import LANDING_SPEED_RAD_S
-from lerobot_robot_yam.state.faults import POLICY, Response, Trouble
+from lerobot_robot_yam.state.faults import RESPONSES, Response, Trouble
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 
@@ -225,7 +225,7 @@ class SetPointCheck:
 
 
 class PolicyCheck:
-    """An arm in trouble, and the other arm of its robot, do what `policy.POLICY` says.
+    """An arm in trouble, and the other arm of its robot, do what `faults.RESPONSES` says.
 
     Args:
         peers: the other arm of the same robot, by channel.
@@ -257,7 +257,7 @@ class PolicyCheck:
                 news = trouble
                 self.outcomes[(trouble, mode.name)] += 1
                 found += _judge_arm(channel, trouble, mode, now)
-        if trouble is None or POLICY[trouble].peer is not Response.HOLD or channel in self._told or peer is None:
+        if trouble is None or RESPONSES[trouble].peer is not Response.HOLD or channel in self._told or peer is None:
             return found, news
         there = mode_of(peer)
         if now - self._since[channel] > _PEER_S and there in MOVES and float(peer["stamp_s"]) > now - _TICK_S:
@@ -278,7 +278,7 @@ def _judge_arm(channel: str, trouble: Trouble, mode: Mode, now: float) -> list[F
         Response.HOLD: {Mode.FAULT},
         Response.LOST: {Mode.FAULT},
         Response.LAND: {Mode.LAND, Mode.OFF, Mode.STOPPED},
-    }.get(POLICY[trouble].arm, set())
+    }.get(RESPONSES[trouble].arm, set())
     if mode in expected | {Mode.LAND, Mode.OFF}:  # an arm that lands already goes on
         return []
     return [Finding("the arm as the policy says", now, channel, f"{trouble}: it is in {mode.name}")]

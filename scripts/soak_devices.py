@@ -16,7 +16,7 @@ from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.face.devices.follower_options import FollowerArmConfig
-from lerobot_robot_yam.state.faults import POLICY, Trouble
+from lerobot_robot_yam.state.faults import RESPONSES, Trouble
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE, Limited, channel_key, state_path
 from lerobot_robot_yam.system.shared_block import SharedBlock
@@ -117,7 +117,7 @@ class Device:
             if record is None:
                 return "reconnect"
             mode, text = Mode(int(record["mode"])), bytes(record["trouble"]).rstrip(b"\0").decode()
-            if mode in (Mode.OFF, Mode.OFFLINE, Mode.LAND) or (text and not POLICY[Trouble(text)].in_place):
+            if mode in (Mode.OFF, Mode.OFFLINE, Mode.LAND) or (text and not RESPONSES[Trouble(text)].in_place):
                 return "reconnect"
             if text or mode is Mode.FAULT or Limited(int(record["limited"])) & Limited.PEER:
                 remedy = "re-arm"

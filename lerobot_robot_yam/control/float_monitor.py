@@ -1,67 +1,139 @@
-"""Whether an arm may be let float, and whether one that floats runs away: what of it is above the laws, in words."""
+"""Whether an arm may float, and whether one that floats runs away.
+
+An arm may float if it would stay where it is: the torque r that holds it, beyond its model's, is friction.
+
+    r = tau − w,  w = gravity model · gravity factor
+
+While floating, the motors give w and nothing holds the arm against r any more, but friction. An arm that lies needs
+less than its model says, but nothing presses it down either: its motors give w, r is 0, and it may float. Where w is
+too much they must pull it down, and r shows it.
+"""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.control.impedance import Motion
-from lerobot_robot_yam.control.joint_interface import ArmDrive
-from lerobot_robot_yam.control.laws.gravity_balance import CHECK, Balance
-from lerobot_robot_yam.control.laws.set_point import SetPoint
+from lerobot_robot_yam.control.impedance import Impedance
+from lerobot_robot_yam.control.joint_interface import JointInterface
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import LifeCycleError
 
 _PATIENCE_S = 2.0  # for a hand that has held the arm up so far to let it go
 _AT_STOP_RAD = 0.05  # zeros and stops of real arms are off by a few hundredths
+_STILL_RAD_S = 0.15
+_KNOWN_S = 0.2  # of standing still: what is left of the jerk of coming to rest
+_SMOOTH_S = 0.06
+_WRONG_SHARE = 0.2  # of w; real arms are 10 to 20 % off their models (vendor's gravity factors: 1.0 … 1.2)
+_WRONG_NM = 0.02  # of the motor's range, 0.56 Nm of a DM4340: twice the friction that the vendor compensates
+CHECK = "check payload_mass_kg, gravity_factor, arm, gripper and base_tilt_rad"
 
 
-class Floating:
-    """One arm's. Ask `watch` once per tick, then what is to be known.
+class GravityBalance:
+    """Compares the torques of n joints. Ask once per tick while the arm is held, `reset` when it is not.
 
     Args:
-        drive, motion, hardware: of the arm.
+        names: of the joints.
+        range_nm: (n,) torque range of their motors.
     """
 
-    def __init__(self, drive: ArmDrive, motion: Motion, hardware: ResolvedArm):
+    def __init__(self, names: Sequence[str], range_nm: np.ndarray):
+        self._names = tuple(names)
+        self._least = _WRONG_NM * np.asarray(range_nm, dtype=float)
+        self._still_since = math.inf
+        self._before = -math.inf
+        self._wrong: np.ndarray = np.zeros(len(self._names))
+        self._weight: np.ndarray = np.zeros(len(self._names))
+
+    def reset(self) -> None:
+        """The arm is not held any more, or not by all its motors."""
+        self._still_since = math.inf
+
+    def advance(self, now: float, tau_nm: np.ndarray, weight_nm: np.ndarray, dq: np.ndarray) -> None:
+        """One tick of an arm that is held.
+
+        Args:
+            now: s.
+            tau_nm, weight_nm: (n,) measured torque, and w.
+            dq: (n,) rad/s.
+        """
+        dt, self._before = now - self._before, now
+        if np.abs(dq).max(initial=0.0) > _STILL_RAD_S:
+            self._still_since = math.inf
+            return
+        if self._still_since == math.inf:
+            self._still_since = now
+            self._wrong = tau_nm - weight_nm
+        self._wrong += (tau_nm - weight_nm - self._wrong) * min(dt / _SMOOTH_S, 1.0)
+        self._weight = weight_nm
+
+    def verdict(self, now: float, unknown: np.ndarray | None = None) -> str | None:
+        """Names the joints that would run away; "" when the arm may float, None while that is unknown.
+
+        Args:
+            now: s.
+            unknown: (n,) rad, direction in which a stop may hold the joint, 0 where none does: not judged.
+        """
+        if not now - self._still_since > _KNOWN_S:
+            return None
+        wrong, weight = self._wrong, self._weight
+        if unknown is not None:
+            wrong = np.where(wrong * unknown > 0.0, 0.0, wrong)
+        beyond = np.abs(wrong) - self._least - _WRONG_SHARE * np.abs(weight)
+        worst = int(beyond.argmax())
+        if beyond[worst] <= 0.0:
+            return ""
+        parts = [
+            f"{self._names[i]} is held with {weight[i] + wrong[i]:.1f} Nm where the model says {weight[i]:.1f}"
+            for i in np.flatnonzero(beyond > 0.0)
+        ]
+        return f"{', '.join(parts)}, and would run away; {CHECK}, and let go of the arm"
+
+
+class FloatMonitor:
+    """Monitors one arm. Call `watch` once per tick, before the other methods.
+
+    Args:
+        interface, impedance, hardware: of the arm.
+    """
+
+    def __init__(self, interface: JointInterface, impedance: Impedance, hardware: ResolvedArm):
         joints = hardware.motors[: hardware.joints]
-        self._drive, self._motion, self._hardware = drive, motion, hardware
+        self._interface, self._impedance, self._hardware = interface, impedance, hardware
         self._j = slice(hardware.joints)
         self._names = [motor.name for motor in joints]
-        self._balance = Balance(self._names, np.array([motor_type(motor.type).torque_max_nm for motor in joints]))
+        self._balance = GravityBalance(
+            self._names, np.array([motor_type(motor.type).torque_max_nm for motor in joints])
+        )
         self._now = -math.inf
         self._awaited_since: float | None = None
 
     def watch(self, now: float, held: bool, afloat: bool) -> str:
-        """One tick of an arm that is held, by all its motors, or floats, or neither.
+        """One tick of an arm that is `held` by all its motors, or `afloat`, or neither.
 
         Returns:
-            What runs away, empty when nothing does.
+            A message that names the joint that runs away; empty when none does.
         """
         self._now = now
-        dq = self._drive.dq[self._j]
+        dq = self._interface.dq[self._j]
         if held and self._names:
-            self._balance.advance(now, self._drive.tau[self._j], self._motion.weight_nm, dq)
+            self._balance.advance(now, self._interface.tau[self._j], self._impedance.weight_nm, dq)
         else:
             self._balance.reset()
-        joint = self._motion.float_speed.runs_away if afloat else None
-        if joint is None or not self._motion.carries(self._drive.q[self._j], joint):  # a shove drives it
+        joint = self._impedance.float_speed.runs_away if afloat else None
+        if joint is None or not self._impedance.carries(self._interface.q[self._j], joint):  # a shove drives it
             return ""
         return (
             f"{self._names[joint]} goes on at {dq[joint]:.1f} rad/s though it is damped, and is held now; {CHECK}. "
             "If a hand was so fast, raise float_speed_rad_s"
         )
 
-    def brake(self, setpoint: SetPoint) -> None:
-        """What runs away is braked from its own speed, within the limit: to stop at once would throw it."""
-        most = setpoint.speed_limit[self._j]
-        setpoint.dq[self._j] = np.minimum(np.maximum(self._drive.dq[self._j], -most), most)
-
     def settled(self) -> str | None:
         """Why an arm that has just been energised, and holds where it was, does not float; "" when it may.
 
-        None: nobody knows yet, ask again at the next tick. A hand may hold the arm up still, and let go of it soon; one
-        that moves it all the time has it.
+        None: not known yet, ask again at the next tick. A hand may still hold the arm up, and let go of it soon. A hand
+        that moves the arm all the time holds it.
         """
         if self._awaited_since is None:
             self._awaited_since = self._now
@@ -81,7 +153,7 @@ class Floating:
         """
         if not self._names:
             return
-        hw, q = self._hardware, self._drive.q[self._j]
+        hw, q = self._hardware, self._interface.q[self._j]
         at_stop = (q > hw.upper[self._j] - _AT_STOP_RAD).astype(float) - (q < hw.lower[self._j] + _AT_STOP_RAD)
         wrong = self._balance.verdict(self._now, at_stop)
         if wrong:

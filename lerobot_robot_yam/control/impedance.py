@@ -1,4 +1,4 @@
-"""From set-point and measured state to this tick's MIT commands: feed-forward, laws, clips. No life cycle, no clock."""
+"""The impedance of one arm: from set-point and measured state to MIT commands, without life cycle or clock."""
 
 import numpy as np
 
@@ -6,9 +6,9 @@ from lerobot_robot_yam.arm.config_checks import PAYLOAD_MOST_KG
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.control.gripper.gripper import GripperAxis
+from lerobot_robot_yam.control.gripper.gripper import Gripper
 from lerobot_robot_yam.control.laws import mit_laws
-from lerobot_robot_yam.control.laws.float_damping import FloatSpeed
+from lerobot_robot_yam.control.laws.float_damping import FloatDamping
 from lerobot_robot_yam.control.laws.hold_integral import HoldIntegral
 from lerobot_robot_yam.control.laws.set_point import SetPoint
 from lerobot_robot_yam.state.faults import MOST_RAD_S2
@@ -23,7 +23,7 @@ _LEAST_SHARE = 0.2  # of the acceleration: a set-point must always be able to br
 _AHEAD_TICKS = 1.5  # from a sample to the middle of the tick during which its command holds
 
 
-class Motion:
+class Impedance:
     """Commands of one arm, (n, 5) in joint coordinates.
 
     Args:
@@ -41,7 +41,7 @@ class Motion:
         self,
         hardware: ResolvedArm,
         gravity: GravityModel | None,
-        gripper: GripperAxis | None,
+        gripper: Gripper | None,
         hold_integral: bool,
         float_speed_rad_s: float,
     ):
@@ -50,7 +50,7 @@ class Motion:
         self.kp, self.kd = hardware.kp.copy(), hardware.kd.copy()
         self.own_gains = True  # and not those of a target
         self._integral = HoldIntegral.for_stiffness(hardware.kp[: hardware.joints]) if hold_integral else None
-        self._landing: HoldIntegral | None = None  # what gravity models miss of an arm that lands
+        self._landing: HoldIntegral | None = None  # torque that the gravity model misses while landing
         self._rubs = bool(hardware.coulomb_nm.any())
         self._clipped = False
         # Nothing is sent beyond: the gripper keeps its own stops.
@@ -58,7 +58,7 @@ class Motion:
         self._lower, self._upper = hardware.lower - beyond, hardware.upper + beyond
         self.before = np.full(hardware.n, np.nan), np.full(hardware.n, np.nan)  # q, dq of the sample before
         self.weight_nm: np.ndarray = np.zeros(hardware.joints)
-        self.float_speed = FloatSpeed(float_speed_rad_s, hardware.joints)
+        self.float_speed = FloatDamping(float_speed_rad_s, hardware.joints)
 
     def gains(self, kp: np.ndarray | None = None, kd: np.ndarray | None = None) -> None:
         """Use these gains (n,) from now on; NaN or None means as configured."""
@@ -69,7 +69,7 @@ class Motion:
 
     @property
     def sag_nm(self) -> np.ndarray:
-        """(joints,) with which it carries what gravity models miss."""
+        """(joints,) Nm with which it carries what the gravity model misses."""
         zero = np.zeros(self._hardware.joints)
         return sum((part.tau for part in (self._integral, self._landing) if part is not None), zero)
 
@@ -133,7 +133,7 @@ class Motion:
             now, dt: s.
             q, dq: (n,) of the motors, gripper in rad.
             gripper: measured rate and torque of the gripper, strokes/s and Nm.
-            holding: the arm holds, with all its motors; nobody gives targets.
+            holding: the arm holds, with all its motors; no targets come.
             stopped: the emergency stop is latched: what is made up for sag stays, since more of it would move the arm.
             learns: the arm lands and hangs off its set-point: the model is wrong, and what it misses is learnt.
             fade: (joints,) shares of stiffness with feed-forward, and of the landing's damping, that are left while

@@ -1,5 +1,7 @@
-"""The motors of one arm as joints: bring-up checks, commands out, positions in. No life cycle, no laws."""
+"""Motors and teaching handle of one arm as joints: bring-up checks, commands out, positions in. No laws."""
 
+import logging
+import math
 from collections.abc import Callable, Iterable, Sequence
 
 import can
@@ -8,11 +10,11 @@ import numpy as np
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.joint_map import JointMap, resolve_turn
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.control.gripper.gripper import GripperAxis
+from lerobot_robot_yam.control.gripper.gripper import Gripper
 from lerobot_robot_yam.control.laws import mit_laws
 from lerobot_robot_yam.control.preflight import arm_inspection
-from lerobot_robot_yam.control.safety.channel_monitor import Finding, MotorWatch
-from lerobot_robot_yam.control.safety.thermal_monitor import HeatWatch, trips_c
+from lerobot_robot_yam.control.safety.channel_monitor import ChannelMonitor, Finding
+from lerobot_robot_yam.control.safety.thermal_monitor import ThermalMonitor, trips_c
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.encoder import HandleEncoder
@@ -22,15 +24,18 @@ from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import MotorError, YamError
 from lerobot_robot_yam.state.faults import SILENT_S
 
-_ANSWER_S = 0.006  # motors answer within a few ms, and meanwhile nobody commands the other arm
+logger = logging.getLogger(__name__)
+
+_ANSWER_S = 0.006  # motors answer within a few ms, and the other arm gets no commands until then
 _ASK_AGAIN = 5  # a question or its answer may get lost
-_REARM_ATTEMPTS = 2  # of seven motors 27 ms each, and the loop must not seem to hang
-_SOON_S = 0.02  # where nobody is waiting
-_OFF_S = 0.01  # three times; meanwhile nobody commands the other arm
-_PUSHED_RAD = 0.5  # what a hand or a load can have pushed a joint away that held its set-point
+_REARM_ATTEMPTS = 2  # 27 ms each for seven motors, and the loop must not seem to hang
+_SOON_S = 0.02  # where no loop waits
+_OFF_S = 0.01  # three times, during which the other arm gets no commands
+_HANDLE_SILENT_S = 0.25
+_PUSHED_RAD = 0.5  # a hand or a load can push a joint this far from a set-point that it holds
 
 
-class ArmDrive:
+class JointInterface:
     """Motors of one channel in joint coordinates, n motors, the gripper's last.
 
     Args:
@@ -47,22 +52,21 @@ class ArmDrive:
     def __init__(self, config: ArmConfig, hardware: ResolvedArm, bus: can.BusABC):
         self._config, self._hardware, self._bus = config, hardware, bus
         hw, n = hardware, hardware.n
-        self.encoder = HandleEncoder() if hw.gripper.handle_encoder else None
-        self.chain = MotorChain(bus, hw.motors, channel=config.channel, encoder=self.encoder)
+        self._encoder = HandleEncoder() if hw.gripper.handle_encoder else None
+        self.chain = MotorChain(bus, hw.motors, channel=config.channel, encoder=self._encoder)
         self.gripper = None
         if hw.has_gripper:
-            self.gripper = GripperAxis(config, hw.gripper, float(hw.kp[-1]), float(hw.kd[-1]))
+            self.gripper = Gripper(config, hw.gripper, float(hw.kp[-1]), float(hw.kd[-1]))
         self._quantiser = Quantiser([motor.type for motor in hw.motors])
         self._map = JointMap(hw.direction, np.zeros(n))
-        self._watch = MotorWatch(self.chain)
-        self.heat: HeatWatch | None = None  # known after `inspect`
+        self._watch = ChannelMonitor(self.chain)
+        self.heat: ThermalMonitor | None = None  # known after `inspect`
         self.q, self.dq, self.tau = np.zeros(n), np.zeros(n), np.zeros(n)
         self.motor_q, self.motor_dq = np.zeros(n), np.zeros(n)
         self.before = np.full(n, np.nan), np.full(n, np.nan)
         self.sent = np.zeros((n, 5))  # in joint coordinates
         self.meanwhile: Callable[[], None] = lambda: None
-        self._packed: list[bytes] = []
-        self._packed_of = b""
+        self._handle_silent = False
 
     @property
     def offset_rad(self) -> np.ndarray:
@@ -70,7 +74,7 @@ class ArmDrive:
         return self._map.offset_rad
 
     def inspect(self) -> None:
-        """Is everything there and as configured? Sends no command that moves or energises anything.
+        """Check that everything is there and as configured. Sends no command that moves or energises anything.
 
         Raises:
             YamError: names the part that is not.
@@ -82,7 +86,7 @@ class ArmDrive:
             (self.gripper.begin if self._config.gripper_search else self.gripper.begin_if_known)()
         self.read()
         ot_value_c = [self.chain.read_register(i, Register.OT_VALUE) for i in range(len(self.chain))]
-        self.heat = HeatWatch(self._config.name, *trips_c(ot_value_c), [m.name for m in self.chain.motors])
+        self.heat = ThermalMonitor(self._config.name, *trips_c(ot_value_c), [m.name for m in self.chain.motors])
         arm_inspection.clear_stale_faults(self._config, self.chain)
 
     def adopt(self, record: np.ndarray) -> None:
@@ -137,40 +141,37 @@ class ArmDrive:
     def clear_and_enable(self, motors: Sequence[int]) -> list[int]:
         """Believe these motors again, clear the faults of those that have one, and enable them: without torque.
 
-        Nothing is sent to one that has not been heard for long: it may still hold its joint. Returns the others.
+        Nothing is sent to a silent motor: it may still hold its joint. Returns the others.
 
         Raises:
             MotorError: one is where its joint cannot be. Those that were enabled are disabled again; one that had kept
                 its torque keeps it, and is not believed.
         """
-        with self.chain.in_haste():
-            return self._clear_and_enable(motors)
-
-    def _clear_and_enable(self, motors: Sequence[int]) -> list[int]:
         chain, believed_rad = self.chain, self.chain.position_rad
-        chain.feedback.restart(motors)
-        asked_s = chain.clock.now()
-        for _ in range(_ASK_AGAIN):
-            if (chain.stamp_s[motors] > asked_s).all():
-                break
-            chain.refresh(_ANSWER_S)
+        with chain.in_haste():
+            chain.feedback.restart(motors)
+            asked_s = chain.clock.now()
+            for _ in range(_ASK_AGAIN):
+                if (chain.stamp_s[motors] > asked_s).all():
+                    break
+                chain.refresh(_ANSWER_S)
+                self.meanwhile()
+            silence_s = chain.silence_s(chain.clock.now())
+            heard = [i for i in motors if silence_s[i] < SILENT_S]
+            off = [i for i in heard if chain.fault[i] != Fault.NORMAL]
+            chain.special(SpecialCommand.CLEAR, _ANSWER_S, off)
             self.meanwhile()
-        silence_s = chain.silence_s(chain.clock.now())
-        heard = [i for i in motors if silence_s[i] < SILENT_S]
-        off = [i for i in heard if chain.fault[i] != Fault.NORMAL]
-        chain.special(SpecialCommand.CLEAR, _ANSWER_S, off)
-        self.meanwhile()
-        self._enable(off, _ANSWER_S, _REARM_ATTEMPTS, self.meanwhile)
-        self.read()
-        try:
-            self._resolve([i for i in off if i < self._hardware.joints])  # without power it forgets its turn
-            kept = [i for i in heard if i not in off and i < self._hardware.joints]  # with power it does not
-            self._compare(kept, believed_rad)
-        except YamError:
-            chain.special(SpecialCommand.DISABLE, _ANSWER_S, off)
-            raise
-        self.read()
-        return heard
+            self._enable(off, _ANSWER_S, _REARM_ATTEMPTS, self.meanwhile)
+            self.read()
+            try:
+                self._resolve([i for i in off if i < self._hardware.joints])  # without power it forgets its turn
+                kept = [i for i in heard if i not in off and i < self._hardware.joints]  # with power it does not
+                self._compare(kept, believed_rad)
+            except YamError:
+                chain.special(SpecialCommand.DISABLE, _ANSWER_S, off)
+                raise
+            self.read()
+            return heard
 
     def _compare(self, joints: Sequence[int], believed_rad: np.ndarray) -> None:
         """
@@ -204,17 +205,6 @@ class ArmDrive:
                     break
         return [self.chain.motors[i].name for i in np.flatnonzero(self.chain.fault == Fault.NORMAL)]
 
-    def pack(self, commands: np.ndarray) -> None:
-        """Have the frames of commands (n, 5) ready: to make them takes longer than to send them, and may be early.
-
-        Raises:
-            ActionError: they are not finite.
-        """
-        made_of = commands.tobytes() + self._map.offset_rad.tobytes()
-        if made_of != self._packed_of:
-            self._packed = self.chain.pack(self._quantiser.compensate(self._map.commands(commands)))
-            self._packed_of = made_of
-
     def send(self, commands: np.ndarray) -> None:
         """Put commands (n, 5) on the wire.
 
@@ -222,8 +212,7 @@ class ArmDrive:
             BusError: the channel does not take them.
             ActionError: they are not finite.
         """
-        self.pack(commands)
-        self.chain.send_packed(self._packed)
+        self.chain.send(self._quantiser.compensate(self._map.commands(commands)))
         self.sent[:] = commands
 
     def check(self, now: float) -> Finding:
@@ -253,6 +242,21 @@ class ArmDrive:
         self.q, self.dq = self.motor_q.copy(), self.motor_dq.copy()
         if self.gripper is not None:
             self.q[-1], self.dq[-1] = self.gripper.normalised(float(self.motor_q[-1]), float(self.motor_dq[-1]))
+
+    def read_handle(self, now: float) -> tuple[float, tuple[bool, bool], float]:
+        """Trigger 0 … 1 (NaN without a handle or while it is silent), buttons, stamp of the newest report, s.
+
+        A silent handle is logged once, and never reads as zero.
+        """
+        encoder = self._encoder
+        if encoder is None:
+            return math.nan, (False, False), -math.inf
+        before, self._handle_silent = self._handle_silent, now - encoder.stamp_s > _HANDLE_SILENT_S
+        if not self._handle_silent:
+            return encoder.report.trigger, encoder.report.buttons, encoder.stamp_s
+        if not before:
+            logger.warning("%s: the teaching handle is silent; its trigger and buttons are unknown", self._config.name)
+        return math.nan, (False, False), encoder.stamp_s
 
     def _resolve(self, joints: Sequence[int]) -> None:
         arm = self._hardware.arm

@@ -12,10 +12,10 @@ below it. An arm without one of the motors that carry it may never get there (a 
 onto what it has met on its way down.
 
 An arm whose model is wrong hangs off its set-point. What the model may miss, because it is wrong by a load or a factor,
-is learnt then; what a weight cannot explain is an obstacle. A load that nobody has told the model of makes the soft
+is learnt then; what a weight cannot explain is an obstacle. A load that the model does not know makes the soft
 wrist sag; it is about to be lowered anyway, so that obstructs nothing.
 
-An arm whose base is tilted, or that has a resting pose of its own, does not lie there. From there it sinks to where it
+An arm whose base is tilted, or whose resting pose is configured, does not lie there. From there it sinks to where it
 hangs or lies, and torque is cut when nothing moves any more.
 """
 
@@ -134,7 +134,7 @@ class Landing:
         self._start(now)
         target = self._setpoint.q.copy()
         target[: self._n] = goal
-        self._setpoint.aim(target, now)
+        self._setpoint.set_target(target, now)
 
     @property
     def fade(self) -> tuple[np.ndarray, np.ndarray] | None:
@@ -164,7 +164,7 @@ class Landing:
         if self.phase is Phase.FOLD:
             way = self._setpoint.target[: self._n] - self._setpoint.q[: self._n]  # a base beyond its limit comes inside
             if np.abs(way).max() < _SOFT_RAD:
-                self._setpoint.acceleration_limit[: self._n] = _SOFT_RAD_S2
+                self._setpoint.limit_acceleration(np.full(self._n, _SOFT_RAD_S2))
             wrist = self._roles.wrist
             if wrist is not None and 0.0 < self._up * (self._setpoint.q[wrist] - q[wrist]) < self._sag_rad:
                 error[wrist] = 0.0
@@ -226,7 +226,7 @@ class Landing:
             self._goes_round = True
             logger.warning("%s: on its way down %s; it goes round, over the top", self._arm, reason)
             self._go(over, now)
-        elif out and self._way:  # what bars the way up carries nothing
+        elif out and self._way:  # an obstacle to the way up carries nothing
             self._go([self._fold], now)
         elif out:
             logger.warning("%s: %s, and %s is out; it sinks where it is", self._arm, reason, ", ".join(out))
@@ -250,7 +250,7 @@ class Landing:
         return [f"joint_{joint + 1}" for joint in carriers if self._out[joint]]
 
     def _over_the_top(self) -> list[np.ndarray]:
-        """Poses on the way over what is in the way; none for an arm without shoulder or elbow."""
+        """Poses on the way over an obstacle; empty for an arm without shoulder or elbow."""
         _, shoulder, elbow, wrist = self._roles
         if shoulder is None or elbow is None:
             return []
@@ -274,7 +274,7 @@ class Landing:
         self._begin_move(first, now)
 
     def _start(self, now: float) -> None:
-        self._setpoint.speed_limit[: self._n] = self._speed * np.clip((now - self._since) / _RAMP_S, 0.1, 1.0)
+        self._setpoint.limit_speed(self._speed * np.clip((now - self._since) / _RAMP_S, 0.1, 1.0))
 
     def _enter(self, phase: Phase, now: float) -> None:
         self.phase, self._since, self._stuck_since = phase, now, None

@@ -18,7 +18,7 @@ from lerobot_robot_yam.control.safety.collision_guard import WorkspaceGuard
 from lerobot_robot_yam.control.state_publisher import ControllerBlocks
 from lerobot_robot_yam.errors import BusError, LifeCycleError, MotorError
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
-from lerobot_robot_yam.state.faults import POLICY, Response
+from lerobot_robot_yam.state.faults import RESPONSES, Response
 from lerobot_robot_yam.state.modes import ENERGISED, Mode
 
 logger = logging.getLogger(__name__)
@@ -26,10 +26,9 @@ logger = logging.getLogger(__name__)
 _STRAGGLER_S, _STRAGGLER_MOST_S = 0.0008, 0.002  # how long beyond the expected wire time a reply is waited for
 _MOMENT_S = 0.0004  # for the replies, where this process woke up so late that their time is over
 _EARLY_S = 0.0002  # before the wire is through: what has come is decoded while the last frames travel
-_WAKE_UP_S = 0.00006  # what a sleep takes longer than asked, typically
-_ENDED = (Mode.OFF, Mode.OFFLINE)
-_LAWS_S = 0.0008  # states, laws and packing of two arms take half of it where nothing else runs
-_BREATH_S = 0.0001  # for the rest of the computer: a real-time process that never sleeps is stopped for 50 ms at a time
+_WAKE_UP_S = 0.00006  # a sleep takes this much longer than asked, typically
+_LAWS_S = 0.0008  # states and laws of two arms take half of it where nothing else runs
+_BREATH_S = 0.0001  # for other processes: the kernel stops a real-time process that never sleeps for 50 ms at a time
 _MOST_DT_S = 0.012  # after a pause the set-points go on from where they were, not in one leap
 _STOPPED_EARLY = (
     "the emergency stop was latched while the arms came up; they land when it is released: look at them, then "
@@ -45,7 +44,7 @@ class ControlLoop:
         controllers: inspected, not yet energised.
         blocks: in the same order.
         rate_hz: ticks per second; 0 runs as fast as the wire allows.
-        workspace: of arms that are to be driven; what only lands them needs none.
+        workspace: keeps driven arms clear; a loop that only lands them needs no guard.
         stop: the emergency stop that it heeds; None: this user's.
     """
 
@@ -60,20 +59,20 @@ class ControlLoop:
         self._controllers = controllers
         self._blocks = blocks
         self._period_s = 1.0 / rate_hz if rate_hz > 0 else 0.0
-        self._wire_s = max(c.chain.expected_wire_s for c in controllers)
+        self._wire_s = max(c.actuation.chain.expected_wire_s for c in controllers)
         self.statistics = LoopStatistics(self._period_s)
         self._stop = stop or EmergencyStop()
         self._workspace = workspace
-        self._clock = controllers[0].chain.clock
+        self._clock = controllers[0].actuation.chain.clock
         self._failure = ""  # of the bring-up
-        self._ready = True  # no arm is coming up; who takes arms over never has one that is
+        self._ready = True  # no arm is coming up, as in a stand-by
         self._tick = 0
         self._last = 0.0  # when the laws were asked last
         for controller in controllers:
-            controller.drive.meanwhile = functools.partial(self._hold_others, controller)
+            controller.actuation.interface.meanwhile = functools.partial(self._hold_others, controller)
 
     def start(self) -> None:
-        """Energise every arm, or none.
+        """Energise every arm, or leave all of them limp.
 
         Raises:
             YamError: names what failed.
@@ -82,33 +81,33 @@ class ControlLoop:
         begun: list[tuple[ArmController, ControllerBlocks]] = []
 
         def meanwhile() -> None:
-            """Those that are up are held, and a stand-by knows of them and of the next one, however long it takes."""
+            """Hold the arms that are up, and tell a stand-by of them and of the next one, however long it takes."""
             self._tick += 1
             refuse_stopped(begun[-1][0].name, self._stop)
             for controller, blocks in begun:
                 if controller.mode is Mode.BRING_UP:
-                    controller.send()
+                    controller.actuation.send()
                 blocks.publish(self._clock.now(), self._tick, Mode.BRING_UP)
 
         try:
             for controller, blocks in zip(self._controllers, self._blocks, strict=True):
-                controller.setpoint.seed(controller.q)
+                controller.actuation.setpoint.seed(controller.actuation.q)
                 begun.append((controller, blocks))
                 meanwhile()
-                controller.energise(meanwhile)
+                controller.bring_up.energise(meanwhile)
         except BaseException:
             for controller, blocks in begun:  # they were limp a moment ago and have not moved
-                controller.abandon()
+                controller.bring_up.abandon()
                 blocks.publish(self._clock.now(), self._tick)
             raise
 
     def _hold_others(self, waiting: ArmController) -> None:
-        """While one arm waits for its motors the others keep their commands, and a stand-by sees the loop live."""
+        """While one arm waits for its motors, command the others and show a stand-by that the loop lives."""
         self._tick += 1
         for controller, blocks in zip(self._controllers, self._blocks, strict=True):
             if controller is not waiting and controller.mode in ENERGISED:
                 with contextlib.suppress(BusError):  # the next tick will see it
-                    controller.send()
+                    controller.actuation.send()
             blocks.beat(self._tick)
 
     def run(
@@ -142,14 +141,14 @@ class ControlLoop:
             landing = landing or bool(self._failure) or must_land()
             if landing:
                 for controller in self._controllers:
-                    controller.end(now)
+                    controller.landing.end(now)
             if not all(blocks.owned for blocks in self._blocks):
                 raise LifeCycleError("another process has taken the arms over; this one leaves them alone")
-            self._send_all(now)
+            self._send_all()
             patient_until = self._patience(clock.now() + self._wire_s, deadline + self._period_s)
             self._await_wire(now)
             self._think(on_ready, max(patient_until, clock.now() + _MOMENT_S))
-            if all(controller.mode in _ENDED for controller in self._controllers):
+            if all(controller.status.ended for controller in self._controllers):
                 if self._failure:
                     raise MotorError(self._failure)
                 return
@@ -186,20 +185,20 @@ class ControlLoop:
             self._ready = self._bring_up(on_ready)
 
     def _guard(self, controller: ArmController, work: Callable[..., None], *arguments: Any) -> None:
-        """Whatever goes wrong with an arm: one that nobody commands falls."""
+        """Work on one arm. Whatever goes wrong, it must be commanded: an arm without commands falls."""
         try:
             work(controller, *arguments)
         except Exception as error:
-            controller.fail(error)
+            controller.faults.fail(error)
 
     def _tell_peers(self) -> None:
-        """The other arms answer trouble as the policy says."""
+        """Have the other arms answer an arm's trouble as the fault table says."""
         for controller in self._controllers:
-            trouble = controller.take_news()
-            if trouble is not None and POLICY[trouble].peer is Response.HOLD:
+            trouble = controller.faults.take_news()
+            if trouble is not None and RESPONSES[trouble].peer is Response.HOLD:
                 for peer in self._controllers:
                     if peer is not controller:
-                        peer.halt(f"{controller.name} is in trouble: {trouble}")
+                        peer.faults.halt(f"{controller.name} is in trouble: {trouble}")
 
     def _stopped(self, now: float) -> bool:
         """Whether the emergency stop is latched; a handle's button and an effort limit latch it."""
@@ -212,27 +211,27 @@ class ControlLoop:
                     logger.critical("emergency stop, until you connect again: %s (%s)", reason, error)
         return self._stop.latched
 
-    def _listen(self, controller: ArmController, work: Callable[..., object], *arguments: float) -> None:
-        """Receive frames of an arm."""
+    def _talk(self, controller: ArmController, work: Callable[..., object], *arguments: Any) -> None:
+        """Send or receive frames of an arm, whose channel may be lost."""
         try:
             work(*arguments)
         except BusError as error:
-            controller.lose_bus(error, self._clock.now())
-        except Exception as error:
-            controller.fail(error)
+            controller.faults.lose_bus(error, self._clock.now())
+        except Exception as error:  # the other arms must be held all the same
+            controller.faults.fail(error)
 
     def _measure(self, controller: ArmController, blocks: ControllerBlocks, collect_until: float, tick: int) -> None:
         """Publish an arm's state as soon as it is complete: a sample ages."""
-        if controller.mode not in _ENDED:
-            self._listen(controller, controller.collect, collect_until)
+        if not controller.status.ended:
+            self._talk(controller, controller.actuation.chain.collect, collect_until)
             controller.measure(self._clock.now())
         blocks.publish(self._clock.now(), tick)
 
     @staticmethod
     def _decide(controller: ArmController, blocks: ControllerBlocks, now: float, stopped: bool) -> None:
-        if controller.mode not in _ENDED:
-            controller.stopped = stopped
-            blocks.take(now)
+        if not controller.status.ended:
+            controller.status.stopped = stopped
+            blocks.read_target(now)
             controller.decide(now)
 
     def _advance(self, now: float, dt: float) -> None:
@@ -240,57 +239,49 @@ class ControlLoop:
         try:
             if self._workspace is None:
                 for controller in self._controllers:
-                    controller.setpoint.advance(now, dt)
+                    controller.actuation.setpoint.step(now, dt)
             else:
                 self._advance_guarded(self._workspace, now, dt)
-        except Exception as error:  # whoever is to blame: no arm may be left without commands
+        except Exception as error:  # whichever arm is to blame: none may be left without commands
             for controller in self._controllers:
-                if controller.mode not in _ENDED:
-                    controller.fail(error)
+                if not controller.status.ended:
+                    controller.faults.fail(error)
 
     def _advance_guarded(self, workspace: WorkspaceGuard, now: float, dt: float) -> None:
-        controllers = self._controllers
-        known = [c.gripper is not None and c.gripper.stops is not None for c in controllers]
-        workspace.open_grippers([float(c.q[-1]) if k else 1.0 for c, k in zip(controllers, known, strict=True)])
+        controllers, arms = self._controllers, [controller.actuation for controller in self._controllers]
+        known = [arm.gripper is not None and arm.gripper.stops is not None for arm in arms]
+        workspace.open_grippers([float(arm.q[-1]) if k else 1.0 for arm, k in zip(arms, known, strict=True)])
         guarded = [controller.mode in _GUARDED for controller in controllers]
-        setpoints, measured = [c.setpoint for c in controllers], [c.q for c in controllers]
+        setpoints, measured = [arm.setpoint for arm in arms], [arm.q for arm in arms]
         verdict = workspace.advance(setpoints, measured, guarded, now, dt)
         for index, controller in enumerate(controllers):
             controller.held_back(verdict.message(index) if verdict.blocked[index] else "")
 
     @staticmethod
     def _command(controller: ArmController, blocks: ControllerBlocks, now: float, dt: float, tick: int) -> None:
-        if controller.mode not in _ENDED:
-            controller.command(now, dt)
-            controller.pack()
+        if not controller.status.ended:
+            controller.actuation.compute_command(now, dt)
         if controller.mode is not blocks.published_mode:
-            blocks.publish(now, tick)  # who waits for it looks at once, and of the end there is no next tick
+            blocks.publish(now, tick)  # a waiting caller looks at once, and after the end there is no next tick
 
     def _active(self) -> list[ArmController]:
-        return [controller for controller in self._controllers if controller.mode not in _ENDED]
+        return [controller for controller in self._controllers if not controller.status.ended]
 
-    def _send_all(self, now: float) -> None:
+    def _send_all(self) -> None:
         for controller in self._active():
-            try:
-                _send(controller)
-            except BusError as error:
-                controller.lose_bus(error, now)
-            except Exception as error:  # not even that: the other arms are to be held
-                controller.fail(error)
+            self._talk(controller, _send, controller)
 
     @staticmethod
     def _patience(through_s: float, next_s: float) -> float:
-        """Until when replies are waited for that the wire is through with at `through_s`: as long as the laws can spare
-        before the next tick.
-        """
+        """Until when to wait for replies: the wire ends at `through_s`, and the laws need time before `next_s`."""
         return min(max(through_s + _STRAGGLER_S, next_s - _LAWS_S), through_s + _STRAGGLER_MOST_S)
 
     def _await_wire(self, sent_s: float) -> None:
-        """Come back when the wire should be through with what was sent, most replies decoded already."""
+        """Wait until the wire should be through with what was sent; most replies are decoded by then."""
         through_s = sent_s + self._wire_s
         self._clock.sleep(max(_BREATH_S, through_s - _EARLY_S - self._clock.now()))
         for controller in self._active():
-            self._listen(controller, controller.chain.drain)
+            self._talk(controller, controller.actuation.chain.drain)
         left_s = through_s - _WAKE_UP_S - self._clock.now()
         if left_s > 0.0:
             self._clock.sleep(left_s)
@@ -300,7 +291,7 @@ class ControlLoop:
         modes = [controller.mode for controller in self._controllers]
         if not self._failure:
             if Mode.FAULT in modes:
-                self._failure = self._controllers[modes.index(Mode.FAULT)].message
+                self._failure = self._controllers[modes.index(Mode.FAULT)].status.message
             elif Mode.STOPPED in modes:
                 self._failure = _STOPPED_EARLY
             if self._failure:
@@ -315,12 +306,12 @@ class ControlLoop:
         """Log how the loop did and remove the state blocks.
 
         Args:
-            stand_by: there is one; it takes over what is still in the air, for which it needs the block.
+            stand_by: a stand-by takes over arms that are still in the air; it needs their blocks.
         """
-        lost = {c.name: int(c.chain.lost.sum()) for c in self._controllers}
+        lost = {c.name: int(c.actuation.chain.lost.sum()) for c in self._controllers}
         logger.info("control loop: %s; lost replies %s", self.statistics.summary(), lost)
         for controller, blocks in zip(self._controllers, self._blocks, strict=True):
-            chain = controller.chain
+            chain = controller.actuation.chain
             if chain.round_trip.slow:
                 what = "%s (%s): %s; use an adapter that is quicker: the arm was seen and commanded that much too late"
                 logger.warning(what, controller.name, chain.channel, chain.round_trip.summary())
@@ -328,15 +319,15 @@ class ControlLoop:
                 what = "%s (%s): CAN error frames: %d; check cable, termination and bit-rate"
                 logger.warning(what, controller.name, chain.channel, chain.error_frames)
             if controller.mode is Mode.OFF:
-                blocks.publish(self._clock.now(), 0)  # a stand-by may still look at it
+                blocks.publish(self._clock.now(), 0)  # a stand-by may still look at the block
             blocks.close(remove=not (stand_by and controller.mode in ENERGISED))
 
 
 def _send(controller: ArmController) -> None:
     try:
-        controller.send()
+        controller.actuation.send()
     except BusError:
         raise
-    except Exception as error:  # a command that cannot be packed: the last good one instead
-        controller.fail(error)
-        controller.send()
+    except Exception as error:  # a command that cannot be encoded: the last good one instead
+        controller.faults.fail(error)
+        controller.actuation.send()

@@ -12,21 +12,17 @@ from lerobot_robot_yam.state.block_pair import BlockPair
 
 
 def _workspace_guard(controllers: Sequence[ArmController]) -> WorkspaceGuard | None:
-    """What keeps these arms clear of things and each other; None when nothing is forbidden."""
+    """The guard that keeps these arms clear of things and each other; None when nothing is forbidden."""
     if not any(c.config.workspace.limits_anything for c in controllers):
         return None
-    return WorkspaceGuard(
-        [
-            GuardedArm(c.name, c.hardware.arm, c.hardware.gripper, c.config.workspace, c.hardware.tilt_rad)
-            for c in controllers
-        ]
-    )
+    described = [(c.name, c.actuation.hardware, c.config.workspace) for c in controllers]
+    return WorkspaceGuard([GuardedArm(name, hw.arm, hw.gripper, where, hw.tilt_rad) for name, hw, where in described])
 
 
 def build(
     configs: Sequence[ArmConfig], keys: Sequence[str], buses: Sequence, pairs: Sequence[BlockPair]
 ) -> ControlLoop:
-    """Controllers on open buses, inspected: everything that can be refused without torque is refused here.
+    """Build controllers on open buses and inspect them: what can be refused without torque is refused here.
 
     Raises:
         YamError: names the part that is not as configured.

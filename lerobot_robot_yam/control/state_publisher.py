@@ -15,18 +15,8 @@ from lerobot_robot_yam.state.records import OWNER_AT, STATE_DTYPE, Request, stat
 
 logger = logging.getLogger(__name__)
 
-_PER_MOTOR = (
-    "q",
-    "dq",
-    "tau",
-    "setpoint",
-    "motor_stamp_s",
-    "temp_mos_c",
-    "temp_rotor_c",
-    "fault",
-    "lost",
-    "offset_rad",
-)
+_MEASURED = ("q", "dq", "tau", "setpoint", "motor_stamp_s", "temp_mos_c", "temp_rotor_c", "offset_rad")  # NaN at first
+_PER_MOTOR = (*_MEASURED, "fault", "lost")
 
 
 class ControllerBlocks:
@@ -45,15 +35,14 @@ class ControllerBlocks:
         try:
             self._states.publish(state_path(key))
         except (OSError, YamError) as error:  # a full disk, a log-out that had the user's files removed
-            logger.warning("%s: nobody else can watch the arm: %s", controller.name, error)
+            logger.warning("%s: no other program can watch the arm: %s", controller.name, error)
         self._record = np.zeros((), STATE_DTYPE)
-        for field in ("q", "dq", "tau", "setpoint", "motor_stamp_s", "temp_mos_c", "temp_rotor_c", "offset_rad"):
+        for field in (*_MEASURED, "gripper_stops_rad"):
             self._record[field] = np.nan
-        self._record["gripper_stops_rad"] = np.nan
         if adopt is not None:
             self._record[()] = adopt
             self._states.adopt()
-        hardware = controller.hardware
+        hardware = controller.actuation.hardware
         self._record["joints"], self._record["motors"] = hardware.joints, hardware.n
         self._owner = self._record["owner_pid"] = os.getpid()
         self._first_tick = int(self._record["tick"])
@@ -64,12 +53,12 @@ class ControllerBlocks:
         self._per_motor = {field: self._record[field][self._slots] for field in _PER_MOTOR}  # views
         self._seldom: tuple | None = None  # as published last, of what seldom changes
 
-    def take(self, now: float) -> None:
+    def read_target(self, now: float) -> None:
         """Give the controller what the caller has written since the last tick."""
         sequence = self._commands.sequence()
         if sequence == self._seen:
             return
-        command = self._commands.glance()  # a caller that is held up, or dies, in the middle holds up nobody
+        command = self._commands.glance()  # never waits for a caller that is held up, or dies, in the middle
         if command is None:
             return
         self._seen = sequence
@@ -90,40 +79,41 @@ class ControllerBlocks:
             dq = command["dq"][slots]
             velocity = None if np.isnan(dq).any() else dq
             if now - command["target_stamp_s"] <= controller.config.command_timeout_s:
-                controller.aim(command["q"][slots], now, velocity, command["kp"][slots], command["kd"][slots])
+                controller.set_target(command["q"][slots], now, velocity, command["kp"][slots], command["kd"][slots])
 
     def publish(self, now: float, tick: int, mode: Mode | None = None) -> None:
-        """Write the arm's state as of this tick; that of an arm which is off is written once, then it stands.
+        """Write the arm's state as of this tick. The state of an arm that is off is written once.
 
         Args:
-            mode: to say instead of the arm's own.
+            mode: published instead of the arm's own.
         """
         if self._ended:
             return
-        c, record, per_motor = self._controller, self._record, self._per_motor
-        chain, drive = c.chain, c.drive
+        record, per_motor = self._record, self._per_motor
+        status, arm = self._controller.status, self._controller.actuation
+        chain, interface = arm.chain, arm.interface
         record["stamp_s"] = now
         record["tick"] = self._first_tick + tick
-        record["mode"] = c.mode if mode is None else mode
-        record["limited"] = c.limited
-        per_motor["q"][:] = drive.q
-        per_motor["dq"][:] = drive.dq
-        per_motor["tau"][:] = drive.tau
-        per_motor["setpoint"][:] = c.setpoint.asked[0]
-        record["own_gains"] = c.motion.own_gains
+        record["mode"] = status.mode if mode is None else mode
+        record["limited"] = status.limited
+        per_motor["q"][:] = interface.q
+        per_motor["dq"][:] = interface.dq
+        per_motor["tau"][:] = interface.tau
+        per_motor["setpoint"][:] = arm.setpoint.asked[0]
+        record["own_gains"] = arm.impedance.own_gains
         per_motor["motor_stamp_s"][:] = chain.stamp_s
         record["asked_s"] = min(chain.asked_s.tolist())
         per_motor["temp_mos_c"][:] = chain.temp_mos_c
         per_motor["temp_rotor_c"][:] = chain.temp_rotor_c
         per_motor["fault"][:] = chain.fault
         per_motor["lost"][:] = chain.lost
-        self._ended = c.mode is Mode.OFF
-        self.published_mode = c.mode
+        self._ended = status.mode is Mode.OFF
+        self.published_mode = status.mode
         if not self._ended:  # the handle of an arm that is off is not asked any more
-            record["trigger"], record["buttons"], record["handle_stamp_s"] = c.handle
-        per_motor["offset_rad"][:] = drive.offset_rad
-        record["gripper_blocked"] = c.gripper is not None and c.gripper.stalled
-        self._note_seldom(None if c.gripper is None else c.gripper.stops, c.trouble, c.message)
+            record["trigger"], record["buttons"], record["handle_stamp_s"] = self._controller.handle
+        per_motor["offset_rad"][:] = interface.offset_rad
+        record["gripper_blocked"] = arm.gripper is not None and arm.gripper.stalled
+        self._note_seldom(None if arm.gripper is None else arm.gripper.stops, status.trouble, status.message)
         self._states.write(record)
 
     def beat(self, tick: int) -> None:
@@ -147,6 +137,6 @@ class ControllerBlocks:
         return self._states.peek(OWNER_AT) == self._owner
 
     def close(self, remove: bool) -> None:
-        """Let go of both blocks, and have nobody find the states any more, unless a stand-by goes on with them."""
+        """Let go of both blocks, and hide the states, unless a stand-by goes on with them."""
         self._states.close(remove)
         self._commands.close()

@@ -117,35 +117,23 @@ class MotorChain:
         """Take everything that has already arrived, without waiting."""
         self._receiver.drain()
 
-    def pack(self, commands: np.ndarray) -> list[bytes]:
-        """Data of one MIT command frame per motor. Sends nothing.
+    def send(self, commands: np.ndarray) -> None:
+        """Send one MIT command per motor, then the handle's request, without waiting for anything.
+
+        After losses, a motor is now and then left out of one tick; see `requests`. It keeps its last command.
 
         Args:
-            commands: (n, 5), columns q*, dq*, kp, kd, tau in motor coordinates: rad, rad/s, Nm/rad,
-                Nm s/rad, Nm.
+            commands: (n, 5), columns q*, dq*, kp, kd, tau in motor coordinates: rad, rad/s, Nm/rad, Nm s/rad, Nm.
 
         Raises:
-            ActionError: wrong shape or a non-finite value.
+            ActionError: wrong shape or a non-finite value; nothing was sent.
+            BusError: the channel is gone or its transmit queue is full.
         """
         count = len(self.motors)
         if commands.shape != (count, 5):
             raise ActionError(f"{self.channel}: commands have shape {commands.shape}, not ({count}, 5)")
-        return [encode_mit(kind, *row) for kind, row in zip(self._types, commands.tolist(), strict=True)]
-
-    def send(self, commands: np.ndarray) -> None:
-        """`pack` and `send_packed`."""
-        self.send_packed(self.pack(commands))
-
-    def send_packed(self, packed: Sequence[bytes]) -> None:
-        """Send what `pack` has made, then the handle's request, without waiting for anything.
-
-        After losses it sometimes leaves a motor out of one tick, see `requests`; the motor goes on as it was told.
-
-        Raises:
-            BusError: the channel is gone or its transmit queue is full.
-        """
-        count = len(self.motors)
-        for message, data in zip(self._messages[:count], packed, strict=True):
+        encoded = [encode_mit(kind, *row) for kind, row in zip(self._types, commands.tolist(), strict=True)]
+        for message, data in zip(self._messages[:count], encoded, strict=True):
             message.data = data
         self.drain()
         absent = self._requests.absent()

@@ -1,6 +1,6 @@
 """The emergency stop of everything that one user drives on this machine: latched by anybody, released on purpose.
 
-A file is the latch: it outlives whoever made it, and looking whether it is there costs a loop 4 µs a tick. On a disk
+A file is the latch: it outlives its maker, and looking whether it is there costs a loop 4 µs a tick. On a disk
 that is full no file can be made. The sticky bit of the directory is the latch then: a change of mode needs no room.
 """
 
@@ -31,7 +31,7 @@ class EmergencyStop:
     EmergencyStop().latch("somebody shouted")
 
     Args:
-        directory: runtime directory of those who shall hear it; None: this user's.
+        directory: runtime directory of the user who is stopped; None: this user's.
 
     Raises:
         ConfigError: this user can have no runtime directory.
@@ -42,7 +42,7 @@ class EmergencyStop:
         self.directory = runtime_dir() if directory is None else directory
         self._name = str(self.directory / _FILE)
         self._unwritten = False  # latched, with no way to write it down
-        self._home: int | None = None  # the directory in which it was seen, by its number: /dev/shm gives none twice
+        self._home: int | None = None  # inode of the directory in which it was seen: /dev/shm uses no number twice
 
     @property
     def latched(self) -> bool:
@@ -73,7 +73,7 @@ class EmergencyStop:
             return 0
 
     def reason(self) -> str:
-        """Who set it, when and why; empty when it is not set."""
+        """Why it was set, by which process and when; empty when it is not set."""
         try:
             with self._inside() as directory:
                 file = os.open(_FILE, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=directory)
@@ -89,7 +89,7 @@ class EmergencyStop:
         """Stop everything, until `release`. The first reason stands.
 
         Raises:
-            OSError: it cannot be written down, so nobody else hears of it. For this object it is latched for good.
+            OSError: it cannot be written down, so no other process sees it. For this object it is latched for good.
         """
         if self.latched:
             return
@@ -101,7 +101,7 @@ class EmergencyStop:
             try:
                 file = os.open(_FILE, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600, dir_fd=directory)
             except FileExistsError:
-                if not os.path.exists(self._name):  # a link to nowhere; else somebody was faster
+                if not os.path.exists(self._name):  # a link to nowhere; else another process was faster
                     raise
             except OSError as error:
                 if error.errno not in _FULL:
@@ -126,7 +126,7 @@ class EmergencyStop:
 
     @contextlib.contextmanager
     def _inside(self) -> Iterator[int]:
-        """The directory itself: root latches in those of others, who could put a link in its place meanwhile."""
+        """The directory itself: root latches in other users' directories, and they could put a link in its place."""
         directory = os.open(self.directory, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
         try:
             yield directory
@@ -135,8 +135,8 @@ class EmergencyStop:
 
     @staticmethod
     def _tell(file: int, why: str) -> None:
-        """Write the reason; what counts is that the file is there."""
+        """Write the reason; the file itself is the latch."""
         data = {"why": why, "pid": os.getpid(), "at": time.strftime("%Y-%m-%d %H:%M:%S")}
         with contextlib.suppress(OSError), open(file, "w") as text:
-            os.fchmod(file, 0o644)  # whom root stops shall read why
+            os.fchmod(file, 0o644)  # a user whom root stops must be able to read why
             text.write(json.dumps(data) + "\n")

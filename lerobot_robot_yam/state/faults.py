@@ -1,4 +1,4 @@
-"""What happens when something fails: the one table that the control loop, the documentation and the tests read.
+"""The fault table: what happens when something fails. The control loop, the documentation and the tests read it.
 
 python -m lerobot_robot_yam.state.faults > docs/faults.md
 """
@@ -11,7 +11,7 @@ from lerobot_robot_yam.damiao.tables import Fault
 
 
 class Response(StrEnum):
-    """What an arm does."""
+    """Responses of an arm."""
 
     GO_ON = "goes on"
     HOLD = "holds with every motor that still obeys; targets are ignored until it is re-armed"
@@ -23,7 +23,7 @@ class Response(StrEnum):
 
 
 class Trouble(StrEnum):
-    """What can go wrong with an arm, its bus, its loop or its caller."""
+    """Troubles of an arm, its bus, its loop or its caller."""
 
     OVER_VOLTAGE = "over-voltage"
     UNDER_VOLTAGE = "under-voltage"
@@ -73,7 +73,7 @@ class Rule:
         peer: what the other arm of the same robot does.
         caller: what the caller sees.
         within_s: and after how long at most.
-        rearm: what brings the arm back. Nothing that moves torque comes back by itself.
+        rearm: what brings the arm back. Torque never comes back by itself.
     """
 
     sign: str
@@ -92,30 +92,46 @@ class Rule:
 _REARM = "`rearm()` once the cause is gone, or connect again"
 _RECONNECT = "connect again"
 _MOTOR_ERROR = "MotorError that names motor and cause"
-PARENT_S = 0.03  # it is looked for every 20 ms
+PARENT_S = 0.03  # the caller is looked for every 20 ms
 TICK_S = 0.01  # one tick of the loop and one of its caller's reads, rounded up
-SILENT_S = 0.1  # a motor that has not answered for so long is lost: a quarter of its own watchdog
+SILENT_S = 0.1  # a motor that has not answered for this long is lost: a quarter of its own watchdog
 HEAT_S = 0.6  # a temperature is believed once it has been steady for half a second
-HUNG_S = 0.14  # a loop that has not ticked for so long is replaced: a third of the motors' watchdog
+HUNG_S = 0.14  # a loop that has not ticked for this long is replaced: a third of the motors' watchdog
 MOST_RAD_S2 = 30.0  # largest acceleration that is fed forward
 STALE_OVERSHOOT_RAD_S = 1.6  # beyond its speed limit, of a joint whose last command gave it an acceleration: a·√(I/kp)
 
 
 def stale_overshoot_rad_s(late_s: float) -> float:
-    """What a command that is obeyed `late_s` too long can add to a joint's speed, rad/s: it goes on accelerating."""
+    """Speed, rad/s, that a joint gains while it obeys an accelerating command `late_s` too long."""
     return min(MOST_RAD_S2 * max(late_s, 0.0), STALE_OVERSHOOT_RAD_S)
 
 
+def _go_on(sign: str, caller: str, within_s: float, rearm: str = "not needed") -> Rule:
+    return Rule(sign, Response.GO_ON, Response.GO_ON, caller, within_s, rearm)
+
+
+def _hold(sign: str, within_s: float, caller: str = _MOTOR_ERROR, rearm: str = _REARM) -> Rule:
+    return Rule(sign, Response.HOLD, Response.HOLD, caller, within_s, rearm)
+
+
+def _stop(sign: str, within_s: float, caller: str, rearm: str) -> Rule:
+    return Rule(sign, Response.STOP, Response.STOP, caller, within_s, rearm)
+
+
+def _land(sign: str, within_s: float, caller: str = "MotorError") -> Rule:
+    return Rule(sign, Response.LAND, Response.LAND, caller, within_s, _RECONNECT)
+
+
 def _motor_fault(code: Fault) -> Rule:
-    sign = f"fault nibble 0x{code:X} in a reply; the motor has cut its own torque"
-    return Rule(sign, Response.HOLD, Response.HOLD, _MOTOR_ERROR, TICK_S, _REARM)
+    return _hold(f"fault nibble 0x{code:X} in a reply; the motor has cut its own torque", TICK_S)
 
 
-def _seen_from_bus(sign: str, within_s: float, error: str = "MotorError that names the channel") -> Rule:
+def _lose(sign: str, within_s: float) -> Rule:
+    error = "MotorError that names the channel"
     return Rule(sign, Response.LOST, Response.HOLD, error, within_s, f"repair the link, then {_RECONNECT}")
 
 
-POLICY: dict[Trouble, Rule] = {
+RESPONSES: dict[Trouble, Rule] = {
     Trouble.OVER_VOLTAGE: _motor_fault(Fault.OVER_VOLTAGE),
     Trouble.UNDER_VOLTAGE: _motor_fault(Fault.UNDER_VOLTAGE),
     Trouble.OVER_CURRENT: _motor_fault(Fault.OVER_CURRENT),
@@ -124,69 +140,49 @@ POLICY: dict[Trouble, Rule] = {
     Trouble.COMMUNICATION_LOST: _motor_fault(Fault.COMMUNICATION_LOST),
     Trouble.OVERLOAD: _motor_fault(Fault.OVERLOAD),
     Trouble.DISABLED: _motor_fault(Fault.DISABLED),
-    Trouble.REPLY_LOST: Rule(
-        "a reply misses its tick", Response.GO_ON, Response.GO_ON, "nothing; counted in the state", 0.0, "not needed"
-    ),
-    Trouble.REPLIES_LOST: Rule(
+    Trouble.REPLY_LOST: _go_on("a reply misses its tick", "nothing; counted in the state", 0.0),
+    Trouble.REPLIES_LOST: _go_on(
         f"several in a row, for less than {SILENT_S} s",
-        Response.GO_ON,
-        Response.GO_ON,
         "nothing; the state says how old it is, and is refused when older than `max_state_age_s`",
         0.0,
-        "not needed",
     ),
-    Trouble.MOTOR_SILENT: Rule(
-        f"no answer for {SILENT_S} s and ten questions", Response.HOLD, Response.HOLD, _MOTOR_ERROR, 0.15, _REARM
-    ),
-    Trouble.BUS_SILENT: _seen_from_bus(f"no motor of the channel answers for {SILENT_S} s", 0.15),
-    Trouble.BUS_OFF: _seen_from_bus("frames are no longer taken, or nobody answers", 0.15),
-    Trouble.LINK_DOWN: _seen_from_bus("sending fails: network is down", TICK_S),
-    Trouble.ADAPTER_GONE: _seen_from_bus("sending fails: no such device", TICK_S),
-    Trouble.IMPLAUSIBLE: Rule(
-        "four answers of a motor, each beyond what its joint can have done since the last good one; single ones are "
-        "not used",
-        Response.HOLD,
-        Response.HOLD,
-        _MOTOR_ERROR,
+    Trouble.MOTOR_SILENT: _hold(f"no answer for {SILENT_S} s and ten questions", 0.15),
+    Trouble.BUS_SILENT: _lose(f"no motor of the channel answers for {SILENT_S} s", 0.15),
+    Trouble.BUS_OFF: _lose("frames are no longer taken, or no motor answers", 0.15),
+    Trouble.LINK_DOWN: _lose("sending fails: network is down", TICK_S),
+    Trouble.ADAPTER_GONE: _lose("sending fails: no such device", TICK_S),
+    Trouble.IMPLAUSIBLE: _hold(
+        "four answers of a motor that its joint cannot have reached since the last good one; single ones are not used",
         0.05,
-        _REARM,
     ),
     Trouble.WRONG_ID: Rule(
-        "at bring-up: no answer, strangers are named; later: a silent motor",
+        "at bring-up: no answer, and unknown ids are named; later: a silent motor",
         Response.REFUSE,
         Response.REFUSE,
         _MOTOR_ERROR,
         1.0,
         "give the motor its id",
     ),
-    Trouble.DUPLICATE_ID: Rule(
+    Trouble.DUPLICATE_ID: _hold(
         "more answers than questions",
-        Response.HOLD,
-        Response.HOLD,
-        _MOTOR_ERROR + "; at bring-up the arm is not energised",
         0.5,
+        f"{_MOTOR_ERROR}; at bring-up the arm is not energised",
         f"give every motor its own id, then {_RECONNECT}",
     ),
-    Trouble.FOREIGN_DRIVER: Rule(
+    Trouble.FOREIGN_DRIVER: _hold(
         "commands to our motors that are not ours",
-        Response.HOLD,
-        Response.HOLD,
-        "MotorError; at bring-up ChannelInUseError and the arm is not energised",
         0.5,
+        "MotorError; at bring-up ChannelInUseError and the arm is not energised",
         f"stop the other program, then {_RECONNECT}",
     ),
-    Trouble.ENCODER_SILENT: Rule(
+    Trouble.ENCODER_SILENT: _go_on(
         "no report for 0.25 s",
-        Response.GO_ON,
-        Response.GO_ON,
         "a warning once; trigger and buttons are None, the gripper keeps its opening; at bring-up MotorError",
         0.3,
         "not needed: it is read again as soon as it answers",
     ),
-    Trouble.WARM: Rule(
+    Trouble.WARM: _go_on(
         "within 15 °C of where the motor switches itself off",
-        Response.GO_ON,
-        Response.GO_ON,
         "a warning; half speed, reduced grip",
         HEAT_S,
         "not needed: ends 3 °C lower",
@@ -199,20 +195,16 @@ POLICY: dict[Trouble, Rule] = {
         HEAT_S,
         f"let it cool, then {_RECONNECT}",
     ),
-    Trouble.EFFORT: Rule(
+    Trouble.EFFORT: _stop(
         "|tau| above `effort_limit_nm` for 50 ms",
-        Response.STOP,
-        Response.STOP,
-        "the emergency stop is latched; observations go on",
         0.1,
+        "the emergency stop is latched; observations go on",
         "`yam-estop release`",
     ),
-    Trouble.EMERGENCY_STOP: Rule(
+    Trouble.EMERGENCY_STOP: _stop(
         "`yam-estop`, `EmergencyStop().latch()`, or the handle button of `estop_button`",
-        Response.STOP,
-        Response.STOP,
-        "observations go on (unless a gripper's stops are unknown); actions are answered with the pose held",
         TICK_S,
+        "observations go on (unless a gripper's stops are unknown); actions are answered with the pose held",
         "`yam-estop release`; motion resumes from the measured pose",
     ),
     Trouble.CALLER_STALE: Rule(
@@ -223,13 +215,8 @@ POLICY: dict[Trouble, Rule] = {
         0.5,
         "not needed: the next target",
     ),
-    Trouble.CALLER_DEAD: Rule(
-        "its process is gone (exception, signal, kill -9), or executes another program",
-        Response.LAND,
-        Response.LAND,
-        "—",
-        PARENT_S,
-        _RECONNECT,
+    Trouble.CALLER_DEAD: _land(
+        "its process is gone (exception, signal, kill -9), or executes another program", PARENT_S, "—"
     ),
     Trouble.CAMERA_DEAD: Rule(
         "a camera is gone; its image is older than 0.8 s while the machine has time for us, or for 3 s than 0.5 s",
@@ -239,48 +226,21 @@ POLICY: dict[Trouble, Rule] = {
         1.0,
         _RECONNECT,
     ),
-    Trouble.CONTROL_DEAD: Rule(
-        "its process is gone (kill -9)", Response.LAND, Response.LAND, "MotorError", 0.1, _RECONNECT
+    Trouble.CONTROL_DEAD: _land("its process is gone (kill -9)", 0.1),
+    Trouble.CONTROL_HUNG: _land(f"no tick for {HUNG_S} s; the stand-by ends it first", 0.3),
+    Trouble.STAND_BY_DEAD: _go_on(
+        "its process is gone", "a warning in the log", 1.0, f"{_RECONNECT} to have one again"
     ),
-    Trouble.CONTROL_HUNG: Rule(
-        f"no tick for {HUNG_S} s; the stand-by ends it first",
-        Response.LAND,
-        Response.LAND,
-        "MotorError",
-        0.3,
-        _RECONNECT,
-    ),
-    Trouble.STAND_BY_DEAD: Rule(
-        "its process is gone",
-        Response.GO_ON,
-        Response.GO_ON,
-        "a warning in the log",
-        1.0,
-        f"{_RECONNECT} to have one again",
-    ),
-    Trouble.LOOP_SLOW: Rule(
+    Trouble.LOOP_SLOW: _go_on(
         "a fifth of the last second's ticks late",
-        Response.GO_ON,
-        Response.GO_ON,
         "a warning in the log; states older than `max_state_age_s` are refused",
         1.0,
-        "not needed",
     ),
-    Trouble.INTERNAL_ERROR: Rule(
-        "an exception in the loop",
-        Response.HOLD,
-        Response.HOLD,
-        "MotorError with the exception; the trace is in the log",
-        TICK_S,
-        _RECONNECT,
+    Trouble.INTERNAL_ERROR: _hold(
+        "an exception in the loop", TICK_S, "MotorError with the exception; the trace is in the log", _RECONNECT
     ),
-    Trouble.GRIPPER: Rule(
-        "the search or the check of the stops fails",
-        Response.HOLD,
-        Response.HOLD,
-        "MotorError; at bring-up once the arms have landed",
-        20.0,
-        _REARM,
+    Trouble.GRIPPER: _hold(
+        "the search or the check of the stops fails", 20.0, "MotorError; at bring-up once the arms have landed"
     ),
     Trouble.OBSTRUCTED: Rule(
         "the arm does not follow its landing for 0.5 s; it goes round, over the top, before it holds",
@@ -288,26 +248,20 @@ POLICY: dict[Trouble, Rule] = {
         Response.GO_ON,
         "a warning in the log that names the joint, an error once it holds",
         1.0,
-        "free the way or take the load, and keep clear: it tries again every 3 s. After three ways that are barred it "
-        "sinks slowly where it is, and cuts torque when it lies or hangs still",
+        "free the way or take the load, and keep clear: it tries again every 3 s. After three barred ways it sinks "
+        "slowly where it is, and cuts torque when it lies or hangs still",
     ),
-    Trouble.WEIGHT: Rule(
+    Trouble.WEIGHT: _hold(
         "the torque that holds an arm before it floats is over 20 % (and 2 % of the motor's range) off the model's",
-        Response.HOLD,
-        Response.HOLD,
+        3.0,
         "MotorError that names joints, torques and what to check; at bring-up once the arms have landed. From `float` "
         "and `disable_torque` LifeCycleError, and the arm goes on holding",
-        3.0,
-        _REARM,
     ),
-    Trouble.RUNAWAY: Rule(
+    Trouble.RUNAWAY: _hold(
         "a floating joint is faster than `float_speed_rad_s` for 0.25 s, though it is damped then; also during an "
         "emergency stop",
-        Response.HOLD,
-        Response.HOLD,
-        "MotorError that names the joint and what to check",
         1.0,
-        _REARM,
+        "MotorError that names the joint and what to check",
     ),
 }
 
@@ -321,7 +275,7 @@ FAULT_TROUBLE: dict[int, Trouble] = {
     Fault.COMMUNICATION_LOST: Trouble.COMMUNICATION_LOST,
     Fault.OVERLOAD: Trouble.OVERLOAD,
 }
-"""Which trouble a fault nibble stands for; codes that nobody has documented count as overload."""
+"""Which trouble a fault nibble stands for; undocumented codes count as overload."""
 
 
 def document() -> str:
@@ -331,25 +285,25 @@ def document() -> str:
         "",
         "Generated from `lerobot_robot_yam/state/faults.py`, the module that the control loop reads:",
         "`python -m lerobot_robot_yam.state.faults > docs/faults.md`. The arm is the one concerned, the peer the other",
-        "arm of the same robot. An arm that lands already goes on landing with the motors that still obey, and sinks",
-        "slowly onto what it meets where it cannot fold without the one that is out.",
+        "arm of the same robot. An arm that lands already goes on landing with the motors that still obey. Where it",
+        "cannot fold without the failed one, it sinks slowly onto what it meets.",
         "",
         "| fault | noticed by | the arm | its peer | the caller sees | within | to re-arm |",
         "|---|---|---|---|---|---|---|",
     ]
-    for trouble, rule in POLICY.items():
+    for trouble, rule in RESPONSES.items():
         cells = (trouble, rule.sign, rule.arm, rule.peer, rule.caller, f"{rule.within_s:g} s", rule.rearm)
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     lines += [
         "",
-        "When power fails, or control process and stand-by are both killed, nobody commands the motors: 0.4 s later",
-        "their own watchdog ends torque and the arm falls. Only mechanics can help then.",
+        "When power fails, or control process and stand-by are both killed, nothing commands the motors. 0.4 s later",
+        "their own watchdog ends torque, and the arm falls. Only mechanics can help then.",
         "",
-        "While the emergency stop is latched nothing lands, whatever ends: followers hold and leaders float, the loop",
-        "goes on commanding them after its caller has gone, and `yam-estop release` lands them at once. A leader that",
-        "floats away by itself meanwhile is held.",
+        "While the emergency stop is latched nothing lands: followers hold and leaders float. The loop goes on",
+        "commanding them after its caller has gone, and `yam-estop release` lands them at once. A leader that floats",
+        "away by itself is held.",
         "",
-        "Until somebody commands them again, motors go on with what they were told last. A joint whose last command",
+        "Motors keep their last command until the next one arrives. A joint whose last command",
         f"accelerated it exceeds its speed limit by up to {STALE_OVERSHOOT_RAD_S} rad/s (arm stretched out); after a",
         f"tick that is late by 10 ms, by up to {stale_overshoot_rad_s(0.01):g} rad/s.",
     ]

@@ -24,7 +24,7 @@ class Mode(IntEnum):
 
 TRANSITIONS: dict[Mode, frozenset[Mode]] = {
     Mode.OFFLINE: frozenset({Mode.BRING_UP, Mode.LAND, Mode.OFF}),  # LAND: taken over from a loop that has died
-    Mode.BRING_UP: frozenset({Mode.HOLD, Mode.FLOAT, Mode.LAND, Mode.FAULT, Mode.STOPPED}),
+    Mode.BRING_UP: frozenset({Mode.HOLD, Mode.FLOAT, Mode.LAND, Mode.FAULT, Mode.STOPPED, Mode.OFF}),  # OFF: abandoned
     Mode.HOLD: frozenset({Mode.TRACK, Mode.FLOAT, Mode.LAND, Mode.FAULT, Mode.BRING_UP, Mode.STOPPED}),
     Mode.TRACK: frozenset({Mode.HOLD, Mode.FLOAT, Mode.LAND, Mode.FAULT, Mode.BRING_UP, Mode.STOPPED}),
     Mode.FLOAT: frozenset({Mode.HOLD, Mode.TRACK, Mode.LAND, Mode.FAULT, Mode.BRING_UP, Mode.STOPPED}),

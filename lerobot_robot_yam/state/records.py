@@ -6,8 +6,10 @@ and the rest is unused. The state says how many there are. SI units; gripper 0 c
 
 import math
 import struct
+from collections.abc import Callable
 from enum import IntEnum, IntFlag
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +20,7 @@ from lerobot_robot_yam.system.runtime_files import LOCK, STATE, runtime_dir, slu
 
 
 class Limited(IntFlag):
-    """What the safety chain held back in this tick."""
+    """What limits an arm in this tick."""
 
     NOTHING = 0
     JOINT_LIMIT = 1
@@ -35,7 +37,7 @@ class Limited(IntFlag):
 
 
 class Request(IntEnum):
-    """What a caller can ask of an arm besides giving targets."""
+    """Requests of a caller, besides targets."""
 
     NONE = 0
     HOLD = 1
@@ -75,7 +77,7 @@ STATE_DTYPE = np.dtype(
         ("request_sequence", "u8"),  # newest request that was carried out or refused
         ("request_refused", "u1"),
         ("refusal", "S400"),  # why
-        ("trouble", "S40"),  # a `policy.Trouble`, empty when all is well
+        ("trouble", "S40"),  # a `faults.Trouble`, empty when all is well
         ("message", "S400"),
     ]
 )
@@ -97,7 +99,7 @@ _STRUCT_CODES = {"f8": "d", "f4": "f", "u8": "Q", "u2": "H", "u1": "B"}
 
 
 def packed(dtype: np.dtype, motors: int) -> tuple[struct.Struct, dict[str, int]]:
-    """A packed record type as a struct, and where each field begins among its values; unused slots have none.
+    """A packed record type as a struct, and where each field begins among its values; unused slots have no value.
 
     Fields of numpy records cost 6 times as much to read as a tuple when the caches are cold, which they are in a
     caller that wakes up 30 times a second.
@@ -123,10 +125,33 @@ PUBLISHED_AT = STATE_DTYPE.fields["stamp_s"][1]  # type: ignore[index]
 _MODES = {int(mode): mode for mode in Mode}
 
 
+def _value(name: str, doc: str) -> Any:
+    return property(lambda state: state._values[state._at[name]], doc=doc)
+
+
+def _text(name: str, doc: str) -> Any:
+    return property(lambda state: state._values[state._at[name]].rstrip(b"\0").decode(errors="replace"), doc=doc)
+
+
+def _slots(name: str, doc: str, of: str = "_motors", make: Callable = tuple) -> Any:
+    def get(state: "ArmState") -> Any:
+        start = state._at[name]
+        return make(state._values[start : start + getattr(state, of)])
+
+    return property(get, doc=doc)
+
+
+def _of_gripper(name: str, doc: str) -> Any:
+    def get(state: "ArmState") -> float | None:
+        return state._values[state._at[name] + state._joints] if state._motors > state._joints else None
+
+    return property(get, doc=doc)
+
+
 class ArmState:
     """One arm, as measured at `stamp_s`. Built from a state record; each access makes a new array.
 
-    A record holds more than most callers ask for, so values are taken out of it only when they are asked for.
+    A record holds more than most callers ask for, so a value is taken out of it only when it is asked for.
 
     Args:
         payload: the bytes of a state record.
@@ -139,36 +164,33 @@ class ArmState:
         layout, self._at = _STATES[self._motors]
         self._values = layout.unpack(payload)
 
-    def _array(self, name: str) -> np.ndarray:
-        start = self._at[name]
-        return np.array(self._values[start : start + self._joints])
+    q: np.ndarray = _slots("q", "(joints,) rad.", "_joints", np.array)
+    dq: np.ndarray = _slots("dq", "(joints,) rad/s.", "_joints", np.array)
+    tau_nm: np.ndarray = _slots("tau", "(joints,) Nm in joint coordinates.", "_joints", np.array)
+    setpoint_q: np.ndarray = _slots("setpoint", "(joints,) rad, where the arm is asked to be.", "_joints", np.array)
 
-    def _per_motor(self, name: str) -> tuple:
-        start = self._at[name]
-        return self._values[start : start + self._motors]
+    positions: tuple[float, ...] = _slots("q", "Joints in rad; behind them the gripper, 0 … 1, if it has a motor.")
+    setpoints: tuple[float, ...] = _slots("setpoint", "As `positions`: where the arm is asked to be.")
 
-    def _of_gripper(self, name: str) -> float | None:
-        return self._values[self._at[name] + self._joints] if self._motors > self._joints else None
+    gripper: float | None = _of_gripper("q", "0 closed … 1 open; None without a gripper motor.")
+    gripper_rate: float | None = _of_gripper("dq", "1/s; None without a gripper motor.")
+    gripper_tau_nm: float | None = _of_gripper("tau", "Motor torque; None without a gripper motor.")
+    gripper_setpoint: float | None = _of_gripper("setpoint", "0 … 1; None without a gripper motor.")
 
-    @property
-    def stamp_s(self) -> float:
-        """Monotonic time at which the oldest of the motors' samples in this state was taken."""
-        return min(self._per_motor("motor_stamp_s"))
+    motor_stamps_s: np.ndarray = _slots("motor_stamp_s", "(n,) monotonic time of each motor's sample.", make=np.array)
+    stamp_s: float = _slots("motor_stamp_s", "Monotonic time of the oldest of these samples.", make=min)
+    asked_s: float = _value("asked_s", "Monotonic time of the oldest command answered here: no sample is older.")
+    published_s: float = _value("stamp_s", "Monotonic time at which the control loop has written this state.")
 
-    @property
-    def motor_stamps_s(self) -> np.ndarray:
-        """(n,) the same per motor."""
-        return np.array(self._per_motor("motor_stamp_s"))
+    temp_mos_c: np.ndarray = _slots("temp_mos_c", "(n,) °C per motor, power stage.", make=np.array)
+    temp_rotor_c: np.ndarray = _slots("temp_rotor_c", "(n,) °C per motor, coil.", make=np.array)
+    fault: tuple[int, ...] = _slots("fault", "Per motor, code of `damiao.tables.Fault`.")
+    lost: tuple[int, ...] = _slots("lost", "Per motor, replies lost since connecting.")
 
-    @property
-    def asked_s(self) -> float:
-        """Monotonic time at which the oldest of the commands went out that are answered here: no sample is older."""
-        return self._values[self._at["asked_s"]]
-
-    @property
-    def published_s(self) -> float:
-        """Monotonic time at which the control loop has written this state."""
-        return self._values[self._at["stamp_s"]]
+    answered: int = _value("request_sequence", "Number of the newest request that was carried out or refused.")
+    message: str = _text("message", "Why the arm is in its mode, empty when all is well.")
+    _refusal: str = _text("refusal", "Why the newest refused request was refused.")
+    _trouble: str = _text("trouble", "Value of a `Trouble`, empty when all is well.")
 
     @property
     def mode(self) -> Mode:
@@ -176,54 +198,9 @@ class ArmState:
         return _MODES[self._values[self._at["mode"]]]
 
     @property
-    def q(self) -> np.ndarray:
-        """(joints,) rad."""
-        return self._array("q")
-
-    @property
-    def positions(self) -> tuple[float, ...]:
-        """Joints in rad; behind them the gripper, 0 … 1, if it has a motor."""
-        return self._per_motor("q")
-
-    @property
-    def setpoints(self) -> tuple[float, ...]:
-        """The same of where the arm is asked to be."""
-        return self._per_motor("setpoint")
-
-    @property
-    def dq(self) -> np.ndarray:
-        """(joints,) rad/s."""
-        return self._array("dq")
-
-    @property
-    def tau_nm(self) -> np.ndarray:
-        """(joints,) Nm in joint coordinates."""
-        return self._array("tau")
-
-    @property
-    def setpoint_q(self) -> np.ndarray:
-        """(joints,) rad, where the arm is asked to be."""
-        return self._array("setpoint")
-
-    @property
-    def gripper(self) -> float | None:
-        """0 closed … 1 open; None without a gripper motor."""
-        return self._of_gripper("q")
-
-    @property
-    def gripper_rate(self) -> float | None:
-        """1/s; None without a gripper motor."""
-        return self._of_gripper("dq")
-
-    @property
-    def gripper_tau_nm(self) -> float | None:
-        """Motor torque; None without a gripper motor."""
-        return self._of_gripper("tau")
-
-    @property
-    def gripper_setpoint(self) -> float | None:
-        """0 … 1; None without a gripper motor."""
-        return self._of_gripper("setpoint")
+    def limited(self) -> Limited:
+        """What limits the arm."""
+        return Limited(self._values[self._at["limited"]])
 
     @property
     def gripper_stops_rad(self) -> tuple[float, float] | None:
@@ -245,53 +222,14 @@ class ArmState:
         return bool(self._values[first]), bool(self._values[first + 1])
 
     @property
-    def temp_mos_c(self) -> np.ndarray:
-        """(n,) °C per motor, power stage."""
-        return np.array(self._per_motor("temp_mos_c"))
-
-    @property
-    def temp_rotor_c(self) -> np.ndarray:
-        """(n,) °C per motor, coil."""
-        return np.array(self._per_motor("temp_rotor_c"))
-
-    @property
-    def fault(self) -> tuple[int, ...]:
-        """Per motor, code of `damiao.tables.Fault`."""
-        return self._per_motor("fault")
-
-    @property
-    def lost(self) -> tuple[int, ...]:
-        """Per motor, replies lost since connecting."""
-        return self._per_motor("lost")
-
-    @property
-    def limited(self) -> Limited:
-        """What the safety chain held back."""
-        return Limited(self._values[self._at["limited"]])
-
-    @property
     def trouble(self) -> Trouble | None:
-        """What is wrong with the arm, None when all is well."""
-        text = self._text("trouble")
-        return Trouble(text) if text else None
-
-    def _text(self, name: str) -> str:
-        return self._values[self._at[name]].rstrip(b"\0").decode(errors="replace")
-
-    @property
-    def answered(self) -> int:
-        """Number of the newest request that was carried out or refused."""
-        return self._values[self._at["request_sequence"]]
+        """Trouble of the arm, None when all is well."""
+        return Trouble(self._trouble) if self._trouble else None
 
     @property
     def refusal(self) -> str | None:
-        """Why that request was refused; None if it was not."""
-        return self._text("refusal") if self._values[self._at["request_refused"]] else None
-
-    @property
-    def message(self) -> str:
-        """Why the arm is in its mode, empty when all is well."""
-        return self._text("message")
+        """Why the newest request was refused; None if it was not."""
+        return self._refusal if self._values[self._at["request_refused"]] else None
 
 
 def channel_key(interface: str, channel: str, rig: str | None) -> str:

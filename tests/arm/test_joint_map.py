@@ -173,9 +173,10 @@ def test_commands_are_the_inverse_of_positions():
     assert sent[:, 4] == pytest.approx([1.0, 2.0])
 
 
-def test_torque_is_cut_only_when_landing_or_before_anything_was_energised_or_when_a_motor_failed():
+def test_torque_is_cut_only_when_landing_or_before_bring_up_has_ended_or_when_a_motor_failed():
     assert {mode for mode, following in TRANSITIONS.items() if Mode.OFF in following} == {
         Mode.OFFLINE,
+        Mode.BRING_UP,
         Mode.LAND,
         Mode.FAULT,
     }

@@ -98,7 +98,7 @@ def test_a_calibration_is_refused_while_stopped_and_the_grip_is_kept(session, st
 def test_a_calibration_that_is_stopped_has_failed(session, stop):
     port = session[LEFT]
     controller = session._runner._loop._controllers[0]
-    advance = controller.gripper.advance
+    advance = controller.actuation.gripper.advance
 
     begin_s = session.clock.now()
 
@@ -107,7 +107,7 @@ def test_a_calibration_that_is_stopped_has_failed(session, stop):
             stop.latch("a test")
         return advance(now, motor_rad)
 
-    controller.gripper.advance = stopped_after_a_second
+    controller.actuation.gripper.advance = stopped_after_a_second
     with pytest.raises(MotorError, match="was cut short .stopped"):
         port.calibrate_gripper()
 

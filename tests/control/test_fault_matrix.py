@@ -1,6 +1,6 @@
 """Every fault of the policy in every phase, through the shipped driver: the arm, its peer, the caller, the way back.
 
-What is expected is read from `policy.POLICY`; a row that is changed there and not in the loop fails here.
+What is expected is read from `faults.RESPONSES`; a row that is changed there and not in the loop fails here.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
-from lerobot_robot_yam.state.faults import POLICY, Response, Trouble, stale_overshoot_rad_s
+from lerobot_robot_yam.state.faults import RESPONSES, Response, Trouble, stale_overshoot_rad_s
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 from tests.support.asked import KNOWN_S, beyond_nm, look_at
@@ -62,7 +62,7 @@ def test_the_matrix_is_wide_enough():
         Trouble.WEIGHT,
         Trouble.RUNAWAY,
     }
-    assert {fault.trouble for fault in FAULTS.values()} | elsewhere == set(POLICY)
+    assert {fault.trouble for fault in FAULTS.values()} | elsewhere == set(RESPONSES)
 
 
 @pytest.fixture(scope="module")
@@ -161,7 +161,7 @@ def check(rig, fault, phase):
     pause(rig, 0.5)
     for channel in channels:
         assert not enabled(rig, channel)
-        if channel != fault.channel or POLICY[fault.trouble].arm is not Response.LOST:
+        if channel != fault.channel or RESPONSES[fault.trouble].arm is not Response.LOST:
             assert moved_after_cut_m(rig, channel) < MOST_M
         check_extremes(rig, channel)
 
@@ -207,7 +207,7 @@ def check_bring_up(rig, fault):
 
 def check_in_session(rig, session, fault, peer):
     slack_s = SLACK_S[isolation_of(rig)]
-    rule, port, clock = POLICY[fault.trouble], session[fault.channel], session.clock
+    rule, port, clock = RESPONSES[fault.trouble], session[fault.channel], session.clock
     before = rig.state()["arms"][fault.channel]["q"]
     lost_before = port.observe().lost
     fault.inject(rig)
@@ -230,7 +230,7 @@ def check_in_session(rig, session, fault, peer):
         return
     # A motor that answers under a wrong id is, in a session, a silent one.
     expected = Trouble.MOTOR_SILENT if fault.trouble is Trouble.WRONG_ID else fault.trouble
-    rule = POLICY[expected]
+    rule = RESPONSES[expected]
 
     def refused():
         try:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.control.laws.float_damping import FloatSpeed
-from lerobot_robot_yam.control.laws.gravity_balance import Balance
+from lerobot_robot_yam.control.float_monitor import GravityBalance
+from lerobot_robot_yam.control.laws.float_damping import FloatDamping
 from lerobot_robot_yam.control.laws.mit_laws import KD
 from lerobot_robot_yam.errors import LifeCycleError, MotorError
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
@@ -127,14 +127,16 @@ def test_a_hand_feels_nothing_below_the_speed(rig, started):
     fast, end = 0.0, session.clock.now() + times[-1] + 0.3
     while session.clock.now() < end:
         session.clock.sleep(0.004)
-        fast = max(fast, np.abs(controller.drive.dq).max())
-        np.testing.assert_allclose(controller.drive.sent[:, KD], controller.hardware.idle_kd, atol=1e-12)
+        fast = max(fast, np.abs(controller.actuation.interface.dq).max())
+        np.testing.assert_allclose(
+            controller.actuation.interface.sent[:, KD], controller.actuation.hardware.idle_kd, atol=1e-12
+        )
     assert 2.4 < fast < FLOAT_RAD_S
     assert session[LEADER].observe().mode is Mode.FLOAT
 
 
 def test_a_quick_move_of_a_hand_is_no_runaway():
-    speed = FloatSpeed(FLOAT_RAD_S, 6)
+    speed = FloatDamping(FLOAT_RAD_S, 6)
     for _ in range(5):  # strokes of 0.15 s at 3.3 rad/s, with rests between
         for tick in range(250):
             share = speed.share(np.array([3.3 if tick < 37 else 0.5, 0, 0, 0, 0, 0]), 0.004)
@@ -185,7 +187,7 @@ def test_a_hand_that_pulls_has_a_second_to_let_go(rig, started):
 
 
 def test_a_joint_on_its_stop_is_not_weighed():
-    balance = Balance(["joint_1", "joint_2"], np.array([28.0, 28.0]))
+    balance = GravityBalance(["joint_1", "joint_2"], np.array([28.0, 28.0]))
     for tick in range(100):
         balance.advance(tick * 0.004, np.array([0.0, -4.0]), np.array([0.0, 5.0]), np.zeros(2))
     assert "joint_2 is held with -4.0 Nm where the model says 5.0" in balance.verdict(0.4)

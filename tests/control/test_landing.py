@@ -127,7 +127,7 @@ def test_an_arm_lands_whose_base_stands_beyond_its_range(beyond_rad):
     for tick in range(1, 2500):
         now = tick * 0.004
         landing.advance(q, np.zeros(joints), np.ones(joints, bool), now)
-        setpoint.advance(now, 0.004)
+        setpoint.step(now, 0.004)
         q = setpoint.q[:joints]
         if landing.phase is Phase.LANDED:
             break

@@ -75,7 +75,7 @@ def test_what_ends_floating_keeps_the_arm_where_a_hand_has_left_it(rig, session,
     act = {
         "hold": session[CHANNEL].hold,
         "calibrate": lambda: controller_of(session).request(Request.CALIBRATE_GRIPPER, session.clock.now()),
-        "internal error": lambda: controller_of(session).fail(RuntimeError("a test")),
+        "internal error": lambda: controller_of(session).faults.fail(RuntimeError("a test")),
         "emergency stop": lambda: stop.latch("a test"),
     }[how]
     try:
@@ -101,7 +101,7 @@ def test_soft_gains_end_with_their_targets(rig, session, how):
     }[how]
     try:
         assert fastest(rig, session, act) < (GENTLE_RAD_S if how != "land" else 0.8)
-        assert controller_of(session).motion.own_gains
+        assert controller_of(session).actuation.impedance.own_gains
         if how != "land":
             assert np.abs(q_of(rig) - AWAY).max() < 0.1
     finally:
@@ -113,7 +113,7 @@ def test_a_target_without_gains_after_one_with_soft_gains_is_followed_at_the_spe
     go(session, POSE, 0.2, kp=np.zeros(6), kd=np.ones(6))
     push_away(rig, session)
     go(session, POSE, 0.1, kp=np.zeros(6), kd=np.ones(6))
-    limit = float(controller_of(session).hardware.speed_limit[0])
+    limit = float(controller_of(session).actuation.hardware.speed_limit[0])
     assert fastest(rig, session, lambda: go(session, POSE, 1.0)) < 1.1 * limit
     assert np.abs(q_of(rig) - POSE).max() < 0.03
 
@@ -165,7 +165,7 @@ def test_a_motor_of_which_nobody_knows_where_it_is_is_not_enabled(rig):
         controller.inspect()
         rig.fault(CHANNEL, "joint_2", "silent")
         with pytest.raises(MotorError, match="cannot enable joint_2"):
-            controller.energise()
+            controller.bring_up.energise()
     assert not any(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())
 
 
@@ -186,7 +186,7 @@ def test_an_arm_in_trouble_lands_before_another_of_its_motors_trips_for_heat(rig
     rig.fault(CHANNEL, "joint_2", "temperatures_c", [60, 96])
     session.clock.sleep(12.0)
     assert session[CHANNEL].mode() is Mode.OFF
-    assert np.abs(q_of(rig) - controller_of(session).hardware.rest_q)[1:3].max() < 0.1
+    assert np.abs(q_of(rig) - controller_of(session).actuation.hardware.rest_q)[1:3].max() < 0.1
 
 
 def test_a_bring_up_that_fails_late_lands_what_it_has_energised(rig):
@@ -245,7 +245,7 @@ def test_a_stop_whose_file_a_log_out_removes_stays(tmp_path):
 def test_commands_that_cannot_be_sent_are_replaced_by_the_last_good_ones(rig, session):
     """Motors that hear nothing for 0.4 s let go."""
     go(session, POSE)
-    controller_of(session).setpoint.q[1] = np.nan
+    controller_of(session).actuation.setpoint.q[1] = np.nan
     session.clock.sleep(1.5)
     assert controller_of(session).mode is Mode.FAULT
     assert all(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())
@@ -260,7 +260,7 @@ def test_an_arm_that_has_to_land_is_not_talked_out_of_it(session, stopped):
         if stopped:
             stop.latch("a test")
             session.clock.sleep(0.1)
-        controller_of(session).land(session.clock.now(), Trouble.HOT, "joint_2 is hot")
+        controller_of(session).landing.land(session.clock.now(), Trouble.HOT, "joint_2 is hot")
         with pytest.raises(LifeCycleError, match="joint_2 is hot; let it land"):
             session[CHANNEL].rearm()
     finally:
@@ -303,7 +303,7 @@ def test_nothing_is_enabled_against_somebody_else(rig, meanwhile, error):
     mine, other = open_bus(config(rig)), open_bus(config(rig))
     controller = ArmController(config(rig), mine)
     controller.inspect()
-    enable = controller.drive.enable
+    enable = controller.actuation.interface.enable
 
     def speak():
         for _ in range(5):
@@ -315,11 +315,11 @@ def test_nothing_is_enabled_against_somebody_else(rig, meanwhile, error):
         enable(tell)
 
     if meanwhile:
-        controller.drive.enable = enable_late
+        controller.actuation.interface.enable = enable_late
     else:
         speak()
     with pytest.raises(error, match="another driver commands"):
-        controller.energise()
+        controller.bring_up.energise()
     assert not any(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())
     for bus in (mine, other):
         bus.shutdown()

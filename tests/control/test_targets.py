@@ -69,7 +69,7 @@ def test_moving_to_a_pose_does_not_succeed_during_an_emergency_stop(rig):
 @pytest.mark.parametrize("ask", ["float", "hold", "calibrate_gripper"])
 def test_only_re_arming_leads_out_of_a_fault(rig, session, ask):
     port = session[CHANNEL]
-    session._runner._loop._controllers[0].fail(RuntimeError("a test"))
+    session._runner._loop._controllers[0].faults.fail(RuntimeError("a test"))
     session.clock.sleep(0.1)
     with pytest.raises(LifeCycleError, match="internal error.*re-arm"):
         getattr(port, ask)()

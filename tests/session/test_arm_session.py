@@ -295,28 +295,28 @@ def test_an_error_in_our_own_code_leaves_the_arm_held(caplog):
         bus = can.Bus(interface="yam_sim", channel="follower_left", rig=own.name)
         controller = ArmController(arm_config(own), bus)
         controller.inspect()
-        controller.energise()
+        controller.bring_up.energise()
         for _ in range(400):  # through bring-up to a hold
-            controller.send()
-            controller.collect(time.monotonic() + 0.004)
+            controller.actuation.send()
+            controller.actuation.chain.collect(time.monotonic() + 0.004)
             controller.measure(time.monotonic())
             controller.decide(time.monotonic())
-            controller.setpoint.advance(time.monotonic(), TICK_S)
-            controller.command(time.monotonic(), TICK_S)
+            controller.actuation.setpoint.step(time.monotonic(), TICK_S)
+            controller.actuation.compute_command(time.monotonic(), TICK_S)
         assert controller.mode is Mode.HOLD
         before = np.array(own.state()["arms"]["follower_left"]["q"])
-        controller.motion.commands[:] = np.nan
+        controller.actuation.impedance.commands[:] = np.nan
         for _ in range(200):
             try:
-                controller.send()
+                controller.actuation.send()
             except ActionError as error:
-                controller.fail(error)
-            controller.collect(time.monotonic() + 0.004)
+                controller.faults.fail(error)
+            controller.actuation.chain.collect(time.monotonic() + 0.004)
         assert controller.mode is Mode.FAULT
         assert "internal error, holding" in caplog.text
         after = np.array(own.state()["arms"]["follower_left"]["q"])
         assert all(enabled(own)) and np.abs(after - before).max() < 0.05
-        controller.abandon()
+        controller.bring_up.abandon()
         bus.shutdown()
 
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.control.actuation import ArmBody
+from lerobot_robot_yam.control.actuation import Actuation
+from lerobot_robot_yam.control.arm_controller import ArmController
 from lerobot_robot_yam.damiao.bus_port import data_message
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.registers import encode_refresh
@@ -103,12 +104,12 @@ def test_a_state_is_fresh_while_nobody_sleeps_and_motors_let_go_when_the_loop_do
 
 def test_motors_have_a_few_ticks_to_say_that_they_are_enabled(rig):
     with LockstepBus(CHANNELS[0], rig=rig.name) as bus:
-        body = ArmBody(config(rig, CHANNELS[0]), bus, None, None)
-        body.inspect()
+        controller = ArmController(config(rig, CHANNELS[0]), bus)
+        controller.inspect()
         rig.fault(CHANNELS[0], "joint_5", "drop_next", 4)
-        body.energise()
+        controller.bring_up.energise()
         assert all(motor["enabled"] for motor in rig.state()["arms"][CHANNELS[0]]["motors"].values())
-        body.abandon()
+        controller.bring_up.abandon()
 
 
 def test_a_loop_that_hangs_while_its_arm_sets_out_leaves_it_a_bounded_speed(rig):
@@ -150,30 +151,30 @@ def test_a_late_tick_adds_no_more_speed_than_its_command_accelerates(rig):
 def test_answers_to_commands_are_none_to_what_follows_them(rig):
     """At rates at which the wire is never free, torque would seem cut that is not."""
     with LockstepBus(CHANNELS[0], rig=rig.name) as bus:
-        body = ArmBody(config(rig, CHANNELS[0]), bus, None, None)
-        body.inspect()
-        body.energise()
-        body.chain.send(np.zeros((7, 5)))
+        controller = ArmController(config(rig, CHANNELS[0]), bus)
+        controller.inspect()
+        controller.bring_up.energise()
+        controller.actuation.chain.send(np.zeros((7, 5)))
         rig.fault(CHANNELS[0], None, "silent")
-        assert not any(body.chain.special(SpecialCommand.DISABLE))
+        assert not any(controller.actuation.chain.special(SpecialCommand.DISABLE))
         rig.fault(CHANNELS[0], None, "silent", False)
-        body.chain.send(np.zeros((7, 5)))
+        controller.actuation.chain.send(np.zeros((7, 5)))
         rig.fault(CHANNELS[0], None, "silent")
-        assert not any(body.chain.refresh())
+        assert not any(controller.actuation.chain.refresh())
         rig.fault(CHANNELS[0], None, "silent", False)
-        assert all(body.chain.special(SpecialCommand.DISABLE))
-        body.abandon()
+        assert all(controller.actuation.chain.special(SpecialCommand.DISABLE))
+        controller.bring_up.abandon()
 
 
 @pytest.mark.parametrize("rate_hz", [499.0, 0.0])
 def test_at_rates_that_the_wire_does_not_allow_it_ticks_as_often_as_wire_and_laws_do(rig, rate_hz, monkeypatch):
-    command = ArmBody.command
+    command = Actuation.compute_command
 
-    def slow_command(body, now, dt):  # here, thinking takes no time
+    def slow_command(arm, now, dt):  # here, thinking takes no time
         rig.sleep(0.0004)
-        command(body, now, dt)
+        command(arm, now, dt)
 
-    monkeypatch.setattr(ArmBody, "command", slow_command)
+    monkeypatch.setattr(Actuation, "compute_command", slow_command)
     configs = [sim_config(rig, channel, rate_hz=rate_hz) for channel in CHANNELS]
     session = ArmSession(configs, isolation="lockstep")
     session.start()
@@ -181,7 +182,7 @@ def test_at_rates_that_the_wire_does_not_allow_it_ticks_as_often_as_wire_and_law
     for channel in CHANNELS:
         rig.watch_start(channel)
     loop = session._runner._loop
-    statistics, chains = loop.statistics, [controller.chain for controller in loop._controllers]
+    statistics, chains = loop.statistics, [controller.actuation.chain for controller in loop._controllers]
     before, ticks = rig.now(), statistics.cycles
     track(session, dict.fromkeys(CHANNELS, GOAL), 1.5)
     took_s, ticks = rig.now() - before, statistics.cycles - ticks
@@ -206,21 +207,21 @@ def test_an_answer_to_somebody_else_is_not_taken_for_one_to_us(rig):
     with LockstepBus(CHANNELS[0], rig=rig.name) as other:
         other.send(data_message(REGISTER_ID, encode_refresh(7)))
     track(session, {CHANNELS[0]: GOAL}, 0.1)
-    assert controller.chain.duplicates.tolist() == [0] * 6 + [1]
-    assert not controller.chain.lost.any() and session[CHANNELS[0]].observe().trouble is None
+    assert controller.actuation.chain.duplicates.tolist() == [0] * 6 + [1]
+    assert not controller.actuation.chain.lost.any() and session[CHANNELS[0]].observe().trouble is None
     session.discard()
 
 
 def test_a_slow_loop_is_said_once_and_its_arm_goes_on(rig, monkeypatch, caplog):
-    command = ArmBody.command
+    command = Actuation.compute_command
 
-    def slow_command(body, now, dt):
+    def slow_command(arm, now, dt):
         rig.sleep(0.005)
-        command(body, now, dt)
+        command(arm, now, dt)
 
     session, _ = moved(rig)
     assert "control loop is slow" not in caplog.text
-    monkeypatch.setattr(ArmBody, "command", slow_command)
+    monkeypatch.setattr(Actuation, "compute_command", slow_command)
     track(session, dict.fromkeys(CHANNELS, [0.0, 1.2, 1.2, 0.0, 0.0, 0.0]), 3.5)
     assert caplog.text.count("control loop is slow") == 1
     assert session[CHANNELS[0]].observe().q[1] == pytest.approx(1.2, abs=0.03)

@@ -1,14 +1,14 @@
 import pytest
 
 from lerobot_robot_yam.damiao.tables import Fault
-from lerobot_robot_yam.state.faults import FAULT_TROUBLE, POLICY, Response, Trouble, document
+from lerobot_robot_yam.state.faults import FAULT_TROUBLE, RESPONSES, Response, Trouble, document
 from tests.support.paths import ROOT
 
 DOCUMENT = ROOT / "docs" / "faults.md"
 
 
 def test_every_trouble_has_a_rule():
-    assert set(POLICY) == set(Trouble)
+    assert set(RESPONSES) == set(Trouble)
 
 
 def test_the_document_is_what_the_loop_reads():
@@ -21,7 +21,7 @@ def test_every_fault_code_has_a_trouble():
 
 @pytest.mark.parametrize("trouble", Trouble)
 def test_what_stops_an_arm_says_how_to_bring_it_back(trouble):
-    rule = POLICY[trouble]
+    rule = RESPONSES[trouble]
     if rule.arm in (Response.GO_ON, Response.HOLD_UNTIL_TARGET):
         assert not rule.in_place
     else:

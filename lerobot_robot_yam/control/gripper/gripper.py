@@ -8,8 +8,7 @@ import numpy as np
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.profile import GripperProfile
-from lerobot_robot_yam.control.gripper.force_derating import GripForce
-from lerobot_robot_yam.control.gripper.force_limiter import ForceLimiter
+from lerobot_robot_yam.control.gripper.force_limiter import ForceLimiter, GripForce
 from lerobot_robot_yam.control.gripper.homing import GripperStops, Search, find_stops, verify_stops
 from lerobot_robot_yam.control.gripper.stored_stops import load_stops, save_stops
 from lerobot_robot_yam.control.laws import mit_laws
@@ -18,7 +17,7 @@ from lerobot_robot_yam.errors import GripperError
 logger = logging.getLogger(__name__)
 
 
-class GripperAxis:
+class Gripper:
     """One gripper motor, joint-space motor angles in, MIT command out.
 
     Args:
@@ -63,9 +62,9 @@ class GripperAxis:
         self._grip.derate(level)
 
     def begin(self, calibrate: bool = False) -> None:
-        """Start to verify the known stops, or to find them when there are none or `calibrate` says so.
+        """Start to verify the known stops, or to find them when none are known or `calibrate` is set.
 
-        Known are, first of all, those that this session has found or verified, then configured, then stored ones.
+        Stops that this session has found or verified come first, then configured ones, then stored ones.
 
         Raises:
             GripperError: the stored stops are damaged or impossible.
@@ -87,7 +86,7 @@ class GripperAxis:
         self._push = next(self._search)
 
     def begin_if_known(self) -> None:
-        """As `begin`, for who calibrates afterwards: seeks nothing, and puts stops aside that do not fit."""
+        """As `begin`, before a calibration: searches nothing, and puts stops aside that do not fit."""
         try:
             if self._configured is None and (
                 self._path is None or load_stops(self._name, self._path, self._profile.name) is None
@@ -138,14 +137,14 @@ class GripperAxis:
         return None
 
     def _store(self, path: Path, stops: GripperStops) -> None:
-        """In a thread: a file system can take longer than motors wait for commands."""
+        """Runs in a thread: a file system can take longer than motors wait for commands."""
         try:
             save_stops(self._name, path, self._profile.name, stops)
-        except GripperError as error:  # the arm can be driven; who asked for a calibration looks for the file
+        except GripperError as error:  # the arm can be driven; `await_stored` looks for the file
             logger.error("%s", error)
 
     def adopt(self, closed_rad: float, open_rad: float) -> None:
-        """Take over stops that another loop has verified; NaN: there are none, the motor is kept still."""
+        """Take over stops that another loop has verified; NaN keeps the motor still, its stops unknown."""
         if np.isfinite([closed_rad, open_rad]).all():
             self._use(GripperStops(closed_rad, open_rad))
         else:
@@ -200,7 +199,7 @@ class GripperAxis:
             self._clip(row, motor_rad, rate * span)
 
     def _clip(self, row: np.ndarray, motor_rad: float, motor_rate: float) -> None:
-        """What the limiter does not reduce (no limiter, or pressing outwards) the torque clip does."""
+        """Reduce with the torque clip what no limiter reduces: a gripper without one, or pressing outwards."""
         most = self._torque_limit_nm
         if self._grip.stalled:
             most = min(most, self._grip.press_nm)

@@ -81,7 +81,7 @@ def _push(
         if direction * (position - start) <= -_WRONG_WAY_RAD:
             raise GripperError(
                 f"{arm}: told to {'open' if opening else 'close'}, the gripper moves the other way "
-                f"({start:.2f} → {position:.2f} rad): its mapping is inverted, or somebody moves the fingers; "
+                f"({start:.2f} → {position:.2f} rad): its mapping is inverted, or a hand moves the fingers; "
                 "check the gripper and the motor direction in the profile"
             )
         if direction * (position - start) >= most_rad:

@@ -30,8 +30,8 @@ def load_stops(arm: str, path: Path, gripper: str) -> GripperStops | None:
         return None
     except OSError as error:
         raise GripperError(
-            f"{arm}: the gripper calibration {path} cannot be read ({error}); correct `calibration_path`, or who may "
-            "read the file"
+            f"{arm}: the gripper calibration {path} cannot be read ({error}); correct `calibration_path`, or "
+            "the file's permissions"
         ) from error
     except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise GripperError(
@@ -66,26 +66,26 @@ def save_stops(arm: str, path: Path, gripper: str, stops: GripperStops) -> None:
             scratch.unlink(missing_ok=True)
         raise GripperError(
             f"{arm}: the gripper's stops cannot be stored in {path} ({error}); make room, or correct "
-            "`calibration_path` or who may write there, then calibrate again (lerobot-calibrate)"
+            "`calibration_path` or its permissions, then calibrate again (lerobot-calibrate)"
         ) from error
 
 
 def await_stored(arm: str, path: Path, gripper: str, closed_rad: float, open_rad: float) -> None:
-    """Wait until the control loop has stored what it has found: it goes on when it cannot.
+    """Wait until the control loop has stored the stops that it has found. The loop goes on when it cannot store them.
 
     Raises:
-        GripperError: it is not there after 2 s.
+        GripperError: the file is not there after 2 s.
     """
     deadline = time.monotonic() + _STORE_TIMEOUT_S
     while True:
         last = time.monotonic() > deadline
-        with contextlib.nullcontext() if last else contextlib.suppress(GripperError):  # what was there before
+        with contextlib.nullcontext() if last else contextlib.suppress(GripperError):  # the old file
             stored = load_stops(arm, path, gripper)
             if stored is not None and (stored.closed_rad, stored.open_rad) == (closed_rad, open_rad):
                 return
         if last:
             raise GripperError(
-                f"{arm}: nothing was stored in {path}; the log above says why. Mend that and "
+                f"{arm}: nothing was stored in {path}; the log above says why. Correct that and "
                 "calibrate again (lerobot-calibrate), or the next start searches the stops"
             )
         time.sleep(0.02)

@@ -1,4 +1,4 @@
-"""How fast an arm may float: damping beyond a speed that hands do not reach, and joints that run away all the same.
+"""How fast an arm may float: damping beyond the speed of hands, and joints that run away all the same.
 
     share = (v / limit − 1) / 0.25 within 0 … 1,  kd = idle kd + share (most kd − idle kd)
 
@@ -19,7 +19,7 @@ _FORGET = 0.5  # seconds of that are forgotten in each second below
 _ABOUT = 0.9  # of the limit: what is damped there goes on about there
 
 
-class FloatSpeed:
+class FloatDamping:
     """Watches the speed of n floating joints. Ask once per tick.
 
     Args:
@@ -40,7 +40,7 @@ class FloatSpeed:
     def share(self, dq: np.ndarray, dt: float) -> np.ndarray | None:
         """(n,) of the most damping that each joint needs at `dq` (n,) rad/s, `dt` s after the last tick.
 
-        None: none of them needs any, as nearly always.
+        None: no joint needs any, as nearly always.
         """
         fast = np.abs(dq)
         speed, self._before = np.minimum(fast, self._before), fast
@@ -54,6 +54,6 @@ class FloatSpeed:
 
     @property
     def runs_away(self) -> int | None:
-        """The joint that is too fast for longer than any hand, None when none is."""
+        """The joint that is too fast for longer than any hand, None when no joint is."""
         worst = int(self._damped_s.argmax()) if len(self._damped_s) else 0
         return worst if len(self._damped_s) and self._damped_s[worst] > _RUNS_AWAY_S else None

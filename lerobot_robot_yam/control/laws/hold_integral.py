@@ -1,11 +1,11 @@
-"""What the gravity model misses while an arm holds still: a slow, bounded integral of the position error.
+"""The torque that the gravity model misses while an arm holds still: a slow, bounded integral of the position error.
 
     tau += ki e' dt,  |tau| ≤ limit,  e' = the part of e = q_set − q outside the deadband
 
 It works only while the set-point rests. When the set-point moves, or the arm floats or lands, the torque fades away
 (time constant `leak_s`): what was missing in one pose is not what is missing in the next, and a sudden end would be a
-knock. While the torque clip acts, or where the error is too large for sag (somebody holds the arm), it does not grow. A
-landing has one of its own, for arms that hang off their set-point because their model is wrong.
+knock. While the torque clip acts, or where the error is too large for sag (a hand holds the arm), it does not grow. A
+landing has another integral, for arms that hang off their set-point because their model is wrong.
 
 The deadband is what keeps it from hunting: against dry friction an integral without one creeps to and fro for ever.
 """
@@ -18,7 +18,7 @@ _SAG_RAD = 0.05  # most sag that is made up for; YAM's joints 3 and 4 settle abo
 _TOO_FAR_RAD = 0.1
 # While an arm lands.
 _LAND_RATE_PER_S = 2.0
-_LAND_SHARE = 0.4  # of the torque limits: 11 Nm of a DM4340 and 4 of a DM4310: 3 kg that nobody knows of at 0.35 m
+_LAND_SHARE = 0.4  # of the torque limits: 11 Nm of a DM4340 and 4 of a DM4310: an unknown 3 kg at 0.35 m
 _LAND_TOO_FAR_RAD = 0.35  # of a soft wrist; a stiff joint is stuck before
 
 
@@ -30,7 +30,7 @@ class HoldIntegral:
         limit_nm: (n,) bound of the torque.
         deadband_rad: errors below do not count; several steps of the reading (0.38 mrad).
         leak_s: time constant with which the torque fades.
-        too_far_rad: larger errors are no sag.
+        too_far_rad: larger errors are not sag.
     """
 
     def __init__(

@@ -50,7 +50,7 @@ def soft_wall(
     a part of the damping away. Both grow from zero at the limit: no step there, and next to nothing at rest on a limit.
 
     Returns:
-        How far the farthest joint is beyond its limit, rad; 0 when none is.
+        How far the farthest joint is beyond its limit, rad; 0 when no joint is.
     """
     beyond = q - np.minimum(np.maximum(q, lower), upper)
     depth = np.abs(beyond)
@@ -91,7 +91,7 @@ def clip_torque(
     Args:
         out: (n, 5) commands, changed in place.
         q, dq: (n,) as measured.
-        before: the same of the sample before, NaN where there is none. A single wrong one must not move an arm: only
+        before: the same of the sample before, NaN before there is one. A single wrong one must not move an arm: only
             what both ask for too much is taken away. A blow waits for its second sample; until then the motor damps it
             by itself, as it did.
     """
@@ -114,5 +114,5 @@ def clip_torque(
 
 
 def _share(excess: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """What of `excess` can be taken from this part of it."""
+    """The share of `excess` that can be taken from this part of it."""
     return np.where(excess * part > 0.0, np.copysign(np.minimum(np.abs(excess), np.abs(part)), excess), 0.0)

@@ -44,7 +44,7 @@ class SetPoint:
         end_deceleration: np.ndarray,
     ):
         self.speed_limit = np.array(speed_limit, dtype=float)
-        # What it can brake for: the target, the lower and the upper end. In one array, as numpy's calls are what costs.
+        # For the target, the lower and the upper end. In one array, because each call of numpy costs.
         self._decelerations = np.array((acceleration_limit, end_deceleration, end_deceleration), dtype=float)
         self.acceleration_limit = self._decelerations[0]
         self._lower, self._upper = lower, upper
@@ -81,7 +81,20 @@ class SetPoint:
         """Go on from another value of one coordinate, as fast as before; its target stays."""
         self._plans[:, 0, index] = value
 
-    def aim(self, target: np.ndarray, now: float, velocity: np.ndarray | None = None) -> None:
+    def limit_speed(self, limit: np.ndarray) -> None:
+        """Move the first m coordinates at `limit` (m,) unit/s at most, from now on."""
+        self.speed_limit[: len(limit)] = limit
+
+    def limit_acceleration(self, limit: np.ndarray) -> None:
+        """Accelerate the first m coordinates with `limit` (m,) unit/s² at most, from now on."""
+        self.acceleration_limit[: len(limit)] = limit
+
+    def move_at(self, dq: np.ndarray) -> None:
+        """Go on with speed dq (m,) of the first m coordinates, within their limits."""
+        m = len(dq)
+        self.dq[:m] = np.minimum(np.maximum(dq, -self.speed_limit[:m]), self.speed_limit[:m])
+
+    def set_target(self, target: np.ndarray, now: float, velocity: np.ndarray | None = None) -> None:
         """Take a new target (n,), to be reached within about one caller period if the limits allow it.
 
         `velocity` (n,) is the speed with which the target itself moves, when the caller knows it; otherwise it is
@@ -108,7 +121,7 @@ class SetPoint:
         self._target_velocity[:] = 0.0
         self._arrive_at = -math.inf
 
-    def advance(self, now: float, dt: float) -> None:
+    def step(self, now: float, dt: float) -> None:
         """Plan the next step, of one tick of `dt` seconds, if any.
 
         v = (target − q) / time left, within the speed from which the remaining way still allows to slow down to the
@@ -132,19 +145,23 @@ class SetPoint:
         step = self.acceleration_limit * dt
         self._plans[1:] = self._plans[:-1]
         self._took_s = dt, self._took_s[0]
-        self._step(self.dq + np.minimum(np.maximum(wanted - self.dq, -step), step))
+        self._plan(self.dq + np.minimum(np.maximum(wanted - self.dq, -step), step))
 
     def hold_back(self, share: np.ndarray) -> None:
         """Plan this tick anew, such that `asked_ddq` is only these shares (n,) of what it is."""
         before = self._plans[2, 1]
-        self._step(before + share * (self.dq - before))
+        self._plan(before + share * (self.dq - before))
 
-    def _step(self, dq: np.ndarray) -> None:
-        """Plan this tick: move on from the plan before with speed `dq` (n,), within the range."""
-        start = self._plans[1, 0]
-        q = start + dq * self._took_s[0]
-        self.q[:] = np.minimum(np.maximum(q, np.minimum(self._lower, start)), np.maximum(self._upper, start))
-        self.dq[:] = np.where(self.q == q, dq, 0.0)
+    def _plan(self, dq: np.ndarray) -> None:
+        """Plan this tick: move on from the plan before with speed `dq` (n,)."""
+        self.replan(self._plans[1, 0] + dq * self._took_s[0], dq)
+
+    def replan(self, q: np.ndarray, dq: np.ndarray) -> None:
+        """Plan this tick for the first m coordinates, (m,) each, as given but within the range."""
+        m = len(q)
+        start, lower, upper = self._plans[1, 0, :m], self._lower[:m], self._upper[:m]
+        inside = np.minimum(np.maximum(q, np.minimum(lower, start)), np.maximum(upper, start))
+        self.q[:m], self.dq[:m] = inside, np.where(inside == q, dq, 0.0)
 
     @property
     def asked(self) -> np.ndarray:
@@ -164,7 +181,7 @@ class SetPoint:
 
 
 def _brakes_within(ways: np.ndarray, decelerations: np.ndarray, dt: float) -> np.ndarray:
-    """The speeds from which `ways` suffice to come to rest, sqrt(2 a way); 0 where none is left. All (3, n)."""
+    """The speeds from which `ways` suffice to come to rest, sqrt(2 a way); 0 where no way is left. All (3, n)."""
     ways = np.maximum(ways, 0.0)
     # One tick is the resolution: without the floor the last steps would shrink for ever.
     return np.minimum(np.sqrt(2.0 * decelerations * ways), ways / dt)

@@ -1,4 +1,4 @@
-"""Which arm is on this channel? A binding file remembers what an arm was recognised by; a session compares.
+"""The identity of the arm on a channel: a binding file keeps the marks of an arm, and a session compares them.
 
 Contradictions (another serial number, another motor type, a handle or a motor that was not there) refuse. Changes
 that have an innocent explanation (another adapter or channel name, new firmware, something silent) are warnings,
@@ -81,7 +81,7 @@ class Binding:
 
 
 def contradictions(bound: Fingerprint, found: Fingerprint) -> list[str]:
-    """What one arm cannot have become by itself, in words; empty when both may be the same arm."""
+    """Differences in words that no arm undergoes by itself; empty when both may be the same arm."""
     reasons = []
     common = sorted(bound.motors.keys() & found.motors.keys())
     other = [i for i in common if i in bound.serials and i in found.serials and bound.serials[i] != found.serials[i]]
@@ -101,7 +101,7 @@ def contradictions(bound: Fingerprint, found: Fingerprint) -> list[str]:
 
 
 def changes(bound: Fingerprint, found: Fingerprint) -> list[str]:
-    """What differs and may have an innocent explanation, in words."""
+    """Differences in words that may have an innocent explanation."""
     reasons = []
     silent = sorted(bound.motors.keys() - found.motors.keys())
     if silent:
@@ -122,7 +122,7 @@ def changes(bound: Fingerprint, found: Fingerprint) -> list[str]:
 def check_identity(
     path: Path | str, found: Fingerprint, channel: str, name: str, place: str | None = None
 ) -> list[str]:
-    """Is what was found on `channel` the arm that is bound in `path`?
+    """Check that the arm found on `channel` is the one bound in `path`.
 
     Args:
         path: the binding file of the arm that is expected; its directory is searched for siblings.
@@ -141,13 +141,34 @@ def check_identity(
     if not found.motors:
         raise MotorError(f"{name}: nothing answers on channel {channel}; check motor power, cable and bit-rate")
     binding = Binding.load(path, place)
-    if binding is None:  # who asks for the check must not go without it for a slip of the pen
+    if binding is None:  # a misspelt path must not disable the check
         raise ConfigError(
             f"{name}: there is no arm binding {path}; correct `identity_path`, or bind the arm: "
             f"yam-identify {place} --bind {shlex.quote(str(path))}"
         )
     again = f"yam-identify {place} --name {shlex.quote(binding.name)} --bind {shlex.quote(str(path))}"
-    warnings = _compare(binding, path, found, channel, name, again)
+    different = changes(binding.fingerprint, found)
+    if binding.channel != channel:
+        different.append(f"another channel name (bound: {binding.channel}; now: {channel})")
+    possible = [other for other in siblings(path) if not contradictions(other.fingerprint, found)]
+    exact = [other for other in possible if not changes(other.fingerprint, found)]
+    against = contradictions(binding.fingerprint, found)
+    if against or (different and exact):
+        fitting, why = (exact or possible, against) if against else (exact, different)
+        told = _other_arm(binding, fitting, path, found, "; ".join(why))
+        raise MotorError(f"{name}: channel {channel} {told}: {again} --force")
+    warnings = []
+    if different:
+        warnings.append(
+            f"{name}: the arm on channel {channel} fits {binding.name!r}, but {'; '.join(different)}. "
+            f"If that is intended, bind it again: {again}"
+        )
+    if exact:
+        twins = ", ".join(repr(other.name) for other in exact)
+        warnings.append(
+            f"{name}: the arm on channel {channel} cannot be told apart from {twins}: same serial numbers, "
+            f"no other adapter. A swap would go unnoticed; {WIGGLE_ADVICE}"
+        )
     for warning in warnings:
         logger.warning(warning)
     return warnings
@@ -200,64 +221,22 @@ def siblings(path: Path) -> list[Binding]:
     return found
 
 
-def _compare(binding: Binding, path: Path, found: Fingerprint, channel: str, name: str, again: str) -> list[str]:
-    """Warnings; raises MotorError when a contradiction or a better fitting sibling says that it is another arm.
-
-    `again`: the command that binds what is there.
-    """
-    against = contradictions(binding.fingerprint, found)
-    different = changes(binding.fingerprint, found)
-    if binding.channel != channel:
-        different.append(f"another channel name (bound: {binding.channel}; now: {channel})")
-    others = siblings(path)
-    possible = [other for other in others if not contradictions(other.fingerprint, found)]
-    exact = [other for other in possible if not changes(other.fingerprint, found)]
-    if against:
-        raise MotorError(_other_arm(binding, exact or possible, path, found, channel, name, against, again))
-    if different and exact:
-        raise MotorError(_other_arm(binding, exact, path, found, channel, name, different, again))
-    warnings = []
-    if different:
-        warnings.append(
-            f"{name}: the arm on channel {channel} fits {binding.name!r}, but {'; '.join(different)}. "
-            f"If that is intended, bind it again: {again}"
-        )
-    if exact:
-        twins = ", ".join(repr(other.name) for other in exact)
-        warnings.append(
-            f"{name}: the arm on channel {channel} cannot be told apart from {twins}: same serial numbers, "
-            f"no other adapter. A swap would go unnoticed; {WIGGLE_ADVICE}"
-        )
-    return warnings
-
-
-def _other_arm(
-    expected: Binding,
-    fitting: list[Binding],
-    path: Path,
-    found: Fingerprint,
-    channel: str,
-    name: str,
-    reasons: list[str],
-    again: str,
-) -> str:
-    why = "; ".join(reasons)
+def _other_arm(expected: Binding, fitting: list[Binding], path: Path, found: Fingerprint, why: str) -> str:
     if fitting:
         carried = " or ".join(repr(other.name) for other in fitting)
         return (
-            f"{name}: channel {channel} carries the arm bound as {carried}, not {expected.name!r}: "
+            f"carries the arm bound as {carried}, not {expected.name!r}: "
             f"{_what_is_swapped(expected, fitting, found)} are swapped ({why}). Put them right, or if this is how it "
-            f"shall be, bind again: {again} --force"
+            "shall be, bind again"
         )
-    exchanged = [i for i, serial in expected.fingerprint.serials.items() if found.serials.get(i) == serial]
+    exchanged = any(found.serials.get(i) == serial for i, serial in expected.fingerprint.serials.items())
     guess = (
         "If motors were exchanged or added, bind the arm again"
         if exchanged
         else "Look for swapped cables; if it is the right arm, bind it again"
     )
     return (
-        f"{name}: channel {channel} does not carry the arm bound as {expected.name!r} ({why}), nor any other arm bound "
-        f"in {path.parent}. {guess}: {again} --force"
+        f"does not carry the arm bound as {expected.name!r} ({why}), nor any other arm bound in {path.parent}. {guess}"
     )
 
 
@@ -270,7 +249,7 @@ def _what_is_swapped(expected: Binding, fitting: list[Binding], found: Fingerpri
 
 
 def _notes(found: Fingerprint, others: Iterable[Binding]) -> list[str]:
-    """What a later check could not notice."""
+    """Swaps that a later check could not notice."""
     notes = []
     serials = set(found.serials.values())
     if len(found.serials) < 2 or len(serials) == 1:

@@ -1,4 +1,4 @@
-"""What answers on a CAN channel, and through which adapter: the marks by which an arm is recognised.
+"""The fingerprint of an arm: the motors and the handle that answer on its channel, and the adapter.
 
 Reading asks for registers and for the handle's version only: nothing is written, zeroed or energised.
 """
@@ -78,8 +78,8 @@ class Fingerprint:
 
     Attributes:
         motors: by CAN id.
-        handle_firmware: version of the teaching handle; None when none answers.
-        adapter: None where the kernel knows none (the virtual rig, vcan).
+        handle_firmware: version of the teaching handle; None when no handle answers.
+        adapter: None where the kernel knows no hardware (the virtual rig, vcan).
     """
 
     motors: dict[int, MotorPrint]
@@ -92,7 +92,7 @@ class Fingerprint:
         return {can_id: motor.serial for can_id, motor in self.motors.items() if motor.serial is not None}
 
     def role(self, gripper_id: int) -> str:
-        """What kind of arm this looks like, in words, if a gripper's motor has this CAN id."""
+        """The kind of arm in words, if a gripper's motor has this CAN id."""
         if self.handle_firmware is not None:
             return "leader (a teaching handle answers)"
         if gripper_id in self.motors:
@@ -109,7 +109,7 @@ class Fingerprint:
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> "Fingerprint":
-        """Inverse of `to_dict`; KeyError, TypeError or ValueError when it is none."""
+        """Inverse of `to_dict`; KeyError, TypeError or ValueError for other data."""
         handle, adapter = data["handle_firmware"], data["adapter"]
         motors = {}
         for can_id, marks in data["motors"].items():
@@ -133,7 +133,7 @@ def read_fingerprint(
     """Ask all ids of an arm, the handle and the kernel. Blocks for up to 0.5 s when much is missing.
 
     Args:
-        bus: open bus; nobody else may be driving it.
+        bus: open bus; no other program may be driving it.
         channel, interface: as given to python-can.
         ids: of the motors that may be there, see `mounting.arm_ids`.
         sysfs_net: where the kernel lists its network interfaces.
@@ -156,11 +156,11 @@ def gear_ratio(bus: can.BusABC, channel: str, can_id: int) -> float | None:
 
 
 def handle_firmware(bus: can.BusABC, channel: str) -> tuple[int, int, int] | None:
-    """Firmware version of the teaching handle, None when none answers."""
+    """Firmware version of the teaching handle, None when no handle answers."""
     port = BusPort(bus, channel)
     for _ in range(_ATTEMPTS):
         while port.recv(0.0) is not None:
-            pass  # an answer to somebody else's question
+            pass  # an answer to another program's question
         port.send([data_message(REQUEST_ID, encode_version_request())])
         deadline = port.clock.now() + _HANDLE_WAIT_S
         while (remaining := deadline - port.clock.now()) > 0.0:
@@ -173,7 +173,7 @@ def handle_firmware(bus: can.BusABC, channel: str) -> tuple[int, int, int] | Non
 
 
 def read_adapter(channel: str, sysfs_net: Path = SYSFS_NET) -> Adapter | None:
-    """Serial number and port of a network interface's hardware; None when the kernel knows none.
+    """Serial number and port of a network interface's hardware; None when the kernel knows no such hardware.
 
     `device` leads to the USB interface (port "1-2.3:1.0"), whose parent is the adapter with its `serial`. An adapter
     with several channels has one `dev_port` for each, or, under kernels whose driver leaves that 0, one `dev_id`. Other

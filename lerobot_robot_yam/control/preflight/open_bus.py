@@ -43,7 +43,7 @@ def open_bus(config: ArmConfig, only: Sequence[int] | None = None) -> can.BusABC
             interface=config.interface,
             channel=config.channel,
             can_filters=filters,
-            ignore_config=True,  # what a file elsewhere says of buses is not meant for arms
+            ignore_config=True,  # python-can's own configuration files are not meant for arms
             **{"bitrate": BITRATE, **config.can_options},
         )
     except YamError:
@@ -65,6 +65,6 @@ def open_bus(config: ArmConfig, only: Sequence[int] | None = None) -> can.BusABC
 
 
 def keeps_awake(configs: Sequence[ArmConfig], quiet: bool = False) -> contextlib.AbstractContextManager[None]:
-    """Keeps the computer from sleeping as long as real arms are driven; `quiet`: somebody else logs it."""
+    """Keeps the computer from sleeping as long as real arms are driven; `quiet`: another process logs it."""
     real = [config.name for config in configs if config.interface != VIRTUAL]
     return kept_awake(", ".join(real), quiet) if real else contextlib.nullcontext()

@@ -1,6 +1,6 @@
-"""Is this the kind of arm that the configuration speaks of? A leader has a teaching handle, a follower a gripper motor.
+"""The role of an arm: a leader has a teaching handle, a follower a gripper motor.
 
-Tells swapped cables apart from dead motors without any binding. Asks only; energises nothing.
+It tells swapped cables from dead motors without any binding. Asks only; energises nothing.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from lerobot_robot_yam.errors import MotorError
 
 @dataclass(frozen=True)
 class Role:
-    """What answers at the end of an arm: handle, gripper motor (with its gear ratio), both or neither.
+    """The devices at the end of an arm: handle, gripper motor (with its gear ratio), both or neither.
 
     gripper_id: CAN id at which a gripper's motor was asked for.
     """
@@ -39,7 +39,7 @@ def probe_role(bus: can.BusABC, channel: str, gripper_id: int) -> Role:
 
 
 def role_mistake(name: str, channel: str, gripper: GripperProfile, found: Role) -> str | None:
-    """What is wrong when `found` is not what the profile `gripper` describes; None when it may be right."""
+    """Message when `found` is not what the profile `gripper` describes; None when it may be right."""
     if gripper.handle_encoder and not found.handle and found.has_gripper_motor:
         return (
             f"{name}: channel {channel} carries a follower (a gripper motor answers, no teaching handle does), but "

@@ -1,7 +1,7 @@
-"""A control group of its own for the stand-by: what freezes or kills the group of the others spares it.
+"""A separate control group for the stand-by: what freezes or kills the control process's group spares it.
 
-systemd puts it into a scope where it runs the machine; elsewhere a group beside ours is made, where we may. Whether
-that has come about is said: nothing depends on it until a whole group is frozen or killed.
+Where systemd runs the machine it puts the stand-by into a scope. Elsewhere a group beside ours is made, where that is
+allowed. The result is logged: nothing depends on it until a whole group is frozen or killed.
 """
 
 import contextlib
@@ -20,7 +20,7 @@ _SHARED = "shares its control group with the control process, so that a freezer 
 
 
 def leave_group() -> str:
-    """Move this process into a control group of its own; returns what came of it, for the log. Takes up to 7 s."""
+    """Move this process into a separate control group; returns the result for the log. Takes up to 7 s."""
     before = _group()
     if before in ("", "/"):
         return "is in no control group but the machine's, or its container's"
@@ -40,7 +40,7 @@ def leave_group() -> str:
 
 
 def _group() -> str:
-    """Path of our group in version 2 of the hierarchy, empty where the kernel has none."""
+    """Path of our group in version 2 of the hierarchy, empty where the kernel has no version 2."""
     lines = _GROUPS.read_text().splitlines()
     return next((line.removeprefix("0::") for line in lines if line.startswith("0::")), "")
 
@@ -49,11 +49,11 @@ def _ask_systemd(group: str) -> None:
     """Have the manager that lives as long as we do make a scope.
 
     Raises:
-        OSError, TimeoutExpired: there is none, or it refuses.
+        OSError, TimeoutExpired: no manager answers, or it refuses.
     """
     uid, environment = os.getuid(), dict(os.environ)
     if uid:
-        # At log-out the user's manager ends with all its scopes, those who were started in a session may live on.
+        # At log-out the user's manager ends with all its scopes; processes started in a session may live on.
         if f"/user@{uid}.service/" not in group and not (_LINGER / pwd.getpwuid(uid).pw_name).exists():
             raise OSError(f"the user's systemd ends before it; `loginctl enable-linger` keeps that (group {group})")
         environment.setdefault("XDG_RUNTIME_DIR", f"/run/user/{uid}")
@@ -75,7 +75,7 @@ def _make_group(group: str) -> None:
     """
     beside = Path(_mount() + group).parent
     for left in beside.glob(f"{_PREFIX}*"):
-        with contextlib.suppress(OSError):  # somebody is in it still
+        with contextlib.suppress(OSError):  # a process is in it still
             left.rmdir()
     own = beside / f"{_PREFIX}{os.getpid()}"
     own.mkdir()

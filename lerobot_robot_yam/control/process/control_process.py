@@ -1,7 +1,7 @@
 """The control process: `python -m lerobot_robot_yam.control.process.control_process`, started by `ArmSession`.
 
 One JSON line on standard input says which arms; one on standard output says "ready" or what went wrong. It imports
-neither lerobot nor torch, lives in a session of its own so that Ctrl-C does not reach it, and lands its arms when it
+neither lerobot nor torch, lives in a separate session so that Ctrl-C does not reach it, and lands its arms when it
 is told to (SIGTERM) or when its parent is gone.
 """
 
@@ -57,7 +57,7 @@ def control(
     loop: ControlLoop | None = None
     awake = contextlib.ExitStack()
     try:
-        refuse_stopped(configs[0].name, EmergencyStop())  # else who still holds the arms would be told to be ended
+        refuse_stopped(configs[0].name, EmergencyStop())  # before a lock that another process holds
         for config, key in zip(configs, keys, strict=True):
             lock = FileLock(lock_path(key), f"CAN channel {config.channel}")
             lock.acquire()
@@ -114,7 +114,7 @@ def main() -> int:
     orphaned = False
 
     def watch_parent() -> None:
-        """In a thread: who looks at a dying process may get to clear its memory away, which can take a while."""
+        """Runs in a thread: looking at a dying process may mean to free its memory, which can take a while."""
         nonlocal orphaned
         while not (hung_up(job["lifeline"], _PARENT_LOOK_S) or parent_end.reached()):
             pass
@@ -126,7 +126,7 @@ def main() -> int:
         nonlocal stand_by_pid
         try:
             ended = bool(stand_by_pid) and os.waitpid(stand_by_pid, os.WNOHANG)[0] != 0
-        except ChildProcessError:  # who started us ignores SIGCHLD, and so do we: the kernel keeps no ended children
+        except ChildProcessError:  # our parent ignores SIGCHLD, and so do we: the kernel keeps no ended children
             ended = True
         if ended:
             stand_by_pid = 0

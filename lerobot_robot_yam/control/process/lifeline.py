@@ -32,13 +32,13 @@ class Lifeline:
         return self._near.fileno() < 0 or hung_up(self._near.fileno(), 0.0)
 
     def close(self) -> None:
-        """Let go: whoever has the other end takes this process for gone. Idempotent."""
+        """Let go: the far end takes this process for gone. Idempotent."""
         self._near.close()
         self._far.close()
 
 
 def hung_up(descriptor: int, within_s: float) -> bool:
-    """Wait until nobody has the other end of a line any more; False: somebody has it still after `within_s`."""
+    """Wait until no process has the other end of a line; False: one still has it after `within_s`."""
     poll = select.poll()
     poll.register(descriptor, select.POLLRDHUP)
     return bool(poll.poll(within_s * 1e3))

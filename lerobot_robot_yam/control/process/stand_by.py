@@ -41,7 +41,7 @@ from lerobot_robot_yam.system.runtime_files import FileLock
 logger = logging.getLogger(__name__)
 
 _LOOK_S = 0.02
-_CLEARED_MS = 5000  # what the kernel takes at most to free the locks of the dead
+_CLEARED_MS = 5000  # the kernel frees the locks of a dead process within this
 _HUNG_LOOKS = round(HUNG_S / _LOOK_S)  # looks in a row, not time: a machine that stood still has not looked
 
 
@@ -61,16 +61,16 @@ def spawn(configs: Sequence[ArmConfig], keys: Sequence[str], pairs: Sequence[Blo
             signal.signal(name, signal.SIG_IGN)
         avoid_oom_killer()
         with log_from_a_thread():
-            threading.Thread(target=_leave_group, name="yam-group", daemon=True).start()  # nobody waits for it
+            threading.Thread(target=_leave_group, name="yam-group", daemon=True).start()  # nothing waits for it
             stand_by = StandBy(configs, keys, pairs, control_pid)
-            with keeps_awake(configs, quiet=True):  # now: no program is to be started while an arm falls
+            with keeps_awake(configs, quiet=True):  # now: no program may be started while an arm falls
                 stand_by.run(rt_priority)
         status = 0
     except BaseException:
         logger.exception("stand-by failed")
     finally:
         sys.stderr.flush()
-        os._exit(status)  # nothing of the control process's own clean-up is ours
+        os._exit(status)  # the clean-up of the control process is not ours
 
 
 def _leave_group() -> None:
@@ -78,7 +78,7 @@ def _leave_group() -> None:
 
 
 class StandBy:
-    """Watches one control process.
+    """Watches one control process, and lands its arms when that ends.
 
     Args:
         configs, keys, pairs: its arms, the names by which others find them, and their blocks.
@@ -121,7 +121,7 @@ class StandBy:
         """Read the newest states; returns the newest tick."""
         newest = 0
         for index, pair in enumerate(self._pairs):
-            record = pair.states.glance()  # who is killed in the middle of a write leaves none
+            record = pair.states.glance()  # a process killed in the middle of a write leaves no record
             if record is not None:
                 self._records[index] = record
                 newest = max(newest, int(record["tick"]))

@@ -1,5 +1,6 @@
-"""Who on the channel has stopped to answer, to obey or to tell the truth, and whether somebody else talks there."""
+"""Monitors one channel: silent, disobedient or lying motors, another driver, and frames that are not taken."""
 
+import errno
 import math
 from dataclasses import dataclass
 
@@ -7,40 +8,48 @@ import numpy as np
 
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.tables import Fault, fault_text
+from lerobot_robot_yam.errors import BusError
 from lerobot_robot_yam.state.faults import FAULT_TROUBLE, SILENT_S, Trouble
 
 _MOTOR_MISSED = 10  # a lost motor has let so many questions in a row go by: a machine that stood still has not asked
 _CHANNEL_MISSED = 5  # of every motor: the first of them to be lost does not name the trouble
-_WINDOW_S = 0.4  # strangers are counted over so long; told of within 0.5 s, also where a window ends too soon
+_WINDOW_S = 0.4  # stray frames are counted over this; told within 0.5 s, also where a window ends too soon
 _DUPLICATES = 5  # answers beyond the questions and beyond those that merely came late
-_FOREIGN = 3  # commands of somebody else
+_FOREIGN = 3  # commands of another driver
 _LIES = "readings that jump as no joint can; check cable and plug, and that no second arm shares the channel"
+
+_BUS_TROUBLE = {
+    errno.ENODEV: Trouble.ADAPTER_GONE,
+    errno.ENETDOWN: Trouble.LINK_DOWN,
+    errno.ENOBUFS: Trouble.BUS_OFF,
+}
+_FULL_S = 0.05  # a transmit queue that takes nothing for this long stays full; after a late tick it empties soon
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What a watch has found: bad (n,) bool, motors that cannot be relied on; trouble None when all is well."""
+    """Result of a check: bad (n,) bool, motors that cannot be relied on; trouble None when all is well."""
 
     bad: np.ndarray
     trouble: Trouble | None = None
     message: str = ""
 
 
-class MotorWatch:
-    """Which motors of a chain are silent, do not obey or cannot be believed. Ask once per tick."""
+class ChannelMonitor:
+    """Finds motors of a chain that are silent, do not obey or cannot be believed. Call once per tick."""
 
     def __init__(self, chain: MotorChain):
         self._chain = chain
         self._none = self._bad = np.zeros(len(chain), dtype=bool)
         self._well = Finding(self._none)
-        self._strangers = _Strangers(chain)
+        self._stray = _StrayFrames(chain)
 
     def check(self, now: float) -> Finding:
         """State of every motor; the message names each in trouble with its reason."""
         chain = self._chain
         if chain.all_answered and chain.all_normal:  # nearly always
             self._bad = self._none
-            trouble, message = self._strangers.check(now)
+            trouble, message = self._stray.check(now)
             return self._well if trouble is None else Finding(self._none, trouble, message)
         missed, lies = chain.missed, chain.distrusted
         silent = (chain.silence_s(now) > SILENT_S) & (missed >= _MOTOR_MISSED)
@@ -50,7 +59,7 @@ class MotorWatch:
             return Finding(self._bad)
         self._bad = bad
         if not bad.any():
-            return Finding(bad, *self._strangers.check(now))
+            return Finding(bad, *self._stray.check(now))
         if silent.all():
             age = float((now - chain.stamp_s).min())
             return Finding(
@@ -71,7 +80,7 @@ class MotorWatch:
         return Finding(bad, trouble or (Trouble.IMPLAUSIBLE if lies.any() else Trouble.MOTOR_SILENT), message)
 
 
-class _Strangers:
+class _StrayFrames:
     """Frames that should not be there: second answers, commands of another driver."""
 
     def __init__(self, chain: MotorChain):
@@ -103,3 +112,25 @@ class _Strangers:
             names = ", ".join(f"{chain.motors[i].name} (id {chain.motors[i].can_id})" for i in doubled)
             return Trouble.DUPLICATE_ID, f"more than one answer from {names}: two motors share an id"
         return None, ""
+
+
+class BusLoss:
+    """Whether a channel takes frames. `lost`: nothing reaches the motors."""
+
+    def __init__(self) -> None:
+        self.lost = False
+        self._full_since_s = math.inf
+
+    def clear(self) -> None:
+        """The channel has taken a whole tick."""
+        self.lost, self._full_since_s = False, math.inf
+
+    def note(self, error: BusError, now: float) -> Trouble | None:
+        """The channel has not. Returns the trouble, once, as soon as it is certain."""
+        trouble = _BUS_TROUBLE.get(error.errno or 0, Trouble.ADAPTER_GONE)
+        if trouble is Trouble.BUS_OFF:
+            self._full_since_s = min(self._full_since_s, now)
+            if now - self._full_since_s < _FULL_S:
+                return None
+        before, self.lost = self.lost, True
+        return None if before else trouble

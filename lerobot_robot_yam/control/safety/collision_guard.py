@@ -31,7 +31,7 @@ _MOST_SLOWED = 4  # pairs at a time; the time that a tick takes is bounded
 _LONG_WAY = 1000  # looks at a move of any length, which is no tick's
 _ROUNDS = 3  # of slowing down: to slow for one pair may take from another what parts it
 _GAIN_M = 1e-7  # a joint that adds less to a distance has no part in it
-_STANDS = 1e-3  # a smaller share of a step is none: an arm that leans on a limit stands still
+_STANDS = 1e-3  # a smaller share of a step counts as 0: an arm that leans on a limit stands still
 
 
 class Nearness(NamedTuple):
@@ -51,9 +51,10 @@ class Nearness(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """What may be taken of a step.
+    """The part of a step that may be taken.
 
-    q, dq: per arm (joints,), where the set-points may go. blocked: per arm, whether it is held back. because: the
+    q, dq: per arm (joints,), where the set-points may go, before they are kept within their ranges: joints that brake
+    in proportion may be too fast for an end that is near. blocked: per arm, whether it is held back. because: the
     pairs in conflict, with their distances before the step; empty when no arm is blocked.
     """
 
@@ -63,7 +64,7 @@ class Verdict(NamedTuple):
     because: tuple[Nearness, ...]
 
     def message(self, arm: int) -> str:
-        """What holds this arm back: "left link4 – keep-out 'camera mast', 12 mm"; empty when nothing does."""
+        """The parts that hold this arm back: "left link4 – keep-out 'camera mast', 12 mm"; empty when none do."""
         return "; ".join(str(row) for row in self.because if arm in row.arms) if self.blocked[arm] else ""
 
 
@@ -127,7 +128,6 @@ class WorkspaceGuard:
         ends = np.cumsum(self._joints).tolist()
         self._parts = [slice(end - n, end) for end, n in zip(ends, self._joints, strict=True)]
         self._arm_of = np.repeat(np.arange(len(arms)), self._joints)
-        self._lower, self._upper = np.concatenate([arm.arm.joint_limits_rad for arm in arms]).T
         self._memory: tuple[np.ndarray, Verdict] | None = None
 
     def open_grippers(self, openings: Sequence[float]) -> None:
@@ -171,7 +171,7 @@ class WorkspaceGuard:
         now: float,
         dt: float,
     ) -> Verdict:
-        """Advance all set-points by one tick, as `SetPoint.advance` does, but for what would be in conflict.
+        """Advance all set-points by one tick, as `SetPoint.step` does, but for what would be in conflict.
 
         Speed and acceleration limits hold for what is taken, too.
 
@@ -185,7 +185,7 @@ class WorkspaceGuard:
         still = [np.zeros(n) for n in self._joints]
         speed = self._row([s.dq for s in setpoints], still, guarded)
         for setpoint in setpoints:
-            setpoint.advance(now, dt)
+            setpoint.step(now, dt)
         q = self._row([s.q for s in setpoints], measured, guarded)
         dq = self._row([s.dq for s in setpoints], still, guarded)
         inputs = np.concatenate([start, speed, q, dq, guarded])
@@ -196,11 +196,9 @@ class WorkspaceGuard:
             step = _Step.plan(start, speed, q, dq, decel, dt)
             verdict = self._settle(step, np.asarray(guarded)[self._arm_of])
             self._memory = (inputs, verdict)
-        for setpoint, n, q_arm, dq_arm, blocked in zip(
-            setpoints, self._joints, verdict.q, verdict.dq, verdict.blocked, strict=True
-        ):
+        for setpoint, q_arm, dq_arm, blocked in zip(setpoints, verdict.q, verdict.dq, verdict.blocked, strict=True):
             if blocked:
-                setpoint.q[:n], setpoint.dq[:n] = q_arm, dq_arm
+                setpoint.replan(q_arm, dq_arm)
         return verdict
 
     def _row(self, ours: Sequence[np.ndarray], theirs: Sequence[np.ndarray], guarded: Sequence[bool]) -> np.ndarray:
@@ -230,15 +228,10 @@ class WorkspaceGuard:
             share, conflicts = self._brake(step, self._joints_of(arms) & movable)
         if conflicts:
             share = np.where(movable, 0.0, 1.0)
-        q, dq = self._within_limits(step.start, *step.take(share))
+        q, dq = step.take(share)
         held = np.zeros(len(self._joints), dtype=bool)
         held[self._arm_of[share < 1.0]] = True
         return self._verdict(q, dq, held, first)
-
-    def _within_limits(self, start: np.ndarray, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """As `SetPoint` has it: joints that brake in proportion may be too fast for a limit that is near."""
-        inside = np.minimum(np.maximum(q, np.minimum(self._lower, start)), np.maximum(self._upper, start))
-        return inside, np.where(inside == q, dq, 0.0)
 
     def _brake(self, step: _Step, joints: np.ndarray) -> tuple[np.ndarray, list[Conflict]]:
         share = np.where(joints, 0.0, 1.0)
@@ -278,7 +271,7 @@ class WorkspaceGuard:
         return factor, approaching
 
     def _to_blame(self, conflict: Conflict, now: np.ndarray, then: np.ndarray) -> list[int]:
-        """The arms whose own part of the move brings the pair together; all its arms when none does alone."""
+        """The arms whose own part of the move brings the pair together; all its arms when no arm does alone."""
         arms = conflict.pair.arms
         if len(arms) == 1:
             return list(arms)

@@ -1,4 +1,4 @@
-"""Says once, not at every tick, what keeps an arm from its target."""
+"""Logs once, not at every tick, what keeps an arm from its target: speed limit, workspace or obstacle."""
 
 import logging
 import math
@@ -25,8 +25,8 @@ def far_behind(gap_rad: np.ndarray, kp: np.ndarray, limit_nm: np.ndarray) -> np.
     return far
 
 
-class HeldBack:
-    """What holds the arm named `arm`, of the joints so named, back from where it is told to go."""
+class ProgressMonitor:
+    """Monitors the arm named `arm`, of the joints so named."""
 
     def __init__(self, arm: str, joints: Sequence[str]):
         self._arm, self._joints = arm, joints

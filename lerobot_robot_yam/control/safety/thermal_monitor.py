@@ -2,8 +2,8 @@
 
 Two sensors per motor. Where they trip, by public sources on Damiao motors (a driver that quotes the DM9008 manual, and
 Seeed Studio's page on the series): the power stage at a fixed 120 °C; the coil at register OT_VALUE, for which at most
-100 °C is advised. Nobody has let an arm fall to check which of the two sensors the register really guards, so both
-count as tripping there.
+100 °C is advised. It is not known which of the two sensors the register really guards, so both count as
+tripping there.
 
     level = 0 … 1 over the 15 °C below the trip, the worse of the two sensors
     WARM    15 °C below the trip: half speed, less grip
@@ -25,7 +25,7 @@ logger = logging.getLogger(__name__)
 
 _MOS_TRIP_C = 120.0  # see above
 _COIL_TRIP_C = 100.0
-_OT_RANGE_C = (80.0, 200.0)  # what OT_VALUE can be set to; anything else was never written
+_OT_RANGE_C = (80.0, 200.0)  # OT_VALUE can be set to these; any other value was never written
 WARM_C = 15.0  # below the trip
 HOT_C = 5.0
 _HYSTERESIS_C = 3.0
@@ -44,13 +44,13 @@ class Stage(IntEnum):
 
 @dataclass(frozen=True)
 class Heat:
-    """What the watch knows.
+    """Heat of the motors of one arm.
 
     Attributes:
         level: (n,) 0 cool … 1 at the trip.
         stages: (n,) `Stage` of each motor.
         stage: of the warmest.
-        message: names each motor that is WARM or HOT, both its temperatures and its trips; empty when none is.
+        message: names each motor that is WARM or HOT, both its temperatures and its trips; empty when no motor is.
     """
 
     level: np.ndarray
@@ -72,7 +72,7 @@ def trips_c(ot_value_c: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
     return np.minimum(set_to, _MOS_TRIP_C), np.minimum(set_to, _COIL_TRIP_C)
 
 
-class HeatWatch:
+class ThermalMonitor:
     """Temperatures of the n motors of one arm. Ask once per tick.
 
     Args:

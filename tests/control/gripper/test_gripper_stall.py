@@ -6,8 +6,8 @@ import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.profile_files import load_gripper
-from lerobot_robot_yam.control.gripper.force_derating import HOLD_SHARE, GripForce
-from lerobot_robot_yam.control.gripper.gripper import GripperAxis
+from lerobot_robot_yam.control.gripper.force_limiter import HOLD_SHARE, GripForce
+from lerobot_robot_yam.control.gripper.gripper import Gripper
 from tests.support.rigged import LIVE, STOPS, arm_on, rig_of
 
 TICK_S = 0.004
@@ -56,7 +56,7 @@ def test_what_is_no_stall(harmless):
 @pytest.mark.parametrize("motor_rad", [-3.3, -1.0, 0.5, 2.4])
 @pytest.mark.parametrize("tau_nm", [-0.51, 0.51, 2.0])
 def test_a_gripper_that_is_taken_over_while_it_presses_is_not_kicked(motor_rad, tau_nm):
-    axis = GripperAxis(ArmConfig(channel="x", name="left"), load_gripper("linear_4310"), 20.0, 0.5)
+    axis = Gripper(ArmConfig(channel="x", name="left"), load_gripper("linear_4310"), 20.0, 0.5)
     axis.adopt(*STOPS)
     u = (motor_rad - STOPS[0]) / (STOPS[1] - STOPS[0])
     row = np.array([0.0, 0.0, 20.0, 0.5, 0.0])
@@ -111,7 +111,7 @@ def test_every_gripper_eases_off_in_either_direction(name, opening, limit_n):
     profile = load_gripper(name)
     motor = profile.motor
     stops = profile.calibration.nominal_stops_rad.tolist()
-    axis = GripperAxis(ArmConfig(channel="x", gripper=name, gripper_force_limit_n=limit_n), profile, motor.kp, motor.kd)
+    axis = Gripper(ArmConfig(channel="x", gripper=name, gripper_force_limit_n=limit_n), profile, motor.kp, motor.kd)
     axis.adopt(*stops)
     closed, opened = stops
     position = closed + 0.5 * (opened - closed)
@@ -137,7 +137,7 @@ def test_a_warm_motor_presses_less_with_and_without_limiter():
         for level in (0.0, 1.0):
             profile = load_gripper("linear_4310")
             config = ArmConfig(channel="x", gripper_force_limit_n=limit_n)
-            axis = GripperAxis(config, profile, profile.motor.kp, profile.motor.kd)
+            axis = Gripper(config, profile, profile.motor.kp, profile.motor.kd)
             axis.adopt(*STOPS)
             axis.derate(level)
             row, tau = np.zeros(5), 0.0

@@ -11,7 +11,7 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.joint_map import TURN
 from lerobot_robot_yam.arm.profile_files import load_gripper
 from lerobot_robot_yam.control.gripper.force_limiter import ForceLimiter
-from lerobot_robot_yam.control.gripper.gripper import GripperAxis
+from lerobot_robot_yam.control.gripper.gripper import Gripper
 from lerobot_robot_yam.control.gripper.homing import GripperStops, find_stops, verify_stops
 from lerobot_robot_yam.control.gripper.stored_stops import load_stops, save_stops
 from lerobot_robot_yam.errors import GripperError
@@ -132,7 +132,7 @@ def test_stops_survive_on_disk_and_foreign_files_are_refused(tmp_path):
 
 def gripper_axis(path, configured=None):
     config = ArmConfig(name="left", channel="x", calibration_path=str(path), gripper_stops_rad=configured)
-    return GripperAxis(config, GRIPPER, GRIPPER.motor.kp, GRIPPER.motor.kd)
+    return Gripper(config, GRIPPER, GRIPPER.motor.kp, GRIPPER.motor.kd)
 
 
 def wait_for(condition):
@@ -183,7 +183,7 @@ def test_only_a_search_writes_the_stops(tmp_path, caplog):
 def test_beginning_again_verifies_what_this_session_knows_and_searches_nothing():
     """After a re-arm something may be in the hand; without a file or configuration it would be taken for a stop."""
     config = ArmConfig(name="left", channel="x")
-    axis = GripperAxis(config, GRIPPER, GRIPPER.motor.kp, GRIPPER.motor.kd)
+    axis = Gripper(config, GRIPPER, GRIPPER.motor.kp, GRIPPER.motor.kd)
     bring_up(axis, Fingers(0.4))
     found = axis.stops
     gripping = Fingers(0.4, blocked=0.5)

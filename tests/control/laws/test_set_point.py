@@ -20,9 +20,9 @@ def run(setpoint, seconds, start=0.0, target=None, fps=30):
     rows, aim_at = [], start
     for t in np.arange(start, start + seconds, DT):
         if target is not None and t >= aim_at:
-            setpoint.aim(np.array([target(t)]), t)
+            setpoint.set_target(np.array([target(t)]), t)
             aim_at += 1 / fps
-        setpoint.advance(t, DT)
+        setpoint.step(t, DT)
         rows.append((t, *setpoint.asked[:, 0]))
     return np.array(rows)
 
@@ -43,7 +43,7 @@ def test_a_stream_is_followed_smoothly_and_one_caller_period_late(fps):
 def test_a_far_target_is_approached_within_the_speed_limit_and_reached():
     setpoint = make()
     setpoint.seed(np.array([-1.0]))
-    setpoint.aim(np.array([1.0]), 0.0)
+    setpoint.set_target(np.array([1.0]), 0.0)
     rows = run(setpoint, 2.0)
     steps = np.abs(np.diff(rows[:, 1]))
     assert steps.max() <= SPEED * DT + 1e-12
@@ -57,15 +57,15 @@ def test_a_target_that_claims_a_speed_does_not_lead_the_set_point_away_from_it(d
     setpoint = make()
     for tick in range(1000):
         if tick % 8 == 0:
-            setpoint.aim(np.array([0.2]), tick * DT, np.array([dq]))
-        setpoint.advance(tick * DT, DT)
+            setpoint.set_target(np.array([0.2]), tick * DT, np.array([dq]))
+        setpoint.step(tick * DT, DT)
     assert setpoint.asked[0, 0] == pytest.approx(0.2, abs=SPEED**2 / (2 * ACCELERATION) + SPEED * DT + 1e-12)
 
 
 def test_seeding_outside_the_limits_does_not_jump_and_only_moves_inwards():
     setpoint = make(lower=0.0)
     setpoint.seed(np.array([-0.1]))
-    setpoint.aim(np.array([-0.5]), 0.0)
+    setpoint.set_target(np.array([-0.5]), 0.0)
     rows = run(setpoint, 0.5)
     assert rows[0, 1] == pytest.approx(-0.1, abs=SPEED * DT)
     assert rows[:, 1].min() >= -0.1
@@ -98,8 +98,8 @@ def test_position_speed_and_acceleration_that_are_asked_for_belong_to_one_motion
     rows = []
     for tick in range(1000):
         if tick % 8 == 0:
-            setpoint.aim(rng.uniform(-0.5, 0.5, 1), tick * DT)
-        setpoint.advance(tick * DT, DT)
+            setpoint.set_target(rng.uniform(-0.5, 0.5, 1), tick * DT)
+        setpoint.step(tick * DT, DT)
         rows.append((*setpoint.asked[:, 0], setpoint.asked_ddq[0]))
     q, dq, ddq = np.array(rows)[1:].T
     np.testing.assert_allclose(np.diff(q) / DT, dq[1:], atol=1e-9)
@@ -110,15 +110,15 @@ def test_position_speed_and_acceleration_that_are_asked_for_belong_to_one_motion
 
 def test_holding_back_takes_a_share_of_the_acceleration_and_keeps_to_the_range():
     setpoint = make(n=2, lower=np.array([-3.0, -3.0]), upper=np.array([3.0, 0.001]))
-    setpoint.aim(np.array([1.0, 1.0]), 0.0)
+    setpoint.set_target(np.array([1.0, 1.0]), 0.0)
     for tick in range(3):
-        setpoint.advance(tick * DT, DT)
+        setpoint.step(tick * DT, DT)
     before = setpoint.asked_ddq.copy()
     setpoint.hold_back(np.array([0.25, 1.0]))
     assert before[0] == pytest.approx(ACCELERATION)
     np.testing.assert_allclose(setpoint.asked_ddq, [0.25 * before[0], before[1]])
     for tick in range(3, 400):
-        setpoint.advance(tick * DT, DT)
+        setpoint.step(tick * DT, DT)
         if tick < 50:
             setpoint.hold_back(np.array([0.5, 0.5]))
         assert setpoint.asked[0, 1] <= 0.001

@@ -62,10 +62,10 @@ def test_who_takes_over_has_its_commands_ready_and_does_not_give_up_on_silence(r
         rig.fault(CHANNEL, None, "silent")
     heir = heir_of(record)
     assert heir.mode is Mode.LAND
-    assert (heir.motion.commands[:6, 2] > 1.0).all()  # kp, Nm/rad
-    assert np.abs(heir.setpoint.q[:6] - POSE).max() < 0.05
-    assert np.abs(heir.motion.commands[:6, 0] - POSE).max() < 0.05  # what it sends, after the torque clip
-    assert np.abs(heir.motion.commands[:6, 4]).max() < 10.0  # Nm
+    assert (heir.actuation.impedance.commands[:6, 2] > 1.0).all()  # kp, Nm/rad
+    assert np.abs(heir.actuation.setpoint.q[:6] - POSE).max() < 0.05
+    assert np.abs(heir.actuation.impedance.commands[:6, 0] - POSE).max() < 0.05  # what it sends, after the torque clip
+    assert np.abs(heir.actuation.impedance.commands[:6, 4]).max() < 10.0  # Nm
 
 
 def test_who_takes_over_leaves_a_joint_that_is_not_heard_where_it_was_sent(rig, heir_of, session):
@@ -78,11 +78,11 @@ def test_who_takes_over_leaves_a_joint_that_is_not_heard_where_it_was_sent(rig, 
     heir = heir_of(record)
     there = rig.state()["arms"][CHANNEL]["q"][1]
     assert POSE[1] - there > 0.3
-    assert heir.setpoint.q[1] == pytest.approx(there, abs=0.05)
-    assert heir.motion.commands[1, 0] == pytest.approx(there, abs=0.1)
+    assert heir.actuation.setpoint.q[1] == pytest.approx(there, abs=0.05)
+    assert heir.actuation.impedance.commands[1, 0] == pytest.approx(there, abs=0.1)
     slot = 1
     record["fault"][slot] = Fault.OVER_CURRENT  # it had let go before it fell silent
-    assert heir_of(record).setpoint.q[1] == pytest.approx(record["q"][slot])
+    assert heir_of(record).actuation.setpoint.q[1] == pytest.approx(record["q"][slot])
 
 
 def test_who_takes_over_from_soft_gains_holds_the_arm_where_a_hand_keeps_it(rig, heir_of, session):
@@ -94,7 +94,7 @@ def test_who_takes_over_from_soft_gains_holds_the_arm_where_a_hand_keeps_it(rig,
         rig.set_pose(CHANNEL, POSE + way)
         track(session, {CHANNEL: POSE}, 0.02, **soft)
     heir = heir_of(record_of(rig))
-    assert np.abs(heir.setpoint.q[:6] - rig.state()["arms"][CHANNEL]["q"][:6]).max() < 0.05
+    assert np.abs(heir.actuation.setpoint.q[:6] - rig.state()["arms"][CHANNEL]["q"][:6]).max() < 0.05
 
 
 def test_who_takes_over_keeps_the_grip_on_a_thick_object(rig, heir_of, session):
@@ -103,7 +103,7 @@ def test_who_takes_over_keeps_the_grip_on_a_thick_object(rig, heir_of, session):
     gripper = session[CHANNEL].hardware.joints
     record["setpoint"][gripper] = 0.0  # closed on something that keeps the fingers half open
     heir = heir_of(record)
-    assert heir.q[-1] > 0.4 and heir.setpoint.q[-1] == 0.0
+    assert heir.actuation.q[-1] > 0.4 and heir.actuation.setpoint.q[-1] == 0.0
 
 
 def test_nobody_takes_over_an_arm_that_is_limp(rig, heir_of, session):

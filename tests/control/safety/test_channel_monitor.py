@@ -5,7 +5,7 @@ from collections import deque
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.control.safety.channel_monitor import MotorWatch
+from lerobot_robot_yam.control.safety.channel_monitor import ChannelMonitor
 from lerobot_robot_yam.damiao.chain import MotorChain, MotorSpec
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepBus, LockstepRig
@@ -28,7 +28,7 @@ def chain():
 
 def test_a_loop_that_stood_still_does_not_blame_its_motors(chain):
     rig, motors = chain
-    watch = MotorWatch(motors)
+    watch = ChannelMonitor(motors)
     motors.exchange(HOLD)
     assert watch.check(rig.now()).trouble is None
     rig.sleep(0.25)  # nobody asked
@@ -39,7 +39,7 @@ def test_a_loop_that_stood_still_does_not_blame_its_motors(chain):
 
 def test_a_motor_that_lets_questions_go_by_is_named(chain):
     rig, motors = chain
-    watch = MotorWatch(motors)
+    watch = ChannelMonitor(motors)
     motors.exchange(HOLD)
     rig.fault("follower_left", "joint_6", "silent")
     begin = rig.now()
@@ -56,7 +56,7 @@ def test_a_motor_that_lets_questions_go_by_is_named(chain):
 
 def test_a_lost_motor_stays_lost_while_the_others_miss_some_questions_too(chain):
     rig, motors = chain
-    watch = MotorWatch(motors)
+    watch = ChannelMonitor(motors)
     motors.exchange(HOLD)
     rig.fault("follower_left", "joint_6", "silent")
     while not watch.check(rig.now()).bad.any():
@@ -69,7 +69,7 @@ def test_a_lost_motor_stays_lost_while_the_others_miss_some_questions_too(chain)
 
 def test_a_doubled_motor_is_noticed_though_replies_get_lost(chain):
     rig, motors = chain
-    watch = MotorWatch(motors)
+    watch = ChannelMonitor(motors)
     where = rig.state()["arms"]["follower_left"]["q"][5]  # elsewhere, its readings would be those of a joint that leaps
     rig.fault("follower_left", "joint_6", "duplicate", {"q_rad": where})
     motors.special(SpecialCommand.ENABLE)  # both
@@ -89,7 +89,7 @@ def test_a_doubled_motor_is_noticed_though_replies_get_lost(chain):
 )
 def test_strangers_are_told_of_in_time_whenever_they_come(chain, begun_s, motor, fault, value):
     rig, motors = chain
-    watch = MotorWatch(motors)
+    watch = ChannelMonitor(motors)
     begin = rig.now()
     watch.check(begin)
     while rig.now() < begin + begun_s:
@@ -106,7 +106,7 @@ def test_strangers_are_told_of_in_time_whenever_they_come(chain, begun_s, motor,
 
 def test_a_lost_cable_is_named_though_one_motor_fell_silent_first(chain):
     rig, motors = chain
-    watch = MotorWatch(motors)
+    watch = ChannelMonitor(motors)
     motors.exchange(HOLD)
     assert watch.check(rig.now()).trouble is None
     rig.fault("follower_left", "joint_6", "silent")
@@ -125,7 +125,7 @@ def test_a_lost_cable_is_named_though_one_motor_fell_silent_first(chain):
 def test_answers_that_come_late_are_no_second_motors(chain, begun_s):
     """Though those that were given up may have been so in the window before."""
     rig, motors = chain
-    watch, queue, room = MotorWatch(motors), deque(), 0
+    watch, queue, room = ChannelMonitor(motors), deque(), 0
     receive = motors._port.recv
 
     def slow_wire(timeout_s):

@@ -64,14 +64,14 @@ class Rig:
                 for setpoint, target in zip(
                     self.setpoints, targets(self.now) if callable(targets) else targets, strict=True
                 ):
-                    setpoint.aim(np.append(target, 1.0), self.now)
+                    setpoint.set_target(np.append(target, 1.0), self.now)
                 aim_at += 1 / fps
             if any(guarded):
                 where = measured or [setpoint.q.copy() for setpoint in self.setpoints]
                 verdicts.append(self.guard.advance(self.setpoints, where, guarded, self.now, DT))
             else:
                 for setpoint in self.setpoints:
-                    setpoint.advance(self.now, DT)
+                    setpoint.step(self.now, DT)
             q.append([setpoint.q[:6].copy() for setpoint in self.setpoints])
             dq.append([setpoint.dq[:6].copy() for setpoint in self.setpoints])
             self.now += DT

@@ -5,7 +5,7 @@ import logging
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.control.safety.thermal_monitor import HeatWatch, Stage, trips_c
+from lerobot_robot_yam.control.safety.thermal_monitor import Stage, ThermalMonitor, trips_c
 from lerobot_robot_yam.rig.devices.thermometer import stamped_bytes
 
 TICK_S = 0.004
@@ -17,7 +17,7 @@ class Desk:
     """A watch of three motors whose power stages trip at 120 °C, coils at 80 °C."""
 
     def __init__(self):
-        self.watch = HeatWatch("left", np.full(3, 120.0), np.full(3, 80.0), NAMES)
+        self.watch = ThermalMonitor("left", np.full(3, 120.0), np.full(3, 80.0), NAMES)
         self.now = 1000.0
 
     def go_on(self, seconds, mos=(COOL,) * 3, rotor=(COOL,) * 3):
@@ -95,7 +95,7 @@ def test_a_motor_heating_up_is_noticed_at_once():
 def test_stamps_in_place_of_temperatures_are_no_heat(period_s, jitter):
     """Of a rig with `stamp_temperatures`; at some rates of reading they stand still."""
     desk = Desk()
-    desk.watch = HeatWatch("left", *trips_c([100.0] * 3), NAMES)
+    desk.watch = ThermalMonitor("left", *trips_c([100.0] * 3), NAMES)
     chance = np.random.default_rng(3)
     for _ in range(5000):
         desk.now += period_s * chance.uniform(1.0 - jitter, 1.0 + jitter)

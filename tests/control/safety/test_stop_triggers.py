@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lerobot_robot_yam.control.safety.effort_monitor import EffortLimit
+from lerobot_robot_yam.control.safety.stop_triggers import EffortLimit
 
 TICK_S = 0.004
 NAMES = ["joint_1", "joint_2", "joint_3"]

@@ -1,12 +1,11 @@
-"""Frames that are made ahead of time are those of the commands that are sent, whatever has changed since."""
+"""Commands of joints become the frames of their motors."""
 
 import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.control.joint_interface import ArmDrive
-from lerobot_robot_yam.damiao.chain import MotorChain
+from lerobot_robot_yam.control.joint_interface import JointInterface
 from lerobot_robot_yam.damiao.codec import decode_mit
 from lerobot_robot_yam.errors import ActionError
 from tests.support.desk_bus import DeskBus
@@ -20,7 +19,7 @@ def drive():
     config = ArmConfig(name="arm", channel="desk", gripper_stops_rad=STOPS)
     hardware = ResolvedArm(config)
     with DeskBus(hardware.motors) as bus:
-        drive = ArmDrive(config, hardware, bus)
+        drive = JointInterface(config, hardware, bus)
         drive.bus = bus
         yield drive
 
@@ -37,24 +36,12 @@ def sent_q(drive):
     return [decode_mit(kind, bytes(m.data))[0] for kind, m in zip(types, drive.bus.sent[-7:], strict=True)]
 
 
-def test_what_was_packed_goes_out_and_is_not_packed_again(drive, monkeypatch):
-    drive.pack(commands(0.5))
-    assert not drive.bus.sent
-    monkeypatch.delattr(MotorChain, "pack")
+def test_commands_go_out_in_motor_coordinates(drive):
     drive.send(commands(0.5))
     np.testing.assert_allclose(np.abs(sent_q(drive)), 0.5, atol=2 * STEP_RAD)
 
 
-def test_commands_that_were_changed_in_place_go_out_as_they_are_now(drive):
-    table = commands(0.5)
-    drive.pack(table)
-    table[:, 0] = 0.25
-    drive.send(table)
-    np.testing.assert_allclose(np.abs(sent_q(drive)), 0.25, atol=2 * STEP_RAD)
-
-
 def test_a_joint_that_is_put_on_another_turn_is_sent_there(drive):
-    drive.pack(commands(0.5))
     before = 0.5 * drive._hardware.direction[-1]
     drive.shift_gripper(2.0)
     drive.send(commands(0.5))
@@ -62,14 +49,13 @@ def test_a_joint_that_is_put_on_another_turn_is_sent_there(drive):
     assert abs(drive.offset_rad[-1]) == 2.0
 
 
-def test_commands_that_cannot_be_packed_spoil_nothing(drive):
+def test_commands_that_cannot_be_encoded_spoil_nothing(drive):
     drive.send(commands(0.5))
     bad = commands(0.1)
     bad[6, 4] = np.nan
     drive.bus.sent.clear()
-    for work in (drive.pack, drive.send):
-        with pytest.raises(ActionError):
-            work(bad)
+    with pytest.raises(ActionError):
+        drive.send(bad)
     assert not drive.bus.sent
     drive.send(commands(0.5))
     assert len(drive.bus.sent) == 7

@@ -1,0 +1,60 @@
+"""What one arm does and why: its mode, its trouble, and the orders that stand. The mode is written here only."""
+
+from lerobot_robot_yam.state.faults import Trouble
+from lerobot_robot_yam.state.modes import Mode, check_transition
+from lerobot_robot_yam.state.records import Limited
+
+
+class ArmStatus:
+    """Status of the arm called `name`.
+
+    Args:
+        name: for messages.
+        floats: the arm floats, rather than holds, unless something else is asked of it: a leader.
+
+    Attributes:
+        trouble, message: why it is in FAULT, or lands.
+        limited: what keeps it from doing what it is told.
+        stopped: the emergency stop is latched. The loop says so before anything is asked or decided.
+        must_land: it lands as soon as the emergency stop is released.
+        halted: it takes no targets until it is re-armed, because the other arm is in trouble.
+    """
+
+    def __init__(self, name: str, floats: bool):
+        self.name, self.floats = name, floats
+        self._mode = Mode.OFFLINE
+        self.trouble: Trouble | None = None
+        self.message = ""
+        self.limited = Limited.NOTHING
+        self.stopped = self.must_land = self.halted = False
+
+    @property
+    def mode(self) -> Mode:
+        """The present mode."""
+        return self._mode
+
+    @property
+    def ended(self) -> bool:
+        """Whether the arm has no torque: it is off, or was never energised."""
+        return self._mode in (Mode.OFF, Mode.OFFLINE)
+
+    @property
+    def afloat(self) -> bool:
+        """Whether only the model carries it."""
+        return self._mode is Mode.FLOAT or (self._mode is Mode.STOPPED and self.floats)
+
+    def check(self, mode: Mode) -> None:
+        """
+        Raises:
+            LifeCycleError: the table of transitions does not lead from the present mode to this one.
+        """
+        check_transition(self.name, self._mode, mode)
+
+    def enter(self, mode: Mode) -> None:
+        """Change the mode.
+
+        Raises:
+            LifeCycleError: see `check`.
+        """
+        self.check(mode)
+        self._mode = mode

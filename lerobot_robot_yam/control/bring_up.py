@@ -1,0 +1,88 @@
+"""Bring-up: from a limp arm to one that holds or floats, its gripper's stops known."""
+
+from collections.abc import Callable
+
+from lerobot_robot_yam.control.actuation import Actuation
+from lerobot_robot_yam.control.float_monitor import FloatMonitor
+from lerobot_robot_yam.errors import ChannelInUseError, MotorError, YamError
+from lerobot_robot_yam.state.faults import Trouble
+from lerobot_robot_yam.state.modes import Mode
+
+_ENABLE_TICKS = 20  # in which a motor has to say that it is enabled: an answer may get lost
+
+
+class BringUp:
+    """Bring-up of one arm.
+
+    Attributes:
+        after: the mode in which it ends.
+    """
+
+    def __init__(self, actuation: Actuation, floating: FloatMonitor):
+        self._actuation, self._status, self._floating = actuation, actuation.status, floating
+        self.after = Mode.FLOAT if self._status.floats else Mode.HOLD
+
+    def energise(self, meanwhile: Callable[[], None] = lambda: None) -> None:
+        """Enable the motors, holding the measured pose from the first command on.
+
+        Args:
+            meanwhile: called every 20 ms or so.
+
+        Raises:
+            ChannelInUseError: another driver commands these motors; nothing was sent.
+            MotorError: a motor does not enable, or another driver appears. Those that were enabled are disabled again:
+                the arm was limp before.
+        """
+        arm = self._actuation
+        where = f"{arm.name} ({arm.config.channel})"
+        self._status.check(Mode.BRING_UP)
+        arm.chain.drain()
+        if arm.chain.foreign_commands:  # since it was listened to; they hold the arm perhaps
+            raise ChannelInUseError(
+                f"{arm.name}: another driver commands the motors on {arm.config.channel}; stop it and try again"
+            )
+        try:
+            arm.interface.enable(meanwhile)
+            for _ in range(_ENABLE_TICKS):
+                meanwhile()
+                arm.setpoint.seed(arm.q)  # as of now: since it was inspected, a hand may have moved a limp arm
+                arm.compute_command(0.0, 0.0)
+                finding = arm.interface.exchange(arm.impedance.commands)
+                arm.interface.read()
+                if not finding.bad.any():
+                    break
+            if finding.bad.any():
+                raise MotorError(f"{where}: cannot enable {finding.message}; power-cycle the arm or look at its motors")
+            if finding.trouble is not None:  # another driver is on the channel
+                raise MotorError(f"{where}: {finding.message}")
+        except BaseException:
+            arm.switch_off()
+            raise
+        self._status.enter(Mode.BRING_UP)
+
+    def abandon(self) -> None:
+        """Cut torque during bring-up: the arm was limp before and has not left its pose."""
+        if not self._status.ended:
+            self._actuation.switch_off()
+
+    def advance(self, now: float) -> tuple[Trouble, str] | None:
+        """One tick: leave bring-up once the gripper's stops are known. Returns the trouble that prevents it."""
+        arm = self._actuation
+        if arm.gripper is not None and arm.gripper.searching:
+            try:
+                shift = arm.gripper.advance(now, float(arm.interface.motor_q[-1]))
+            except YamError as error:
+                return Trouble.GRIPPER, str(error)
+            if shift is None:
+                return None
+            arm.interface.shift_gripper(shift)
+            arm.setpoint.reseed(arm.hardware.n - 1, float(arm.q[-1]))
+        after = Mode.HOLD if self._status.halted else self.after
+        if after is Mode.FLOAT:
+            wrong = self._floating.settled()
+            if wrong is None:
+                return None
+            if wrong:
+                return Trouble.WEIGHT, f"{arm.name} does not float: {wrong}"
+        arm.enter(after)
+        return None

@@ -1,0 +1,133 @@
+"""What an arm does in trouble, its own or the other arm's, and how it is re-armed; the table is `state.faults`."""
+
+import logging
+
+import numpy as np
+
+from lerobot_robot_yam.control.actuation import Actuation
+from lerobot_robot_yam.control.bring_up import BringUp
+from lerobot_robot_yam.control.float_monitor import FloatMonitor
+from lerobot_robot_yam.control.landing_response import LandingResponse
+from lerobot_robot_yam.errors import BusError, LifeCycleError, MotorError
+from lerobot_robot_yam.state.faults import RESPONSES, Response, Trouble
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.records import Limited
+
+logger = logging.getLogger(__name__)
+
+_REARM_TICKS = 8  # in which a motor has to say that it is enabled: an answer may get lost
+RELEASE_FIRST = "the emergency stop is latched: look at the arms, then `yam-estop release`"
+
+
+class FaultResponse:
+    """Responses of one arm."""
+
+    def __init__(self, actuation: Actuation, landing: LandingResponse, bring_up: BringUp, floating: FloatMonitor):
+        self._actuation, self._status = actuation, actuation.status
+        self._landing, self._bring_up, self._floating = landing, bring_up, floating
+        self._halted_afloat = False
+        self._news: Trouble | None = None
+
+    def suffer(self, trouble: Trouble, message: str, now: float) -> None:
+        """Answer trouble as the table says, and have the other arms told."""
+        arm, status = self._actuation, self._status
+        logger.error("%s (%s): %s: %s", arm.name, arm.config.channel, trouble, message)
+        self._news = trouble
+        if RESPONSES[trouble].arm is Response.LAND:
+            self._landing.land(now, trouble, message)
+            return
+        status.trouble, status.message = trouble, message
+        status.must_land = False
+        arm.stop_moving()
+        arm.enter(Mode.FAULT)
+
+    def fail(self, error: Exception) -> None:
+        """Hold with the last commands that went out, at rest: something in our own code broke."""
+        arm, status = self._actuation, self._status
+        if status.ended:
+            logger.critical("%s: internal error; it has no torque", arm.name, exc_info=error)
+            return
+        if status.mode is not Mode.FAULT:
+            logger.critical("%s: internal error, holding", arm.name, exc_info=error)
+            status.trouble, status.message = Trouble.INTERNAL_ERROR, f"internal error, holding: {error!r}"
+            self._news = status.trouble
+            status.enter(Mode.FAULT)
+            arm.setpoint.stop()
+            arm.use_gains()
+            if arm.gripper is not None:
+                arm.gripper.stop_search()
+        self._landing.cancel()
+        arm.repeat()
+
+    def lose_bus(self, error: BusError, now: float) -> None:
+        """The channel takes nothing: the motors keep the last command until their own watchdogs act."""
+        trouble = self._actuation.bus_loss.note(error, now)
+        if trouble is not None and self._status.mode not in (Mode.FAULT, Mode.LAND):
+            self.suffer(trouble, str(error), now)
+
+    def take_news(self) -> Trouble | None:
+        """Trouble that has come up since the last call."""
+        news, self._news = self._news, None
+        return news
+
+    def halt(self, why: str) -> None:
+        """Hold, and take no targets until re-armed: the other arm is in trouble."""
+        status = self._status
+        if status.mode in (Mode.HOLD, Mode.TRACK, Mode.FLOAT, Mode.STOPPED, Mode.BRING_UP):
+            logger.warning("%s: holds: %s", status.name, why)
+            self._halted_afloat |= status.floats and status.mode in (Mode.FLOAT, Mode.STOPPED)
+            status.halted = True
+            status.limited |= Limited.PEER
+            if status.mode in (Mode.TRACK, Mode.FLOAT):
+                self._actuation.hold_here()
+
+    def rearm(self) -> None:
+        """Enable again what has failed, and hold the measured pose. Blocks for some ticks.
+
+        Raises:
+            MotorError: a motor still does not obey; those that do again hold where they are.
+            LifeCycleError: this trouble needs a new connection.
+        """
+        arm, status = self._actuation, self._status
+        if status.mode is Mode.LAND or status.must_land:
+            why = status.message or "it has been told to land"
+            raise LifeCycleError(f"{arm.name}: {why}; let it land, then connect again")
+        if status.mode is Mode.FAULT:
+            self._rearm()
+        if self._halted_afloat and status.mode is Mode.HOLD:
+            self._floating.check(arm.name)
+            arm.enter(Mode.FLOAT)
+        logger.warning("%s: re-armed", arm.name)
+        status.halted = self._halted_afloat = False
+        status.trouble, status.message, status.limited = None, "", Limited.NOTHING
+
+    def _rearm(self) -> None:
+        arm, status = self._actuation, self._status
+        assert status.trouble is not None
+        if status.stopped:
+            raise LifeCycleError(f"{arm.name}: {status.message}; {RELEASE_FIRST}")
+        if not RESPONSES[status.trouble].in_place:
+            raise LifeCycleError(f"{arm.name}: {status.message}; {RESPONSES[status.trouble].rearm}")
+        if status.floats:
+            self._floating.check(arm.name)
+        failed = np.flatnonzero(~arm.usable).tolist()
+        again = arm.interface.clear_and_enable(failed)
+        before = arm.setpoint.q.copy()
+        arm.seed_joints()
+        before[again] = arm.setpoint.q[again]  # they have sagged
+        for joint in set(failed) - set(again):  # its place is unknown; perhaps it still holds
+            arm.setpoint.reseed(joint, before[joint])
+        arm.compute_command(arm.chain.clock.now(), 0.0)
+        for _ in range(_REARM_TICKS):
+            finding = arm.interface.exchange(arm.impedance.commands)
+            if finding.trouble is None:
+                break
+        if finding.trouble is not None:
+            arm.setpoint.seed(before)
+            raise MotorError(f"{arm.name} ({arm.config.channel}): cannot re-arm: {finding.message}")
+        if arm.gripper is not None and (arm.hardware.n - 1 in failed or arm.gripper.stops is None):
+            self._bring_up.after = Mode.HOLD
+            arm.gripper.begin()
+            arm.enter(Mode.BRING_UP)
+        else:
+            arm.enter(Mode.FLOAT if status.floats else Mode.HOLD)

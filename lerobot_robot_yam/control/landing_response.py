@@ -1,0 +1,86 @@
+"""When an arm lands, and what its landing ends in; the way down itself is in `landing`."""
+
+import logging
+import math
+
+import numpy as np
+
+from lerobot_robot_yam.control.actuation import Actuation
+from lerobot_robot_yam.control.landing import Landing, Phase
+from lerobot_robot_yam.state.faults import Trouble
+from lerobot_robot_yam.state.modes import Mode
+
+logger = logging.getLogger(__name__)
+
+_END_AGAIN_S = 1.0
+_UNREACHABLE_S = 1.0  # beyond their watchdog, the motors have let go: there is nothing left to land
+
+
+class LandingResponse:
+    """Landings of one arm."""
+
+    def __init__(self, actuation: Actuation):
+        self._actuation, self._status = actuation, actuation.status
+        self._end_again_at = -math.inf
+        self._unreachable_since: float | None = None
+
+    def land(self, now: float, trouble: Trouble | None = None, message: str = "") -> None:
+        """Begin to land. An arm that lands or is off already is left alone; an emergency stop is waited for."""
+        arm, status = self._actuation, self._status
+        if status.mode in (Mode.LAND, Mode.OFF):
+            return
+        if status.mode is Mode.OFFLINE and trouble is None:
+            status.enter(Mode.OFF)
+            return
+        status.trouble, status.message = trouble, message
+        if status.mode is Mode.STOPPED:
+            status.must_land = True
+            return
+        arm.enter(Mode.LAND)
+        if arm.gripper is not None:
+            arm.gripper.stop_search()
+        hw = arm.hardware
+        if hw.joints:
+            q = arm.q[: hw.joints]
+            arm.landing = Landing(arm.name, hw.rest_q, hw.kp, q, arm.setpoint, now, hw.folding, hw.lies_at_rest)
+        else:
+            arm.switch_off()  # a gripper alone falls nowhere
+
+    def end(self, now: float) -> None:
+        """Land because the caller is gone. Ask every tick: after a fault on its way the arm tries again."""
+        status = self._status
+        if now < self._end_again_at or (status.mode is Mode.FAULT and status.stopped):
+            return
+        self._end_again_at = now + _END_AGAIN_S
+        self.land(now, status.trouble, status.message)
+
+    def cancel(self) -> None:
+        """Land no more."""
+        self._actuation.landing = None
+
+    def advance(self, now: float) -> None:
+        """Move the set-point of a landing on; cut torque once that moves nothing."""
+        arm, status, landing = self._actuation, self._status, self._actuation.landing
+        if landing is None:
+            return
+        joints = slice(arm.hardware.joints)
+        if arm.bus_loss.lost or not arm.usable.any():
+            self._unreachable_since = self._unreachable_since or now
+            if now - self._unreachable_since > _UNREACHABLE_S:
+                status.message = status.message or "nothing reaches the arm; its motors have let go by themselves"
+                logger.error("%s: cannot be landed: %s", arm.name, status.message)
+                self.cancel()
+                status.enter(Mode.OFF)
+                return
+        else:
+            self._unreachable_since = None
+        before = landing.phase
+        q, dq, usable = arm.q[joints], arm.interface.dq[joints], arm.usable[joints]
+        explained = arm.impedance.explains(q, np.where(usable, arm.setpoint.q[joints] - q, 0.0))
+        landing.advance(q, dq, usable, now, explained)
+        if landing.phase is Phase.OBSTRUCTED and before is not Phase.OBSTRUCTED:
+            status.trouble, status.message = Trouble.OBSTRUCTED, "landing is obstructed; holding"
+        if landing.phase is Phase.LANDED:
+            self.cancel()
+            logger.info("%s: landed", arm.name)
+            arm.switch_off()
