@@ -17,7 +17,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from lerobot_robot_yam.arm.ik.descent import LEVER_M, Descent, SelfClearance
+from lerobot_robot_yam.arm.ik.ik_solver import LEVER_M, Descent, SelfClearance
 from lerobot_robot_yam.arm.model import build_spec
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile

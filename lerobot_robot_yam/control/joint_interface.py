@@ -17,7 +17,7 @@ from lerobot_robot_yam.control.safety.channel_monitor import ChannelMonitor, Fin
 from lerobot_robot_yam.control.safety.thermal_monitor import ThermalMonitor, trips_c
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand
-from lerobot_robot_yam.damiao.encoder import HandleEncoder
+from lerobot_robot_yam.damiao.handle_encoder import HandleEncoder
 from lerobot_robot_yam.damiao.quantisation import Quantiser
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import Fault

@@ -13,7 +13,7 @@ import numpy as np
 
 from lerobot_robot_yam.damiao.bus_port import BusPort, data_message, is_classic_data
 from lerobot_robot_yam.damiao.codec import SpecialCommand, encode_mit
-from lerobot_robot_yam.damiao.encoder import REQUEST_ID, HandleEncoder, encode_report_request
+from lerobot_robot_yam.damiao.handle_encoder import REQUEST_ID, HandleEncoder, encode_report_request
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec, check_specs
 from lerobot_robot_yam.damiao.receiver import Receiver
 from lerobot_robot_yam.damiao.registers import (
@@ -25,7 +25,7 @@ from lerobot_robot_yam.damiao.registers import (
     encode_store,
     encode_write,
 )
-from lerobot_robot_yam.damiao.requests import Request
+from lerobot_robot_yam.damiao.reply_matching import Request
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S, REGISTER_ID
 from lerobot_robot_yam.errors import ActionError, BusError, MotorError
 

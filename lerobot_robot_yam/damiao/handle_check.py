@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import can
 
 from lerobot_robot_yam.damiao.bus_port import BusPort, data_message, is_classic_data
-from lerobot_robot_yam.damiao.encoder import (
+from lerobot_robot_yam.damiao.handle_encoder import (
     ADC_FREQUENCY,
     EEPROM_ADC_FREQUENCY_HIGH,
     EEPROM_ADC_FREQUENCY_LOW,

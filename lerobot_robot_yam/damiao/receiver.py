@@ -10,11 +10,11 @@ from collections.abc import Iterator, Sequence
 import can
 
 from lerobot_robot_yam.damiao.bus_port import BusPort, is_classic_data
-from lerobot_robot_yam.damiao.encoder import EVENT_ID, HANDLE_IDS, REPORT_ID, HandleEncoder
 from lerobot_robot_yam.damiao.feedback import FeedbackStore
+from lerobot_robot_yam.damiao.handle_encoder import EVENT_ID, HANDLE_IDS, REPORT_ID, HandleEncoder
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.damiao.registers import decode_reply
-from lerobot_robot_yam.damiao.requests import Request, Requests
+from lerobot_robot_yam.damiao.reply_matching import Request, Requests
 from lerobot_robot_yam.damiao.round_trip import RoundTrip
 
 _NO_STATE = 0x10  # first bytes below carry no state: feedback of a disabled motor, or a register's answer

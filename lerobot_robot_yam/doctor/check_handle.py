@@ -1,7 +1,7 @@
 """The teaching handle of one channel: firmware, report mode, trigger. Its settings are left as they are."""
 
-from lerobot_robot_yam.damiao import encoder
-from lerobot_robot_yam.damiao.encoder import FIRMWARE_REQUIRED, TRIGGER_TRAVEL_RAD, HandleReport
+from lerobot_robot_yam.damiao import handle_encoder
+from lerobot_robot_yam.damiao.handle_encoder import FIRMWARE_REQUIRED, TRIGGER_TRAVEL_RAD, HandleReport
 from lerobot_robot_yam.doctor.kit.findings import Section
 from lerobot_robot_yam.doctor.kit.questions import Questions
 from lerobot_robot_yam.doctor.kit.remedies import report_on_request, zero_trigger
@@ -15,8 +15,8 @@ _RELEASED = 0.1  # of the trigger's travel
 
 def handle_firmware(questions: Questions, expected: bool) -> tuple[int, int, int] | None:
     """Firmware version of the handle on the channel, None when none answers. One that is not expected is asked once."""
-    request, attempts = encoder.encode_version_request(), _ATTEMPTS if expected else 1
-    return questions.handle(request, encoder.REQUEST_ID, encoder.decode_version, _TIMEOUT_S, attempts)
+    request, attempts = handle_encoder.encode_version_request(), _ATTEMPTS if expected else 1
+    return questions.handle(request, handle_encoder.REQUEST_ID, handle_encoder.decode_version, _TIMEOUT_S, attempts)
 
 
 def inspect_handle(
@@ -24,15 +24,17 @@ def inspect_handle(
 ) -> None:
     """Ask the handle, and check what it says."""
     where = f"{target.channel} teaching handle"
-    report = questions.handle(encoder.encode_report_request(), encoder.REPORT_ID, _report, _TIMEOUT_S, _ATTEMPTS)
+    report = questions.handle(
+        handle_encoder.encode_report_request(), handle_encoder.REPORT_ID, _report, _TIMEOUT_S, _ATTEMPTS
+    )
     if firmware is None and report is None:
         section.rows.append({"channel": target.channel, "firmware": "no answer"})
         what = "does not answer: the arm works without it, but has no trigger and no buttons"
         section.problem(where, what, "check the handle's cable, or name a gripper profile without a handle")
         return
-    low = _eeprom(questions, encoder.EEPROM_REPORT_FREQUENCY_LOW)
-    high = _eeprom(questions, encoder.EEPROM_REPORT_FREQUENCY_HIGH)
-    frequency = None if low is None or high is None else encoder.decode_frequency(low, high)
+    low = _eeprom(questions, handle_encoder.EEPROM_REPORT_FREQUENCY_LOW)
+    high = _eeprom(questions, handle_encoder.EEPROM_REPORT_FREQUENCY_HIGH)
+    frequency = None if low is None or high is None else handle_encoder.decode_frequency(low, high)
     row = {
         "channel": target.channel,
         "firmware": firmware and _dotted(firmware),
@@ -66,12 +68,14 @@ def _check_trigger(target: Target, where: str, report: HandleReport, section: Se
 
 
 def _report(data: bytes) -> HandleReport | None:
-    return encoder.decode_report(data) if len(data) == _REPORT_BYTES else None
+    return handle_encoder.decode_report(data) if len(data) == _REPORT_BYTES else None
 
 
 def _eeprom(questions: Questions, offset: int) -> int | None:
-    request = encoder.encode_eeprom_read(offset)
-    return questions.handle(request, encoder.REQUEST_ID, encoder.decode_eeprom_byte, _TIMEOUT_S, _ATTEMPTS)
+    request = handle_encoder.encode_eeprom_read(offset)
+    return questions.handle(
+        request, handle_encoder.REQUEST_ID, handle_encoder.decode_eeprom_byte, _TIMEOUT_S, _ATTEMPTS
+    )
 
 
 def _dotted(version: tuple[int, int, int]) -> str:

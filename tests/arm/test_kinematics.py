@@ -10,7 +10,7 @@ import pytest
 from lerobot_robot_yam.arm.collision.clearance import Clearance
 from lerobot_robot_yam.arm.collision.parts import GuardedArm
 from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
-from lerobot_robot_yam.arm.ik.descent import LEVER_M
+from lerobot_robot_yam.arm.ik.ik_solver import LEVER_M
 from lerobot_robot_yam.arm.ik.pose_tracker import PoseTracker
 from lerobot_robot_yam.arm.kinematics import YamKinematics, pose_distance_m, pose_errors
 from lerobot_robot_yam.arm.model import build_model

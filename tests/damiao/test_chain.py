@@ -7,7 +7,7 @@ import pytest
 
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand, encode_feedback
-from lerobot_robot_yam.damiao.encoder import EVENT_ID, HandleEncoder, encode_report
+from lerobot_robot_yam.damiao.handle_encoder import EVENT_ID, HandleEncoder, encode_report
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.damiao.registers import Opcode, Register, encode_reply
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S, ReceiveMode

@@ -2,12 +2,12 @@ import can
 import pytest
 
 from lerobot_robot_yam.damiao import handle_check
-from lerobot_robot_yam.damiao.encoder import (
+from lerobot_robot_yam.damiao.handle_check import prepare_handle
+from lerobot_robot_yam.damiao.handle_encoder import (
     EEPROM_ADC_FREQUENCY_LOW,
     EEPROM_REPORT_FREQUENCY_HIGH,
     EEPROM_REPORT_FREQUENCY_LOW,
 )
-from lerobot_robot_yam.damiao.handle_check import prepare_handle
 from lerobot_robot_yam.errors import MotorError
 from tests.support.desk_bus import DeskBus
 

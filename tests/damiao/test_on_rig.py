@@ -10,8 +10,8 @@ import pytest
 from lerobot_robot_yam.damiao import motor_inspection
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand
-from lerobot_robot_yam.damiao.encoder import HandleEncoder
 from lerobot_robot_yam.damiao.handle_check import prepare_handle
+from lerobot_robot_yam.damiao.handle_encoder import HandleEncoder
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import ChannelInUseError

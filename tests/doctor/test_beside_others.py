@@ -7,7 +7,7 @@ import can
 import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.damiao import encoder
+from lerobot_robot_yam.damiao import handle_encoder
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.registers import Opcode, Register
 from lerobot_robot_yam.damiao.tables import REGISTER_ID, Fault
@@ -17,7 +17,7 @@ from lerobot_robot_yam.system.runtime_files import FileLock
 from tests.support.doctor_desk import FOLLOWER, LEADER, LEADER_ARM, MOTORS, examine, found, virtual
 
 HARMLESS = {Opcode.READ, Opcode.REFRESH}
-HANDLE_QUESTIONS = {encoder.OP_REPORT, encoder.OP_VERSION, encoder.OP_READ_EEPROM}
+HANDLE_QUESTIONS = {handle_encoder.OP_REPORT, handle_encoder.OP_VERSION, handle_encoder.OP_READ_EEPROM}
 
 
 @pytest.mark.parametrize("ill", [False, True])
@@ -57,11 +57,11 @@ def test_nothing_but_questions_is_sent(sick, capsys, ill):
     assert len(traces[FOLLOWER]) > 7 * 15 and len(traces[LEADER]) > 6 * 15
     for channel, trace in traces.items():
         # No motor id (1 …), no 0x100 + id, no 0x200 + id: neither an enable nor any motion.
-        assert {identifier for _, _, identifier, _ in trace} <= {REGISTER_ID, encoder.REQUEST_ID}, channel
+        assert {identifier for _, _, identifier, _ in trace} <= {REGISTER_ID, handle_encoder.REQUEST_ID}, channel
     questions = [data for identifier, data in heard if identifier == REGISTER_ID]
     assert len(questions) == sum(i == REGISTER_ID for trace in traces.values() for _, _, i, _ in trace)
     assert {data[2] for data in questions} == HARMLESS
-    handle = [data for identifier, data in heard if identifier == encoder.REQUEST_ID and data[0] == 0xFF]
+    handle = [data for identifier, data in heard if identifier == handle_encoder.REQUEST_ID and data[0] == 0xFF]
     assert handle and {data[1] for data in handle} <= HANDLE_QUESTIONS
     for channel in (FOLLOWER, LEADER):
         assert not any(motor["enabled"] for motor in sick.state()["arms"][channel]["motors"].values())

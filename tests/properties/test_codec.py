@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from lerobot_robot_yam.damiao import codec, encoder
-from lerobot_robot_yam.damiao.encoder import HandleEncoder
+from lerobot_robot_yam.damiao import codec, handle_encoder
+from lerobot_robot_yam.damiao.handle_encoder import HandleEncoder
 from lerobot_robot_yam.damiao.registers import decode_reply, decode_request
 from lerobot_robot_yam.damiao.tables import MOTOR_TYPES
 from lerobot_robot_yam.errors import ActionError, BusError
@@ -104,7 +104,7 @@ def test_every_decoder_takes_any_bytes(kind, data):
         "feedback": lambda: codec.decode_feedback(kind, data),
         "mit": lambda: codec.decode_mit(kind, data),
         "position_velocity": lambda: codec.decode_position_velocity(data),
-        "report": lambda: encoder.decode_report(data),
+        "report": lambda: handle_encoder.decode_report(data),
     }
     sizes = dict.fromkeys(decoders, 8) | {"report": 6}
     for name, decode in decoders.items():
@@ -115,9 +115,9 @@ def test_every_decoder_takes_any_bytes(kind, data):
         else:
             with pytest.raises(BusError):
                 decode()
-    for decode in (decode_reply, decode_request, encoder.decode_version):
+    for decode in (decode_reply, decode_request, handle_encoder.decode_version):
         decode(data)  # None, or what it says; never an error
-    byte = encoder.decode_eeprom_byte(data)
+    byte = handle_encoder.decode_eeprom_byte(data)
     assert byte is None or 0 <= byte <= 255
 
 
@@ -127,7 +127,7 @@ def test_any_report_of_the_handle_is_a_trigger(data, stamp):
     assert handle.accept(data, stamp)
     assert 0.0 <= handle.report.trigger <= 1.0
     assert math.isfinite(handle.report.position_rad) and math.isfinite(handle.report.velocity_rad_s)
-    again = encoder.decode_report(
-        encoder.encode_report(handle.report.position_rad, handle.report.velocity_rad_s, handle.report.buttons)
+    again = handle_encoder.decode_report(
+        handle_encoder.encode_report(handle.report.position_rad, handle.report.velocity_rad_s, handle.report.buttons)
     )
     assert again == handle.report

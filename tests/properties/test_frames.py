@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from lerobot_robot_yam.damiao import codec, encoder, handle_check
+from lerobot_robot_yam.damiao import codec, handle_check, handle_encoder
 from lerobot_robot_yam.damiao.bus_port import BusPort
 from lerobot_robot_yam.damiao.chain import MotorChain
-from lerobot_robot_yam.damiao.encoder import (
+from lerobot_robot_yam.damiao.feedback import FeedbackStore
+from lerobot_robot_yam.damiao.handle_check import prepare_handle
+from lerobot_robot_yam.damiao.handle_encoder import (
     EVENT_ID,
     FIRMWARE_REQUIRED,
     HANDLE_IDS,
@@ -19,8 +21,6 @@ from lerobot_robot_yam.damiao.encoder import (
     REQUEST_ID,
     HandleEncoder,
 )
-from lerobot_robot_yam.damiao.feedback import FeedbackStore
-from lerobot_robot_yam.damiao.handle_check import prepare_handle
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.damiao.registers import decode_reply
 from lerobot_robot_yam.damiao.tables import MOTOR_TYPES
@@ -84,7 +84,7 @@ def test_a_frame_counts_for_its_motor_or_for_nobody(frames):
         ]
         assert math.isfinite(encoder_.stamp_s) == bool(reports)
         if reports:
-            assert encoder_.report == encoder.decode_report(reports[-1].data)
+            assert encoder_.report == handle_encoder.decode_report(reports[-1].data)
 
 
 @for_all(
@@ -219,14 +219,14 @@ def test_turns_are_followed_however_far(kind, start, steps):
 
 def configuration_replies():
     """What a handle answers to a question about its firmware or its memory."""
-    version = st.tuples(*[st.integers(0, 255)] * 3).map(encoder.encode_version)
-    return version | st.integers(0, 255).map(encoder.encode_eeprom_byte)
+    version = st.tuples(*[st.integers(0, 255)] * 3).map(handle_encoder.encode_version)
+    return version | st.integers(0, 255).map(handle_encoder.encode_eeprom_byte)
 
 
 @for_all(
     short=100,
     firmware=st.tuples(*[st.integers(0, 255)] * 3) | st.just(FIRMWARE_REQUIRED),
-    eeprom=st.binary(min_size=encoder.EEPROM_BYTES, max_size=encoder.EEPROM_BYTES) | st.just(bytes(31)),
+    eeprom=st.binary(min_size=handle_encoder.EEPROM_BYTES, max_size=handle_encoder.EEPROM_BYTES) | st.just(bytes(31)),
     present=st.sampled_from([True, True, True, False]),
     noise=st.lists(messages() | impostors(REQUEST_ID, configuration_replies()), max_size=4),
 )
@@ -241,7 +241,7 @@ def test_a_handle_is_prepared_or_refused_by_name(monkeypatch_once, firmware, eep
             assert not present or firmware < FIRMWARE_REQUIRED
             return
         assert info.firmware == firmware and present
-        asked = [m for m in bus.sent if m.data[1] == encoder.OP_SET_REPORT_FREQUENCY]
+        asked = [m for m in bus.sent if m.data[1] == handle_encoder.OP_SET_REPORT_FREQUENCY]
         assert bool(asked) == (info.report_frequency_hz > 0)
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import strategies as st
 
 from lerobot_robot_yam.damiao.codec import SpecialCommand, decode_feedback, encode_mit
-from lerobot_robot_yam.damiao.encoder import HANDLE_IDS, REQUEST_ID
+from lerobot_robot_yam.damiao.handle_encoder import HANDLE_IDS, REQUEST_ID
 from lerobot_robot_yam.damiao.registers import REGISTERS, Opcode, Register, decode_reply
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S, REGISTER_ID, motor_type
 from lerobot_robot_yam.errors import BusError

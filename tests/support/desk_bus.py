@@ -8,7 +8,7 @@ from collections import deque
 
 import can
 
-from lerobot_robot_yam.damiao import encoder, registers
+from lerobot_robot_yam.damiao import handle_encoder, registers
 from lerobot_robot_yam.damiao.codec import SPECIAL_OF, decode_mit, encode_feedback
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.damiao.registers import Opcode, Register
@@ -27,10 +27,10 @@ class DeskBus(can.BusABC):
         super().__init__(channel="desk")
         self.specs = {spec.can_id: spec for spec in specs}
         self.handle = handle
-        self.handle_data = encoder.encode_report(0.0, 0.0, (False, False))
+        self.handle_data = handle_encoder.encode_report(0.0, 0.0, (False, False))
         self.stubborn = False  # the handle goes on reporting
         self.firmware = (2, 4, 0)
-        self.eeprom = bytearray(encoder.EEPROM_BYTES)
+        self.eeprom = bytearray(handle_encoder.EEPROM_BYTES)
         self.position = dict.fromkeys(self.specs, 0.0)  # rad, any number of turns
         self.fault = dict.fromkeys(self.specs, 1)
         self.registers = {spec.can_id: default_registers(spec) for spec in specs}
@@ -58,7 +58,7 @@ class DeskBus(can.BusABC):
         self.sent.append(can.Message(arbitration_id=msg.arbitration_id, data=data, is_extended_id=False))
         if msg.arbitration_id == REGISTER_ID:
             self._answer_register(data)
-        elif msg.arbitration_id == encoder.REQUEST_ID and self.handle:
+        elif msg.arbitration_id == handle_encoder.REQUEST_ID and self.handle:
             self._answer_handle(data)
         elif msg.arbitration_id in self.specs:
             spec = self.specs[msg.arbitration_id]
@@ -80,9 +80,9 @@ class DeskBus(can.BusABC):
         return self._queue.popleft(), False
 
     def _report_of_its_own(self) -> can.Message | None:
-        if not self.handle or not self.eeprom[encoder.EEPROM_REPORT_FREQUENCY_LOW]:
+        if not self.handle or not self.eeprom[handle_encoder.EEPROM_REPORT_FREQUENCY_LOW]:
             return None
-        return can.Message(arbitration_id=encoder.REPORT_ID, data=self.handle_data, is_extended_id=False)
+        return can.Message(arbitration_id=handle_encoder.REPORT_ID, data=self.handle_data, is_extended_id=False)
 
     def _answer(self, spec: MotorSpec, data: bytes) -> None:
         if spec.can_id in self.silent:
@@ -113,17 +113,17 @@ class DeskBus(can.BusABC):
         self._answer(spec, registers.encode_reply(spec.can_id, opcode, request.register, value))
 
     def _answer_handle(self, data: bytes) -> None:
-        if data[1] == encoder.OP_REPORT:
-            self.put(encoder.REPORT_ID, self.handle_data)
-        elif data[1] == encoder.OP_VERSION:
-            self.put(encoder.REQUEST_ID, encoder.encode_version(self.firmware))
-        elif data[1] == encoder.OP_READ_EEPROM:
-            self.put(encoder.REQUEST_ID, encoder.encode_eeprom_byte(self.eeprom[data[2]]))
-        elif data[1] == encoder.OP_SET_REPORT_FREQUENCY:
+        if data[1] == handle_encoder.OP_REPORT:
+            self.put(handle_encoder.REPORT_ID, self.handle_data)
+        elif data[1] == handle_encoder.OP_VERSION:
+            self.put(handle_encoder.REQUEST_ID, handle_encoder.encode_version(self.firmware))
+        elif data[1] == handle_encoder.OP_READ_EEPROM:
+            self.put(handle_encoder.REQUEST_ID, handle_encoder.encode_eeprom_byte(self.eeprom[data[2]]))
+        elif data[1] == handle_encoder.OP_SET_REPORT_FREQUENCY:
             if not self.stubborn:
-                self.eeprom[encoder.EEPROM_REPORT_FREQUENCY_LOW] = data[2]
-        elif data[1] == encoder.OP_SET_ADC_FREQUENCY:
-            self.eeprom[encoder.EEPROM_ADC_FREQUENCY_LOW] = data[2]
+                self.eeprom[handle_encoder.EEPROM_REPORT_FREQUENCY_LOW] = data[2]
+        elif data[1] == handle_encoder.OP_SET_ADC_FREQUENCY:
+            self.eeprom[handle_encoder.EEPROM_ADC_FREQUENCY_LOW] = data[2]
 
 
 def default_registers(spec: MotorSpec) -> dict[Register, float]:

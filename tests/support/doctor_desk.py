@@ -7,7 +7,7 @@ from pathlib import Path
 import can
 
 from lerobot_robot_yam.commands.doctor import main
-from lerobot_robot_yam.damiao import encoder
+from lerobot_robot_yam.damiao import handle_encoder
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from tests.support.paths import ROOT
 
@@ -43,8 +43,8 @@ def replay_tools(directory, monkeypatch, name, rename=None):
 
 
 def set_report_frequency(bus, hz):
-    data = encoder.encode_report_frequency(hz)
-    bus.send(can.Message(arbitration_id=encoder.REQUEST_ID, data=data, is_extended_id=False))
+    data = handle_encoder.encode_report_frequency(hz)
+    bus.send(can.Message(arbitration_id=handle_encoder.REQUEST_ID, data=data, is_extended_id=False))
 
 
 def virtual(rig, *channels, samples=2):

@@ -5,7 +5,7 @@ import math
 import can
 from hypothesis import strategies as st
 
-from lerobot_robot_yam.damiao.encoder import HANDLE_IDS
+from lerobot_robot_yam.damiao.handle_encoder import HANDLE_IDS
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.damiao.registers import Opcode
 from lerobot_robot_yam.damiao.tables import REGISTER_ID, ReceiveMode

@@ -13,7 +13,7 @@ import can
 
 from lerobot_robot_yam.damiao.bus_port import BusPort, data_message, is_classic_data
 from lerobot_robot_yam.damiao.chain import MotorChain
-from lerobot_robot_yam.damiao.encoder import REQUEST_ID, decode_version, encode_version_request
+from lerobot_robot_yam.damiao.handle_encoder import REQUEST_ID, decode_version, encode_version_request
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import MOTOR_TYPES

@@ -26,7 +26,7 @@ from lerobot_robot_yam.control.loop import ControlLoop
 from lerobot_robot_yam.control.preflight.open_bus import keeps_awake, open_bus
 from lerobot_robot_yam.control.process.control_group import leave_group
 from lerobot_robot_yam.control.state_publisher import ControllerBlocks
-from lerobot_robot_yam.damiao.encoder import HANDLE_IDS
+from lerobot_robot_yam.damiao.handle_encoder import HANDLE_IDS
 from lerobot_robot_yam.errors import ChannelInUseError
 from lerobot_robot_yam.state.block_pair import BlockPair
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop

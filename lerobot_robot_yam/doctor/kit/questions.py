@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import can
 
-from lerobot_robot_yam.damiao import encoder
+from lerobot_robot_yam.damiao import handle_encoder
 from lerobot_robot_yam.damiao.bus_port import BusPort, data_message
 from lerobot_robot_yam.damiao.registers import Opcode, decode_reply, encode_read, encode_refresh
 from lerobot_robot_yam.damiao.tables import REGISTER_ID
@@ -20,7 +20,7 @@ _BATCH = 4  # questions sent at once: a transmit queue may hold ten frames only
 _BATCH_PAUSE_S = 0.002
 _REGISTER_TIMEOUT_S, _REGISTER_ATTEMPTS = 0.2, 2
 _OF_REGISTERS = frozenset({Opcode.READ, Opcode.REFRESH})
-_OF_HANDLE = frozenset({encoder.OP_REPORT, encoder.OP_VERSION, encoder.OP_READ_EEPROM})
+_OF_HANDLE = frozenset({handle_encoder.OP_REPORT, handle_encoder.OP_VERSION, handle_encoder.OP_READ_EEPROM})
 
 
 class Answer(NamedTuple):
@@ -44,7 +44,7 @@ def harmless(identifier: int, data: bytes) -> bool:
     """Whether a frame only asks: a register read, a refresh, or a question to the teaching handle."""
     if identifier == REGISTER_ID:
         return len(data) == 8 and data[2] in _OF_REGISTERS
-    return identifier == encoder.REQUEST_ID and len(data) > 1 and data[1] in _OF_HANDLE
+    return identifier == handle_encoder.REQUEST_ID and len(data) > 1 and data[1] in _OF_HANDLE
 
 
 class Questions:
@@ -114,7 +114,7 @@ class Questions:
         """The teaching handle's answer to a question, None without one."""
         for _ in range(attempts):
             self._drain()  # its answers do not repeat the question, so no earlier one may be left
-            self._send(encoder.REQUEST_ID, request)
+            self._send(handle_encoder.REQUEST_ID, request)
             deadline = time.monotonic() + timeout_s
             while (remaining := deadline - time.monotonic()) > 0.0:
                 message = self._next(remaining)
@@ -146,7 +146,7 @@ class Questions:
         if message is None:
             return None
         data = bytes(message.data)
-        if len(data) != 8 or message.arbitration_id in encoder.HANDLE_IDS or data[0] & 0xF not in motor_ids:
+        if len(data) != 8 or message.arbitration_id in handle_encoder.HANDLE_IDS or data[0] & 0xF not in motor_ids:
             return None
         stamp_s = self._port.arrival_s(message)
         return Answer(message.arbitration_id, data[0] & 0xF, data[0] >> 4, data, stamp_s)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from lerobot_robot_yam.damiao.encoder import ALL_DEVICES, OP_SET_ZERO, REQUEST_ID, encode_report_frequency
+from lerobot_robot_yam.damiao.handle_encoder import ALL_DEVICES, OP_SET_ZERO, REQUEST_ID, encode_report_frequency
 from lerobot_robot_yam.damiao.registers import Register, encode_store, encode_write
 from lerobot_robot_yam.damiao.tables import REGISTER_ID
 from lerobot_robot_yam.doctor.kit.targets import Target

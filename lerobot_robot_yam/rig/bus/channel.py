@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from lerobot_robot_yam.damiao import codec
-from lerobot_robot_yam.damiao.encoder import REQUEST_ID
+from lerobot_robot_yam.damiao.handle_encoder import REQUEST_ID
 from lerobot_robot_yam.damiao.tables import POSITION_VELOCITY_OFFSET, REGISTER_ID, VELOCITY_OFFSET
 from lerobot_robot_yam.rig.bus.adapter import Adapter, Listener
 from lerobot_robot_yam.rig.bus.link_state import BUS_OFF_FRAME_ID, Link, LinkState

@@ -13,7 +13,7 @@ import struct
 from collections.abc import Sequence
 from typing import Any
 
-from lerobot_robot_yam.damiao.encoder import REQUEST_ID, encode_report_request
+from lerobot_robot_yam.damiao.handle_encoder import REQUEST_ID, encode_report_request
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.rig.bus.adapter import Adapter
 from lerobot_robot_yam.rig.devices.packets import Wire, send_time

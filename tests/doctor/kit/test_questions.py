@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lerobot_robot_yam import doctor
-from lerobot_robot_yam.damiao import codec, encoder
+from lerobot_robot_yam.damiao import codec, handle_encoder
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.damiao.registers import (
@@ -40,9 +40,9 @@ TARGET = from_option("can_x:yam:yam_teaching_handle", "socketcan", None)
 def test_questions_are_harmless():
     assert harmless(REGISTER_ID, encode_read(1, Register.PMAX))
     assert harmless(REGISTER_ID, encode_refresh(1))
-    assert harmless(encoder.REQUEST_ID, encoder.encode_report_request())
-    assert harmless(encoder.REQUEST_ID, encoder.encode_version_request())
-    assert harmless(encoder.REQUEST_ID, encoder.encode_eeprom_read(25))
+    assert harmless(handle_encoder.REQUEST_ID, handle_encoder.encode_report_request())
+    assert harmless(handle_encoder.REQUEST_ID, handle_encoder.encode_version_request())
+    assert harmless(handle_encoder.REQUEST_ID, handle_encoder.encode_eeprom_read(25))
 
 
 def test_commands_are_not():
@@ -53,16 +53,16 @@ def test_commands_are_not():
             assert not harmless(motor_id + offset, codec.encode_mit("DM4310", 0, 0, 0, 0, 0))
     assert not harmless(REGISTER_ID, encode_write(1, Register.TIMEOUT, 0))
     assert not harmless(REGISTER_ID, encode_store(1))
-    assert not harmless(encoder.REQUEST_ID, encoder.encode_report_frequency(0))
-    for opcode in (encoder.OP_SET_ZERO, encoder.OP_WRITE_EEPROM, 0x0F):
-        assert not harmless(encoder.REQUEST_ID, bytes((0xFF, opcode)))
+    assert not harmless(handle_encoder.REQUEST_ID, handle_encoder.encode_report_frequency(0))
+    for opcode in (handle_encoder.OP_SET_ZERO, handle_encoder.OP_WRITE_EEPROM, 0x0F):
+        assert not harmless(handle_encoder.REQUEST_ID, bytes((0xFF, opcode)))
 
 
 @given(st.integers(0, 0x7FF), st.binary(max_size=8))
 def test_only_questions_are(identifier, data):
     if harmless(identifier, data):
         registers = identifier == REGISTER_ID and data[2] in (Opcode.READ, Opcode.REFRESH)
-        assert registers or (identifier == encoder.REQUEST_ID and data[1] in (0x02, 0x03, 0x07))
+        assert registers or (identifier == handle_encoder.REQUEST_ID and data[1] in (0x02, 0x03, 0x07))
 
 
 def test_what_is_not_harmless_is_not_sent():
@@ -71,7 +71,7 @@ def test_what_is_not_harmless_is_not_sent():
         with pytest.raises(LifeCycleError, match="does not send 0x1#"):
             questions._send(1, SpecialCommand.ENABLE.value)
         with pytest.raises(LifeCycleError):
-            questions.handle(encoder.encode_report_frequency(0), 0, bytes, 0.01, 1)
+            questions.handle(handle_encoder.encode_report_frequency(0), 0, bytes, 0.01, 1)
         assert bus.sent == []
 
 
@@ -121,15 +121,15 @@ def test_old_firmware_of_the_handle(desk):
 
 
 def test_a_handle_that_reports_by_itself(desk):
-    desk.eeprom[encoder.EEPROM_REPORT_FREQUENCY_LOW] = 100
-    desk.eeprom[encoder.EEPROM_REPORT_FREQUENCY_HIGH] = 0xFF
+    desk.eeprom[handle_encoder.EEPROM_REPORT_FREQUENCY_LOW] = 100
+    desk.eeprom[handle_encoder.EEPROM_REPORT_FREQUENCY_HIGH] = 0xFF
     (problem,) = inspect(desk).findings
     assert "100 Hz" in problem.what and problem.remedy == "cansend can_x 50E#FF0100"
-    assert desk.eeprom[encoder.EEPROM_REPORT_FREQUENCY_LOW] == 100  # and is left to
+    assert desk.eeprom[handle_encoder.EEPROM_REPORT_FREQUENCY_LOW] == 100  # and is left to
 
 
 def test_a_trigger_with_a_wrong_zero(desk):
-    desk.handle_data = encoder.encode_report(-2.0, 0.0, (False, True))
+    desk.handle_data = handle_encoder.encode_report(-2.0, 0.0, (False, True))
     section = inspect(desk)
     (problem,) = section.findings
     assert problem.severity is Severity.PROBLEM and "-2.000 rad" in problem.what

@@ -10,7 +10,7 @@ import pytest
 from lerobot_robot_yam.damiao import codec, registers
 from lerobot_robot_yam.damiao.bus_port import data_message
 from lerobot_robot_yam.damiao.codec import SpecialCommand
-from lerobot_robot_yam.damiao.encoder import REQUEST_ID, encode_report_request
+from lerobot_robot_yam.damiao.handle_encoder import REQUEST_ID, encode_report_request
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import REGISTER_ID, ControlMode
 from lerobot_robot_yam.rig.devices import packets

@@ -6,7 +6,7 @@ import can
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.damiao import encoder
+from lerobot_robot_yam.damiao import handle_encoder
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import ConfigError, RigError
@@ -107,9 +107,9 @@ def test_handle_inputs_reach_the_bus(rig):
     rig.trigger("leader_left", 0.75)
     rig.buttons("leader_left", sync=True)
     with can.Bus(interface="yam_sim", channel="leader_left", rig=rig.name) as bus:
-        data = encoder.encode_report_request()
-        bus.send(can.Message(arbitration_id=encoder.REQUEST_ID, data=data, is_extended_id=False))
-        report = encoder.decode_report(bytes(bus.recv(5.0).data))
+        data = handle_encoder.encode_report_request()
+        bus.send(can.Message(arbitration_id=handle_encoder.REQUEST_ID, data=data, is_extended_id=False))
+        report = handle_encoder.decode_report(bytes(bus.recv(5.0).data))
     assert report.trigger == pytest.approx(0.75, abs=2e-3)
     assert report.buttons == (True, False)
     rig.buttons("leader_left")

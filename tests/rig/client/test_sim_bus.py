@@ -9,7 +9,7 @@ import time
 import can
 import pytest
 
-from lerobot_robot_yam.damiao import codec, encoder
+from lerobot_robot_yam.damiao import codec, handle_encoder
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.errors import BusError, ConfigError
 from lerobot_robot_yam.rig.client.rig_control import RigControl, running_rig
@@ -112,10 +112,10 @@ def test_a_leader_has_a_handle_and_no_gripper_motor(rig):
         bus.send_many(REFRESH)
         assert [bus.recv(5.0).arbitration_id for _ in range(6)] == [0x11, 0x12, 0x13, 0x14, 0x15, 0x16]
         assert bus.recv(0.01) is None
-        bus.send(message(encoder.REQUEST_ID, encoder.encode_report_request()))
+        bus.send(message(handle_encoder.REQUEST_ID, handle_encoder.encode_report_request()))
         answer = bus.recv(5.0)
-        assert answer.arbitration_id == encoder.REPORT_ID
-        assert encoder.decode_report(bytes(answer.data)).trigger == 0.0
+        assert answer.arbitration_id == handle_encoder.REPORT_ID
+        assert handle_encoder.decode_report(bytes(answer.data)).trigger == 0.0
 
 
 def test_a_notifier_delivers(bus):

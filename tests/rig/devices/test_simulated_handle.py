@@ -2,7 +2,7 @@
 
 import pytest
 
-from lerobot_robot_yam.damiao import encoder
+from lerobot_robot_yam.damiao import handle_encoder
 from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
 from tests.support.rig_desk import Desk
 
@@ -12,30 +12,30 @@ def test_a_report_carries_trigger_and_buttons(trigger):
     handle = SimHandle()
     handle.trigger = trigger
     handle.press((False, True))
-    frame = handle.request(encoder.encode_report_request())
-    report = encoder.decode_report(frame.data)
-    assert frame.id == encoder.REPORT_ID
+    frame = handle.request(handle_encoder.encode_report_request())
+    report = handle_encoder.decode_report(frame.data)
+    assert frame.id == handle_encoder.REPORT_ID
     assert report.trigger == pytest.approx(trigger, abs=2e-3)
     assert report.buttons == (False, True)
 
 
 def test_version_and_settings_are_as_drivers_require():
     handle = SimHandle()
-    version = encoder.decode_version(handle.request(encoder.encode_version_request()).data)
-    assert version >= encoder.FIRMWARE_REQUIRED
+    version = handle_encoder.decode_version(handle.request(handle_encoder.encode_version_request()).data)
+    assert version >= handle_encoder.FIRMWARE_REQUIRED
     frequency = [
-        encoder.decode_eeprom_byte(handle.request(encoder.encode_eeprom_read(offset)).data)
-        for offset in (encoder.EEPROM_REPORT_FREQUENCY_LOW, encoder.EEPROM_REPORT_FREQUENCY_HIGH)
+        handle_encoder.decode_eeprom_byte(handle.request(handle_encoder.encode_eeprom_read(offset)).data)
+        for offset in (handle_encoder.EEPROM_REPORT_FREQUENCY_LOW, handle_encoder.EEPROM_REPORT_FREQUENCY_HIGH)
     ]
-    assert encoder.decode_frequency(*frequency) == 0
+    assert handle_encoder.decode_frequency(*frequency) == 0
 
 
 def test_reports_come_unasked_at_the_frequency_set():
     desk = Desk("leader_left")
-    assert desk.send((encoder.REQUEST_ID, encoder.encode_report_frequency(50))) == []
+    assert desk.send((handle_encoder.REQUEST_ID, handle_encoder.encode_report_frequency(50))) == []
     desk.run(1.0)
     assert len(desk.heard()) == pytest.approx(50, abs=3)
-    desk.send((encoder.REQUEST_ID, encoder.encode_report_frequency(0)))
+    desk.send((handle_encoder.REQUEST_ID, handle_encoder.encode_report_frequency(0)))
     desk.heard()
     desk.run(0.2)
     assert desk.heard() == []
@@ -45,29 +45,29 @@ def test_reports_come_unasked_at_the_frequency_set():
 def test_a_button_edge_is_an_event_when_events_are_on():
     handle = SimHandle()
     assert handle.press((True, False)) is None
-    handle.request(bytes((encoder.ALL_DEVICES, 0x05, 0x03)))
+    handle.request(bytes((handle_encoder.ALL_DEVICES, 0x05, 0x03)))
     assert handle.press((True, False)) is None  # no edge
     event = handle.press((False, False))
-    assert event.id == encoder.EVENT_ID
-    assert encoder.decode_report(event.data).buttons == (False, False)
+    assert event.id == handle_encoder.EVENT_ID
+    assert handle_encoder.decode_report(event.data).buttons == (False, False)
 
 
 def test_taking_zero_shifts_the_angle():
     handle = SimHandle()
     handle.trigger = 1.0
-    handle.request(bytes((1, encoder.OP_SET_ZERO)))
-    assert encoder.decode_report(handle.report().data).position_rad == pytest.approx(0, abs=1e-3)
+    handle.request(bytes((1, handle_encoder.OP_SET_ZERO)))
+    assert handle_encoder.decode_report(handle.report().data).position_rad == pytest.approx(0, abs=1e-3)
 
 
 def test_eeprom_writes_are_read_back():
     handle = SimHandle()
-    handle.request(bytes((1, encoder.OP_WRITE_EEPROM, 9, 0x12, 0x34)))
-    answers = [handle.request(encoder.encode_eeprom_read(offset)).data[2] for offset in (9, 10, 11)]
+    handle.request(bytes((1, handle_encoder.OP_WRITE_EEPROM, 9, 0x12, 0x34)))
+    answers = [handle.request(handle_encoder.encode_eeprom_read(offset)).data[2] for offset in (9, 10, 11)]
     assert answers == [0x12, 0x34, 0]
 
 
 def test_another_device_or_a_silent_one_does_not_answer():
     handle = SimHandle()
-    assert handle.request(bytes((7, encoder.OP_REPORT))) is None
+    assert handle.request(bytes((7, handle_encoder.OP_REPORT))) is None
     handle.silent = True
-    assert handle.request(encoder.encode_report_request()) is None
+    assert handle.request(handle_encoder.encode_report_request()) is None

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from lerobot_robot_yam.damiao.requests import Requests
+from lerobot_robot_yam.damiao.reply_matching import Requests
 
 TICK_S = 0.004
 MOTORS = 7
