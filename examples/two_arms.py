@@ -24,7 +24,7 @@ def main() -> None:
         for step in range(int(SECONDS / PERIOD_S)):
             share = 0.5 - 0.5 * math.cos(2.0 * math.pi * step * PERIOD_S / SECONDS)  # out and back
             for name in ARMS:
-                session[name].track(share * REACH, 1.0 - share)
+                session[name].write_target(share * REACH, 1.0 - share)
             session.clock.sleep(PERIOD_S)
             left, right = (session[name].observe() for name in ARMS)
             apart = max(apart, float(np.abs(left.q - right.q).max()))

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from lerobot_robot_yam.control.actuation import PRESS_NM
+from lerobot_robot_yam.control.stop_response import PRESS_NM
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE, state_path
