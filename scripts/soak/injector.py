@@ -23,6 +23,7 @@ from soak.schedule import CAMERA, CHANNELS, LOSS_RATE, Injection
 logger = logging.getLogger("soak")
 
 _POLL_S = 0.01
+_SEEN_S = 0.05  # a loop sees the release of an emergency stop at its next tick, however late that is
 _GAP_S = 0.2  # at least, between two that were kept waiting
 _FOR_CALLER = frozenset({"caller_stall", "malformed_action", "far_action"})
 _CHANNEL_FAULTS = {
@@ -125,6 +126,7 @@ class Injector(threading.Thread):
         try:
             while self._active and not self._ended.is_set():
                 time.sleep(_POLL_S)
+            time.sleep(_SEEN_S)
             with self._lock:  # answers that are still to be lost, or to lie: nobody has asked meanwhile
                 for channel in CHANNELS if not self._ended.is_set() else ():
                     self._rig.fault(channel, None, "drop_next", 0)
