@@ -28,6 +28,15 @@ def test_a_motor_that_is_enabled_behind_our_back_refuses(crooked):
         assert sent(crooked) == []
 
 
+def test_a_hand_may_move_a_limp_joint_as_far_as_it_likes(crooked):
+    with can.Bus(interface="yam_sim", channel="only", rig=crooked.name) as bus:
+        zeroing = Zeroing(config(crooked), bus, ["joint_1"])
+        zeroing.inspect()
+        before = zeroing.read().motor_rad[0]
+        crooked.set_pose("only", q=[1.2, 0.6, 0.6, 0.0, 0.0, 0.0])
+        assert abs(zeroing.read().motor_rad[0] - before) > 1.0
+
+
 class MeddlingBus:
     """A bus on which something is wrong with ZERO frames: `meddle` maps each one to what really goes out."""
 
