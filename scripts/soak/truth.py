@@ -81,15 +81,10 @@ class Truth:
 
     def look(self) -> None:
         """Ask for extremes since the last look, and for the present pose."""
+        windows = []
         for channel in self._arms:
-            seen = self._rig.watch(channel)
+            windows.append((channel, self._rig.watch(channel), time.monotonic()))
             self._rig.watch_start(channel)
-            now = time.monotonic()
-            by_hand = now - self._held_s.get(channel, -math.inf) < _COASTS_S
-            self._touched_s[channel] = max(self._touched_s.get(channel, -math.inf), seen["touched_at_s"])
-            touched = seen["since_s"] - self._touched_s[channel] < _SETTLE_S
-            self._speeds["in contact" if touched else "judged"] += 1
-            self._windows.append((channel, seen, now, by_hand or touched))
         records = {channel: arm.read() if arm.record is None else arm.record for channel, arm in self._arms.items()}
         pose = self._rig.state(bodies=True)
         for channel, record in records.items():
@@ -97,6 +92,12 @@ class Truth:
                 self._held_s[channel] = time.monotonic()
             if record is not None and self._arms[channel].driven:
                 self._compare(channel, record, pose)
+        for channel, seen, now in windows:  # after the pose: a hand may have taken hold since the last look
+            by_hand = now - self._held_s.get(channel, -math.inf) < _COASTS_S
+            self._touched_s[channel] = max(self._touched_s.get(channel, -math.inf), seen["touched_at_s"])
+            touched = seen["since_s"] - self._touched_s[channel] < _SETTLE_S
+            self._speeds["in contact" if touched else "judged"] += 1
+            self._windows.append((channel, seen, now, by_hand or touched))
         self._poses.append(pose)
 
     def _compare(self, channel: str, record: Any, pose: Mapping[str, Any]) -> None:
