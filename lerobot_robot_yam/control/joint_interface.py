@@ -16,9 +16,8 @@ from lerobot_robot_yam.control.preflight import arm_inspection
 from lerobot_robot_yam.control.safety.channel_monitor import ChannelMonitor, Finding
 from lerobot_robot_yam.control.safety.thermal_monitor import ThermalMonitor, trips_c
 from lerobot_robot_yam.damiao.chain import MotorChain
-from lerobot_robot_yam.damiao.codec import SpecialCommand
+from lerobot_robot_yam.damiao.codec import Quantiser, SpecialCommand
 from lerobot_robot_yam.damiao.handle_encoder import HandleEncoder
-from lerobot_robot_yam.damiao.quantisation import Quantiser
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import MotorError, YamError
