@@ -20,9 +20,8 @@ from lerobot_robot_yam.control.fault_response import RELEASE_FIRST, FaultRespons
 from lerobot_robot_yam.control.float_monitor import FloatMonitor
 from lerobot_robot_yam.control.landing_response import LandingResponse
 from lerobot_robot_yam.control.safety.progress_monitor import ProgressMonitor
-from lerobot_robot_yam.control.safety.stop_triggers import StopTriggers
 from lerobot_robot_yam.control.safety.thermal_monitor import Stage
-from lerobot_robot_yam.control.stop_response import StopResponse
+from lerobot_robot_yam.control.stop_response import StopResponse, StopTriggers
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import LifeCycleError, MotorError
 from lerobot_robot_yam.state.faults import SILENT_S, Trouble
