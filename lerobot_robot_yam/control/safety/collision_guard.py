@@ -21,8 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lerobot_robot_yam.arm.collision.clearance import Clearance, Conflict
-from lerobot_robot_yam.arm.collision.pairs import Pair
+from lerobot_robot_yam.arm.collision.clearance import Clearance, Conflict, Pair
 from lerobot_robot_yam.arm.collision.parts import GuardedArm
 from lerobot_robot_yam.control.laws.set_point import SetPoint
 
