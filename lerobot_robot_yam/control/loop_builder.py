@@ -8,7 +8,7 @@ from lerobot_robot_yam.control.arm_controller import ArmController
 from lerobot_robot_yam.control.loop import ControlLoop
 from lerobot_robot_yam.control.safety.collision_guard import WorkspaceGuard
 from lerobot_robot_yam.control.state_publisher import ControllerBlocks
-from lerobot_robot_yam.state.block_pair import BlockPair
+from lerobot_robot_yam.state.records import BlockPair
 
 
 def _workspace_guard(controllers: Sequence[ArmController]) -> WorkspaceGuard | None:

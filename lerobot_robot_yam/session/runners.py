@@ -17,8 +17,8 @@ from lerobot_robot_yam import errors
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.control.process.lifeline import Lifeline
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.state.block_pair import BlockPair, Descriptors
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.state.records import BlockPair, Descriptors
 from lerobot_robot_yam.system.clock import SYSTEM, Clock, clock_of
 
 if TYPE_CHECKING:

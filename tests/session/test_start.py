@@ -9,9 +9,8 @@ from lerobot_robot_yam.control.loop_builder import build
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
 from lerobot_robot_yam.errors import BusError, ChannelInUseError, EmergencyStopError
 from lerobot_robot_yam.session.arm_client import ArmClient
-from lerobot_robot_yam.state.block_pair import BlockPair
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
-from lerobot_robot_yam.state.records import channel_key
+from lerobot_robot_yam.state.records import BlockPair, channel_key
 from tests.support.rigged import lockstep_rig, sim_config
 
 CHANNELS = ("follower_left", "follower_right")

@@ -23,13 +23,11 @@ from lerobot_robot_yam.control.loop_builder import build
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
 from lerobot_robot_yam.control.preflight.open_bus import keeps_awake, open_bus
 from lerobot_robot_yam.control.process import stand_by
-from lerobot_robot_yam.control.process.lifeline import hung_up
+from lerobot_robot_yam.control.process.lifeline import ProcessEnd, hung_up
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.state.block_pair import BlockPair, Descriptors
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
-from lerobot_robot_yam.state.records import lock_path
+from lerobot_robot_yam.state.records import BlockPair, Descriptors, lock_path
 from lerobot_robot_yam.system.log_thread import log_from_a_thread
-from lerobot_robot_yam.system.process_end import ProcessEnd
 from lerobot_robot_yam.system.realtime import avoid_oom_killer, request_realtime
 from lerobot_robot_yam.system.runtime_files import FileLock
 

@@ -28,16 +28,15 @@ from lerobot_robot_yam.control.actuation import gravity_model
 from lerobot_robot_yam.control.arm_controller import ArmController
 from lerobot_robot_yam.control.loop import ControlLoop
 from lerobot_robot_yam.control.preflight.open_bus import keeps_awake, open_bus
+from lerobot_robot_yam.control.process.lifeline import ProcessEnd
 from lerobot_robot_yam.control.state_publisher import ControllerBlocks
 from lerobot_robot_yam.damiao.handle_encoder import HANDLE_IDS
 from lerobot_robot_yam.errors import ChannelInUseError
-from lerobot_robot_yam.state.block_pair import BlockPair
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.faults import HUNG_S
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.state.records import lock_path
+from lerobot_robot_yam.state.records import BlockPair, lock_path
 from lerobot_robot_yam.system.log_thread import log_from_a_thread
-from lerobot_robot_yam.system.process_end import ProcessEnd
 from lerobot_robot_yam.system.realtime import avoid_oom_killer, request_realtime
 from lerobot_robot_yam.system.runtime_files import FileLock
 
