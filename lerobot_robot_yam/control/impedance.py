@@ -94,26 +94,18 @@ class Impedance:
         hardware: the arm.
         gravity: its model; None for a gripper alone.
         gripper: its gripper's axis, if it has a motor.
-        hold_integral: make up for sag while holding.
-        float_speed_rad_s: from where on floating joints are damped.
 
     Attributes:
         weight_nm: (joints,) what the model says that the arm weighs, as of the last commands.
     """
 
-    def __init__(
-        self,
-        hardware: ResolvedArm,
-        gravity: GravityModel | None,
-        gripper: Gripper | None,
-        hold_integral: bool,
-        float_speed_rad_s: float,
-    ):
+    def __init__(self, hardware: ResolvedArm, gravity: GravityModel | None, gripper: Gripper | None):
         self._hardware, self._gravity, self._gripper = hardware, gravity, gripper
         self.commands = np.zeros((hardware.n, 5))
         self.kp, self.kd = hardware.kp.copy(), hardware.kd.copy()
         self.own_gains = True  # and not those of a target
-        self._integral = HoldIntegral.for_stiffness(hardware.kp[: hardware.joints]) if hold_integral else None
+        holds = hardware.config.hold_integral
+        self._integral = HoldIntegral.for_stiffness(hardware.kp[: hardware.joints]) if holds else None
         self._landing: HoldIntegral | None = None  # torque that the gravity model misses while landing
         self._rubs = bool(hardware.coulomb_nm.any())
         self._clipped = False
@@ -122,7 +114,7 @@ class Impedance:
         self._lower, self._upper = hardware.lower - beyond, hardware.upper + beyond
         self.before = np.full(hardware.n, np.nan), np.full(hardware.n, np.nan)  # q, dq of the sample before
         self.weight_nm: np.ndarray = np.zeros(hardware.joints)
-        self.float_speed = FloatDamping(float_speed_rad_s, hardware.joints)
+        self.float_speed = FloatDamping(hardware.config.float_speed_rad_s, hardware.joints)
 
     def gains(self, kp: np.ndarray | None = None, kd: np.ndarray | None = None) -> None:
         """Use these gains (n,) from now on; NaN or None means as configured."""

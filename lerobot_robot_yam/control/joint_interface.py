@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Sequence
 import can
 import numpy as np
 
-from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.joint_map import JointMap, resolve_turn
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.gripper.gripper import Gripper
@@ -38,7 +37,7 @@ class JointInterface:
     """Motors of one channel in joint coordinates, n motors, the gripper's last.
 
     Args:
-        config, hardware: the arm.
+        hardware: the arm.
         bus: an open bus; not closed here.
 
     Attributes:
@@ -48,8 +47,9 @@ class JointInterface:
         meanwhile: called between questions that a running loop waits for, so that it may hold the other arms.
     """
 
-    def __init__(self, config: ArmConfig, hardware: ResolvedArm, bus: can.BusABC):
-        self._config, self._hardware, self._bus = config, hardware, bus
+    def __init__(self, hardware: ResolvedArm, bus: can.BusABC):
+        self._hardware, self._bus = hardware, bus
+        self._config = config = hardware.config
         hw, n = hardware, hardware.n
         self._encoder = HandleEncoder() if hw.gripper.handle_encoder else None
         self.chain = MotorChain(bus, hw.motors, channel=config.channel, encoder=self._encoder)
@@ -78,7 +78,7 @@ class JointInterface:
         Raises:
             YamError: names the part that is not.
         """
-        arm_inspection.inspect(self._config, self._hardware, self.chain, self._bus)
+        arm_inspection.inspect(self._hardware, self.chain, self._bus)
         self.read()
         self._resolve(range(self._hardware.joints))
         if self.gripper is not None:
@@ -86,7 +86,7 @@ class JointInterface:
         self.read()
         ot_value_c = [self.chain.read_register(i, Register.OT_VALUE) for i in range(len(self.chain))]
         self.heat = ThermalMonitor(self._config.name, *trips_c(ot_value_c), [m.name for m in self.chain.motors])
-        arm_inspection.clear_stale_faults(self._config, self.chain)
+        arm_inspection.clear_stale_faults(self._config.name, self.chain)
 
     def adopt(self, record: np.ndarray) -> None:
         """Know what a loop that has died knew; `record` is the state that it has published last."""

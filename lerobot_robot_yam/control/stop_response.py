@@ -9,7 +9,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.actuation import Actuation
 from lerobot_robot_yam.control.fault_response import FaultResponse
@@ -49,14 +48,10 @@ class EffortLimit:
 
 
 class StopTriggers:
-    """Ask once per tick.
+    """The triggers of one arm. Ask once per tick."""
 
-    Args:
-        config, hardware: of the arm.
-    """
-
-    def __init__(self, config: ArmConfig, hardware: ResolvedArm):
-        self._arm = config.name
+    def __init__(self, hardware: ResolvedArm):
+        config, self._arm = hardware.config, hardware.name
         self._button = _BUTTONS[config.estop_button]
         self._down = True  # held down at start it means nothing until it has been released
         self._effort: EffortLimit | None = None

@@ -22,7 +22,6 @@ from pathlib import Path
 
 import numpy as np
 
-from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.actuation import gravity_model
 from lerobot_robot_yam.control.arm_controller import ArmController
@@ -54,7 +53,7 @@ _ASK_S, _MOVED_S = 5.0, 2.0
 _SHARED = "shares its control group with the control process, so that a freezer or out-of-memory killer takes both: "
 
 
-def spawn(configs: Sequence[ArmConfig], keys: Sequence[str], pairs: Sequence[BlockPair], rt_priority: int) -> int:
+def spawn(arms: Sequence[ResolvedArm], keys: Sequence[str], pairs: Sequence[BlockPair], rt_priority: int) -> int:
     """Fork the stand-by of this process, which must have opened nothing but its blocks. Returns its pid."""
     control_pid = os.getpid()
     pid = os.fork()
@@ -71,8 +70,10 @@ def spawn(configs: Sequence[ArmConfig], keys: Sequence[str], pairs: Sequence[Blo
         avoid_oom_killer()
         with log_from_a_thread():
             threading.Thread(target=_leave_group, name="yam-group", daemon=True).start()  # nothing waits for it
-            stand_by = StandBy(configs, keys, pairs, control_pid)
-            with keeps_awake(configs, quiet=True):  # now: no program may be started while an arm falls
+            stand_by = StandBy(arms, keys, pairs, control_pid)
+            with keeps_awake(
+                [arm.config for arm in arms], quiet=True
+            ):  # now: no program may be started while an arm falls
                 stand_by.run(rt_priority)
         status = 0
     except BaseException:
@@ -90,24 +91,22 @@ class StandBy:
     """Watches one control process, and lands its arms when that ends.
 
     Args:
-        configs, keys, pairs: its arms, the names by which others find them, and their blocks.
+        arms, keys, pairs: its arms, the names by which others find them, and their blocks.
         control_pid: its process.
 
     Whatever happens to files from now on, it has what it needs.
     """
 
-    def __init__(self, configs: Sequence[ArmConfig], keys: Sequence[str], pairs: Sequence[BlockPair], control_pid: int):
-        self._configs, self._keys, self._pairs, self._pid = configs, keys, pairs, control_pid
-        self._locks = [
-            FileLock(lock_path(key), f"CAN channel {config.channel}") for config, key in zip(configs, keys, strict=True)
-        ]
+    def __init__(self, arms: Sequence[ResolvedArm], keys: Sequence[str], pairs: Sequence[BlockPair], control_pid: int):
+        self._arms, self._keys, self._pairs, self._pid = arms, keys, pairs, control_pid
+        named = zip(arms, keys, strict=True)
+        self._locks = [FileLock(lock_path(key), f"CAN channel {arm.config.channel}") for arm, key in named]
         self._stop = EmergencyStop()
         self._process = os.pidfd_open(control_pid)
         self._end = ProcessEnd(control_pid)
         self._poll = select.poll()
         self._poll.register(self._process, select.POLLIN)
-        self._hardware = [ResolvedArm(config) for config in configs]
-        self._gravity = [gravity_model(hardware) for hardware in self._hardware]
+        self._gravity = [gravity_model(arm) for arm in arms]
         self._records: list[np.ndarray | None] = [None] * len(keys)
 
     def run(self, rt_priority: int) -> None:
@@ -144,23 +143,22 @@ class StandBy:
         begin = time.monotonic()
         logger.error("the control process (%d) has died: taking its arms over and landing them", self._pid)
         controllers, blocks, buses = [], [], []
-        for index, (config, key) in enumerate(zip(self._configs, self._keys, strict=True)):
+        for index, (arm, key) in enumerate(zip(self._arms, self._keys, strict=True)):
             record = self._records[index]
             if record is None:
                 continue
             try:
-                replies = [motor.feedback_id for motor in self._hardware[index].motors]
-                bus = open_bus(config, [*replies, *HANDLE_IDS])
+                bus = open_bus(arm.config, [*(motor.feedback_id for motor in arm.motors), *HANDLE_IDS])
                 buses.append(bus)
-                controller = ArmController(config, bus, self._hardware[index], self._gravity[index])
+                controller = ArmController(arm, bus, self._gravity[index])
                 controller.adopt(record, time.monotonic())
                 blocks.append(ControllerBlocks(controller, key, self._pairs[index], adopt=record))
                 controllers.append(controller)
             except Exception as error:  # the other arm can still be landed
-                logger.critical("%s cannot be taken over: %s", config.name, error)
+                logger.critical("%s cannot be taken over: %s", arm.name, error)
         try:
             if controllers:
-                loop = ControlLoop(controllers, blocks, self._configs[0].rate_hz, stop=self._stop)
+                loop = ControlLoop(controllers, blocks, self._arms[0].config.rate_hz, stop=self._stop)
                 logger.error("taken over within %.0f ms", (time.monotonic() - begin) * 1e3)
                 try:
                     loop.run(must_land=lambda: _take(self._locks))
