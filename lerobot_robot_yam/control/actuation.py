@@ -179,11 +179,7 @@ class Actuation:
             self._came_free_s = now
 
     def enter(self, mode: Mode) -> None:
-        """Change the mode; only TRACK keeps the gains of a target.
-
-        Raises:
-            LifeCycleError: not from the present mode.
-        """
+        """Change the mode; only TRACK keeps the gains of a target. Raises LifeCycleError: not from the present mode."""
         self.status.check(mode)
         if mode is not Mode.TRACK:
             self.use_gains()

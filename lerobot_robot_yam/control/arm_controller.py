@@ -176,11 +176,7 @@ class ArmController:
             self.status.limited |= Limited.WORKSPACE
 
     def request(self, request: Request, now: float) -> None:
-        """Change mode as the caller asks.
-
-        Raises:
-            YamError: not from the present mode, or it cannot be done.
-        """
+        """Change mode as the caller asks. Raises YamError: not from the present mode, or it cannot be done."""
         arm, status = self.actuation, self.status
         if request is Request.LAND:
             if status.mode is Mode.FAULT and status.stopped:

@@ -88,11 +88,7 @@ def _frequency(port: BusPort, low: int, high: int, what: str, timeout_s: float) 
 
 
 def handle_firmware(bus: can.BusABC, channel: str, timeout_s: float = 0.03) -> tuple[int, int, int] | None:
-    """Firmware version of the teaching handle, None when no handle answers.
-
-    Raises:
-        BusError: the channel is gone.
-    """
+    """Firmware version of the teaching handle, None when no handle answers. Raises BusError: the channel is gone."""
     return _ask(BusPort(bus, channel), encode_version_request(), decode_version, timeout_s)
 
 

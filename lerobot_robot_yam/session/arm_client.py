@@ -41,11 +41,7 @@ class ArmClient:
 
     @property
     def descriptors(self) -> Descriptors:
-        """Of the memory of both blocks, for the loop.
-
-        Raises:
-            LifeCycleError: closed.
-        """
+        """Of the memory of both blocks, for the loop. Raises LifeCycleError: closed."""
         return Descriptors(self._states.block.descriptor, self._commands.descriptor)
 
     def close(self) -> None:

@@ -42,11 +42,7 @@ class StateReader:
 
     @property
     def block(self) -> SharedBlock:
-        """The block.
-
-        Raises:
-            LifeCycleError: closed.
-        """
+        """The block. Raises LifeCycleError: closed."""
         if self._block is None:
             raise LifeCycleError(f"{self._config.name}: not connected")
         return self._block
@@ -116,11 +112,7 @@ class StateReader:
             )
 
     def check_failed(self, state: ArmState) -> None:
-        """Refuse the state of an arm that has failed.
-
-        Raises:
-            MotorError: says what has.
-        """
+        """Refuse the state of an arm that has failed. Raises MotorError: says what has."""
         if state.mode in _FAILED and state.message:
             raise MotorError(f"{self._config.name} ({self._config.channel}): {state.message}")
 

@@ -23,11 +23,7 @@ _ATTEMPTS = 5
 
 
 def refuse_stopped(name: str, stop: EmergencyStop) -> None:
-    """Nothing is energised while the emergency stop is latched.
-
-    Raises:
-        EmergencyStopError: it is.
-    """
+    """Nothing is energised while the emergency stop is latched. Raises EmergencyStopError: it is."""
     reason = stop.reason()
     if reason:
         raise EmergencyStopError(
@@ -36,11 +32,7 @@ def refuse_stopped(name: str, stop: EmergencyStop) -> None:
 
 
 def inspect(hardware: ResolvedArm, chain: MotorChain, bus: can.BusABC) -> None:
-    """Is everything there, alone on the channel, and as configured?
-
-    Raises:
-        YamError: names the part that is not.
-    """
+    """Is everything there, alone on the channel, and as configured? Raises YamError: names the part that is not."""
     config = hardware.config
     refuse_stopped(config.name, EmergencyStop())
     handle = hardware.gripper.handle_encoder

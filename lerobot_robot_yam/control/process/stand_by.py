@@ -235,11 +235,7 @@ def _ask_systemd(group: str) -> None:
 
 
 def _make_group(group: str) -> None:
-    """Make one beside ours.
-
-    Raises:
-        OSError: we may not.
-    """
+    """Make one beside ours. Raises OSError: we may not."""
     beside = Path(_mount() + group).parent
     for left in beside.glob(f"{_PREFIX}*"):
         with contextlib.suppress(OSError):  # a process is in it still
@@ -254,11 +250,7 @@ def _make_group(group: str) -> None:
 
 
 def _mount() -> str:
-    """Where the whole hierarchy is mounted.
-
-    Raises:
-        OSError: nowhere.
-    """
+    """Where the whole hierarchy is mounted. Raises OSError: nowhere."""
     for line in Path("/proc/self/mountinfo").read_text().splitlines():
         where, _, what = line.partition(" - ")
         if what.startswith("cgroup2 ") and where.split()[3] == "/":
