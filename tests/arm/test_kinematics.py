@@ -258,8 +258,7 @@ def judge():
 
     def is_clear(q):
         clearance.parts.place(q)
-        pair, distance = clearance.nearest()
-        return distance > pair.limit_m - 1e-3
+        return min(clearance.distance(pair) - pair.limit_m for pair in clearance.pairs) > -1e-3
 
     return is_clear
 

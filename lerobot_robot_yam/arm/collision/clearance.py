@@ -135,11 +135,6 @@ class Clearance:
         """Distance of the two parts as they are placed, m; negative: how deep they are in each other."""
         return self.parts.distance(pair.first, pair.second)
 
-    def nearest(self) -> tuple[Pair, float] | None:
-        """The pair nearest to its limit as the parts are placed, and its distance. Measures every pair."""
-        measured = [(pair, self.distance(pair)) for pair in self.pairs]
-        return min(measured, key=lambda row: row[1] - row[0].limit_m, default=None)
-
     def _near(self, q: np.ndarray, travel: np.ndarray) -> list[int]:
         """Indices of the pairs that come nearer than their limit within half of `travel` (pairs,) from q."""
         parts = self.parts
