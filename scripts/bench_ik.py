@@ -22,8 +22,7 @@ import numpy as np
 from bench.placo import PlacoArm
 from tqdm import tqdm
 
-from lerobot_robot_yam.arm.ik.pose_tracker import PoseTracker
-from lerobot_robot_yam.arm.kinematics import YamKinematics
+from lerobot_robot_yam.arm.kinematics import PoseTracker, YamKinematics
 from lerobot_robot_yam.arm.profile_files import ARMS
 
 GRIPPER = "linear_4310"

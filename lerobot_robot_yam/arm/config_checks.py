@@ -1,6 +1,6 @@
 """Checks of the values of an `ArmConfig`: first the type that the field declares, then the range of the quantity.
 
-Ranges that depend on the motors come later, with the profile (`profile_checks`).
+Ranges that depend on the motors come later, with the profile (`profile_files`).
 """
 
 import dataclasses
@@ -38,7 +38,7 @@ def _one(what: str, low: float, high: float, unit: str) -> tuple[None, float, fl
     return None, low, high, f"{what} within {low:g} … {high:g} {unit}"
 
 
-# Per field: how many numbers (None: one), least, largest, and how to say so. `profile_checks` has the bounds that
+# Per field: how many numbers (None: one), least, largest, and how to say so. `profile_files` has the bounds that
 # depend on the motors: of gains, torques and speeds.
 _NUMBERS: dict[str, tuple[int | None, float, float, str]] = {
     **dict.fromkeys(

@@ -1,5 +1,7 @@
 """One arm as its configuration describes it: profiles with the user's overrides, and constants derived from them."""
 
+import copy
+import dataclasses
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +31,7 @@ class ResolvedArm:
     """One arm with its end effector. n motors: the joints, then the gripper's if it has one.
 
     Attributes:
+        config, name: the configuration, and what messages call the arm.
         arm, gripper: profiles with overrides applied.
         joints: number of arm joints, 0 for gripper-only use.
         n: number of motors.
@@ -48,6 +51,7 @@ class ResolvedArm:
     """
 
     def __init__(self, config: ArmConfig):
+        self.config, self.name = config, config.name
         try:
             arm, gripper = load_arm(config.arm), load_gripper(config.gripper)
             given = _per_joint(config, arm.joint_count)
@@ -94,7 +98,7 @@ class ResolvedArm:
         names = [row.name for row in joint.motors]
         named = (joint.folding.base, joint.folding.shoulder, joint.folding.elbow, joint.folding.wrist)
         self.folding = Roles(*(names.index(name) if name in names else None for name in named))
-        self.rest_q = self._rest_q(config.name, given.get("rest_q_rad"))
+        self.rest_q = self._rest_q(given.get("rest_q_rad"))
         self.tilt_rad = (config.base_tilt_rad[0], config.base_tilt_rad[1])
         self.lies_at_rest = config.rest_q_rad is None and not any(self.tilt_rad)
         x, y, z = config.payload_com_m
@@ -104,14 +108,20 @@ class ResolvedArm:
             ee_inertia=None if config.ee_inertia is None else tuple(config.ee_inertia),
         )
 
-    def _rest_q(self, name: str, given: list[float] | None) -> np.ndarray:
+    def _rest_q(self, given: list[float] | None) -> np.ndarray:
         if given is None or not self.joints:
             return self.arm.rest_q(self.gripper.name) if self.joints else np.zeros(0)
         rest, (low, high) = np.array(given), self.arm.joint_limits_rad.T
         if not ((rest >= low) & (rest <= high)).all():
             limits = f"{low.tolist()} … {high.tolist()}"
-            raise ConfigError(f"{name}: rest_q_rad {rest.tolist()} is not within the joints' limits {limits}")
+            raise ConfigError(f"{self.name}: rest_q_rad {rest.tolist()} is not within the joints' limits {limits}")
         return rest
+
+    def without_search(self) -> "ResolvedArm":
+        """The same arm, which seeks no unknown stops of its gripper when it comes up."""
+        other = copy.copy(self)
+        other.config = dataclasses.replace(self.config, gripper_search=False)
+        return other
 
     @property
     def has_gripper(self) -> bool:

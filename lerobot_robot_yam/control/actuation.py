@@ -6,7 +6,6 @@ import math
 import can
 import numpy as np
 
-from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.arm_status import ArmStatus
@@ -42,10 +41,10 @@ class Actuation:
     """Motors, set-point and laws of one arm.
 
     Args:
-        config: the arm.
+        hardware: the arm.
         bus: an open bus; not closed here.
         status: of the arm.
-        hardware, gravity: made from this config, if that has been done before.
+        gravity: its model, if that has been made before.
 
     Attributes:
         landing: the landing under way; `landing_response` owns it.
@@ -54,15 +53,14 @@ class Actuation:
 
     def __init__(
         self,
-        config: ArmConfig,
+        hardware: ResolvedArm,
         bus: can.BusABC,
         status: ArmStatus,
-        hardware: ResolvedArm | None = None,
         gravity: GravityModel | None = None,
     ):
-        self.config, self.name, self.status = config, config.name, status
-        self.hardware = hw = hardware or ResolvedArm(config)
-        self.interface = JointInterface(config, hw, bus)
+        self.hardware = hw = hardware
+        self.config, self.name, self.status = hw.config, hw.name, status
+        self.interface = JointInterface(hw, bus)
         self.gripper = self.interface.gripper
         self.setpoint = SetPoint(
             hw.speed_limit,
@@ -71,8 +69,7 @@ class Actuation:
             hw.upper,
             np.append(np.full(hw.joints, _END_DECELERATION_RAD_S2), [_GRIPPER_ACCELERATION] * hw.has_gripper),
         )
-        gravity = gravity or gravity_model(hw)
-        self.impedance = Impedance(hw, gravity, self.gripper, config.hold_integral, config.float_speed_rad_s)
+        self.impedance = Impedance(hw, gravity or gravity_model(hw), self.gripper)
         self._bad = np.zeros(hw.n, dtype=bool)
         self.usable, self.all_usable = ~self._bad, True
         self.landing: Landing | None = None
@@ -182,11 +179,7 @@ class Actuation:
             self._came_free_s = now
 
     def enter(self, mode: Mode) -> None:
-        """Change the mode; only TRACK keeps the gains of a target.
-
-        Raises:
-            LifeCycleError: not from the present mode.
-        """
+        """Change the mode; only TRACK keeps the gains of a target. Raises LifeCycleError: not from the present mode."""
         self.status.check(mode)
         if mode is not Mode.TRACK:
             self.use_gains()

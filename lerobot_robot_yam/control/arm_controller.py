@@ -10,7 +10,6 @@ import math
 import can
 import numpy as np
 
-from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.actuation import LEFT_BEHIND_RAD, Actuation
@@ -20,9 +19,8 @@ from lerobot_robot_yam.control.fault_response import RELEASE_FIRST, FaultRespons
 from lerobot_robot_yam.control.float_monitor import FloatMonitor
 from lerobot_robot_yam.control.landing_response import LandingResponse
 from lerobot_robot_yam.control.safety.progress_monitor import ProgressMonitor
-from lerobot_robot_yam.control.safety.stop_triggers import StopTriggers
 from lerobot_robot_yam.control.safety.thermal_monitor import Stage
-from lerobot_robot_yam.control.stop_response import StopResponse
+from lerobot_robot_yam.control.stop_response import StopResponse, StopTriggers
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import LifeCycleError, MotorError
 from lerobot_robot_yam.state.faults import SILENT_S, Trouble
@@ -43,21 +41,15 @@ class ArmController:
     `collect`, `measure`, `decide`, the set-point's `step`, `actuation.compute_command`.
 
     Args:
-        config: the arm.
+        hardware: the arm.
         bus: an open bus; the controller does not close it.
-        hardware, gravity: made from this config, if that has been done before.
+        gravity: the arm's model, if that has been made before.
     """
 
-    def __init__(
-        self,
-        config: ArmConfig,
-        bus: can.BusABC,
-        hardware: ResolvedArm | None = None,
-        gravity: GravityModel | None = None,
-    ):
-        self.config, self.name = config, config.name
-        self.status = status = ArmStatus(config.name, floats=config.start == "float")
-        self.actuation = arm = Actuation(config, bus, status, hardware, gravity)
+    def __init__(self, hardware: ResolvedArm, bus: can.BusABC, gravity: GravityModel | None = None):
+        self.config, self.name = hardware.config, hardware.name
+        self.status = status = ArmStatus(self.name, floats=self.config.start == "float")
+        self.actuation = arm = Actuation(hardware, bus, status, gravity)
         self._floating = FloatMonitor(arm.interface, arm.impedance, arm.hardware)
         self.bring_up = BringUp(arm, self._floating)
         self.landing = LandingResponse(arm)
@@ -65,7 +57,7 @@ class ArmController:
         self._stop = StopResponse(arm, self.landing, self.faults)
         self._progress = ProgressMonitor(self.name, [m.name for m in arm.hardware.motors[: arm.hardware.joints]])
         self._last_target_at = -math.inf
-        self._stop_triggers = StopTriggers(config, arm.hardware)
+        self._stop_triggers = StopTriggers(hardware)
         self.handle = arm.interface.read_handle(-math.inf)  # trigger, buttons, stamp
 
     @property
@@ -184,11 +176,7 @@ class ArmController:
             self.status.limited |= Limited.WORKSPACE
 
     def request(self, request: Request, now: float) -> None:
-        """Change mode as the caller asks.
-
-        Raises:
-            YamError: not from the present mode, or it cannot be done.
-        """
+        """Change mode as the caller asks. Raises YamError: not from the present mode, or it cannot be done."""
         arm, status = self.actuation, self.status
         if request is Request.LAND:
             if status.mode is Mode.FAULT and status.stopped:

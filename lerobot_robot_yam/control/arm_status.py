@@ -51,10 +51,6 @@ class ArmStatus:
         check_transition(self.name, self._mode, mode)
 
     def enter(self, mode: Mode) -> None:
-        """Change the mode.
-
-        Raises:
-            LifeCycleError: see `check`.
-        """
+        """Change the mode. Raises LifeCycleError: see `check`."""
         self.check(mode)
         self._mode = mode

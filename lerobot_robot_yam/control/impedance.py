@@ -9,10 +9,20 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.gripper.gripper import Gripper
 from lerobot_robot_yam.control.laws import mit_laws
 from lerobot_robot_yam.control.laws.float_damping import FloatDamping
-from lerobot_robot_yam.control.laws.hold_integral import HoldIntegral
 from lerobot_robot_yam.control.laws.set_point import SetPoint
 from lerobot_robot_yam.state.faults import MOST_RAD_S2
 from lerobot_robot_yam.state.records import Limited
+
+# The integral that makes up for sag, per Nm/rad of stiffness, so that every joint behaves alike.
+_SAG_RATE_PER_S = 1.5  # ki / kp: sag shrinks with a time constant of 1 / 1.5 s
+_SAG_RAD = 0.05  # most sag that is made up for; YAM's joints 3 and 4 settle about 0.03 rad low
+_TOO_FAR_RAD = 0.1  # larger errors are no sag: a hand holds the arm
+# The same while an arm lands.
+_LAND_RATE_PER_S = 2.0
+_LAND_SHARE = 0.4  # of the torque limits: 11 Nm of a DM4340 and 4 of a DM4310: an unknown 3 kg at 0.35 m
+_LAND_TOO_FAR_RAD = 0.35  # of a soft wrist; a stiff joint is stuck before
+_DEADBAND_RAD = 0.002  # several steps of the reading (0.38 mrad)
+_LEAK_S = 0.5  # time constant
 
 _STILL_RAD_S = 1e-3
 _WORTH_SAYING_RAD = 0.01  # rest lies on a limit for some joints
@@ -23,6 +33,60 @@ _LEAST_SHARE = 0.2  # of the acceleration: a set-point must always be able to br
 _AHEAD_TICKS = 1.5  # from a sample to the middle of the tick during which its command holds
 
 
+class HoldIntegral:
+    """The torque that the gravity model misses while an arm holds still, of n joints.
+
+        tau += ki e' dt,  |tau| ≤ limit,  e' = the part of e = q_set − q outside the deadband
+
+    It works only while the set-point rests. When the set-point moves, or the arm floats or lands, the torque fades away
+    (`_LEAK_S`): what was missing in one pose is not what is missing in the next, and a sudden end would be
+    a knock. While the torque clip acts, or where the error is too large for sag, it does not grow. The deadband keeps
+    it from hunting: against dry friction an integral without one creeps to and fro for ever.
+
+    Args:
+        ki: (n,) Nm/(rad s).
+        limit_nm: (n,) bound of the torque.
+        too_far_rad: larger errors are not sag.
+    """
+
+    def __init__(self, ki: np.ndarray, limit_nm: np.ndarray, too_far_rad: float = _TOO_FAR_RAD):
+        self._ki, self._limit, self._too_far = ki, limit_nm, too_far_rad
+        self.tau: np.ndarray = np.zeros(len(ki))
+
+    @classmethod
+    def for_stiffness(cls, kp: np.ndarray) -> "HoldIntegral":
+        """With ki and limit in proportion to the position gains kp (n,), Nm/rad."""
+        return cls(_SAG_RATE_PER_S * kp, _SAG_RAD * kp)
+
+    @classmethod
+    def for_landing(cls, kp: np.ndarray, torque_limit_nm: np.ndarray) -> "HoldIntegral":
+        """Of an arm that must come down whatever is wrong with its model: quicker, and much stronger, all (n,)."""
+        kp = np.maximum(kp, 1.0)
+        return cls(_LAND_RATE_PER_S * kp, _LAND_SHARE * torque_limit_nm, _LAND_TOO_FAR_RAD)
+
+    def advance(self, error: np.ndarray, dt: float, holding: bool, clipped: bool = False) -> np.ndarray:
+        """Torque (n,) Nm to feed forward in this tick of `dt` s.
+
+        Args:
+            error: (n,) rad, q_set − q.
+            holding: the arm holds and its set-point rests.
+            clipped: the last commands were held back by the torque clip.
+        """
+        if not holding:
+            self.tau *= max(0.0, 1.0 - dt / _LEAK_S)
+            return self.tau
+        beyond = error - np.minimum(np.maximum(error, -_DEADBAND_RAD), _DEADBAND_RAD)
+        step = np.where(np.abs(error) < self._too_far, self._ki * beyond * dt, 0.0)
+        if clipped:
+            step = np.where(step * self.tau > 0.0, 0.0, step)
+        self.tau = np.minimum(np.maximum(self.tau + step, -self._limit), self._limit)
+        return self.tau
+
+    def reset(self) -> None:
+        """Forget everything at once."""
+        self.tau = np.zeros(len(self._ki))
+
+
 class Impedance:
     """Commands of one arm, (n, 5) in joint coordinates.
 
@@ -30,26 +94,18 @@ class Impedance:
         hardware: the arm.
         gravity: its model; None for a gripper alone.
         gripper: its gripper's axis, if it has a motor.
-        hold_integral: make up for sag while holding.
-        float_speed_rad_s: from where on floating joints are damped.
 
     Attributes:
         weight_nm: (joints,) what the model says that the arm weighs, as of the last commands.
     """
 
-    def __init__(
-        self,
-        hardware: ResolvedArm,
-        gravity: GravityModel | None,
-        gripper: Gripper | None,
-        hold_integral: bool,
-        float_speed_rad_s: float,
-    ):
+    def __init__(self, hardware: ResolvedArm, gravity: GravityModel | None, gripper: Gripper | None):
         self._hardware, self._gravity, self._gripper = hardware, gravity, gripper
         self.commands = np.zeros((hardware.n, 5))
         self.kp, self.kd = hardware.kp.copy(), hardware.kd.copy()
         self.own_gains = True  # and not those of a target
-        self._integral = HoldIntegral.for_stiffness(hardware.kp[: hardware.joints]) if hold_integral else None
+        holds = hardware.config.hold_integral
+        self._integral = HoldIntegral.for_stiffness(hardware.kp[: hardware.joints]) if holds else None
         self._landing: HoldIntegral | None = None  # torque that the gravity model misses while landing
         self._rubs = bool(hardware.coulomb_nm.any())
         self._clipped = False
@@ -58,7 +114,7 @@ class Impedance:
         self._lower, self._upper = hardware.lower - beyond, hardware.upper + beyond
         self.before = np.full(hardware.n, np.nan), np.full(hardware.n, np.nan)  # q, dq of the sample before
         self.weight_nm: np.ndarray = np.zeros(hardware.joints)
-        self.float_speed = FloatDamping(float_speed_rad_s, hardware.joints)
+        self.float_speed = FloatDamping(hardware.config.float_speed_rad_s, hardware.joints)
 
     def gains(self, kp: np.ndarray | None = None, kd: np.ndarray | None = None) -> None:
         """Use these gains (n,) from now on; NaN or None means as configured."""
@@ -149,7 +205,9 @@ class Impedance:
         q_set, dq_set = setpoint.asked
         still = holding and bool(np.abs(dq_set[j]).max(initial=0.0) < _STILL_RAD_S)
         error = q_set[j] - q[j]
-        tau[j] += self._friction(dq_set[j]) + self._sag(error, 0.0 if stopped else dt, still)
+        tau[j] += self._friction(dq_set[j])
+        if self._integral is not None:
+            tau[j] += self._integral.advance(error, 0.0 if stopped else dt, still, self._clipped)
         if learns:
             self._landing = self._landing or HoldIntegral.for_landing(hw.kp[j], hw.torque_limit_nm[j])
             self._landing.advance(error, dt, True, self._clipped)
@@ -168,9 +226,6 @@ class Impedance:
 
     def _friction(self, dq: np.ndarray) -> np.ndarray | float:
         return mit_laws.friction(dq, self._hardware.coulomb_nm) if self._rubs else 0.0
-
-    def _sag(self, error: np.ndarray, dt: float, holding: bool) -> np.ndarray | float:
-        return 0.0 if self._integral is None else self._integral.advance(error, dt, holding, self._clipped)
 
     def _weight(self, q: np.ndarray) -> np.ndarray:
         """(n,) Nm that carry the arm at rest."""

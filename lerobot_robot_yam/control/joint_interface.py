@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Sequence
 import can
 import numpy as np
 
-from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.joint_map import JointMap, resolve_turn
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.gripper.gripper import Gripper
@@ -16,9 +15,8 @@ from lerobot_robot_yam.control.preflight import arm_inspection
 from lerobot_robot_yam.control.safety.channel_monitor import ChannelMonitor, Finding
 from lerobot_robot_yam.control.safety.thermal_monitor import ThermalMonitor, trips_c
 from lerobot_robot_yam.damiao.chain import MotorChain
-from lerobot_robot_yam.damiao.codec import SpecialCommand
+from lerobot_robot_yam.damiao.codec import Quantiser, SpecialCommand
 from lerobot_robot_yam.damiao.handle_encoder import HandleEncoder
-from lerobot_robot_yam.damiao.quantisation import Quantiser
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import MotorError, YamError
@@ -39,7 +37,7 @@ class JointInterface:
     """Motors of one channel in joint coordinates, n motors, the gripper's last.
 
     Args:
-        config, hardware: the arm.
+        hardware: the arm.
         bus: an open bus; not closed here.
 
     Attributes:
@@ -49,8 +47,9 @@ class JointInterface:
         meanwhile: called between questions that a running loop waits for, so that it may hold the other arms.
     """
 
-    def __init__(self, config: ArmConfig, hardware: ResolvedArm, bus: can.BusABC):
-        self._config, self._hardware, self._bus = config, hardware, bus
+    def __init__(self, hardware: ResolvedArm, bus: can.BusABC):
+        self._hardware, self._bus = hardware, bus
+        self._config = config = hardware.config
         hw, n = hardware, hardware.n
         self._encoder = HandleEncoder() if hw.gripper.handle_encoder else None
         self.chain = MotorChain(bus, hw.motors, channel=config.channel, encoder=self._encoder)
@@ -79,7 +78,7 @@ class JointInterface:
         Raises:
             YamError: names the part that is not.
         """
-        arm_inspection.inspect(self._config, self._hardware, self.chain, self._bus)
+        arm_inspection.inspect(self._hardware, self.chain, self._bus)
         self.read()
         self._resolve(range(self._hardware.joints))
         if self.gripper is not None:
@@ -87,7 +86,7 @@ class JointInterface:
         self.read()
         ot_value_c = [self.chain.read_register(i, Register.OT_VALUE) for i in range(len(self.chain))]
         self.heat = ThermalMonitor(self._config.name, *trips_c(ot_value_c), [m.name for m in self.chain.motors])
-        arm_inspection.clear_stale_faults(self._config, self.chain)
+        arm_inspection.clear_stale_faults(self._config.name, self.chain)
 
     def adopt(self, record: np.ndarray) -> None:
         """Know what a loop that has died knew; `record` is the state that it has published last."""

@@ -72,11 +72,7 @@ class ControlLoop:
             controller.actuation.interface.meanwhile = functools.partial(self._hold_others, controller)
 
     def start(self) -> None:
-        """Energise every arm, or leave all of them limp.
-
-        Raises:
-            YamError: names what failed.
-        """
+        """Energise every arm, or leave all of them limp. Raises YamError: names what failed."""
         self._ready = False
         begun: list[tuple[ArmController, ControllerBlocks]] = []
 

@@ -8,10 +8,9 @@ import numpy as np
 from lerobot_robot_yam.control.arm_controller import ArmController
 from lerobot_robot_yam.control.gripper.homing import GripperStops
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.state.block_pair import BlockPair
 from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.state.records import OWNER_AT, STATE_DTYPE, Request, state_path
+from lerobot_robot_yam.state.records import OWNER_AT, STATE_DTYPE, BlockPair, Request, state_path
 
 logger = logging.getLogger(__name__)
 

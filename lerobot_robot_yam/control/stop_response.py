@@ -1,7 +1,15 @@
-"""The response of an arm to the emergency stop: it holds or floats while the stop is latched, then goes on."""
+"""The emergency stop of one arm: its triggers, which stop all arms, and its response.
+
+A button of its handle stops all arms, and so does too much effort. Effort above its limit for longer than a knock lasts
+means that the arm presses on something it should not. While the stop is latched an arm holds or floats, then goes on.
+"""
+
+import math
+from collections.abc import Sequence
 
 import numpy as np
 
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.actuation import Actuation
 from lerobot_robot_yam.control.fault_response import FaultResponse
 from lerobot_robot_yam.control.landing_response import LandingResponse
@@ -11,6 +19,61 @@ from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 
 PRESS_NM = 5.0  # with which a stopped joint presses on: 1 kg at 0.5 m that the model does not know
+PATIENCE_S = 0.05  # knocks and starts are shorter
+_BUTTONS = {None: None, "top": 0, "bottom": 1}
+
+
+class EffortLimit:
+    """Watches the measured torque of n motors. Ask once per tick.
+
+    Args:
+        limit_nm: (n,) largest |tau|.
+        names: of the joints.
+    """
+
+    def __init__(self, limit_nm: np.ndarray, names: Sequence[str]):
+        self._limit, self._names = limit_nm, names
+        self._since: np.ndarray = np.full(len(limit_nm), math.inf)
+
+    def check(self, now: float, tau_nm: np.ndarray) -> str:
+        """Names the joint that has exceeded its limit most, as long as one has for PATIENCE_S; else empty."""
+        above = np.abs(tau_nm) > self._limit
+        self._since = np.where(above, np.minimum(self._since, now), math.inf)
+        over = now - self._since > PATIENCE_S
+        if not over.any():
+            return ""
+        worst = int(np.where(over, np.abs(tau_nm) / self._limit, 0.0).argmax())
+        limit = f"its effort limit of {self._limit[worst]:.1f} Nm"
+        return f"{self._names[worst]} works with {tau_nm[worst]:.1f} Nm against {limit}"
+
+
+class StopTriggers:
+    """The triggers of one arm. Ask once per tick."""
+
+    def __init__(self, hardware: ResolvedArm):
+        config, self._arm = hardware.config, hardware.name
+        self._button = _BUTTONS[config.estop_button]
+        self._down = True  # held down at start it means nothing until it has been released
+        self._effort: EffortLimit | None = None
+        if config.effort_limit_nm is not None and hardware.joints:
+            names = [motor.name for motor in hardware.motors[: hardware.joints]]
+            self._effort = EffortLimit(np.array(config.effort_limit_nm), names)
+
+    def check(self, now: float, buttons: tuple[bool, bool], tau_nm: np.ndarray, works: bool) -> str:
+        """Why everything has to stop, empty when it has not.
+
+        Args:
+            now: s.
+            buttons: of the handle, whether they are down.
+            tau_nm: (joints,) measured.
+            works: whether the effort limit applies now.
+        """
+        if self._button is not None:
+            before, self._down = self._down, bool(buttons[self._button])
+            if self._down and not before:
+                return f"button of the handle of {self._arm}"
+        told = self._effort and self._effort.check(now, tau_nm if works else np.zeros_like(tau_nm))
+        return f"{self._arm}: {told}" if told else ""
 
 
 class StopResponse:

@@ -11,9 +11,12 @@ Source of the layouts: I2RT driver v1.2.4; float32 frames: Damiao's public drive
 """
 
 import struct
+from collections.abc import Sequence
 from enum import Enum
 from math import inf, isfinite
 from typing import NamedTuple
+
+import numpy as np
 
 from lerobot_robot_yam.damiao import tables
 from lerobot_robot_yam.errors import ActionError, BusError
@@ -107,6 +110,30 @@ def encode_mit(motor_type: str, position: float, velocity: float, kp: float, kd:
         # like. The maximum itself has no such meaning.
         word = _ALL_ONES
     return word.to_bytes(8, "big")
+
+
+class Quantiser:
+    """Compensates what packing loses of the commands of a row of motors, given by their types.
+
+    Zero speed is sent as −half a step, which at kd = 1.5 Nm s/rad is 11 mNm and lets a wrist with kp = 10 Nm/rad stand
+    1.1 mrad off. The loss of position and velocity is known, so the torque field can carry it:
+
+        tau ← tau + kp (q* − q*_sent) + kd (dq* − dq*_sent) + half a torque step
+    """
+
+    def __init__(self, types: Sequence[str]):
+        ranges = np.array([ranges_of(name) for name in types])
+        self._limit = ranges[:, :2]
+        self._step = 2.0 * self._limit / np.array([_MAX16, _MAX12])
+        self._half_torque_step = ranges[:, 2] / _MAX12
+
+    def compensate(self, commands: np.ndarray) -> np.ndarray:
+        """(n, 5) q*, dq*, kp, kd, tau in motor coordinates to the same with a corrected tau (a copy)."""
+        out = commands.copy()
+        wanted = np.minimum(np.maximum(commands[:, :2], -self._limit), self._limit)
+        sent = np.floor((wanted + self._limit) / self._step) * self._step - self._limit
+        out[:, 4] += ((wanted - sent) * commands[:, 2:4]).sum(axis=1) + self._half_torque_step
+        return out
 
 
 def decode_mit(motor_type: str, data: bytes) -> MitCommand:

@@ -55,7 +55,7 @@ def prepare_handle(bus: can.BusABC, channel: str, timeout_s: float = 0.1) -> Han
         BusError: the channel is gone.
     """
     port = BusPort(bus, channel)
-    firmware = _ask(port, encode_version_request(), decode_version, "its firmware version", timeout_s)
+    firmware = _told(port, encode_version_request(), decode_version, "its firmware version", timeout_s)
     if firmware < FIRMWARE_REQUIRED:
         raise MotorError(
             f"{channel}: the teaching handle has firmware {_dotted(firmware)}; "
@@ -83,11 +83,26 @@ def prepare_handle(bus: can.BusABC, channel: str, timeout_s: float = 0.1) -> Han
 
 def _frequency(port: BusPort, low: int, high: int, what: str, timeout_s: float) -> int:
     """A frequency of which the EEPROM keeps two bytes."""
-    values = [_ask(port, encode_eeprom_read(at), decode_eeprom_byte, f"its {what}", timeout_s) for at in (low, high)]
+    values = [_told(port, encode_eeprom_read(at), decode_eeprom_byte, f"its {what}", timeout_s) for at in (low, high)]
     return decode_frequency(*values)
 
 
-def _ask[T](port: BusPort, request: bytes, decode: Callable[[bytes], T | None], what: str, timeout_s: float) -> T:
+def handle_firmware(bus: can.BusABC, channel: str, timeout_s: float = 0.03) -> tuple[int, int, int] | None:
+    """Firmware version of the teaching handle, None when no handle answers. Raises BusError: the channel is gone."""
+    return _ask(BusPort(bus, channel), encode_version_request(), decode_version, timeout_s)
+
+
+def _told[T](port: BusPort, request: bytes, decode: Callable[[bytes], T | None], what: str, timeout_s: float) -> T:
+    answer = _ask(port, request, decode, timeout_s)
+    if answer is None:
+        raise MotorError(
+            f"{port.channel}: the teaching handle did not tell {what}; check that one is fitted and its cable, "
+            "or choose a gripper profile without a handle"
+        )
+    return answer
+
+
+def _ask[T](port: BusPort, request: bytes, decode: Callable[[bytes], T | None], timeout_s: float) -> T | None:
     for _ in range(_ATTEMPTS):
         while port.recv(0.0) is not None:
             pass  # an earlier answer does not say what it answers, so it must not be left
@@ -99,10 +114,7 @@ def _ask[T](port: BusPort, request: bytes, decode: Callable[[bytes], T | None], 
                 answer = decode(bytes(message.data))
                 if answer is not None:
                     return answer
-    raise MotorError(
-        f"{port.channel}: the teaching handle did not tell {what}; check that one is fitted and its cable, "
-        "or choose a gripper profile without a handle"
-    )
+    return None
 
 
 def _wait_for_silence(port: BusPort) -> None:

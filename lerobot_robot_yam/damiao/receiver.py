@@ -1,23 +1,142 @@
 """Everything that arrives on a channel of motors: each frame goes where it belongs, whenever it comes.
 
 Answers are told apart by identifier: a late or lost one ages its own motor and is never taken for another's.
-`requests` finds out which command each answer belongs to, and `round_trip` when its sample was taken.
+`requests` finds out which command each answer belongs to, and `round_trip` when its sample was taken. The newest
+feedback of every motor is decoded, judged and stamped.
 """
 
+import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import can
+import numpy as np
 
 from lerobot_robot_yam.damiao.bus_port import BusPort, is_classic_data
-from lerobot_robot_yam.damiao.feedback import FeedbackStore
+from lerobot_robot_yam.damiao.codec import ranges_of, unpack_feedback
 from lerobot_robot_yam.damiao.handle_encoder import EVENT_ID, HANDLE_IDS, REPORT_ID, HandleEncoder
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
+from lerobot_robot_yam.damiao.plausibility import Plausibility
 from lerobot_robot_yam.damiao.registers import decode_reply
 from lerobot_robot_yam.damiao.reply_matching import Request, Requests
 from lerobot_robot_yam.damiao.round_trip import RoundTrip
+from lerobot_robot_yam.damiao.tables import Fault, motor_type
 
 _NO_STATE = 0x10  # first bytes below carry no state: feedback of a disabled motor, or a register's answer
+# Position, velocity, torque, two temperatures, when sampled, when asked, position and velocity before; in that order.
+_NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, -math.inf, -math.inf, math.nan, math.nan)
+
+
+class FeedbackStore:
+    """Newest feedback per motor, in motor coordinates.
+
+    `take` works on tuples, since storing one float into an array costs more than decoding the frame;
+    `publish` turns them into arrays of shape (n,), new ones each time, so that a reader may keep them.
+
+    Args:
+        types: of the motors.
+        turns: per motor, whether it may turn beyond the range of the wire, and is followed there.
+
+    Attributes:
+        position_rad (unwrapped from the first reading where the motor turns), velocity_rad_s, torque_nm.
+        temp_mos_c, temp_rotor_c: °C.
+        stamp_s: when the motor has sampled this (the clock's time), -inf before the first reply.
+        before_rad, before_rad_s: position and speed of the sample before that, NaN at first.
+        asked_s: when the command went out that it answers.
+        fault: int, see `tables.Fault`.
+        distrusted: bool, its readings cannot be true and are not used any more.
+        all_normal: no fault, all enabled and trusted.
+    """
+
+    def __init__(self, types: Sequence[str], turns: Sequence[bool]):
+        self._ranges = [ranges_of(name) for name in types]
+        rows = [motor_type(name) for name in types]
+        # Half of the range that the wire carries positions modulo.
+        self._half = [row.position_max_rad if turning else math.inf for row, turning in zip(rows, turns, strict=True)]
+        self._judge = Plausibility(rows, turns)
+        count = len(rows)
+        self._newest = [_NOTHING] * count
+        self._fault: list[int] = [Fault.DISABLED] * count
+        self._normal: list[int] = [Fault.NORMAL] * count
+        self._turn_rad = [0.0] * count
+        self._fresh = [True] * count  # the next reading says which turn it is on
+        self.publish()
+
+    def take(
+        self, index: int, data: bytes, asked_s: float, sampled_s: float, latest_s: float, arrived_s: float
+    ) -> None:
+        """Decode one feedback frame, 8 bytes, of motor number `index`; use it if it can be. Hot: once per frame.
+
+        Between two readings a motor that turns is taken to have gone the shorter way round; the first is taken as it
+        is.
+
+        Args:
+            asked_s, arrived_s: when the command went out that this answers, and when this came.
+            sampled_s, latest_s: when the motor has sampled in between: most likely, and at the latest.
+        """
+        _, fault, position, velocity, torque, mos, rotor = unpack_feedback(self._ranges[index], data)
+        turn, half = self._turn_rad[index], self._half[index]
+        position += turn
+        if not self._fresh[index]:
+            step = position - self._newest[index][0]
+            if step > half:
+                turn -= 2.0 * half
+                position -= 2.0 * half
+            elif step < -half:
+                turn += 2.0 * half
+                position += 2.0 * half
+        if not self._judge.accept(index, position, velocity, sampled_s, latest_s, asked_s, arrived_s):
+            return
+        self._fresh[index], self._turn_rad[index], self._fault[index] = False, turn, fault
+        before = self._judge.before[index]
+        self._newest[index] = (position, velocity, torque, mos, rotor, sampled_s, asked_s, *before)
+
+    def assume(self, position_rad: np.ndarray, velocity_rad_s: np.ndarray, sampled_s: np.ndarray) -> None:
+        """Where motors were when somebody last heard them, (n,) in motor coordinates.
+
+        They are taken to be there until they answer, and their first answers are judged by it.
+        """
+        rows = zip(position_rad.tolist(), velocity_rad_s.tolist(), sampled_s.tolist(), strict=True)
+        for index, (q, dq, at_s) in enumerate(rows):
+            if math.isfinite(at_s):
+                self._judge.assume(index, q, dq, at_s)
+            row = self._newest[index]
+            if row[5] == -math.inf:  # never sampled
+                self._newest[index] = (q, *row[1:])
+        self.publish()
+
+    def restart(self, motors: Iterable[int] | None = None) -> None:
+        """Take the next reading of these motors (default: all) as it is, on whatever turn, however far off."""
+        chosen = range(len(self._ranges)) if motors is None else list(motors)
+        self._judge.restart(chosen)
+        for index in chosen:
+            self._turn_rad[index], self._fresh[index] = 0.0, True
+
+    def believe(self, motors: Iterable[int]) -> None:
+        """Take the next readings of these motors however far off: limp joints may have been moved."""
+        self._judge.restart(motors)
+
+    def distrust(self, motors: Sequence[int], position_rad: np.ndarray) -> None:
+        """Use no readings of these motors until `restart`; they are where they were believed last, (n,) in all."""
+        self._judge.distrust(motors)
+        for index in motors:
+            self._newest[index] = (float(position_rad[index]), 0.0, *self._newest[index][2:])
+        self.publish()
+
+    @property
+    def rejected(self) -> np.ndarray:
+        """(n,) answers that could not be true, in total."""
+        return np.array(self._judge.rejected)
+
+    def publish(self) -> None:
+        """Make what was taken visible in the arrays."""
+        state = np.array(self._newest).reshape(-1, len(_NOTHING)).T.copy()
+        self.position_rad, self.velocity_rad_s, self.torque_nm = state[0], state[1], state[2]
+        self.temp_mos_c, self.temp_rotor_c, self.stamp_s, self.asked_s = state[3], state[4], state[5], state[6]
+        self.before_rad, self.before_rad_s = state[7], state[8]
+        self.fault = np.array(self._fault)
+        self.distrusted = np.array(self._judge.distrusted)
+        self.all_normal = self._fault == self._normal and not any(self._judge.distrusted)
 
 
 class Receiver:

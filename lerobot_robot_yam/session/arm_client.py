@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.arm.validation import check_range, finite_number, finite_vector
 from lerobot_robot_yam.control.gripper.stored_stops import await_stored
@@ -13,9 +12,8 @@ from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import LifeCycleError, MotorError, StaleStateError
 from lerobot_robot_yam.session.caller_blocks import CommandWriter, StateReader, without_stops
 from lerobot_robot_yam.session.target_limits import LimitLog, limit_target
-from lerobot_robot_yam.state.block_pair import Descriptors
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.state.records import ArmState, Limited, Request
+from lerobot_robot_yam.state.records import ArmState, Descriptors, Limited, Request
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
 
 _REQUEST_TIMEOUT_S = 1.0
@@ -28,12 +26,10 @@ Vector = Sequence[float] | np.ndarray
 class ArmClient:
     """One arm of a running session. One thread writes; reading is free."""
 
-    def __init__(self, config: ArmConfig, hardware: ResolvedArm, clock: Clock = SYSTEM):
-        self.config = config
-        self.hardware = hardware
-        self._clock = clock
-        self._states = StateReader(config, hardware.has_gripper, clock)
-        self._commands = CommandWriter(config.name, hardware.n)
+    def __init__(self, hardware: ResolvedArm, clock: Clock = SYSTEM):
+        self.hardware, self.config, self._clock = hardware, hardware.config, clock
+        self._states = StateReader(hardware, clock)
+        self._commands = CommandWriter(hardware.name, hardware.n)
         self._lower, self._upper = hardware.lower.tolist(), hardware.upper.tolist()
         types = [motor_type(motor.type) for motor in hardware.motors[: hardware.joints]]
         self._ranges = {
@@ -41,15 +37,11 @@ class ArmClient:
             "kp": (0.0, np.array([row.kp_max for row in types])),
             "kd": (0.0, np.array([row.kd_max for row in types])),
         }
-        self._limit_log = LimitLog(config.name)
+        self._limit_log = LimitLog(hardware.name)
 
     @property
     def descriptors(self) -> Descriptors:
-        """Of the memory of both blocks, for the loop.
-
-        Raises:
-            LifeCycleError: closed.
-        """
+        """Of the memory of both blocks, for the loop. Raises LifeCycleError: closed."""
         return Descriptors(self._states.block.descriptor, self._commands.descriptor)
 
     def close(self) -> None:

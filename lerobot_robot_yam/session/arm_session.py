@@ -21,7 +21,7 @@ from lerobot_robot_yam.system.uncopyable import Uncopied
 logger = logging.getLogger(__name__)
 
 Isolation = Literal["process", "thread", "lockstep"]
-_RUNNERS: dict[str, Callable[[list[ArmConfig], list[str]], Runner]] = {
+_RUNNERS: dict[str, Callable[[list[ResolvedArm], list[str]], Runner]] = {
     "process": ProcessRunner,
     "thread": ThreadRunner,
     "lockstep": StepRunner,
@@ -52,7 +52,7 @@ class ArmSession(Uncopied):
             raise ConfigError(f"isolation is one of {', '.join(_RUNNERS)}, not {isolation!r}")
         check_together(configs)
         self._isolation = isolation
-        self._configs: list[ArmConfig] = []
+        self._arms: dict[str, ResolvedArm] = {}
         self._keys: list[str] = []
         for config in configs:
             rig = config.can_options.get("rig")
@@ -60,9 +60,8 @@ class ArmSession(Uncopied):
                 # The loop's process must meet the rig of this process, not start another one.
                 rig, _ = rig_name(rig)
                 config = dataclasses.replace(config, can_options={**config.can_options, "rig": rig})
-            self._configs.append(config)
+            self._arms[config.name] = ResolvedArm(config)
             self._keys.append(channel_key(config.interface, config.channel, rig))
-        self._hardware = {config.name: ResolvedArm(config) for config in self._configs}
         self._clients: dict[str, ArmClient] = {}
         self._runner: Runner | None = None
         self._pid = 0  # of the process that has started it
@@ -74,15 +73,15 @@ class ArmSession(Uncopied):
             LifeCycleError: the session is not running.
             ConfigError: there is no such arm.
         """
-        if name not in self._hardware:
-            raise ConfigError(f"no arm is called {name!r}; there are {list(self._hardware)}")
+        if name not in self._arms:
+            raise ConfigError(f"no arm is called {name!r}; there are {list(self._arms)}")
         if name not in self._clients:
             raise LifeCycleError(f"{name}: not connected")
         return self._clients[name]
 
     def hardware(self, name: str) -> ResolvedArm:
         """Profiles and limits of the arm called `name`."""
-        return self._hardware[name]
+        return self._arms[name]
 
     @property
     def running(self) -> bool:
@@ -101,15 +100,12 @@ class ArmSession(Uncopied):
         """
         if self._runner is not None:
             raise LifeCycleError("this session is running already")
-        configs = [
-            dataclasses.replace(config, gripper_search=config.gripper_search and search_grippers)
-            for config in self._configs
-        ]
-        runner = _RUNNERS[self._isolation](configs, self._keys)
+        arms = [arm if search_grippers else arm.without_search() for arm in self._arms.values()]
+        runner = _RUNNERS[self._isolation](arms, self._keys)
         clients: dict[str, ArmClient] = {}
         try:
-            for config in self._configs:
-                clients[config.name] = ArmClient(config, self._hardware[config.name], runner.clock)
+            for name, arm in self._arms.items():
+                clients[name] = ArmClient(arm, runner.clock)
             runner.start([client.descriptors for client in clients.values()])
         except BaseException:
             runner.stop()

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import GripperError, LifeCycleError, MotorError, StaleStateError
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import COMMAND_DTYPE, PUBLISHED_AT, STATE_DTYPE, ArmState, Request, packed
@@ -34,19 +34,15 @@ def without_stops(mode: Mode) -> str:
 class StateReader:
     """Reads what the control loop publishes; any thread may."""
 
-    def __init__(self, config: ArmConfig, has_gripper: bool, clock: Clock):
-        self._config, self._has_gripper, self._clock = config, has_gripper, clock
+    def __init__(self, hardware: ResolvedArm, clock: Clock):
+        self._config, self._has_gripper, self._clock = hardware.config, hardware.has_gripper, clock
         self._block: SharedBlock | None = SharedBlock(None, STATE_DTYPE, False, allocate(STATE_DTYPE))
-        self._period_s = 1.0 / config.rate_hz if config.rate_hz > 0 and clock is SYSTEM else 0.0
+        self._period_s = 1.0 / self._config.rate_hz if self._config.rate_hz > 0 and clock is SYSTEM else 0.0
         self._newest: tuple[int, ArmState] | None = None  # that was found to be well, and its number in the block
 
     @property
     def block(self) -> SharedBlock:
-        """The block.
-
-        Raises:
-            LifeCycleError: closed.
-        """
+        """The block. Raises LifeCycleError: closed."""
         if self._block is None:
             raise LifeCycleError(f"{self._config.name}: not connected")
         return self._block
@@ -116,11 +112,7 @@ class StateReader:
             )
 
     def check_failed(self, state: ArmState) -> None:
-        """Refuse the state of an arm that has failed.
-
-        Raises:
-            MotorError: says what has.
-        """
+        """Refuse the state of an arm that has failed. Raises MotorError: says what has."""
         if state.mode in _FAILED and state.message:
             raise MotorError(f"{self._config.name} ({self._config.channel}): {state.message}")
 

@@ -14,11 +14,11 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Protocol
 
 from lerobot_robot_yam import errors
-from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.process.lifeline import Lifeline
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.state.block_pair import BlockPair, Descriptors
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.state.records import BlockPair, Descriptors
 from lerobot_robot_yam.system.clock import SYSTEM, Clock, clock_of
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ class Runner(Protocol):
         """The caller's clock: what lets time pass for it, and for the arms."""
 
     def start(self, blocks: Sequence[Descriptors]) -> None:
-        """Bring the arms up; `blocks` of each, in the order of their configs.
+        """Bring the arms up; `blocks` of each, in the order of the arms.
 
         Raises:
             YamError: what failed; nothing is energised.
@@ -65,8 +65,8 @@ class ProcessRunner:
 
     clock: Clock = SYSTEM
 
-    def __init__(self, configs: list[ArmConfig], keys: list[str]):
-        self._configs, self._keys = configs, keys
+    def __init__(self, arms: list[ResolvedArm], keys: list[str]):
+        self._arms, self._keys = arms, keys
         self._child: subprocess.Popen[bytes] | None = None
         self._lifeline: Lifeline | None = None
 
@@ -81,7 +81,7 @@ class ProcessRunner:
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
         )
         job = {
-            "arms": [dataclasses.asdict(config) for config in self._configs],
+            "arms": [dataclasses.asdict(arm.config) for arm in self._arms],
             "keys": self._keys,
             "blocks": blocks,
             "lifeline": lifeline.far_end,
@@ -124,32 +124,27 @@ class ThreadRunner:
 
     clock: Clock = SYSTEM
 
-    def __init__(self, configs: list[ArmConfig], keys: list[str]):
+    def __init__(self, arms: list[ResolvedArm], keys: list[str]):
         self._land = threading.Event()
         self._settled = threading.Event()
         self._error: BaseException | None = None
         self._blocks: list[BlockPair] = []
-        self._thread = threading.Thread(target=self._run, args=(configs, keys), name="yam-control", daemon=False)
+        self._thread = threading.Thread(target=self._run, args=(arms, keys), name="yam-control", daemon=False)
 
-    def _run(self, configs: list[ArmConfig], keys: list[str]) -> None:
+    def _run(self, arms: list[ResolvedArm], keys: list[str]) -> None:
         from lerobot_robot_yam.control.process.control_process import control
 
         try:
-            main = threading.main_thread()
-            control(
-                configs,
-                keys,
-                self._blocks,
-                self._tell,
-                lambda: self._land.is_set() or not main.is_alive(),
-                realtime=False,
-            )
+            control(arms, keys, self._blocks, self._tell, self._must_land, realtime=False)
         except BaseException as error:
             self._error = error
             if self._settled.is_set():
                 logger.exception("control loop failed")
         finally:
             self._settled.set()
+
+    def _must_land(self) -> bool:
+        return self._land.is_set() or not threading.main_thread().is_alive()
 
     def _tell(self, failure: str) -> None:
         self._error = errors.MotorError(failure) if failure else None
@@ -175,8 +170,8 @@ class StepRunner:
     The world is the caller's own. When it is thrown away with arms in the air, nothing falls.
     """
 
-    def __init__(self, configs: list[ArmConfig], keys: list[str]):
-        self._configs, self._keys = configs, keys
+    def __init__(self, arms: list[ResolvedArm], keys: list[str]):
+        self._arms, self._keys = arms, keys
         self._buses: list[can.BusABC] = []
         self._pairs: list[BlockPair] = []
         self._loop: ControlLoop | None = None
@@ -204,11 +199,11 @@ class StepRunner:
         from lerobot_robot_yam.control.preflight.open_bus import open_bus
 
         try:
-            for config in self._configs:
-                self._buses.append(open_bus(config))
+            for arm in self._arms:
+                self._buses.append(open_bus(arm.config))
             self._world = clock_of(self._buses[0])
             self._pairs = [BlockPair.of(descriptors.copies()) for descriptors in blocks]
-            self._loop = build(self._configs, self._keys, self._buses, self._pairs)
+            self._loop = build(self._arms, self._keys, self._buses, self._pairs)
             self._loop.start()
             ready: list[str] = []
             self._ticks = self._loop.ticks(ready.append, lambda: self._landing)

@@ -79,11 +79,7 @@ class YamArm(Uncopied):
         return self._session.clock
 
     def observe(self) -> ArmState:
-        """The newest state.
-
-        Raises:
-            StaleStateError, MotorError, LifeCycleError: see `ArmClient.observe`.
-        """
+        """The newest state. Raises StaleStateError, MotorError, LifeCycleError: see `ArmClient.observe`."""
         return self._session[self.config.name].observe()
 
     def command(

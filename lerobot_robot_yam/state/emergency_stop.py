@@ -113,11 +113,7 @@ class EmergencyStop:
         logger.error("emergency stop: %s; release it with `yam-estop release`", why)
 
     def release(self) -> None:
-        """Let arms move again: each from where it is, with its next target.
-
-        Raises:
-            OSError: it cannot be removed.
-        """
+        """Let arms move again: each from where it is, with its next target. Raises OSError: it cannot be removed."""
         with contextlib.suppress(FileNotFoundError), self._inside() as directory:
             mode = stat.S_IMODE(os.fstat(directory).st_mode)
             if mode & stat.S_ISVTX:

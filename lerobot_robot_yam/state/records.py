@@ -2,14 +2,18 @@
 
 A record has a slot for each motor that an arm could have: first come its joints, then its gripper if that has a motor,
 and the rest is unused. The state says how many there are. SI units; gripper 0 closed … 1 open.
+
+Each record is in a block of its own. The caller makes the memory of both and hands the descriptors on, so that no file
+has to be there or stay there.
 """
 
 import math
+import os
 import struct
 from collections.abc import Callable
 from enum import IntEnum, IntFlag
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +21,7 @@ from lerobot_robot_yam.damiao.motor_spec import MAX_MOTORS
 from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.system.runtime_files import LOCK, STATE, runtime_dir, slug
+from lerobot_robot_yam.system.shared_block import SharedBlock
 
 
 class Limited(IntFlag):
@@ -230,6 +235,37 @@ class ArmState:
     def refusal(self) -> str | None:
         """Why the newest request was refused; None if it was not."""
         return self._refusal if self._values[self._at["request_refused"]] else None
+
+
+class Descriptors(NamedTuple):
+    """Of the memory of both blocks, as the caller has made it."""
+
+    states: int
+    commands: int
+
+    def copies(self) -> "Descriptors":
+        """The same for a loop in this process, which closes its own."""
+        return Descriptors(*map(os.dup, self))
+
+
+class BlockPair(NamedTuple):
+    """Both as the loop has them."""
+
+    states: SharedBlock  # to write
+    commands: SharedBlock  # to read
+
+    @classmethod
+    def of(cls, descriptors: Descriptors) -> "BlockPair":
+        """Map what the caller has made."""
+        return cls(
+            SharedBlock(None, STATE_DTYPE, create=True, descriptor=descriptors.states),
+            SharedBlock(None, COMMAND_DTYPE, create=False, descriptor=descriptors.commands),
+        )
+
+    def close(self) -> None:
+        """Let go of both. Idempotent."""
+        for block in self:
+            block.close()
 
 
 def channel_key(interface: str, channel: str, rig: str | None) -> str:

@@ -51,11 +51,7 @@ def map_to_write(descriptor: int) -> mmap.mmap:
 
 
 def map_to_read(descriptor: int) -> mmap.mmap:
-    """A mapping to read from.
-
-    Raises:
-        OSError, ValueError: this is no memory of ours, whose size never changes.
-    """
+    """A mapping to read from. Raises OSError, ValueError: this is no memory of ours, whose size never changes."""
     if fcntl.fcntl(descriptor, fcntl.F_GET_SEALS) & _FIXED_SIZE != _FIXED_SIZE:
         raise ValueError("its size is not sealed")
     return mmap.mmap(descriptor, os.fstat(descriptor).st_size, prot=mmap.PROT_READ)

@@ -10,9 +10,8 @@ import pytest
 from lerobot_robot_yam.arm.collision.clearance import Clearance
 from lerobot_robot_yam.arm.collision.parts import GuardedArm
 from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
-from lerobot_robot_yam.arm.ik.ik_solver import LEVER_M
-from lerobot_robot_yam.arm.ik.pose_tracker import PoseTracker
-from lerobot_robot_yam.arm.kinematics import YamKinematics, pose_distance_m, pose_errors
+from lerobot_robot_yam.arm.ik_solver import LEVER_M
+from lerobot_robot_yam.arm.kinematics import PoseTracker, YamKinematics, pose_distance_m, pose_errors
 from lerobot_robot_yam.arm.model import build_model
 from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS, load_arm, load_gripper
 from lerobot_robot_yam.arm.tool_pose import downward, pose_to_vector, vector_to_pose
@@ -259,8 +258,7 @@ def judge():
 
     def is_clear(q):
         clearance.parts.place(q)
-        pair, distance = clearance.nearest()
-        return distance > pair.limit_m - 1e-3
+        return min(clearance.distance(pair) - pair.limit_m for pair in clearance.pairs) > -1e-3
 
     return is_clear
 

@@ -16,10 +16,9 @@ STEP_RAD = 25.0 / 65535  # one code of the position
 
 @pytest.fixture
 def drive():
-    config = ArmConfig(name="arm", channel="desk", gripper_stops_rad=STOPS)
-    hardware = ResolvedArm(config)
+    hardware = ResolvedArm(ArmConfig(name="arm", channel="desk", gripper_stops_rad=STOPS))
     with DeskBus(hardware.motors) as bus:
-        drive = JointInterface(config, hardware, bus)
+        drive = JointInterface(hardware, bus)
         drive.bus = bus
         yield drive
 

@@ -161,7 +161,7 @@ def test_an_arm_that_was_moved_between_inspection_and_enabling_is_held_where_it_
 
 def test_a_motor_of_which_nobody_knows_where_it_is_is_not_enabled(rig):
     with open_bus(config(rig)) as bus:
-        controller = ArmController(config(rig), bus)
+        controller = ArmController(ResolvedArm(config(rig)), bus)
         controller.inspect()
         rig.fault(CHANNEL, "joint_2", "silent")
         with pytest.raises(MotorError, match="cannot enable joint_2"):
@@ -301,7 +301,7 @@ def test_heat_during_an_emergency_stop_is_said_once(rig, session, caplog):
 @pytest.mark.parametrize("meanwhile, error", [(False, ChannelInUseError), (True, MotorError)])
 def test_nothing_is_enabled_against_somebody_else(rig, meanwhile, error):
     mine, other = open_bus(config(rig)), open_bus(config(rig))
-    controller = ArmController(config(rig), mine)
+    controller = ArmController(ResolvedArm(config(rig)), mine)
     controller.inspect()
     enable = controller.actuation.interface.enable
 

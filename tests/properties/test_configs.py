@@ -13,8 +13,15 @@ from lerobot_robot_yam.arm import profile_files as profiles
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
-from lerobot_robot_yam.arm.profile_checks import check_arm, check_gripper
-from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS, NO_ARM, load_arm, load_gripper
+from lerobot_robot_yam.arm.profile_files import (
+    ARMS,
+    GRIPPERS,
+    NO_ARM,
+    check_arm,
+    check_gripper,
+    load_arm,
+    load_gripper,
+)
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.scene import scene as scenes

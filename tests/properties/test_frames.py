@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from lerobot_robot_yam.damiao import codec, handle_check, handle_encoder
 from lerobot_robot_yam.damiao.bus_port import BusPort
 from lerobot_robot_yam.damiao.chain import MotorChain
-from lerobot_robot_yam.damiao.feedback import FeedbackStore
 from lerobot_robot_yam.damiao.handle_check import prepare_handle
 from lerobot_robot_yam.damiao.handle_encoder import (
     EVENT_ID,
@@ -22,6 +21,7 @@ from lerobot_robot_yam.damiao.handle_encoder import (
     HandleEncoder,
 )
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
+from lerobot_robot_yam.damiao.receiver import FeedbackStore
 from lerobot_robot_yam.damiao.registers import decode_reply
 from lerobot_robot_yam.damiao.tables import MOTOR_TYPES
 from lerobot_robot_yam.errors import MotorError

@@ -13,12 +13,12 @@ import can
 import numpy as np
 import pytest
 
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.arm_controller import ArmController
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.errors import (
     ActionError,
     BusError,
-    ChannelInUseError,
     ConfigError,
     LifeCycleError,
     MotorError,
@@ -173,31 +173,6 @@ def test_floating_carries_the_weight_and_holding_takes_over_where_the_arm_is(rig
         assert arm.observe().mode is Mode.HOLD
 
 
-@pytest.mark.parametrize(
-    "q", [[0, 0, 0, 0, 0], [0, 0, float("nan"), 0, 0, 0], [0, 0, 0, 0, 0, float("inf")], ["a"] * 6, [[0] * 6]]
-)
-def test_a_bad_target_is_refused_and_nothing_moves(rig_arm, q):
-    before = rig_arm.observe().setpoint_q
-    with pytest.raises(ActionError, match="left"):
-        rig_arm.command(q)
-    time.sleep(0.05)
-    assert np.array_equal(rig_arm.observe().setpoint_q, before)
-
-
-def test_targets_beyond_the_joint_limits_are_clamped_and_said(rig_arm, caplog):
-    asked = rig_arm.command([0, -1.0, 9.0, 0, 0, 0])
-    assert asked[1] == 0.0
-    assert asked[2] == pytest.approx(3.14159)
-    assert "JOINT_LIMIT" in caplog.text
-    rig_arm.hold()
-
-
-def test_a_pose_that_the_arm_cannot_take_is_not_said_to_be_reached(rig_arm):
-    with pytest.raises(LifeCycleError, match="not reached, joint_2"):
-        rig_arm.move_to([0, -0.5, 1.0, 0, 0, 0])
-    rig_arm.hold()
-
-
 @pytest.mark.parametrize("field", ["calibration_path", "identity_path"])
 def test_each_arm_has_files_of_its_own(rig, field, tmp_path):
     arms = [
@@ -206,18 +181,6 @@ def test_each_arm_has_files_of_its_own(rig, field, tmp_path):
     ]
     with pytest.raises(ConfigError, match=f"each arm needs a {field} of its own"):
         ArmSession(arms)
-
-
-def test_the_channel_lock_names_the_holder(rig_arm):
-    with pytest.raises(ChannelInUseError, match=r"follower_left is in use by process \d+"):
-        ArmSession([rig_arm.config]).start()
-
-
-@pytest.fixture(scope="module")
-def rig_arm():
-    """One connected arm for tests that leave it as it was."""
-    with RigControl.start() as control, YamArm(arm_config(control)) as arm:
-        yield arm
 
 
 BAD_MOTORS = {
@@ -293,7 +256,7 @@ def test_an_error_in_our_own_code_leaves_the_arm_held(caplog):
     """Broken from outside, in thread mode: the laws yield NaN, which no frame can carry."""
     with RigControl.start(arms=["follower_left"]) as own:
         bus = can.Bus(interface="yam_sim", channel="follower_left", rig=own.name)
-        controller = ArmController(arm_config(own), bus)
+        controller = ArmController(ResolvedArm(arm_config(own)), bus)
         controller.inspect()
         controller.bring_up.energise()
         for _ in range(400):  # through bring-up to a hold

@@ -9,9 +9,8 @@ from lerobot_robot_yam.control.loop_builder import build
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
 from lerobot_robot_yam.errors import BusError, ChannelInUseError, EmergencyStopError
 from lerobot_robot_yam.session.arm_client import ArmClient
-from lerobot_robot_yam.state.block_pair import BlockPair
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
-from lerobot_robot_yam.state.records import channel_key
+from lerobot_robot_yam.state.records import BlockPair, channel_key
 from tests.support.rigged import lockstep_rig, sim_config
 
 CHANNELS = ("follower_left", "follower_right")
@@ -22,18 +21,18 @@ rig = lockstep_rig(*CHANNELS)
 @contextlib.contextmanager
 def loop_on(rig):
     """A loop of both arms: everything is there and as configured; nothing is energised yet."""
-    configs = [sim_config(rig, channel) for channel in CHANNELS]
-    keys = [channel_key(config.interface, config.channel, rig.name) for config in configs]
+    arms = [ResolvedArm(sim_config(rig, channel)) for channel in CHANNELS]
+    keys = [channel_key(arm.config.interface, arm.config.channel, rig.name) for arm in arms]
     with contextlib.ExitStack() as rest:
         buses, pairs = [], []
-        for config in configs:
-            port = ArmClient(config, ResolvedArm(config))
+        for arm in arms:
+            port = ArmClient(arm)
             rest.callback(port.close)
             pairs.append(BlockPair.of(port.descriptors.copies()))
             rest.callback(pairs[-1].close)
-            buses.append(open_bus(config))
+            buses.append(open_bus(arm.config))
             rest.callback(buses[-1].shutdown)
-        loop = build(configs, keys, buses, pairs)
+        loop = build(arms, keys, buses, pairs)
         rest.callback(loop.close)
         yield loop
 

@@ -104,7 +104,7 @@ def test_a_state_is_fresh_while_nobody_sleeps_and_motors_let_go_when_the_loop_do
 
 def test_motors_have_a_few_ticks_to_say_that_they_are_enabled(rig):
     with LockstepBus(CHANNELS[0], rig=rig.name) as bus:
-        controller = ArmController(config(rig, CHANNELS[0]), bus)
+        controller = ArmController(ResolvedArm(config(rig, CHANNELS[0])), bus)
         controller.inspect()
         rig.fault(CHANNELS[0], "joint_5", "drop_next", 4)
         controller.bring_up.energise()
@@ -151,7 +151,7 @@ def test_a_late_tick_adds_no_more_speed_than_its_command_accelerates(rig):
 def test_answers_to_commands_are_none_to_what_follows_them(rig):
     """At rates at which the wire is never free, torque would seem cut that is not."""
     with LockstepBus(CHANNELS[0], rig=rig.name) as bus:
-        controller = ArmController(config(rig, CHANNELS[0]), bus)
+        controller = ArmController(ResolvedArm(config(rig, CHANNELS[0])), bus)
         controller.inspect()
         controller.bring_up.energise()
         controller.actuation.chain.send(np.zeros((7, 5)))

@@ -4,7 +4,6 @@ import logging
 
 import can
 
-from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.mounting import arm_ids, gripper_id
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.preflight.binding import check_identity
@@ -24,11 +23,7 @@ _ATTEMPTS = 5
 
 
 def refuse_stopped(name: str, stop: EmergencyStop) -> None:
-    """Nothing is energised while the emergency stop is latched.
-
-    Raises:
-        EmergencyStopError: it is.
-    """
+    """Nothing is energised while the emergency stop is latched. Raises EmergencyStopError: it is."""
     reason = stop.reason()
     if reason:
         raise EmergencyStopError(
@@ -36,12 +31,9 @@ def refuse_stopped(name: str, stop: EmergencyStop) -> None:
         )
 
 
-def inspect(config: ArmConfig, hardware: ResolvedArm, chain: MotorChain, bus: can.BusABC) -> None:
-    """Is everything there, alone on the channel, and as configured?
-
-    Raises:
-        YamError: names the part that is not.
-    """
+def inspect(hardware: ResolvedArm, chain: MotorChain, bus: can.BusABC) -> None:
+    """Is everything there, alone on the channel, and as configured? Raises YamError: names the part that is not."""
+    config = hardware.config
     refuse_stopped(config.name, EmergencyStop())
     handle = hardware.gripper.handle_encoder
     check_bandwidth(len(chain), handle, config.rate_hz)
@@ -73,9 +65,9 @@ def inspect(config: ArmConfig, hardware: ResolvedArm, chain: MotorChain, bus: ca
     )
 
 
-def clear_stale_faults(config: ArmConfig, chain: MotorChain) -> None:
+def clear_stale_faults(name: str, chain: MotorChain) -> None:
     """Clear what an earlier session left behind: connecting again is how an operator re-arms. Said, never silent."""
     stale = {m.name: fault_text(f) for m, f in zip(chain.motors, chain.fault.tolist(), strict=True) if f > 1}
     if stale:
-        logger.warning("%s: clearing what an earlier session left behind: %s", config.name, stale)
+        logger.warning("%s: clearing what an earlier session left behind: %s", name, stale)
         chain.special(SpecialCommand.CLEAR)

@@ -35,11 +35,7 @@ class Binding:
     fingerprint: Fingerprint
 
     def save(self, path: Path) -> None:
-        """Write the file so that a crash in the middle leaves the old one.
-
-        Raises:
-            ConfigError: it cannot be written.
-        """
+        """Write the file so that a crash in the middle leaves the old one. Raises ConfigError: it cannot be written."""
         data = {"kind": _KIND, "version": _VERSION, "name": self.name, "channel": self.channel}
         scratch = path.with_name(f"{path.name}.{os.getpid()}")
         try:

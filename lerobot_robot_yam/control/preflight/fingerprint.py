@@ -11,9 +11,8 @@ from typing import Any
 
 import can
 
-from lerobot_robot_yam.damiao.bus_port import BusPort, data_message, is_classic_data
 from lerobot_robot_yam.damiao.chain import MotorChain
-from lerobot_robot_yam.damiao.handle_encoder import REQUEST_ID, decode_version, encode_version_request
+from lerobot_robot_yam.damiao.handle_check import handle_firmware
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import MOTOR_TYPES
@@ -23,7 +22,6 @@ SYSFS_NET = Path("/sys/class/net")
 
 _ATTEMPTS = 3
 _MOTOR_WAIT_S = 0.02
-_HANDLE_WAIT_S = 0.03
 
 
 @dataclass(frozen=True)
@@ -153,23 +151,6 @@ def gear_ratio(bus: can.BusABC, channel: str, can_id: int) -> float | None:
     """Gear ratio of one motor, None when it does not answer. It tells the type of motor."""
     chain = MotorChain(bus, [MotorSpec(f"motor {can_id}", can_id, "DM4310")], channel=channel)
     return _register(chain, 0, Register.GR)
-
-
-def handle_firmware(bus: can.BusABC, channel: str) -> tuple[int, int, int] | None:
-    """Firmware version of the teaching handle, None when no handle answers."""
-    port = BusPort(bus, channel)
-    for _ in range(_ATTEMPTS):
-        while port.recv(0.0) is not None:
-            pass  # an answer to another program's question
-        port.send([data_message(REQUEST_ID, encode_version_request())])
-        deadline = port.clock.now() + _HANDLE_WAIT_S
-        while (remaining := deadline - port.clock.now()) > 0.0:
-            message = port.recv(remaining)
-            if message is not None and message.arbitration_id == REQUEST_ID and is_classic_data(message):
-                version = decode_version(bytes(message.data))
-                if version is not None:
-                    return version
-    return None
 
 
 def read_adapter(channel: str, sysfs_net: Path = SYSFS_NET) -> Adapter | None:

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import can
 
 from lerobot_robot_yam.arm.profile import GripperProfile
-from lerobot_robot_yam.control.preflight.fingerprint import gear_ratio, handle_firmware
+from lerobot_robot_yam.control.preflight.fingerprint import gear_ratio
+from lerobot_robot_yam.damiao.handle_check import handle_firmware
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import MotorError
 

@@ -18,18 +18,17 @@ from collections.abc import Callable, Sequence
 import can
 
 from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.loop import ControlLoop
 from lerobot_robot_yam.control.loop_builder import build
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
 from lerobot_robot_yam.control.preflight.open_bus import keeps_awake, open_bus
 from lerobot_robot_yam.control.process import stand_by
-from lerobot_robot_yam.control.process.lifeline import hung_up
+from lerobot_robot_yam.control.process.lifeline import ProcessEnd, hung_up
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.state.block_pair import BlockPair, Descriptors
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
-from lerobot_robot_yam.state.records import lock_path
+from lerobot_robot_yam.state.records import BlockPair, Descriptors, lock_path
 from lerobot_robot_yam.system.log_thread import log_from_a_thread
-from lerobot_robot_yam.system.process_end import ProcessEnd
 from lerobot_robot_yam.system.realtime import avoid_oom_killer, request_realtime
 from lerobot_robot_yam.system.runtime_files import FileLock
 
@@ -40,7 +39,7 @@ _PARENT_LOOK_S = 0.02
 
 
 def control(
-    configs: list[ArmConfig],
+    arms: Sequence[ResolvedArm],
     keys: list[str],
     pairs: Sequence[BlockPair],
     on_ready: Callable[[str], None],
@@ -55,7 +54,7 @@ def control(
     locks: list[FileLock] = []
     buses: list[can.BusABC] = []
     loop: ControlLoop | None = None
-    awake = contextlib.ExitStack()
+    awake, configs = contextlib.ExitStack(), [arm.config for arm in arms]
     try:
         refuse_stopped(configs[0].name, EmergencyStop())  # before a lock that another process holds
         for config, key in zip(configs, keys, strict=True):
@@ -65,7 +64,7 @@ def control(
         awake.enter_context(keeps_awake(configs))
         for config in configs:
             buses.append(open_bus(config))
-        loop = build(configs, keys, buses, pairs)
+        loop = build(arms, keys, buses, pairs)
         if realtime:
             names, granted = ", ".join(c.name for c in configs), request_realtime(RT_PRIORITY)
             logger.info("control loop of %s: %s, %s", names, granted, avoid_oom_killer())
@@ -82,6 +81,12 @@ def control(
         awake.close()
         for lock in locks:
             lock.release()
+
+
+def _answer(**fields: object) -> None:
+    with contextlib.suppress(OSError):  # a parent that no longer listens is noticed by `must_land`
+        sys.stdout.write(json.dumps(fields) + "\n")
+        sys.stdout.flush()
 
 
 def main() -> int:
@@ -107,9 +112,13 @@ def main() -> int:
         parent_end = ProcessEnd(parent)
     except FileNotFoundError:
         return 1  # nothing has been energised
-    configs, keys = [ArmConfig(**arm) for arm in job["arms"]], job["keys"]
-    pairs = [BlockPair.of(Descriptors(*descriptors)) for descriptors in job["blocks"]]
-    stand_by_pid = stand_by.spawn(configs, keys, pairs, RT_PRIORITY)
+    keys, pairs = job["keys"], [BlockPair.of(Descriptors(*descriptors)) for descriptors in job["blocks"]]
+    try:
+        arms = [ResolvedArm(ArmConfig(**arm)) for arm in job["arms"]]
+    except YamError as error:  # a file has changed since the caller resolved them
+        _answer(error=str(error), kind=type(error).__name__)
+        return 1
+    stand_by_pid = stand_by.spawn(arms, keys, pairs, RT_PRIORITY)
 
     orphaned = False
 
@@ -140,25 +149,18 @@ def main() -> int:
         watch_stand_by()
         return stop
 
-    def answer(**fields: object) -> None:
-        try:
-            sys.stdout.write(json.dumps(fields) + "\n")
-            sys.stdout.flush()
-        except OSError:
-            pass  # a parent that no longer listens is noticed by must_land
-
     def tell(failure: str) -> None:
-        answer(**({"error": failure, "kind": "MotorError"} if failure else {"ready": True}))
+        _answer(**({"error": failure, "kind": "MotorError"} if failure else {"ready": True}))
 
     with log_from_a_thread():
         try:
-            control(configs, keys, pairs, tell, must_land, realtime=True)
+            control(arms, keys, pairs, tell, must_land, realtime=True)
         except YamError as error:
-            answer(error=str(error), kind=type(error).__name__)
+            _answer(error=str(error), kind=type(error).__name__)
             return 1
         except Exception as error:
             logger.exception("control process failed")
-            answer(error=f"control process failed: {error!r}", kind="YamError")
+            _answer(error=f"control process failed: {error!r}", kind="YamError")
             return 1
     return 0
 

@@ -1,13 +1,17 @@
-"""The line between a caller and the processes that hold its arms: each end hears when the other is gone.
+"""How the processes that hold arms, and their caller, notice each other's end.
 
-A pid does not tell that: a caller that executes another program keeps its own. The kernel closes the caller's end
-then, as it does however the caller ends. No program can open a socket through /proc, to keep it open or to write.
+A pid does not tell it: a caller that executes another program keeps its own. A line between both does. The kernel
+closes the caller's end then, as it does however the caller ends. No program can open a socket through /proc, to keep it
+open or to write.
 """
 
 import os
 import select
 import socket
 import weakref
+
+_FLAGS_AT = 6  # among the fields after the name, see proc_pid_stat(5)
+_PF_EXITING = 0x4  # include/linux/sched.h
 
 
 class Lifeline:
@@ -54,3 +58,25 @@ def _let_go() -> None:
 
 
 os.register_at_fork(after_in_child=_let_go)
+
+
+class ProcessEnd:
+    """Watches one process of this machine, by its pid, and sees it end before the kernel says so.
+
+    The kernel tells its parent, and a poll of its pid, after it has cleared the memory, 0.1 s for a locked or large
+    one. Arms need not wait for that: from the first step of its exit on a process executes nothing any more.
+
+    Raises:
+        FileNotFoundError: there is no such process any more.
+    """
+
+    def __init__(self, pid: int):
+        self._stat = os.open(f"/proc/{pid}/stat", os.O_RDONLY | os.O_CLOEXEC)
+
+    def reached(self) -> bool:
+        """Whether its main thread has begun to exit. Costs 10 µs."""
+        try:
+            fields = os.pread(self._stat, 1024, 0).rpartition(b")")[2].split()
+        except ProcessLookupError:
+            return True
+        return bool(int(fields[_FLAGS_AT]) & _PF_EXITING)

@@ -3,38 +3,39 @@
 It is forked off before the control process opens anything, builds its own models, and then only waits on the other's
 pid, looking into the state blocks 50 times a second. If that process is gone (kill -9, out of memory) or has not
 ticked for a third of the motors' watchdog (stopped, stuck in the kernel: it is killed first), the stand-by opens the
-channels, lands what is energised, and takes the channel locks as the kernel frees them with their owner.
+channels, lands what is energised, and takes the channel locks as the kernel frees them with their owner. It has a
+separate control group: what freezes or kills the control process's group spares it.
 """
 
 import contextlib
 import logging
 import os
+import pwd
 import select
 import signal
+import subprocess
 import sys
 import threading
 import time
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
-from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.actuation import gravity_model
 from lerobot_robot_yam.control.arm_controller import ArmController
 from lerobot_robot_yam.control.loop import ControlLoop
 from lerobot_robot_yam.control.preflight.open_bus import keeps_awake, open_bus
-from lerobot_robot_yam.control.process.control_group import leave_group
+from lerobot_robot_yam.control.process.lifeline import ProcessEnd
 from lerobot_robot_yam.control.state_publisher import ControllerBlocks
 from lerobot_robot_yam.damiao.handle_encoder import HANDLE_IDS
 from lerobot_robot_yam.errors import ChannelInUseError
-from lerobot_robot_yam.state.block_pair import BlockPair
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.faults import HUNG_S
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.state.records import lock_path
+from lerobot_robot_yam.state.records import BlockPair, lock_path
 from lerobot_robot_yam.system.log_thread import log_from_a_thread
-from lerobot_robot_yam.system.process_end import ProcessEnd
 from lerobot_robot_yam.system.realtime import avoid_oom_killer, request_realtime
 from lerobot_robot_yam.system.runtime_files import FileLock
 
@@ -44,8 +45,15 @@ _LOOK_S = 0.02
 _CLEARED_MS = 5000  # the kernel frees the locks of a dead process within this
 _HUNG_LOOKS = round(HUNG_S / _LOOK_S)  # looks in a row, not time: a machine that stood still has not looked
 
+_PREFIX = "yam-stand-by-"
+_GROUPS = Path("/proc/self/cgroup")
+_BOOTED = Path("/run/systemd/system")  # there while systemd runs the machine, see sd_booted(3)
+_LINGER = Path("/var/lib/systemd/linger")
+_ASK_S, _MOVED_S = 5.0, 2.0
+_SHARED = "shares its control group with the control process, so that a freezer or out-of-memory killer takes both: "
 
-def spawn(configs: Sequence[ArmConfig], keys: Sequence[str], pairs: Sequence[BlockPair], rt_priority: int) -> int:
+
+def spawn(arms: Sequence[ResolvedArm], keys: Sequence[str], pairs: Sequence[BlockPair], rt_priority: int) -> int:
     """Fork the stand-by of this process, which must have opened nothing but its blocks. Returns its pid."""
     control_pid = os.getpid()
     pid = os.fork()
@@ -62,8 +70,10 @@ def spawn(configs: Sequence[ArmConfig], keys: Sequence[str], pairs: Sequence[Blo
         avoid_oom_killer()
         with log_from_a_thread():
             threading.Thread(target=_leave_group, name="yam-group", daemon=True).start()  # nothing waits for it
-            stand_by = StandBy(configs, keys, pairs, control_pid)
-            with keeps_awake(configs, quiet=True):  # now: no program may be started while an arm falls
+            stand_by = StandBy(arms, keys, pairs, control_pid)
+            with keeps_awake(
+                [arm.config for arm in arms], quiet=True
+            ):  # now: no program may be started while an arm falls
                 stand_by.run(rt_priority)
         status = 0
     except BaseException:
@@ -81,24 +91,22 @@ class StandBy:
     """Watches one control process, and lands its arms when that ends.
 
     Args:
-        configs, keys, pairs: its arms, the names by which others find them, and their blocks.
+        arms, keys, pairs: its arms, the names by which others find them, and their blocks.
         control_pid: its process.
 
     Whatever happens to files from now on, it has what it needs.
     """
 
-    def __init__(self, configs: Sequence[ArmConfig], keys: Sequence[str], pairs: Sequence[BlockPair], control_pid: int):
-        self._configs, self._keys, self._pairs, self._pid = configs, keys, pairs, control_pid
-        self._locks = [
-            FileLock(lock_path(key), f"CAN channel {config.channel}") for config, key in zip(configs, keys, strict=True)
-        ]
+    def __init__(self, arms: Sequence[ResolvedArm], keys: Sequence[str], pairs: Sequence[BlockPair], control_pid: int):
+        self._arms, self._keys, self._pairs, self._pid = arms, keys, pairs, control_pid
+        named = zip(arms, keys, strict=True)
+        self._locks = [FileLock(lock_path(key), f"CAN channel {arm.config.channel}") for arm, key in named]
         self._stop = EmergencyStop()
         self._process = os.pidfd_open(control_pid)
         self._end = ProcessEnd(control_pid)
         self._poll = select.poll()
         self._poll.register(self._process, select.POLLIN)
-        self._hardware = [ResolvedArm(config) for config in configs]
-        self._gravity = [gravity_model(hardware) for hardware in self._hardware]
+        self._gravity = [gravity_model(arm) for arm in arms]
         self._records: list[np.ndarray | None] = [None] * len(keys)
 
     def run(self, rt_priority: int) -> None:
@@ -135,23 +143,22 @@ class StandBy:
         begin = time.monotonic()
         logger.error("the control process (%d) has died: taking its arms over and landing them", self._pid)
         controllers, blocks, buses = [], [], []
-        for index, (config, key) in enumerate(zip(self._configs, self._keys, strict=True)):
+        for index, (arm, key) in enumerate(zip(self._arms, self._keys, strict=True)):
             record = self._records[index]
             if record is None:
                 continue
             try:
-                replies = [motor.feedback_id for motor in self._hardware[index].motors]
-                bus = open_bus(config, [*replies, *HANDLE_IDS])
+                bus = open_bus(arm.config, [*(motor.feedback_id for motor in arm.motors), *HANDLE_IDS])
                 buses.append(bus)
-                controller = ArmController(config, bus, self._hardware[index], self._gravity[index])
+                controller = ArmController(arm, bus, self._gravity[index])
                 controller.adopt(record, time.monotonic())
                 blocks.append(ControllerBlocks(controller, key, self._pairs[index], adopt=record))
                 controllers.append(controller)
             except Exception as error:  # the other arm can still be landed
-                logger.critical("%s cannot be taken over: %s", config.name, error)
+                logger.critical("%s cannot be taken over: %s", arm.name, error)
         try:
             if controllers:
-                loop = ControlLoop(controllers, blocks, self._configs[0].rate_hz, stop=self._stop)
+                loop = ControlLoop(controllers, blocks, self._arms[0].config.rate_hz, stop=self._stop)
                 logger.error("taken over within %.0f ms", (time.monotonic() - begin) * 1e3)
                 try:
                     loop.run(must_land=lambda: _take(self._locks))
@@ -173,3 +180,79 @@ def _take(locks: Sequence[FileLock]) -> bool:
             with contextlib.suppress(ChannelInUseError, OSError):  # a full disk must not end the landing
                 lock.acquire()
     return True
+
+
+def leave_group() -> str:
+    """Move this process into a separate control group; returns the result for the log. Takes up to 7 s.
+
+    Where systemd runs the machine it puts the stand-by into a scope. Elsewhere a group beside ours is made, where that
+    is allowed. Nothing depends on the result until a whole group is frozen or killed.
+    """
+    before = _group()
+    if before in ("", "/"):
+        return "is in no control group but the machine's, or its container's"
+    try:
+        if _BOOTED.exists():
+            _ask_systemd(before)
+        else:
+            _make_group(before)
+    except (OSError, KeyError, subprocess.TimeoutExpired) as error:  # KeyError: a user without a name
+        return f"{_SHARED}{error}"
+    deadline = time.monotonic() + _MOVED_S
+    while (now := _group()) == before:
+        if time.monotonic() > deadline:
+            return _SHARED + "systemd has not moved it"
+        time.sleep(0.02)
+    return f"has a control group of its own, {now}"
+
+
+def _group() -> str:
+    """Path of our group in version 2 of the hierarchy, empty where the kernel has no version 2."""
+    lines = _GROUPS.read_text().splitlines()
+    return next((line.removeprefix("0::") for line in lines if line.startswith("0::")), "")
+
+
+def _ask_systemd(group: str) -> None:
+    """Have the manager that lives as long as we do make a scope.
+
+    Raises:
+        OSError, TimeoutExpired: no manager answers, or it refuses.
+    """
+    uid, environment = os.getuid(), dict(os.environ)
+    if uid:
+        # At log-out the user's manager ends with all its scopes; processes started in a session may live on.
+        if f"/user@{uid}.service/" not in group and not (_LINGER / pwd.getpwuid(uid).pw_name).exists():
+            raise OSError(f"the user's systemd ends before it; `loginctl enable-linger` keeps that (group {group})")
+        environment.setdefault("XDG_RUNTIME_DIR", f"/run/user/{uid}")
+    name, pid = "org.freedesktop.systemd1", str(os.getpid())
+    call = ["busctl", "--user" if uid else "--system", "call", name, "/org/freedesktop/systemd1", f"{name}.Manager"]
+    call += ["StartTransientUnit", "ssa(sv)a(sa(sv))", f"{_PREFIX}{pid}.scope", "fail"]
+    call += ["2", "Description", "s", "lands YAM arms whose control process has died", "PIDs", "au", "1", pid, "0"]
+    null, pipe = subprocess.DEVNULL, subprocess.PIPE
+    done = subprocess.run(call, env=environment, stdin=null, stdout=null, stderr=pipe, text=True, timeout=_ASK_S)
+    if done.returncode:
+        raise OSError(f"systemd refuses: {done.stderr.strip()}")
+
+
+def _make_group(group: str) -> None:
+    """Make one beside ours. Raises OSError: we may not."""
+    beside = Path(_mount() + group).parent
+    for left in beside.glob(f"{_PREFIX}*"):
+        with contextlib.suppress(OSError):  # a process is in it still
+            left.rmdir()
+    own = beside / f"{_PREFIX}{os.getpid()}"
+    own.mkdir()
+    try:
+        (own / "cgroup.procs").write_text(f"{os.getpid()}\n")
+    except OSError:
+        own.rmdir()
+        raise
+
+
+def _mount() -> str:
+    """Where the whole hierarchy is mounted. Raises OSError: nowhere."""
+    for line in Path("/proc/self/mountinfo").read_text().splitlines():
+        where, _, what = line.partition(" - ")
+        if what.startswith("cgroup2 ") and where.split()[3] == "/":
+            return where.split()[4]
+    raise OSError("version 2 of the control groups is not mounted")

@@ -22,20 +22,18 @@ from typing import NamedTuple
 import numpy as np
 
 from lerobot_robot_yam.arm.collision.clearance import Clearance, Conflict
-from lerobot_robot_yam.arm.collision.pairs import Pair
 from lerobot_robot_yam.arm.collision.parts import GuardedArm
 from lerobot_robot_yam.control.laws.set_point import SetPoint
 
 _RESERVE = 0.02  # share of the way to the limit that a slowed step leaves: its own judgement must not fail by rounding
 _MOST_SLOWED = 4  # pairs at a time; the time that a tick takes is bounded
-_LONG_WAY = 1000  # looks at a move of any length, which is no tick's
 _ROUNDS = 3  # of slowing down: to slow for one pair may take from another what parts it
 _GAIN_M = 1e-7  # a joint that adds less to a distance has no part in it
 _STANDS = 1e-3  # a smaller share of a step counts as 0: an arm that leans on a limit stands still
 
 
 class Nearness(NamedTuple):
-    """Two parts, their distance in m (negative: how deep they are in each other) and the distance that they keep.
+    """Two parts and their distance in m, negative where they are in each other.
 
     arms: indices of the arms that can change the distance.
     """
@@ -43,7 +41,6 @@ class Nearness(NamedTuple):
     first: str
     second: str
     distance_m: float
-    limit_m: float
     arms: tuple[int, ...]
 
     def __str__(self) -> str:
@@ -134,34 +131,6 @@ class WorkspaceGuard:
         """How far the grippers are open, 0 closed … 1 open, one number per arm."""
         if self._clearance.parts.open_grippers(openings):
             self._memory = None
-
-    def clearance(self, q: Sequence[np.ndarray]) -> Nearness | None:
-        """The pair nearest to its limit, with the arms at q (joints,) each; None when nothing is limited.
-
-        Measures every pair: for tools and tests, not for the control loop.
-        """
-        self._clearance.parts.place(np.concatenate(q))
-        nearest = self._clearance.nearest()
-        return None if nearest is None else self._nearness(*nearest)
-
-    def allow(self, q_now: Sequence[np.ndarray], q_next: Sequence[np.ndarray]) -> Verdict:
-        """Judge a straight move from rest to rest, q (joints,) per arm: each goes to `q_next` or stays at `q_now`.
-
-        Of any length; not for the control loop.
-        """
-        now, then = np.concatenate(q_now), np.concatenate(q_next)
-        stays = np.zeros(len(self._joints), dtype=bool)
-        first = conflicts = self._clearance.conflicts(now, then, most_steps=_LONG_WAY)
-        while conflicts and not stays.all():
-            to_blame = {arm for conflict in conflicts for arm in self._to_blame(conflict, now, then)}
-            if stays[list(to_blame)].all():
-                to_blame = {arm for conflict in conflicts for arm in conflict.pair.arms}
-            if stays[list(to_blame)].all():
-                break
-            stays[list(to_blame)] = True
-            then = np.where(stays[self._arm_of], now, then)
-            conflicts = self._clearance.conflicts(now, then, most_steps=_LONG_WAY)
-        return self._verdict(then, np.zeros_like(then), stays, first)
 
     def advance(
         self,
@@ -270,30 +239,14 @@ class WorkspaceGuard:
             approaching |= closer
         return factor, approaching
 
-    def _to_blame(self, conflict: Conflict, now: np.ndarray, then: np.ndarray) -> list[int]:
-        """The arms whose own part of the move brings the pair together; all its arms when no arm does alone."""
-        arms = conflict.pair.arms
-        if len(arms) == 1:
-            return list(arms)
-        alone = []
-        for arm in arms:
-            without = np.where(self._arm_of == arm, now, then)
-            self._clearance.parts.place(now + conflict.share * (without - now))
-            if self._clearance.distance(conflict.pair) - conflict.there_m > _GAIN_M:
-                alone.append(arm)
-        return alone or list(arms)
-
     def _verdict(self, q: np.ndarray, dq: np.ndarray, blocked: np.ndarray, conflicts: Sequence[Conflict]) -> Verdict:
         because: dict[tuple[str, str], Nearness] = {}
         for conflict in conflicts if blocked.any() else ():
-            row = self._nearness(conflict.pair, conflict.before_m)
-            because.setdefault((row.first, row.second), row)
+            pair, names = conflict.pair, self._clearance.parts.part_names
+            first, second = names[pair.first], names[pair.second]
+            because.setdefault((first, second), Nearness(first, second, conflict.before_m, pair.arms))
         q_by_arm, dq_by_arm = ([row[part] for part in self._parts] for row in (q, dq))
         return Verdict(q_by_arm, dq_by_arm, tuple(blocked.tolist()), tuple(because.values()))
-
-    def _nearness(self, pair: Pair, distance: float) -> Nearness:
-        names = self._clearance.parts.part_names
-        return Nearness(names[pair.first], names[pair.second], distance, pair.limit_m, pair.arms)
 
     def _joints_of(self, arms: Collection[int]) -> np.ndarray:
         """(N,) which joints are of these arms."""

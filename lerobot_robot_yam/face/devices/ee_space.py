@@ -13,8 +13,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from lerobot_robot_yam.arm.ik.pose_tracker import PoseTracker
-from lerobot_robot_yam.arm.kinematics import IkResult, YamKinematics, pose_distance_m
+from lerobot_robot_yam.arm.kinematics import IkResult, PoseTracker, YamKinematics, pose_distance_m
 from lerobot_robot_yam.arm.tool_pose import downward, pose_to_vector, vector_to_pose
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.devices.arm_group import ArmGroup, Models

@@ -5,8 +5,7 @@ import pytest
 
 from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.control.laws import mit_laws
-from lerobot_robot_yam.damiao.codec import decode_mit, encode_mit
-from lerobot_robot_yam.damiao.quantisation import Quantiser
+from lerobot_robot_yam.damiao.codec import Quantiser, decode_mit, encode_mit
 
 ARM = load_arm("yam")
 LOWER, UPPER = ARM.joint_limits_rad.T

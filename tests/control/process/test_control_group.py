@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from lerobot_robot_yam.control.process import control_group
+from lerobot_robot_yam.control.process import stand_by
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from tests.control.process.test_stand_by import faults, last_event
 
@@ -31,10 +31,10 @@ time.sleep(60)
 @contextlib.contextmanager
 def group():
     """A control group within one of ours, as a delegated one would be."""
-    if control_group._BOOTED.exists():
+    if stand_by._BOOTED.exists():
         pytest.skip("systemd runs this machine and its control groups")
     try:
-        ours = Path(control_group._mount() + control_group._group()) / f"yam-test-{os.getpid()}"
+        ours = Path(stand_by._mount() + stand_by._group()) / f"yam-test-{os.getpid()}"
         (ours / "session").mkdir(parents=True)
     except OSError as error:
         pytest.skip(f"no control group can be made here: {error}")
@@ -94,7 +94,7 @@ def test_an_arm_lands_when_the_group_of_its_session_is_frozen():
 
 def leave_group_in_a_child():
     module = "lerobot_robot_yam.control.process"
-    code = f"from {module} import control_group as g; print(g._group(), g.leave_group(), sep='\\n')"
+    code = f"from {module} import stand_by as g; print(g._group(), g.leave_group(), sep='\\n')"
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.splitlines()
 
 
@@ -108,9 +108,9 @@ def test_it_says_what_came_of_it():
 
 def test_a_group_that_cannot_be_made_is_said(monkeypatch, tmp_path):
     (tmp_path / "cgroup").write_text("0::/somebody.slice/session-3.scope\n")
-    monkeypatch.setattr(control_group, "_GROUPS", tmp_path / "cgroup")
-    monkeypatch.setattr(control_group, "_BOOTED", tmp_path / "none")
-    said = control_group.leave_group()
+    monkeypatch.setattr(stand_by, "_GROUPS", tmp_path / "cgroup")
+    monkeypatch.setattr(stand_by, "_BOOTED", tmp_path / "none")
+    said = stand_by.leave_group()
     assert said.startswith("shares its control group with the control process") and "somebody.slice" in said
 
 
@@ -127,10 +127,10 @@ def test_systemd_is_asked_where_it_runs_the_machine(monkeypatch, tmp_path, busct
     script.chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
     monkeypatch.setenv("GROUPS_FILE", str(groups))
-    monkeypatch.setattr(control_group, "_GROUPS", groups)
-    monkeypatch.setattr(control_group, "_BOOTED", tmp_path)
-    monkeypatch.setattr(control_group, "_MOVED_S", 0.1)
-    said = control_group.leave_group()
+    monkeypatch.setattr(stand_by, "_GROUPS", groups)
+    monkeypatch.setattr(stand_by, "_BOOTED", tmp_path)
+    monkeypatch.setattr(stand_by, "_MOVED_S", 0.1)
+    said = stand_by.leave_group()
     scope = f"StartTransientUnit ssa(sv)a(sa(sv)) yam-stand-by-{os.getpid()}.scope fail 2 "
     assert scope in asked.read_text() and asked.read_text().endswith(f"PIDs au 1 {os.getpid()} 0\n")
     assert said.startswith(

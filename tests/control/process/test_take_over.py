@@ -6,6 +6,7 @@ import os
 import numpy as np
 import pytest
 
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.arm_controller import ArmController
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
 from lerobot_robot_yam.control.state_publisher import ControllerBlocks
@@ -33,7 +34,7 @@ def heir_of(rig):
             config = sim_config(rig, CHANNEL)
             bus = open_bus(config)
             opened.callback(bus.shutdown)
-            heir = ArmController(config, bus)
+            heir = ArmController(ResolvedArm(config), bus)
             heir.adopt(record, rig.now())
             return heir
 

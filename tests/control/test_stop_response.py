@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lerobot_robot_yam.control.safety.stop_triggers import EffortLimit
+from lerobot_robot_yam.control.stop_response import EffortLimit
 
 TICK_S = 0.004
 NAMES = ["joint_1", "joint_2", "joint_3"]
@@ -19,7 +19,7 @@ def test_a_lasting_excess_is_named_after_fifty_milliseconds():
     first = next(k for k, verdict in enumerate(verdicts) if verdict)
     assert 0.05 < first * TICK_S <= 0.05 + 2 * TICK_S
     assert all(verdicts[first:])
-    assert str(verdicts[first]) == "joint_2 works with -12.5 Nm against its effort limit of 10.0 Nm"
+    assert verdicts[first] == "joint_2 works with -12.5 Nm against its effort limit of 10.0 Nm"
 
 
 def test_knocks_are_forgiven_and_each_joint_counts_for_itself():
@@ -35,4 +35,4 @@ def test_a_joint_without_limit_and_a_missing_reading_never_trip():
 
 def test_the_worst_joint_is_named():
     verdicts = run([10.0, 2.0, 10.0], [[12.0, 4.0, 0.0]] * 30)
-    assert verdicts[-1].joint == "joint_2" and verdicts[-1].limit_nm == 2.0
+    assert verdicts[-1] == "joint_2 works with 4.0 Nm against its effort limit of 2.0 Nm"

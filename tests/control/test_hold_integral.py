@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.control.laws.hold_integral import HoldIntegral
+from lerobot_robot_yam.control.impedance import HoldIntegral
 
 TICK_S = 0.004
 READING_RAD = 25.0 / 65535

@@ -18,7 +18,7 @@ import mink
 import mujoco
 import numpy as np
 
-from lerobot_robot_yam.arm.collision.pairs import choose_pairs
+from lerobot_robot_yam.arm.collision.clearance import choose_pairs
 from lerobot_robot_yam.arm.collision.parts import ArmParts, GuardedArm
 from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
