@@ -1,18 +1,25 @@
-"""The rig without its sockets: a world, the channels with motors and handles, hands, pushes, the judge."""
+"""The rig without its sockets: a world, the channels with motors and handles, hands, pushes, the judge, the events."""
 
-from typing import Any
+import contextlib
+import itertools
+import logging
+import time
+from collections import deque
+from pathlib import Path
+from typing import Any, TextIO
 
 import numpy as np
 
 from lerobot_robot_yam.arm.profile import ArmMotor, GripperMotor
+from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.bus.channel import Channel
+from lerobot_robot_yam.rig.client.launch import to_json
 from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
 from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
 from lerobot_robot_yam.rig.judging.extremes import Watch
 from lerobot_robot_yam.rig.judging.judge import Judge
 from lerobot_robot_yam.rig.judging.truth import TruthRecorder
 from lerobot_robot_yam.rig.scene.scene import ArmPlacement, Scene, serial_number
-from lerobot_robot_yam.rig.simulation.events import EventLog
 from lerobot_robot_yam.rig.simulation.hand import Hand
 from lerobot_robot_yam.rig.world.ballast import Ballast
 from lerobot_robot_yam.rig.world.shaft import Drive
@@ -20,7 +27,57 @@ from lerobot_robot_yam.rig.world.world import World
 from lerobot_robot_yam.rig.world.world_model import gripper_stroke
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
 
+logger = logging.getLogger(__name__)
+
 _SLOW_PERIOD_S = 0.005  # of watchdogs and the judge, simulated time
+_EVENTS_KEPT = 20_000
+
+
+class EventLog:
+    """Numbered events in order, with simulated times and those of the rig's clock; the oldest are forgotten."""
+
+    def __init__(self, world: World, clock: Clock) -> None:
+        self._world, self._clock = world, clock
+        self._events: deque[dict[str, Any]] = deque(maxlen=_EVENTS_KEPT)
+        self._next = 0
+        self._file: TextIO | None = None
+
+    def keep(self, path: Path) -> None:
+        """From now on also append every event to a file, one JSON object a line; the first relates the clocks.
+
+        Raises:
+            ConfigError: it cannot be written.
+        """
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = open(path, "a", buffering=1, encoding="utf-8")
+        except OSError as error:
+            raise ConfigError(f"option event_dir: {error}; choose a folder that can be written") from error
+        self.add("rig_started", unix_s=time.time())
+
+    def close(self) -> None:
+        """Close the file. Idempotent."""
+        file, self._file = self._file, None
+        if file is not None:
+            file.close()
+
+    def add(self, kind: str, **details: Any) -> None:
+        """Log an event of `kind`; `details` must be representable in JSON."""
+        times = {"sim_s": round(self._world.sim_s, 4), "monotonic_s": self._clock.now()}
+        event = {**details, "number": self._next, **times, "kind": kind}
+        self._events.append(event)
+        self._next += 1
+        if self._file is not None:
+            try:
+                self._file.write(to_json(event).decode() + "\n")
+            except OSError as error:  # recordings fill disks; the arms go on
+                logger.error("the event log is no longer written: %s", error)
+                with contextlib.suppress(OSError):
+                    self.close()
+
+    def since(self, number: int, limit: int) -> list[dict[str, Any]]:
+        """At most `limit` events from `number` on."""
+        return list(itertools.islice((event for event in self._events if event["number"] >= number), limit))
 
 
 class RigDevice:
@@ -29,7 +86,7 @@ class RigDevice:
     def __init__(self, scene: Scene, clock: Clock = SYSTEM):
         self.scene, self.clock = scene, clock
         self.world = World(scene)
-        self.events = EventLog(clock)
+        self.events = EventLog(self.world, clock)
         self.channels: dict[str, Channel] = {}
         self.hands: dict[str, Hand] = {}
         self.ballast: dict[str, Ballast] = {}
@@ -108,7 +165,6 @@ class RigDevice:
         else:
             world.step(count)
         sim_s = world.sim_s
-        self.events.sim_s = sim_s
         if self.watch.on:
             self.watch.sample()
         elapsed, self._advanced_s = sim_s - self._advanced_s, sim_s
