@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lerobot_robot_yam.rig.bus.channel import Channel
-from lerobot_robot_yam.rig.world.shaft import Drive
+from lerobot_robot_yam.rig.world.mechanics import Drive
 from lerobot_robot_yam.rig.world.world import World
 
 _STEP_S = 0.001

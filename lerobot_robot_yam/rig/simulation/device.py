@@ -21,8 +21,7 @@ from lerobot_robot_yam.rig.judging.judge import Judge
 from lerobot_robot_yam.rig.judging.truth import TruthRecorder
 from lerobot_robot_yam.rig.scene.scene import ArmPlacement, Scene, serial_number
 from lerobot_robot_yam.rig.simulation.hand import Hand
-from lerobot_robot_yam.rig.world.ballast import Ballast
-from lerobot_robot_yam.rig.world.shaft import Drive
+from lerobot_robot_yam.rig.world.mechanics import Ballast, Drive
 from lerobot_robot_yam.rig.world.world import World
 from lerobot_robot_yam.rig.world.world_model import gripper_stroke
 from lerobot_robot_yam.system.clock import SYSTEM, Clock

@@ -12,7 +12,7 @@ import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
-from lerobot_robot_yam.rig.world.shaft import Drive
+from lerobot_robot_yam.rig.world.mechanics import Drive
 from lerobot_robot_yam.rig.world.world import World
 from lerobot_robot_yam.rig.world.world_model import HAND_KD, HAND_KP
 
