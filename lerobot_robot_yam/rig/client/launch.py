@@ -42,7 +42,7 @@ def rig_path(name: str, suffix: str) -> Path:
 
 
 def connect(name: str, hello: Mapping[str, Any]) -> tuple[socket.socket, dict[str, Any]]:
-    """Connect to a running rig with a hello, see `serving`.
+    """Connect to a running rig with a hello, see `server`.
 
     Returns:
         The socket (SEQPACKET, blocking) and the rig's answer.
@@ -110,7 +110,7 @@ def connect_or_start(
 
     Args:
         rig: see `runtime_files.rig_name`.
-        hello: see `serving`.
+        hello: see `server`.
         scene: scene name or path for a rig that we start.
         options: scene options for a rig that we start. A running rig keeps its own; differences are logged.
 

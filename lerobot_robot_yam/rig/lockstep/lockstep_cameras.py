@@ -11,7 +11,7 @@ from lerobot_robot_yam.errors import RigError
 from lerobot_robot_yam.rig.client.camera_frames import frame_dtype
 from lerobot_robot_yam.rig.client.launch import raise_remote, scene_arguments
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
-from lerobot_robot_yam.rig.server.camera_service import CameraService
+from lerobot_robot_yam.rig.server.child_processes import CameraService
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
 _TIMEOUT_S = 60.0  # the computer's time: the renderer builds its world first

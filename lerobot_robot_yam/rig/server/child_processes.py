@@ -1,7 +1,6 @@
-"""The rig server's side of rendered cameras: it starts the renderer for the first camera, and ends it.
+"""The rig server's child processes: the renderer of its cameras, and the scripted operator.
 
-The server never waits for the renderer. It hands over hellos of kind "camera", watches `fileno()`, and sends the
-answers of `poll()` to the clients.
+The server never waits for them. It hands over hellos of kind "camera", and sends the answers of `poll` to clients.
 """
 
 import contextlib
@@ -18,16 +17,19 @@ from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError, RigError
 from lerobot_robot_yam.rig.client.camera_frames import MAX_FPS, MAX_HEIGHT, MAX_WIDTH, Settings, frame_path
+from lerobot_robot_yam.rig.simulation.device import RigDevice
 from lerobot_robot_yam.rig.simulation.lookup import number
 
 logger = logging.getLogger(__name__)
 
+NO_OPERATOR = "none"
+_SETTLE_S = 0.5  # from the leaders' torque to the operator's start
 _END_TIMEOUT_S = 2.0
 _DEAD = "camera {camera} has died: it delivers no more frames; check its cable, then connect again"
 
 
 class CameraService:
-    """All rendered cameras of one rig, drawn by one child process.
+    """All rendered cameras of one rig, drawn by one child process, which the first camera starts.
 
     cameras: names of the scene's. renderer_arguments: `--scene` and `--set`, for the same world in the renderer.
     """
@@ -158,11 +160,7 @@ class CameraService:
             if pipe is not None:
                 with contextlib.suppress(OSError):  # unsent requests to a dead renderer
                     pipe.close()
-        try:
-            process.wait(_END_TIMEOUT_S)  # it ends when its input does
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        _wait_or_kill(process)  # it ends when its input does
         for settings in self._opened:
             frame_path(self._rig, *settings).unlink(missing_ok=True)
 
@@ -211,6 +209,64 @@ class CameraService:
         self._users.clear()
         self._refused.clear()
         self._ready.clear()
+
+
+class OperatorService:
+    """Starts the operator of a rig's scene when every leader motor is enabled, ends it when one is not."""
+
+    def __init__(self, rig: str, device: RigDevice):
+        self._rig, self._device = rig, device
+        self._task = device.scene.options.operator
+        self._process: subprocess.Popen[bytes] | None = None
+        self._leaving: subprocess.Popen[bytes] | None = None  # told to end, not yet gone
+        self._leaving_since_s = 0.0
+        self._energised_s: float | None = None
+        self._failed = False
+
+    def keep(self, now_s: float) -> None:
+        """Start or end the operator; call several times a second."""
+        if self._task == NO_OPERATOR:
+            return
+        if self._leaving is not None:
+            if self._leaving.poll() is not None:
+                self._leaving = None
+            elif now_s - self._leaving_since_s > _END_TIMEOUT_S:
+                self._leaving.kill()
+        if not self._device.leaders_energised():
+            self._energised_s, self._failed = None, False
+            if self._process is not None:
+                # Without waiting: motors that are not answered for 0.1 s count as lost.
+                self._process.terminate()
+                self._leaving, self._leaving_since_s, self._process = self._process, now_s, None
+            return
+        self._energised_s = self._energised_s or now_s
+        if self._process is not None:
+            code = self._process.poll()
+            if code is not None:
+                logger.error("the operator ended with exit code %d", code)
+                self._device.events.add("operator_ended", code=code)
+                self._process, self._failed = None, True
+        elif not self._failed and self._leaving is None and now_s - self._energised_s > _SETTLE_S:
+            command = [sys.executable, "-P", "-m", "lerobot_robot_yam.rig.operator.operator"]
+            command += ["--rig", self._rig, "--task", self._task]
+            self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL)
+            self._device.events.add("operator_started", task=self._task)
+
+    def close(self) -> None:
+        """End the operator and wait for it: the rig is ending."""
+        for process in (self._process, self._leaving):
+            if process is not None:
+                process.terminate()
+                _wait_or_kill(process)
+        self._process = self._leaving = None
+
+
+def _wait_or_kill(process: subprocess.Popen[bytes]) -> None:
+    try:
+        process.wait(_END_TIMEOUT_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
 
 
 def _whole(hello: Mapping[str, Any], key: str) -> int:
