@@ -16,9 +16,8 @@ from lerobot_robot_yam.rig.bus.channel import Channel
 from lerobot_robot_yam.rig.client.launch import to_json
 from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
 from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
-from lerobot_robot_yam.rig.judging.extremes import Watch
 from lerobot_robot_yam.rig.judging.judge import Judge
-from lerobot_robot_yam.rig.judging.truth import TruthRecorder
+from lerobot_robot_yam.rig.judging.recorders import TruthRecorder, Watch
 from lerobot_robot_yam.rig.scene.scene import ArmPlacement, Scene, serial_number
 from lerobot_robot_yam.rig.simulation.hand import Hand
 from lerobot_robot_yam.rig.world.mechanics import Ballast, Drive
