@@ -108,14 +108,12 @@ class RigDevice:
 
     def _motors(self, row: ArmPlacement) -> list[SimMotor]:
         arm, gripper = self.world.profiles[row.channel]
-        motors: list[ArmMotor | GripperMotor] = [*arm.motors]
-        shafts: list[tuple[tuple[str, ...], float, float]] = [
-            ((f"joint{i + 1}",), 0.0, 1.0) for i in range(arm.joint_count)
+        shafts: list[tuple[ArmMotor | GripperMotor, tuple[str, ...], float, float]] = [
+            (motor, (f"joint{i + 1}",), 0.0, 1.0) for i, motor in enumerate(arm.motors)
         ]
         if gripper.motor is not None:
-            motors.append(gripper.motor)
-            shafts.append((gripper.finger_joints, *gripper_stroke(row, gripper)))
-        zeros = np.zeros(len(motors)) if row.zero_offset_rad is None else row.zero_offset_rad
+            shafts.append((gripper.motor, gripper.finger_joints, *gripper_stroke(row, gripper)))
+        zeros = np.zeros(len(shafts)) if row.zero_offset_rad is None else row.zero_offset_rad
 
         def log(kind: str, **details: Any) -> None:
             where = {"bodies": self.world.bodies(f"{row.channel}/")} if kind == "motor_disabled" else {}
@@ -124,11 +122,9 @@ class RigDevice:
                 self.watch.note(row.channel, kind, **details)
 
         found = []
-        for motor, zero, (names, base, coefficient) in zip(motors, zeros.tolist(), shafts, strict=True):
-            joints = tuple(f"{row.channel}/{joint}" for joint in names)
-            drive = Drive(self.world, f"{row.channel}/{motor.name}", joints, base, coefficient)
-            kind = motor.name, motor.can_id, motor.type, motor.direction, zero
-            found.append(SimMotor(*kind, drive, self.world, log, serial_number(self.scene, row, motor.can_id)))
+        for zero, (motor, joints, base, coefficient) in zip(zeros.tolist(), shafts, strict=True):
+            drive = Drive(self.world, row.channel, motor.name, joints, base, coefficient)
+            found.append(SimMotor(motor, zero, drive, self.world, log, serial_number(self.scene, row, motor.can_id)))
         return found
 
     @property

@@ -32,9 +32,7 @@ class Hand:
         self._handle = handle
         count = world.profiles[channel][0].joint_count
         self._addresses = world.joint_addresses(channel)
-        self._drives = [
-            Drive(world, f"{channel}/hand_{i + 1}", (f"{channel}/joint{i + 1}",), 0.0, 1.0) for i in range(count)
-        ]
+        self._drives = [Drive(world, channel, f"hand_{i + 1}", (f"joint{i + 1}",), 0.0, 1.0) for i in range(count)]
         self._actuators = [drive.actuator for drive in self._drives]
         self._start_s = 0.0
         # Plain lists, as `advance` takes single numbers from them. Each row: the joints, then the trigger.

@@ -18,21 +18,20 @@ _MASS_FIELDS = ("body_mass", "body_ipos", "body_iquat", "body_inertia", "body_sa
 class Drive:
     """One actuator of the world, seen from its shaft: angle u = base + Σ coefficient · q of one or two joints.
 
-    actuator, joints: names in the model. base_rad: shaft angle at joint value 0. coefficient: rad per joint value.
+    actuator, joints: names in the arm. base_rad: shaft angle at joint value 0. coefficient: rad per joint value.
     """
 
-    def __init__(self, world: World, actuator: str, joints: tuple[str, ...], base_rad: float, coefficient: float):
+    def __init__(
+        self, world: World, channel: str, actuator: str, joints: tuple[str, ...], base_rad: float, coefficient: float
+    ):
         model = world.model
-        self.actuator = model.actuator(actuator).id
-        self._world = world
         if not 1 <= len(joints) <= 2:
-            raise ConfigError(f"actuator {actuator} must move one or two joints, not {joints}")
-        self.q = [int(model.joint(j).qposadr[0]) for j in joints]
-        self.v = [int(model.joint(j).dofadr[0]) for j in joints]
+            raise ConfigError(f"actuator {channel}/{actuator} must move one or two joints, not {joints}")
+        self._world, self.actuator = world, model.actuator(f"{channel}/{actuator}").id
+        self.q = [int(model.joint(f"{channel}/{joint}").qposadr[0]) for joint in joints]
+        self.v = [int(model.joint(f"{channel}/{joint}").dofadr[0]) for joint in joints]
         self._single = len(joints) == 1
-        self.base_rad = base_rad
-        self.coefficient = coefficient
-        self.gains = (0.0, 0.0)
+        self.base_rad, self.coefficient, self.gains = base_rad, coefficient, (0.0, 0.0)
         self._bias = model.actuator_biasprm[self.actuator]
         self._ctrl = world.data.ctrl
         self._damping = model.dof_damping[self.v].copy()
