@@ -39,13 +39,11 @@ class CameraService:
         self._cameras = tuple(cameras)
         self._arguments = list(renderer_arguments)
         self._process: subprocess.Popen[bytes] | None = None
-        self._waiting: dict[Settings, list[Hashable]] = {}
-        self._users: dict[Settings, set[Hashable]] = {}
+        self._users: dict[Settings, set[Hashable]] = {}  # those of settings that are not ready wait for an answer
         self._opened: set[Settings] = set()  # ever; a renderer that hangs or crashes leaves their blocks
         self._ready: set[Settings] = set()
         self._answers: list[tuple[Hashable, dict[str, Any]]] = []
         self._tail = b""
-        self._refused: set[Hashable] = set()  # clients that know why they get nothing
         self._stalls: dict[str, float] = {}  # camera → monotonic time until which it delivers nothing new
         self._dead: set[str] = set()
         self.drawn = True
@@ -75,7 +73,6 @@ class CameraService:
         if settings in self._ready:
             self._answers.append((client, {"ready": True}))
         else:
-            self._waiting.setdefault(settings, []).append(client)
             if self._process is None:
                 self._start()
             self._tell("open", camera=settings)
@@ -83,15 +80,10 @@ class CameraService:
 
     def drop(self, client: Hashable) -> None:
         """Forget a client that has left; a camera without clients is not drawn. Unknown clients are ignored."""
-        for settings, users in list(self._users.items()):
-            if client not in users:
-                continue
-            users.discard(client)
-            if client in self._waiting.get(settings, ()):
-                self._waiting[settings].remove(client)
-            if not users:
+        for settings in [settings for settings, users in self._users.items() if client in users]:
+            self._users[settings].discard(client)
+            if not self._users[settings]:
                 del self._users[settings]
-                self._waiting.pop(settings, None)
                 self._ready.discard(settings)
                 self._tell("close", camera=settings)
 
@@ -184,30 +176,27 @@ class CameraService:
             self.drawn = True
             return
         if "error" in message:
-            failed = {"error": message["error"], "kind": "RigError"}
-            refused = {client for clients in self._waiting.values() for client in clients}
-            self._answers += [(client, failed) for client in refused]
-            self._refused |= refused
-            self._waiting.clear()
+            self._fail_all(message["error"])
             return
         name, width, height, fps = message["ready"]
         settings = (name, width, height, fps)
-        if settings in self._users:
+        if settings in self._users and settings not in self._ready:
             self._ready.add(settings)
-            self._answers += [(client, {"ready": True}) for client in self._waiting.pop(settings, [])]
+            self._answers += [(client, {"ready": True}) for client in self._users[settings]]
 
     def _died(self) -> None:
         assert self._process is not None
         code = self._process.wait()
         why = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
-        self._waiting.clear()
-        failed = {"error": f"the renderer of rig {self._rig} ended ({why}); see the rig's log", "kind": "RigError"}
-        self._answers += [(client, failed) for client in set().union(*self._users.values()) - self._refused]
-        if self._users:
-            logger.error("the renderer ended (%s); its cameras deliver nothing until they are opened again", why)
+        logger.error("the renderer ended (%s); its cameras deliver nothing until they are opened again", why)
+        self._fail_all(f"the renderer of rig {self._rig} ended ({why}); see the rig's log")
         self.close()
+
+    def _fail_all(self, error: str) -> None:
+        """Tell every client why it gets nothing, and forget them."""
+        failed = {"error": error, "kind": "RigError"}
+        self._answers += [(client, failed) for client in set().union(*self._users.values())]
         self._users.clear()
-        self._refused.clear()
         self._ready.clear()
 
 
