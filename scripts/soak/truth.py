@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lerobot_robot_yam.rig.client.rig_control import RigControl
-from lerobot_robot_yam.rig.judging.truth import beyond_clip_nm
+from lerobot_robot_yam.rig.judging.recorders import beyond_clip_nm
 from lerobot_robot_yam.state.faults import STALE_OVERSHOOT_RAD_S, stale_overshoot_rad_s
 from soak.arm import Arm
 from soak.checks import GRIPPER, READY, Finding, mode_of

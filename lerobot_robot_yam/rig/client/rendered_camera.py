@@ -50,7 +50,7 @@ class RigCamera:
         self._socket: socket.socket | None = None
         self._block: SharedBlock | None = None
         self._seen = 0
-        self._end: dict[str, Any] | None = None  # the rig's last message about this camera
+        self._heard: dict[str, Any] = {}  # the rig's last message about this camera
 
     @property
     def is_connected(self) -> bool:
@@ -66,8 +66,8 @@ class RigCamera:
         if self.is_connected:
             return
         deadline = time.monotonic() + timeout_s
-        hello = {"kind": "camera", "camera": self.camera}
-        hello |= {"width": self.width, "height": self.height, "fps": self.fps}  # type: ignore[dict-item]
+        hello: dict[str, Any] = {"kind": "camera", "camera": self.camera}
+        hello |= {"width": self.width, "height": self.height, "fps": self.fps}
         self._socket, name, _ = launch.connect_or_start(self._rig, hello, self._scene, self._options)
         try:
             if not select.select([self._socket], [], [], max(0.0, deadline - time.monotonic()))[0]:
@@ -83,8 +83,7 @@ class RigCamera:
     def _hear(self) -> None:
         """Read one packet of the rig. Anything but "ready" is an end, whose reason every later call raises too."""
         assert self._socket is not None
-        if self._end is not None:
-            launch.raise_remote(self._end)
+        launch.checked(self._heard)
         try:
             packet = self._socket.recv(launch.MAX_PACKET, socket.MSG_DONTWAIT)
         except BlockingIOError:
@@ -93,10 +92,8 @@ class RigCamera:
             packet = b""
         if not packet:
             raise RigError(f"camera {self.camera}: the rig has ended; connect again to start one")
-        reply = json.loads(packet)
-        if "error" in reply:
-            self._end = reply
-            launch.raise_remote(reply)
+        self._heard = json.loads(packet)
+        launch.checked(self._heard)
 
     def latest(self, max_age_s: float = _MAX_AGE_S) -> tuple[np.ndarray, float]:
         """The newest frame, without waiting.
@@ -167,7 +164,7 @@ class RigCamera:
             with contextlib.suppress(OSError):
                 sock.shutdown(socket.SHUT_RDWR)  # also for a forked child that still holds it
             sock.close()
-        self._seen, self._end = 0, None
+        self._seen, self._heard = 0, {}
 
     def __enter__(self) -> "RigCamera":
         self.connect()

@@ -6,9 +6,8 @@ from collections.abc import Callable
 import numpy as np
 
 from lerobot_robot_yam.errors import RigError
-from lerobot_robot_yam.rig.operator.hands import Hands, pause, see
+from lerobot_robot_yam.rig.operator.hands import Hands, Sight, pause, see
 from lerobot_robot_yam.rig.operator.plan import ArmPlanner, Path, minimum_jerk
-from lerobot_robot_yam.rig.operator.sight import Sight
 
 logger = logging.getLogger(__name__)
 

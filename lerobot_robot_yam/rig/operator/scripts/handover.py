@@ -43,7 +43,7 @@ class Handover(Script):
 
     def _grips(self, giver: Worker) -> tuple[Grip, Grip]:
         """The giver's grip, which is the nearer one, and the taker's."""
-        bar, base = self.look_at(self._bar), self.setup.bases_m[giver.side]
+        bar, base = self.look_at(self._bar), giver.planner.base_m
         both = [self.grip_of(self._bar, number) for number in range(2)]
         near, far = sorted(both, key=lambda grip: float(np.linalg.norm(bar.point(grip.point_m) - base)))
         return near, far
@@ -52,7 +52,7 @@ class Handover(Script):
         """Lift it and hold it between the arms, pointing from base to base."""
         bar = self.look_at(self._bar)
         yaw = self.take(giver, bar, gives)
-        across, along = self.setup.bases_m[taker.side] - self.setup.bases_m[giver.side], takes.point_m - gives.point_m
+        across, along = taker.planner.base_m - giver.planner.base_m, takes.point_m - gives.point_m
         bar_yaw = np.arctan2(across[1], across[0]) - np.arctan2(along[1], along[0])
         target = self.setup.places_m[_MIDDLE] + _turned(gives.point_m, bar_yaw)
         return self._bring(giver, target, yaw + bar_yaw - bar.yaw_rad)

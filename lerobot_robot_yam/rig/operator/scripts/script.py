@@ -8,9 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError, RigError
-from lerobot_robot_yam.rig.operator.hands import Hands, see
+from lerobot_robot_yam.rig.operator.hands import Hands, Pose, Sight, see
 from lerobot_robot_yam.rig.operator.scripts.setup import Setup
-from lerobot_robot_yam.rig.operator.sight import Pose, Sight
 from lerobot_robot_yam.rig.operator.worker import Worker
 from lerobot_robot_yam.rig.scene.props import Grip
 

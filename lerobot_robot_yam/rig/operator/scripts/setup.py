@@ -25,7 +25,6 @@ class Setup:
         task: the task.
         things: props and furniture by name.
         planners: side → planner of the follower that stands there.
-        bases_m: side → base of that follower, (3,).
         homes_m: side → where its tool waits, (3,).
         places_m: named points, (3,).
     """
@@ -33,7 +32,6 @@ class Setup:
     task: Task
     things: Mapping[str, Thing]
     planners: Mapping[str, ArmPlanner]
-    bases_m: Mapping[str, np.ndarray]
     homes_m: Mapping[str, np.ndarray]
     places_m: Mapping[str, np.ndarray]
 
@@ -48,7 +46,8 @@ class Setup:
 
     def nearest(self, point_m: np.ndarray) -> str:
         """The side whose base is nearest to a point."""
-        return min(self.bases_m, key=lambda side: float(np.linalg.norm((self.bases_m[side] - point_m)[:2])))
+        off = {side: float(np.linalg.norm((planner.base_m - point_m)[:2])) for side, planner in self.planners.items()}
+        return min(off, key=lambda side: off[side])
 
 
 def sides_of(scene: Mapping[str, Any]) -> tuple[str, ...]:
@@ -94,7 +93,6 @@ def make_setup(scene: Mapping[str, Any], task: str) -> Setup:
         task=parse(Task, tasks[task], f"{where}: task {task}") if task in tasks else PICK_AND_PLACE,
         things={thing.name: thing for thing in things},
         planners=planners,
-        bases_m={side: planner.base_m for side, planner in planners.items()},
         homes_m={side: np.array(scene["homes"][side]) for side in planners},
         places_m={name: np.array(point) for name, point in scene["places"].items()},
     )
