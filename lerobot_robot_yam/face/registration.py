@@ -21,19 +21,13 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.start_messages import shorten_ffmpeg_message, warn_if_newer
 from lerobot_robot_yam.system.other_plugins import distribution_of, is_foreign, mixture
 
-# LeRobot's modules that hold a registry, and our modules that register types there.
-REGISTRIES: dict[str, tuple[str, ...]] = {
-    "lerobot.robots.config": (
-        "lerobot_robot_yam.config_yam_follower",
-        "lerobot_robot_yam.config_bi_yam_follower",
-    ),
-    "lerobot.teleoperators.config": (
-        "lerobot_teleoperator_yam.config_yam_leader",
-        "lerobot_teleoperator_yam.config_bi_yam_leader",
-    ),
-    "lerobot.envs.configs": ("lerobot_robot_yam.config_yam_env",),
-    "lerobot.cameras.configs": ("lerobot_robot_yam.config_yam_camera",),
-    "lerobot.configs.policies": ("lerobot_robot_yam.face.openpi.configuration_openpi",),
+# LeRobot's modules that hold a registry, and our module that registers types there.
+REGISTRIES = {
+    "lerobot.robots.config": "lerobot_robot_yam.config_yam_follower",
+    "lerobot.teleoperators.config": "lerobot_teleoperator_yam.config_yam_leader",
+    "lerobot.envs.configs": "lerobot_robot_yam.config_yam_env",
+    "lerobot.cameras.configs": "lerobot_robot_yam.config_yam_camera",
+    "lerobot.configs.policies": "lerobot_robot_yam.face.openpi.configuration_openpi",
 }
 
 logger = logging.getLogger(__name__)
@@ -64,15 +58,15 @@ def register_types(lerobot_module: str) -> None:
     """
     warn_if_newer()
     shorten_ffmpeg_message()
-    for name in REGISTRIES[lerobot_module]:
-        try:
-            module = importlib.import_module(name)
-        except Exception as error:
-            if name in _registering or not is_foreign(name):
-                raise
-            raise ConfigError("; ".join(mixture(name))) from error
-        if name not in _registering and not _is_initialising(module):
-            raise ConfigError("; ".join(mixture(name)))
+    name = REGISTRIES[lerobot_module]
+    try:
+        module = importlib.import_module(name)
+    except Exception as error:
+        if name in _registering or not is_foreign(name):
+            raise
+        raise ConfigError("; ".join(mixture(name))) from error
+    if name not in _registering and not _is_initialising(module):
+        raise ConfigError("; ".join(mixture(name)))
 
 
 def register_as[C: type](registry: Any, name: str, spare: str | None = None) -> Callable[[C], C]:
@@ -87,12 +81,9 @@ def register_as[C: type](registry: Any, name: str, spare: str | None = None) -> 
     def decorate(config_class: C) -> C:
         _registering.add(config_class.__module__)
         known = registry.get_known_choices()
-        holder = known.get(name)
-        if holder is None:
+        if name not in known:
             registry.register_subclass(name, config_class)
-            return config_class
-        ours = holder.__module__ == config_class.__module__
-        if not ours:
+        elif (holder := known[name]).__module__ != config_class.__module__:
             instead = f"use {spare!r}" if spare else "uninstall it to use ours"
             owner = distribution_of(holder.__module__)
             logger.warning("the LeRobot type %r is that of %s, not of the YAM driver; %s", name, owner, instead)

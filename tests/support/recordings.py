@@ -11,10 +11,9 @@ from lerobot.datasets import LeRobotDataset
 from lerobot.robots import make_robot_from_config
 from lerobot.utils.feature_utils import hw_to_dataset_features
 
-from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig
+from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerArmConfig
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.devices.feature_names import position_keys, tool_keys
-from lerobot_robot_yam.face.devices.follower_options import FollowerArmConfig
 
 IS_JOINT = np.array(([True] * 6 + [False]) * 2)
 NOWHERE = {"interface": "carrier_pigeon", "channel": "none"}  # whoever opens it fails otherwise than these tests expect
