@@ -56,19 +56,17 @@ class FollowerOptions(ABC):
         Raises:
             ConfigError: unknown arm or gripper.
         """
-        from lerobot_robot_yam.face.devices.feature_names import (  # profiles cost LeRobot's start too much
-            position_keys,
-            tool_keys,
-        )
+        from lerobot_robot_yam.face.devices import feature_names  # loads profiles: LeRobot's start must not wait for it
 
-        return (tool_keys if self.action_space == "ee" else position_keys)(self.arms())
+        return feature_names.action_keys(self.arms(), self.action_space)
 
     def state_keys(self) -> list[str]:
         """Keys of all numbers of an observation: those of an action, then the optional ones."""
-        from lerobot_robot_yam.face.devices.feature_names import extra_keys, motors_of
+        from lerobot_robot_yam.face.devices.feature_names import motors_of
 
-        kinds = self.observe_velocity, self.observe_torque, self.observe_temperature
-        return self.action_keys() + extra_keys(motors_of(self.arms()), *kinds)
+        kinds = ["vel"] * self.observe_velocity + ["torque"] * self.observe_torque
+        kinds += ["temp_mos", "temp_rotor"] * self.observe_temperature
+        return self.action_keys() + [f"{motor}.{kind}" for kind in kinds for motor in motors_of(self.arms())]
 
 
 @dataclass(kw_only=True)
