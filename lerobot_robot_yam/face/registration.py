@@ -6,11 +6,18 @@ now, if that is loaded already, else by an import hook at the moment it is. Ever
 
 Other plugins claim some of our names. Each device therefore has a spare name, and a name that is taken costs us that
 name only.
+
+The same moment serves for two messages. One says that LeRobot is newer than tested. The other puts LeRobot's page about
+a missing FFmpeg into one line: LeRobot tries to load torchcodec, which tries FFmpeg 4 to 8, and logs all that was tried
+before it reads videos with PyAV instead, which brings an FFmpeg along. Only a page that blames nothing but missing
+libraries is shortened; any other reason (an incompatible torch, a broken FFmpeg) is shown as it is.
 """
 
 import importlib
 import importlib.abc
+import importlib.metadata
 import logging
+import re
 import sys
 from collections.abc import Callable, Sequence
 from importlib.machinery import ModuleSpec
@@ -18,7 +25,6 @@ from types import ModuleType
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.start_messages import shorten_ffmpeg_message, warn_if_newer
 from lerobot_robot_yam.system.other_plugins import distribution_of, is_foreign, mixture
 
 # LeRobot's modules that hold a registry, and our module that registers types there.
@@ -30,7 +36,16 @@ REGISTRIES = {
     "lerobot.configs.policies": "lerobot_robot_yam.face.openpi.configuration_openpi",
 }
 
+NEWEST_TESTED = "0.6.2"  # the repository's state of August 2026; 0.6.1 is the package index's newest
+
+_BEGIN, _END = "[start of libtorchcodec loading traceback]", "[end of libtorchcodec loading traceback]"
+_ATTEMPT = re.compile(r"^FFmpeg version \d+:\n", re.MULTILINE)
+# The innermost exception of an attempt: the system's loader has not found FFmpeg.
+_MISSING = re.compile(r"^OSError: lib(?:av|sw)\w+\.so\.\d+: cannot open shared object file: No such file", re.MULTILINE)
+_INSTEAD = "FFmpeg's libraries are not installed: LeRobot reads videos with PyAV, which does as well"
+
 logger = logging.getLogger(__name__)
+_told_of_newer = False
 _registering: set[str] = set()  # modules that have called `register_as`: ours, not somebody else's of the same name
 
 
@@ -57,7 +72,7 @@ def register_types(lerobot_module: str) -> None:
         ConfigError: another distribution has put its own files over ours.
     """
     warn_if_newer()
-    shorten_ffmpeg_message()
+    logging.getLogger("lerobot.utils.import_utils").addFilter(_shorten)  # adds it once
     name = REGISTRIES[lerobot_module]
     try:
         module = importlib.import_module(name)
@@ -136,3 +151,50 @@ class _ThenRegister(importlib.abc.Loader):
             module.__spec__.loader = self._loader
         self._loader.exec_module(module)
         register_types(module.__name__)
+
+
+def warn_if_newer() -> None:
+    """Say so, once in a process, when the installed LeRobot is newer than any that this package is tested with."""
+    global _told_of_newer
+    if _told_of_newer:
+        return
+    _told_of_newer = True
+    try:
+        installed = importlib.metadata.version("lerobot")
+    except importlib.metadata.PackageNotFoundError:  # a source tree on the path, which has no version
+        return
+    if _release(installed) > _release(NEWEST_TESTED):
+        logger.warning(
+            "LeRobot %s is newer than %s, the newest that the YAM driver is tested with. "
+            "If something fails, look for a newer driver, or install that LeRobot",
+            installed,
+            NEWEST_TESTED,
+        )
+
+
+def _release(version: str) -> tuple[int, ...]:
+    """The first three numbers of a version, without what says of which pre-release or build it is."""
+    return tuple(int(number) for number in re.findall(r"\d+", version)[:3])
+
+
+class _Shorten(logging.Filter):
+    """Lets one line pass the first time, and nothing after that."""
+
+    told = False
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether to show a record; one about FFmpeg's absence is shortened."""
+        if not _is_absence(record.getMessage()):
+            return True
+        record.msg, record.args = _INSTEAD, ()
+        told, self.told = self.told, True
+        return not told
+
+
+_shorten = _Shorten()
+
+
+def _is_absence(message: str) -> bool:
+    _, begun, rest = message.partition(_BEGIN)
+    attempts = _ATTEMPT.split(rest.partition(_END)[0])[1:]
+    return bool(begun and attempts) and all(_MISSING.search(attempt) for attempt in attempts)
