@@ -61,7 +61,7 @@ _FAULT_REMEDIES: dict[int, str] = {
 
 def inspect_motors(questions: Questions, target: Target, handle_answers: bool, section: Section) -> list[MotorSpec]:
     """Ask all motors of a channel and check what they say; returns those of the profile that are there."""
-    specs = target.hardware().motors
+    specs = target.hardware.motors
     answers = _roll_call(questions, [spec.can_id for spec in specs])
     present = [spec for spec in specs if spec.can_id in answers]
     missing = [spec for spec in specs if spec.can_id not in answers]
@@ -116,7 +116,7 @@ def _check_missing(
         section.problem(target.channel, what, remedy)
         return
     names = {spec.can_id: spec.name for spec in specs}
-    motor = target.hardware().gripper.motor
+    motor = target.hardware.gripper.motor
     replaced = [spec for spec in missing if handle and motor is not None and spec.can_id == motor.can_id]
     for spec in replaced:
         section.problem(
@@ -167,9 +167,8 @@ def _read(questions: Questions, target: Target, spec: MotorSpec, answer: Answer)
     }
     silent = 0
     for register, key in _READ.items():
-        reply = questions.register(spec.can_id, register) if silent < _SILENT_MAX else None
-        silent = 0 if reply else silent + 1
-        row[key] = None if reply is None else reply.value
+        row[key] = questions.register(spec.can_id, register) if silent < _SILENT_MAX else None
+        silent = silent + 1 if row[key] is None else 0
     counts = row["timeout_counts"]
     row["timeout_s"] = None if counts is None else round(counts * TIMEOUT_COUNT_S, 5)
     return row
