@@ -32,7 +32,6 @@ _ARRIVED = 0.05  # rad, or of the gripper's stroke
 _REACH_TIMEOUT_S = 30.0
 _GRIP_S = 2.0  # joints that are there wait so long for grippers: these may have closed on something
 _SPECTATOR_SIZE = 320, 240  # pixels
-_ENDLESS_S = 86_400.0  # a day: no time limit of the rig's own
 _SETTLE_S = 0.5  # at the reset pose, before an episode begins
 
 
@@ -224,7 +223,7 @@ class YamEnv(gym.Env):
         if self._virtual:
             self._rig = self._make_rig()
             if self._task is not None:
-                referee = RigReferee(self._rig, self._task.name, _ENDLESS_S)  # it is the number of steps that ends it
+                referee = RigReferee(self._rig, self._task.name)
         if config.success == "operator":
             return OperatorReferee(config.task or "", referee)
         if config.success != "rig":

@@ -137,22 +137,24 @@ def _check_missing(
 def _stranger(target: Target, can_id: int, missing: Sequence[MotorSpec], section: Section) -> None:
     remedy = f"name the profile that has it (--channel {target.channel}:ARM:GRIPPER), or take the motor off the bus"
     if len(missing) == 1:
-        right = missing[0]
-        registers = {Register.ESC_ID: right.can_id, Register.MST_ID: right.feedback_id}
-        remedy = f"if it is {right.name}: {set_registers(target, can_id, registers)}"
+        remedy = f"if it is {missing[0].name}: {_become(target, can_id, missing[0])}"
     what = "a motor answers that the profile does not have"
     section.problem(f"{target.channel} motor id {can_id}", what, remedy)
 
 
 def _doubled(target: Target, spec: MotorSpec, missing: Sequence[MotorSpec], section: Section) -> None:
-    right = missing[0] if len(missing) == 1 else None
-    new = right.can_id if right else spec.can_id
-    registers = {Register.ESC_ID: new, Register.MST_ID: right.feedback_id if right else spec.feedback_id}
-    command = set_registers(target, spec.can_id, registers)
     remedy = f"unplug {spec.name}, then give the other one its own id"
-    remedy += f" ({right.name}): {command}" if right else " with the motor vendor's tool"
+    if len(missing) == 1:
+        remedy += f" ({missing[0].name}): {_become(target, spec.can_id, missing[0])}"
+    else:
+        remedy += " with the motor vendor's tool"
     what = "answers twice: two motors share this id, or another program asks as well"
     section.problem(_where(target, spec), what, remedy)
+
+
+def _become(target: Target, can_id: int, spec: MotorSpec) -> str:
+    """The command that gives the motor with this id the ids of the profile's `spec`."""
+    return set_registers(target, can_id, {Register.ESC_ID: spec.can_id, Register.MST_ID: spec.feedback_id})
 
 
 def _read(questions: Questions, target: Target, spec: MotorSpec, answer: Answer) -> dict[str, Any]:

@@ -16,6 +16,7 @@ libraries is shortened; any other reason (an incompatible torch, a broken FFmpeg
 import importlib
 import importlib.abc
 import importlib.metadata
+import importlib.util
 import logging
 import re
 import sys
@@ -114,7 +115,7 @@ def _is_initialising(module: ModuleType) -> bool:
 
 
 class _Hook(importlib.abc.MetaPathFinder):
-    """Watches for LeRobot's registry modules; leaves when it has seen them all."""
+    """Registers our types when one of LeRobot's registry modules has been loaded; leaves when it has seen them all."""
 
     def __init__(self, waiting: set[str]):
         self._waiting = waiting
@@ -127,13 +128,10 @@ class _Hook(importlib.abc.MetaPathFinder):
         self._waiting.discard(fullname)
         if not self._waiting:
             sys.meta_path.remove(self)
-        for finder in list(sys.meta_path):
-            spec = None if finder is self else finder.find_spec(fullname, path, target)
-            if spec is not None:
-                if spec.loader is not None:
-                    spec.loader = _ThenRegister(spec.loader)
-                return spec
-        return None
+        spec = importlib.util.find_spec(fullname)  # as the other finders say
+        if spec is not None and spec.loader is not None:
+            spec.loader = _ThenRegister(spec.loader)
+        return spec
 
 
 class _ThenRegister(importlib.abc.Loader):

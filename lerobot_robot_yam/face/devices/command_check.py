@@ -33,7 +33,7 @@ from lerobot.configs import parser
 
 from lerobot_robot_yam.arm.joint_map import TURN
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.datasets.recording import DEGREES_SUFFIX, Recording, config_of, of_checkpoint, of_dataset
+from lerobot_robot_yam.face.datasets.recording import DEGREES_SUFFIX, Recording, of_checkpoint, of_dataset
 from lerobot_robot_yam.face.devices.feature_names import TOOL_NUMBERS, space_of
 
 logger = logging.getLogger(__name__)
@@ -124,8 +124,8 @@ def check_command(device: str, keys: Sequence[str], use_degrees: bool) -> None:
         _check_space(device, keys, recording)
         if space == "joint":  # poses of a tool have one unit
             _check_unit(device, use_degrees, recording.what, unit_of(recording, is_joint))
-    saved = config_of(path, revision) if path else {}
-    if (options.get("policy.type", saved.get("type"))) == "yam_openpi":
+    saved = learnt.config if path else {}
+    if options.get("policy.type", saved.get("type")) == "yam_openpi":
         _check_server(device, keys, use_degrees, saved, options)
 
 

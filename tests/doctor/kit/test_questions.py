@@ -33,7 +33,7 @@ from lerobot_robot_yam.doctor.kit.targets import from_option
 from lerobot_robot_yam.errors import LifeCycleError
 from tests.support.desk_bus import DeskBus
 
-MODULES = sorted(Path(doctor.__path__[0]).glob("*.py"))
+MODULES = sorted(Path(doctor.__path__[0]).rglob("*.py"))
 TARGET = from_option("can_x:yam:yam_teaching_handle", "socketcan", None)
 
 
