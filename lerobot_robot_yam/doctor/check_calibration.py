@@ -27,7 +27,7 @@ def check_calibrations(targets: Sequence[Target], root: Path, section: Section) 
         return
     for target in named:
         assert target.calibration is not None
-        hardware = target.hardware()
+        hardware = target.hardware
         if not hardware.has_gripper:
             continue
         stops = target.config.gripper_stops_rad
@@ -66,7 +66,7 @@ def _check_file(path: Path, gripper: str, target: Target | None, section: Sectio
 
 
 def _check_configured(target: Target, stops: Sequence[float], section: Section) -> None:
-    gripper = target.hardware().gripper
+    gripper = target.hardware.gripper
     row = {"channel": target.channel, "gripper": gripper.name, "file": "gripper_stops_rad of the config"}
     section.rows.append({**row, "state": "configured", "span_rad": round(abs(stops[1] - stops[0]), 4)})
     try:

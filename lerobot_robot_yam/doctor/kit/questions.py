@@ -19,6 +19,7 @@ from lerobot_robot_yam.errors import LifeCycleError
 _BATCH = 4  # questions sent at once: a transmit queue may hold ten frames only
 _BATCH_PAUSE_S = 0.002
 _REGISTER_TIMEOUT_S, _REGISTER_ATTEMPTS = 0.2, 2
+_HANDLE_TIMEOUT_S, _HANDLE_ATTEMPTS = 0.1, 3
 _OF_REGISTERS = frozenset({Opcode.READ, Opcode.REFRESH})
 _OF_HANDLE = frozenset({handle_encoder.OP_REPORT, handle_encoder.OP_VERSION, handle_encoder.OP_READ_EEPROM})
 
@@ -31,13 +32,6 @@ class Answer(NamedTuple):
     fault: int
     data: bytes
     stamp_s: float
-
-
-class RegisterAnswer(NamedTuple):
-    """A register's value and the identifier that it came with."""
-
-    identifier: int
-    value: float | int
 
 
 def harmless(identifier: int, data: bytes) -> bool:
@@ -93,7 +87,7 @@ class Questions:
                 return max(answer.stamp_s - asked, 0.0)
         return None
 
-    def register(self, motor_id: int, register: int) -> RegisterAnswer | None:
+    def register(self, motor_id: int, register: int) -> float | None:
         """Value of a register, whatever identifier the answer has; None when the motor does not tell."""
         for _ in range(_REGISTER_ATTEMPTS):
             self._send(REGISTER_ID, encode_read(motor_id, register))
@@ -104,18 +98,17 @@ class Questions:
                     continue
                 reply = decode_reply(bytes(message.data))
                 if reply is not None and reply[:3] == (motor_id, Opcode.READ, register):
-                    value = reply.value if math.isfinite(reply.value) else None
-                    return None if value is None else RegisterAnswer(message.arbitration_id, value)
+                    return reply.value if math.isfinite(reply.value) else None
         return None
 
     def handle[T](
-        self, request: bytes, identifier: int, decode: Callable[[bytes], T | None], timeout_s: float, attempts: int
+        self, request: bytes, identifier: int, decode: Callable[[bytes], T | None], attempts: int = _HANDLE_ATTEMPTS
     ) -> T | None:
         """The teaching handle's answer to a question, None without one."""
         for _ in range(attempts):
             self._drain()  # its answers do not repeat the question, so no earlier one may be left
             self._send(handle_encoder.REQUEST_ID, request)
-            deadline = time.monotonic() + timeout_s
+            deadline = time.monotonic() + _HANDLE_TIMEOUT_S
             while (remaining := deadline - time.monotonic()) > 0.0:
                 message = self._next(remaining)
                 if message is not None and message.arbitration_id == identifier:

@@ -4,9 +4,8 @@ import dataclasses
 from collections.abc import Collection, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
 from lerobot.utils.decorators import check_if_not_connected
 
 from lerobot_robot_yam.arm.config import ArmConfig
@@ -14,6 +13,9 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.devices.arm_group import ArmGroup, Models
 from lerobot_robot_yam.session.arm_session import Isolation
 from lerobot_robot_yam.system.uncopyable import Uncopied
+
+if TYPE_CHECKING:
+    from lerobot_robot_yam.face.devices.ee_space import EeSpace
 
 _DEFAULT_NAME = ArmConfig(channel="any").name
 
@@ -35,21 +37,6 @@ def _arm_config(options: ArmConfig, name: str, calibration_dir: Path, ident: str
     return ArmConfig(**values)
 
 
-class ActionSpace(Protocol):
-    """The form of a device's actions: `ArmGroup` speaks of joints, `ee_space.EeSpace` of the poses of tools."""
-
-    keys: list[str]
-
-    def vector(self, action: Mapping[str, object]) -> np.ndarray:
-        """Joints and grippers of a LeRobot action, in canonical order and SI units; raises YamError."""
-
-    def action(self, vector: np.ndarray) -> dict[str, float]:
-        """LeRobot's form of joints and grippers in canonical order and SI units."""
-
-    def begin(self) -> None:
-        """The next action has nothing to do with those before: something else has moved the arms."""
-
-
 class ArmDevice(Uncopied):
     """Mixin for LeRobot's `Robot` and `Teleoperator`."""
 
@@ -58,7 +45,8 @@ class ArmDevice(Uncopied):
     calibration_dir: Path
     _arms: ArmGroup
     _models: Models
-    _space: ActionSpace
+    _space: "ArmGroup | EeSpace"
+    """Turns actions into joints and back: of joints the group itself, of poses `EeSpace`."""
 
     def _make_arms(
         self,
