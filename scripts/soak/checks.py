@@ -10,6 +10,7 @@ import numpy as np
 
 from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.control.landing import LANDING_SPEED_RAD_S
+from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.state.faults import RESPONSES, Response, Trouble
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
@@ -65,7 +66,8 @@ class SetPointCheck:
     (re-arm, end of an emergency stop, floating to holding), when another process takes the arm over, where a landing
     gives way to what it has met, where a joint has come free, where an emergency stop finds the arm in trouble, and of
     the gripper when its force limiter lets go. It then has to lie on the measured pose, or as near to it as what an
-    emergency stop holds presses. That of a floating arm follows the arm and moves nothing.
+    emergency stop holds presses. That of a floating arm follows the arm and moves nothing, and neither does that of a
+    joint without torque.
 
     Whether the arm truly was there, and truly came free, no record can tell: `take_seeds` gives what must be asked.
 
@@ -121,6 +123,7 @@ class SetPointCheck:
         if mode_of(before) is Mode.BRING_UP:
             moved[GRIPPER] = math.nan
         jumped = moved > self._limits * (now - earlier + _TICK_S) + _SMALL
+        jumped &= ~self._limp(record, before)
         if jumped.any():
             self._window.clear()
             return self._judge_jump(record, before, moved, jumped, now)
@@ -132,6 +135,11 @@ class SetPointCheck:
     def _of(self, record: Any, field: str) -> np.ndarray:
         """(7,) of a record's field: the slots that an arm has limits for."""
         return record[field][: len(self._limits)]
+
+    def _limp(self, record: Any, before: Any) -> np.ndarray:
+        """(7,) which motors have had no torque since the record before: no set-point moves them."""
+        limp: np.ndarray = (self._of(record, "fault") != Fault.NORMAL) & (self._of(before, "fault") != Fault.NORMAL)
+        return limp
 
     def _judge_jump(self, record: Any, before: Any, moved: np.ndarray, jumped: np.ndarray, now: float) -> list[Finding]:
         old, new = mode_of(before), mode_of(record)
