@@ -10,7 +10,7 @@ import numpy as np
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import GripperError, LifeCycleError, MotorError, StaleStateError
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.state.records import COMMAND_DTYPE, PUBLISHED_AT, STATE_DTYPE, ArmState, Request, packed
+from lerobot_robot_yam.state.records import COMMAND_DTYPE, PUBLISHED, STATE_DTYPE, ArmState, Request, packed
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
 from lerobot_robot_yam.system.shared_block import SharedBlock, allocate
 
@@ -72,7 +72,7 @@ class StateReader:
 
     def _await_tick(self, block: SharedBlock, sequence: int, within_s: float) -> None:
         """Let the tick after record `sequence` end if it should so soon; one that is late is not waited for."""
-        due = block.peek_float(PUBLISHED_AT) + self._period_s
+        due = block.peek(*PUBLISHED) + self._period_s
         if due - within_s < self._clock.now():
             while block.sequence() == sequence and self._clock.now() < due + _LATE_S:
                 self._clock.sleep(_GLANCE_S)
