@@ -54,14 +54,25 @@ class StateReader:
             block.close()
 
     def published(self) -> ArmState:
-        """See `ArmClient.published`."""
+        """The state as last published, however old, whatever is wrong with the arm.
+
+        Raises:
+            LifeCycleError: not connected.
+        """
         payload = self.block.read_bytes()
         if payload is None:
             raise LifeCycleError(f"{self._config.name}: not connected")
         return ArmState(payload)
 
     def await_fresh(self) -> None:
-        """See `ArmClient.await_fresh`."""
+        """Wait for a tick that ends within 1.3 ms; then, where a reply to the last one was lost, for the next.
+
+        At most two ticks and a few milliseconds. A motor that has missed more is not waited for. To observe several
+        arms, wait for all of them first: a state that was read before would age during the wait for another arm.
+
+        Raises:
+            YamError: as `newest`.
+        """
         period_s = self._period_s
         if not period_s or self._block is None:
             return
@@ -78,7 +89,7 @@ class StateReader:
                 self._clock.sleep(_GLANCE_S)
 
     def newest(self) -> ArmState:
-        """See `ArmClient.newest`."""
+        """The newest state, without waiting. Raises YamError: see `ArmClient.observe`."""
         newest = self._newest
         sequence = self.block.sequence()  # before the record: that may be newer than its number, never older
         if newest is None or newest[0] != sequence:  # a caller that answers within one tick reads it once

@@ -12,6 +12,7 @@ import os
 import shlex
 from collections.abc import Iterable
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 
 from lerobot_robot_yam.arm.mounting import arm_ids
@@ -107,7 +108,8 @@ def changes(bound: Fingerprint, found: Fingerprint) -> list[str]:
     elif bound.handle_firmware != found.handle_firmware and bound.handle_firmware is not None:
         reasons.append("the teaching handle has another firmware")
     common = sorted(bound.motors.keys() & found.motors.keys())
-    firmware = [i for i in common if _versions(bound, i) != _versions(found, i)]
+    versions = attrgetter("software", "sub")
+    firmware = [i for i in common if versions(bound.motors[i]) != versions(found.motors[i])]
     if firmware:
         reasons.append(f"motors have another firmware (id {_listing(firmware)})")
     if bound.adapter != found.adapter:
@@ -267,11 +269,6 @@ def _notes(found: Fingerprint, others: Iterable[Binding]) -> list[str]:
                 f"cables would not; {WIGGLE_ADVICE}"
             )
     return notes
-
-
-def _versions(print_: Fingerprint, can_id: int) -> tuple[int | None, int | None]:
-    motor = print_.motors[can_id]
-    return motor.software, motor.sub
 
 
 def _listing(ids: Iterable[int]) -> str:
