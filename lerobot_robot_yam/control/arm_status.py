@@ -45,10 +45,7 @@ class ArmStatus:
         return self._mode is Mode.FLOAT or (self._mode is Mode.STOPPED and self.floats)
 
     def check(self, mode: Mode) -> None:
-        """
-        Raises:
-            LifeCycleError: the table of transitions does not lead from the present mode to this one.
-        """
+        """Raises LifeCycleError: the table of transitions does not lead from the present mode to this one."""
         if mode not in TRANSITIONS[self._mode]:
             possible = ", ".join(sorted(mode.name.lower() for mode in TRANSITIONS[self._mode])) or "nothing"
             way = f"{self._mode.name.lower()} to {mode.name.lower()}"

@@ -5,10 +5,8 @@ that have an innocent explanation (another adapter or channel name, new firmware
 unless a sibling, another binding in the same directory, fits without any: then the arms are swapped.
 """
 
-import contextlib
 import json
 import logging
-import os
 import shlex
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -19,6 +17,7 @@ from lerobot_robot_yam.arm.mounting import arm_ids
 from lerobot_robot_yam.arm.profile import ArmProfile
 from lerobot_robot_yam.control.preflight.fingerprint import Fingerprint
 from lerobot_robot_yam.errors import ConfigError, MotorError
+from lerobot_robot_yam.system.paths import write_whole
 
 logger = logging.getLogger(__name__)
 
@@ -38,17 +37,9 @@ class Binding:
     def save(self, path: Path) -> None:
         """Write the file so that a crash in the middle leaves the old one. Raises ConfigError: it cannot be written."""
         data = {"kind": _KIND, "version": _VERSION, "name": self.name, "channel": self.channel}
-        scratch = path.with_name(f"{path.name}.{os.getpid()}")
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with scratch.open("w") as file:
-                file.write(json.dumps({**data, "fingerprint": self.fingerprint.to_dict()}, indent=1) + "\n")
-                file.flush()
-                os.fsync(file.fileno())
-            scratch.replace(path)
+            write_whole(path, json.dumps({**data, "fingerprint": self.fingerprint.to_dict()}, indent=1) + "\n")
         except OSError as error:
-            with contextlib.suppress(OSError):
-                scratch.unlink(missing_ok=True)
             raise ConfigError(f"cannot write the arm binding {path}: {error}; choose another path") from error
 
     @classmethod
