@@ -38,24 +38,18 @@ def _one(what: str, low: float, high: float, unit: str) -> tuple[None, float, fl
     return None, low, high, f"{what} within {low:g} … {high:g} {unit}"
 
 
+def _each(high: float, unit: str = "") -> tuple[int, float, float, str]:
+    return _PER_JOINT, 0.0, high, f"numbers within 0 … {high:g}{unit}, one per joint"
+
+
 # Per field: how many numbers (None: one), least, largest, and how to say so. `profile_files` has the bounds that
 # depend on the motors: of gains, torques and speeds.
 _NUMBERS: dict[str, tuple[int | None, float, float, str]] = {
     **dict.fromkeys(
         ("kp", "kd", "idle_kd", "torque_limit_nm"), (_PER_JOINT, 0.0, math.inf, "numbers from zero up, one per joint")
     ),
-    "gravity_factor": (
-        _PER_JOINT,
-        0.0,
-        GRAVITY_FACTOR_MOST,
-        f"numbers within 0 … {GRAVITY_FACTOR_MOST:g}, one per joint",
-    ),
-    "coulomb_friction_nm": (
-        _PER_JOINT,
-        0.0,
-        _FRICTION_MOST_NM,
-        f"numbers within 0 … {_FRICTION_MOST_NM:g} Nm, one per joint",
-    ),
+    "gravity_factor": _each(GRAVITY_FACTOR_MOST),
+    "coulomb_friction_nm": _each(_FRICTION_MOST_NM, " Nm"),
     "effort_limit_nm": (_PER_JOINT, _ABOVE_ZERO, math.inf, "numbers above zero, one per joint"),
     "speed_limit_rad_s": (_PER_JOINT, _ABOVE_ZERO, math.inf, "one number above zero, or one per joint"),
     "float_speed_rad_s": _one("a speed", *_FLOAT_SPEEDS_RAD_S, "rad/s"),

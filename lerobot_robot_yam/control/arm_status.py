@@ -1,7 +1,8 @@
 """The status of one arm: its mode, its trouble, and the orders that stand. The mode is written here only."""
 
+from lerobot_robot_yam.errors import LifeCycleError
 from lerobot_robot_yam.state.faults import Trouble
-from lerobot_robot_yam.state.modes import Mode, check_transition
+from lerobot_robot_yam.state.modes import TRANSITIONS, Mode
 from lerobot_robot_yam.state.records import Limited
 
 
@@ -44,11 +45,11 @@ class ArmStatus:
         return self._mode is Mode.FLOAT or (self._mode is Mode.STOPPED and self.floats)
 
     def check(self, mode: Mode) -> None:
-        """
-        Raises:
-            LifeCycleError: the table of transitions does not lead from the present mode to this one.
-        """
-        check_transition(self.name, self._mode, mode)
+        """Raises LifeCycleError: the table of transitions does not lead from the present mode to this one."""
+        if mode not in TRANSITIONS[self._mode]:
+            possible = ", ".join(sorted(mode.name.lower() for mode in TRANSITIONS[self._mode])) or "nothing"
+            way = f"{self._mode.name.lower()} to {mode.name.lower()}"
+            raise LifeCycleError(f"{self.name}: cannot go from {way}; possible from here: {possible}")
 
     def enter(self, mode: Mode) -> None:
         """Change the mode. Raises LifeCycleError: see `check`."""

@@ -8,7 +8,6 @@ from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.gripper.gripper import Gripper
 from lerobot_robot_yam.control.laws import mit_laws
-from lerobot_robot_yam.control.laws.float_damping import FloatDamping
 from lerobot_robot_yam.control.laws.set_point import SetPoint
 from lerobot_robot_yam.state.faults import MOST_RAD_S2
 from lerobot_robot_yam.state.records import Limited
@@ -114,7 +113,7 @@ class Impedance:
         self._lower, self._upper = hardware.lower - beyond, hardware.upper + beyond
         self.before = np.full(hardware.n, np.nan), np.full(hardware.n, np.nan)  # q, dq of the sample before
         self.weight_nm: np.ndarray = np.zeros(hardware.joints)
-        self.float_speed = FloatDamping(hardware.config.float_speed_rad_s, hardware.joints)
+        self.float_speed = mit_laws.FloatDamping(hardware.config.float_speed_rad_s, hardware.joints)
 
     def gains(self, kp: np.ndarray | None = None, kd: np.ndarray | None = None) -> None:
         """Use these gains (n,) from now on; NaN or None means as configured."""

@@ -24,7 +24,7 @@ from enum import Enum, auto
 
 import numpy as np
 
-from lerobot_robot_yam.arm.resolved_arm import Roles
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.laws.set_point import SetPoint
 
 logger = logging.getLogger(__name__)
@@ -70,40 +70,24 @@ class Landing:
     """One landing of the arm joints (n,).
 
     Args:
-        arm: name for messages.
-        rest_q: (n,) rad, resting pose of the profile.
-        kp: (n,) Nm/rad, with which the arm follows its set-point.
-        setpoint: the arm's set-point; its limits are lowered for good.
+        hardware: the arm. Where it does not lie at its resting pose, it sinks from there to where it hangs or lies.
         q: (n,) rad, where the arm is.
+        setpoint: the arm's set-point; its limits are lowered for good.
         now: monotonic s.
-        roles: of its joints.
-        lies_at_rest: the arm lies at rest_q. Otherwise it sinks from there to where it hangs or lies.
     """
 
-    def __init__(
-        self,
-        arm: str,
-        rest_q: np.ndarray,
-        kp: np.ndarray,
-        q: np.ndarray,
-        setpoint: SetPoint,
-        now: float,
-        roles: Roles,
-        lies_at_rest: bool = True,
-    ):
-        self._arm = arm
-        self._setpoint = setpoint
-        n = len(rest_q)
-        self._rest = rest_q.copy()
-        self._roles = roles
+    def __init__(self, hardware: ResolvedArm, q: np.ndarray, setpoint: SetPoint, now: float):
+        self._arm, self._roles, self._setpoint = hardware.name, hardware.folding, setpoint
+        self._n = n = hardware.joints
+        self._rest, kp, lies_at_rest = hardware.rest_q.copy(), hardware.kp[:n], hardware.lies_at_rest
+        roles = self._roles
         if roles.base is not None and lies_at_rest:
             self._rest[roles.base] = q[roles.base]  # the base may stay turned: it carries no weight
         self._fold = self._rest.copy()
         if roles.wrist is not None:
-            self._up = float(np.copysign(1.0, -rest_q[roles.wrist]))  # which way the wrist is raised
+            self._up = float(np.copysign(1.0, -self._rest[roles.wrist]))  # which way the wrist is raised
             self._fold[roles.wrist] += self._up * _WRIST_LIFT_RAD
             self._sag_rad = _SAG_NM / max(float(kp[roles.wrist]), 1.0)
-        self._n = n
         lies = bool(np.abs(q - self._rest).max() < _AT_POSE_RAD)
         self.phase = Phase.LOWER if lies else Phase.FOLD
         self._since = now
@@ -121,7 +105,7 @@ class Landing:
         self._before = now
         self.share = self.damping = 1.0
         self._shares: np.ndarray = np.ones(n)  # of each joint
-        self._lag_rad = _SAG_NM / np.maximum(kp[:n], 1.0)
+        self._lag_rad = _SAG_NM / np.maximum(kp, 1.0)
         self._begin_move(self._rest if lies else self._fold, now)
 
     def _begin_move(self, goal: np.ndarray, now: float) -> None:

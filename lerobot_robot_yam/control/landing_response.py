@@ -39,10 +39,9 @@ class LandingResponse:
         arm.enter(Mode.LAND)
         if arm.gripper is not None:
             arm.gripper.stop_search()
-        hw = arm.hardware
-        if hw.joints:
-            q = arm.q[: hw.joints]
-            arm.landing = Landing(arm.name, hw.rest_q, hw.kp, q, arm.setpoint, now, hw.folding, hw.lies_at_rest)
+        joints = arm.hardware.joints
+        if joints:
+            arm.landing = Landing(arm.hardware, arm.q[:joints], arm.setpoint, now)
         else:
             arm.switch_off()  # a gripper alone falls nowhere
 

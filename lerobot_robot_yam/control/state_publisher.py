@@ -10,7 +10,7 @@ from lerobot_robot_yam.control.gripper.homing import GripperStops
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.state.records import OWNER_AT, STATE_DTYPE, BlockPair, Request, state_path
+from lerobot_robot_yam.state.records import OWNER, STATE_DTYPE, BlockPair, Request, state_path
 
 logger = logging.getLogger(__name__)
 
@@ -133,7 +133,7 @@ class ControllerBlocks:
     @property
     def owned(self) -> bool:
         """False once another loop has taken the arm over."""
-        return self._states.peek(OWNER_AT) == self._owner
+        return bool(self._states.peek(*OWNER) == self._owner)
 
     def close(self, remove: bool) -> None:
         """Let go of both blocks, and hide the states, unless a stand-by goes on with them."""

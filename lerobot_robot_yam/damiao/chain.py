@@ -75,10 +75,7 @@ class MotorChain:
     def __init__(
         self, bus: can.BusABC, motors: Sequence[MotorSpec], *, channel: str, encoder: HandleEncoder | None = None
     ):
-        """
-        Raises:
-            ConfigError: names or identifiers are not unique, or a type is unknown.
-        """
+        """Raises ConfigError: names or identifiers are not unique, or a type is unknown."""
         check_specs(motors, channel)
         self.channel, self.motors, self.encoder = channel, tuple(motors), encoder
         self._types = [spec.type for spec in self.motors]

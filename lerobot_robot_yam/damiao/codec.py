@@ -236,15 +236,6 @@ def pack_feedback(
     return word.to_bytes(8, "big")
 
 
-def encode_position_velocity(position: float, velocity_limit: float) -> bytes:
-    """Position-velocity command for identifier 0x100 + motor id: two float32, rad and rad/s.
-
-    Raises:
-        ActionError: a value is NaN, infinite or beyond float32.
-    """
-    return _pack_floats(*_finite("motor command", position=position, velocity_limit=velocity_limit))
-
-
 def decode_position_velocity(data: bytes) -> tuple[float, float]:
     """(position rad, velocity limit rad/s) of a position-velocity command; of a velocity command, (rad/s, 0).
 
@@ -255,16 +246,6 @@ def decode_position_velocity(data: bytes) -> tuple[float, float]:
         raise _wrong_length("position-velocity command", data)
     position, velocity_limit = _FLOAT_PAIR.unpack(data)
     return position, velocity_limit
-
-
-def encode_velocity(velocity: float) -> bytes:
-    """Velocity command for identifier 0x200 + motor id: float32 rad/s and four zero bytes.
-
-    Raises:
-        ActionError: the value is NaN, infinite or beyond float32.
-    """
-    (checked,) = _finite("motor command", velocity=velocity)
-    return _pack_floats(checked, 0.0)
 
 
 def _finite(what: str, **values: float) -> list[float]:
@@ -279,13 +260,6 @@ def _finite(what: str, **values: float) -> list[float]:
             raise ActionError(f"{name} of a {what} is {number}; nothing was sent, check its source")
         plain.append(number)
     return plain
-
-
-def _pack_floats(first: float, second: float) -> bytes:
-    try:
-        return _FLOAT_PAIR.pack(first, second)
-    except OverflowError as error:
-        raise ActionError(f"a motor command cannot say {first:g} and {second:g}: it holds float32") from error
 
 
 def _wrong_length(what: str, data: bytes) -> BusError:

@@ -1,7 +1,6 @@
 """Before a motor is energised: is the channel free, the wire wide enough, are the motors the right ones?"""
 
 import logging
-import math
 from collections import Counter
 from collections.abc import Collection
 
@@ -9,7 +8,7 @@ import can
 
 from lerobot_robot_yam.damiao.bus_port import BusPort, is_classic_data
 from lerobot_robot_yam.damiao.chain import MotorChain
-from lerobot_robot_yam.damiao.registers import Register
+from lerobot_robot_yam.damiao.registers import Register, agrees
 from lerobot_robot_yam.damiao.tables import (
     BANDWIDTH_MARGIN,
     BITRATE,
@@ -31,7 +30,6 @@ LISTEN_S = 0.05
 _MOST_LATE_FRAMES = 1_000  # more than a bus carries while one listens
 _PRESENCE_ATTEMPTS = 3
 _DUPLICATE_WAIT_S = 0.01
-_RELATIVE_TOLERANCE = 1e-4  # of float registers: a float32 on the motor's side, rounded constants on ours
 
 
 def check_bandwidth(motors: int, encoder: bool, rate_hz: float, bitrate: int = BITRATE) -> None:
@@ -114,7 +112,7 @@ def verify(chain: MotorChain) -> None:
         for register, value in expected.items():
             found = chain.read_register(i, register)
             exact = register.kind == "uint32"  # identifiers and counts
-            if not (found == value if exact else math.isclose(found, value, rel_tol=_RELATIVE_TOLERANCE)):
+            if not (found == value if exact else agrees(found, value)):
                 contradictions.append(
                     f"motor {spec.name} (id {spec.can_id}, {spec.type}): {register.name} is {found:g} instead of "
                     f"{value:g} {register.unit}"

@@ -41,10 +41,7 @@ class MotorSpec:
 
 
 def check_specs(motors: Sequence[MotorSpec], channel: str) -> None:
-    """
-    Raises:
-        ConfigError: names, identifiers or answers are not unique, an id is out of range, a type unknown.
-    """
+    """Raises ConfigError: names, identifiers or answers are not unique, an id is out of range, a type unknown."""
     for values in (
         [spec.name for spec in motors],
         [spec.can_id for spec in motors],

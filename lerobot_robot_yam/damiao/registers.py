@@ -202,3 +202,8 @@ def decode_value(register: int, raw: bytes) -> float | int:
     packer = _FLOAT if register_row(register).kind == "float" else _UINT
     value: float | int = packer.unpack(raw)[0]
     return value
+
+
+def agrees(found: float | None, expected: float | None) -> bool:
+    """Whether a float register holds a value: motors have a float32, and our constants are rounded. None: unknown."""
+    return found is not None and expected is not None and math.isclose(found, expected, rel_tol=1e-4)

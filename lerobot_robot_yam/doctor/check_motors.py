@@ -1,12 +1,11 @@
 """The motors of one channel: who is there, what they hold in their registers, and what contradicts the profile."""
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from lerobot_robot_yam.damiao.codec import decode_feedback
 from lerobot_robot_yam.damiao.motor_spec import MOTOR_IDS, MotorSpec
-from lerobot_robot_yam.damiao.registers import Register
+from lerobot_robot_yam.damiao.registers import Register, agrees
 from lerobot_robot_yam.damiao.tables import (
     MOTOR_TYPES,
     TIMEOUT_COUNT_S,
@@ -23,7 +22,6 @@ from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Target
 
 _ROUNDS = 3
 _TIMEOUT_S, _SETTLE_S = 0.25, 0.03
-_RELATIVE_TOLERANCE = 1e-4  # float32 in the motor
 # The maker says so; others have seen that a motor takes it at once.
 _POWER_CYCLE = " (then switch the arm's power off and on: until then the motor may go by the old value)"
 _WARM_C = 15.0  # this far below the motor's own limit
@@ -198,9 +196,9 @@ def _check_state(where: str, row: Mapping[str, Any], section: Section) -> None:
 def _check_registers(target: Target, spec: MotorSpec, answer: Answer, row: Mapping[str, Any], section: Section) -> None:
     where, kind = _where(target, spec), motor_type(spec.type)
     ratio = row["gear_ratio"]
-    other_type = ratio and kind.gear_ratio is not None and not _same(ratio, kind.gear_ratio)
+    other_type = ratio and kind.gear_ratio is not None and not agrees(ratio, kind.gear_ratio)
     if other_type:
-        fitting = [name for name, other in MOTOR_TYPES.items() if other.gear_ratio and _same(ratio, other.gear_ratio)]
+        fitting = [name for name, other in MOTOR_TYPES.items() if other.gear_ratio and agrees(ratio, other.gear_ratio)]
         what = f"its gear ratio is {ratio:g} ({' or '.join(fitting) or 'no known type'}) instead of {kind.gear_ratio:g}"
         what += f" ({spec.type}): another arm or gripper than the profile says"
         section.problem(where, what, f"name the right one: --channel {target.channel}:ARM:GRIPPER")
@@ -215,7 +213,7 @@ def _check_registers(target: Target, spec: MotorSpec, answer: Answer, row: Mappi
         name, unit = register.name, register.unit
         if found is None:
             unknown.append(name)
-        elif not _same(found, value):
+        elif not agrees(found, value):
             what = f"{name} is {found:g} instead of {value:g} {unit}{_consequence(register, found)}"
             again = _POWER_CYCLE if register is Register.TIMEOUT else ""
             section.problem(where, what, set_registers(target, spec.can_id, {register: value}) + again)
@@ -242,7 +240,3 @@ def _check_firmware(target: Target, present: Sequence[MotorSpec], section: Secti
         if len(versions) > 1:
             what = f"its {kind} motors have different firmware: {', '.join(map(str, versions))}"
             section.note(target.channel, what, "none needed while all of them behave alike")
-
-
-def _same(found: float, expected: float) -> bool:
-    return math.isclose(found, expected, rel_tol=_RELATIVE_TOLERANCE)

@@ -24,11 +24,16 @@ Vector = Sequence[float] | np.ndarray
 
 
 class ArmClient:
-    """One arm of a running session. One thread writes; reading is free."""
+    """One arm of a running session. One thread writes; reading is free.
+
+    Attributes:
+        published, await_fresh, newest: of its `StateReader`.
+    """
 
     def __init__(self, hardware: ResolvedArm, clock: Clock = SYSTEM):
         self.hardware, self.config, self._clock = hardware, hardware.config, clock
-        self._states = StateReader(hardware, clock)
+        self._states = states = StateReader(hardware, clock)
+        self.published, self.await_fresh, self.newest = states.published, states.await_fresh, states.newest
         self._commands = CommandWriter(hardware.name, hardware.n)
         self._lower, self._upper = hardware.lower.tolist(), hardware.upper.tolist()
         types = [motor_type(motor.type) for motor in hardware.motors[: hardware.joints]]
@@ -49,17 +54,9 @@ class ArmClient:
         self._commands.close()
         self._states.close()
 
-    def published(self) -> ArmState:
-        """The state as last published, however old, whatever is wrong with the arm.
-
-        Raises:
-            LifeCycleError: not connected.
-        """
-        return self._states.published()
-
     def mode(self) -> Mode:
         """Life-cycle state as last published, however old."""
-        return self._states.published().mode
+        return self.published().mode
 
     def observe(self) -> ArmState:
         """The newest state of the arm, see `await_fresh`.
@@ -70,23 +67,8 @@ class ArmClient:
             GripperError: its stops are unknown, so that its position is.
             LifeCycleError: not connected.
         """
-        self._states.await_fresh()
-        return self._states.newest()
-
-    def await_fresh(self) -> None:
-        """Wait for a tick that ends within 1.3 ms; then, where a reply to the last one was lost, for the next.
-
-        At most two ticks and a few milliseconds. A motor that has missed more is not waited for. To observe several
-        arms, wait for all of them first: a state that was read before would age during the wait for another arm.
-
-        Raises:
-            YamError: as `observe`.
-        """
-        self._states.await_fresh()
-
-    def newest(self) -> ArmState:
-        """As `observe`, without waiting."""
-        return self._states.newest()
+        self.await_fresh()
+        return self.newest()
 
     def write_target(
         self,
@@ -118,7 +100,7 @@ class ArmClient:
         options = self._validated_options(dq=dq, kp=kp, kd=kd)
         if gripper is not None and hw.has_gripper:
             target.append(finite_number(name, "gripper", gripper))
-        state = self._states.newest()
+        state = self.newest()
         mode = state.mode
         if mode is Mode.STOPPED:
             self._limit_log.note(Limited.EMERGENCY_STOP)

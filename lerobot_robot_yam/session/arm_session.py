@@ -11,7 +11,7 @@ from lerobot_robot_yam.arm.config import VIRTUAL, ArmConfig, check_together
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError, YamError
 from lerobot_robot_yam.session.arm_client import ArmClient
-from lerobot_robot_yam.session.runners import ProcessRunner, Runner, StepRunner, ThreadRunner
+from lerobot_robot_yam.session.runners import LAND_TIMEOUT_S, ProcessRunner, Runner, StepRunner, ThreadRunner
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import channel_key, lock_path, state_path
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
@@ -26,8 +26,6 @@ _RUNNERS: dict[str, Callable[[list[ResolvedArm], list[str]], Runner]] = {
     "thread": ThreadRunner,
     "lockstep": StepRunner,
 }
-
-_LAND_TIMEOUT_S = 60.0  # the longest way down at landing speed, and one retry
 
 
 _IN_TROUBLE = (Mode.FAULT, Mode.LAND, Mode.OFF)
@@ -194,7 +192,7 @@ class ArmSession(Uncopied):
         if refused:
             raise refused[0]
         clock = self.clock
-        deadline = clock.now() + _LAND_TIMEOUT_S
+        deadline = clock.now() + LAND_TIMEOUT_S
         while any(client.mode() is not Mode.OFF for client in self._clients.values()):
             if clock.now() > deadline:
                 raise LifeCycleError("an arm does not land; see the log for what is in its way")

@@ -10,7 +10,7 @@ import numpy as np
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import GripperError, LifeCycleError, MotorError, StaleStateError
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.state.records import COMMAND_DTYPE, PUBLISHED_AT, STATE_DTYPE, ArmState, Request, packed
+from lerobot_robot_yam.state.records import COMMAND_DTYPE, PUBLISHED, STATE_DTYPE, ArmState, Request, packed
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
 from lerobot_robot_yam.system.shared_block import SharedBlock, allocate
 
@@ -54,14 +54,25 @@ class StateReader:
             block.close()
 
     def published(self) -> ArmState:
-        """See `ArmClient.published`."""
+        """The state as last published, however old, whatever is wrong with the arm.
+
+        Raises:
+            LifeCycleError: not connected.
+        """
         payload = self.block.read_bytes()
         if payload is None:
             raise LifeCycleError(f"{self._config.name}: not connected")
         return ArmState(payload)
 
     def await_fresh(self) -> None:
-        """See `ArmClient.await_fresh`."""
+        """Wait for a tick that ends within 1.3 ms; then, where a reply to the last one was lost, for the next.
+
+        At most two ticks and a few milliseconds. A motor that has missed more is not waited for. To observe several
+        arms, wait for all of them first: a state that was read before would age during the wait for another arm.
+
+        Raises:
+            YamError: as `newest`.
+        """
         period_s = self._period_s
         if not period_s or self._block is None:
             return
@@ -72,13 +83,13 @@ class StateReader:
 
     def _await_tick(self, block: SharedBlock, sequence: int, within_s: float) -> None:
         """Let the tick after record `sequence` end if it should so soon; one that is late is not waited for."""
-        due = block.peek_float(PUBLISHED_AT) + self._period_s
+        due = block.peek(*PUBLISHED) + self._period_s
         if due - within_s < self._clock.now():
             while block.sequence() == sequence and self._clock.now() < due + _LATE_S:
                 self._clock.sleep(_GLANCE_S)
 
     def newest(self) -> ArmState:
-        """See `ArmClient.newest`."""
+        """The newest state, without waiting. Raises YamError: see `ArmClient.observe`."""
         newest = self._newest
         sequence = self.block.sequence()  # before the record: that may be newer than its number, never older
         if newest is None or newest[0] != sequence:  # a caller that answers within one tick reads it once

@@ -19,7 +19,7 @@ from lerobot_robot_yam.control.process.lifeline import Lifeline
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.records import BlockPair, Descriptors
-from lerobot_robot_yam.system.clock import SYSTEM, Clock, clock_of
+from lerobot_robot_yam.system.clock import START_TIMEOUT_S, SYSTEM, Clock, clock_of
 
 if TYPE_CHECKING:
     import can
@@ -28,8 +28,7 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-_START_TIMEOUT_S = 60.0  # a virtual rig may have to start; a gripper calibration takes some seconds
-_LAND_TIMEOUT_S = 60.0  # the longest way down at landing speed, and one retry
+LAND_TIMEOUT_S = 60.0  # the longest way down at landing speed, and one retry
 _STOPPED_S = 2.0  # while the emergency stop is latched nothing lands; it may be released again at once
 _HELD = (
     "the arms stay in the air, held or floating, and their control loop lands them when it is released; clear their "
@@ -93,8 +92,8 @@ class ProcessRunner:
         child.stdin.close()
         answered = select.poll()  # which takes descriptors above 1023, too
         answered.register(child.stdout, select.POLLIN)
-        if not answered.poll(_START_TIMEOUT_S * 1e3):
-            raise YamError(f"the control process did not come up within {_START_TIMEOUT_S:.0f} s")
+        if not answered.poll(START_TIMEOUT_S * 1e3):
+            raise YamError(f"the control process did not come up within {START_TIMEOUT_S:.0f} s")
         line = child.stdout.readline()
         if not line:
             raise YamError(f"the control process died while starting (exit status {child.wait()}); see its log above")
@@ -103,7 +102,6 @@ class ProcessRunner:
             raise getattr(errors, reply["kind"], YamError)(reply["error"])
 
     def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
-        """Have it land and end; True when nothing drives the arms any more."""
         child, self._child = self._child, None
         lifeline = self._lifeline
         if child is None or lifeline is None:
@@ -153,13 +151,12 @@ class ThreadRunner:
     def start(self, blocks: Sequence[Descriptors]) -> None:
         self._blocks = [BlockPair.of(descriptors.copies()) for descriptors in blocks]
         self._thread.start()
-        if not self._settled.wait(_START_TIMEOUT_S):
-            raise YamError(f"the control loop did not come up within {_START_TIMEOUT_S:.0f} s")
+        if not self._settled.wait(START_TIMEOUT_S):
+            raise YamError(f"the control loop did not come up within {START_TIMEOUT_S:.0f} s")
         if self._error is not None:
             raise self._error
 
     def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
-        """Have it land and end; True when nothing drives the arms any more."""
         self._land.set()
         return self._thread.ident is None or wait_patiently(lambda: not self._thread.is_alive(), outlives_us=False)
 
@@ -207,11 +204,11 @@ class StepRunner:
             self._loop.start()
             ready: list[str] = []
             self._ticks = self._loop.ticks(ready.append, lambda: self._landing)
-            give_up_s = self._world.now() + _START_TIMEOUT_S
+            give_up_s = self._world.now() + START_TIMEOUT_S
             while not ready or ready[0]:  # what has failed lands first
                 next(self._ticks)
                 if self._world.now() > give_up_s:
-                    raise YamError(f"the control loop did not come up within {_START_TIMEOUT_S:.0f} s")
+                    raise YamError(f"the control loop did not come up within {START_TIMEOUT_S:.0f} s")
         except BaseException:
             self.discard()
             raise
@@ -219,7 +216,7 @@ class StepRunner:
     def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
         """Land, in simulated time; False when that does not end."""
         self._landing, landed = True, True
-        give_up_s = self._world.now() + _LAND_TIMEOUT_S
+        give_up_s = self._world.now() + LAND_TIMEOUT_S
         for _ in self._ticks:
             if self._world.now() > give_up_s:
                 logger.error("the arms do not land; their world is thrown away")
@@ -260,7 +257,7 @@ def wait_patiently(done: Callable[[], bool], outlives_us: bool) -> bool:
                     logger.error("the emergency stop is latched: %s", _HELD if outlives_us else _HELD_BY_US)
                     if outlives_us:
                         return False
-                if waited_s > _LAND_TIMEOUT_S:
+                if waited_s > LAND_TIMEOUT_S:
                     logger.error("the arms are not down yet; their control loop goes on holding and landing by itself")
                     return False
                 time.sleep(0.01)

@@ -122,24 +122,27 @@ def _land(sign: str, within_s: float, caller: str = "MotorError") -> Rule:
     return Rule(sign, Response.LAND, Response.LAND, caller, within_s, _RECONNECT)
 
 
-def _motor_fault(code: Fault) -> Rule:
-    return _hold(f"fault nibble 0x{code:X} in a reply; the motor has cut its own torque", TICK_S)
-
-
 def _lose(sign: str, within_s: float) -> Rule:
     error = "MotorError that names the channel"
     return Rule(sign, Response.LOST, Response.HOLD, error, within_s, f"repair the link, then {_RECONNECT}")
 
 
+FAULT_TROUBLE: dict[int, Trouble] = {
+    Fault.OVER_VOLTAGE: Trouble.OVER_VOLTAGE,
+    Fault.UNDER_VOLTAGE: Trouble.UNDER_VOLTAGE,
+    Fault.OVER_CURRENT: Trouble.OVER_CURRENT,
+    Fault.MOS_OVER_TEMPERATURE: Trouble.MOS_TOO_HOT,
+    Fault.ROTOR_OVER_TEMPERATURE: Trouble.ROTOR_TOO_HOT,
+    Fault.COMMUNICATION_LOST: Trouble.COMMUNICATION_LOST,
+    Fault.OVERLOAD: Trouble.OVERLOAD,
+    Fault.DISABLED: Trouble.DISABLED,
+}
+"""Which trouble a fault nibble stands for; undocumented codes count as overload."""
+
+_CUT = "fault nibble 0x{:X} in a reply; the motor has cut its own torque"
+
 RESPONSES: dict[Trouble, Rule] = {
-    Trouble.OVER_VOLTAGE: _motor_fault(Fault.OVER_VOLTAGE),
-    Trouble.UNDER_VOLTAGE: _motor_fault(Fault.UNDER_VOLTAGE),
-    Trouble.OVER_CURRENT: _motor_fault(Fault.OVER_CURRENT),
-    Trouble.MOS_TOO_HOT: _motor_fault(Fault.MOS_OVER_TEMPERATURE),
-    Trouble.ROTOR_TOO_HOT: _motor_fault(Fault.ROTOR_OVER_TEMPERATURE),
-    Trouble.COMMUNICATION_LOST: _motor_fault(Fault.COMMUNICATION_LOST),
-    Trouble.OVERLOAD: _motor_fault(Fault.OVERLOAD),
-    Trouble.DISABLED: _motor_fault(Fault.DISABLED),
+    **{trouble: _hold(_CUT.format(code), TICK_S) for code, trouble in FAULT_TROUBLE.items()},
     Trouble.REPLY_LOST: _go_on("a reply misses its tick", "nothing; counted in the state", 0.0),
     Trouble.REPLIES_LOST: _go_on(
         f"several in a row, for less than {SILENT_S} s",
@@ -264,18 +267,6 @@ RESPONSES: dict[Trouble, Rule] = {
         "MotorError that names the joint and what to check",
     ),
 }
-
-FAULT_TROUBLE: dict[int, Trouble] = {
-    Fault.DISABLED: Trouble.DISABLED,
-    Fault.OVER_VOLTAGE: Trouble.OVER_VOLTAGE,
-    Fault.UNDER_VOLTAGE: Trouble.UNDER_VOLTAGE,
-    Fault.OVER_CURRENT: Trouble.OVER_CURRENT,
-    Fault.MOS_OVER_TEMPERATURE: Trouble.MOS_TOO_HOT,
-    Fault.ROTOR_OVER_TEMPERATURE: Trouble.ROTOR_TOO_HOT,
-    Fault.COMMUNICATION_LOST: Trouble.COMMUNICATION_LOST,
-    Fault.OVERLOAD: Trouble.OVERLOAD,
-}
-"""Which trouble a fault nibble stands for; undocumented codes count as overload."""
 
 
 def document() -> str:

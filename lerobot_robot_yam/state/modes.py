@@ -5,8 +5,6 @@ Torque is switched off (OFF) from a landed pose or when the arm was never energi
 
 from enum import IntEnum
 
-from lerobot_robot_yam.errors import LifeCycleError
-
 
 class Mode(IntEnum):
     """State of one arm as published in its state block."""
@@ -35,16 +33,3 @@ TRANSITIONS: dict[Mode, frozenset[Mode]] = {
 }
 
 ENERGISED = frozenset(set(Mode) - {Mode.OFFLINE, Mode.OFF})
-
-
-def check_transition(arm: str, present: Mode, wanted: Mode) -> None:
-    """Refuse a move that the table does not hold.
-
-    Raises:
-        LifeCycleError: names the arm, both states and what is possible from here.
-    """
-    if wanted not in TRANSITIONS[present]:
-        possible = ", ".join(sorted(mode.name.lower() for mode in TRANSITIONS[present])) or "nothing"
-        raise LifeCycleError(
-            f"{arm}: cannot go from {present.name.lower()} to {wanted.name.lower()}; possible from here: {possible}"
-        )

@@ -125,8 +125,8 @@ def packed(dtype: np.dtype, motors: int) -> tuple[struct.Struct, dict[str, int]]
 
 _STATES = [packed(STATE_DTYPE, motors) for motors in range(MAX_MOTORS + 1)]
 _JOINTS_AT, _MOTORS_AT = (STATE_DTYPE.fields[name][1] for name in ("joints", "motors"))  # type: ignore[index]
-OWNER_AT = STATE_DTYPE.fields["owner_pid"][1]  # type: ignore[index]
-PUBLISHED_AT = STATE_DTYPE.fields["stamp_s"][1]  # type: ignore[index]
+OWNER = STATE_DTYPE.fields["owner_pid"][1], struct.Struct("<Q")  # type: ignore[index]
+PUBLISHED = STATE_DTYPE.fields["stamp_s"][1], struct.Struct("<d")  # type: ignore[index]
 _MODES = {int(mode): mode for mode in Mode}
 
 

@@ -7,6 +7,8 @@ hardware and in lock-step with a simulation (`rig.lockstep`), where time stands 
 import time
 from typing import Any, Protocol
 
+START_TIMEOUT_S = 60.0  # of a process that we start: it may start a virtual rig, or calibrate a gripper
+
 
 class Clock(Protocol):
     """Monotonic time in s, and a way to let it pass."""

@@ -10,6 +10,7 @@ import struct
 import time
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,8 +20,6 @@ from lerobot_robot_yam.system import sealed_memory
 _HEADER = struct.Struct("<QQII")  # magic, sequence, payload size, crc32 of payload
 _MAGIC = 0x59414D424C4B3031  # "YAMBLK01"
 _CRC = struct.Struct("<I")
-_FIELD = struct.Struct("<Q")
-_FLOAT = struct.Struct("<d")
 _SEQUENCE_AT, _CRC_AT = slice(8, 16), 20
 _READ_TIMEOUT_S = 0.25
 
@@ -157,15 +156,9 @@ class SharedBlock:
         crc = _CRC.unpack_from(self._map, _CRC_AT)[0]
         return payload if self.sequence() == before and zlib.crc32(payload) == crc else None
 
-    def peek(self, at: int) -> int:
-        """The unsigned 8-byte field at byte `at` of the record as it is now, without a copy of the rest."""
-        value: int = _FIELD.unpack_from(self._map, _HEADER.size + at)[0]
-        return value
-
-    def peek_float(self, at: int) -> float:
-        """The same of a field that holds a float."""
-        value: float = _FLOAT.unpack_from(self._map, _HEADER.size + at)[0]
-        return value
+    def peek(self, at: int, layout: struct.Struct) -> Any:
+        """The field with this layout at byte `at` of the record as it is now, without a copy of the rest."""
+        return layout.unpack_from(self._map, _HEADER.size + at)[0]
 
     @property
     def current(self) -> bool:

@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 
 from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD, TURN, JointMap, resolve_turn
 from lerobot_robot_yam.arm.profile_files import ARMS, load_arm
+from lerobot_robot_yam.control.arm_status import ArmStatus
 from lerobot_robot_yam.errors import LifeCycleError, MotorError
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.session.yam_arm import YamArm
-from lerobot_robot_yam.state.modes import TRANSITIONS, Mode, check_transition
+from lerobot_robot_yam.state.modes import TRANSITIONS, Mode
 
 EXAMPLES = settings(max_examples=300, deadline=None)
 JOINTS = [
@@ -173,6 +174,14 @@ def test_commands_are_the_inverse_of_positions():
     assert sent[:, 4] == pytest.approx([1.0, 2.0])
 
 
+def arm_in(*modes):
+    """Status of an arm that has gone through these modes."""
+    status = ArmStatus("left", floats=False)
+    for mode in modes:
+        status.enter(mode)
+    return status
+
+
 def test_torque_is_cut_only_when_landing_or_before_bring_up_has_ended_or_when_a_motor_failed():
     assert {mode for mode, following in TRANSITIONS.items() if Mode.OFF in following} == {
         Mode.OFFLINE,
@@ -181,9 +190,9 @@ def test_torque_is_cut_only_when_landing_or_before_bring_up_has_ended_or_when_a_
         Mode.FAULT,
     }
     with pytest.raises(LifeCycleError, match="left: cannot go from hold to off"):
-        check_transition("left", Mode.HOLD, Mode.OFF)
+        arm_in(Mode.BRING_UP, Mode.HOLD).check(Mode.OFF)
 
 
 def test_a_landing_cannot_be_called_off():
     with pytest.raises(LifeCycleError, match="left: cannot go from land to hold"):
-        check_transition("left", Mode.LAND, Mode.HOLD)
+        arm_in(Mode.LAND).check(Mode.HOLD)

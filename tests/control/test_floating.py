@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.control.float_monitor import GravityBalance
-from lerobot_robot_yam.control.laws.float_damping import FloatDamping
-from lerobot_robot_yam.control.laws.mit_laws import KD
+from lerobot_robot_yam.control.laws.mit_laws import KD, FloatDamping
 from lerobot_robot_yam.errors import LifeCycleError, MotorError
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.faults import Trouble

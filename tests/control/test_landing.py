@@ -123,7 +123,7 @@ def test_an_arm_lands_whose_base_stands_beyond_its_range(beyond_rad):
     most, end = np.full(hardware.n, 30.0), np.full(hardware.n, 5.0)  # rad/s²
     setpoint = SetPoint(hardware.speed_limit, most, hardware.lower, hardware.upper, end)
     setpoint.seed(np.append(q, 0.5))
-    landing = Landing("left", hardware.rest_q, hardware.kp, q, setpoint, 0.0, hardware.folding)
+    landing = Landing(hardware, q, setpoint, 0.0)
     for tick in range(1, 2500):
         now = tick * 0.004
         landing.advance(q, np.zeros(joints), np.ones(joints, bool), now)

@@ -83,21 +83,6 @@ def test_feedback_can_say_any_state_or_is_refused(kind, ident, fault, values):
         assert abs(float(min(max(value, low), high)) - there) <= quantum * (1 + 1e-9)
 
 
-@for_all(first=numbers(), second=numbers())
-def test_float_commands_hold_the_number_or_are_refused(first, second):
-    for encode, decode in (
-        (lambda: codec.encode_position_velocity(first, second), codec.decode_position_velocity),
-        (lambda: codec.encode_velocity(first), lambda data: codec.decode_position_velocity(data)[:1]),
-    ):
-        try:
-            data = encode()
-        except ActionError:
-            continue
-        for value, there in zip((first, second), decode(data), strict=False):
-            assert math.isfinite(there)
-            assert there == pytest.approx(float(value), rel=1e-6, abs=1e-38)
-
-
 @for_all(kind=KINDS, data=payloads())
 def test_every_decoder_takes_any_bytes(kind, data):
     decoders = {

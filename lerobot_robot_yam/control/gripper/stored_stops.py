@@ -3,12 +3,12 @@
 import contextlib
 import json
 import math
-import os
 import time
 from pathlib import Path
 
 from lerobot_robot_yam.control.gripper.homing import GripperStops
 from lerobot_robot_yam.errors import GripperError
+from lerobot_robot_yam.system.paths import write_whole
 
 _FILE_VERSION = 1
 _STORE_TIMEOUT_S = 2.0  # of a disk that other things write to
@@ -50,20 +50,10 @@ def save_stops(arm: str, path: Path, gripper: str, stops: GripperStops) -> None:
     Raises:
         GripperError: the file cannot be written.
     """
-    scratch = path.with_name(f"{path.name}.{os.getpid()}")  # two sessions may store at once
-    data = {
-        "version": _FILE_VERSION,
-        "gripper": gripper,
-        "closed_rad": stops.closed_rad,
-        "open_rad": stops.open_rad,
-    }
+    data = {"version": _FILE_VERSION, "gripper": gripper, "closed_rad": stops.closed_rad, "open_rad": stops.open_rad}
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        scratch.write_text(json.dumps(data, indent=1) + "\n")
-        scratch.replace(path)
+        write_whole(path, json.dumps(data, indent=1) + "\n")
     except OSError as error:
-        with contextlib.suppress(OSError):
-            scratch.unlink(missing_ok=True)
         raise GripperError(
             f"{arm}: the gripper's stops cannot be stored in {path} ({error}); make room, or correct "
             "`calibration_path` or its permissions, then calibrate again (lerobot-calibrate)"

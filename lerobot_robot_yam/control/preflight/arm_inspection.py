@@ -8,7 +8,7 @@ from lerobot_robot_yam.arm.mounting import arm_ids, gripper_id
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.preflight.binding import check_identity
 from lerobot_robot_yam.control.preflight.fingerprint import read_fingerprint
-from lerobot_robot_yam.control.preflight.role import check_role, explain_missing
+from lerobot_robot_yam.control.preflight.role import mistaken_role
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.handle_check import prepare_handle
@@ -43,17 +43,20 @@ def inspect(hardware: ResolvedArm, chain: MotorChain, bus: can.BusABC) -> None:
         found = read_fingerprint(bus, config.channel, config.interface, arm_ids(hardware.arm))
         if found.motors:  # else `verify` says it better
             check_identity(config.identity_path, found, config.channel, config.name, config.on_command_line)
+    role = bus, config.channel, config.name, hardware.gripper, gripper_id(hardware.arm)
     try:
         verify(chain)
         if handle:
             prepare_handle(bus, config.channel)
     except MotorError as error:
-        swap = explain_missing(bus, config.channel, config.name, hardware.gripper, gripper_id(hardware.arm))
+        swap = mistaken_role(*role)
         if swap is None:
             raise
         raise MotorError(f"{swap} ({error})") from error
-    if not handle and hardware.gripper.motor is None:
-        check_role(bus, config.channel, config.name, hardware.gripper, gripper_id(hardware.arm))
+    if not handle and hardware.gripper.motor is None:  # it has nothing that would be missed on the wrong arm
+        swap = mistaken_role(*role)
+        if swap is not None:
+            raise MotorError(swap)
     for _ in range(_ATTEMPTS):
         answered = chain.refresh()
         if all(answered):

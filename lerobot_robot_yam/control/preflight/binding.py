@@ -5,19 +5,19 @@ that have an innocent explanation (another adapter or channel name, new firmware
 unless a sibling, another binding in the same directory, fits without any: then the arms are swapped.
 """
 
-import contextlib
 import json
 import logging
-import os
 import shlex
 from collections.abc import Iterable
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 
 from lerobot_robot_yam.arm.mounting import arm_ids
 from lerobot_robot_yam.arm.profile import ArmProfile
 from lerobot_robot_yam.control.preflight.fingerprint import Fingerprint
 from lerobot_robot_yam.errors import ConfigError, MotorError
+from lerobot_robot_yam.system.paths import write_whole
 
 logger = logging.getLogger(__name__)
 
@@ -37,17 +37,9 @@ class Binding:
     def save(self, path: Path) -> None:
         """Write the file so that a crash in the middle leaves the old one. Raises ConfigError: it cannot be written."""
         data = {"kind": _KIND, "version": _VERSION, "name": self.name, "channel": self.channel}
-        scratch = path.with_name(f"{path.name}.{os.getpid()}")
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with scratch.open("w") as file:
-                file.write(json.dumps({**data, "fingerprint": self.fingerprint.to_dict()}, indent=1) + "\n")
-                file.flush()
-                os.fsync(file.fileno())
-            scratch.replace(path)
+            write_whole(path, json.dumps({**data, "fingerprint": self.fingerprint.to_dict()}, indent=1) + "\n")
         except OSError as error:
-            with contextlib.suppress(OSError):
-                scratch.unlink(missing_ok=True)
             raise ConfigError(f"cannot write the arm binding {path}: {error}; choose another path") from error
 
     @classmethod
@@ -107,7 +99,8 @@ def changes(bound: Fingerprint, found: Fingerprint) -> list[str]:
     elif bound.handle_firmware != found.handle_firmware and bound.handle_firmware is not None:
         reasons.append("the teaching handle has another firmware")
     common = sorted(bound.motors.keys() & found.motors.keys())
-    firmware = [i for i in common if _versions(bound, i) != _versions(found, i)]
+    versions = attrgetter("software", "sub")
+    firmware = [i for i in common if versions(bound.motors[i]) != versions(found.motors[i])]
     if firmware:
         reasons.append(f"motors have another firmware (id {_listing(firmware)})")
     if bound.adapter != found.adapter:
@@ -267,11 +260,6 @@ def _notes(found: Fingerprint, others: Iterable[Binding]) -> list[str]:
                 f"cables would not; {WIGGLE_ADVICE}"
             )
     return notes
-
-
-def _versions(print_: Fingerprint, can_id: int) -> tuple[int | None, int | None]:
-    motor = print_.motors[can_id]
-    return motor.software, motor.sub
 
 
 def _listing(ids: Iterable[int]) -> str:

@@ -3,7 +3,6 @@
 Reading asks for registers and for the handle's version only: nothing is written, zeroed or energised.
 """
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ import can
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.handle_check import handle_firmware
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
-from lerobot_robot_yam.damiao.registers import Register
+from lerobot_robot_yam.damiao.registers import Register, agrees
 from lerobot_robot_yam.damiao.tables import MOTOR_TYPES
 from lerobot_robot_yam.errors import MotorError
 
@@ -50,13 +49,9 @@ class MotorPrint:
         marks = (self.gear_ratio, self.position_max_rad, self.velocity_max_rad_s, self.torque_max_nm)
         for row in MOTOR_TYPES.values():
             theirs = (row.gear_ratio, row.position_max_rad, row.velocity_max_rad_s, row.torque_max_nm)
-            if all(_equal(mine, its) for mine, its in zip(marks, theirs, strict=True)):
+            if all(agrees(mine, its) for mine, its in zip(marks, theirs, strict=True)):
                 return row.name
         return f"unknown (gear, ranges {' '.join(map(str, marks))})"
-
-
-def _equal(mine: float | None, its: float | None) -> bool:
-    return mine is not None and its is not None and math.isclose(mine, its, rel_tol=1e-4)  # float32 there
 
 
 @dataclass(frozen=True)
@@ -140,9 +135,8 @@ def read_fingerprint(
         BusError: the channel is gone.
     """
     chain = MotorChain(bus, [MotorSpec(f"motor {i}", i, "DM4310") for i in ids], channel=channel)
-    motors = {
-        spec.can_id: _read_motor(chain, index) for index, spec in enumerate(chain.motors) if _present(chain, index)
-    }
+    there = [i for i in range(len(chain)) if _register(chain, i, Register.ESC_ID) is not None]
+    motors = {chain.motors[i].can_id: _read_motor(chain, i) for i in there}
     adapter = read_adapter(channel, sysfs_net) if interface == "socketcan" else None
     return Fingerprint(motors, handle_firmware(bus, channel), adapter)
 
@@ -175,10 +169,6 @@ def _text(path: Path) -> str | None:
         return path.read_text().strip() or None
     except OSError:
         return None
-
-
-def _present(chain: MotorChain, index: int) -> bool:
-    return _register(chain, index, Register.ESC_ID) is not None
 
 
 def _read_motor(chain: MotorChain, index: int) -> MotorPrint:

@@ -11,7 +11,6 @@ from lerobot_robot_yam.arm.profile import GripperProfile
 from lerobot_robot_yam.control.preflight.fingerprint import gear_ratio
 from lerobot_robot_yam.damiao.handle_check import handle_firmware
 from lerobot_robot_yam.damiao.tables import motor_type
-from lerobot_robot_yam.errors import MotorError
 
 
 @dataclass(frozen=True)
@@ -25,10 +24,6 @@ class Role:
     gripper_gear_ratio: float | None
     gripper_id: int
 
-    @property
-    def has_gripper_motor(self) -> bool:
-        return self.gripper_gear_ratio is not None
-
 
 def probe_role(bus: can.BusABC, channel: str, gripper_id: int) -> Role:
     """Ask for the handle and for the gripper motor (`mounting.gripper_id`); up to 0.15 s when neither is there.
@@ -39,45 +34,30 @@ def probe_role(bus: can.BusABC, channel: str, gripper_id: int) -> Role:
     return Role(handle_firmware(bus, channel) is not None, gear_ratio(bus, channel, gripper_id), gripper_id)
 
 
-def role_mistake(name: str, channel: str, gripper: GripperProfile, found: Role) -> str | None:
-    """Message when `found` is not what the profile `gripper` describes; None when it may be right."""
-    if gripper.handle_encoder and not found.handle and found.has_gripper_motor:
+def mistaken_role(bus: can.BusABC, channel: str, name: str, gripper: GripperProfile, gripper_id: int) -> str | None:
+    """Message when another arm answers than the one with the profile `gripper`; None when it may be the right one.
+
+    Raises:
+        BusError: the channel is gone.
+    """
+    found = probe_role(bus, channel, gripper_id)
+    has_motor = found.gripper_gear_ratio is not None
+    if gripper.handle_encoder and not found.handle and has_motor:
         return (
             f"{name}: channel {channel} carries a follower (a gripper motor answers, no teaching handle does), but "
             "it is configured as a leader: are the cables or channels swapped?"
         )
-    if not gripper.handle_encoder and found.handle and not (gripper.motor and found.has_gripper_motor):
+    if not gripper.handle_encoder and found.handle and not (gripper.motor and has_motor):
         return (
             f"{name}: channel {channel} carries a leader (a teaching handle answers), but it is configured as a "
             f"follower with gripper {gripper.name}: are the cables or channels swapped?"
         )
-    if not gripper.handle_encoder and gripper.motor is None and found.has_gripper_motor:
+    if not gripper.handle_encoder and gripper.motor is None and has_motor:
         return (
             f"{name}: a gripper motor (id {found.gripper_id}) answers on channel {channel}, but gripper {gripper.name} "
             "has none: set `gripper`, or look whether the cables are swapped"
         )
     return None
-
-
-def explain_missing(bus: can.BusABC, channel: str, name: str, gripper: GripperProfile, gripper_id: int) -> str | None:
-    """For when a gripper motor or a handle does not answer: the swap that would explain it, or None.
-
-    Raises:
-        BusError: the channel is gone.
-    """
-    return role_mistake(name, channel, gripper, probe_role(bus, channel, gripper_id))
-
-
-def check_role(bus: can.BusABC, channel: str, name: str, gripper: GripperProfile, gripper_id: int) -> None:
-    """For end effectors that have nothing to answer with, so that nothing would be missed on the wrong arm.
-
-    Raises:
-        MotorError: a handle or a gripper motor answers that the configuration does not know.
-        BusError: the channel is gone.
-    """
-    mistake = explain_missing(bus, channel, name, gripper, gripper_id)
-    if mistake is not None:
-        raise MotorError(mistake)
 
 
 def likely_gripper(found: Role) -> str:

@@ -20,11 +20,11 @@ from typing import Any
 
 from lerobot_robot_yam.errors import BusError, ConfigError, RigError, YamError
 from lerobot_robot_yam.rig.scene.scene import load_scene
+from lerobot_robot_yam.system.clock import START_TIMEOUT_S
 from lerobot_robot_yam.system.runtime_files import FileLock, rig_name, runtime_dir, slug
 
 logger = logging.getLogger(__name__)
 
-_START_TIMEOUT_S = 60.0
 _HELLO_TIMEOUT_S = 10.0
 _PROBE_TIMEOUT_S = 0.2
 _said: set[tuple[str, str]] = set()  # rigs and options that were already reported to have no effect
@@ -204,7 +204,7 @@ def _start(name: str, owner: int | None, scene: str | None, options: Mapping[str
 def _read_answer(fd: int) -> bytes:
     """The one JSON line of a starting server; empty when it died or took too long."""
     answer = b""
-    deadline = time.monotonic() + _START_TIMEOUT_S
+    deadline = time.monotonic() + START_TIMEOUT_S
     while not answer.endswith(b"\n"):
         if not select.select([fd], [], [], max(0.0, deadline - time.monotonic()))[0]:
             return b""

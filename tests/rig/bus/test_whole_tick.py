@@ -20,6 +20,7 @@ from lerobot_robot_yam.rig.scene.scene import load_scene
 from lerobot_robot_yam.rig.simulation import rig_commands
 from lerobot_robot_yam.rig.simulation.device import RigDevice
 from lerobot_robot_yam.rig.simulation.fault_commands import KINDS
+from tests.support.frames import float_frame
 
 TICK_S = 0.004
 FAULTS = {  # kind → value and details of its request
@@ -159,7 +160,7 @@ def test_between_other_frames_too():
         [(ident, SpecialCommand.ENABLE.value) for ident in ids],
         [(ids[0], SpecialCommand.ZERO.value)],
         [(REGISTER_ID, registers.encode_write(ids[4], Register.CTRL_MODE, int(ControlMode.VELOCITY)))],
-        [(0x200 + ids[4], codec.encode_velocity(0.5))],
+        [(0x200 + ids[4], float_frame(0.5))],
         [(REGISTER_ID, registers.encode_write(ids[4], Register.CTRL_MODE, int(ControlMode.MIT)))],
         [(REGISTER_ID, registers.encode_write(ids[5], Register.MST_ID, 0x77))],
         [(REGISTER_ID, registers.encode_write(ids[5], Register.PMAX, 20.0))],

@@ -13,6 +13,7 @@ from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import Fault, motor_type
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.devices.thermometer import sample_age_s
+from tests.support.frames import float_frame
 from tests.support.rig_desk import Desk
 
 WRIST = 6  # carries no gravity torque to speak of: joint 6 turns about the tool's axis
@@ -217,7 +218,7 @@ def test_position_velocity_mode_moves_at_the_speed_asked_for(desk):
     desk.special(WRIST, SpecialCommand.ENABLE)
     speeds = []
     for _ in range(120):
-        (answer,) = desk.send((0x100 + WRIST, codec.encode_position_velocity(0.8, 1.0)))
+        (answer,) = desk.send((0x100 + WRIST, float_frame(0.8, 1.0)))
         speeds.append(codec.decode_feedback("DM4310", answer.data).velocity)
         desk.run(0.01)
     assert max(speeds) == pytest.approx(1.0, abs=0.15)
@@ -228,14 +229,14 @@ def test_velocity_mode_turns_at_the_speed_asked_for(desk):
     ask(desk, WRIST, registers.encode_write(WRIST, Register.CTRL_MODE, 3))
     desk.special(WRIST, SpecialCommand.ENABLE)
     for _ in range(50):
-        (answer,) = desk.send((0x200 + WRIST, codec.encode_velocity(-0.5)))
+        (answer,) = desk.send((0x200 + WRIST, float_frame(-0.5)))
         desk.run(0.01)
     assert codec.decode_feedback("DM4310", answer.data).velocity == pytest.approx(-0.5, abs=0.05)
 
 
 def test_a_command_of_another_mode_is_not_obeyed(desk):
     desk.special(WRIST, SpecialCommand.ENABLE)
-    desk.send((0x200 + WRIST, codec.encode_velocity(2.0)))
+    desk.send((0x200 + WRIST, float_frame(2.0)))
     desk.run(0.1)
     assert abs(desk.mit(WRIST).velocity) < 0.2
 
