@@ -15,6 +15,7 @@ from lerobot_robot_yam.errors import RigError
 
 _POSITION_TOLERANCE_M = 1e-4
 _ANGLE_TOLERANCE_RAD = 1e-3
+_SPEED_RAD_S, _ACCELERATION_RAD_S2 = 1.2, 7.0  # at most, of every joint
 _SAMPLES = 33
 _TRANSFER_S = 0.4  # at least
 # Spans in which the tool rises, travels and sinks, as fractions of a transfer: overlaps round the corners.
@@ -72,7 +73,6 @@ class ArmPlanner:
         model: the arm with its gripper, base at the origin, as `arm.model.build_model` returns it.
         position_m: base in the world, (3,).
         yaw_rad: base heading.
-        speed_rad_s, acceleration_rad_s2: bounds of every joint.
         seed_rad: (n,) a bent pose to start the inverse kinematics from; None: the middle of the joint ranges.
         leads: joints that go ahead when the arm unfolds: from the elbow on.
 
@@ -85,15 +85,11 @@ class ArmPlanner:
         model: mujoco.MjModel,
         position_m: np.ndarray,
         yaw_rad: float = 0.0,
-        speed_rad_s: float = 1.2,
-        acceleration_rad_s2: float = 7.0,
         seed_rad: np.ndarray | None = None,
         leads: slice = slice(0),
     ):
         self.base_m = np.asarray(position_m, float)
         self._yaw = yaw_rad
-        self._speed = speed_rad_s
-        self._acceleration = acceleration_rad_s2
         self._kinematics = YamKinematics.of_model(model, "grasp_site")
         self._seed = self._kinematics.middle if seed_rad is None else seed_rad
         self._leads = leads
@@ -137,10 +133,9 @@ class ArmPlanner:
         near = found.position_error_m < _POSITION_TOLERANCE_M and found.orientation_error_rad < _ANGLE_TOLERANCE_RAD
         return found.q if near else None
 
-    def reaches(self, position_m: np.ndarray, yaw_rad: float | None = None) -> bool:
+    def reaches(self, position_m: np.ndarray, yaw_rad: float) -> bool:
         """Whether the tool can point straight down at the point."""
-        yaw = self.natural_yaw(position_m) if yaw_rad is None else yaw_rad
-        return self.solve(position_m, yaw, self._facing(position_m)) is not None
+        return self.solve(position_m, yaw_rad, self._facing(position_m)) is not None
 
     def _facing(self, position_m: np.ndarray) -> np.ndarray:
         seed = self._seed.copy()
@@ -162,11 +157,6 @@ class ArmPlanner:
             raise RigError(f"the operator cannot reach {np.round(position_m, 3)} m; move the prop nearer to an arm")
         return q
 
-    def joint_move(self, start_rad: np.ndarray, end_rad: np.ndarray) -> Path:
-        """Straight line between two joint vectors with minimum jerk."""
-        start, end = np.asarray(start_rad, float), np.asarray(end_rad, float)
-        return self._timed(lambda s: start + (end - start) * minimum_jerk(s), 0.2)
-
     def straight(self, start_rad: np.ndarray, position_m: np.ndarray, yaw_rad: float, least_s: float = 0.2) -> Path:
         """The tool's straight line to a tool pose, with minimum jerk.
 
@@ -178,7 +168,7 @@ class ArmPlanner:
         return self._tool_path(start_rad, yaw_rad, lambda s: origin + way * _span(s), _span, least_s)
 
     def unfold(self, start_rad: np.ndarray, end_rad: np.ndarray) -> Path:
-        """As `joint_move`, the elbow ahead of the shoulder: a folded arm lifts its tool before it reaches out."""
+        """From joints to joints with minimum jerk; the elbow goes ahead, so that a folded arm lifts its tool first."""
         start, end = np.asarray(start_rad, float), np.asarray(end_rad, float)
         first, last = np.full(len(start), 0.3), np.ones(len(start))
         first[self._leads], last[self._leads] = 0.0, 0.7
@@ -231,7 +221,7 @@ class ArmPlanner:
         q = np.array([joints(x) for x in s])
         speed = np.abs(np.diff(q, axis=0)).max() * (_SAMPLES - 1)
         acceleration = np.abs(np.diff(q, 2, axis=0)).max() * (_SAMPLES - 1) ** 2
-        duration = max(least_s, speed / self._speed, float(np.sqrt(acceleration / self._acceleration)))
+        duration = max(least_s, speed / _SPEED_RAD_S, float(np.sqrt(acceleration / _ACCELERATION_RAD_S2)))
         return Path(s * duration, q)
 
 
