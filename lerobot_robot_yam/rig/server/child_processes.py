@@ -16,7 +16,7 @@ from collections.abc import Collection, Hashable, Mapping, Sequence
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError, RigError
-from lerobot_robot_yam.rig.client.camera_frames import MAX_FPS, MAX_HEIGHT, MAX_WIDTH, Settings, frame_path
+from lerobot_robot_yam.rig.client.rendered_camera import MAX_FPS, MAX_HEIGHT, MAX_WIDTH, Settings, frame_path
 from lerobot_robot_yam.rig.simulation.device import RigDevice
 from lerobot_robot_yam.rig.simulation.lookup import number
 
