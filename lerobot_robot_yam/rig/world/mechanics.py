@@ -1,5 +1,7 @@
 """An arm's mechanics: its motors' shafts, and what can be wrong with them and with the masses they carry."""
 
+import math
+
 import mujoco
 import numpy as np
 
@@ -149,18 +151,15 @@ class LooseShaft:
     def _step(self, step_s: float) -> None:
         """Implicit in the velocity, as the world's own integration is."""
         angle, velocity, kp, kd, torque = self._command
-        push = kp * (angle - self._angle) + torque
-        rate = (self._rate + step_s / _INERTIA_KG_M2 * (push + kd * velocity + self._load)) / (
-            1.0 + step_s / _INERTIA_KG_M2 * (kd + _DAMPING_NM_S_RAD)
-        )
+        push, gain = kp * (angle - self._angle) + torque, step_s / _INERTIA_KG_M2
+        driven = self._rate + gain * (push + kd * velocity + self._load)
+        rate = driven / (1.0 + gain * (kd + _DAMPING_NM_S_RAD))
         self._torque = push + kd * (velocity - rate)
         if abs(self._torque) > self._limit:
-            self._torque = min(max(self._torque, -self._limit), self._limit)
-            rate = (self._rate + step_s / _INERTIA_KG_M2 * (self._torque + self._load)) / (
-                1.0 + step_s / _INERTIA_KG_M2 * _DAMPING_NM_S_RAD
-            )
-        braked = step_s / _INERTIA_KG_M2 * self._friction
-        rate = max(0.0, abs(rate) - braked) * (1.0 if rate > 0.0 else -1.0)
+            self._torque = math.copysign(self._limit, self._torque)
+            rate = (self._rate + gain * (self._torque + self._load)) / (1.0 + gain * _DAMPING_NM_S_RAD)
+        braked = gain * self._friction
+        rate = math.copysign(max(0.0, abs(rate) - braked), rate)
         self._rate = 0.0 if self._jammed else rate
         self._angle += self._rate * step_s
 
