@@ -245,11 +245,7 @@ class SimMotor:
         self._limp()
 
     def set_register(self, register: int, value: float) -> None:
-        """Overwrite a register, read-only ones too.
-
-        Raises:
-            ConfigError: no such register, or a value it cannot hold.
-        """
+        """Overwrite a register, read-only ones too. Raises ConfigError: no such register, or it cannot hold that."""
         registers.encode_value(register, value)  # checks
         if register in _RANGES and value <= 0:
             raise ConfigError(f"register {Register(register).name} must be positive, not {value}")

@@ -67,7 +67,7 @@ class Path:
 
 
 class ArmPlanner:
-    """Plans for one arm standing on the table.
+    """Plans for one arm standing on the table. A pose or a path with a point out of reach raises RigError.
 
     Args:
         model: the arm with its gripper, base at the origin, as `arm.model.build_model` returns it.
@@ -143,11 +143,7 @@ class ArmPlanner:
         return np.clip(seed, self._kinematics.lower, self._kinematics.upper)
 
     def pose(self, position_m: np.ndarray, yaw_rad: float | None = None) -> np.ndarray:
-        """Joint vector (n,) for a tool pose; without a yaw, for the natural one.
-
-        Raises:
-            RigError: the arm cannot reach it.
-        """
+        """Joint vector (n,) for a tool pose; without a yaw, for the natural one."""
         yaw = self.natural_yaw(position_m) if yaw_rad is None else yaw_rad
         return self._solved(position_m, yaw, self._facing(position_m))
 
@@ -158,11 +154,7 @@ class ArmPlanner:
         return q
 
     def straight(self, start_rad: np.ndarray, position_m: np.ndarray, yaw_rad: float, least_s: float = 0.2) -> Path:
-        """The tool's straight line to a tool pose, with minimum jerk.
-
-        Raises:
-            RigError: some point of the way is out of reach.
-        """
+        """The tool's straight line to a tool pose, with minimum jerk."""
         origin, _ = self.tool(start_rad)
         way = np.asarray(position_m, float) - origin
         return self._tool_path(start_rad, yaw_rad, lambda s: origin + way * _span(s), _span, least_s)
@@ -179,11 +171,7 @@ class ArmPlanner:
         return self._timed(joints, 0.2)
 
     def transfer(self, start_rad: np.ndarray, position_m: np.ndarray, yaw_rad: float, height_m: float) -> Path:
-        """Rise to height_m, travel and sink to a tool pose, in one smooth motion.
-
-        Raises:
-            RigError: some point of the way is out of reach.
-        """
+        """Rise to height_m, travel and sink to a tool pose, in one smooth motion."""
         origin, _ = self.tool(start_rad)
         target = np.asarray(position_m, float)
         top = max(height_m, origin[2], target[2])

@@ -144,11 +144,7 @@ class View:
 
 
 class Drawing:
-    """All views of the rig of that name, which simulates this scene.
-
-    Raises:
-        RigError: no OpenGL, or the world's block is missing.
-    """
+    """All views of a rig, which simulates this scene. Raises RigError: no OpenGL, or no block of the world."""
 
     def __init__(self, rig: str, scene: Scene):
         self._rig = rig

@@ -95,11 +95,7 @@ class Thing:
 
 
 def check_things(props: Sequence[Thing], furniture: Sequence[Thing], where: str) -> None:
-    """Check things.
-
-    Raises:
-        ConfigError: physics cannot make one of them.
-    """
+    """Raise ConfigError for a thing that physics cannot make."""
     things = (*furniture, *props)
     names = [thing.name for thing in things]
     if len(set(names)) < len(names) or not all(names):

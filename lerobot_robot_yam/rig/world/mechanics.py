@@ -187,11 +187,7 @@ class Ballast:
         self._apply()
 
     def scale(self, link: str, factor: float) -> None:
-        """Multiply mass and inertia of a link of the profile.
-
-        Raises:
-            ConfigError: no such link.
-        """
+        """Multiply mass and inertia of a link of the profile. Raises ConfigError: no such link."""
         if link not in self._bodies:
             raise ConfigError(f"the arm has no body {link!r}; it has {', '.join(self._bodies)}")
         self._factors[link] = factor

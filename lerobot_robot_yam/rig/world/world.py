@@ -122,11 +122,7 @@ class World:
         return float((sum(self.qpos[a] for a in fingers) / len(fingers) - low) / (high - low))
 
     def set_pose(self, channel: str, q_rad: np.ndarray | None = None, opening: float | None = None) -> None:
-        """Teleport an arm (n,) rad and, 0 closed … 1 open, its fingers; at rest.
-
-        Raises:
-            ConfigError: the arm has another number of joints.
-        """
+        """Teleport an arm (n,) rad and its fingers, 0 … 1 open; at rest. Raises ConfigError: (n,) does not fit."""
         _, gripper = self.profiles[channel]
         (joints, dofs), (fingers, finger_dofs) = self._addresses[channel]
         if q_rad is not None:

@@ -21,7 +21,7 @@ _TRIES = 4
 
 
 class Script(ABC):
-    """Does one task, as often as asked.
+    """Does one task, as often as asked. Every method may raise Interrupted: the arms are switched off.
 
     Args:
         hands: the operator's eyes, hands and clock.
@@ -44,11 +44,7 @@ class Script(ABC):
         }
 
     def begin(self) -> None:
-        """Take all arms from wherever they are to their waiting poses.
-
-        Raises:
-            Interrupted: the arms are switched off.
-        """
+        """Take all arms from wherever they are to their waiting poses."""
         for worker in self.workers.values():
             worker.unfold()
         for worker in self.workers.values():
@@ -56,11 +52,7 @@ class Script(ABC):
             worker.settle()
 
     def attempt(self) -> None:
-        """Do the task once, from what is seen, in a few tries where something slips.
-
-        Raises:
-            Interrupted: the arms are switched off.
-        """
+        """Do the task once, from what is seen, in a few tries where something slips."""
         for _ in range(_TRIES):
             try:
                 if self.work():
@@ -97,11 +89,7 @@ class Script(ABC):
         return see(self.hands).things[thing]
 
     def grip_of(self, thing: str, number: int = 0) -> Grip:
-        """How to take a thing.
-
-        Raises:
-            ConfigError: the scene does not say.
-        """
+        """How to take a thing. Raises ConfigError: the scene does not say."""
         grips = self.setup.things[thing].grips
         if number >= len(grips):
             raise ConfigError(f"task {self.setup.task.name}: {thing} needs {number + 1} grips; it has {len(grips)}")
