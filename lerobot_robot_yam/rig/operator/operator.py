@@ -21,8 +21,7 @@ from lerobot_robot_yam.errors import ConfigError, RigError
 from lerobot_robot_yam.rig.client.rig_control import RigControl
 from lerobot_robot_yam.rig.operator.hands import Interrupted, Sight, sight_of
 from lerobot_robot_yam.rig.operator.scripts.catalog import make_script
-from lerobot_robot_yam.rig.operator.scripts.script import Script
-from lerobot_robot_yam.rig.operator.scripts.setup import SIDES, sides_of
+from lerobot_robot_yam.rig.operator.scripts.script import SIDES, Script, sides_of
 
 logger = logging.getLogger(__name__)
 

@@ -17,6 +17,7 @@ _POSITION_TOLERANCE_M = 1e-4
 _ANGLE_TOLERANCE_RAD = 1e-3
 _SPEED_RAD_S, _ACCELERATION_RAD_S2 = 1.2, 7.0  # at most, of every joint
 _SAMPLES = 33
+_EASE_S = 0.4
 _TRANSFER_S = 0.4  # at least
 # Spans in which the tool rises, travels and sinks, as fractions of a transfer: overlaps round the corners.
 _RISE, _TRAVEL, _SINK = (0.0, 0.42), (0.16, 0.84), (0.58, 1.0)
@@ -53,14 +54,13 @@ class Path:
         """Joint vector (n,) at t_s, linear between samples."""
         return np.array([np.interp(t_s, self.times_s, column) for column in self.q_rad.T])
 
-    def rest(self, t_s: float, ease_s: float = 0.4) -> "Path":
-        """The rest after t_s, starting from a standstill: its first ease_s are stretched to twice as long."""
+    def rest(self, t_s: float) -> "Path":
+        """The rest after t_s, starting from a standstill: its first `_EASE_S` are stretched to twice as long."""
         left = self.times_s[-1] - t_s
         if left <= 0.0:
             return Path(np.array([0.0, 0.1]), np.stack([self.end_rad, self.end_rad]))
-        ease = min(ease_s, left)
-        count = max(3, int(left / 0.03))
-        travelled = np.linspace(0.0, left, count)
+        ease = min(_EASE_S, left)
+        travelled = np.linspace(0.0, left, max(3, int(left / 0.03)))
         # Progress x(t) = t²/(4 e) until it moves at full speed at t = 2 e, x = e.
         times = np.where(travelled < ease, 2.0 * np.sqrt(ease * travelled), travelled + ease)
         return Path(times, np.array([self.at(t_s + x) for x in travelled]))
@@ -71,24 +71,16 @@ class ArmPlanner:
 
     Args:
         model: the arm with its gripper, base at the origin, as `arm.model.build_model` returns it.
-        position_m: base in the world, (3,).
+        base_m: base in the world, (3,); an attribute, too.
         yaw_rad: base heading.
         seed_rad: (n,) a bent pose to start the inverse kinematics from; None: the middle of the joint ranges.
         leads: joints that go ahead when the arm unfolds: from the elbow on.
-
-    Attributes:
-        base_m: base in the world, (3,).
     """
 
     def __init__(
-        self,
-        model: mujoco.MjModel,
-        position_m: np.ndarray,
-        yaw_rad: float = 0.0,
-        seed_rad: np.ndarray | None = None,
-        leads: slice = slice(0),
+        self, model: mujoco.MjModel, base_m: np.ndarray, yaw_rad: float, seed_rad: np.ndarray | None, leads: slice
     ):
-        self.base_m = np.asarray(position_m, float)
+        self.base_m = np.asarray(base_m, float)
         self._yaw = yaw_rad
         self._kinematics = YamKinematics.of_model(model, "grasp_site")
         self._seed = self._kinematics.middle if seed_rad is None else seed_rad

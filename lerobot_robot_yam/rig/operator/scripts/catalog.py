@@ -17,8 +17,7 @@ from lerobot_robot_yam.rig.operator.hands import Hands, see
 from lerobot_robot_yam.rig.operator.scripts.handover import Handover
 from lerobot_robot_yam.rig.operator.scripts.insertion import Insertion
 from lerobot_robot_yam.rig.operator.scripts.pick_and_place import PickAndPlace
-from lerobot_robot_yam.rig.operator.scripts.script import PUT_DOWN_M, Script, lifted
-from lerobot_robot_yam.rig.operator.scripts.setup import make_setup
+from lerobot_robot_yam.rig.operator.scripts.script import PUT_DOWN_M, Script, lifted, make_setup
 from lerobot_robot_yam.rig.scene.tasks import SCRIPTS
 
 _AWAY_M = 0.04  # the fingers rise so far from the handle of an open drawer
