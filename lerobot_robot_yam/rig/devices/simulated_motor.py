@@ -265,10 +265,9 @@ class SimMotor:
             self.disable()
         elif special is SpecialCommand.ZERO:
             self.zero_rad -= self.motor_angle_rad
-        elif self.fault not in (Fault.NORMAL, Fault.DISABLED):
-            if not self.sticky_fault:
-                self.fault = Fault.DISABLED
-                self._limp()
+        elif self.fault not in (Fault.NORMAL, Fault.DISABLED) and not self.sticky_fault:
+            self.fault = Fault.DISABLED
+            self._limp()
 
     def _obey(self, position: float, velocity: float, kp: float, kd: float, torque: float, scale: bool = True) -> None:
         """Servo to a command in motor coordinates; `scale`: it was packed in the motor's own ranges."""

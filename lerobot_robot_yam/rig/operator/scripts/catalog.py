@@ -80,7 +80,7 @@ CATALOG: dict[str, type[Script]] = {
 
 
 def make_script(hands: Hands, scene: Mapping[str, Any], task: str) -> Script:
-    """The script of a task of the scene, as `control.RigOperations.scene` tells it.
+    """The script of a task of a scene as `RigOperations.scene` returns it.
 
     Raises:
         ConfigError: there is no such task, or the scene lacks something that the operator needs.

@@ -75,11 +75,7 @@ def _planner(row: Mapping[str, Any]) -> ArmPlanner:
 
 
 def make_setup(scene: Mapping[str, Any], task: str) -> Setup:
-    """The setup for a task of a scene.
-
-    Raises:
-        ConfigError: the scene has no such task, no follower, or no waiting place for one.
-    """
+    """The setup for a task. Raises ConfigError: the scene has no such task, no follower or no waiting place for one."""
     where = f"scene {scene['name']}"
     tasks = {row["name"]: row for row in scene["tasks"]}
     if task not in tasks and task != PICK_AND_PLACE.name:
