@@ -34,7 +34,7 @@ from lerobot_robot_yam.rig.devices.thermometer import Thermometer
 from lerobot_robot_yam.rig.world.mechanics import Drive, LooseShaft
 from lerobot_robot_yam.rig.world.world import World
 
-# Gains of the motor's own loops in the modes whose commands carry none.
+# Gains of the motor's own loops in the modes whose commands carry no gains.
 _POSITION_KP, _POSITION_KD = 100.0, 5.0
 _VELOCITY_KD = 5.0
 _RANGES = (Register.PMAX, Register.VMAX, Register.TMAX)

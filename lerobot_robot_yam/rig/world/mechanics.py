@@ -95,7 +95,7 @@ class LooseShaft:
     It has a `Drive`'s methods, and is simulated when it is looked at. At first it rests at `angle_rad`.
     """
 
-    actuator = -1  # it has none in the world
+    actuator = -1  # the world has no actuator for it
 
     def __init__(self, world: World, angle_rad: float, torque_max_nm: float):
         self._world, self._limit = world, torque_max_nm
