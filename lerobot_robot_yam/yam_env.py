@@ -20,7 +20,7 @@ from lerobot_robot_yam.rig.client.rendered_camera import RigCamera
 from lerobot_robot_yam.rig.client.rig_control import RigControl
 from lerobot_robot_yam.rig.lockstep.lockstep_cameras import LockstepCamera
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
-from lerobot_robot_yam.rig.operator.scripts.setup import make_setup
+from lerobot_robot_yam.rig.operator.scripts.script import make_setup
 from lerobot_robot_yam.rig.scene.scene import SCENES, load_scene
 from lerobot_robot_yam.rig.scene.tasks import Task
 from lerobot_robot_yam.yam_follower import FollowerBase

@@ -20,7 +20,7 @@ GRIPPER = load_arm("yam").joint_count
 """Slot of the gripper in the records of the soak's arms: the one behind the joints."""
 READY = frozenset({Mode.HOLD, Mode.TRACK, Mode.FLOAT})
 _STANDS = frozenset({Mode.FAULT, Mode.STOPPED})
-MOVES = frozenset({Mode.TRACK, Mode.FLOAT})  # of its own will or its caller's
+MOVES = frozenset({Mode.TRACK, Mode.FLOAT})  # the arm may move: its caller or a hand moves it
 _WINDOW_S = 0.2  # over which a speed is taken
 _TICK_S = 0.008  # how far a record's stamp may be from the tick that moved its set-point: one tick, and a late one
 _JITTER_S = 0.012  # between a record's stamp and the clock that its tick went by: no tick moves farther
@@ -128,7 +128,7 @@ class SetPointCheck:
             self._window.clear()
             return self._judge_jump(record, before, moved, jumped, now)
         if mode_of(before) in _STANDS and mode in READY and self._on_measured(record, before)[:GRIPPER].all():
-            self._window.clear()  # seeded, by less than a jump: a joint without torque has sunk meanwhile
+            self._window.clear()  # seeded, by less than a jump: a joint without torque has sunk
             return []
         return self._judge_speed(setpoint, mode, self._earlier_s, now)
 
@@ -249,7 +249,7 @@ class PolicyCheck:
         self._limited: dict[str, int] = {}
 
     def look(self, channel: str, record: Any, peer: Any) -> tuple[list[Finding], Trouble | None]:
-        """Check one record of an arm against the newest of its peer (None: there is none).
+        """Check one record of an arm against the newest of its peer (None without one).
 
         Returns:
             What must not be; trouble that has just come up.

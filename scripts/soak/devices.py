@@ -98,7 +98,7 @@ class Device:
         return found
 
     def record(self, channel: str) -> Any:
-        """The newest state record of an arm, None when there is none."""
+        """The newest state record of an arm, or None."""
         with contextlib.suppress(FileNotFoundError, YamError):
             block = SharedBlock(state_path(self._keys[channel]), STATE_DTYPE, create=False)
             try:

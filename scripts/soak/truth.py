@@ -23,7 +23,7 @@ _GRIPPER_SPEED_FACTOR = 1.4  # it weighs next to nothing: what a late tick makes
 _PUNCTUAL_S = 0.008  # a command is obeyed for a tick and the way over the wire
 _KEPT_UP_S = 0.005  # longer than a tick: one command got lost, as each hundredth does here
 _CARRIED_BY = np.array([1.0, 1.0, 2.0, 3.0, 3.0, 3.0])  # joints 2 to 4 are parallel: what carries a joint brakes, too
-_CUT_OFF_S = 0.02  # its ramp has gone on meanwhile, and it weighs next to nothing: it leaps to where that is
+_CUT_OFF_S = 0.02  # its ramp has gone on, and it weighs next to nothing: it leaps to where that is
 _FREE_SPEED = 1.1  # of a joint's limit: faster, a joint that was blocked has come free
 _TORQUE_FACTOR, _TORQUE_SLACK_NM = 1.05, 1.0  # between two ticks a motor goes on by itself; a blow is sooner there
 _NOTICED_S = 0.3  # a motor without torque has been noticed by then
@@ -38,7 +38,7 @@ _KEPT_S = 2.0  # of the true samples; longer than between two looks
 _SLOW_ADAPTERS = frozenset({"slow_adapter", "held_back"})
 _SLOW_S = 0.12  # how much older a state may be by them when a command rests on it
 _PUSHES = frozenset({"push"})
-_STALE_COMMANDS = frozenset(  # meanwhile motors act on what they were told last
+_STALE_COMMANDS = frozenset(  # motors go on acting on the last command
     {
         "cable_out_briefly",
         "cable_out",

@@ -85,10 +85,8 @@ class WholeTick:
             if last is None:
                 angle, rate = base + coefficient * qpos[first], coefficient * qvel[v_first]
             else:
-                angle, rate = (
-                    base + coefficient * (qpos[first] + qpos[last]),
-                    coefficient * (qvel[v_first] + qvel[v_last]),
-                )
+                angle = base + coefficient * (qpos[first] + qpos[last])
+                rate = coefficient * (qvel[v_first] + qvel[v_last])
 
             one, two, three, four = quarters[at : at + 4]
             at += 4

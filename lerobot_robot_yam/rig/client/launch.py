@@ -153,11 +153,7 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def options_of(arguments: argparse.Namespace) -> dict[str, Any]:
-    """The scene options of parsed arguments.
-
-    Raises:
-        ConfigError: one is not key=value.
-    """
+    """The scene options of parsed arguments. Raises ConfigError: one is not key=value."""
     options: dict[str, Any] = {}
     for text in arguments.set:
         key, separator, value = text.partition("=")

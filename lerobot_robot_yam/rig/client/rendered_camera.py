@@ -10,17 +10,33 @@ import select
 import socket
 import time
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from lerobot_robot_yam.errors import RigError, StaleStateError
 from lerobot_robot_yam.rig.client import launch
-from lerobot_robot_yam.rig.client.camera_frames import frame_dtype, frame_path
+from lerobot_robot_yam.system.runtime_files import slug
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
+Settings = tuple[str, int, int, int]
+"""Camera, width, height (pixels), frames a second."""
+
+MAX_WIDTH, MAX_HEIGHT = 1280, 960
+MAX_FPS = 60
 _POLL_S = 0.002
 _MAX_AGE_S = 0.5
+
+
+def frame_dtype(width: int, height: int) -> np.dtype:
+    """Record of one frame: monotonic and simulated time of the state it shows, a counter, the picture (RGB)."""
+    return np.dtype([("stamp_s", "f8"), ("sim_s", "f8"), ("number", "u8"), ("rgb", np.uint8, (height, width, 3))])
+
+
+def frame_path(rig: str, camera: str, width: int, height: int, fps: int) -> Path:
+    """File of the block that holds the newest frame; cameras of equal settings share it."""
+    return launch.rig_path(rig, f"camera-{slug(camera)}-{width}x{height}-{fps}")
 
 
 class RigCamera:

@@ -123,11 +123,7 @@ def running_rig(**arguments: Any) -> Iterator[RigControl]:
 
 
 def wait_ended(rig: RigControl) -> None:
-    """Wait until a rig's process is gone.
-
-    Raises:
-        RigError: it is not; somebody else may still use it.
-    """
+    """Wait until a rig's process is gone. Raises RigError: it is not; somebody else may still use it."""
     deadline = time.monotonic() + _TIMEOUT_S
     while runs(rig.pid):
         if time.monotonic() > deadline:

@@ -34,7 +34,7 @@ from lerobot_robot_yam.rig.devices.thermometer import Thermometer
 from lerobot_robot_yam.rig.world.mechanics import Drive, LooseShaft
 from lerobot_robot_yam.rig.world.world import World
 
-# Gains of the motor's own loops in the modes whose commands carry none.
+# Gains of the motor's own loops in the modes whose commands carry no gains.
 _POSITION_KP, _POSITION_KD = 100.0, 5.0
 _VELOCITY_KD = 5.0
 _RANGES = (Register.PMAX, Register.VMAX, Register.TMAX)
@@ -245,11 +245,7 @@ class SimMotor:
         self._limp()
 
     def set_register(self, register: int, value: float) -> None:
-        """Overwrite a register, read-only ones too.
-
-        Raises:
-            ConfigError: no such register, or a value it cannot hold.
-        """
+        """Overwrite a register, read-only ones too. Raises ConfigError: no such register, or it cannot hold that."""
         registers.encode_value(register, value)  # checks
         if register in _RANGES and value <= 0:
             raise ConfigError(f"register {Register(register).name} must be positive, not {value}")
@@ -269,10 +265,9 @@ class SimMotor:
             self.disable()
         elif special is SpecialCommand.ZERO:
             self.zero_rad -= self.motor_angle_rad
-        elif self.fault not in (Fault.NORMAL, Fault.DISABLED):
-            if not self.sticky_fault:
-                self.fault = Fault.DISABLED
-                self._limp()
+        elif self.fault not in (Fault.NORMAL, Fault.DISABLED) and not self.sticky_fault:
+            self.fault = Fault.DISABLED
+            self._limp()
 
     def _obey(self, position: float, velocity: float, kp: float, kd: float, torque: float, scale: bool = True) -> None:
         """Servo to a command in motor coordinates; `scale`: it was packed in the motor's own ranges."""

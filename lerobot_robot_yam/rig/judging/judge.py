@@ -133,7 +133,7 @@ class Transfers:
         }
 
     def _place_of(self, position_m: Sequence[float]) -> str | None:
-        """Name of the place the prop lies at, None when at none."""
+        """Name of the place where the prop lies, or None."""
         near = (name for name, xy in self._places.items() if math.dist(position_m[:2], xy) < _PLACE_RADIUS_M)
         return next(near, None)
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from lerobot_robot_yam.errors import RigError
-from lerobot_robot_yam.rig.client.camera_frames import frame_dtype
 from lerobot_robot_yam.rig.client.launch import checked, scene_arguments
+from lerobot_robot_yam.rig.client.rendered_camera import frame_dtype
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.rig.server.child_processes import CameraService
 from lerobot_robot_yam.system.shared_block import SharedBlock

@@ -127,7 +127,7 @@ class Worker:
         try:
             self._transfer(self._home, self.planner.natural_yaw(self._home))
         except RigError:
-            self._send(self.planner.joint_move(self.q, self.home_rad))
+            self._send(self.planner.unfold(self.q, self.home_rad))
 
     def wait(self) -> None:
         """Wait for the end of the path that it is on."""

@@ -13,8 +13,8 @@ import mujoco
 import numpy as np
 
 from lerobot_robot_yam.errors import RigError
-from lerobot_robot_yam.rig.client.camera_frames import Settings, frame_dtype, frame_path
 from lerobot_robot_yam.rig.client.launch import rig_path
+from lerobot_robot_yam.rig.client.rendered_camera import Settings, frame_dtype, frame_path
 from lerobot_robot_yam.rig.scene.scene import Scene
 from lerobot_robot_yam.rig.world.world_model import build_world, world_dtype
 from lerobot_robot_yam.system.shared_block import SharedBlock
@@ -144,11 +144,7 @@ class View:
 
 
 class Drawing:
-    """All views of the rig of that name, which simulates this scene.
-
-    Raises:
-        RigError: no OpenGL, or the world's block is missing.
-    """
+    """All views of a rig, which simulates this scene. Raises RigError: no OpenGL, or no block of the world."""
 
     def __init__(self, rig: str, scene: Scene):
         self._rig = rig

@@ -16,7 +16,7 @@ from collections.abc import Collection, Hashable, Mapping, Sequence
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError, RigError
-from lerobot_robot_yam.rig.client.camera_frames import MAX_FPS, MAX_HEIGHT, MAX_WIDTH, Settings, frame_path
+from lerobot_robot_yam.rig.client.rendered_camera import MAX_FPS, MAX_HEIGHT, MAX_WIDTH, Settings, frame_path
 from lerobot_robot_yam.rig.simulation.device import RigDevice
 from lerobot_robot_yam.rig.simulation.lookup import number
 
@@ -124,37 +124,29 @@ class CameraService:
 
     def fileno(self) -> int | None:
         """Descriptor to watch for reading, None while no renderer runs. It changes when one starts or ends."""
-        if self._process is None or self._process.stdout is None:
-            return None
-        return self._process.stdout.fileno()
+        stdout = None if self._process is None else self._process.stdout
+        return None if stdout is None else stdout.fileno()
 
     def poll(self) -> list[tuple[Hashable, dict[str, Any]]]:
         """New answers for clients: from the renderer, or that it died. Never blocks."""
-        if self._process is not None and self._process.stdout is not None:
+        fileno = self.fileno()
+        if fileno is not None:
             with contextlib.suppress(BlockingIOError):
-                while True:
-                    chunk = os.read(self._process.stdout.fileno(), 65536)
-                    if not chunk:
-                        self._died()
-                        break
+                while chunk := os.read(fileno, 65536):
                     *lines, self._tail = (self._tail + chunk).split(b"\n")
                     for line in lines:
                         self._heard(json.loads(line))
+                self._died()
         answers, self._answers = self._answers, []
         return answers
 
     def close(self) -> None:
         """End the renderer and remove its blocks."""
         process, self._process = self._process, None
-        if process is None:
-            return
-        for pipe in (process.stdin, process.stdout):
-            if pipe is not None:
-                with contextlib.suppress(OSError):  # unsent requests to a dead renderer
-                    pipe.close()
-        _wait_or_kill(process)  # it ends when its input does
-        for settings in self._opened:
-            frame_path(self._rig, *settings).unlink(missing_ok=True)
+        if process is not None:
+            _end(process)
+            for settings in self._opened:
+                frame_path(self._rig, *settings).unlink(missing_ok=True)
 
     def _start(self) -> None:
         command = [sys.executable, "-P", "-m", "lerobot_robot_yam.rig.render.renderer", "--rig", self._rig]
@@ -246,16 +238,17 @@ class OperatorService:
         for process in (self._process, self._leaving):
             if process is not None:
                 process.terminate()
-                _wait_or_kill(process)
+                _end(process)
         self._process = self._leaving = None
 
 
-def _wait_or_kill(process: subprocess.Popen[bytes]) -> None:
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """Close a process's pipes and wait for its end: the renderer ends when its input does."""
     try:
-        process.wait(_END_TIMEOUT_S)
+        process.communicate(timeout=_END_TIMEOUT_S)
     except subprocess.TimeoutExpired:
         process.kill()
-        process.wait()
+        process.communicate()
 
 
 def _whole(hello: Mapping[str, Any], key: str) -> int:

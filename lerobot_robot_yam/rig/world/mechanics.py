@@ -1,5 +1,7 @@
 """An arm's mechanics: its motors' shafts, and what can be wrong with them and with the masses they carry."""
 
+import math
+
 import mujoco
 import numpy as np
 
@@ -93,7 +95,7 @@ class LooseShaft:
     It has a `Drive`'s methods, and is simulated when it is looked at. At first it rests at `angle_rad`.
     """
 
-    actuator = -1  # it has none in the world
+    actuator = -1  # the world has no actuator for it
 
     def __init__(self, world: World, angle_rad: float, torque_max_nm: float):
         self._world, self._limit = world, torque_max_nm
@@ -149,18 +151,15 @@ class LooseShaft:
     def _step(self, step_s: float) -> None:
         """Implicit in the velocity, as the world's own integration is."""
         angle, velocity, kp, kd, torque = self._command
-        push = kp * (angle - self._angle) + torque
-        rate = (self._rate + step_s / _INERTIA_KG_M2 * (push + kd * velocity + self._load)) / (
-            1.0 + step_s / _INERTIA_KG_M2 * (kd + _DAMPING_NM_S_RAD)
-        )
+        push, gain = kp * (angle - self._angle) + torque, step_s / _INERTIA_KG_M2
+        driven = self._rate + gain * (push + kd * velocity + self._load)
+        rate = driven / (1.0 + gain * (kd + _DAMPING_NM_S_RAD))
         self._torque = push + kd * (velocity - rate)
         if abs(self._torque) > self._limit:
-            self._torque = min(max(self._torque, -self._limit), self._limit)
-            rate = (self._rate + step_s / _INERTIA_KG_M2 * (self._torque + self._load)) / (
-                1.0 + step_s / _INERTIA_KG_M2 * _DAMPING_NM_S_RAD
-            )
-        braked = step_s / _INERTIA_KG_M2 * self._friction
-        rate = max(0.0, abs(rate) - braked) * (1.0 if rate > 0.0 else -1.0)
+            self._torque = math.copysign(self._limit, self._torque)
+            rate = (self._rate + gain * (self._torque + self._load)) / (1.0 + gain * _DAMPING_NM_S_RAD)
+        braked = gain * self._friction
+        rate = math.copysign(max(0.0, abs(rate) - braked), rate)
         self._rate = 0.0 if self._jammed else rate
         self._angle += self._rate * step_s
 
@@ -188,11 +187,7 @@ class Ballast:
         self._apply()
 
     def scale(self, link: str, factor: float) -> None:
-        """Multiply mass and inertia of a link of the profile.
-
-        Raises:
-            ConfigError: no such link.
-        """
+        """Multiply mass and inertia of a link of the profile. Raises ConfigError: no such link."""
         if link not in self._bodies:
             raise ConfigError(f"the arm has no body {link!r}; it has {', '.join(self._bodies)}")
         self._factors[link] = factor

@@ -17,8 +17,7 @@ from lerobot_robot_yam.rig.operator.hands import Hands, see
 from lerobot_robot_yam.rig.operator.scripts.handover import Handover
 from lerobot_robot_yam.rig.operator.scripts.insertion import Insertion
 from lerobot_robot_yam.rig.operator.scripts.pick_and_place import PickAndPlace
-from lerobot_robot_yam.rig.operator.scripts.script import PUT_DOWN_M, Script, lifted
-from lerobot_robot_yam.rig.operator.scripts.setup import make_setup
+from lerobot_robot_yam.rig.operator.scripts.script import PUT_DOWN_M, Script, lifted, make_setup
 from lerobot_robot_yam.rig.scene.tasks import SCRIPTS
 
 _AWAY_M = 0.04  # the fingers rise so far from the handle of an open drawer
@@ -81,7 +80,7 @@ CATALOG: dict[str, type[Script]] = {
 
 
 def make_script(hands: Hands, scene: Mapping[str, Any], task: str) -> Script:
-    """The script of a task of the scene, as `control.RigOperations.scene` tells it.
+    """The script of a task of a scene as `RigOperations.scene` returns it.
 
     Raises:
         ConfigError: there is no such task, or the scene lacks something that the operator needs.

@@ -4,8 +4,7 @@ import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.operator.hands import Hands, pause
-from lerobot_robot_yam.rig.operator.scripts.script import PUT_DOWN_M, Script, lifted
-from lerobot_robot_yam.rig.operator.scripts.setup import Setup
+from lerobot_robot_yam.rig.operator.scripts.script import PUT_DOWN_M, Script, Setup, lifted
 from lerobot_robot_yam.rig.operator.worker import Worker
 from lerobot_robot_yam.rig.scene.props import Grip
 
