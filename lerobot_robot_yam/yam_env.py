@@ -66,15 +66,11 @@ class YamEnv(gym.Env):
         self._action_keys = self._robot_config.action_keys()
         self._state_keys = self._robot_config.state_keys()
         self._cameras = {name: (camera.height, camera.width, 3) for name, camera in eyes_of(self._robot_config).items()}
-        self.observation_space = gym.spaces.Dict(
-            {
-                AGENT_POS: gym.spaces.Box(-np.inf, np.inf, (len(self._state_keys),), np.float32),
-                "pixels": gym.spaces.Dict(
-                    {name: gym.spaces.Box(0, 255, shape, np.uint8) for name, shape in self._cameras.items()}
-                ),
-            }
-        )
-        self.action_space = gym.spaces.Box(-np.inf, np.inf, (len(self._action_keys),), np.float32)
+        box, pictures = gym.spaces.Box, self._cameras.items()
+        pixels = gym.spaces.Dict({name: box(0, 255, shape, np.uint8) for name, shape in pictures})
+        state = box(-np.inf, np.inf, (len(self._state_keys),), np.float32)
+        self.observation_space = gym.spaces.Dict({AGENT_POS: state, "pixels": pixels})
+        self.action_space = box(-np.inf, np.inf, (len(self._action_keys),), np.float32)
         self._motors = motors_of(self._robot_config.arms())
         self._is_joint = np.array([not motor.endswith("gripper") for motor in self._motors])
         self._check_reset_pose()

@@ -128,16 +128,15 @@ class FollowerBase(ArmDevice, Robot):
 
     def _extras(self, states: list[ArmState]) -> list[float]:
         options: FollowerOptions = self.config
-        values: list[float] = []
+        parts: list[np.ndarray] = []
         if options.observe_velocity:
             rates = [_with_gripper(state.dq, state.gripper_rate) for state in states]
-            values += (np.concatenate(rates) * self._arms.scale).tolist()
+            parts.append(np.concatenate(rates) * self._arms.scale)
         if options.observe_torque:
-            values += [x for state in states for x in _with_gripper(state.tau_nm, state.gripper_tau_nm).tolist()]
+            parts += [_with_gripper(state.tau_nm, state.gripper_tau_nm) for state in states]
         if options.observe_temperature:
-            values += [x for state in states for x in state.temp_mos_c.tolist()]
-            values += [x for state in states for x in state.temp_rotor_c.tolist()]
-        return values
+            parts += [state.temp_mos_c for state in states] + [state.temp_rotor_c for state in states]
+        return np.concatenate(parts).tolist()
 
     @check_if_not_connected
     def send_action(self, action: Mapping[str, Any]) -> dict[str, float]:

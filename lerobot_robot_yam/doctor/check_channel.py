@@ -95,14 +95,6 @@ def _bus_remedy(target: Target, link: Link | None, error: Exception) -> str:
     if not target.real:
         return "check the names of channel and rig"
     link = link or Link(name=target.channel, up=True)
-    if isinstance(error, BusError) and _error_number(error) == errno.ENOBUFS:
+    if isinstance(error, BusError) and error.errno == errno.ENOBUFS:
         return link.repair(QUEUE_LENGTH)
     return link.repair()
-
-
-def _error_number(error: BaseException) -> int | None:
-    """errno of the system call behind an error, wherever python-can has put it."""
-    number = getattr(error, "error_code", None) or getattr(error, "errno", None)
-    if isinstance(number, int):
-        return number
-    return None if error.__cause__ is None else _error_number(error.__cause__)

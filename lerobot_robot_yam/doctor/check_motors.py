@@ -117,11 +117,9 @@ def _check_missing(
     motor = target.hardware.gripper.motor
     replaced = [spec for spec in missing if handle and motor is not None and spec.can_id == motor.can_id]
     for spec in replaced:
-        section.problem(
-            _where(target, spec),
-            "a teaching handle answers instead of the gripper's motor: this is a leader",
-            f"name it --channel {target.channel}:{target.config.arm}:{LEADER_GRIPPER}, or swap the cables back",
-        )
+        what = "a teaching handle answers instead of the gripper's motor: this is a leader"
+        remedy = f"name it --channel {target.channel}:{target.config.arm}:{LEADER_GRIPPER}, or swap the cables back"
+        section.problem(_where(target, spec), what, remedy)
     specs, missing = ([spec for spec in some if spec not in replaced] for some in (specs, missing))
     to_the_end = not handle and list(missing) == list(specs[-len(missing) :])  # the handle is behind them
     behind = [spec.name for spec in missing[1:]] if to_the_end else []

@@ -7,10 +7,9 @@ now, if that is loaded already, else by an import hook at the moment it is. Ever
 Other plugins claim some of our names. Each device therefore has a spare name, and a name that is taken costs us that
 name only.
 
-The same moment serves for two messages. One says that LeRobot is newer than tested. The other puts LeRobot's page about
-a missing FFmpeg into one line: LeRobot tries to load torchcodec, which tries FFmpeg 4 to 8, and logs all that was tried
-before it reads videos with PyAV instead, which brings an FFmpeg along. Only a page that blames nothing but missing
-libraries is shortened; any other reason (an incompatible torch, a broken FFmpeg) is shown as it is.
+The same moment serves for two messages. One says that LeRobot is newer than tested. The other shortens LeRobot's page
+about FFmpeg: torchcodec tries FFmpeg 4 to 8, and LeRobot logs all attempts before it reads videos with PyAV, which has
+an FFmpeg with it. Where anything else than missing libraries was the reason, the page is shown as it is.
 """
 
 import importlib

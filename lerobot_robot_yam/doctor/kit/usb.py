@@ -41,13 +41,6 @@ def usb_device(directory: Path) -> UsbDevice | None:
                 bus=int(bus) if bus and bus.isdigit() else None,
                 product=text_of(place / "product"),
                 serial=text_of(place / "serial"),
-                speed_mbit=_number(speed),
+                speed_mbit=float(speed) if speed and speed.replace(".", "", 1).isdigit() else None,
             )
     return None
-
-
-def _number(text: str | None) -> float | None:
-    try:
-        return None if text is None else float(text)
-    except ValueError:
-        return None

@@ -20,23 +20,6 @@ if TYPE_CHECKING:
 _DEFAULT_NAME = ArmConfig(channel="any").name
 
 
-def _arm_config(options: ArmConfig, name: str, calibration_dir: Path, ident: str | None) -> ArmConfig:
-    """The arm layer's part of a LeRobot config that extends `ArmConfig`.
-
-    Args:
-        options: the LeRobot config (of one arm).
-        name: what messages call the arm, unless the user has named it.
-        calibration_dir: LeRobot's directory of the device; ours is a subdirectory, whose files LeRobot never reads.
-        ident: LeRobot's id of the device (with the side), None to name the file after the channel.
-    """
-    values: dict[str, Any] = {field.name: getattr(options, field.name) for field in dataclasses.fields(ArmConfig)}
-    if options.name == _DEFAULT_NAME:
-        values["name"] = name
-    if options.calibration_path is None:
-        values["calibration_path"] = str(calibration_dir / "yam" / f"{ident or options.channel}_gripper.json")
-    return ArmConfig(**values)
-
-
 class ArmDevice(Uncopied):
     """Mixin for LeRobot's `Robot` and `Teleoperator`."""
 
@@ -56,11 +39,16 @@ class ArmDevice(Uncopied):
         isolation: Isolation,
         handles: Collection[str] | None = None,
     ) -> ArmGroup:
-        """The group of these arms, which messages call by their prefix and `role`; see `ArmGroup`."""
-        configs = {
-            prefix: _arm_config(arm, f"{prefix}{role}", self.calibration_dir, self.id and f"{prefix}{self.id}")
-            for prefix, arm in arms.items()
-        }
+        """The group of these arms, see `ArmGroup`; messages call an unnamed one by prefix and `role`."""
+        configs = {}
+        for prefix, arm in arms.items():
+            values: dict[str, Any] = {field.name: getattr(arm, field.name) for field in dataclasses.fields(ArmConfig)}
+            if arm.name == _DEFAULT_NAME:
+                values["name"] = f"{prefix}{role}"
+            if arm.calibration_path is None:  # in a subdirectory, whose files LeRobot never reads
+                ident = f"{prefix}{self.id}" if self.id else arm.channel
+                values["calibration_path"] = str(self.calibration_dir / "yam" / f"{ident}_gripper.json")
+            configs[prefix] = ArmConfig(**values)
         return ArmGroup(self.name, configs, use_degrees, isolation, handles)
 
     def _speak(self, kind: Literal["joint", "ee"], models: Models) -> None:
