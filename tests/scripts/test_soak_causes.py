@@ -77,7 +77,8 @@ def test_trouble_needs_a_cause(soak):
         ("garbled", Trouble.OVER_CURRENT, False),  # a fault code in an answer that cannot be
         ("reading_lies", Trouble.OVERLOAD, False),
         ("second_arm", Trouble.DUPLICATE_ID, True),
-        ("second_arm", Trouble.DISABLED, False),  # the other one was
+        ("second_arm", Trouble.DISABLED, True),  # where it lies as ours does, only what it says of itself differs
+        ("second_arm", Trouble.OVERLOAD, False),
         ("slow_adapter", Trouble.MOTOR_SILENT, False),
         ("held_back", Trouble.BUS_SILENT, False),
     ],

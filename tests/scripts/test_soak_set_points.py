@@ -58,6 +58,15 @@ def test_jumps(soak, mode, target, q, jumps):
     assert sum(check.seeds.values()) == (not jumps)
 
 
+@pytest.mark.parametrize("before, after, jumps", [(0xD, 0xD, False), (1, 0xD, True), (0xD, 1, True)])
+def test_a_joint_without_torque_cannot_be_sent_anywhere(soak, before, after, jumps):
+    rows = [*ramp(0.0, 50), record(50, np.full(7, 0.5))]
+    for row, fault in zip(rows[-2:], (before, after), strict=True):
+        row["fault"][:7] = fault
+    found = findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), rows)
+    assert ["no set-point jump"] * jumps == [finding.invariant for finding in found]
+
+
 @pytest.mark.parametrize(
     "mode, beside, too_fast", [(Mode.HOLD, 0.0, False), (Mode.HOLD, 0.1, True), (Mode.FAULT, 0.0, True)]
 )

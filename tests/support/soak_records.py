@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE
 
@@ -16,5 +17,6 @@ def record(tick, setpoint, mode=Mode.TRACK, q=None, trouble="", pid=1):
     slots = slice(len(setpoint))
     row["setpoint"][slots] = setpoint
     row["q"][slots] = setpoint if q is None else q
+    row["fault"][slots] = Fault.NORMAL
     row["trouble"] = trouble.encode()
     return row
