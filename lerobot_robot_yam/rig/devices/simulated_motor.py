@@ -248,7 +248,7 @@ class SimMotor:
         """Overwrite a register, read-only ones too. Raises ConfigError: no such register, or it cannot hold that."""
         registers.encode_value(register, value)  # checks
         if register in _RANGES and value <= 0:
-            raise ConfigError(f"register {Register(register).name} must be positive, not {value}")
+            raise ConfigError(f"register {registers.REGISTERS[register].name} must be positive, not {value}")
         if register in (Register.MST_ID, Register.ESC_ID) and value > REGISTER_ID:
             raise ConfigError(f"a CAN identifier is at most {REGISTER_ID:#x}, not {value:#x}")
         self._registers[register] = value
