@@ -12,11 +12,7 @@ _ENABLE_TICKS = 20  # in which a motor has to say that it is enabled: an answer 
 
 
 class BringUp:
-    """Bring-up of one arm.
-
-    Attributes:
-        after: the mode in which it ends.
-    """
+    """Bring-up of one arm. after: the mode in which it ends."""
 
     def __init__(self, actuation: Actuation, floating: FloatMonitor):
         self._actuation, self._status, self._floating = actuation, actuation.status, floating

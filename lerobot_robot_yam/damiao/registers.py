@@ -181,11 +181,7 @@ def decode_reply(data: bytes) -> RegisterReply | None:
 
 
 def encode_value(register: int, value: float) -> bytes:
-    """Four little-endian bytes of a register's value.
-
-    Raises:
-        ConfigError: unknown register, or a value it cannot hold.
-    """
+    """Four little-endian bytes of a value. Raises ConfigError: unknown register, or a value it cannot hold."""
     row = register_row(register)
     with contextlib.suppress(OverflowError, ValueError, TypeError, struct.error):  # too large, NaN, no number
         if row.kind == "float":

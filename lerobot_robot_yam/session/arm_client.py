@@ -131,11 +131,7 @@ class ArmClient:
         return options
 
     def hold(self) -> None:
-        """Keep the present set-point, or the measured pose when floating.
-
-        Raises:
-            LifeCycleError: not from the present state.
-        """
+        """Keep the set-point, or the measured pose when floating. Raises LifeCycleError: not from this state."""
         self._request(Request.HOLD)
 
     def float(self) -> None:
