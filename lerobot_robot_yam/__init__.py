@@ -11,12 +11,12 @@ from lerobot_robot_yam.face import registration
 
 if TYPE_CHECKING:
     from lerobot_robot_yam.arm.kinematics import YamKinematics as YamKinematics
-    from lerobot_robot_yam.bi_yam_follower import BiYamFollower as BiYamFollower
-    from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig as BiYamFollowerConfig
     from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig as YamSimCameraConfig
+    from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig as BiYamFollowerConfig
     from lerobot_robot_yam.config_yam_follower import YamFollowerConfig as YamFollowerConfig
     from lerobot_robot_yam.session.yam_arm import YamArm as YamArm
     from lerobot_robot_yam.yam_camera import YamSimCamera as YamSimCamera
+    from lerobot_robot_yam.yam_follower import BiYamFollower as BiYamFollower
     from lerobot_robot_yam.yam_follower import YamFollower as YamFollower
 
 _MODULES = {
@@ -24,8 +24,8 @@ _MODULES = {
     "YamKinematics": "arm.kinematics",
     "YamFollower": "yam_follower",
     "YamFollowerConfig": "config_yam_follower",
-    "BiYamFollower": "bi_yam_follower",
-    "BiYamFollowerConfig": "config_bi_yam_follower",
+    "BiYamFollower": "yam_follower",
+    "BiYamFollowerConfig": "config_yam_follower",
     "YamSimCamera": "yam_camera",
     "YamSimCameraConfig": "config_yam_camera",
 }

@@ -3,7 +3,7 @@
 import contextlib
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import gymnasium as gym
 import lerobot.cameras.opencv
@@ -60,8 +60,8 @@ class YamEnvConfig(EnvConfig):
         with contextlib.suppress(ConfigError):  # `create_envs` says what is wrong; the parser would hide it
             self._describe()
 
-    def _describe(self) -> Any:
-        """Fill in the features; returns the robot's config."""
+    def _describe(self) -> None:
+        """Fill in the features."""
         if self.robot is None or not hasattr(self.robot, "action_keys"):
             raise ConfigError("env.robot: choose the robot, such as --env.robot.type=bi_yam_follower")
         action_keys, state_keys, cameras = self.robot.action_keys(), self.robot.state_keys(), eyes_of(self.robot)
@@ -74,7 +74,11 @@ class YamEnvConfig(EnvConfig):
             key = f"{OBS_IMAGES}.{name}"
             self.features[key] = PolicyFeature(FeatureType.VISUAL, (camera.height, camera.width, 3))
             self.features_map[key] = key
-        return self.robot
+
+    @property
+    def virtual(self) -> bool:
+        """Whether the robot lives in a virtual rig."""
+        return self.lockstep or all(arm.interface == "yam_sim" for arm in cast(Any, self.robot).arms().values())
 
     @property
     def gym_kwargs(self) -> dict[str, Any]:
@@ -89,9 +93,8 @@ class YamEnvConfig(EnvConfig):
         """
         from lerobot_robot_yam.yam_env import YamEnv
 
-        robot = self._describe()
-        virtual = self.lockstep or all(arm.interface == "yam_sim" for arm in robot.arms().values())
-        if n_envs > 1 and not virtual:
+        self._describe()
+        if n_envs > 1 and not self.virtual:
             raise ConfigError(f"{n_envs} environments, but one real robot: use --eval.batch_size=1")
         # Gymnasium resets an environment that has ended while others still run; this one only freezes.
         makers = [freeze_after_episode_end(partial(YamEnv, self, index, n_envs)) for index in range(n_envs)]

@@ -1,12 +1,82 @@
-"""LeRobot config of one follower arm (`--robot.type=yam_follower`)."""
+"""LeRobot configs of one follower arm (`--robot.type=yam_follower`) and of two (`bi_yam_follower`)."""
 
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
 
+from lerobot.cameras.configs import CameraConfig
 from lerobot.robots.config import RobotConfig
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.face.devices.follower_options import FollowerOptions
+from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.registration import register_as
+
+
+@dataclass(kw_only=True)
+class FollowerOptions(ABC):
+    """Options of the robot as a whole.
+
+    Attributes:
+        cameras: any LeRobot cameras (opencv, intelrealsense, yam_sim, …).
+        observe_velocity: also `joint_1.vel` …, rad/s; gripper in strokes per second.
+        observe_torque: also `joint_1.torque` …, Nm at the motor's output.
+        observe_temperature: also `joint_1.temp_mos`, `joint_1.temp_rotor` …, °C.
+        use_degrees: joints in degrees (and degrees per second) in observations and actions; the gripper stays 0 … 1.
+            Fields of this config keep their units.
+        action_space: "joint": actions and observed positions are `joint_1.pos` …; "ee": they are the tool's pose,
+            `ee_x.pos` … in m and rad, velocities in rad/s, whatever `use_degrees` says (docs/end-effector.md).
+        isolation: "process" runs the control loop in another process; "thread" is for debugging,
+            "lockstep" for rigs in lock-step (the environment `yam` sets it).
+    """
+
+    cameras: dict[str, CameraConfig] = field(default_factory=dict)
+    observe_velocity: bool = False
+    observe_torque: bool = False
+    observe_temperature: bool = False
+    use_degrees: bool = False
+    action_space: Literal["joint", "ee"] = "joint"
+    isolation: Literal["process", "thread", "lockstep"] = "process"
+
+    @abstractmethod
+    def arms(self) -> Mapping[str, ArmConfig]:
+        """The arms by feature prefix, in canonical order."""
+
+    def all_cameras(self) -> dict[str, CameraConfig]:
+        """Every camera under the name that its images have in observations.
+
+        Raises:
+            ConfigError: two cameras have the same name, or one lacks its size or rate.
+        """
+        return dict(self.cameras)
+
+    def action_keys(self) -> list[str]:
+        """Keys of an action, in canonical order.
+
+        Raises:
+            ConfigError: unknown arm or gripper.
+        """
+        from lerobot_robot_yam.face.devices import feature_names  # loads profiles: LeRobot's start must not wait for it
+
+        return feature_names.action_keys(self.arms(), self.action_space)
+
+    def state_keys(self) -> list[str]:
+        """Keys of all numbers of an observation: those of an action, then the optional ones."""
+        from lerobot_robot_yam.face.devices.feature_names import motors_of
+
+        kinds = ["vel"] * self.observe_velocity + ["torque"] * self.observe_torque
+        kinds += ["temp_mos", "temp_rotor"] * self.observe_temperature
+        return self.action_keys() + [f"{motor}.{kind}" for kind in kinds for motor in motors_of(self.arms())]
+
+
+@dataclass(kw_only=True)
+class FollowerArmConfig(ArmConfig):
+    """One side of two: every field of `ArmConfig`, and cameras whose names get the side's prefix."""
+
+    cameras: dict[str, CameraConfig] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """No checks yet: they come when the robot is made. The parser would hide what they say."""
 
 
 @register_as(RobotConfig, "yam_follower", spare="i2rt_yam_follower")
@@ -19,10 +89,38 @@ class YamFollowerConfig(RobotConfig, FollowerOptions, ArmConfig):
         RobotConfig.__post_init__(self)
 
     def arms(self) -> dict[str, ArmConfig]:
-        """The one arm, without a prefix."""
         return {"": self}
 
 
 @register_as(RobotConfig, "i2rt_yam_follower")
 class I2rtYamFollowerConfig(YamFollowerConfig):
+    """The same by a name that no other plugin claims."""
+
+
+@register_as(RobotConfig, "bi_yam_follower", spare="bi_i2rt_yam_follower")
+@dataclass(kw_only=True)
+class BiYamFollowerConfig(RobotConfig, FollowerOptions):
+    """Two follower arms. `cameras` keep their names, those of an arm get `left_` or `right_` in front."""
+
+    left_arm_config: FollowerArmConfig
+    right_arm_config: FollowerArmConfig
+
+    def arms(self) -> dict[str, FollowerArmConfig]:
+        return {"left_": self.left_arm_config, "right_": self.right_arm_config}
+
+    def all_cameras(self) -> dict[str, CameraConfig]:
+        cameras = dict(self.cameras)
+        for prefix, arm in self.arms().items():
+            for name, camera in arm.cameras.items():
+                if f"{prefix}{name}" in cameras:
+                    raise ConfigError(f"two cameras are called {prefix}{name}; rename one")
+                cameras[f"{prefix}{name}"] = camera
+        for name, camera in cameras.items():
+            if None in (camera.width, camera.height, camera.fps):
+                raise ConfigError(f"camera {name}: give width, height and fps")
+        return cameras
+
+
+@register_as(RobotConfig, "bi_i2rt_yam_follower")
+class BiI2rtYamFollowerConfig(BiYamFollowerConfig):
     """The same by a name that no other plugin claims."""

@@ -11,18 +11,16 @@ import gymnasium as gym
 import numpy as np
 from lerobot.robots.utils import make_robot_from_config
 
-from lerobot_robot_yam.arm.profile_files import load_gripper
+from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.config_yam_env import AGENT_POS, YamEnvConfig, eyes_of
 from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError
 from lerobot_robot_yam.face.devices.feature_names import motors_of
-from lerobot_robot_yam.face.envs.env_robot import check_render_camera, check_reset_pose, put_in_lockstep
 from lerobot_robot_yam.face.envs.referee import CallableReferee, OperatorReferee, Referee, RigReferee, find_judge
 from lerobot_robot_yam.rig.client.rendered_camera import RigCamera
 from lerobot_robot_yam.rig.client.rig_control import RigControl
-from lerobot_robot_yam.rig.client.rig_operations import RigOperations
 from lerobot_robot_yam.rig.lockstep.lockstep_cameras import LockstepCamera
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
-from lerobot_robot_yam.rig.operator.scripts.setup import make_setup
+from lerobot_robot_yam.rig.operator.scripts.script import make_setup
 from lerobot_robot_yam.rig.scene.scene import SCENES, load_scene
 from lerobot_robot_yam.rig.scene.tasks import Task
 from lerobot_robot_yam.yam_follower import FollowerBase
@@ -34,7 +32,6 @@ _ARRIVED = 0.05  # rad, or of the gripper's stroke
 _REACH_TIMEOUT_S = 30.0
 _GRIP_S = 2.0  # joints that are there wait so long for grippers: these may have closed on something
 _SPECTATOR_SIZE = 320, 240  # pixels
-_ENDLESS_S = 86_400.0  # a day: no time limit of the rig's own
 _SETTLE_S = 0.5  # at the reset pose, before an episode begins
 
 
@@ -56,7 +53,7 @@ class YamEnv(gym.Env):
     def __init__(self, config: YamEnvConfig, index: int = 0, count: int = 1):
         self._config = config
         self._robot_config = cast(Any, copy.deepcopy(config.robot))
-        self._virtual = config.lockstep or all(arm.interface == "yam_sim" for arm in self._robot_config.arms().values())
+        self._virtual = config.virtual
         self._rig_name = f"env-{os.getpid()}-{index}" if count > 1 else None
         self._scene = config.scene or (config.task if config.task in SCENES else None)
         self._task = self._task_row()
@@ -69,19 +66,17 @@ class YamEnv(gym.Env):
         self._action_keys = self._robot_config.action_keys()
         self._state_keys = self._robot_config.state_keys()
         self._cameras = {name: (camera.height, camera.width, 3) for name, camera in eyes_of(self._robot_config).items()}
-        self.observation_space = gym.spaces.Dict(
-            {
-                AGENT_POS: gym.spaces.Box(-np.inf, np.inf, (len(self._state_keys),), np.float32),
-                "pixels": gym.spaces.Dict(
-                    {name: gym.spaces.Box(0, 255, shape, np.uint8) for name, shape in self._cameras.items()}
-                ),
-            }
-        )
-        self.action_space = gym.spaces.Box(-np.inf, np.inf, (len(self._action_keys),), np.float32)
+        box, pictures = gym.spaces.Box, self._cameras.items()
+        pixels = gym.spaces.Dict({name: box(0, 255, shape, np.uint8) for name, shape in pictures})
+        state = box(-np.inf, np.inf, (len(self._state_keys),), np.float32)
+        self.observation_space = gym.spaces.Dict({AGENT_POS: state, "pixels": pixels})
+        self.action_space = box(-np.inf, np.inf, (len(self._action_keys),), np.float32)
         self._motors = motors_of(self._robot_config.arms())
         self._is_joint = np.array([not motor.endswith("gripper") for motor in self._motors])
-        check_reset_pose(config.reset_pose, self._robot_config.arms())
-        check_render_camera(config.render_camera, list(dict.fromkeys([*self._cameras, *self._scene_cameras()])))
+        self._check_reset_pose()
+        name, there = config.render_camera, list(dict.fromkeys([*self._cameras, *self._scene_cameras()]))
+        if name is not None and name not in there:
+            raise ConfigError(f"env.render_camera: there is no camera '{name}'; there are {', '.join(there) or 'none'}")
         self._start_pose: np.ndarray | None = None
         self.sent = np.zeros(len(self._action_keys))  # the last action, as the robot has taken it
         self._rig: RigControl | LockstepRig | None = None
@@ -101,8 +96,11 @@ class YamEnv(gym.Env):
             YamError: the robot or the rig fails, or the pose is not reached.
         """
         super().reset(seed=seed)
-        if self._config.lockstep:
-            self._restart()
+        if self._config.lockstep:  # the world begins anew, so that nothing of an episode depends on earlier ones
+            if self._robot is not None:
+                self._robot.discard()
+            if isinstance(self._rig, LockstepRig):
+                self._rig.restart()
         robot, referee = self._connected()
         self._go_to_start(robot)
         referee.arrange(seed)
@@ -144,15 +142,12 @@ class YamEnv(gym.Env):
         if self._rig is None:
             return np.zeros((*reversed(_SPECTATOR_SIZE), 3), np.uint8)
         if self._spectator is None:
-            self._spectator = self._open_spectator(self._rig)
+            rig, name = self._rig, self._config.render_camera or self._scene_cameras()[0]
+            view = name, *_SPECTATOR_SIZE, self._config.fps
+            camera = LockstepCamera(rig, *view) if isinstance(rig, LockstepRig) else RigCamera(*view, rig.name)
+            camera.connect()
+            self._spectator = camera
         return self._spectator.latest()[0]
-
-    def _open_spectator(self, rig: RigOperations) -> RigCamera | LockstepCamera:
-        name = self._config.render_camera or self._scene_cameras()[0]
-        size = (*_SPECTATOR_SIZE, self._config.fps)
-        camera = LockstepCamera(rig, name, *size) if isinstance(rig, LockstepRig) else RigCamera(name, *size, rig.name)
-        camera.connect()
-        return camera
 
     def _scene_cameras(self) -> list[str]:
         """Names of the virtual rig's own cameras."""
@@ -218,20 +213,13 @@ class YamEnv(gym.Env):
             self._robot.connect()
         return self._robot, self._referee
 
-    def _restart(self) -> None:
-        """A world in lock-step begins anew, so that nothing of an episode depends on earlier ones."""
-        if self._robot is not None:
-            self._robot.discard()
-        if isinstance(self._rig, LockstepRig):
-            self._rig.restart()
-
     def _make_referee(self) -> Referee:
         config = self._config
         referee: Referee | None = None
         if self._virtual:
             self._rig = self._make_rig()
             if self._task is not None:
-                referee = RigReferee(self._rig, self._task.name, _ENDLESS_S)  # it is the number of steps that ends it
+                referee = RigReferee(self._rig, self._task.name)
         if config.success == "operator":
             return OperatorReferee(config.task or "", referee)
         if config.success != "rig":
@@ -256,7 +244,7 @@ class YamEnv(gym.Env):
         arms = self._robot_config.arms()
         if self._config.lockstep:
             rig_in_step = LockstepRig(self._scene, **self._rig_options())
-            put_in_lockstep(self._robot_config, rig_in_step)
+            self._join(rig_in_step)
             return rig_in_step
         if self._rig_name is not None:
             for arm in arms.values():
@@ -265,6 +253,24 @@ class YamEnv(gym.Env):
                 if camera.type == "yam_sim":
                     camera.rig = self._rig_name
         return RigControl(next(iter(arms.values())).can_options.get("rig"), self._scene, **self._rig_options())
+
+    def _join(self, rig: LockstepRig) -> None:
+        """Make the channels of the robot's arms, and its cameras, those of the rig."""
+        rows = {row.channel: row for row in rig.device.scene.arms}
+        self._robot_config.isolation = "lockstep"
+        for arm in self._robot_config.arms().values():
+            if arm.channel not in rows:
+                raise ConfigError(f"{arm.channel}: the scene has {', '.join(rows)}")
+            arm.interface, arm.can_options = "yam_lockstep", {"rig": rig.name}
+            row = rows[arm.channel]
+            calibration = load_gripper(row.gripper).calibration
+            if arm.gripper_stops_rad is None and calibration is not None:
+                stops = calibration.nominal_stops_rad if row.stops_rad is None else row.stops_rad
+                arm.gripper_stops_rad = [float(stop) for stop in stops]  # stored ones would make runs differ
+        for name, camera in self._robot_config.all_cameras().items():
+            if camera.type != "yam_sim":
+                raise ConfigError(f"camera {name}: type {camera.type}; in lock-step only yam_sim keeps the rig's time")
+            camera.rig = rig.name
 
     def _go_to_start(self, robot: FollowerBase) -> None:
         """Move to the reset pose, at the loop's own speed limits."""
@@ -283,6 +289,22 @@ class YamEnv(gym.Env):
                 raise LifeCycleError(
                     f"{self._motors[int(off.argmax())]} is not at the reset pose after {_REACH_TIMEOUT_S:.0f} s; "
                     "is something in its way, or the emergency stop latched (yam-estop)?"
+                )
+
+    def _check_reset_pose(self) -> None:
+        """Refuse a reset pose that the arms cannot take."""
+        if (pose := self._config.reset_pose) is None:
+            return
+        limits: list[tuple[float, float]] = []
+        for arm in self._robot_config.arms().values():
+            limits += load_arm(arm.arm).joint_limits_rad.tolist()
+            limits += [(0.0, 1.0)] * (load_gripper(arm.gripper).motor is not None)
+        if len(pose) != len(limits):
+            raise ConfigError(f"env.reset_pose: {len(pose)} values, not {len(limits)}: {', '.join(self._motors)}")
+        for motor, value, (low, high) in zip(self._motors, pose, limits, strict=True):
+            if not low <= value <= high:
+                raise ConfigError(
+                    f"env.reset_pose: {motor} is {value:g}, outside {low:.3f} … {high:.3f} (rad; grippers 0 … 1)"
                 )
 
     def _reset_pose(self) -> np.ndarray | None:

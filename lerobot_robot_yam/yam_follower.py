@@ -6,18 +6,15 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from lerobot.cameras.configs import CameraConfig
 from lerobot.cameras.utils import make_cameras_from_configs
 from lerobot.robots.robot import Robot
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
 
-from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.config_checks import check_switches
-from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
+from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerOptions, YamFollowerConfig
 from lerobot_robot_yam.face.datasets.recording import recorded_name
 from lerobot_robot_yam.face.devices.arm_device import ArmDevice
 from lerobot_robot_yam.face.devices.command_check import check_command
-from lerobot_robot_yam.face.devices.follower_options import FollowerOptions
 from lerobot_robot_yam.face.devices.images import beside_arms, newest_images
 from lerobot_robot_yam.state.records import ArmState
 from lerobot_robot_yam.system.clock import Clock
@@ -29,15 +26,14 @@ class FollowerBase(ArmDevice, Robot):
     """One follower arm or two.
 
     Args:
-        config: LeRobot's config of the robot, which also has `FollowerOptions`.
-        arms: the arms by feature prefix, in canonical order.
-        cameras: cameras by feature name.
+        config: `YamFollowerConfig` or `BiYamFollowerConfig`.
     """
 
-    def __init__(self, config: Any, arms: Mapping[str, ArmConfig], cameras: Mapping[str, CameraConfig]):
+    def __init__(self, config: Any):
         super().__init__(config)
         self.config = config
         options: FollowerOptions = config
+        arms = options.arms()
         check_switches(self.name, options)
         # Data sets of tool poses do not tell a unit of what is beside them.
         self._use_degrees = options.use_degrees and options.action_space == "joint"
@@ -45,6 +41,7 @@ class FollowerBase(ArmDevice, Robot):
         self.robot_type = self.name
         self._arms = self._make_arms("follower", arms, self._use_degrees, options.isolation)
         self._speak(options.action_space, [(side.hardware.arm, side.hardware.gripper) for side in self._arms.sides])
+        cameras = options.all_cameras()
         self._camera_configs = {name: beside_arms(camera, arms.values()) for name, camera in cameras.items()}
         self.cameras = make_cameras_from_configs(self._camera_configs)
         self._last_action: dict[str, Any] = {}
@@ -131,16 +128,15 @@ class FollowerBase(ArmDevice, Robot):
 
     def _extras(self, states: list[ArmState]) -> list[float]:
         options: FollowerOptions = self.config
-        values: list[float] = []
+        parts: list[np.ndarray] = []
         if options.observe_velocity:
             rates = [_with_gripper(state.dq, state.gripper_rate) for state in states]
-            values += (np.concatenate(rates) * self._arms.scale).tolist()
+            parts.append(np.concatenate(rates) * self._arms.scale)
         if options.observe_torque:
-            values += [x for state in states for x in _with_gripper(state.tau_nm, state.gripper_tau_nm).tolist()]
+            parts += [_with_gripper(state.tau_nm, state.gripper_tau_nm) for state in states]
         if options.observe_temperature:
-            values += [x for state in states for x in state.temp_mos_c.tolist()]
-            values += [x for state in states for x in state.temp_rotor_c.tolist()]
-        return values
+            parts += [state.temp_mos_c for state in states] + [state.temp_rotor_c for state in states]
+        return np.concatenate(parts).tolist()
 
     @check_if_not_connected
     def send_action(self, action: Mapping[str, Any]) -> dict[str, float]:
@@ -219,8 +215,12 @@ class YamFollower(FollowerBase):
     config_class = YamFollowerConfig
     name = "yam_follower"
 
-    def __init__(self, config: YamFollowerConfig):
-        super().__init__(config, {"": config}, config.cameras)
+
+class BiYamFollower(FollowerBase):
+    """Two YAM arms that follow LeRobot's actions; one control loop drives both in step."""
+
+    config_class = BiYamFollowerConfig
+    name = "bi_yam_follower"
 
 
-I2rtYamFollower = YamFollower  # LeRobot looks for the device of a config by this name
+I2rtYamFollower, BiI2rtYamFollower = YamFollower, BiYamFollower  # LeRobot finds the devices of the spare types by these

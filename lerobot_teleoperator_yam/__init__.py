@@ -7,16 +7,16 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.other_plugins import mixture, overwritten
 
 if TYPE_CHECKING:
-    from lerobot_teleoperator_yam.bi_yam_leader import BiYamLeader as BiYamLeader
-    from lerobot_teleoperator_yam.config_bi_yam_leader import BiYamLeaderConfig as BiYamLeaderConfig
+    from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig as BiYamLeaderConfig
     from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig as YamLeaderConfig
+    from lerobot_teleoperator_yam.yam_leader import BiYamLeader as BiYamLeader
     from lerobot_teleoperator_yam.yam_leader import YamLeader as YamLeader
 
 _MODULES = {
     "YamLeader": "yam_leader",
     "YamLeaderConfig": "config_yam_leader",
-    "BiYamLeader": "bi_yam_leader",
-    "BiYamLeaderConfig": "config_bi_yam_leader",
+    "BiYamLeader": "yam_leader",
+    "BiYamLeaderConfig": "config_yam_leader",
 }
 __all__ = list(_MODULES)
 

@@ -14,8 +14,7 @@ from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.devices.arm_device import ArmDevice
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
-from lerobot_teleoperator_yam.leader_options import LeaderArmConfig, LeaderOptions
+from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, LeaderOptions, YamLeaderConfig
 
 logger = logging.getLogger(__name__)
 
@@ -27,14 +26,14 @@ class LeaderBase(ArmDevice, Teleoperator):
     """One leader arm or two. They float until `enable_torque`.
 
     Args:
-        config: LeRobot's config of the teleoperator, which also has `LeaderOptions`.
-        arms: the arms by feature prefix, in canonical order.
+        config: `YamLeaderConfig` or `BiYamLeaderConfig`.
     """
 
-    def __init__(self, config: Any, arms: Mapping[str, LeaderArmConfig]):
+    def __init__(self, config: Any):
         super().__init__(config)
         self.config = config
         options: LeaderOptions = config
+        arms = options.arms()
         check_switches(self.name, options)
         handles = {prefix for prefix, arm in arms.items() if load_gripper(arm.ee_gripper).motor is not None}
         joints_in_degrees = options.use_degrees and options.action_space == "joint"
@@ -172,8 +171,12 @@ class YamLeader(LeaderBase):
     config_class = YamLeaderConfig
     name = "yam_leader"
 
-    def __init__(self, config: YamLeaderConfig):
-        super().__init__(config, {"": config})
+
+class BiYamLeader(LeaderBase):
+    """Two YAM arms moved by hand; one control loop drives both in step."""
+
+    config_class = BiYamLeaderConfig
+    name = "bi_yam_leader"
 
 
-I2rtYamLeader = YamLeader  # LeRobot looks for the device of a config by this name
+I2rtYamLeader, BiI2rtYamLeader = YamLeader, BiYamLeader  # LeRobot finds the devices of the spare types by these names

@@ -109,5 +109,5 @@ def test_the_rule_can_fail():
     assert not allowed("lerobot_robot_yam.control.laws.mit_laws", "lerobot_robot_yam.control.landing")
     assert not allowed("lerobot_robot_yam.control.loop", "lerobot_robot_yam.yam_follower")
     assert not allowed("lerobot_robot_yam.rig.world.world", "lerobot_robot_yam.control.arm_controller")
-    assert not allowed("lerobot_robot_yam.rig.bus.channel", "lerobot_robot_yam.rig.server.serving")
+    assert not allowed("lerobot_robot_yam.rig.bus.channel", "lerobot_robot_yam.rig.server.server")
     assert not allowed("lerobot_robot_yam.errors", "lerobot_robot_yam.damiao.codec")

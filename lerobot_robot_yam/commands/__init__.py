@@ -1,1 +1,1 @@
-"""Console commands about one arm; none of them imports lerobot."""
+"""The yam-* console commands; `lib` has what several share."""

@@ -13,7 +13,6 @@ import io
 import logging
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL
@@ -21,10 +20,10 @@ from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS
 from lerobot_robot_yam.doctor.check_adapters import RULES_DIRECTORIES, check_adapters, read_adapters, read_rules
 from lerobot_robot_yam.doctor.check_calibration import check_calibrations
 from lerobot_robot_yam.doctor.check_cameras import DEV, check_cameras, read_cameras
-from lerobot_robot_yam.doctor.check_channel import ChannelSections, examine_channel
+from lerobot_robot_yam.doctor.check_channel import examine_channel
 from lerobot_robot_yam.doctor.check_host import check_host
 from lerobot_robot_yam.doctor.check_link import IP_COMMAND, TC_COMMAND, Link, check_links, parse_links, tool_output
-from lerobot_robot_yam.doctor.kit.findings import Section, as_json, as_text, exit_status
+from lerobot_robot_yam.doctor.kit.findings import Report, Section, as_json, as_text, empty_report, exit_status
 from lerobot_robot_yam.doctor.kit.targets import Plan, calibration_root, from_config, from_option, undeclared
 from lerobot_robot_yam.doctor.kit.usb import SYSFS
 from lerobot_robot_yam.errors import ConfigError
@@ -32,41 +31,29 @@ from lerobot_robot_yam.errors import ConfigError
 _SAMPLES = 200
 
 
-@dataclass(frozen=True)
-class System:
-    """Where this computer describes itself; other directories stand for another computer."""
-
-    sysfs: Path = SYSFS
-    dev: Path = DEV
-    rules: Sequence[Path] = RULES_DIRECTORIES
-
-
-def examine(plan: Plan, samples: int = _SAMPLES, system: System | None = None) -> list[Section]:
+def examine(plan: Plan, samples: int = _SAMPLES, sysfs: Path = SYSFS) -> Report:
     """Look at everything in the plan; with no target in it, at all CAN interfaces of this computer."""
-    system = system or System()
-    targets, channels = list(plan.targets), ChannelSections()
-    interfaces, adapters, cameras = Section("interfaces"), Section("adapters"), Section("cameras")
+    targets, report = list(plan.targets), empty_report()
     links: dict[str, Link] | None = None
     if plan.real:
         wanted = [target.channel for target in targets if target.real]
-        links = _read_links(wanted, system, interfaces)
+        links = _read_links(wanted, sysfs, report["interfaces"])
         if not targets:
             wanted = list(links or ())
             targets = [undeclared(name) for name in wanted]
-        check_adapters(read_adapters(system.sysfs), wanted, read_rules(system.rules), adapters)
+        check_adapters(read_adapters(sysfs), wanted, read_rules(RULES_DIRECTORIES), report["adapters"])
     if plan.real or plan.real_cameras:
-        check_cameras(read_cameras(system.sysfs), plan.cameras, system.dev, cameras)
+        check_cameras(read_cameras(sysfs), plan.cameras, DEV, report["cameras"])
     for target in targets:
         link = links.get(target.channel) if links is not None and target.real else None
         if link is not None or links is None or not target.real:  # else it is not there
-            examine_channel(target, link, samples, channels, _say)
-    calibration, host = Section("gripper_calibration"), Section("host")
-    check_calibrations(targets, calibration_root(), calibration)
-    check_host(system.sysfs, host)
-    return [interfaces, adapters, *channels.all(), calibration, cameras, host]
+            examine_channel(target, link, samples, report, _say)
+    check_calibrations(targets, calibration_root(), report["gripper_calibration"])
+    check_host(sysfs, report["host"])
+    return report
 
 
-def _read_links(wanted: Sequence[str], system: System, section: Section) -> dict[str, Link] | None:
+def _read_links(wanted: Sequence[str], sysfs: Path, section: Section) -> dict[str, Link] | None:
     """Links that the system's tools show, None when these fail; the section takes what is wrong about the wanted ones.
 
     With none wanted, all are.
@@ -87,7 +74,7 @@ def _read_links(wanted: Sequence[str], system: System, section: Section) -> dict
     for name in wanted:
         if name in links:
             continue
-        if (system.sysfs / "class" / "net" / name).exists():
+        if (sysfs / "class" / "net" / name).exists():
             section.note(name, "is no CAN controller (vcan?): the state of its link is unknown", "none needed")
             links[name] = Link(name=name, up=True)
         else:
@@ -145,11 +132,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ConfigError as error:
         sys.stderr.write(f"yam-doctor: {error}\n")
         return 2
-    sections = examine(plan, args.samples, System(sysfs=args.sysfs))
+    report = examine(plan, args.samples, args.sysfs)
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a terminal that cannot show a character
-    sys.stdout.write((as_json(sections) if args.json else as_text(sections)) + "\n")
-    return exit_status(sections)
+    sys.stdout.write((as_json(report) if args.json else as_text(report)) + "\n")
+    return exit_status(report)
 
 
 if __name__ == "__main__":

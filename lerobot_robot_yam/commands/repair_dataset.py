@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.commands.lib.arm_command import run_command
 from lerobot_robot_yam.system.paths import user_path
 
 
@@ -96,11 +96,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if target.is_relative_to(root):
         parser.error(f"{target} lies in {root}, which is not to be changed; choose another directory with --output")
     os.environ["HF_HUB_OFFLINE"] = "1"  # LeRobot looks on the Hub for what is missing on disk
-    try:
-        return repair(root, target, args.dry_run)
-    except YamError as error:
-        sys.stderr.write(f"yam-repair-dataset: {error}\n")
-        return 1
+    return run_command("yam-repair-dataset", lambda: repair(root, target, args.dry_run))
 
 
 if __name__ == "__main__":

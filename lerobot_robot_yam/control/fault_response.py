@@ -5,6 +5,7 @@ import logging
 import numpy as np
 
 from lerobot_robot_yam.control.actuation import Actuation
+from lerobot_robot_yam.control.arm_status import ArmStatus
 from lerobot_robot_yam.control.bring_up import BringUp
 from lerobot_robot_yam.control.float_monitor import FloatMonitor
 from lerobot_robot_yam.control.landing_response import LandingResponse
@@ -27,6 +28,7 @@ class FaultResponse:
         self._landing, self._bring_up, self._floating = landing, bring_up, floating
         self._halted_afloat = False
         self._news: Trouble | None = None
+        self._peer: ArmStatus | None = None  # because of which it was halted
 
     def suffer(self, trouble: Trouble, message: str, now: float) -> None:
         """Answer trouble as the table says, and have the other arms told."""
@@ -68,11 +70,12 @@ class FaultResponse:
         news, self._news = self._news, None
         return news
 
-    def halt(self, why: str) -> None:
-        """Hold, and take no targets until re-armed: the other arm is in trouble."""
+    def halt(self, peer: ArmStatus) -> None:
+        """Hold, and take no targets until both are re-armed: the other arm is in trouble."""
         status = self._status
+        self._peer = peer
         if status.mode in (Mode.HOLD, Mode.TRACK, Mode.FLOAT, Mode.STOPPED, Mode.BRING_UP):
-            logger.warning("%s: holds: %s", status.name, why)
+            logger.warning("%s: holds: %s is in trouble: %s", status.name, peer.name, peer.trouble)
             self._halted_afloat |= status.floats and status.mode in (Mode.FLOAT, Mode.STOPPED)
             status.halted = True
             status.limited |= Limited.PEER
@@ -84,7 +87,7 @@ class FaultResponse:
 
         Raises:
             MotorError: a motor still does not obey; those that do again hold where they are.
-            LifeCycleError: this trouble needs a new connection.
+            LifeCycleError: this trouble needs a new connection, or the arm holds because of another that is in trouble.
         """
         arm, status = self._actuation, self._status
         if status.mode is Mode.LAND or status.must_land:
@@ -92,11 +95,14 @@ class FaultResponse:
             raise LifeCycleError(f"{arm.name}: {why}; let it land, then connect again")
         if status.mode is Mode.FAULT:
             self._rearm()
+        elif status.halted and self._peer is not None and self._peer.trouble is not None:
+            why = f"{self._peer.name} is in trouble: {self._peer.trouble}"
+            raise LifeCycleError(f"{arm.name}: holds as long as {why}; re-arm that arm first, or connect again")
         if self._halted_afloat and status.mode is Mode.HOLD:
             self._floating.check(arm.name)
             arm.enter(Mode.FLOAT)
         logger.warning("%s: re-armed", arm.name)
-        status.halted = self._halted_afloat = False
+        status.halted, self._halted_afloat, self._peer = False, False, None
         status.trouble, status.message, status.limited = None, "", Limited.NOTHING
 
     def _rearm(self) -> None:

@@ -194,7 +194,7 @@ class ControlLoop:
             if trouble is not None and RESPONSES[trouble].peer is Response.HOLD:
                 for peer in self._controllers:
                     if peer is not controller:
-                        peer.faults.halt(f"{controller.name} is in trouble: {trouble}")
+                        peer.faults.halt(controller.status)
 
     def _stopped(self, now: float) -> bool:
         """Whether the emergency stop is latched; a handle's button and an effort limit latch it."""

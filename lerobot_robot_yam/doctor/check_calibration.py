@@ -20,19 +20,16 @@ _PATTERN = "*/*/yam/*_gripper.json"  # robots/<type>/yam/<id>_gripper.json below
 
 def check_calibrations(targets: Sequence[Target], root: Path, section: Section) -> None:
     """Check the files that the targets name; when none does, all below LeRobot's directory `root`."""
-    named = [target for target in targets if target.calibration is not None]
-    if not named:
+    if all(target.calibration is None for target in targets):
         for path in sorted(root.glob(_PATTERN)):
             _check_file(path, _owner(path), None, section)
         return
-    for target in named:
-        assert target.calibration is not None
-        hardware = target.hardware()
-        if not hardware.has_gripper:
+    for target in targets:
+        if target.calibration is None or not target.hardware.has_gripper:
             continue
         stops = target.config.gripper_stops_rad
         if stops is None:
-            _check_file(target.calibration, hardware.gripper.name, target, section)
+            _check_file(target.calibration, target.hardware.gripper.name, target, section)
         else:
             _check_configured(target, stops, section)
 
@@ -66,7 +63,7 @@ def _check_file(path: Path, gripper: str, target: Target | None, section: Sectio
 
 
 def _check_configured(target: Target, stops: Sequence[float], section: Section) -> None:
-    gripper = target.hardware().gripper
+    gripper = target.hardware.gripper
     row = {"channel": target.channel, "gripper": gripper.name, "file": "gripper_stops_rad of the config"}
     section.rows.append({**row, "state": "configured", "span_rad": round(abs(stops[1] - stops[0]), 4)})
     try:

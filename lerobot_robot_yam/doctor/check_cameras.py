@@ -106,11 +106,8 @@ def _check_configured(
         if node.is_absolute() and node.is_relative_to("/dev"):
             node = dev / node.relative_to("/dev")
         if not node.exists():
-            section.problem(
-                f"camera {name}",
-                f"{index} is not there",
-                "plug it in, or name another one (lerobot-find-cameras opencv)",
-            )
+            remedy = "plug it in, or name another one (lerobot-find-cameras opencv)"
+            section.problem(f"camera {name}", f"{index} is not there", remedy)
         elif node.name.removeprefix("video").isdigit():
             what = f"{index} follows the order of discovery: cameras may be swapped at the next start"
             section.note(f"camera {name}", what, "name it by a link of `ls -l /dev/v4l/by-path` in the config")

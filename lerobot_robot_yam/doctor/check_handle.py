@@ -7,7 +7,6 @@ from lerobot_robot_yam.doctor.kit.questions import Questions
 from lerobot_robot_yam.doctor.kit.remedies import report_on_request, zero_trigger
 from lerobot_robot_yam.doctor.kit.targets import Target
 
-_TIMEOUT_S, _ATTEMPTS = 0.1, 3
 _REPORT_BYTES = 6
 _BEYOND = 1.15  # of the trigger's travel: more cannot be a trigger with the right zero
 _RELEASED = 0.1  # of the trigger's travel
@@ -15,8 +14,8 @@ _RELEASED = 0.1  # of the trigger's travel
 
 def handle_firmware(questions: Questions, expected: bool) -> tuple[int, int, int] | None:
     """Firmware version of the handle on the channel, None when none answers. One that is not expected is asked once."""
-    request, attempts = handle_encoder.encode_version_request(), _ATTEMPTS if expected else 1
-    return questions.handle(request, handle_encoder.REQUEST_ID, handle_encoder.decode_version, _TIMEOUT_S, attempts)
+    question = handle_encoder.encode_version_request(), handle_encoder.REQUEST_ID, handle_encoder.decode_version
+    return questions.handle(*question) if expected else questions.handle(*question, attempts=1)
 
 
 def inspect_handle(
@@ -24,9 +23,7 @@ def inspect_handle(
 ) -> None:
     """Ask the handle, and check what it says."""
     where = f"{target.channel} teaching handle"
-    report = questions.handle(
-        handle_encoder.encode_report_request(), handle_encoder.REPORT_ID, _report, _TIMEOUT_S, _ATTEMPTS
-    )
+    report = questions.handle(handle_encoder.encode_report_request(), handle_encoder.REPORT_ID, _report)
     if firmware is None and report is None:
         section.rows.append({"channel": target.channel, "firmware": "no answer"})
         what = "does not answer: the arm works without it, but has no trigger and no buttons"
@@ -73,9 +70,7 @@ def _report(data: bytes) -> HandleReport | None:
 
 def _eeprom(questions: Questions, offset: int) -> int | None:
     request = handle_encoder.encode_eeprom_read(offset)
-    return questions.handle(
-        request, handle_encoder.REQUEST_ID, handle_encoder.decode_eeprom_byte, _TIMEOUT_S, _ATTEMPTS
-    )
+    return questions.handle(request, handle_encoder.REQUEST_ID, handle_encoder.decode_eeprom_byte)
 
 
 def _dotted(version: tuple[int, int, int]) -> str:

@@ -59,7 +59,7 @@ _FAULT_REMEDIES: dict[int, str] = {
 
 def inspect_motors(questions: Questions, target: Target, handle_answers: bool, section: Section) -> list[MotorSpec]:
     """Ask all motors of a channel and check what they say; returns those of the profile that are there."""
-    specs = target.hardware().motors
+    specs = target.hardware.motors
     answers = _roll_call(questions, [spec.can_id for spec in specs])
     present = [spec for spec in specs if spec.can_id in answers]
     missing = [spec for spec in specs if spec.can_id not in answers]
@@ -114,14 +114,12 @@ def _check_missing(
         section.problem(target.channel, what, remedy)
         return
     names = {spec.can_id: spec.name for spec in specs}
-    motor = target.hardware().gripper.motor
+    motor = target.hardware.gripper.motor
     replaced = [spec for spec in missing if handle and motor is not None and spec.can_id == motor.can_id]
     for spec in replaced:
-        section.problem(
-            _where(target, spec),
-            "a teaching handle answers instead of the gripper's motor: this is a leader",
-            f"name it --channel {target.channel}:{target.config.arm}:{LEADER_GRIPPER}, or swap the cables back",
-        )
+        what = "a teaching handle answers instead of the gripper's motor: this is a leader"
+        remedy = f"name it --channel {target.channel}:{target.config.arm}:{LEADER_GRIPPER}, or swap the cables back"
+        section.problem(_where(target, spec), what, remedy)
     specs, missing = ([spec for spec in some if spec not in replaced] for some in (specs, missing))
     to_the_end = not handle and list(missing) == list(specs[-len(missing) :])  # the handle is behind them
     behind = [spec.name for spec in missing[1:]] if to_the_end else []
@@ -135,22 +133,24 @@ def _check_missing(
 def _stranger(target: Target, can_id: int, missing: Sequence[MotorSpec], section: Section) -> None:
     remedy = f"name the profile that has it (--channel {target.channel}:ARM:GRIPPER), or take the motor off the bus"
     if len(missing) == 1:
-        right = missing[0]
-        registers = {Register.ESC_ID: right.can_id, Register.MST_ID: right.feedback_id}
-        remedy = f"if it is {right.name}: {set_registers(target, can_id, registers)}"
+        remedy = f"if it is {missing[0].name}: {_become(target, can_id, missing[0])}"
     what = "a motor answers that the profile does not have"
     section.problem(f"{target.channel} motor id {can_id}", what, remedy)
 
 
 def _doubled(target: Target, spec: MotorSpec, missing: Sequence[MotorSpec], section: Section) -> None:
-    right = missing[0] if len(missing) == 1 else None
-    new = right.can_id if right else spec.can_id
-    registers = {Register.ESC_ID: new, Register.MST_ID: right.feedback_id if right else spec.feedback_id}
-    command = set_registers(target, spec.can_id, registers)
     remedy = f"unplug {spec.name}, then give the other one its own id"
-    remedy += f" ({right.name}): {command}" if right else " with the motor vendor's tool"
+    if len(missing) == 1:
+        remedy += f" ({missing[0].name}): {_become(target, spec.can_id, missing[0])}"
+    else:
+        remedy += " with the motor vendor's tool"
     what = "answers twice: two motors share this id, or another program asks as well"
     section.problem(_where(target, spec), what, remedy)
+
+
+def _become(target: Target, can_id: int, spec: MotorSpec) -> str:
+    """The command that gives the motor with this id the ids of the profile's `spec`."""
+    return set_registers(target, can_id, {Register.ESC_ID: spec.can_id, Register.MST_ID: spec.feedback_id})
 
 
 def _read(questions: Questions, target: Target, spec: MotorSpec, answer: Answer) -> dict[str, Any]:
@@ -165,9 +165,8 @@ def _read(questions: Questions, target: Target, spec: MotorSpec, answer: Answer)
     }
     silent = 0
     for register, key in _READ.items():
-        reply = questions.register(spec.can_id, register) if silent < _SILENT_MAX else None
-        silent = 0 if reply else silent + 1
-        row[key] = None if reply is None else reply.value
+        row[key] = questions.register(spec.can_id, register) if silent < _SILENT_MAX else None
+        silent = silent + 1 if row[key] is None else 0
     counts = row["timeout_counts"]
     row["timeout_s"] = None if counts is None else round(counts * TIMEOUT_COUNT_S, 5)
     return row

@@ -66,7 +66,7 @@ def watch_session(target: Target, driver: str, section: Section) -> None:
 
 
 def _report(target: Target, driver: str, first: np.ndarray, record: np.ndarray, now: float, section: Section) -> None:
-    hardware, channel = target.hardware(), target.channel
+    hardware, channel = target.hardware, target.channel
     state = ArmState(record.tobytes())
     age = now - float(record["stamp_s"])
     ticks, elapsed = int(record["tick"]) - int(first["tick"]), float(record["stamp_s"]) - float(first["stamp_s"])
@@ -102,7 +102,7 @@ def _report(target: Target, driver: str, first: np.ndarray, record: np.ndarray, 
 
 def _motor_rows(target: Target, record: np.ndarray, now: float) -> list[dict[str, Any]]:
     """One per motor of the profile; a session without a config may drive fewer."""
-    hardware = target.hardware()
+    hardware = target.hardware
     fields = ("motor_stamp_s", "fault", "lost", "temp_mos_c", "temp_rotor_c")
     columns = (hardware.motors, *(record[field][hardware.slots].tolist() for field in fields))
     return [

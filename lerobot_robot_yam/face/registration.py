@@ -6,11 +6,18 @@ now, if that is loaded already, else by an import hook at the moment it is. Ever
 
 Other plugins claim some of our names. Each device therefore has a spare name, and a name that is taken costs us that
 name only.
+
+The same moment serves for two messages. One says that LeRobot is newer than tested. The other shortens LeRobot's page
+about FFmpeg: torchcodec tries FFmpeg 4 to 8, and LeRobot logs all attempts before it reads videos with PyAV, which has
+an FFmpeg with it. Where anything else than missing libraries was the reason, the page is shown as it is.
 """
 
 import importlib
 import importlib.abc
+import importlib.metadata
+import importlib.util
 import logging
+import re
 import sys
 from collections.abc import Callable, Sequence
 from importlib.machinery import ModuleSpec
@@ -18,25 +25,27 @@ from types import ModuleType
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.start_messages import shorten_ffmpeg_message, warn_if_newer
 from lerobot_robot_yam.system.other_plugins import distribution_of, is_foreign, mixture
 
-# LeRobot's modules that hold a registry, and our modules that register types there.
-REGISTRIES: dict[str, tuple[str, ...]] = {
-    "lerobot.robots.config": (
-        "lerobot_robot_yam.config_yam_follower",
-        "lerobot_robot_yam.config_bi_yam_follower",
-    ),
-    "lerobot.teleoperators.config": (
-        "lerobot_teleoperator_yam.config_yam_leader",
-        "lerobot_teleoperator_yam.config_bi_yam_leader",
-    ),
-    "lerobot.envs.configs": ("lerobot_robot_yam.config_yam_env",),
-    "lerobot.cameras.configs": ("lerobot_robot_yam.config_yam_camera",),
-    "lerobot.configs.policies": ("lerobot_robot_yam.face.openpi.configuration_openpi",),
+# LeRobot's modules that hold a registry, and our module that registers types there.
+REGISTRIES = {
+    "lerobot.robots.config": "lerobot_robot_yam.config_yam_follower",
+    "lerobot.teleoperators.config": "lerobot_teleoperator_yam.config_yam_leader",
+    "lerobot.envs.configs": "lerobot_robot_yam.config_yam_env",
+    "lerobot.cameras.configs": "lerobot_robot_yam.config_yam_camera",
+    "lerobot.configs.policies": "lerobot_robot_yam.face.openpi.configuration_openpi",
 }
 
+NEWEST_TESTED = "0.6.2"  # the repository's state of August 2026; 0.6.1 is the package index's newest
+
+_BEGIN, _END = "[start of libtorchcodec loading traceback]", "[end of libtorchcodec loading traceback]"
+_ATTEMPT = re.compile(r"^FFmpeg version \d+:\n", re.MULTILINE)
+# The innermost exception of an attempt: the system's loader has not found FFmpeg.
+_MISSING = re.compile(r"^OSError: lib(?:av|sw)\w+\.so\.\d+: cannot open shared object file: No such file", re.MULTILINE)
+_INSTEAD = "FFmpeg's libraries are not installed: LeRobot reads videos with PyAV, which does as well"
+
 logger = logging.getLogger(__name__)
+_told_of_newer = False
 _registering: set[str] = set()  # modules that have called `register_as`: ours, not somebody else's of the same name
 
 
@@ -63,16 +72,16 @@ def register_types(lerobot_module: str) -> None:
         ConfigError: another distribution has put its own files over ours.
     """
     warn_if_newer()
-    shorten_ffmpeg_message()
-    for name in REGISTRIES[lerobot_module]:
-        try:
-            module = importlib.import_module(name)
-        except Exception as error:
-            if name in _registering or not is_foreign(name):
-                raise
-            raise ConfigError("; ".join(mixture(name))) from error
-        if name not in _registering and not _is_initialising(module):
-            raise ConfigError("; ".join(mixture(name)))
+    logging.getLogger("lerobot.utils.import_utils").addFilter(_shorten)  # adds it once
+    name = REGISTRIES[lerobot_module]
+    try:
+        module = importlib.import_module(name)
+    except Exception as error:
+        if name in _registering or not is_foreign(name):
+            raise
+        raise ConfigError("; ".join(mixture(name))) from error
+    if name not in _registering and not _is_initialising(module):
+        raise ConfigError("; ".join(mixture(name)))
 
 
 def register_as[C: type](registry: Any, name: str, spare: str | None = None) -> Callable[[C], C]:
@@ -87,12 +96,9 @@ def register_as[C: type](registry: Any, name: str, spare: str | None = None) -> 
     def decorate(config_class: C) -> C:
         _registering.add(config_class.__module__)
         known = registry.get_known_choices()
-        holder = known.get(name)
-        if holder is None:
+        if name not in known:
             registry.register_subclass(name, config_class)
-            return config_class
-        ours = holder.__module__ == config_class.__module__
-        if not ours:
+        elif (holder := known[name]).__module__ != config_class.__module__:
             instead = f"use {spare!r}" if spare else "uninstall it to use ours"
             owner = distribution_of(holder.__module__)
             logger.warning("the LeRobot type %r is that of %s, not of the YAM driver; %s", name, owner, instead)
@@ -108,7 +114,7 @@ def _is_initialising(module: ModuleType) -> bool:
 
 
 class _Hook(importlib.abc.MetaPathFinder):
-    """Watches for LeRobot's registry modules; leaves when it has seen them all."""
+    """Registers our types when one of LeRobot's registry modules has been loaded; leaves when it has seen them all."""
 
     def __init__(self, waiting: set[str]):
         self._waiting = waiting
@@ -121,13 +127,10 @@ class _Hook(importlib.abc.MetaPathFinder):
         self._waiting.discard(fullname)
         if not self._waiting:
             sys.meta_path.remove(self)
-        for finder in list(sys.meta_path):
-            spec = None if finder is self else finder.find_spec(fullname, path, target)
-            if spec is not None:
-                if spec.loader is not None:
-                    spec.loader = _ThenRegister(spec.loader)
-                return spec
-        return None
+        spec = importlib.util.find_spec(fullname)  # as the other finders say
+        if spec is not None and spec.loader is not None:
+            spec.loader = _ThenRegister(spec.loader)
+        return spec
 
 
 class _ThenRegister(importlib.abc.Loader):
@@ -145,3 +148,50 @@ class _ThenRegister(importlib.abc.Loader):
             module.__spec__.loader = self._loader
         self._loader.exec_module(module)
         register_types(module.__name__)
+
+
+def warn_if_newer() -> None:
+    """Say so, once in a process, when the installed LeRobot is newer than any that this package is tested with."""
+    global _told_of_newer
+    if _told_of_newer:
+        return
+    _told_of_newer = True
+    try:
+        installed = importlib.metadata.version("lerobot")
+    except importlib.metadata.PackageNotFoundError:  # a source tree on the path, which has no version
+        return
+    if _release(installed) > _release(NEWEST_TESTED):
+        logger.warning(
+            "LeRobot %s is newer than %s, the newest that the YAM driver is tested with. "
+            "If something fails, look for a newer driver, or install that LeRobot",
+            installed,
+            NEWEST_TESTED,
+        )
+
+
+def _release(version: str) -> tuple[int, ...]:
+    """The first three numbers of a version, without what says of which pre-release or build it is."""
+    return tuple(int(number) for number in re.findall(r"\d+", version)[:3])
+
+
+class _Shorten(logging.Filter):
+    """Lets one line pass the first time, and nothing after that."""
+
+    told = False
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether to show a record; one about FFmpeg's absence is shortened."""
+        if not _is_absence(record.getMessage()):
+            return True
+        record.msg, record.args = _INSTEAD, ()
+        told, self.told = self.told, True
+        return not told
+
+
+_shorten = _Shorten()
+
+
+def _is_absence(message: str) -> bool:
+    _, begun, rest = message.partition(_BEGIN)
+    attempts = _ATTEMPT.split(rest.partition(_END)[0])[1:]
+    return bool(begun and attempts) and all(_MISSING.search(attempt) for attempt in attempts)

@@ -28,6 +28,9 @@ _RUNNERS: dict[str, Callable[[list[ResolvedArm], list[str]], Runner]] = {
 }
 
 
+_IN_TROUBLE = (Mode.FAULT, Mode.LAND, Mode.OFF)
+
+
 class ArmSession(Uncopied):
     """All arms of one robot or teleoperator, driven by one control loop.
 
@@ -169,7 +172,7 @@ class ArmSession(Uncopied):
             LifeCycleError: an arm still fails, or needs a new connection; those that hold because of it go on holding.
             MotorError: a gripper's stops are not found.
         """
-        for client in sorted(self._clients.values(), key=lambda client: client.mode() is not Mode.FAULT):
+        for client in sorted(self._clients.values(), key=lambda client: client.mode() not in _IN_TROUBLE):
             client.rearm()
         for client in self._clients.values():
             client.await_gripper()

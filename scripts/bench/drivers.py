@@ -76,8 +76,8 @@ class OurRobot:
     """`BiYamFollower`, as `lerobot-record` uses it, without cameras."""
 
     def __init__(self, temperatures: bool = False):
-        from lerobot_robot_yam.bi_yam_follower import BiYamFollower
-        from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig, FollowerArmConfig
+        from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerArmConfig
+        from lerobot_robot_yam.yam_follower import BiYamFollower
 
         left, right = (
             FollowerArmConfig(channel=channel, interface="yam_sim", gripper_stops_rad=_STOPS_RAD)

@@ -10,6 +10,7 @@ import numpy as np
 
 from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.control.landing import LANDING_SPEED_RAD_S
+from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.state.faults import RESPONSES, Response, Trouble
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
@@ -19,7 +20,7 @@ GRIPPER = load_arm("yam").joint_count
 """Slot of the gripper in the records of the soak's arms: the one behind the joints."""
 READY = frozenset({Mode.HOLD, Mode.TRACK, Mode.FLOAT})
 _STANDS = frozenset({Mode.FAULT, Mode.STOPPED})
-MOVES = frozenset({Mode.TRACK, Mode.FLOAT})  # of its own will or its caller's
+MOVES = frozenset({Mode.TRACK, Mode.FLOAT})  # the arm may move: its caller or a hand moves it
 _WINDOW_S = 0.2  # over which a speed is taken
 _TICK_S = 0.008  # how far a record's stamp may be from the tick that moved its set-point: one tick, and a late one
 _JITTER_S = 0.012  # between a record's stamp and the clock that its tick went by: no tick moves farther
@@ -65,7 +66,8 @@ class SetPointCheck:
     (re-arm, end of an emergency stop, floating to holding), when another process takes the arm over, where a landing
     gives way to what it has met, where a joint has come free, where an emergency stop finds the arm in trouble, and of
     the gripper when its force limiter lets go. It then has to lie on the measured pose, or as near to it as what an
-    emergency stop holds presses. That of a floating arm follows the arm and moves nothing.
+    emergency stop holds presses. That of a floating arm follows the arm and moves nothing, and neither does that of a
+    joint without torque.
 
     Whether the arm truly was there, and truly came free, no record can tell: `take_seeds` gives what must be asked.
 
@@ -121,17 +123,23 @@ class SetPointCheck:
         if mode_of(before) is Mode.BRING_UP:
             moved[GRIPPER] = math.nan
         jumped = moved > self._limits * (now - earlier + _TICK_S) + _SMALL
+        jumped &= ~self._limp(record, before)
         if jumped.any():
             self._window.clear()
             return self._judge_jump(record, before, moved, jumped, now)
         if mode_of(before) in _STANDS and mode in READY and self._on_measured(record, before)[:GRIPPER].all():
-            self._window.clear()  # seeded, by less than a jump: a joint without torque has sunk meanwhile
+            self._window.clear()  # seeded, by less than a jump: a joint without torque has sunk
             return []
         return self._judge_speed(setpoint, mode, self._earlier_s, now)
 
     def _of(self, record: Any, field: str) -> np.ndarray:
         """(7,) of a record's field: the slots that an arm has limits for."""
         return record[field][: len(self._limits)]
+
+    def _limp(self, record: Any, before: Any) -> np.ndarray:
+        """(7,) which motors have had no torque since the record before: no set-point moves them."""
+        limp: np.ndarray = (self._of(record, "fault") != Fault.NORMAL) & (self._of(before, "fault") != Fault.NORMAL)
+        return limp
 
     def _judge_jump(self, record: Any, before: Any, moved: np.ndarray, jumped: np.ndarray, now: float) -> list[Finding]:
         old, new = mode_of(before), mode_of(record)
@@ -241,7 +249,7 @@ class PolicyCheck:
         self._limited: dict[str, int] = {}
 
     def look(self, channel: str, record: Any, peer: Any) -> tuple[list[Finding], Trouble | None]:
-        """Check one record of an arm against the newest of its peer (None: there is none).
+        """Check one record of an arm against the newest of its peer (None without one).
 
         Returns:
             What must not be; trouble that has just come up.

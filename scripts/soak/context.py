@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.state.faults import FAULT_TROUBLE, Trouble
 
 WATCHDOG_S = 0.4  # a motor without a command for so long switches itself off
@@ -17,7 +18,8 @@ _EXPLAINS: dict[str, frozenset[Trouble]] = {
     "reading_glitch": frozenset({Trouble.IMPLAUSIBLE}),  # several of them one after the other
     "reading_lies": frozenset({Trouble.IMPLAUSIBLE}),
     "garbled": frozenset({Trouble.IMPLAUSIBLE}),
-    "second_arm": frozenset({Trouble.IMPLAUSIBLE, Trouble.DUPLICATE_ID}),
+    # Its motors are limp, and say so in the name of ours.
+    "second_arm": frozenset({Trouble.IMPLAUSIBLE, Trouble.DUPLICATE_ID, FAULT_TROUBLE[Fault.DISABLED]}),
 }
 TROUBLING = _CUTS | _DEATHS | {"motor_fault", "motor_hot"}
 _AFTER_S = 3.0  # so long after its end something may still be the cause of trouble

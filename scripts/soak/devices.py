@@ -9,18 +9,16 @@ from typing import Any
 import numpy as np
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.bi_yam_follower import BiYamFollower
-from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
+from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerArmConfig
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.face.devices.follower_options import FollowerArmConfig
 from lerobot_robot_yam.state.faults import RESPONSES, Trouble
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE, Limited, channel_key, state_path
 from lerobot_robot_yam.system.shared_block import SharedBlock
-from lerobot_teleoperator_yam.bi_yam_leader import BiYamLeader
-from lerobot_teleoperator_yam.config_bi_yam_leader import BiYamLeaderConfig
-from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
+from lerobot_robot_yam.yam_follower import BiYamFollower
+from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, LeaderArmConfig
+from lerobot_teleoperator_yam.yam_leader import BiYamLeader
 from soak.checks import GRIPPER
 from soak.schedule import CAMERA, CHANNELS, FOLLOWERS, LEADERS
 
@@ -100,7 +98,7 @@ class Device:
         return found
 
     def record(self, channel: str) -> Any:
-        """The newest state record of an arm, None when there is none."""
+        """The newest state record of an arm, or None."""
         with contextlib.suppress(FileNotFoundError, YamError):
             block = SharedBlock(state_path(self._keys[channel]), STATE_DTYPE, create=False)
             try:

@@ -48,7 +48,7 @@ _HOT = {"rate_c_per_s": 0.1, "from_c": 96.0}
 
 
 class Injector(threading.Thread):
-    """Carries out a schedule, on a thread and a connection of its own.
+    """Carries out a schedule, on its own thread and connection.
 
     What concerns the caller (it stalls, it sends rubbish) is put into `for_caller`; the caller does it and calls
     `began`.
@@ -127,7 +127,7 @@ class Injector(threading.Thread):
             while self._active and not self._ended.is_set():
                 time.sleep(_POLL_S)
             time.sleep(_SEEN_S)
-            with self._lock:  # answers that are still to be lost, or to lie: nobody has asked meanwhile
+            with self._lock:  # answers that were not asked for yet: they would still get lost, or lie
                 for channel in CHANNELS if not self._ended.is_set() else ():
                     self._rig.fault(channel, None, "drop_next", 0)
                     self._rig.fault(channel, None, "reading", False)
@@ -210,7 +210,7 @@ class Injector(threading.Thread):
         rig.log("undone", injection=injection.number)
 
     def _control_pid(self, channel: str) -> int:
-        """The control process that drives a channel, a child of ours; 0 when there is none (any more)."""
+        """The control process that drives a channel, a child of ours; 0 when it has ended or never ran."""
         try:
             block = SharedBlock(state_path(self._keys[channel]), STATE_DTYPE, create=False)
         except (FileNotFoundError, YamError):

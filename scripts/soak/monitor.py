@@ -1,4 +1,4 @@
-"""The soak's judge, in a process of its own: reads every state record and asks the rig what is really so.
+"""The soak's judge, in a separate process: reads every state record, and asks the rig for the truth.
 
 It gets one JSON object on standard input (rig, arms by channel), prints one JSON object per violation, and the summary
 when its standard input ends. It knows of the soak only what the rig's event log says.

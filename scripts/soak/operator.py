@@ -29,7 +29,7 @@ class Operator:
     """Connects, repairs and disconnects the devices, and moves the leaders.
 
     Args:
-        rig: a connection of its own.
+        rig: a connection that nobody else uses.
         injector: keeps quiet while something is connected or re-armed.
         seed: of hands and patience.
         violation: called with invariant, channel or device, and what.
@@ -95,7 +95,7 @@ class Operator:
             self._violation("errors are YamErrors", device.name, f"{type(error).__name__}: {error}")
 
     def disconnect(self, device: Device) -> None:
-        """Land; things may go wrong meanwhile."""
+        """Land; things may go wrong on the way."""
         if device.channels == LEADERS:
             self.let_go()
         logger.info("%s: disconnecting", device.name)

@@ -79,7 +79,7 @@ def _offset(rng: random.Random, low: float, high: float) -> float:
 
 
 def _glitch(rng: random.Random) -> dict[str, Any]:
-    """Fewer answers than make a fault, wrong by anything that a joint cannot have done meanwhile."""
+    """Fewer answers than make a fault, wrong by more than a joint can have moved between them."""
     value = {"position_rad": _offset(rng, _BEYOND_RAD, 13.0), "answers": rng.randint(1, 3)}
     if rng.random() < 0.5:
         value |= {"velocity_rad_s": _offset(rng, 0.0, 30.0), "torque_nm": _offset(rng, 0.0, 30.0)}

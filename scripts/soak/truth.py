@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lerobot_robot_yam.rig.client.rig_control import RigControl
-from lerobot_robot_yam.rig.judging.truth import beyond_clip_nm
+from lerobot_robot_yam.rig.judging.recorders import beyond_clip_nm
 from lerobot_robot_yam.state.faults import STALE_OVERSHOOT_RAD_S, stale_overshoot_rad_s
 from soak.arm import Arm
 from soak.checks import GRIPPER, READY, Finding, mode_of
@@ -23,7 +23,7 @@ _GRIPPER_SPEED_FACTOR = 1.4  # it weighs next to nothing: what a late tick makes
 _PUNCTUAL_S = 0.008  # a command is obeyed for a tick and the way over the wire
 _KEPT_UP_S = 0.005  # longer than a tick: one command got lost, as each hundredth does here
 _CARRIED_BY = np.array([1.0, 1.0, 2.0, 3.0, 3.0, 3.0])  # joints 2 to 4 are parallel: what carries a joint brakes, too
-_CUT_OFF_S = 0.02  # its ramp has gone on meanwhile, and it weighs next to nothing: it leaps to where that is
+_CUT_OFF_S = 0.02  # its ramp has gone on, and it weighs next to nothing: it leaps to where that is
 _FREE_SPEED = 1.1  # of a joint's limit: faster, a joint that was blocked has come free
 _TORQUE_FACTOR, _TORQUE_SLACK_NM = 1.05, 1.0  # between two ticks a motor goes on by itself; a blow is sooner there
 _NOTICED_S = 0.3  # a motor without torque has been noticed by then
@@ -38,7 +38,7 @@ _KEPT_S = 2.0  # of the true samples; longer than between two looks
 _SLOW_ADAPTERS = frozenset({"slow_adapter", "held_back"})
 _SLOW_S = 0.12  # how much older a state may be by them when a command rests on it
 _PUSHES = frozenset({"push"})
-_STALE_COMMANDS = frozenset(  # meanwhile motors act on what they were told last
+_STALE_COMMANDS = frozenset(  # motors go on acting on the last command
     {
         "cable_out_briefly",
         "cable_out",
@@ -81,15 +81,10 @@ class Truth:
 
     def look(self) -> None:
         """Ask for extremes since the last look, and for the present pose."""
+        windows = []
         for channel in self._arms:
-            seen = self._rig.watch(channel)
+            windows.append((channel, self._rig.watch(channel), time.monotonic()))
             self._rig.watch_start(channel)
-            now = time.monotonic()
-            by_hand = now - self._held_s.get(channel, -math.inf) < _COASTS_S
-            self._touched_s[channel] = max(self._touched_s.get(channel, -math.inf), seen["touched_at_s"])
-            touched = seen["since_s"] - self._touched_s[channel] < _SETTLE_S
-            self._speeds["in contact" if touched else "judged"] += 1
-            self._windows.append((channel, seen, now, by_hand or touched))
         records = {channel: arm.read() if arm.record is None else arm.record for channel, arm in self._arms.items()}
         pose = self._rig.state(bodies=True)
         for channel, record in records.items():
@@ -97,6 +92,12 @@ class Truth:
                 self._held_s[channel] = time.monotonic()
             if record is not None and self._arms[channel].driven:
                 self._compare(channel, record, pose)
+        for channel, seen, now in windows:  # after the pose: a hand may have taken hold since the last look
+            by_hand = now - self._held_s.get(channel, -math.inf) < _COASTS_S
+            self._touched_s[channel] = max(self._touched_s.get(channel, -math.inf), seen["touched_at_s"])
+            touched = seen["since_s"] - self._touched_s[channel] < _SETTLE_S
+            self._speeds["in contact" if touched else "judged"] += 1
+            self._windows.append((channel, seen, now, by_hand or touched))
         self._poses.append(pose)
 
     def _compare(self, channel: str, record: Any, pose: Mapping[str, Any]) -> None:

@@ -72,7 +72,7 @@ CALLER = """
 import time
 from pathlib import Path
 from lerobot_robot_yam import BiYamFollower, BiYamFollowerConfig
-from lerobot_robot_yam.face.devices.follower_options import FollowerArmConfig
+from lerobot_robot_yam.config_yam_follower import FollowerArmConfig
 
 arm = {{"interface": "yam_sim", "gravity_factor": [1.0] * 6}}
 arms = {{f"{{side}}_arm_config": FollowerArmConfig(channel=f"follower_{{side}}", **arm) for side in ("left", "right")}}

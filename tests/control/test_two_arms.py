@@ -72,6 +72,25 @@ def test_an_arm_that_holds_because_of_the_other_is_released_with_it_and_not_befo
         session.stop()
 
 
+def test_an_arm_that_holds_because_of_the_other_is_not_released_alone(rig):
+    session = session_on(rig, sim_config(rig, LEFT), sim_config(rig, RIGHT))
+    session.start()
+    try:
+        rig.fault(RIGHT, "joint_6", "nibble", int(Fault.OVERLOAD), sticky=True)
+        wait_for(session.clock, "it is noticed", lambda: session[RIGHT].mode() is Mode.FAULT, 1.0)
+        with pytest.raises(LifeCycleError, match=f"{LEFT}: holds as long as {RIGHT} is in trouble: overload"):
+            session[LEFT].rearm()
+        track(session, {LEFT: AWAY}, 0.2)
+        assert session[LEFT].mode() is Mode.HOLD
+        rig.clear_faults(RIGHT)
+        session[RIGHT].rearm()
+        session[LEFT].rearm()
+        track(session, {LEFT: AWAY, RIGHT: AWAY}, 0.2)
+        assert {session[channel].mode() for channel in (LEFT, RIGHT)} == {Mode.TRACK}
+    finally:
+        session.stop()
+
+
 @pytest.mark.parametrize("latency_s", [0.0, 0.04])
 def test_an_arm_that_switches_off_on_a_bad_wire_keeps_the_other_one_waiting_for_no_long(rig, latency_s):
     """A stand-by takes a loop for hung that has not ticked for 0.14 s."""

@@ -6,8 +6,8 @@ import re
 import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.face.devices.follower_options import FollowerOptions
-from lerobot_teleoperator_yam.leader_options import LeaderArmConfig, LeaderOptions
+from lerobot_robot_yam.config_yam_follower import FollowerOptions
+from lerobot_teleoperator_yam.config_yam_leader import LeaderArmConfig, LeaderOptions
 from tests.support.pages import PAGES, README, prose
 from tests.support.paths import ROOT
 

@@ -110,7 +110,7 @@ def test_the_doctor_names_the_calibration_of_this_very_robot(config, tmp_path, m
     monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path))
     monkeypatch.setattr("lerobot.robots.robot.HF_LEROBOT_CALIBRATION", tmp_path)
     for target in from_config(ROOT / config, None).targets:
-        if not target.hardware().has_gripper:
+        if not target.hardware.has_gripper:
             continue  # a handle
         robot = draccus.parse(CalibrateConfig, None, shlex.split(target.calibrate)[1:]).robot
         stored = {arm.channel: arm for arm in make_robot_from_config(robot)._arms._configs}[target.channel]

@@ -10,15 +10,12 @@ import torch
 from hypothesis import strategies as st
 
 from lerobot_robot_yam.arm.validation import finite_vector
-from lerobot_robot_yam.bi_yam_follower import BiYamFollower
-from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig
-from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
+from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerArmConfig, YamFollowerConfig
 from lerobot_robot_yam.errors import ActionError
-from lerobot_robot_yam.face.devices.follower_options import FollowerArmConfig
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.session.target_limits import limit_target, validate_action
 from lerobot_robot_yam.state.records import Limited
-from lerobot_robot_yam.yam_follower import YamFollower
+from lerobot_robot_yam.yam_follower import BiYamFollower, YamFollower
 from tests.support.cases import SPECIAL, finite, for_all, junk, numbers
 
 SINGLE = [*(f"joint_{n}.pos" for n in range(1, 7)), "gripper.pos"]

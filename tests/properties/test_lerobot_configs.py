@@ -14,18 +14,12 @@ from hypothesis import strategies as st
 from lerobot.robots.config import RobotConfig
 from lerobot.teleoperators.config import TeleoperatorConfig
 
-from lerobot_robot_yam.bi_yam_follower import BiYamFollower
-from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig as YamSimCameraConfig  # registers its type
-from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
+from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerArmConfig, YamFollowerConfig
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.face.devices.follower_options import FollowerArmConfig
-from lerobot_robot_yam.yam_follower import YamFollower
-from lerobot_teleoperator_yam.bi_yam_leader import BiYamLeader
-from lerobot_teleoperator_yam.config_bi_yam_leader import BiYamLeaderConfig
-from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
-from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
-from lerobot_teleoperator_yam.yam_leader import YamLeader
+from lerobot_robot_yam.yam_follower import BiYamFollower, YamFollower
+from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, LeaderArmConfig, YamLeaderConfig
+from lerobot_teleoperator_yam.yam_leader import BiYamLeader, YamLeader
 from tests.support.cases import documents, for_all, workspaces
 
 ONE = {YamFollowerConfig: YamFollower, YamLeaderConfig: YamLeader}

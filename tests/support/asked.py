@@ -4,7 +4,7 @@ import numpy as np
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.rig.client.rig_operations import RigOperations
-from lerobot_robot_yam.rig.judging.truth import beyond_clip_nm
+from lerobot_robot_yam.rig.judging.recorders import beyond_clip_nm
 
 KNOWN_S = 0.012  # a command acts for a tick, on a state that is a tick old when it is sent, and each took its way
 _SLACK_NM, _SLACK = 0.5, 1.05  # what a frame cannot tell: kp and kd times half a bit; and a share of the clip

@@ -20,7 +20,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.frames import CloseCode
 from websockets.sync.server import serve
 
-from lerobot_robot_yam.face.openpi import msgpack_numpy
+from lerobot_robot_yam.face.openpi.server_connection import decode_message, encode_message
 
 TRACEBACK = "Traceback (most recent call last):\n  ...\nKeyError: 'observation/image'\n"
 
@@ -80,7 +80,7 @@ class OpenpiServer:
         try:
             connection.send(self._bytes(self.metadata))
             while True:
-                self.observations.append(msgpack_numpy.decode(connection.recv()))
+                self.observations.append(decode_message(connection.recv()))
                 answer = self.answer(self.observations[-1], len(self.observations) - 1)
                 if answer is None:
                     self._over.wait()
@@ -97,7 +97,7 @@ class OpenpiServer:
 
     @staticmethod
     def _bytes(message):
-        return msgpack_numpy.encode(message) if isinstance(message, dict) else message
+        return encode_message(message) if isinstance(message, dict) else message
 
 
 def zeros(steps=4, width=14, dtype=np.float64):

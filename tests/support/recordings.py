@@ -11,17 +11,16 @@ from lerobot.datasets import LeRobotDataset
 from lerobot.robots import make_robot_from_config
 from lerobot.utils.feature_utils import hw_to_dataset_features
 
-from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig
+from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerArmConfig
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.devices.feature_names import position_keys, tool_keys
-from lerobot_robot_yam.face.devices.follower_options import FollowerArmConfig
+from lerobot_robot_yam.face.devices.feature_names import action_keys
 
 IS_JOINT = np.array(([True] * 6 + [False]) * 2)
 NOWHERE = {"interface": "carrier_pigeon", "channel": "none"}  # whoever opens it fails otherwise than these tests expect
 POSE_RAD = np.array([0.3, 1.2, 1.1, -0.5, 0.2, 0.3, 0.5] * 2)
 POSE_TOOL = np.array([0.35, 0.1, 0.12, 0.0, 0.0, 0.3, 0.5] * 2)
 ARMS = {f"{side}_": FollowerArmConfig(channel=side) for side in ("left", "right")}
-KEYS = {"joint": position_keys(ARMS), "ee": tool_keys(ARMS)}
+KEYS = {space: action_keys(ARMS, space) for space in ("joint", "ee")}
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 

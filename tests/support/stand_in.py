@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from lerobot_robot_yam.rig.judging.judge import Judge
-from lerobot_robot_yam.rig.operator.sight import Pose, Sight
+from lerobot_robot_yam.rig.operator.hands import Pose, Sight
 from lerobot_robot_yam.rig.scene.scene import Scene
 from lerobot_robot_yam.rig.simulation import rig_commands
 from lerobot_robot_yam.rig.simulation.device import RigDevice

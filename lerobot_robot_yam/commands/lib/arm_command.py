@@ -34,16 +34,13 @@ def add_arm_arguments(parser: argparse.ArgumentParser) -> None:
 def arm_config(args: argparse.Namespace, **fields: Any) -> ArmConfig:
     """Configuration of the arm that the arguments describe, and `fields` where the arguments say nothing."""
     interface = args.interface or (VIRTUAL if args.rig else SOCKETCAN)
-    options = {}
-    if interface == VIRTUAL:
-        options["rig"], _ = rig_name(args.rig)
     if args.gripper is not None:
         fields["gripper"] = args.gripper
     return ArmConfig(
         name=args.name or args.channel,
         channel=args.channel,
         interface=interface,
-        can_options=options,
+        can_options={"rig": rig_name(args.rig)[0]} if interface == VIRTUAL else {},
         arm=args.arm,
         **fields,
     )

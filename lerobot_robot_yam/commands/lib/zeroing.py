@@ -68,11 +68,7 @@ class Zeroing:
             if not low - RANGE_TOLERANCE_RAD <= 0.0 <= high + RANGE_TOLERANCE_RAD:
                 raise ConfigError(f"{self.name}: the range {low:.2f} … {high:.2f} of {names[index]} does not hold 0")
         self.chain = MotorChain(bus, hw.motors, channel=config.channel)
-
-    @property
-    def names(self) -> list[str]:
-        """Name of each motor."""
-        return [motor.name for motor in self.hardware.motors]
+        self.names = [motor.name for motor in hw.motors]
 
     def inspect(self) -> None:
         """Refuse unless every motor is there, the right one, and limp.

@@ -98,40 +98,49 @@ class Section:
         self.findings.append(Finding(Severity.NOTE, where, what, remedy))
 
 
-def _findings(sections: Sequence[Section]) -> list[Finding]:
+Report = dict[str, Section]
+"""Sections by name, in their order."""
+
+
+def empty_report() -> Report:
+    """A section for each table."""
+    return {name: Section(name) for name in _TABLES}
+
+
+def _findings(report: Report) -> list[Finding]:
     """All findings, problems first."""
     order = list(Severity)
-    return sorted((f for section in sections for f in section.findings), key=lambda f: order.index(f.severity))
+    return sorted((f for section in report.values() for f in section.findings), key=lambda f: order.index(f.severity))
 
 
 def _counts(found: Sequence[Finding]) -> dict[str, int]:
     return {severity.value: sum(finding.severity is severity for finding in found) for severity in Severity}
 
 
-def exit_status(sections: Sequence[Section]) -> int:
+def exit_status(report: Report) -> int:
     """0 when there is no problem, else 1."""
-    return int(any(finding.severity is Severity.PROBLEM for finding in _findings(sections)))
+    return int(any(finding.severity is Severity.PROBLEM for finding in _findings(report)))
 
 
-def as_json(sections: Sequence[Section]) -> str:
+def as_json(report: Report) -> str:
     """One JSON object: healthy, counts, findings, and per section its rows."""
-    found = _findings(sections)
-    report: dict[str, Any] = {
-        "healthy": exit_status(sections) == 0,
+    found = _findings(report)
+    document: dict[str, Any] = {
+        "healthy": exit_status(report) == 0,
         "counts": _counts(found),
         "findings": [asdict(finding) for finding in found],
-        **{section.name: section.rows for section in sections},
+        **{name: section.rows for name, section in report.items()},
     }
-    return json.dumps(report, indent=1, allow_nan=False, ensure_ascii=False)
+    return json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False)
 
 
-def as_text(sections: Sequence[Section]) -> str:
+def as_text(report: Report) -> str:
     """Tables, then the findings, each with its remedy on the next line."""
     lines: list[str] = []
-    for section in sections:
+    for name, section in report.items():
         if section.rows:
-            lines += [_TABLES[section.name][0], *_table(section), ""]
-    found = _findings(sections)
+            lines += [_TABLES[name][0], *_table(section), ""]
+    found = _findings(report)
     for finding in found:
         lines.append(f"{finding.severity.value.upper():8} {finding.where}: {finding.what}")
         lines.append(f"{'':8} -> {finding.remedy}")

@@ -5,7 +5,7 @@ Every frame passes `harmless` before it is sent, so that no mistake elsewhere ca
 
 import math
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import NamedTuple
 
 import can
@@ -19,6 +19,7 @@ from lerobot_robot_yam.errors import LifeCycleError
 _BATCH = 4  # questions sent at once: a transmit queue may hold ten frames only
 _BATCH_PAUSE_S = 0.002
 _REGISTER_TIMEOUT_S, _REGISTER_ATTEMPTS = 0.2, 2
+_HANDLE_TIMEOUT_S, _HANDLE_ATTEMPTS = 0.1, 3
 _OF_REGISTERS = frozenset({Opcode.READ, Opcode.REFRESH})
 _OF_HANDLE = frozenset({handle_encoder.OP_REPORT, handle_encoder.OP_VERSION, handle_encoder.OP_READ_EEPROM})
 
@@ -31,13 +32,6 @@ class Answer(NamedTuple):
     fault: int
     data: bytes
     stamp_s: float
-
-
-class RegisterAnswer(NamedTuple):
-    """A register's value and the identifier that it came with."""
-
-    identifier: int
-    value: float | int
 
 
 def harmless(identifier: int, data: bytes) -> bool:
@@ -70,15 +64,11 @@ class Questions:
             for motor_id in motor_ids[start : start + _BATCH]:
                 self._send(REGISTER_ID, encode_refresh(motor_id))
             time.sleep(_BATCH_PAUSE_S)
-        deadline = time.monotonic() + timeout_s
-        while (remaining := deadline - time.monotonic()) > 0.0:
-            answer = self._feedback(remaining, motor_ids)
-            if answer is None:
-                continue
+        for answer in self._feedback(timeout_s, motor_ids):
             found.append(answer)
             missing.discard(answer.nibble)
             if not missing:
-                deadline = min(deadline, time.monotonic() + settle_s)
+                return [*found, *self._feedback(settle_s, motor_ids)]
         return found
 
     def round_trip_s(self, motor_id: int, timeout_s: float) -> float | None:
@@ -87,41 +77,28 @@ class Questions:
         self._port.synchronise()
         asked = time.monotonic()
         self._send(REGISTER_ID, encode_refresh(motor_id))
-        while (remaining := asked + timeout_s - time.monotonic()) > 0.0:
-            answer = self._feedback(remaining, (motor_id,))
-            if answer is not None:
-                return max(answer.stamp_s - asked, 0.0)
-        return None
+        return next((max(answer.stamp_s - asked, 0.0) for answer in self._feedback(timeout_s, (motor_id,))), None)
 
-    def register(self, motor_id: int, register: int) -> RegisterAnswer | None:
+    def register(self, motor_id: int, register: int) -> float | None:
         """Value of a register, whatever identifier the answer has; None when the motor does not tell."""
         for _ in range(_REGISTER_ATTEMPTS):
             self._send(REGISTER_ID, encode_read(motor_id, register))
-            deadline = time.monotonic() + _REGISTER_TIMEOUT_S
-            while (remaining := deadline - time.monotonic()) > 0.0:
-                message = self._next(remaining)
-                if message is None:
-                    continue
+            for message in self._frames(_REGISTER_TIMEOUT_S):
                 reply = decode_reply(bytes(message.data))
                 if reply is not None and reply[:3] == (motor_id, Opcode.READ, register):
-                    value = reply.value if math.isfinite(reply.value) else None
-                    return None if value is None else RegisterAnswer(message.arbitration_id, value)
+                    return reply.value if math.isfinite(reply.value) else None
         return None
 
     def handle[T](
-        self, request: bytes, identifier: int, decode: Callable[[bytes], T | None], timeout_s: float, attempts: int
+        self, request: bytes, identifier: int, decode: Callable[[bytes], T | None], attempts: int = _HANDLE_ATTEMPTS
     ) -> T | None:
         """The teaching handle's answer to a question, None without one."""
         for _ in range(attempts):
             self._drain()  # its answers do not repeat the question, so no earlier one may be left
             self._send(handle_encoder.REQUEST_ID, request)
-            deadline = time.monotonic() + timeout_s
-            while (remaining := deadline - time.monotonic()) > 0.0:
-                message = self._next(remaining)
-                if message is not None and message.arbitration_id == identifier:
-                    answer = decode(bytes(message.data))
-                    if answer is not None:
-                        return answer
+            for message in self._frames(_HANDLE_TIMEOUT_S):
+                if message.arbitration_id == identifier and (answer := decode(bytes(message.data))) is not None:
+                    return answer
         return None
 
     def _send(self, identifier: int, data: bytes) -> None:
@@ -133,20 +110,17 @@ class Questions:
         while self._port.recv(0.0) is not None:
             pass
 
-    def _next(self, timeout_s: float) -> can.Message | None:
-        """The next frame that a device has sent: no error frame, and no question of another program."""
-        message = self._port.recv(timeout_s)
-        if message is None or message.is_error_frame or message.arbitration_id == REGISTER_ID:
-            return None
-        return message
+    def _frames(self, timeout_s: float) -> Iterator[can.Message]:
+        """Frames that devices send within a time: no error frames, and no questions of other programs."""
+        deadline = time.monotonic() + timeout_s
+        while (remaining := deadline - time.monotonic()) > 0.0:
+            message = self._port.recv(remaining)
+            if message is not None and not message.is_error_frame and message.arbitration_id != REGISTER_ID:
+                yield message
 
-    def _feedback(self, timeout_s: float, motor_ids: Collection[int]) -> Answer | None:
-        """The next frame if it is feedback of one of these motors."""
-        message = self._next(timeout_s)
-        if message is None:
-            return None
-        data = bytes(message.data)
-        if len(data) != 8 or message.arbitration_id in handle_encoder.HANDLE_IDS or data[0] & 0xF not in motor_ids:
-            return None
-        stamp_s = self._port.arrival_s(message)
-        return Answer(message.arbitration_id, data[0] & 0xF, data[0] >> 4, data, stamp_s)
+    def _feedback(self, timeout_s: float, motor_ids: Collection[int]) -> Iterator[Answer]:
+        """Feedback of these motors within a time."""
+        for message in self._frames(timeout_s):
+            data, identifier = bytes(message.data), message.arbitration_id
+            if len(data) == 8 and identifier not in handle_encoder.HANDLE_IDS and data[0] & 0xF in motor_ids:
+                yield Answer(identifier, data[0] & 0xF, data[0] >> 4, data, self._port.arrival_s(message))

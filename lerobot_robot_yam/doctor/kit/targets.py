@@ -7,6 +7,7 @@ import os
 import shlex
 from collections.abc import Mapping, Set
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +69,7 @@ class Target:
         rig = self.config.can_options.get("rig") if self.config.interface == VIRTUAL else None
         return channel_key(self.config.interface, self.channel, rig)
 
+    @cached_property
     def hardware(self) -> ResolvedArm:
         """Motors and limits as the profiles say.
 
@@ -208,7 +210,7 @@ def _target(values: Mapping[str, Any], name: str, rig: str | None) -> Target:
         options["rig"], _ = rig_name(rig or options.get("rig"))
     try:
         target = Target(ArmConfig(**{"name": name, **known, "can_options": options}))
-        target.hardware()
+        _ = target.hardware  # profiles that there are
     except TypeError as error:  # no channel
         raise ConfigError(f"{name}: {error}") from error
     return target

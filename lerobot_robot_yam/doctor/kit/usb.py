@@ -18,7 +18,6 @@ class UsbDevice:
 
     port: str
     bus: int | None
-    vendor_id: str
     product: str | None
     serial: str | None
     speed_mbit: float | None
@@ -35,22 +34,13 @@ def text_of(path: Path) -> str | None:
 def usb_device(directory: Path) -> UsbDevice | None:
     """The USB device that a directory of sysfs belongs to, None when it is not USB."""
     for place in (directory, *directory.parents):
-        vendor = text_of(place / "idVendor")
-        if vendor is not None:
+        if text_of(place / "idVendor") is not None:
             bus, speed = text_of(place / "busnum"), text_of(place / "speed")
             return UsbDevice(
                 port=place.name,
                 bus=int(bus) if bus and bus.isdigit() else None,
-                vendor_id=vendor,
                 product=text_of(place / "product"),
                 serial=text_of(place / "serial"),
-                speed_mbit=_number(speed),
+                speed_mbit=float(speed) if speed and speed.replace(".", "", 1).isdigit() else None,
             )
     return None
-
-
-def _number(text: str | None) -> float | None:
-    try:
-        return None if text is None else float(text)
-    except ValueError:
-        return None

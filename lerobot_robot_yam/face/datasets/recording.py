@@ -35,12 +35,14 @@ class Recording:
         robot_type: what its robot was called, empty where it does not say.
         names: of the values of an action, empty where it does not say.
         statistics: LeRobot's, by feature and kind: {"action": {"max": (n,), …}, "observation.state": …}.
+        config: the saved config of a checkpoint's policy, empty without one.
     """
 
     what: str
     robot_type: str = ""
     names: tuple[str, ...] = ()
     statistics: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    config: Mapping[str, Any] = field(default_factory=dict)
 
     def largest(self, which: np.ndarray) -> float | None:
         """Largest magnitude that the statistics show; None without statistics, or if they describe something else.
@@ -83,9 +85,10 @@ def of_dataset(repo_id: str, root: str | None) -> Recording:
 
 def of_checkpoint(path: str, revision: str | None) -> Recording:
     """Facts about a checkpoint, a directory or a repository of the hub; empty if it cannot be read."""
-    data = _trained_on(path, revision)
-    names = _json(path, "config.json", revision).get("action_feature_names") or _action_names(data.get("features", {}))
-    return Recording(f"checkpoint {path}", data.get("robot_type") or "", tuple(names), _statistics(path, revision))
+    data, config = _trained_on(path, revision), _json(path, "config.json", revision)
+    names = tuple(config.get("action_feature_names") or _action_names(data.get("features", {})))
+    robot_type = data.get("robot_type") or ""
+    return Recording(f"checkpoint {path}", robot_type, names, _statistics(path, revision), config)
 
 
 def _trained_on(path: str, revision: str | None) -> dict[str, Any]:
@@ -115,11 +118,6 @@ def _statistics(path: str, revision: str | None) -> dict[str, dict[str, np.ndarr
                 feature, _, statistic = key.rpartition(".")
                 statistics.setdefault(feature, {})[statistic] = value
     return statistics
-
-
-def config_of(path: str, revision: str | None) -> dict[str, Any]:
-    """The saved config of a policy, empty without one."""
-    return _json(path, "config.json", revision)
 
 
 def _json(path: str, name: str, revision: str | None) -> dict[str, Any]:

@@ -4,9 +4,8 @@ import dataclasses
 from collections.abc import Collection, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
 from lerobot.utils.decorators import check_if_not_connected
 
 from lerobot_robot_yam.arm.config import ArmConfig
@@ -15,39 +14,10 @@ from lerobot_robot_yam.face.devices.arm_group import ArmGroup, Models
 from lerobot_robot_yam.session.arm_session import Isolation
 from lerobot_robot_yam.system.uncopyable import Uncopied
 
+if TYPE_CHECKING:
+    from lerobot_robot_yam.face.devices.ee_space import EeSpace
+
 _DEFAULT_NAME = ArmConfig(channel="any").name
-
-
-def _arm_config(options: ArmConfig, name: str, calibration_dir: Path, ident: str | None) -> ArmConfig:
-    """The arm layer's part of a LeRobot config that extends `ArmConfig`.
-
-    Args:
-        options: the LeRobot config (of one arm).
-        name: what messages call the arm, unless the user has named it.
-        calibration_dir: LeRobot's directory of the device; ours is a subdirectory, whose files LeRobot never reads.
-        ident: LeRobot's id of the device (with the side), None to name the file after the channel.
-    """
-    values: dict[str, Any] = {field.name: getattr(options, field.name) for field in dataclasses.fields(ArmConfig)}
-    if options.name == _DEFAULT_NAME:
-        values["name"] = name
-    if options.calibration_path is None:
-        values["calibration_path"] = str(calibration_dir / "yam" / f"{ident or options.channel}_gripper.json")
-    return ArmConfig(**values)
-
-
-class ActionSpace(Protocol):
-    """The form of a device's actions: `ArmGroup` speaks of joints, `ee_space.EeSpace` of the poses of tools."""
-
-    keys: list[str]
-
-    def vector(self, action: Mapping[str, object]) -> np.ndarray:
-        """Joints and grippers of a LeRobot action, in canonical order and SI units; raises YamError."""
-
-    def action(self, vector: np.ndarray) -> dict[str, float]:
-        """LeRobot's form of joints and grippers in canonical order and SI units."""
-
-    def begin(self) -> None:
-        """The next action has nothing to do with those before: something else has moved the arms."""
 
 
 class ArmDevice(Uncopied):
@@ -58,7 +28,8 @@ class ArmDevice(Uncopied):
     calibration_dir: Path
     _arms: ArmGroup
     _models: Models
-    _space: ActionSpace
+    _space: "ArmGroup | EeSpace"
+    """Turns actions into joints and back: of joints the group itself, of poses `EeSpace`."""
 
     def _make_arms(
         self,
@@ -68,11 +39,16 @@ class ArmDevice(Uncopied):
         isolation: Isolation,
         handles: Collection[str] | None = None,
     ) -> ArmGroup:
-        """The group of these arms, which messages call by their prefix and `role`; see `ArmGroup`."""
-        configs = {
-            prefix: _arm_config(arm, f"{prefix}{role}", self.calibration_dir, self.id and f"{prefix}{self.id}")
-            for prefix, arm in arms.items()
-        }
+        """The group of these arms, see `ArmGroup`; messages call an unnamed one by prefix and `role`."""
+        configs = {}
+        for prefix, arm in arms.items():
+            values: dict[str, Any] = {field.name: getattr(arm, field.name) for field in dataclasses.fields(ArmConfig)}
+            if arm.name == _DEFAULT_NAME:
+                values["name"] = f"{prefix}{role}"
+            if arm.calibration_path is None:  # in a subdirectory, whose files LeRobot never reads
+                ident = f"{prefix}{self.id}" if self.id else arm.channel
+                values["calibration_path"] = str(self.calibration_dir / "yam" / f"{ident}_gripper.json")
+            configs[prefix] = ArmConfig(**values)
         return ArmGroup(self.name, configs, use_degrees, isolation, handles)
 
     def _speak(self, kind: Literal["joint", "ee"], models: Models) -> None:

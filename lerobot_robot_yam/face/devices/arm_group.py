@@ -40,7 +40,6 @@ class _Side:
         self.motors = motor_names(prefix, config, handles)
         self.slice = slice(start, start + self.joints)
         self.gripper_index = start + self.joints if self.has_gripper else None
-        self.is_joint = [True] * self.joints + [False] * self.has_gripper
 
 
 class ArmGroup:
@@ -79,7 +78,7 @@ class ArmGroup:
             self.sides.append(side)
             self.motors += side.motors
         self.keys = [f"{motor}.pos" for motor in self.motors]
-        self.is_joint = np.array([flag for side in self.sides for flag in side.is_joint], dtype=bool)
+        self.is_joint = np.array([not motor.endswith("gripper") for motor in self.motors])
         self._action_keys: list[str] = []  # while the arms are driven
         self._models: Models = []
         self.scale = np.where(self.is_joint & use_degrees, 180.0 / math.pi, 1.0)
@@ -182,11 +181,7 @@ class ArmGroup:
             self._undo_signals()
 
     def calibrate(self) -> None:
-        """Search the stops of every gripper motor and store them.
-
-        Raises:
-            YamError: a search failed.
-        """
+        """See `ArmDevice.calibrate`."""
         for side, config in zip(self.sides, self._configs, strict=True):
             if side.hardware.has_gripper:
                 self[side].calibrate_gripper()
@@ -195,11 +190,7 @@ class ArmGroup:
                 logger.info("%s: nothing to calibrate, there is no gripper motor", side.name)
 
     def rearm(self) -> None:
-        """After a fault: enable again what has failed; followers hold where they are, leaders float.
-
-        Raises:
-            YamError: an arm still fails, or needs a new connection.
-        """
+        """See `ArmDevice.rearm`."""
         self._session.rearm()
 
     def pause_followers(self) -> None:

@@ -13,7 +13,6 @@ Positions are the same numbers, m, of `site` in the frame of the arm's base; the
 steps. A pipeline that was saved with them is loaded after this import.
 """
 
-from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
@@ -29,7 +28,6 @@ from lerobot_robot_yam.errors import ActionError
 from lerobot_robot_yam.face.devices.ee_space import Tool
 from lerobot_robot_yam.face.devices.feature_names import TOOL_NUMBERS
 
-_BASE_AXES = np.eye(3)
 _TOOL = tuple(f"{name}.pos" for name in TOOL_NUMBERS)
 _EE = ("ee.x", "ee.y", "ee.z", "ee.wx", "ee.wy", "ee.wz")
 _GRIPPER_KEYS = {"joints": "gripper.pos", "tool": "gripper.pos", "ee": "ee.gripper_pos"}
@@ -59,7 +57,7 @@ class _ArmStep(ProcessorStep):
 
     def __post_init__(self) -> None:
         self._kinematics = YamKinematics(self.arm, self.gripper, self.site)
-        self._reference = downward(self._kinematics)
+        self._axes = {"tool": downward(self._kinematics), "ee": np.eye(3)}  # from which a pose's rotation is told
         self._unit = np.pi / 180.0 if self.use_degrees else 1.0
         self._joints = tuple(f"joint_{i + 1}.pos" for i in range(len(self._kinematics.lower)))
         keys = {"joints": self._joints, "tool": _TOOL, "ee": _EE}
@@ -70,9 +68,13 @@ class _ArmStep(ProcessorStep):
         """The arguments that make the step anew."""
         return asdict(self)
 
-    @abstractmethod
     def convert(self, values: np.ndarray, transition: EnvTransition) -> np.ndarray:
         """Values of the keys that it writes from those of the keys that it reads."""
+        if self.reads == "joints":
+            pose = self._kinematics.fk(values * self._unit)
+        else:
+            pose = vector_to_pose(values, self._axes[self.reads])
+        return pose_to_vector(pose, self._axes[self.writes])
 
     def __call__(self, transition: EnvTransition) -> EnvTransition:
         """Convert the action, the observation, or both: what has the arm's keys.
@@ -125,9 +127,6 @@ class YamJointsToEE(_ArmStep):
 
     reads, writes = "joints", "ee"
 
-    def convert(self, values: np.ndarray, transition: EnvTransition) -> np.ndarray:
-        return pose_to_vector(self._kinematics.fk(values * self._unit), _BASE_AXES)
-
 
 @ProcessorStepRegistry.register("yam_ee_to_joints")
 @dataclass
@@ -149,7 +148,7 @@ class YamEEToJoints(_ArmStep):
         if not isinstance(observed, dict):
             raise ActionError("yam_ee_to_joints needs an observation with joints beside the action")
         q = _numbers(observed, [self.prefix + key for key in self._joints]) * self._unit
-        return self._tool.follow(vector_to_pose(values, _BASE_AXES), q) / self._unit
+        return self._tool.follow(vector_to_pose(values, self._axes["ee"]), q) / self._unit
 
     def reset(self) -> None:
         """The next action has nothing to do with those before."""
@@ -163,9 +162,6 @@ class YamToolToEE(_ArmStep):
 
     reads, writes = "tool", "ee"
 
-    def convert(self, values: np.ndarray, transition: EnvTransition) -> np.ndarray:
-        return pose_to_vector(vector_to_pose(values, self._reference), _BASE_AXES)
-
 
 @ProcessorStepRegistry.register("yam_ee_to_tool")
 @dataclass
@@ -173,9 +169,6 @@ class YamEEToTool(_ArmStep):
     """LeRobot's `ee.*` to the keys of a robot with `action_space: ee`, in actions and observations."""
 
     reads, writes = "ee", "tool"
-
-    def convert(self, values: np.ndarray, transition: EnvTransition) -> np.ndarray:
-        return pose_to_vector(vector_to_pose(values, _BASE_AXES), self._reference)
 
 
 def _numbers(values: Mapping[str, Any], keys: list[str]) -> np.ndarray:

@@ -5,7 +5,7 @@
     gripper.pos                        as always, where there is one
 
 with `left_` and `right_` in front for two arms. (`arm.tool_pose` says what the rotation vector is. The names end in
-.pos because lerobot-rollout drops others.) `EeSpace` is an `arm_device.ActionSpace`, as `ArmGroup` is for joint keys.
+.pos because lerobot-rollout drops others.) `EeSpace` has the `keys`, `vector`, `action` and `begin` of `ArmGroup`.
 """
 
 import logging

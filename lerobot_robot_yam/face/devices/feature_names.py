@@ -1,7 +1,7 @@
 """Names of a robot's values in LeRobot's features, in the canonical order: left joints, left gripper, right ones."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
@@ -32,24 +32,15 @@ def motors_of(arms: Mapping[str, ArmConfig]) -> list[str]:
     return [motor for prefix, arm in arms.items() for motor in motor_names(prefix, arm)]
 
 
-def position_keys(arms: Mapping[str, ArmConfig]) -> list[str]:
-    """Keys of an action: `left_joint_1.pos` …, for arms by prefix."""
-    return [f"{motor}.pos" for motor in motors_of(arms)]
-
-
-def tool_keys(arms: Mapping[str, ArmConfig]) -> list[str]:
-    """The same where actions are poses of the tools: `left_ee_x.pos` …, `left_gripper.pos` …."""
+def action_keys(arms: Mapping[str, ArmConfig], action_space: str) -> list[str]:
+    """Keys of an action, for arms by prefix: `left_joint_1.pos` … or, of poses ("ee"), `left_ee_x.pos` …."""
     keys = []
     for prefix, arm in arms.items():
-        names = [f"{prefix}{name}" for name in TOOL_NUMBERS] + motor_names(prefix, arm)[load_arm(arm.arm).joint_count :]
+        names = motor_names(prefix, arm)
+        if action_space == "ee":
+            names[: load_arm(arm.arm).joint_count] = [f"{prefix}{name}" for name in TOOL_NUMBERS]
         keys += [f"{name}.pos" for name in names]
     return keys
-
-
-def extra_keys(motors: Sequence[str], velocity: bool, torque: bool, temperature: bool) -> list[str]:
-    """Keys of the optional values of an observation, for motors by name."""
-    kinds = ["vel"] * velocity + ["torque"] * torque + ["temp_mos", "temp_rotor"] * temperature
-    return [f"{motor}.{kind}" for kind in kinds for motor in motors]
 
 
 def space_of(keys: Iterable[str]) -> str | None:

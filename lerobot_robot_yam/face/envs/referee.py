@@ -18,6 +18,7 @@ from lerobot_robot_yam.rig.client.rig_operations import RigOperations
 logger = logging.getLogger(__name__)
 
 _REMIND_S = 20.0
+_ENDLESS_S = 86_400.0
 Judge = Callable[[Mapping[str, Any]], bool | None]
 """From an observation to success, failure or, not yet, None."""
 
@@ -52,17 +53,16 @@ class RigReferee(Referee):
 
     Args:
         rig: the rig.
-        task: a task of its scene.
-        time_limit_s: simulated time after which it has failed; None: as the task says.
+        task: a task of its scene. It fails by itself only after a day: the environment counts its steps.
     """
 
-    def __init__(self, rig: RigOperations, task: str, time_limit_s: float | None = None):
-        self._rig, self._task, self._time_limit_s = rig, task, time_limit_s
+    def __init__(self, rig: RigOperations, task: str):
+        self._rig, self._task = rig, task
 
     def arrange(self, seed: int | None) -> None:
         if seed is None:
             seed = int(np.random.default_rng().integers(2**31))
-        self._rig.task(self._task, seed, self._time_limit_s)
+        self._rig.task(self._task, seed, _ENDLESS_S)
 
     def verdict(self, observation: Mapping[str, Any]) -> Verdict:
         state = self._rig.request("task_state")

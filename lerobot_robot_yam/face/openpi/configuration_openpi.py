@@ -10,7 +10,6 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.registration import register_as
 
 ActionSpace = Literal["joint_position", "cartesian_position"]
-_NOT_TRAINED = "a yam_openpi policy runs on its server and is trained there; lerobot-train has nothing to train"
 
 
 @register_as(PreTrainedConfig, "yam_openpi")
@@ -109,16 +108,9 @@ class YamOpenpiConfig(PreTrainedConfig):
     def observation_delta_indices(self) -> None:
         return None
 
-    @property
-    def action_delta_indices(self) -> None:
-        return None
-
-    @property
-    def reward_delta_indices(self) -> None:
-        return None
+    action_delta_indices = reward_delta_indices = observation_delta_indices
 
     def get_optimizer_preset(self) -> None:
-        raise ConfigError(_NOT_TRAINED)
+        raise ConfigError("a yam_openpi policy is trained on its server; lerobot-train has nothing to train")
 
-    def get_scheduler_preset(self) -> None:
-        raise ConfigError(_NOT_TRAINED)
+    get_scheduler_preset = get_optimizer_preset

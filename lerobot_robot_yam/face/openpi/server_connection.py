@@ -2,6 +2,11 @@
 
 The server (openpi, `src/openpi/serving/websocket_policy_server.py`) greets with its metadata, answers every message
 with one, and sends a traceback as text, then closes, when it fails.
+
+Messages are msgpack, with NumPy arrays and scalars as marked dictionaries: an array is
+`{b"__ndarray__": True, b"data": bytes, b"dtype": "<f4", b"shape": [50, 14]}`, a scalar
+`{b"__npgeneric__": True, b"data": value, b"dtype": "|b1"}`. Source: openpi-client 0.1.2, `msgpack_numpy.py`. The
+package msgpack-numpy has other keys, and falls back to pickle; openpi-client itself wants NumPy 1, LeRobot NumPy 2.
 """
 
 import contextlib
@@ -12,15 +17,16 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
+
 from lerobot_robot_yam.errors import ConfigError, PolicyServerError
 from lerobot_robot_yam.face.openpi.configuration_openpi import YamOpenpiConfig
 
 try:
+    import msgpack
     from websockets.exceptions import ConnectionClosed, InvalidStatus, InvalidURI, WebSocketException
     from websockets.frames import CloseCode
     from websockets.sync.client import ClientConnection, connect
-
-    from lerobot_robot_yam.face.openpi import msgpack_numpy
 except ImportError as error:
     raise ConfigError(
         f"policies on an openpi server need websockets, msgpack and pillow ({error}): pip install '.[openpi]' in the "
@@ -33,6 +39,7 @@ _RETRY_S = 0.25
 _CLOSE_TIMEOUT_S = 1.0  # for the goodbye of a server that may be stuck
 _UNAUTHORISED = (401, 403)
 _MOST_BYTES = 16 * 2**20  # of an answer: a chunk of 1000 actions for two arms has 0.1 MiB
+_PLAIN_KINDS = "biufSU"  # truth values, integers, floats, text: nothing that is a pointer or runs code
 
 
 class ServerConnection:
@@ -84,7 +91,7 @@ class ServerConnection:
         if self._connection is None:
             self._open()
         with self._closed_on_failure():
-            answer = self._exchange(msgpack_numpy.encode(observation), self._next_timeout_s)
+            answer = self._exchange(encode_message(observation), self._next_timeout_s)
             if isinstance(answer, str):
                 raise PolicyServerError(
                     f"the {self._name} failed on this observation and sent the following; check that image_keys, "
@@ -183,7 +190,7 @@ class ServerConnection:
         try:
             if isinstance(data, str):
                 raise ValueError(f"text instead of msgpack: {data[:200]!r}")
-            message = msgpack_numpy.decode(data)
+            message = decode_message(data)
             if not isinstance(message, dict):
                 raise ValueError(f"a {type(message).__name__} instead of a dictionary")
         except ValueError as error:
@@ -201,3 +208,52 @@ class ServerConnection:
 
 def _words(error: Exception) -> str:
     return str(error) or type(error).__name__
+
+
+def encode_message(message: Any) -> bytes:
+    """Bytes of a message: dictionaries, lists, text, numbers, arrays.
+
+    Raises:
+        TypeError: it contains something else.
+    """
+    return msgpack.packb(message, default=_pack)
+
+
+def decode_message(data: bytes) -> Any:
+    """The message that these bytes say. Arrays are read-only.
+
+    Raises:
+        ValueError: they are not msgpack, or contain an invalid array.
+    """
+    try:
+        return msgpack.unpackb(data, object_hook=_unpack)
+    except (KeyError, TypeError, msgpack.exceptions.UnpackException) as error:
+        raise ValueError(f"not a message of openpi: {error!r}") from error
+
+
+def _pack(value: Any) -> dict[bytes, Any]:
+    if not isinstance(value, np.ndarray | np.generic):
+        raise TypeError(f"{type(value).__name__} has no place in a message of openpi")
+    _check_kind(value.dtype)
+    if isinstance(value, np.ndarray):
+        return {b"__ndarray__": True, b"data": value.tobytes(), b"dtype": value.dtype.str, b"shape": value.shape}
+    return {b"__npgeneric__": True, b"data": value.item(), b"dtype": value.dtype.str}
+
+
+def _unpack(value: dict[Any, Any]) -> Any:
+    if b"__ndarray__" in value:
+        return np.frombuffer(value[b"data"], _dtype(value)).reshape(value[b"shape"])
+    if b"__npgeneric__" in value:
+        return _dtype(value).type(value[b"data"])
+    return value
+
+
+def _dtype(value: dict[Any, Any]) -> np.dtype:
+    dtype = np.dtype(value[b"dtype"])
+    _check_kind(dtype)
+    return dtype
+
+
+def _check_kind(dtype: np.dtype) -> None:
+    if dtype.kind not in _PLAIN_KINDS:
+        raise TypeError(f"arrays of {dtype} have no place in a message of openpi")

@@ -122,10 +122,7 @@ class ClientLink:
         self._queued = 0  # frames that wait in the queue of an interface in bus-off
 
     def check_receive(self) -> None:
-        """
-        Raises:
-            can.CanOperationError: the interface is down, or its adapter is gone.
-        """
+        """Raise can.CanOperationError where the interface is down, or its adapter is gone."""
         if self._word[0] != self._fine:
             self._state("Error receiving")
 

@@ -20,7 +20,7 @@ from lerobot_robot_yam.rig.devices.packets import Wire, send_time
 from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
 from lerobot_robot_yam.rig.devices.simulated_motor import AHEAD_S, SimMotor
 from lerobot_robot_yam.rig.devices.thermometer import PERIOD_S
-from lerobot_robot_yam.rig.world.shaft import Drive
+from lerobot_robot_yam.rig.world.mechanics import Drive
 
 _LONG, _SHORT = 0xFFFF, 0xFFF  # steps of a frame's fields, see `codec`
 _SPECIAL = b"\xff" * 7  # begins every special command
@@ -39,9 +39,7 @@ class WholeTick:
         self._records = struct.Struct("<" + "dQ8s" * (count + rest))
         self.size = self._records.size  # of a packet
         self._commands = struct.Struct(">" + "16xHHHH" * count + "24x" * rest)
-        self._zeros: list[float] = []
-        self._ids: list[int] = []
-        self._answer_ids: list[int] = []
+        self._settings: list[tuple[float, int, int]] = []
         self._measured_s: list[float] = []
         self._temperatures = [0] * count
 
@@ -53,13 +51,9 @@ class WholeTick:
         """
         if len(packet) != self.size or _SPECIAL in packet:
             return None
-        motors = self._motors
-        if (
-            [motor.zero_rad for motor in motors] != self._zeros
-            or [motor.can_id for motor in motors] != self._ids
-            or [motor.master_id for motor in motors] != self._answer_ids
-        ):
-            self._lay_out()
+        settings = [(motor.zero_rad, motor.can_id, motor.master_id) for motor in self._motors]
+        if settings != self._settings:
+            self._lay_out(settings)
         fields = self._records.unpack(packet)
         sent_s, count = fields[0], len(self._heads)
         if fields[1::3] != self._heads or fields[0::3] != (sent_s,) * count:
@@ -91,10 +85,8 @@ class WholeTick:
             if last is None:
                 angle, rate = base + coefficient * qpos[first], coefficient * qvel[v_first]
             else:
-                angle, rate = (
-                    base + coefficient * (qpos[first] + qpos[last]),
-                    coefficient * (qvel[v_first] + qvel[v_last]),
-                )
+                angle = base + coefficient * (qpos[first] + qpos[last])
+                rate = coefficient * (qvel[v_first] + qvel[v_last])
 
             one, two, three, four = quarters[at : at + 4]
             at += 4
@@ -135,13 +127,11 @@ class WholeTick:
             self._measured_s = [motor.thermometer.measured_at_s for motor in self._motors]
         return answers
 
-    def _lay_out(self) -> None:
+    def _lay_out(self, settings: list[tuple[float, int, int]]) -> None:
         """Note what stays the same from tick to tick; other frames can change zeros and identifiers."""
-        self._zeros = [motor.zero_rad for motor in self._motors]
-        self._ids = [motor.can_id for motor in self._motors]
-        self._answer_ids = [motor.master_id for motor in self._motors]
-        heads = [_head(ident, 8) for ident in self._ids]
-        self._answer_heads = [_head(ident, 8) for ident in self._answer_ids]
+        self._settings = settings
+        heads = [_head(can_id, 8) for _, can_id, _ in settings]
+        self._answer_heads = [_head(answer_id, 8) for _, _, answer_id in settings]
         if self._handle is not None:
             report = self._handle.report()
             heads.append(_head(REQUEST_ID, len(_REQUEST)))

@@ -42,7 +42,7 @@ def rig_path(name: str, suffix: str) -> Path:
 
 
 def connect(name: str, hello: Mapping[str, Any]) -> tuple[socket.socket, dict[str, Any]]:
-    """Connect to a running rig with a hello, see `serving`.
+    """Connect to a running rig with a hello, see `server`.
 
     Returns:
         The socket (SEQPACKET, blocking) and the rig's answer.
@@ -59,7 +59,7 @@ def connect(name: str, hello: Mapping[str, Any]) -> tuple[socket.socket, dict[st
         answer = sock.recv(MAX_PACKET)
         if not answer:
             raise ConnectionRefusedError(f"rig {name} is ending")
-        reply = answer_of(answer)
+        reply = checked(json.loads(answer))
         sock.settimeout(None)
         return sock, reply
     except BaseException as error:
@@ -82,22 +82,16 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} has no JSON form")
 
 
-def answer_of(packet: bytes) -> dict[str, Any]:
-    """A rig's answer; raises the error that it carries, as `raise_remote` does."""
-    answer: dict[str, Any] = json.loads(packet)
+def checked(answer: dict[str, Any]) -> dict[str, Any]:
+    """A rig's answer; raises the error that it carries, if any, as the type it names."""
     if "error" in answer:
-        raise_remote(answer)
+        kind = {"BusError": BusError, "ConfigError": ConfigError}.get(answer.get("kind", ""), RigError)
+        raise kind(answer["error"])
     return answer
 
 
-def raise_remote(reply: Mapping[str, Any]) -> None:
-    """Raise the error that a rig's answer carries, as the type it names."""
-    kind = {"BusError": BusError, "ConfigError": ConfigError}.get(reply.get("kind", ""), RigError)
-    raise kind(reply["error"])
-
-
 def error_reply(error: Exception) -> dict[str, Any]:
-    """The answer from which `raise_remote` raises this error again."""
+    """The answer from which `checked` raises this error again."""
     kind = next((k.__name__ for k in (BusError, ConfigError) if isinstance(error, k)), "RigError")
     text = str(error) if isinstance(error, YamError) else f"malformed request: {type(error).__name__}: {error}"
     return {"error": text, "kind": kind}
@@ -110,7 +104,7 @@ def connect_or_start(
 
     Args:
         rig: see `runtime_files.rig_name`.
-        hello: see `serving`.
+        hello: see `server`.
         scene: scene name or path for a rig that we start.
         options: scene options for a rig that we start. A running rig keeps its own; differences are logged.
 
@@ -159,11 +153,7 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def options_of(arguments: argparse.Namespace) -> dict[str, Any]:
-    """The scene options of parsed arguments.
-
-    Raises:
-        ConfigError: one is not key=value.
-    """
+    """The scene options of parsed arguments. Raises ConfigError: one is not key=value."""
     options: dict[str, Any] = {}
     for text in arguments.set:
         key, separator, value = text.partition("=")
@@ -187,32 +177,24 @@ def _start(name: str, owner: int | None, scene: str | None, options: Mapping[str
     server = [sys.executable, "-P", "-m", "lerobot_robot_yam.rig.server.server", "--name", name]
     server += ["--ready-fd", str(ready_write), *scene_arguments(scene, options)]
     server += [] if owner is None else ["--owner", str(owner)]
-    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-    try:
-        with open(rig_path(name, "log"), "wb") as log:
-            starter = subprocess.Popen(
+    with open(ready_read, "rb", buffering=0):
+        with open(ready_write, "wb"), open(rig_path(name, "log"), "wb") as log:
+            subprocess.run(
                 [sys.executable, "-S", "-c", _DETACH, *server],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
-                env=environment,
+                env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
                 pass_fds=(ready_write,),
                 start_new_session=True,
             )
-        os.close(ready_write)
-        ready_write = -1
-        starter.wait()
         answer = _read_answer(ready_read)
-    finally:
-        os.close(ready_read)
-        if ready_write >= 0:
-            os.close(ready_write)
     if not answer:
         raise RigError(f"rig {name} did not come up; see {rig_path(name, 'log')}")
     reply = json.loads(answer)
     if "error" in reply:
         rig_path(name, "log").unlink(missing_ok=True)
-        raise_remote(reply)
+    checked(reply)
 
 
 def _read_answer(fd: int) -> bytes:

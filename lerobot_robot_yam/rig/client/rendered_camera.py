@@ -10,17 +10,33 @@ import select
 import socket
 import time
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from lerobot_robot_yam.errors import RigError, StaleStateError
 from lerobot_robot_yam.rig.client import launch
-from lerobot_robot_yam.rig.client.camera_frames import frame_dtype, frame_path
+from lerobot_robot_yam.system.runtime_files import slug
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
+Settings = tuple[str, int, int, int]
+"""Camera, width, height (pixels), frames a second."""
+
+MAX_WIDTH, MAX_HEIGHT = 1280, 960
+MAX_FPS = 60
 _POLL_S = 0.002
 _MAX_AGE_S = 0.5
+
+
+def frame_dtype(width: int, height: int) -> np.dtype:
+    """Record of one frame: monotonic and simulated time of the state it shows, a counter, the picture (RGB)."""
+    return np.dtype([("stamp_s", "f8"), ("sim_s", "f8"), ("number", "u8"), ("rgb", np.uint8, (height, width, 3))])
+
+
+def frame_path(rig: str, camera: str, width: int, height: int, fps: int) -> Path:
+    """File of the block that holds the newest frame; cameras of equal settings share it."""
+    return launch.rig_path(rig, f"camera-{slug(camera)}-{width}x{height}-{fps}")
 
 
 class RigCamera:
@@ -50,7 +66,7 @@ class RigCamera:
         self._socket: socket.socket | None = None
         self._block: SharedBlock | None = None
         self._seen = 0
-        self._end: dict[str, Any] | None = None  # the rig's last message about this camera
+        self._heard: dict[str, Any] = {}  # the rig's last message about this camera
 
     @property
     def is_connected(self) -> bool:
@@ -66,8 +82,8 @@ class RigCamera:
         if self.is_connected:
             return
         deadline = time.monotonic() + timeout_s
-        hello = {"kind": "camera", "camera": self.camera}
-        hello |= {"width": self.width, "height": self.height, "fps": self.fps}  # type: ignore[dict-item]
+        hello: dict[str, Any] = {"kind": "camera", "camera": self.camera}
+        hello |= {"width": self.width, "height": self.height, "fps": self.fps}
         self._socket, name, _ = launch.connect_or_start(self._rig, hello, self._scene, self._options)
         try:
             if not select.select([self._socket], [], [], max(0.0, deadline - time.monotonic()))[0]:
@@ -83,8 +99,7 @@ class RigCamera:
     def _hear(self) -> None:
         """Read one packet of the rig. Anything but "ready" is an end, whose reason every later call raises too."""
         assert self._socket is not None
-        if self._end is not None:
-            launch.raise_remote(self._end)
+        launch.checked(self._heard)
         try:
             packet = self._socket.recv(launch.MAX_PACKET, socket.MSG_DONTWAIT)
         except BlockingIOError:
@@ -93,10 +108,8 @@ class RigCamera:
             packet = b""
         if not packet:
             raise RigError(f"camera {self.camera}: the rig has ended; connect again to start one")
-        reply = json.loads(packet)
-        if "error" in reply:
-            self._end = reply
-            launch.raise_remote(reply)
+        self._heard = json.loads(packet)
+        launch.checked(self._heard)
 
     def latest(self, max_age_s: float = _MAX_AGE_S) -> tuple[np.ndarray, float]:
         """The newest frame, without waiting.
@@ -167,7 +180,7 @@ class RigCamera:
             with contextlib.suppress(OSError):
                 sock.shutdown(socket.SHUT_RDWR)  # also for a forked child that still holds it
             sock.close()
-        self._seen, self._end = 0, None
+        self._seen, self._heard = 0, {}
 
     def __enter__(self) -> "RigCamera":
         self.connect()

@@ -9,6 +9,7 @@ While it is open the rig stays alive. Not for use by several threads at once.
 
 import contextlib
 import itertools
+import json
 import os
 import socket
 import time
@@ -68,7 +69,7 @@ class RigControl(RigOperations):
             raise
         if not packet:
             raise RigError(f"rig {self.name} has ended")
-        return launch.answer_of(packet)
+        return launch.checked(json.loads(packet))
 
     def wait_event(self, kind: str, timeout_s: float, since: int = 0, **details: Any) -> dict[str, Any]:
         """The first event of that kind and details from number `since` on; waits for it.
@@ -121,13 +122,9 @@ def running_rig(**arguments: Any) -> Iterator[RigControl]:
         wait_ended(rig)
 
 
-def wait_ended(rig: RigControl, timeout_s: float = 10.0) -> None:
-    """Wait until a rig's process is gone.
-
-    Raises:
-        RigError: it is not; somebody else may still use it.
-    """
-    deadline = time.monotonic() + timeout_s
+def wait_ended(rig: RigControl) -> None:
+    """Wait until a rig's process is gone. Raises RigError: it is not; somebody else may still use it."""
+    deadline = time.monotonic() + _TIMEOUT_S
     while runs(rig.pid):
         if time.monotonic() > deadline:
             raise RigError(f"rig {rig.name} (process {rig.pid}) still runs; close its other clients")

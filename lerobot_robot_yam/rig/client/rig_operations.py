@@ -231,7 +231,7 @@ class RigOperations(ABC):
     ) -> None:
         """Grip a leader and pull it with limited force, from where it is, along q (k, n) at times (k,) s from now.
 
-        Then hold it there.
+        Then hold it there. Joints that are elsewhere than q join it at 2 rad/s.
         """
         self.request("hand", channel=channel, times=times, q=q, trigger=trigger)
 

@@ -2,14 +2,15 @@
 
 import struct
 
+from lerobot_robot_yam.arm.profile import ArmMotor, GripperMotor
 from lerobot_robot_yam.damiao import registers
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import TIMEOUT_COUNT_S, WATCHDOG_S, ControlMode, motor_type
 
 
-def factory_registers(can_id: int, kind: str, serial: int) -> dict[int, float | int]:
-    """Value of every register of motor `can_id` of type `kind`, `serial` in SN; 0 where nothing depends on it."""
-    row = motor_type(kind)
+def factory_registers(motor: ArmMotor | GripperMotor, serial: int) -> dict[int, float | int]:
+    """Value of every register of a motor of a profile, `serial` in SN; 0 where nothing depends on it."""
+    row = motor_type(motor.type)
     held: dict[int, float | int] = dict.fromkeys(registers.REGISTERS, 0)
     held |= {
         Register.UV_VALUE: 15.0,
@@ -18,8 +19,8 @@ def factory_registers(can_id: int, kind: str, serial: int) -> dict[int, float | 
         Register.ACC: 10.0,
         Register.DEC: -10.0,
         Register.MAX_SPD: row.velocity_max_rad_s,
-        Register.MST_ID: can_id + 16,
-        Register.ESC_ID: can_id,
+        Register.MST_ID: motor.can_id + 16,
+        Register.ESC_ID: motor.can_id,
         Register.TIMEOUT: round(WATCHDOG_S / TIMEOUT_COUNT_S),
         Register.CTRL_MODE: ControlMode.MIT,
         Register.HW_VER: 10,

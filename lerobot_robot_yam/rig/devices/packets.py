@@ -47,11 +47,7 @@ def pack_one(stamp_s: float, ident: int, data: bytes | bytearray, flags: int) ->
 
 
 def unpack(packet: bytes) -> list[Frame]:
-    """The frames of a packet.
-
-    Raises:
-        BusError: the packet is not a whole number of records.
-    """
+    """The frames of a packet. Raises BusError: it is not a whole number of records."""
     if len(packet) % RECORD_SIZE:
         raise BusError(f"a packet of {len(packet)} bytes is not made of {RECORD_SIZE}-byte records")
     return [
@@ -60,11 +56,7 @@ def unpack(packet: bytes) -> list[Frame]:
 
 
 def pack_messages(messages: Sequence[can.Message], now_s: float) -> bytes:
-    """python-can's messages that are sent now, as one packet.
-
-    Raises:
-        BusError: one is not classic CAN.
-    """
+    """python-can's messages that are sent now, as one packet. Raises BusError: one is not classic CAN."""
     records = []
     for message in messages:
         if message.is_fd:

@@ -3,7 +3,7 @@
 Unlike the real one it keeps the order of replies to overlapping requests.
 """
 
-from lerobot_robot_yam.damiao import handle_encoder
+from lerobot_robot_yam.damiao import handle_encoder as encoder
 from lerobot_robot_yam.rig.devices.packets import Frame
 
 FIRMWARE = (2, 4, 0)
@@ -24,49 +24,45 @@ class SimHandle:
         self._zero_rad = 0.0
         self._event_mask = 0
         self._next_report_s = 0.0
-        self._eeprom = bytearray(handle_encoder.EEPROM_BYTES)
+        self._eeprom = bytearray(encoder.EEPROM_BYTES)
         self._eeprom[7] = _DEVICE
-        self._eeprom[handle_encoder.EEPROM_ADC_FREQUENCY_LOW] = handle_encoder.ADC_FREQUENCY
+        self._eeprom[encoder.EEPROM_ADC_FREQUENCY_LOW] = encoder.ADC_FREQUENCY
 
     def request(self, data: bytes) -> Frame | None:
         """Answer a frame to 0x50E; None for settings and unknown requests."""
-        if self.silent or len(data) < 2 or data[0] not in (_DEVICE, handle_encoder.ALL_DEVICES):
+        if self.silent or len(data) < 2 or data[0] not in (_DEVICE, encoder.ALL_DEVICES):
             return None
         opcode, parameters = data[1], data[2:]
-        if opcode == handle_encoder.OP_REPORT:
+        answer: bytes | None = None
+        if opcode == encoder.OP_REPORT:
             return self.report()
-        if opcode == handle_encoder.OP_VERSION:
-            return Frame(0.0, handle_encoder.REQUEST_ID, handle_encoder.encode_version(FIRMWARE, _DEVICE))
-        if opcode == handle_encoder.OP_READ_EEPROM and parameters and parameters[0] < len(self._eeprom):
-            return Frame(
-                0.0, handle_encoder.REQUEST_ID, handle_encoder.encode_eeprom_byte(self._eeprom[parameters[0]], _DEVICE)
-            )
-        if opcode == handle_encoder.OP_WRITE_EEPROM and len(parameters) > 1:
+        if opcode == encoder.OP_VERSION:
+            answer = encoder.encode_version(FIRMWARE, _DEVICE)
+        elif opcode == encoder.OP_READ_EEPROM and parameters and parameters[0] < len(self._eeprom):
+            answer = encoder.encode_eeprom_byte(self._eeprom[parameters[0]], _DEVICE)
+        elif opcode == encoder.OP_WRITE_EEPROM and len(parameters) > 1:
             end = min(parameters[0] + len(parameters) - 1, len(self._eeprom))
             self._eeprom[parameters[0] : end] = parameters[1 : end - parameters[0] + 1]
-        elif opcode == handle_encoder.OP_SET_ZERO:
+        elif opcode == encoder.OP_SET_ZERO:
             self._zero_rad += self._position_rad()
-        elif opcode == handle_encoder.OP_SET_REPORT_FREQUENCY and parameters:
+        elif opcode == encoder.OP_SET_REPORT_FREQUENCY and parameters:
             self.set_report_frequency(int.from_bytes(parameters[:2], "big"))
-        elif opcode == handle_encoder.OP_SET_ADC_FREQUENCY and parameters:
+        elif opcode == encoder.OP_SET_ADC_FREQUENCY and parameters:
             high, low = int.from_bytes(parameters[:2], "big").to_bytes(2, "big")
-            self._eeprom[handle_encoder.EEPROM_ADC_FREQUENCY_HIGH] = high
-            self._eeprom[handle_encoder.EEPROM_ADC_FREQUENCY_LOW] = low
+            self._eeprom[encoder.EEPROM_ADC_FREQUENCY_HIGH] = high
+            self._eeprom[encoder.EEPROM_ADC_FREQUENCY_LOW] = low
         elif opcode == _OP_EVENTS and parameters:
             self._event_mask = parameters[0]
         elif opcode == _OP_READINGS:
-            inputs = self._inputs()
-            return Frame(
-                0.0, handle_encoder.REQUEST_ID, bytes((_DEVICE, _OP_READINGS | handle_encoder.REPLY_FLAG, 0, 0, inputs))
-            )
-        return None
+            answer = bytes((_DEVICE, _OP_READINGS | encoder.REPLY_FLAG, 0, 0, self._inputs()))
+        return None if answer is None else Frame(0.0, encoder.REQUEST_ID, answer)
 
     def set_report_frequency(self, hz: int) -> None:
         """Reports per second without being asked; 0 reports on request only."""
-        hz = min(hz, handle_encoder.REPORT_FREQUENCY_MAX_HZ)
+        hz = min(hz, encoder.REPORT_FREQUENCY_MAX_HZ)
         self.report_period_s = 1.0 / hz if hz else 0.0
-        self._eeprom[handle_encoder.EEPROM_REPORT_FREQUENCY_LOW] = hz & 0xFF
-        self._eeprom[handle_encoder.EEPROM_REPORT_FREQUENCY_HIGH] = hz >> 8
+        self._eeprom[encoder.EEPROM_REPORT_FREQUENCY_LOW] = hz & 0xFF
+        self._eeprom[encoder.EEPROM_REPORT_FREQUENCY_HIGH] = hz >> 8
 
     def due_report(self, now_s: float) -> Frame | None:
         """A report that is due unasked."""
@@ -75,21 +71,21 @@ class SimHandle:
         self._next_report_s = max(self._next_report_s + self.report_period_s, now_s)
         return self.report()
 
-    def report(self, ident: int = handle_encoder.REPORT_ID) -> Frame:
+    def report(self, ident: int = encoder.REPORT_ID) -> Frame:
         """The present state as a report (or event) frame."""
-        rate = self.trigger_rate * handle_encoder.TRIGGER_TRAVEL_RAD
-        return Frame(0.0, ident, handle_encoder.encode_report(self._position_rad(), rate, self.buttons, _DEVICE))
+        rate = self.trigger_rate * encoder.TRIGGER_TRAVEL_RAD
+        return Frame(0.0, ident, encoder.encode_report(self._position_rad(), rate, self.buttons, _DEVICE))
 
     def press(self, buttons: tuple[bool, bool]) -> Frame | None:
         """Set the buttons; returns the event frame that this causes, if events are on."""
         before = self._inputs()
         self.buttons = buttons
         if (before ^ self._inputs()) & self._event_mask and not self.silent:
-            return self.report(handle_encoder.EVENT_ID)
+            return self.report(encoder.EVENT_ID)
         return None
 
     def _inputs(self) -> int:
         return int(self.buttons[0]) | int(self.buttons[1]) << 1
 
     def _position_rad(self) -> float:
-        return self.trigger * handle_encoder.TRIGGER_TRAVEL_RAD - self._zero_rad
+        return self.trigger * encoder.TRIGGER_TRAVEL_RAD - self._zero_rad

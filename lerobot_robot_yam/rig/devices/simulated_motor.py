@@ -11,8 +11,10 @@ import contextlib
 import math
 import random
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
+from lerobot_robot_yam.arm.profile import ArmMotor, GripperMotor
 from lerobot_robot_yam.damiao import codec, registers
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.registers import Opcode, Register
@@ -29,13 +31,13 @@ from lerobot_robot_yam.rig.devices.factory_registers import factory_registers
 from lerobot_robot_yam.rig.devices.motor_faults import FalseReading, LinkFaults
 from lerobot_robot_yam.rig.devices.packets import Frame
 from lerobot_robot_yam.rig.devices.thermometer import Thermometer
-from lerobot_robot_yam.rig.world.shaft import Drive, LooseShaft
+from lerobot_robot_yam.rig.world.mechanics import Drive, LooseShaft
 from lerobot_robot_yam.rig.world.world import World
 
-# Gains of the motor's own loops in the modes whose commands carry none.
+# Gains of the motor's own loops in the modes whose commands carry no gains.
 _POSITION_KP, _POSITION_KD = 100.0, 5.0
 _VELOCITY_KD = 5.0
-_RANGES: dict[int, str] = {Register.PMAX: "PMAX", Register.VMAX: "VMAX", Register.TMAX: "TMAX"}
+_RANGES = (Register.PMAX, Register.VMAX, Register.TMAX)
 AHEAD_S = 0.003  # the most by which a sample is carried on
 _TWIN_OFFSET_RAD = 0.3  # of a second motor from where the first one was when the rig started; our choice
 _TWIN_SERIAL = 100_000  # added to the serial number of a second motor
@@ -45,10 +47,7 @@ class SimMotor:
     """One motor on one drive.
 
     Args:
-        name: "joint_1", for messages and events.
-        can_id: command identifier; answers go to can_id + 16.
-        kind: a row of `damiao.tables.MOTOR_TYPES`.
-        direction: +1 or -1, motor angle against joint angle.
+        row: of the profile. Answers to its identifier come from the identifier + 16.
         zero_rad: motor angle at joint angle 0.
         log: called with the kind of an event and its details.
         serial: its serial number.
@@ -56,17 +55,15 @@ class SimMotor:
 
     def __init__(
         self,
-        name: str,
-        can_id: int,
-        kind: str,
-        direction: int,
+        row: ArmMotor | GripperMotor,
         zero_rad: float,
         drive: Drive | LooseShaft,
         world: World,
         log: Callable[..., None],
         serial: int,
     ):
-        self.name, self.can_id, self.kind = name, can_id, kind
+        self._row = row
+        self.name, self.kind, self.direction, self.zero_rad = row.name, row.type, row.direction, zero_rad
         self.fault: int = Fault.DISABLED
         self.faults = LinkFaults()
         self.sticky_fault = False  # CLEAR does not help
@@ -74,15 +71,14 @@ class SimMotor:
         self.reading: FalseReading | None = None  # its false measurements
         self.twin: SimMotor | None = None  # see `plug_in_twin`
         self.drive, self.world, self._log = drive, world, log
-        self.direction, self.zero_rad = direction, zero_rad
         self._start_rad = drive.angle()
-        self.ranges = codec.ranges_of(kind)
+        self.ranges = codec.ranges_of(row.type)
         options = world.scene.options
-        self.thermometer = Thermometer(random.Random(options.seed * 1000 + can_id), options.stamp_temperatures)
+        self.thermometer = Thermometer(random.Random(options.seed * 1000 + row.can_id), options.stamp_temperatures)
         self.last_command_s = 0.0  # simulated time
         self.goal: tuple[float, float] | None = None  # of a position-velocity move under way: target and speed limit
         self._reference = 0.0
-        self._registers = factory_registers(can_id, kind, serial)
+        self._registers = factory_registers(row, serial)
         self._registers_changed()
 
     @property
@@ -168,9 +164,8 @@ class SimMotor:
         if not -p_max <= position <= p_max:
             position = (position + p_max) % (2 * p_max) - p_max
         if self._scales is not None:
-            position, velocity, torque = (
-                x * s for x, s in zip((position, velocity, torque), self._scales, strict=True)
-            )
+            by = self._scales
+            position, velocity, torque = position * by[0], velocity * by[1], torque * by[2]
         mos, rotor = self.thermometer.read(velocity, torque, world.sim_s, world.stamp_s + ahead)
         status = self.fault << 4 | self.can_id & 0xF
         data = codec.pack_feedback(self.ranges, status, position, velocity, torque, mos, rotor)
@@ -220,8 +215,8 @@ class SimMotor:
         def log(kind: str, **details: Any) -> None:
             self._log(f"second_{kind}", **details)
 
-        place = self.direction, self.zero_rad
-        self.twin = SimMotor(self.name, self.can_id, self.kind, *place, shaft, self.world, log, serial)
+        row = replace(self._row, can_id=self.can_id)
+        self.twin = SimMotor(row, self.zero_rad, shaft, self.world, log, serial)
 
     def repair(self) -> None:
         """Undo every injected fault; registers, and the fault code that the motor is in, stay."""
@@ -250,14 +245,10 @@ class SimMotor:
         self._limp()
 
     def set_register(self, register: int, value: float) -> None:
-        """Overwrite a register, read-only ones too.
-
-        Raises:
-            ConfigError: no such register, or a value it cannot hold.
-        """
+        """Overwrite a register, read-only ones too. Raises ConfigError: no such register, or it cannot hold that."""
         registers.encode_value(register, value)  # checks
         if register in _RANGES and value <= 0:
-            raise ConfigError(f"register {_RANGES[register]} must be positive, not {value}")
+            raise ConfigError(f"register {Register(register).name} must be positive, not {value}")
         if register in (Register.MST_ID, Register.ESC_ID) and value > REGISTER_ID:
             raise ConfigError(f"a CAN identifier is at most {REGISTER_ID:#x}, not {value:#x}")
         self._registers[register] = value
@@ -274,19 +265,17 @@ class SimMotor:
             self.disable()
         elif special is SpecialCommand.ZERO:
             self.zero_rad -= self.motor_angle_rad
-        elif self.fault not in (Fault.NORMAL, Fault.DISABLED):
-            if not self.sticky_fault:
-                self.fault = Fault.DISABLED
-                self._limp()
+        elif self.fault not in (Fault.NORMAL, Fault.DISABLED) and not self.sticky_fault:
+            self.fault = Fault.DISABLED
+            self._limp()
 
     def _obey(self, position: float, velocity: float, kp: float, kd: float, torque: float, scale: bool = True) -> None:
         """Servo to a command in motor coordinates; `scale`: it was packed in the motor's own ranges."""
         if scale:
             self.goal = None
             if self._scales is not None:
-                position, velocity, torque = (
-                    x / s for x, s in zip((position, velocity, torque), self._scales, strict=True)
-                )
+                by = self._scales
+                position, velocity, torque = position / by[0], velocity / by[1], torque / by[2]
         direction = self.direction
         true = self.zero_rad + direction * self.drive.angle()
         p_max = self.ranges[0]
@@ -315,8 +304,6 @@ class SimMotor:
         self.master_id = int(held[Register.MST_ID])
         self._timeout_s = held[Register.TIMEOUT] * TIMEOUT_COUNT_S
         # The codec packs with the type's ranges; a motor set to others packs as if every value were scaled.
-        ranges = self.ranges[:3]
-        held_ranges = (held[Register.PMAX], held[Register.VMAX], held[Register.TMAX])
-        scales = tuple(mine / its for mine, its in zip(ranges, held_ranges, strict=True))
+        scales = tuple(mine / held[register] for mine, register in zip(self.ranges, _RANGES, strict=False))
         self._scales: tuple[float, ...] | None = None if all(abs(s - 1) < 1e-6 for s in scales) else scales
         self._plainly_set = self._scales is None and self.mode == ControlMode.MIT

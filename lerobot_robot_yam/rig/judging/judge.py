@@ -1,25 +1,141 @@
 """The rig's judge: it counts transfers of every prop, strews a task's things by a seed, and judges the attempt.
 
 It looks at the true world alone, never at an operator.
+
+In a transfer a prop leaves the table, rises by at least `LIFT_M`, and comes to rest at least `CARRY_M` away, in no
+gripper. A cycle is a chain of transfers that brings it from one end place to the other.
 """
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.judging.task_judge import TaskJudge, View
-from lerobot_robot_yam.rig.judging.transfers import Transfers
+from lerobot_robot_yam.rig.judging.task_judge import FALL_M, REST_SPEED_M_S, TaskJudge, View
 from lerobot_robot_yam.rig.scene.tasks import Task
 from lerobot_robot_yam.rig.world.world import World
 from lerobot_robot_yam.rig.world.world_model import yaw_quat
 
+LIFT_M = 0.05
+CARRY_M = 0.15
+ENDS = ("A", "B")  # places between which a cycle runs
+_AIRBORNE_M = 0.01
+_REST_S = 0.2
+_PLACE_RADIUS_M = 0.06
+_STEP_S = 0.004  # a shorter one does not tell a speed
+
+Point = tuple[float, ...]
 Touches = Mapping[str, frozenset[str]]
 """Prop → what touches it."""
+
+
+class Transfers:
+    """Follows one prop.
+
+    Args:
+        prop: its name, as in the events.
+        places: name → (x, y) in m; names the ends of a transfer.
+    """
+
+    def __init__(self, prop: str, places: Mapping[str, Sequence[float]]):
+        self._prop = prop
+        self._places = {name: (float(xy[0]), float(xy[1])) for name, xy in places.items()}
+        self.reset()
+
+    def reset(self) -> None:
+        """The prop was put somewhere: what was under way does not count."""
+        self._last: tuple[float, Point] | None = None
+        self._rest: Point | None = None  # where it last lay still
+        self._still_since: float | None = None
+        self._moving: dict[str, Any] | None = None
+        self._cycle: dict[str, Any] | None = None  # the start of the cycle under way
+        self._fallen = False
+
+    def update(
+        self, time_s: float, wall_s: float, position_m: Sequence[float], held: Callable[[], bool]
+    ) -> list[dict[str, Any]]:
+        """Take the prop's centre (3,) at a simulated and a monotonic time; return the events that this completes.
+
+        `held`: says whether an arm's fingers are closed on it; asked only where that matters.
+
+        Events carry `kind` ("transfer", "drop", "cycle" or "fall"), `prop`, `start` and `end` as
+        {"sim_s", "monotonic_s"}, and for the first three `lift_m`, `carry_m`, `from`, `to` ({"place", "xy_m"}).
+        A "drop" is a prop that came down again without having been lifted and carried far enough.
+        """
+        position = tuple(position_m)
+        if self._last is None:
+            self._last = (time_s, position)
+            return []
+        last_s, last = self._last
+        if time_s - last_s < _STEP_S:
+            return []
+        self._last = (time_s, position)
+        now = {"sim_s": round(time_s, 4), "monotonic_s": round(wall_s, 4)}
+        speed = math.dist(position, last) / (time_s - last_s)
+        if position[2] < FALL_M:
+            if self._fallen:
+                return []
+            start = self._moving["start"] if self._moving else now
+            self.reset()
+            self._fallen = True
+            return [{"kind": "fall", "prop": self._prop, "start": start, "end": now}]
+        self._fallen = False
+        if speed >= REST_SPEED_M_S or (self._moving is not None and held()):
+            self._still_since = None
+        elif self._still_since is None:
+            self._still_since = time_s
+        still = self._still_since is not None and time_s - self._still_since >= _REST_S
+        if self._moving is None:
+            if self._rest is not None and position[2] - self._rest[2] > _AIRBORNE_M:
+                # Carrying counts from where it left the table: pushing it along the table does not.
+                self._moving = {"start": now, "from": (*position[:2], self._rest[2]), "lift_m": 0.0}
+            elif still:
+                self._rest = position
+            return []
+        self._moving["lift_m"] = max(self._moving["lift_m"], position[2] - self._moving["from"][2])
+        if not still or position[2] - self._moving["from"][2] > _AIRBORNE_M:
+            return []
+        moving, self._moving, self._rest = self._moving, None, position
+        return self._settled(moving, position, now)
+
+    def _settled(self, moving: dict[str, Any], position: Point, now: dict[str, float]) -> list[dict[str, Any]]:
+        good = moving["lift_m"] >= LIFT_M and math.dist(position[:2], moving["from"][:2]) >= CARRY_M
+        events = [self._event("transfer" if good else "drop", moving, position, now)]
+        if not good:
+            self._cycle = None
+            return events
+        if self._place_of(moving["from"]) in ENDS:
+            self._cycle = dict(moving)
+        if self._cycle is not None:
+            self._cycle["lift_m"] = min(self._cycle["lift_m"], moving["lift_m"])
+            if {self._place_of(self._cycle["from"]), self._place_of(position)} == set(ENDS):
+                events.append(self._event("cycle", self._cycle, position, now))
+                self._cycle = None
+        return events
+
+    def _event(self, kind: str, moving: dict[str, Any], end: Point, now: dict[str, float]) -> dict[str, Any]:
+        def where(position: Point) -> dict[str, Any]:
+            return {"place": self._place_of(position), "xy_m": [round(v, 4) for v in position[:2]]}
+
+        return {
+            "kind": kind,
+            "prop": self._prop,
+            "lift_m": round(moving["lift_m"], 4),
+            "carry_m": round(math.dist(end[:2], moving["from"][:2]), 4),
+            "from": where(moving["from"]),
+            "to": where(end),
+            "start": moving["start"],
+            "end": now,
+        }
+
+    def _place_of(self, position_m: Sequence[float]) -> str | None:
+        """Name of the place where the prop lies, or None."""
+        near = (name for name, xy in self._places.items() if math.dist(position_m[:2], xy) < _PLACE_RADIUS_M)
+        return next(near, None)
 
 
 class Contacts:
@@ -154,13 +270,7 @@ class Judge:
 
     def _view(self) -> View:
         world, data = self._world, self._world.data
-        touching, held = self._contacts.look()
         frames = {name: (data.xpos[i].copy(), data.xmat[i].reshape(3, 3).copy()) for name, i in self._bodies.items()}
-        return View(
-            sim_s=world.sim_s,
-            frames=frames,
-            speeds={name: math.hypot(*world.qvel[dof : dof + 3]) for name, dof in self._dofs.items()},
-            joints={name: world.qpos[address] for name, address in self._joints.items()},
-            touching=touching,
-            held=held,
-        )
+        speeds = {name: math.hypot(*world.qvel[dof : dof + 3]) for name, dof in self._dofs.items()}
+        joints = {name: world.qpos[address] for name, address in self._joints.items()}
+        return View(world.sim_s, frames, speeds, joints, *self._contacts.look())

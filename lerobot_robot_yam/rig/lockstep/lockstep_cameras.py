@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from lerobot_robot_yam.errors import RigError
-from lerobot_robot_yam.rig.client.camera_frames import frame_dtype
-from lerobot_robot_yam.rig.client.launch import raise_remote, scene_arguments
+from lerobot_robot_yam.rig.client.launch import checked, scene_arguments
+from lerobot_robot_yam.rig.client.rendered_camera import frame_dtype
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
-from lerobot_robot_yam.rig.server.camera_service import CameraService
+from lerobot_robot_yam.rig.server.child_processes import CameraService
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
 _TIMEOUT_S = 60.0  # the computer's time: the renderer builds its world first
@@ -46,9 +46,7 @@ class LockstepRenderer:
         self._rig.show()  # the renderer looks for the world when it starts
         path = Path(self._service.open(client, hello)["block"])
         self._wait(lambda: client in self._answers)
-        answer = self._answers.pop(client)
-        if "error" in answer:
-            raise_remote(answer)
+        checked(self._answers.pop(client))
         self._drawn = None
         return path
 

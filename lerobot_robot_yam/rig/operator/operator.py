@@ -12,18 +12,15 @@ import logging
 import signal
 import sys
 import time
-from types import FrameType
 from typing import Any
 
 import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError, RigError
 from lerobot_robot_yam.rig.client.rig_control import RigControl
-from lerobot_robot_yam.rig.operator.hands import Interrupted
+from lerobot_robot_yam.rig.operator.hands import Interrupted, Sight, sight_of
 from lerobot_robot_yam.rig.operator.scripts.catalog import make_script
-from lerobot_robot_yam.rig.operator.scripts.script import Script
-from lerobot_robot_yam.rig.operator.scripts.setup import SIDES, sides_of
-from lerobot_robot_yam.rig.operator.sight import Sight, sight_of
+from lerobot_robot_yam.rig.operator.scripts.script import SIDES, Script, sides_of
 
 logger = logging.getLogger(__name__)
 
@@ -33,11 +30,7 @@ _VERDICT_S = 2.0  # the judge sees a prop rest for a while before it says so
 
 
 class RigHands:
-    """Implements `hands.Hands` on a live rig with a scene as `RigControl.scene` returns it.
-
-    Raises:
-        ConfigError: a side has no leader to guide or no follower, or there are no sides.
-    """
+    """Implements `hands.Hands` on a live rig. Raises ConfigError: its scene has no leader or no follower of a side."""
 
     def __init__(self, rig: RigControl, scene: dict[str, Any]):
         self._rig, self._sides = rig, sides_of(scene)
@@ -94,12 +87,10 @@ def operate(rig: RigControl, task: str) -> None:
     hands = RigHands(rig, scene)
     script, seed = make_script(hands, scene, task), scene["seed"]
     while True:
-        ready_since = None
-        while ready_since is None or time.monotonic() - ready_since < _READY_S:
+        ready_since = time.monotonic()
+        while time.monotonic() - ready_since < _READY_S:
             time.sleep(_POLL_S)
             if not hands.look().willing:
-                ready_since = None
-            elif ready_since is None:
                 ready_since = time.monotonic()
         rig.log("operator", did="takes the leaders")
         try:
@@ -110,10 +101,6 @@ def operate(rig: RigControl, task: str) -> None:
             rig.log("operator", did="lets go")
 
 
-def _end(number: int, frame: FrameType | None) -> None:
-    raise SystemExit(0)
-
-
 def main() -> int:
     """Entry point of the operator's process."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -121,7 +108,7 @@ def main() -> int:
     parser.add_argument("--task", default="pick_and_place", help="pick_and_place, or a task of the scene")
     args = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="operator: %(levelname)s: %(message)s")
-    signal.signal(signal.SIGTERM, _end)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())
     with RigControl(args.rig, hold=False) as rig:
         try:
             operate(rig, args.task)

@@ -15,7 +15,9 @@ from lerobot_robot_yam.errors import RigError
 
 _POSITION_TOLERANCE_M = 1e-4
 _ANGLE_TOLERANCE_RAD = 1e-3
+_SPEED_RAD_S, _ACCELERATION_RAD_S2 = 1.2, 7.0  # at most, of every joint
 _SAMPLES = 33
+_EASE_S = 0.4
 _TRANSFER_S = 0.4  # at least
 # Spans in which the tool rises, travels and sinks, as fractions of a transfer: overlaps round the corners.
 _RISE, _TRAVEL, _SINK = (0.0, 0.42), (0.16, 0.84), (0.58, 1.0)
@@ -52,48 +54,34 @@ class Path:
         """Joint vector (n,) at t_s, linear between samples."""
         return np.array([np.interp(t_s, self.times_s, column) for column in self.q_rad.T])
 
-    def rest(self, t_s: float, ease_s: float = 0.4) -> "Path":
-        """The rest after t_s, starting from a standstill: its first ease_s are stretched to twice as long."""
+    def rest(self, t_s: float) -> "Path":
+        """The rest after t_s, starting from a standstill: its first `_EASE_S` are stretched to twice as long."""
         left = self.times_s[-1] - t_s
         if left <= 0.0:
             return Path(np.array([0.0, 0.1]), np.stack([self.end_rad, self.end_rad]))
-        ease = min(ease_s, left)
-        count = max(3, int(left / 0.03))
-        travelled = np.linspace(0.0, left, count)
+        ease = min(_EASE_S, left)
+        travelled = np.linspace(0.0, left, max(3, int(left / 0.03)))
         # Progress x(t) = t²/(4 e) until it moves at full speed at t = 2 e, x = e.
         times = np.where(travelled < ease, 2.0 * np.sqrt(ease * travelled), travelled + ease)
         return Path(times, np.array([self.at(t_s + x) for x in travelled]))
 
 
 class ArmPlanner:
-    """Plans for one arm standing on the table.
+    """Plans for one arm standing on the table. A pose or a path with a point out of reach raises RigError.
 
     Args:
         model: the arm with its gripper, base at the origin, as `arm.model.build_model` returns it.
-        position_m: base in the world, (3,).
+        base_m: base in the world, (3,); an attribute, too.
         yaw_rad: base heading.
-        speed_rad_s, acceleration_rad_s2: bounds of every joint.
         seed_rad: (n,) a bent pose to start the inverse kinematics from; None: the middle of the joint ranges.
         leads: joints that go ahead when the arm unfolds: from the elbow on.
-
-    Attributes:
-        base_m: base in the world, (3,).
     """
 
     def __init__(
-        self,
-        model: mujoco.MjModel,
-        position_m: np.ndarray,
-        yaw_rad: float = 0.0,
-        speed_rad_s: float = 1.2,
-        acceleration_rad_s2: float = 7.0,
-        seed_rad: np.ndarray | None = None,
-        leads: slice = slice(0),
+        self, model: mujoco.MjModel, base_m: np.ndarray, yaw_rad: float, seed_rad: np.ndarray | None, leads: slice
     ):
-        self.base_m = np.asarray(position_m, float)
+        self.base_m = np.asarray(base_m, float)
         self._yaw = yaw_rad
-        self._speed = speed_rad_s
-        self._acceleration = acceleration_rad_s2
         self._kinematics = YamKinematics.of_model(model, "grasp_site")
         self._seed = self._kinematics.middle if seed_rad is None else seed_rad
         self._leads = leads
@@ -137,10 +125,9 @@ class ArmPlanner:
         near = found.position_error_m < _POSITION_TOLERANCE_M and found.orientation_error_rad < _ANGLE_TOLERANCE_RAD
         return found.q if near else None
 
-    def reaches(self, position_m: np.ndarray, yaw_rad: float | None = None) -> bool:
+    def reaches(self, position_m: np.ndarray, yaw_rad: float) -> bool:
         """Whether the tool can point straight down at the point."""
-        yaw = self.natural_yaw(position_m) if yaw_rad is None else yaw_rad
-        return self.solve(position_m, yaw, self._facing(position_m)) is not None
+        return self.solve(position_m, yaw_rad, self._facing(position_m)) is not None
 
     def _facing(self, position_m: np.ndarray) -> np.ndarray:
         seed = self._seed.copy()
@@ -148,11 +135,7 @@ class ArmPlanner:
         return np.clip(seed, self._kinematics.lower, self._kinematics.upper)
 
     def pose(self, position_m: np.ndarray, yaw_rad: float | None = None) -> np.ndarray:
-        """Joint vector (n,) for a tool pose; without a yaw, for the natural one.
-
-        Raises:
-            RigError: the arm cannot reach it.
-        """
+        """Joint vector (n,) for a tool pose; without a yaw, for the natural one."""
         yaw = self.natural_yaw(position_m) if yaw_rad is None else yaw_rad
         return self._solved(position_m, yaw, self._facing(position_m))
 
@@ -162,23 +145,14 @@ class ArmPlanner:
             raise RigError(f"the operator cannot reach {np.round(position_m, 3)} m; move the prop nearer to an arm")
         return q
 
-    def joint_move(self, start_rad: np.ndarray, end_rad: np.ndarray) -> Path:
-        """Straight line between two joint vectors with minimum jerk."""
-        start, end = np.asarray(start_rad, float), np.asarray(end_rad, float)
-        return self._timed(lambda s: start + (end - start) * minimum_jerk(s), 0.2)
-
     def straight(self, start_rad: np.ndarray, position_m: np.ndarray, yaw_rad: float, least_s: float = 0.2) -> Path:
-        """The tool's straight line to a tool pose, with minimum jerk.
-
-        Raises:
-            RigError: some point of the way is out of reach.
-        """
+        """The tool's straight line to a tool pose, with minimum jerk."""
         origin, _ = self.tool(start_rad)
         way = np.asarray(position_m, float) - origin
         return self._tool_path(start_rad, yaw_rad, lambda s: origin + way * _span(s), _span, least_s)
 
     def unfold(self, start_rad: np.ndarray, end_rad: np.ndarray) -> Path:
-        """As `joint_move`, the elbow ahead of the shoulder: a folded arm lifts its tool before it reaches out."""
+        """From joints to joints with minimum jerk; the elbow goes ahead, so that a folded arm lifts its tool first."""
         start, end = np.asarray(start_rad, float), np.asarray(end_rad, float)
         first, last = np.full(len(start), 0.3), np.ones(len(start))
         first[self._leads], last[self._leads] = 0.0, 0.7
@@ -189,11 +163,7 @@ class ArmPlanner:
         return self._timed(joints, 0.2)
 
     def transfer(self, start_rad: np.ndarray, position_m: np.ndarray, yaw_rad: float, height_m: float) -> Path:
-        """Rise to height_m, travel and sink to a tool pose, in one smooth motion.
-
-        Raises:
-            RigError: some point of the way is out of reach.
-        """
+        """Rise to height_m, travel and sink to a tool pose, in one smooth motion."""
         origin, _ = self.tool(start_rad)
         target = np.asarray(position_m, float)
         top = max(height_m, origin[2], target[2])
@@ -231,7 +201,7 @@ class ArmPlanner:
         q = np.array([joints(x) for x in s])
         speed = np.abs(np.diff(q, axis=0)).max() * (_SAMPLES - 1)
         acceleration = np.abs(np.diff(q, 2, axis=0)).max() * (_SAMPLES - 1) ** 2
-        duration = max(least_s, speed / self._speed, float(np.sqrt(acceleration / self._acceleration)))
+        duration = max(least_s, speed / _SPEED_RAD_S, float(np.sqrt(acceleration / _ACCELERATION_RAD_S2)))
         return Path(s * duration, q)
 
 

@@ -6,9 +6,8 @@ from collections.abc import Callable
 import numpy as np
 
 from lerobot_robot_yam.errors import RigError
-from lerobot_robot_yam.rig.operator.hands import Hands, pause, see
+from lerobot_robot_yam.rig.operator.hands import Hands, Sight, pause, see
 from lerobot_robot_yam.rig.operator.plan import ArmPlanner, Path, minimum_jerk
-from lerobot_robot_yam.rig.operator.sight import Sight
 
 logger = logging.getLogger(__name__)
 
@@ -128,7 +127,7 @@ class Worker:
         try:
             self._transfer(self._home, self.planner.natural_yaw(self._home))
         except RigError:
-            self._send(self.planner.joint_move(self.q, self.home_rad))
+            self._send(self.planner.unfold(self.q, self.home_rad))
 
     def wait(self) -> None:
         """Wait for the end of the path that it is on."""

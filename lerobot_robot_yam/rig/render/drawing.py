@@ -1,15 +1,20 @@
-"""The open cameras of a rig: when each is due, which state it shows, and where its frames go."""
+"""The open cameras of a rig: when each is due, which state it shows, how it is painted, and where its frames go.
+
+Software OpenGL paints, cheap enough for three cameras beside a control loop. Only a process that set MUJOCO_GL before
+importing mujoco may use this, as `renderer` does.
+"""
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 
 from lerobot_robot_yam.errors import RigError
-from lerobot_robot_yam.rig.client.camera_frames import Settings, frame_dtype, frame_path
 from lerobot_robot_yam.rig.client.launch import rig_path
-from lerobot_robot_yam.rig.render.painter import Painter
+from lerobot_robot_yam.rig.client.rendered_camera import Settings, frame_dtype, frame_path
 from lerobot_robot_yam.rig.scene.scene import Scene
 from lerobot_robot_yam.rig.world.world_model import build_world, world_dtype
 from lerobot_robot_yam.system.shared_block import SharedBlock
@@ -17,6 +22,87 @@ from lerobot_robot_yam.system.shared_block import SharedBlock
 _UNCHANGED = 1e-6  # rad or m; below this in every joint the last picture is still right
 _ALL_SEEING = ("overview",)  # cameras that show the leaders too
 _MARGIN = 64  # a larger sheet of noise than the picture, cut elsewhere for each exposure
+# Measured here: 12 slices, 6 stacks, no shadows and no multisampling cost a third of MuJoCo's defaults.
+_SLICES, _STACKS = 12, 6
+_SMALLEST = (320, 240)
+_MAX_GEOMS = 400
+_VISUAL_GROUPS = (0, 2)  # collision shapes are in 3, sites in 4
+_HIDDEN_GROUP = 5
+
+
+class Painter:
+    """Renders cameras of one model into RGB arrays. One thread, one OpenGL context, one offscreen buffer.
+
+    Args:
+        model: the world; its visual quality settings are overwritten.
+        hidden: prefixes of bodies that are left out, with all they carry (leaders, which no camera is for).
+
+    Raises:
+        RigError: no OpenGL context can be made.
+    """
+
+    def __init__(self, model: mujoco.MjModel, hidden: Sequence[str] = ()):
+        self.model = model
+        self.data = mujoco.MjData(model)
+        quality = model.vis.quality
+        quality.numslices, quality.numstacks = _SLICES, _STACKS
+        quality.offsamples = quality.shadowsize = 0
+        width, height = _SMALLEST
+        model.vis.global_.offwidth, model.vis.global_.offheight = width, height
+        _regroup(model, hidden)
+        try:
+            self._gl = mujoco.GLContext(width, height)
+            self._gl.make_current()
+            self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        except Exception as error:  # each OpenGL backend raises other errors, some of them plain Exception
+            raise RigError(
+                f"rendered cameras need OpenGL through EGL, which failed ({error}); install a software one "
+                "(Debian and Ubuntu: libegl1 libgl1-mesa-dri) or run without rendered cameras"
+            ) from error
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
+        self._scene = mujoco.MjvScene(model, _MAX_GEOMS)
+        for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
+            self._scene.flags[flag] = 0
+        self._option = mujoco.MjvOption()
+        self._option.geomgroup[:] = [int(group in _VISUAL_GROUPS) for group in range(mujoco.mjNGROUP)]
+        self._option.sitegroup[:] = 0
+        self._raw: dict[tuple[int, int], np.ndarray] = {}
+
+    def pose(self, qpos: np.ndarray) -> None:
+        """Take a state, (nq,)."""
+        self.data.qpos[:] = qpos
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_comPos(self.model, self.data)
+        mujoco.mj_camlight(self.model, self.data)
+
+    def paint(self, camera: str, out: np.ndarray, show_hidden: bool = False) -> None:
+        """Render one camera of the model into out, (height, width, 3) uint8 RGB, first row on top."""
+        height, width, _ = out.shape
+        context = self._context
+        if width > context.offWidth or height > context.offHeight:  # no larger than needed: clearing it costs time
+            mujoco.mjr_resizeOffscreen(max(width, context.offWidth), max(height, context.offHeight), context)
+        view = mujoco.MjvCamera()
+        view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, self.model.camera(camera).id
+        raw = self._raw.setdefault((height, width), np.empty((height, width, 3), np.uint8))
+        self._option.geomgroup[_HIDDEN_GROUP] = int(show_hidden)
+        mujoco.mjv_updateScene(self.model, self.data, self._option, None, view, mujoco.mjtCatBit.mjCAT_ALL, self._scene)
+        viewport = mujoco.MjrRect(0, 0, width, height)
+        mujoco.mjr_render(viewport, self._scene, context)
+        mujoco.mjr_readPixels(raw, None, viewport, context)
+        np.copyto(out, raw[::-1])
+
+    def close(self) -> None:
+        """Give the OpenGL context back."""
+        self._context.free()
+        self._gl.free()
+
+
+def _regroup(model: mujoco.MjModel, hidden: Sequence[str]) -> None:
+    """Move the visible shapes of bodies whose names begin with one of `hidden` into another group."""
+    for geom in range(model.ngeom):
+        name = model.body(model.geom_bodyid[geom]).name
+        if model.geom_group[geom] in _VISUAL_GROUPS and name.startswith(tuple(hidden)):
+            model.geom_group[geom] = _HIDDEN_GROUP
 
 
 class Sensor:
@@ -25,8 +111,8 @@ class Sensor:
     Every exposure differs, also of a still scene, so that a frame delivered twice can be told from two frames.
     """
 
-    def __init__(self, width: int, height: int, sigma: float, seed: int = 0):
-        self._random = np.random.default_rng(seed)
+    def __init__(self, width: int, height: int, sigma: float):
+        self._random = np.random.default_rng(0)
         sheet = self._random.normal(0.0, sigma, (height + _MARGIN, width + _MARGIN, 3))
         self._sheet = np.round(sheet).astype(np.int16)
         self._sum = np.empty((height, width, 3), np.int16)
@@ -58,11 +144,7 @@ class View:
 
 
 class Drawing:
-    """All views of the rig of that name, which simulates this scene.
-
-    Raises:
-        RigError: no OpenGL, or the world's block is missing.
-    """
+    """All views of a rig, which simulates this scene. Raises RigError: no OpenGL, or no block of the world."""
 
     def __init__(self, rig: str, scene: Scene):
         self._rig = rig
@@ -81,12 +163,10 @@ class Drawing:
         """Start drawing a camera; its block exists when this returns. Does nothing where it is drawn already."""
         if settings in self._views:  # a second client asked before the first was answered
             return
-        name, width, height, fps = settings
-        dtype = frame_dtype(width, height)
-        block = SharedBlock(frame_path(self._rig, name, width, height, fps), dtype, create=True)
-        now = time.monotonic()
-        clean = np.zeros((height, width, 3), np.uint8)
-        sensor = Sensor(width, height, self._noise)
+        _, width, height, _ = settings
+        dtype, now = frame_dtype(width, height), time.monotonic()
+        block = SharedBlock(frame_path(self._rig, *settings), dtype, create=True)
+        clean, sensor = np.zeros((height, width, 3), np.uint8), Sensor(width, height, self._noise)
         self._views[settings] = View(settings, block, np.zeros((), dtype), clean, sensor, now)
         self.draw_due(now)
 

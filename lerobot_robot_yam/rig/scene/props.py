@@ -95,15 +95,11 @@ class Thing:
 
 
 def check_things(props: Sequence[Thing], furniture: Sequence[Thing], where: str) -> None:
-    """Check things.
-
-    Raises:
-        ConfigError: physics cannot make one of them.
-    """
+    """Raise ConfigError for a thing that physics cannot make."""
     things = (*furniture, *props)
     names = [thing.name for thing in things]
     if len(set(names)) < len(names) or not all(names):
-        raise ConfigError(f"{where}: props and furniture need names of their own, not {names}")
+        raise ConfigError(f"{where}: props and furniture need unique, non-empty names, not {names}")
     carriers = [thing.name for thing in things if not thing.carrier]
     for thing in things:
         _check_thing(thing, thing in props, carriers, f"{where}: {thing.name}")
@@ -126,7 +122,7 @@ def _check_thing(thing: Thing, prop: bool, carriers: Collection[str], where: str
         _check_joint(thing.joint, where)
     grips = [grip.name for grip in thing.grips]
     if len(set(grips)) < len(grips) or any(grip.turns < 1 for grip in thing.grips):
-        raise ConfigError(f"{where}: grips need names of their own, and one or more turns")
+        raise ConfigError(f"{where}: grips need unique names, and one or more turns")
 
 
 def _check_part(part: Part, where: str) -> None:

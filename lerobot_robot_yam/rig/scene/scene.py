@@ -201,7 +201,7 @@ def _check_things(scene: Scene) -> None:
     check_tasks(scene.tasks, scene.things, followers, where)
     names = [camera.name for camera in scene.cameras]
     if len(set(names)) < len(names):
-        raise ConfigError(f"{where}: cameras need names of their own, not {names}")
+        raise ConfigError(f"{where}: cameras need unique names, not {names}")
     for camera in scene.cameras:
         if np.linalg.norm(np.cross(camera.position_m - camera.target_m, camera.up)) < 1e-9:
             raise ConfigError(f"{where}: camera {camera.name} needs a target_m elsewhere, not along its up direction")

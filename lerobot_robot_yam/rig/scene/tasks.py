@@ -98,14 +98,10 @@ PICK_AND_PLACE = Task("pick_and_place", "Carry the prop from A to B and back, ha
 
 
 def check_tasks(tasks: Sequence[Task], things: Sequence[Thing], followers: Collection[str], where: str) -> None:
-    """Check tasks.
-
-    Raises:
-        ConfigError: one has impossible values, or names a thing or arm that is not there.
-    """
+    """Raise ConfigError for a task with impossible values, or one that names a thing or arm that is not there."""
     names = [task.name for task in tasks]
     if len(set(names)) < len(names) or not all(names):
-        raise ConfigError(f"{where}: tasks need names of their own, not {names}")
+        raise ConfigError(f"{where}: tasks need unique, non-empty names, not {names}")
     by_name = {thing.name: thing for thing in things}
     for task in tasks:
         place = f"{where}: task {task.name}"

@@ -1,26 +1,81 @@
-"""The rig without its sockets: a world, the channels with motors and handles, hands, pushes, the judge."""
+"""The rig without its sockets: a world, the channels with motors and handles, hands, pushes, the judge, the events."""
 
-from typing import Any
+import contextlib
+import itertools
+import logging
+import time
+from collections import deque
+from pathlib import Path
+from typing import Any, TextIO
 
 import numpy as np
 
 from lerobot_robot_yam.arm.profile import ArmMotor, GripperMotor
+from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.bus.channel import Channel
+from lerobot_robot_yam.rig.client.launch import to_json
 from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
 from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
-from lerobot_robot_yam.rig.judging.extremes import Watch
 from lerobot_robot_yam.rig.judging.judge import Judge
-from lerobot_robot_yam.rig.judging.truth import TruthRecorder
+from lerobot_robot_yam.rig.judging.recorders import TruthRecorder, Watch
 from lerobot_robot_yam.rig.scene.scene import ArmPlacement, Scene, serial_number
-from lerobot_robot_yam.rig.simulation.events import EventLog
 from lerobot_robot_yam.rig.simulation.hand import Hand
-from lerobot_robot_yam.rig.world.ballast import Ballast
-from lerobot_robot_yam.rig.world.shaft import Drive
+from lerobot_robot_yam.rig.world.mechanics import Ballast, Drive
 from lerobot_robot_yam.rig.world.world import World
 from lerobot_robot_yam.rig.world.world_model import gripper_stroke
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
 
+logger = logging.getLogger(__name__)
+
 _SLOW_PERIOD_S = 0.005  # of watchdogs and the judge, simulated time
+_EVENTS_KEPT = 20_000
+
+
+class EventLog:
+    """Numbered events in order, with simulated times and those of the rig's clock; the oldest are forgotten."""
+
+    def __init__(self, world: World, clock: Clock) -> None:
+        self._world, self._clock = world, clock
+        self._events: deque[dict[str, Any]] = deque(maxlen=_EVENTS_KEPT)
+        self._next = 0
+        self._file: TextIO | None = None
+
+    def keep(self, path: Path) -> None:
+        """From now on also append every event to a file, one JSON object a line; the first relates the clocks.
+
+        Raises:
+            ConfigError: it cannot be written.
+        """
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = open(path, "a", buffering=1, encoding="utf-8")
+        except OSError as error:
+            raise ConfigError(f"option event_dir: {error}; choose a folder that can be written") from error
+        self.add("rig_started", unix_s=time.time())
+
+    def close(self) -> None:
+        """Close the file. Idempotent."""
+        file, self._file = self._file, None
+        if file is not None:
+            file.close()
+
+    def add(self, kind: str, **details: Any) -> None:
+        """Log an event of `kind`; `details` must be representable in JSON."""
+        times = {"sim_s": round(self._world.sim_s, 4), "monotonic_s": self._clock.now()}
+        event = {**details, "number": self._next, **times, "kind": kind}
+        self._events.append(event)
+        self._next += 1
+        if self._file is not None:
+            try:
+                self._file.write(to_json(event).decode() + "\n")
+            except OSError as error:  # recordings fill disks; the arms go on
+                logger.error("the event log is no longer written: %s", error)
+                with contextlib.suppress(OSError):
+                    self.close()
+
+    def since(self, number: int, limit: int) -> list[dict[str, Any]]:
+        """At most `limit` events from `number` on."""
+        return list(itertools.islice((event for event in self._events if event["number"] >= number), limit))
 
 
 class RigDevice:
@@ -29,7 +84,7 @@ class RigDevice:
     def __init__(self, scene: Scene, clock: Clock = SYSTEM):
         self.scene, self.clock = scene, clock
         self.world = World(scene)
-        self.events = EventLog(clock)
+        self.events = EventLog(self.world, clock)
         self.channels: dict[str, Channel] = {}
         self.hands: dict[str, Hand] = {}
         self.ballast: dict[str, Ballast] = {}
@@ -53,14 +108,12 @@ class RigDevice:
 
     def _motors(self, row: ArmPlacement) -> list[SimMotor]:
         arm, gripper = self.world.profiles[row.channel]
-        motors: list[ArmMotor | GripperMotor] = [*arm.motors]
-        shafts: list[tuple[tuple[str, ...], float, float]] = [
-            ((f"joint{i + 1}",), 0.0, 1.0) for i in range(arm.joint_count)
+        shafts: list[tuple[ArmMotor | GripperMotor, tuple[str, ...], float, float]] = [
+            (motor, (f"joint{i + 1}",), 0.0, 1.0) for i, motor in enumerate(arm.motors)
         ]
         if gripper.motor is not None:
-            motors.append(gripper.motor)
-            shafts.append((gripper.finger_joints, *gripper_stroke(row, gripper)))
-        zeros = np.zeros(len(motors)) if row.zero_offset_rad is None else row.zero_offset_rad
+            shafts.append((gripper.motor, gripper.finger_joints, *gripper_stroke(row, gripper)))
+        zeros = np.zeros(len(shafts)) if row.zero_offset_rad is None else row.zero_offset_rad
 
         def log(kind: str, **details: Any) -> None:
             where = {"bodies": self.world.bodies(f"{row.channel}/")} if kind == "motor_disabled" else {}
@@ -69,11 +122,9 @@ class RigDevice:
                 self.watch.note(row.channel, kind, **details)
 
         found = []
-        for motor, zero, (names, base, coefficient) in zip(motors, zeros.tolist(), shafts, strict=True):
-            joints = tuple(f"{row.channel}/{joint}" for joint in names)
-            drive = Drive(self.world, f"{row.channel}/{motor.name}", joints, base, coefficient)
-            kind = motor.name, motor.can_id, motor.type, motor.direction, zero
-            found.append(SimMotor(*kind, drive, self.world, log, serial_number(self.scene, row, motor.can_id)))
+        for zero, (motor, joints, base, coefficient) in zip(zeros.tolist(), shafts, strict=True):
+            drive = Drive(self.world, row.channel, motor.name, joints, base, coefficient)
+            found.append(SimMotor(motor, zero, drive, self.world, log, serial_number(self.scene, row, motor.can_id)))
         return found
 
     @property
@@ -108,7 +159,6 @@ class RigDevice:
         else:
             world.step(count)
         sim_s = world.sim_s
-        self.events.sim_s = sim_s
         if self.watch.on:
             self.watch.sample()
         elapsed, self._advanced_s = sim_s - self._advanced_s, sim_s

@@ -31,11 +31,7 @@ _TEMPERATURE_MAX_C = 1000.0
 
 
 def fault(device: RigDevice, request: dict[str, Any]) -> None:
-    """Make something fail.
-
-    Raises:
-        ConfigError: no such channel, motor or kind, or a value that does not fit.
-    """
+    """Make something fail. Raises ConfigError: no such channel, motor or kind, or a value that does not fit."""
     channel, kind, motor = channel_of(device, request), request["kind"], request.get("motor")
     try:
         if kind in _CHANNEL_KINDS:

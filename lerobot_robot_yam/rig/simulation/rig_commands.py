@@ -31,11 +31,7 @@ _OPERATIONS: dict[str, Operation] = {"fault": fault_commands.fault, "clear_fault
 
 
 def ask(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
-    """Carry out a request.
-
-    Raises:
-        ConfigError: unknown operation, channel, body, motor or a value that does not fit.
-    """
+    """Carry out a request. Raises ConfigError: it names something unknown, or a value that does not fit."""
     operation = _OPERATIONS.get(request.get("op", ""))
     if operation is None:
         raise ConfigError(f"unknown operation {request.get('op')!r}; known: {', '.join(sorted(_OPERATIONS))}")

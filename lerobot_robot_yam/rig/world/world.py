@@ -7,9 +7,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.scene.scene import Scene
-from lerobot_robot_yam.rig.world.world_model import build_world, profiles_of, world_dtype
+from lerobot_robot_yam.rig.world.world_model import build_world, world_dtype
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
 logger = logging.getLogger(__name__)
@@ -33,7 +34,7 @@ class World:
         self.model = build_world(scene, visible=False)
         self.data = mujoco.MjData(self.model)
         self.timestep_s = self.model.opt.timestep
-        self.profiles = {row.channel: profiles_of(row) for row in scene.arms}
+        self.profiles = {row.channel: resolve_profiles(row.arm, row.gripper) for row in scene.arms}
         self._addresses = {row.channel: self._look_up(row.channel) for row in scene.arms}
         for row in scene.arms:
             arm, gripper = self.profiles[row.channel]
@@ -91,24 +92,20 @@ class World:
         asked: np.ndarray = data.ctrl[actuators] + bias[:, 1] * position + bias[:, 2] * velocity
         return asked
 
-    def _look_up(self, channel: str) -> tuple[list[int], list[int], list[int]]:
-        """Addresses of an arm's joints and fingers; looking names up again would hold the replies up."""
+    def _look_up(self, channel: str) -> list[tuple[list[int], list[int]]]:
+        """Addresses in qpos and qvel, of the joints and of the fingers; to look names up again would delay replies."""
         arm, gripper = self.profiles[channel]
-        joints = [self.model.joint(f"{channel}/joint{i + 1}") for i in range(arm.joint_count)]
-        fingers = [self.model.joint(f"{channel}/{name}") for name in gripper.finger_joints]
-        return (
-            [int(joint.qposadr[0]) for joint in joints],
-            [int(joint.dofadr[0]) for joint in joints],
-            [int(joint.qposadr[0]) for joint in fingers],
-        )
+        names = [f"joint{i + 1}" for i in range(arm.joint_count)], gripper.finger_joints
+        found = [[self.model.joint(f"{channel}/{name}") for name in row] for row in names]
+        return [([int(j.qposadr[0]) for j in row], [int(j.dofadr[0]) for j in row]) for row in found]
 
     def joint_addresses(self, channel: str) -> list[int]:
         """Positions of an arm's joints in qpos."""
-        return self._addresses[channel][0]
+        return self._addresses[channel][0][0]
 
     def joint_dofs(self, channel: str) -> list[int]:
         """Positions of an arm's joints in qvel."""
-        return self._addresses[channel][1]
+        return self._addresses[channel][0][1]
 
     def bodies(self, of: str = "") -> dict[str, list[float]]:
         """Position of each body whose name begins so, (3,) m."""
@@ -121,29 +118,20 @@ class World:
         if gripper.finger_range_m is None:
             return None
         low, high = gripper.finger_range_m
-        fingers = self._addresses[channel][2]
+        fingers = self._addresses[channel][1][0]
         return float((sum(self.qpos[a] for a in fingers) / len(fingers) - low) / (high - low))
 
     def set_pose(self, channel: str, q_rad: np.ndarray | None = None, opening: float | None = None) -> None:
-        """Teleport an arm (n,) rad and, 0 closed … 1 open, its fingers; at rest.
-
-        Raises:
-            ConfigError: the arm has another number of joints.
-        """
+        """Teleport an arm (n,) rad and its fingers, 0 … 1 open; at rest. Raises ConfigError: (n,) does not fit."""
         _, gripper = self.profiles[channel]
-        joints, _, fingers = self._addresses[channel]
-        moved = []
+        (joints, dofs), (fingers, finger_dofs) = self._addresses[channel]
         if q_rad is not None:
             if len(q_rad) != len(joints):
                 raise ConfigError(f"{channel} has {len(joints)} joints, the pose {len(q_rad)}")
-            self.data.qpos[joints] = q_rad
-            moved += joints
+            self.data.qpos[joints], self.data.qvel[dofs] = q_rad, 0.0
         if opening is not None and gripper.finger_range_m is not None:
             low, high = gripper.finger_range_m
-            self.data.qpos[fingers] = low + opening * (high - low)
-            moved += fingers
-        found = [j for j in range(self.model.njnt) if self.model.jnt_qposadr[j] in moved]
-        self.data.qvel[self.model.jnt_dofadr[found]] = 0.0
+            self.data.qpos[fingers], self.data.qvel[finger_dofs] = low + opening * (high - low), 0.0
 
     def put(self, prop: str, position_m: np.ndarray, quat_wxyz: np.ndarray) -> None:
         """Teleport a loose thing (3,), (4,); at rest."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from lerobot_robot_yam.arm.model import Physics, base_quat, build_spec
 from lerobot_robot_yam.arm.mounting import resolve_profiles
-from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
+from lerobot_robot_yam.arm.profile import GripperProfile
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.scene.props import Part, Thing
@@ -55,11 +55,6 @@ def build_world(scene: Scene, visible: bool = True) -> mujoco.MjModel:
 def world_dtype(model: mujoco.MjModel) -> np.dtype:
     """One record of the world block: simulated and monotonic time in s, qpos, qvel."""
     return np.dtype([("sim_s", "f8"), ("stamp_s", "f8"), ("qpos", "f8", (model.nq,)), ("qvel", "f8", (model.nv,))])
-
-
-def profiles_of(row: ArmPlacement) -> tuple[ArmProfile, GripperProfile]:
-    """The arm, and its end effector as it is on that arm."""
-    return resolve_profiles(row.arm, row.gripper)
 
 
 def gripper_stroke(row: ArmPlacement, gripper: GripperProfile) -> tuple[float, float]:
@@ -122,7 +117,7 @@ def _add_camera(spec: mujoco.MjSpec, camera: Camera) -> None:
 
 def _attach_arm(spec: mujoco.MjSpec, row: ArmPlacement, scene: Scene) -> None:
     physics = Physics(friction_scale=scene.options.friction, armature_scale=scene.options.armature)
-    arm, gripper = profiles_of(row)
+    arm, gripper = resolve_profiles(row.arm, row.gripper)
     frame = spec.worldbody.add_frame(pos=row.position_m, quat=base_quat(row.yaw_rad, row.tilt_rad.tolist()))
     spec.attach(build_spec(arm, gripper, physics=physics), prefix=f"{row.channel}/", frame=frame)
     for i, motor in enumerate(arm.motors):

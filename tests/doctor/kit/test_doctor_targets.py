@@ -7,14 +7,12 @@ import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.commands.configs import config_path
-from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig, FollowerArmConfig
-from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
+from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerArmConfig, YamFollowerConfig
 from lerobot_robot_yam.doctor.check_calibration import check_calibrations
 from lerobot_robot_yam.doctor.kit.findings import Section, Severity
 from lerobot_robot_yam.doctor.kit.targets import ARM_OPTIONS, DEVICE_OPTIONS, calibration_root, from_config, from_option
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_teleoperator_yam.config_bi_yam_leader import BiYamLeaderConfig, LeaderArmConfig
-from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
+from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, LeaderArmConfig, YamLeaderConfig
 
 
 def test_a_channel_option():

@@ -23,17 +23,17 @@ from lerobot_robot_yam.damiao.registers import (
     encode_write,
 )
 from lerobot_robot_yam.damiao.tables import REGISTER_ID
-from lerobot_robot_yam.doctor.check_channel import ChannelSections, examine_channel
+from lerobot_robot_yam.doctor.check_channel import examine_channel
 from lerobot_robot_yam.doctor.check_handle import handle_firmware, inspect_handle
 from lerobot_robot_yam.doctor.check_latency import BIN_EDGES_MS, BLOCKS, bars, histogram, percentile
 from lerobot_robot_yam.doctor.check_link import Link
-from lerobot_robot_yam.doctor.kit.findings import Section, Severity
+from lerobot_robot_yam.doctor.kit.findings import Section, Severity, empty_report
 from lerobot_robot_yam.doctor.kit.questions import Questions, harmless
 from lerobot_robot_yam.doctor.kit.targets import from_option
 from lerobot_robot_yam.errors import LifeCycleError
 from tests.support.desk_bus import DeskBus
 
-MODULES = sorted(Path(doctor.__path__[0]).glob("*.py"))
+MODULES = sorted(Path(doctor.__path__[0]).rglob("*.py"))
 TARGET = from_option("can_x:yam:yam_teaching_handle", "socketcan", None)
 
 
@@ -71,7 +71,7 @@ def test_what_is_not_harmless_is_not_sent():
         with pytest.raises(LifeCycleError, match="does not send 0x1#"):
             questions._send(1, SpecialCommand.ENABLE.value)
         with pytest.raises(LifeCycleError):
-            questions.handle(handle_encoder.encode_report_frequency(0), 0, bytes, 0.01, 1)
+            questions.handle(handle_encoder.encode_report_frequency(0), 0, bytes, 1)
         assert bus.sent == []
 
 
@@ -93,7 +93,7 @@ def test_error_frames_and_questions_of_others_are_no_answers():
         questions = Questions(bus, "can_x")
         bus.put(4, wrong, is_error_frame=True)
         bus.put(REGISTER_ID, wrong)
-        assert questions.register(1, Register.PMAX) == (17, 12.5)
+        assert questions.register(1, Register.PMAX) == 12.5
         (answer,) = questions.refresh([1], 0.05, 0.01)
         assert (answer.identifier, answer.nibble, answer.fault) == (17, 1, 1)
         bus.silent.add(1)
@@ -155,10 +155,10 @@ class FullQueue(DeskBus):
 
 def test_no_buffer_space_while_asking(monkeypatch):
     monkeypatch.setitem(can.interfaces.BACKENDS, "socketcan", (FullQueue.__module__, FullQueue.__name__))
-    sections = ChannelSections()
+    report = empty_report()
     link = Link("can_x", up=True, driver="gs_usb", queue_length=10)
-    examine_channel(from_option("can_x", "socketcan", None), link, 1, sections, lambda text: None)
-    (problem,) = sections.channels.findings
+    examine_channel(from_option("can_x", "socketcan", None), link, 1, report, lambda text: None)
+    (problem,) = report["channels"].findings
     assert "No buffer space" in problem.what
     assert problem.remedy == (
         "sudo ip link set can_x down && sudo ip link set can_x up txqueuelen 100 type can bitrate 1000000"

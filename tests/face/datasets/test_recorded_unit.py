@@ -15,9 +15,8 @@ from lerobot.scripts import lerobot_record, lerobot_replay, lerobot_rollout
 from lerobot.utils.feature_utils import hw_to_dataset_features
 
 from lerobot_robot_yam.errors import ActionError, ConfigError
-from lerobot_robot_yam.face.datasets.recorded_actions import unit_of
 from lerobot_robot_yam.face.datasets.recording import Recording, of_checkpoint, of_dataset
-from lerobot_robot_yam.face.devices.command_check import check_command
+from lerobot_robot_yam.face.devices.command_check import check_command, unit_of
 from lerobot_robot_yam.session.target_limits import refuse_degrees
 from tests.cli.conftest import ROOT
 from tests.policy_plugin.checkpoints import save_scripted, statistics

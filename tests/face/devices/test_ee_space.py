@@ -10,16 +10,14 @@ import torch
 
 from lerobot_robot_yam.arm.kinematics import YamKinematics
 from lerobot_robot_yam.arm.tool_pose import downward, pose_to_vector
-from lerobot_robot_yam.bi_yam_follower import BiYamFollower
 from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
 from lerobot_robot_yam.errors import ActionError, ConfigError
 from lerobot_robot_yam.face.devices.ee_space import Tool
 from lerobot_robot_yam.face.devices.feature_names import TOOL_NUMBERS
 from lerobot_robot_yam.rig.client.rig_control import running_rig
-from lerobot_robot_yam.yam_follower import YamFollower
-from lerobot_teleoperator_yam.bi_yam_leader import BiYamLeader
+from lerobot_robot_yam.yam_follower import BiYamFollower, YamFollower
 from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
-from lerobot_teleoperator_yam.yam_leader import YamLeader
+from lerobot_teleoperator_yam.yam_leader import BiYamLeader, YamLeader
 from tests.face.devices.test_lerobot_contract import connected_pair, follower_config, leader_config, settle
 
 KEYS = [*(f"{name}.pos" for name in TOOL_NUMBERS), "gripper.pos"]

@@ -14,18 +14,12 @@ from lerobot.robots import make_robot_from_config
 from lerobot.teleoperators import make_teleoperator_from_config
 from lerobot.utils.errors import DeviceNotConnectedError
 
-from lerobot_robot_yam.bi_yam_follower import BiYamFollower
-from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
-from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
+from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerArmConfig, YamFollowerConfig
 from lerobot_robot_yam.errors import ConfigError, StaleStateError, YamError
-from lerobot_robot_yam.face.devices.follower_options import FollowerArmConfig
-from lerobot_robot_yam.yam_follower import YamFollower
-from lerobot_teleoperator_yam.bi_yam_leader import BiYamLeader
-from lerobot_teleoperator_yam.config_bi_yam_leader import BiYamLeaderConfig
-from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
-from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
-from lerobot_teleoperator_yam.yam_leader import YamLeader
+from lerobot_robot_yam.yam_follower import BiYamFollower, YamFollower
+from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, LeaderArmConfig, YamLeaderConfig
+from lerobot_teleoperator_yam.yam_leader import BiYamLeader, YamLeader
 
 KEYS = [*(f"joint_{n}.pos" for n in range(1, 7)), "gripper.pos"]
 BI_KEYS = [f"{side}_{key}" for side in ("left", "right") for key in KEYS]

@@ -7,9 +7,8 @@ import pytest
 from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.yam_follower import YamFollower
-from lerobot_teleoperator_yam.bi_yam_leader import BiYamLeader
 from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
-from lerobot_teleoperator_yam.yam_leader import YamLeader
+from lerobot_teleoperator_yam.yam_leader import BiYamLeader, YamLeader
 from tests.face.devices.test_lerobot_contract import FIELDS, STOPS_RAD, enabled, leader_config
 
 pytestmark = pytest.mark.alone

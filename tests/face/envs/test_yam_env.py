@@ -11,12 +11,10 @@ from lerobot.envs.utils import NEW_ROLLOUT_OPTION
 
 from lerobot_robot_yam.commands.configs import config_path
 from lerobot_robot_yam.commands.gather import demonstrate
-from lerobot_robot_yam.config_bi_yam_follower import BiYamFollowerConfig
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
 from lerobot_robot_yam.config_yam_env import YamEnvConfig
-from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
+from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerArmConfig, YamFollowerConfig
 from lerobot_robot_yam.errors import ActionError, ConfigError, MotorError
-from lerobot_robot_yam.face.devices.follower_options import FollowerArmConfig
 from lerobot_robot_yam.yam_env import YamEnv
 
 

@@ -14,7 +14,7 @@ from lerobot_robot_yam.rig.client.rig_control import RigControl, running_rig
 from lerobot_robot_yam.rig.operator.hands import Interrupted
 from lerobot_robot_yam.rig.operator.operator import RigHands
 from lerobot_robot_yam.rig.operator.scripts.catalog import CATALOG, make_script
-from lerobot_robot_yam.rig.operator.scripts.setup import SIDES, Setup, make_setup
+from lerobot_robot_yam.rig.operator.scripts.script import SIDES, Setup, make_setup
 from lerobot_robot_yam.rig.scene.scene import Scene, load_scene
 from lerobot_robot_yam.session.arm_session import ArmSession
 from tests.support.stand_in import StandIn, described

@@ -16,8 +16,7 @@ SPEED, ACCELERATION = 1.2, 7.0
 def planner(request):
     position, yaw = BASES[request.param]
     model = build_model("yam", "linear_4310", visuals=False)
-    limits = {"speed_rad_s": SPEED, "acceleration_rad_s2": ACCELERATION}
-    return ArmPlanner(model, np.array(position), yaw, **limits, seed_rad=load_arm("yam").bent_q_rad, leads=slice(2, -1))
+    return ArmPlanner(model, np.array(position), yaw, seed_rad=load_arm("yam").bent_q_rad, leads=slice(2, -1))
 
 
 def in_front(planner: ArmPlanner, forward_m: float, left_m: float, up_m: float) -> np.ndarray:
@@ -92,7 +91,7 @@ def test_a_straight_path_is_straight_and_within_limits(planner):
 
 def test_a_point_out_of_reach_is_refused(planner):
     far = in_front(planner, 0.9, 0.0, 0.02)
-    assert not planner.reaches(far)
+    assert not planner.reaches(far, planner.natural_yaw(far))
     with pytest.raises(RigError, match="cannot reach"):
         planner.pose(far, 0.0)
     near = planner.pose(in_front(planner, 0.3, 0.0, 0.1), planner.natural_yaw(in_front(planner, 0.3, 0.0, 0.1)))

@@ -100,7 +100,7 @@ def test_a_lid_turns_on_its_hinge():
         (True, {"parts": [{"size_m": [1, 1, 1], "quat_wxyz": [0, 0, 0, 0]}]}, "quat_wxyz"),
         (True, {"size_m": None, "parts": [{"size_m": [1, 1, 1], "solid": False}]}, "one must be solid"),
         (True, {"friction": -1}, "friction"),
-        (True, {"grips": [{"name": "a"}, {"name": "a"}]}, "grips need names"),
+        (True, {"grips": [{"name": "a"}, {"name": "a"}]}, "grips need unique names"),
         (True, {"grips": [{"name": "a", "turns": 0}]}, "turns"),
         (False, {}, "furniture has a joint and a mass"),
         (False, {"joint": {**SLIDE, "kind": "ball"}}, "kind is one of .*'ball'"),
@@ -118,5 +118,5 @@ def test_a_thing_that_cannot_be_is_refused_by_name(prop, changes, text):
 
 
 def test_names_are_unique():
-    with pytest.raises(ConfigError, match="names of their own"):
+    with pytest.raises(ConfigError, match="unique, non-empty names"):
         check_things([thing(CUBE)], [thing(TABLE, name="cube")], "scene 'x'")

@@ -59,7 +59,7 @@ def test_a_scene_extends_a_file_beside_it_and_only_one_deep(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"name": ""}, "names of their own"),
+        ({"name": ""}, "unique, non-empty names"),
         ({"time_limit_s": 0}, "time_limit_s"),
         ({"success": []}, "stages of success"),
         ({"script": "juggle"}, "script is one of .*'juggle'"),

@@ -4,8 +4,7 @@ import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.operator.hands import Hands, pause
-from lerobot_robot_yam.rig.operator.scripts.script import PUT_DOWN_M, Script, lifted
-from lerobot_robot_yam.rig.operator.scripts.setup import Setup
+from lerobot_robot_yam.rig.operator.scripts.script import PUT_DOWN_M, Script, Setup, lifted
 from lerobot_robot_yam.rig.operator.worker import Worker
 from lerobot_robot_yam.rig.scene.props import Grip
 
@@ -43,7 +42,7 @@ class Handover(Script):
 
     def _grips(self, giver: Worker) -> tuple[Grip, Grip]:
         """The giver's grip, which is the nearer one, and the taker's."""
-        bar, base = self.look_at(self._bar), self.setup.bases_m[giver.side]
+        bar, base = self.look_at(self._bar), giver.planner.base_m
         both = [self.grip_of(self._bar, number) for number in range(2)]
         near, far = sorted(both, key=lambda grip: float(np.linalg.norm(bar.point(grip.point_m) - base)))
         return near, far
@@ -52,7 +51,7 @@ class Handover(Script):
         """Lift it and hold it between the arms, pointing from base to base."""
         bar = self.look_at(self._bar)
         yaw = self.take(giver, bar, gives)
-        across, along = self.setup.bases_m[taker.side] - self.setup.bases_m[giver.side], takes.point_m - gives.point_m
+        across, along = taker.planner.base_m - giver.planner.base_m, takes.point_m - gives.point_m
         bar_yaw = np.arctan2(across[1], across[0]) - np.arctan2(along[1], along[0])
         target = self.setup.places_m[_MIDDLE] + _turned(gives.point_m, bar_yaw)
         return self._bring(giver, target, yaw + bar_yaw - bar.yaw_rad)

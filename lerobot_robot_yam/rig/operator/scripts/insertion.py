@@ -3,10 +3,8 @@
 import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.operator.hands import Hands, see
-from lerobot_robot_yam.rig.operator.scripts.script import Script, lifted
-from lerobot_robot_yam.rig.operator.scripts.setup import Setup
-from lerobot_robot_yam.rig.operator.sight import Pose, Sight
+from lerobot_robot_yam.rig.operator.hands import Hands, Pose, Sight, see
+from lerobot_robot_yam.rig.operator.scripts.script import Script, Setup, lifted
 from lerobot_robot_yam.rig.operator.worker import Worker
 
 _LIFTED_M = 0.02

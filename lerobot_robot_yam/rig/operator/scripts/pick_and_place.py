@@ -9,10 +9,8 @@ import logging
 import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError, RigError
-from lerobot_robot_yam.rig.operator.hands import Hands, pause
-from lerobot_robot_yam.rig.operator.scripts.script import PUT_DOWN_M, Script, lifted
-from lerobot_robot_yam.rig.operator.scripts.setup import Setup
-from lerobot_robot_yam.rig.operator.sight import Pose
+from lerobot_robot_yam.rig.operator.hands import Hands, Pose, pause
+from lerobot_robot_yam.rig.operator.scripts.script import PUT_DOWN_M, Script, Setup, lifted
 from lerobot_robot_yam.rig.operator.worker import Worker
 from lerobot_robot_yam.rig.scene.props import Grip
 
@@ -45,7 +43,7 @@ class PickAndPlace(Script):
 
     def work(self) -> bool:
         """Carry the prop one step towards its goal; True when it got there."""
-        prop = self._see()
+        prop = self.look_at(self._prop.name)
         if self._is_at(prop, self._goal):
             self._goal = "A" if self._goal == "B" else "B"
         side, place = self._choose(prop)
@@ -72,9 +70,6 @@ class PickAndPlace(Script):
             pause(self.hands, _CLEAR_S)  # come back when the middle is clear
         return done
 
-    def _see(self) -> Pose:
-        return self.look_at(self._prop.name)
-
     def _choose(self, prop: Pose) -> tuple[str | None, str]:
         """Side and place: the goal's own arm carries straight to the goal, the other one to the middle."""
         finisher, helper = ("right", "left") if self._goal == "B" else ("left", "right")
@@ -96,7 +91,7 @@ class PickAndPlace(Script):
         return bool(np.linalg.norm((prop.position_m - self.setup.places_m[place])[:2]) < _BESIDE_M)
 
     def _carry(self, worker: Worker, place: str) -> bool:
-        prop = self._see()
+        prop = self.look_at(self._prop.name)
         self.take(worker, prop, _GRIP)
         height = prop.position_m[2]
         target = np.array([*self.setup.places_m[place][:2], height + PUT_DOWN_M])
@@ -104,7 +99,7 @@ class PickAndPlace(Script):
         if not worker.carry(target, worker.planner.grasp_yaw(target, 0.0), lifted(self._prop.name, height)):
             return False
         worker.open()
-        return self._is_at(self._see(), place)
+        return self._is_at(self.look_at(self._prop.name), place)
 
     def _rise(self, worker: Worker) -> None:
         position, _ = worker.planner.tool(worker.q)

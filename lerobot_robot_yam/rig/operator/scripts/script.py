@@ -1,28 +1,102 @@
-"""A scripted operator of one task: attempts that begin and end with the arms at their waiting poses."""
+"""A scripted operator of one task: its setup, and attempts that begin and end with the arms at their waiting poses."""
 
 import logging
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from typing import ClassVar
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
+from lerobot_robot_yam.arm.model import build_model
+from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.errors import ConfigError, RigError
-from lerobot_robot_yam.rig.operator.hands import Hands, see
-from lerobot_robot_yam.rig.operator.scripts.setup import Setup
-from lerobot_robot_yam.rig.operator.sight import Pose, Sight
+from lerobot_robot_yam.rig.operator.hands import Hands, Pose, Sight, see
+from lerobot_robot_yam.rig.operator.plan import ArmPlanner
 from lerobot_robot_yam.rig.operator.worker import Worker
-from lerobot_robot_yam.rig.scene.props import Grip
+from lerobot_robot_yam.rig.scene.props import Grip, Thing
+from lerobot_robot_yam.rig.scene.tasks import PICK_AND_PLACE, Stage, Task
+from lerobot_robot_yam.system.strict_yaml import parse
 
 logger = logging.getLogger(__name__)
 
 PUT_DOWN_M = 0.002  # above where it shall lie a prop is let go
 _LIFTED_M = 0.03  # a prop that rose less slipped from the fingers
 _TRIES = 4
+SIDES = ("left", "right")
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A task, and the things and arms that do it.
+
+    Attributes:
+        task: the task.
+        things: props and furniture by name.
+        planners: side → planner of the follower that stands there.
+        homes_m: side → where its tool waits, (3,).
+        places_m: named points, (3,).
+    """
+
+    task: Task
+    things: Mapping[str, Thing]
+    planners: Mapping[str, ArmPlanner]
+    homes_m: Mapping[str, np.ndarray]
+    places_m: Mapping[str, np.ndarray]
+
+    @property
+    def last(self) -> Stage:
+        """The last stage of success."""
+        return self.task.success[-1]
+
+    def home_rad(self, side: str) -> np.ndarray:
+        """The waiting pose of a follower, (n,)."""
+        return self.planners[side].pose(self.homes_m[side])
+
+    def nearest(self, point_m: np.ndarray) -> str:
+        """The side whose base is nearest to a point."""
+        off = {side: float(np.linalg.norm((planner.base_m - point_m)[:2])) for side, planner in self.planners.items()}
+        return min(off, key=lambda side: off[side])
+
+
+def sides_of(scene: Mapping[str, Any]) -> tuple[str, ...]:
+    """Sides on which there is a follower."""
+    channels = {row["channel"] for row in scene["arms"]}
+    return tuple(side for side in SIDES if f"follower_{side}" in channels)
+
+
+def _planner(row: Mapping[str, Any]) -> ArmPlanner:
+    """For an arm of a scene."""
+    arm = load_arm(row["arm"])
+    names = [motor.name for motor in arm.motors]
+    leads = slice(names.index(arm.folding.elbow) if arm.folding.elbow in names else 0, -1)
+    model = build_model(row["arm"], row["gripper"], visuals=False)
+    return ArmPlanner(model, np.array(row["position_m"]), float(row["yaw_rad"]), arm.bent_q_rad, leads)
+
+
+def make_setup(scene: Mapping[str, Any], task: str) -> Setup:
+    """The setup for a task. Raises ConfigError: the scene has no such task, no follower or no waiting place for one."""
+    where = f"scene {scene['name']}"
+    tasks = {row["name"]: row for row in scene["tasks"]}
+    if task not in tasks and task != PICK_AND_PLACE.name:
+        raise ConfigError(f"{where} has no task '{task}'; it has: {', '.join(tasks) or 'no tasks'}")
+    arms = {row["channel"]: row for row in scene["arms"]}
+    planners = {side: _planner(arms[f"follower_{side}"]) for side in sides_of(scene)}
+    missing = [side for side in planners or SIDES if side not in scene["homes"] or not planners]
+    if missing:
+        raise ConfigError(f"{where}: task {task} needs followers, and under homes a waiting place of each: {missing}")
+    things = [parse(Thing, row, f"{where}: {row['name']}") for row in (*scene["props"], *scene["furniture"])]
+    return Setup(
+        task=parse(Task, tasks[task], f"{where}: task {task}") if task in tasks else PICK_AND_PLACE,
+        things={thing.name: thing for thing in things},
+        planners=planners,
+        homes_m={side: np.array(scene["homes"][side]) for side in planners},
+        places_m={name: np.array(point) for name, point in scene["places"].items()},
+    )
 
 
 class Script(ABC):
-    """Does one task, as often as asked.
+    """Does one task, as often as asked. Every method may raise Interrupted: the arms are switched off.
 
     Args:
         hands: the operator's eyes, hands and clock.
@@ -45,11 +119,7 @@ class Script(ABC):
         }
 
     def begin(self) -> None:
-        """Take all arms from wherever they are to their waiting poses.
-
-        Raises:
-            Interrupted: the arms are switched off.
-        """
+        """Take all arms from wherever they are to their waiting poses."""
         for worker in self.workers.values():
             worker.unfold()
         for worker in self.workers.values():
@@ -57,11 +127,7 @@ class Script(ABC):
             worker.settle()
 
     def attempt(self) -> None:
-        """Do the task once, from what is seen, in a few tries where something slips.
-
-        Raises:
-            Interrupted: the arms are switched off.
-        """
+        """Do the task once, from what is seen, in a few tries where something slips."""
         for _ in range(_TRIES):
             try:
                 if self.work():
@@ -98,11 +164,7 @@ class Script(ABC):
         return see(self.hands).things[thing]
 
     def grip_of(self, thing: str, number: int = 0) -> Grip:
-        """How to take a thing.
-
-        Raises:
-            ConfigError: the scene does not say.
-        """
+        """How to take a thing. Raises ConfigError: the scene does not say."""
         grips = self.setup.things[thing].grips
         if number >= len(grips):
             raise ConfigError(f"task {self.setup.task.name}: {thing} needs {number + 1} grips; it has {len(grips)}")

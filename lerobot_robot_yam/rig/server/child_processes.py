@@ -1,7 +1,6 @@
-"""The rig server's side of rendered cameras: it starts the renderer for the first camera, and ends it.
+"""The rig server's child processes: the renderer of its cameras, and the scripted operator.
 
-The server never waits for the renderer. It hands over hellos of kind "camera", watches `fileno()`, and sends the
-answers of `poll()` to the clients.
+The server never waits for them. It hands over hellos of kind "camera", and sends the answers of `poll` to clients.
 """
 
 import contextlib
@@ -17,17 +16,20 @@ from collections.abc import Collection, Hashable, Mapping, Sequence
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError, RigError
-from lerobot_robot_yam.rig.client.camera_frames import MAX_FPS, MAX_HEIGHT, MAX_WIDTH, Settings, frame_path
+from lerobot_robot_yam.rig.client.rendered_camera import MAX_FPS, MAX_HEIGHT, MAX_WIDTH, Settings, frame_path
+from lerobot_robot_yam.rig.simulation.device import RigDevice
 from lerobot_robot_yam.rig.simulation.lookup import number
 
 logger = logging.getLogger(__name__)
 
+NO_OPERATOR = "none"
+_SETTLE_S = 0.5  # from the leaders' torque to the operator's start
 _END_TIMEOUT_S = 2.0
 _DEAD = "camera {camera} has died: it delivers no more frames; check its cable, then connect again"
 
 
 class CameraService:
-    """All rendered cameras of one rig, drawn by one child process.
+    """All rendered cameras of one rig, drawn by one child process, which the first camera starts.
 
     cameras: names of the scene's. renderer_arguments: `--scene` and `--set`, for the same world in the renderer.
     """
@@ -37,13 +39,11 @@ class CameraService:
         self._cameras = tuple(cameras)
         self._arguments = list(renderer_arguments)
         self._process: subprocess.Popen[bytes] | None = None
-        self._waiting: dict[Settings, list[Hashable]] = {}
-        self._users: dict[Settings, set[Hashable]] = {}
+        self._users: dict[Settings, set[Hashable]] = {}  # those of settings that are not ready wait for an answer
         self._opened: set[Settings] = set()  # ever; a renderer that hangs or crashes leaves their blocks
         self._ready: set[Settings] = set()
         self._answers: list[tuple[Hashable, dict[str, Any]]] = []
         self._tail = b""
-        self._refused: set[Hashable] = set()  # clients that know why they get nothing
         self._stalls: dict[str, float] = {}  # camera → monotonic time until which it delivers nothing new
         self._dead: set[str] = set()
         self.drawn = True
@@ -73,7 +73,6 @@ class CameraService:
         if settings in self._ready:
             self._answers.append((client, {"ready": True}))
         else:
-            self._waiting.setdefault(settings, []).append(client)
             if self._process is None:
                 self._start()
             self._tell("open", camera=settings)
@@ -81,15 +80,10 @@ class CameraService:
 
     def drop(self, client: Hashable) -> None:
         """Forget a client that has left; a camera without clients is not drawn. Unknown clients are ignored."""
-        for settings, users in list(self._users.items()):
-            if client not in users:
-                continue
-            users.discard(client)
-            if client in self._waiting.get(settings, ()):
-                self._waiting[settings].remove(client)
-            if not users:
+        for settings in [settings for settings, users in self._users.items() if client in users]:
+            self._users[settings].discard(client)
+            if not self._users[settings]:
                 del self._users[settings]
-                self._waiting.pop(settings, None)
                 self._ready.discard(settings)
                 self._tell("close", camera=settings)
 
@@ -130,41 +124,29 @@ class CameraService:
 
     def fileno(self) -> int | None:
         """Descriptor to watch for reading, None while no renderer runs. It changes when one starts or ends."""
-        if self._process is None or self._process.stdout is None:
-            return None
-        return self._process.stdout.fileno()
+        stdout = None if self._process is None else self._process.stdout
+        return None if stdout is None else stdout.fileno()
 
     def poll(self) -> list[tuple[Hashable, dict[str, Any]]]:
         """New answers for clients: from the renderer, or that it died. Never blocks."""
-        if self._process is not None and self._process.stdout is not None:
+        fileno = self.fileno()
+        if fileno is not None:
             with contextlib.suppress(BlockingIOError):
-                while True:
-                    chunk = os.read(self._process.stdout.fileno(), 65536)
-                    if not chunk:
-                        self._died()
-                        break
+                while chunk := os.read(fileno, 65536):
                     *lines, self._tail = (self._tail + chunk).split(b"\n")
                     for line in lines:
                         self._heard(json.loads(line))
+                self._died()
         answers, self._answers = self._answers, []
         return answers
 
     def close(self) -> None:
         """End the renderer and remove its blocks."""
         process, self._process = self._process, None
-        if process is None:
-            return
-        for pipe in (process.stdin, process.stdout):
-            if pipe is not None:
-                with contextlib.suppress(OSError):  # unsent requests to a dead renderer
-                    pipe.close()
-        try:
-            process.wait(_END_TIMEOUT_S)  # it ends when its input does
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-        for settings in self._opened:
-            frame_path(self._rig, *settings).unlink(missing_ok=True)
+        if process is not None:
+            _end(process)
+            for settings in self._opened:
+                frame_path(self._rig, *settings).unlink(missing_ok=True)
 
     def _start(self) -> None:
         command = [sys.executable, "-P", "-m", "lerobot_robot_yam.rig.render.renderer", "--rig", self._rig]
@@ -186,31 +168,87 @@ class CameraService:
             self.drawn = True
             return
         if "error" in message:
-            failed = {"error": message["error"], "kind": "RigError"}
-            refused = {client for clients in self._waiting.values() for client in clients}
-            self._answers += [(client, failed) for client in refused]
-            self._refused |= refused
-            self._waiting.clear()
+            self._fail_all(message["error"])
             return
         name, width, height, fps = message["ready"]
         settings = (name, width, height, fps)
-        if settings in self._users:
+        if settings in self._users and settings not in self._ready:
             self._ready.add(settings)
-            self._answers += [(client, {"ready": True}) for client in self._waiting.pop(settings, [])]
+            self._answers += [(client, {"ready": True}) for client in self._users[settings]]
 
     def _died(self) -> None:
         assert self._process is not None
         code = self._process.wait()
         why = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
-        self._waiting.clear()
-        failed = {"error": f"the renderer of rig {self._rig} ended ({why}); see the rig's log", "kind": "RigError"}
-        self._answers += [(client, failed) for client in set().union(*self._users.values()) - self._refused]
-        if self._users:
-            logger.error("the renderer ended (%s); its cameras deliver nothing until they are opened again", why)
+        logger.error("the renderer ended (%s); its cameras deliver nothing until they are opened again", why)
+        self._fail_all(f"the renderer of rig {self._rig} ended ({why}); see the rig's log")
         self.close()
+
+    def _fail_all(self, error: str) -> None:
+        """Tell every client why it gets nothing, and forget them."""
+        failed = {"error": error, "kind": "RigError"}
+        self._answers += [(client, failed) for client in set().union(*self._users.values())]
         self._users.clear()
-        self._refused.clear()
         self._ready.clear()
+
+
+class OperatorService:
+    """Starts the operator of a rig's scene when every leader motor is enabled, ends it when one is not."""
+
+    def __init__(self, rig: str, device: RigDevice):
+        self._rig, self._device = rig, device
+        self._task = device.scene.options.operator
+        self._process: subprocess.Popen[bytes] | None = None
+        self._leaving: subprocess.Popen[bytes] | None = None  # told to end, not yet gone
+        self._leaving_since_s = 0.0
+        self._energised_s: float | None = None
+        self._failed = False
+
+    def keep(self, now_s: float) -> None:
+        """Start or end the operator; call several times a second."""
+        if self._task == NO_OPERATOR:
+            return
+        if self._leaving is not None:
+            if self._leaving.poll() is not None:
+                self._leaving = None
+            elif now_s - self._leaving_since_s > _END_TIMEOUT_S:
+                self._leaving.kill()
+        if not self._device.leaders_energised():
+            self._energised_s, self._failed = None, False
+            if self._process is not None:
+                # Without waiting: motors that are not answered for 0.1 s count as lost.
+                self._process.terminate()
+                self._leaving, self._leaving_since_s, self._process = self._process, now_s, None
+            return
+        self._energised_s = self._energised_s or now_s
+        if self._process is not None:
+            code = self._process.poll()
+            if code is not None:
+                logger.error("the operator ended with exit code %d", code)
+                self._device.events.add("operator_ended", code=code)
+                self._process, self._failed = None, True
+        elif not self._failed and self._leaving is None and now_s - self._energised_s > _SETTLE_S:
+            command = [sys.executable, "-P", "-m", "lerobot_robot_yam.rig.operator.operator"]
+            command += ["--rig", self._rig, "--task", self._task]
+            self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL)
+            self._device.events.add("operator_started", task=self._task)
+
+    def close(self) -> None:
+        """End the operator and wait for it: the rig is ending."""
+        for process in (self._process, self._leaving):
+            if process is not None:
+                process.terminate()
+                _end(process)
+        self._process = self._leaving = None
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """Close a process's pipes and wait for its end: the renderer ends when its input does."""
+    try:
+        process.communicate(timeout=_END_TIMEOUT_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.communicate()
 
 
 def _whole(hello: Mapping[str, Any], key: str) -> int:

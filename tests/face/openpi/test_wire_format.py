@@ -5,8 +5,8 @@ import pytest
 import torch
 from PIL import Image
 
-from lerobot_robot_yam.face.openpi import msgpack_numpy
 from lerobot_robot_yam.face.openpi.messages import resize_with_pad
+from lerobot_robot_yam.face.openpi.server_connection import decode_message, encode_message
 
 # Made with msgpack_numpy.packb of the published openpi-client 0.1.2 (under NumPy 2, which its metadata forbid).
 GOLDEN_QUESTION = {
@@ -53,8 +53,8 @@ def assert_same(one, other):
 
 @pytest.mark.parametrize("message, golden", GOLDEN, ids=["question", "answer", "metadata"])
 def test_bytes_are_those_of_openpi(message, golden):
-    assert msgpack_numpy.encode(message).hex() == golden
-    assert_same(msgpack_numpy.decode(bytes.fromhex(golden)), message)
+    assert encode_message(message).hex() == golden
+    assert_same(decode_message(bytes.fromhex(golden)), message)
 
 
 @pytest.mark.parametrize(
@@ -63,23 +63,21 @@ def test_bytes_are_those_of_openpi(message, golden):
         b"",
         b"\xc1",
         bytes.fromhex(GOLDEN[0][1])[:-3],
-        msgpack_numpy.encode({"a": np.zeros(3)}).replace(
-            b"<f8", b"|O8"
-        ),  # pointers, as openpi's own reader would make them
-        msgpack_numpy.encode({"a": np.zeros(3)}).replace(b"<f8", b"<zz"),
-        msgpack_numpy.encode({"a": np.zeros(3)}).replace(b"dtype", b"ditty"),
-        msgpack_numpy.encode({"a": np.zeros(3)}).replace(b"<f8", b"<f4"),  # twice as many numbers as the shape says
+        encode_message({"a": np.zeros(3)}).replace(b"<f8", b"|O8"),  # pointers, as openpi's own reader would make them
+        encode_message({"a": np.zeros(3)}).replace(b"<f8", b"<zz"),
+        encode_message({"a": np.zeros(3)}).replace(b"dtype", b"ditty"),
+        encode_message({"a": np.zeros(3)}).replace(b"<f8", b"<f4"),  # twice as many numbers as the shape says
     ],
 )
 def test_other_bytes_are_refused(data):
     with pytest.raises(ValueError):
-        msgpack_numpy.decode(data)
+        decode_message(data)
 
 
 @pytest.mark.parametrize("value", [object(), np.array([object()]), np.array([1j]), {"a": torch.zeros(2)}])
 def test_nothing_else_is_sent(value):
     with pytest.raises(TypeError, match="no place in a message"):
-        msgpack_numpy.encode({"a": value})
+        encode_message({"a": value})
 
 
 def test_images_are_padded_as_in_training():

@@ -1,5 +1,8 @@
-"""A motor's shaft: angle, velocity, torque, and what can be wrong with its mechanics."""
+"""An arm's mechanics: its motors' shafts, and what can be wrong with them and with the masses they carry."""
 
+import math
+
+import mujoco
 import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
@@ -11,26 +14,26 @@ _JAMMED = 1e5  # Nm s/rad: 10 Nm turn a jammed shaft by 0.1 mrad/s
 _INERTIA_KG_M2 = 0.05  # of a loose shaft, between an arm's shoulder (0.2) and its wrist (0.005); our choice
 _DAMPING_NM_S_RAD = 0.2  # of its gear and bearings; our choice
 _CATCH_UP_S = 2.0  # left alone for longer, it is at rest
+_MASS_FIELDS = ("body_mass", "body_ipos", "body_iquat", "body_inertia", "body_sameframe", "body_simple")
 
 
 class Drive:
     """One actuator of the world, seen from its shaft: angle u = base + Σ coefficient · q of one or two joints.
 
-    actuator, joints: names in the model. base_rad: shaft angle at joint value 0. coefficient: rad per joint value.
+    actuator, joints: names in the arm. base_rad: shaft angle at joint value 0. coefficient: rad per joint value.
     """
 
-    def __init__(self, world: World, actuator: str, joints: tuple[str, ...], base_rad: float, coefficient: float):
+    def __init__(
+        self, world: World, channel: str, actuator: str, joints: tuple[str, ...], base_rad: float, coefficient: float
+    ):
         model = world.model
-        self.actuator = model.actuator(actuator).id
-        self._world = world
         if not 1 <= len(joints) <= 2:
-            raise ConfigError(f"actuator {actuator} must move one or two joints, not {joints}")
-        self.q = [int(model.joint(j).qposadr[0]) for j in joints]
-        self.v = [int(model.joint(j).dofadr[0]) for j in joints]
+            raise ConfigError(f"actuator {channel}/{actuator} must move one or two joints, not {joints}")
+        self._world, self.actuator = world, model.actuator(f"{channel}/{actuator}").id
+        self.q = [int(model.joint(f"{channel}/{joint}").qposadr[0]) for joint in joints]
+        self.v = [int(model.joint(f"{channel}/{joint}").dofadr[0]) for joint in joints]
         self._single = len(joints) == 1
-        self.base_rad = base_rad
-        self.coefficient = coefficient
-        self.gains = (0.0, 0.0)
+        self.base_rad, self.coefficient, self.gains = base_rad, coefficient, (0.0, 0.0)
         self._bias = model.actuator_biasprm[self.actuator]
         self._ctrl = world.data.ctrl
         self._damping = model.dof_damping[self.v].copy()
@@ -92,7 +95,7 @@ class LooseShaft:
     It has a `Drive`'s methods, and is simulated when it is looked at. At first it rests at `angle_rad`.
     """
 
-    actuator = -1  # it has none in the world
+    actuator = -1  # the world has no actuator for it
 
     def __init__(self, world: World, angle_rad: float, torque_max_nm: float):
         self._world, self._limit = world, torque_max_nm
@@ -148,17 +151,82 @@ class LooseShaft:
     def _step(self, step_s: float) -> None:
         """Implicit in the velocity, as the world's own integration is."""
         angle, velocity, kp, kd, torque = self._command
-        push = kp * (angle - self._angle) + torque
-        rate = (self._rate + step_s / _INERTIA_KG_M2 * (push + kd * velocity + self._load)) / (
-            1.0 + step_s / _INERTIA_KG_M2 * (kd + _DAMPING_NM_S_RAD)
-        )
+        push, gain = kp * (angle - self._angle) + torque, step_s / _INERTIA_KG_M2
+        driven = self._rate + gain * (push + kd * velocity + self._load)
+        rate = driven / (1.0 + gain * (kd + _DAMPING_NM_S_RAD))
         self._torque = push + kd * (velocity - rate)
         if abs(self._torque) > self._limit:
-            self._torque = min(max(self._torque, -self._limit), self._limit)
-            rate = (self._rate + step_s / _INERTIA_KG_M2 * (self._torque + self._load)) / (
-                1.0 + step_s / _INERTIA_KG_M2 * _DAMPING_NM_S_RAD
-            )
-        braked = step_s / _INERTIA_KG_M2 * self._friction
-        rate = max(0.0, abs(rate) - braked) * (1.0 if rate > 0.0 else -1.0)
+            self._torque = math.copysign(self._limit, self._torque)
+            rate = (self._rate + gain * (self._torque + self._load)) / (1.0 + gain * _DAMPING_NM_S_RAD)
+        braked = gain * self._friction
+        rate = math.copysign(max(0.0, abs(rate) - braked), rate)
         self._rate = 0.0 if self._jammed else rate
         self._angle += self._rate * step_s
+
+
+class Ballast:
+    """Masses that an arm's profile, and so the driver's model, does not know of; changed while the world runs.
+
+    They are a payload at the tool, and factors on the links' masses.
+    """
+
+    def __init__(self, world: World, channel: str):
+        model = world.model
+        self._model = model
+        site = model.site(f"{channel}/tcp_site")
+        self._tool, self._point = int(site.bodyid[0]), site.pos.copy()
+        names = [model.body(b).name.partition("/") for b in range(model.nbody)]
+        self._bodies = {name: body for body, (arm, _, name) in enumerate(names) if arm == channel}
+        self._built = {field: getattr(model, field).copy() for field in _MASS_FIELDS}
+        self._payload_kg = 0.0
+        self._factors: dict[str, float] = {}
+
+    def carry(self, payload_kg: float) -> None:
+        """Put a point mass at the tool, 0 to take it away."""
+        self._payload_kg = payload_kg
+        self._apply()
+
+    def scale(self, link: str, factor: float) -> None:
+        """Multiply mass and inertia of a link of the profile. Raises ConfigError: no such link."""
+        if link not in self._bodies:
+            raise ConfigError(f"the arm has no body {link!r}; it has {', '.join(self._bodies)}")
+        self._factors[link] = factor
+        self._apply()
+
+    def repair(self) -> None:
+        """Restore the masses of the profile."""
+        if self._payload_kg or self._factors:
+            self._payload_kg, self._factors = 0.0, {}
+            self._apply()
+
+    def _apply(self) -> None:
+        model, bodies = self._model, list(self._bodies.values())
+        for field, built in self._built.items():
+            getattr(model, field)[bodies] = built[bodies]
+        for link, factor in self._factors.items():
+            model.body_mass[self._bodies[link]] *= factor
+            model.body_inertia[self._bodies[link]] *= factor
+        if self._payload_kg:
+            self._add_point_mass(self._tool, self._payload_kg, self._point)
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+
+    def _add_point_mass(self, body: int, mass_kg: float, at_m: np.ndarray) -> None:
+        """Mass, centre and inertia of a body together with a point mass at `at_m` (3,) in its frame."""
+        model = self._model
+        old_kg, centre = float(model.body_mass[body]), model.body_ipos[body].copy()
+        rotation = np.empty(9)
+        mujoco.mju_quat2Mat(rotation, model.body_iquat[body])
+        axes = rotation.reshape(3, 3)
+        arm = at_m - centre
+        inertia = axes @ np.diag(model.body_inertia[body]) @ axes.T
+        inertia += old_kg * mass_kg / (old_kg + mass_kg) * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        moments, vectors = np.linalg.eigh(inertia)
+        vectors[:, 2] *= np.linalg.det(vectors)  # right-handed
+        model.body_mass[body] = old_kg + mass_kg
+        model.body_ipos[body] = centre + mass_kg / (old_kg + mass_kg) * arm
+        model.body_inertia[body] = moments
+        mujoco.mju_mat2Quat(model.body_iquat[body], vectors.ravel())
+        # Neither the body's frame nor that of anything on it is the inertia's any more.
+        model.body_sameframe[body] = model.body_simple[body] = 0
+        model.geom_sameframe[model.geom_bodyid == body] = 0
+        model.site_sameframe[model.site_bodyid == body] = 0

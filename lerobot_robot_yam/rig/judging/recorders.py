@@ -1,24 +1,28 @@
-"""Extremes of the arms that the rig itself records, so that a soak can assert them without missing a tick.
+"""Records that the rig itself takes, by which tests and soaks judge a driver without missing a tick.
 
-Off by default. While it is on for any channel, torques are looked at in every step of the physics, and the rest after
-every advance (at most 4 ms of simulated time), in one pass over all motors.
+`Watch` keeps the extremes of the arms, `TruthRecorder` the true state of each motor's shaft in every step of the
+physics. Both are off by default. While either is on for any channel, the physics is simulated step by step.
 """
 
+import bisect
 import itertools
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
 from lerobot_robot_yam.rig.bus.channel import Channel
+from lerobot_robot_yam.rig.world.mechanics import Drive
 from lerobot_robot_yam.rig.world.world import World
 from lerobot_robot_yam.system.clock import Clock
 
 _PERIOD_S = 0.002  # simulated time between two looks, at least
 _CHANGES_KEPT = 50_000
 _PRESS_N = 50.0  # of an arm on itself, at a point; the wrist of a folded limp arm presses with 27
+_STEP_S = 0.001  # of the physics
+_Sample = tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 class Change(NamedTuple):
@@ -52,6 +56,7 @@ class Largest:
 class Watch:
     """Records largest speed under torque, torque and age of a command per motor, lowest height and last touch per arm.
 
+    Torques are looked at in every step, the rest after every advance (at most 4 ms), in one pass over all motors.
     channels: all, in the order of the scene.
     """
 
@@ -63,15 +68,14 @@ class Watch:
         ends = list(itertools.accumulate((len(channel.motors) for channel in channels), initial=0))
         # of each channel's motors in the arrays
         self._rows = {channel.name: slice(*ends[i : i + 2]) for i, channel in enumerate(channels)}
-        actuators = [motor.drive.actuator for motor in self._all_motors]
+        self._actuators = np.array([motor.drive.actuator for motor in self._all_motors])
         self._arm = {channel.name: index for index, channel in enumerate(channels)}
-        geom_bodies = world.model.geom_bodyid.tolist()
-        self._actuators = np.array(actuators)
         self._tools = np.array([world.model.site(f"{channel.name}/tcp_site").id for channel in channels])
         self._velocities, self._forces = world.data.actuator_velocity, world.data.actuator_force
         self._heights = world.data.site_xpos[:, 2]
-        self._arm_of = np.array([self._arm.get(world.model.body(b).name.partition("/")[0], -1) for b in geom_bodies])
-        count, arms = len(actuators), len(channels)
+        bodies = [world.model.body(body).name for body in world.model.geom_bodyid.tolist()]
+        self._arm_of = np.array([self._arm.get(body.partition("/")[0], -1) for body in bodies])  # of a geom; −1: no arm
+        count, arms = len(self._actuators), len(channels)
         self._enabled = np.zeros(count)  # 1 with torque, 0 without
         self._speed, self._torque, self._asked, self._age = (Largest(count) for _ in range(4))
         self._start_z, self._lowest_z = np.zeros(arms), np.full(arms, np.inf)
@@ -122,12 +126,9 @@ class Watch:
             return
         self._next_s = world.sim_s + _PERIOD_S
         now = world.stamp_s
-        speed = np.abs(self._velocities[self._actuators])
-        speed *= self._enabled
-        self._speed.see(speed, now)
+        self._speed.see(np.abs(self._velocities[self._actuators]) * self._enabled, now)
         age = world.sim_s - np.array([motor.last_command_s for motor in self._all_motors])
-        age *= self._enabled
-        self._age.see(age, now)
+        self._age.see(age * self._enabled, now)
         np.minimum(self._lowest_z, self._heights[self._tools], out=self._lowest_z)
         contact, count = world.data.contact, world.data.ncon
         near = np.flatnonzero(contact.dist[:count] <= 0.0)
@@ -165,3 +166,89 @@ class Watch:
             "enabled_events": [(row.at_s, row.motor, row.enabled) for row in changes if row.switched],
             "fault_events": [(row.at_s, row.motor, row.fault) for row in changes if row.fault],
         }
+
+
+class TruthRecorder:
+    """Keeps the last seconds of the world, one sample per step, while it is on for any channel."""
+
+    def __init__(self, world: World, channels: Iterable[Channel]):
+        self._world = world
+        self._drives: dict[str, list[Drive]] = {
+            channel.name: [motor.drive for motor in channel.motors if isinstance(motor.drive, Drive)]
+            for channel in channels
+        }
+        self._all = np.arange(world.model.nu)
+        self._seconds: dict[str, float] = {}
+        self._since_s: dict[str, float] = {}
+        self._kept: deque[_Sample] = deque()
+
+    @property
+    def on(self) -> bool:
+        """Whether `sample` must be called after each step."""
+        return bool(self._seconds)
+
+    def start(self, channel: str, seconds: float) -> None:
+        """Keep the last seconds of a channel, from now on and anew."""
+        self._seconds[channel], self._since_s[channel] = seconds, self._world.stamp_s
+        self._resize()
+
+    def stop(self, channel: str) -> None:
+        """Keep nothing of it."""
+        self._seconds.pop(channel, None)
+        self._resize()
+
+    def _resize(self) -> None:
+        longest_s = max(self._seconds.values(), default=0.0)
+        self._kept = deque(self._kept, maxlen=round(longest_s / self._world.timestep_s))
+
+    def knows(self, channel: str) -> bool:
+        """Whether it is kept."""
+        return channel in self._seconds
+
+    def sample(self) -> None:
+        """Keep the present state, and the torques of the step before it."""
+        if self._seconds:
+            world, data = self._world, self._world.data
+            state = data.qpos.copy(), data.qvel.copy(), data.actuator_force.copy()
+            self._kept.append((world.stamp_s, *state, world.asked_nm(self._all)))
+
+    def report(self, channel: str, after_s: float, limit: int) -> dict[str, Any]:
+        """The oldest `limit` samples later than `after_s`, see `RigOperations.truth`."""
+        after_s = max(after_s, self._since_s[channel])
+        begin = bisect.bisect_right(self._kept, after_s, key=lambda sample: sample[0])
+        rows = list(itertools.islice(self._kept, begin, begin + limit))
+        if not rows:
+            return {"samples": []}
+        stamps, qpos, qvel, force, asked = (np.array(column) for column in zip(*rows, strict=True))
+        drives = self._drives[channel]
+        angles, rates = zip(*(drive.read(qpos, qvel) for drive in drives), strict=True)
+        actuators = [drive.actuator for drive in drives]
+        columns = (stamps, np.transpose(angles), np.transpose(rates), force[:, actuators], asked[:, actuators])
+        return {"samples": [list(row) for row in zip(*(column.tolist() for column in columns), strict=True)]}
+
+
+def beyond_clip_nm(
+    truth: dict[str, np.ndarray], kp: np.ndarray, kd: np.ndarray, clip_nm: np.ndarray, known_s: np.ndarray | float
+) -> np.ndarray:
+    """The largest torque in Nm that commands asked of each of the first n motors beyond its clip; 0 if all kept to it.
+
+    A command that keeps to the clip by a state of up to `known_s` ago asks for more where the joint has moved since,
+    by  kp (q before − q now) + kd (dq before − dq now). No driver can know that. Of those states the one that explains
+    a torque best is taken for the one that the driver knew.
+
+    Args:
+        truth: of `RigOperations.truth`, steps of 1 ms.
+        kp, kd: (n,) gains of the commands, Nm/rad and Nm s/rad.
+        clip_nm: (n,) Nm.
+        known_s: (n,) or one for all, s.
+    """
+    n = len(clip_nm)
+    q, dq, asked = (truth[key].reshape(len(truth["stamp_s"]), -1)[:, :n] for key in ("q", "dq", "asked_nm"))
+    lags = np.broadcast_to(np.round(np.asarray(known_s) / _STEP_S).astype(int), n)
+    beyond = np.abs(asked) - clip_nm
+    for lag in range(1, min(int(lags.max(initial=0)), len(q) - 1) + 1):
+        moved = kp * (q[:-lag] - q[lag:]) + kd * (dq[:-lag] - dq[lag:])
+        explained = np.where(lag <= lags, np.abs(asked[lag:] - moved) - clip_nm, np.inf)
+        beyond[lag:] = np.minimum(beyond[lag:], explained)
+    largest: np.ndarray = beyond.max(axis=0, initial=0.0)
+    return largest

@@ -1,0 +1,50 @@
+"""The operator's hand on a leader joins a path that begins elsewhere without a snatch."""
+
+import numpy as np
+import pytest
+
+from tests.support.rig_desk import Desk
+
+LEADER = "leader_left"
+TURN = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])  # rad; the wrist is the lightest joint
+
+
+@pytest.fixture
+def desk():
+    desk = Desk(LEADER)
+    yield desk
+    desk.close()
+
+
+def joints(desk):
+    return np.array([desk.device.world.qpos[address] for address in desk.device.world.joint_addresses(LEADER)])
+
+
+def fastest(desk, seconds):
+    """The largest speed of a joint while time passes, rad/s."""
+    found = 0.0
+    for _ in range(round(seconds / 0.004)):
+        desk.run(0.004)
+        found = max(found, *(abs(desk.device.world.qvel[dof]) for dof in desk.device.world.joint_dofs(LEADER)))
+    return found
+
+
+def test_a_path_that_begins_at_the_end_of_one_the_clock_did_not_reach(desk):
+    """Whoever plans by real time believes that the hand has arrived."""
+    hand, start = desk.device.hands[LEADER], joints(desk)
+    end = start + TURN
+    hand.move([0.0, 1.0], [start, end], 0.0)
+    desk.run(0.2)
+    desk.now_s += 0.8
+    desk.run(0.004)
+    assert desk.device.world.slips == 1 and np.abs(joints(desk) - end).max() > 0.7
+    hand.move([0.0, 0.3], [end, end], 0.0)
+    assert fastest(desk, 1.0) < 2.2
+    np.testing.assert_allclose(joints(desk), end, atol=0.05)
+
+
+def test_a_path_that_begins_where_the_arm_was_before_the_hand_took_hold(desk):
+    seen = joints(desk) + TURN
+    desk.device.hands[LEADER].move([0.0, 1.0], [seen, seen + 0.5 * TURN], 0.0)
+    assert fastest(desk, 2.0) < 2.2
+    np.testing.assert_allclose(joints(desk), seen + 0.5 * TURN, atol=0.05)

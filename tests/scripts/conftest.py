@@ -1,0 +1,19 @@
+"""The soak's modules, which scripts import from their own folder."""
+
+import pytest
+
+from tests.support.paths import SCRIPTS
+
+
+@pytest.fixture
+def soak(monkeypatch):
+    """The soak's modules."""
+    monkeypatch.syspath_prepend(str(SCRIPTS))
+    import soak.checks
+    import soak.context
+    import soak.obedience
+    import soak.schedule
+    import soak.seeds
+    import soak.truth
+
+    return soak
