@@ -35,14 +35,15 @@ class LeaderBase(ArmDevice, Teleoperator):
         options: LeaderOptions = config
         arms = options.arms()
         check_switches(self.name, options)
-        handles = {prefix for prefix, arm in arms.items() if load_gripper(arm.ee_gripper).motor is not None}
+        grippers = {prefix: load_gripper(arm.ee_gripper) for prefix, arm in arms.items()}  # of the followers
+        handles = {prefix for prefix, gripper in grippers.items() if gripper.motor is not None}
         joints_in_degrees = options.use_degrees and options.action_space == "joint"
         self._arms = self._make_arms("leader", arms, joints_in_degrees, options.isolation, handles)
         tools = []
         self._lower, self._upper = np.zeros(len(self._arms.keys)), np.ones(len(self._arms.keys))
         for side, arm in zip(self._arms.sides, arms.values(), strict=True):
             follower = load_arm(arm.follower_arm or arm.arm)
-            tools.append((follower, load_gripper(arm.ee_gripper)))
+            tools.append((follower, grippers[side.prefix]))
             if side.joints:
                 limits = follower.joint_limits_rad
                 if len(limits) != side.joints:
