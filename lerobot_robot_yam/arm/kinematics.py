@@ -291,11 +291,7 @@ def pose_distance_m(first: np.ndarray, second: np.ndarray) -> float:
 
 
 def _rigid(target: np.ndarray) -> np.ndarray:
-    """`target` as a private (4, 4) pose, its rotation made orthonormal.
-
-    Raises:
-        ActionError: wrong shape, not finite, no rotation.
-    """
+    """`target` as a private (4, 4) pose, its rotation made orthonormal; ActionError if it is no pose."""
     given = np.asarray(target)
     if given.shape != (4, 4):
         raise ActionError(f"kinematics: a target pose must have shape (4, 4), not {given.shape}")

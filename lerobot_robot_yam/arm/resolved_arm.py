@@ -130,11 +130,7 @@ class ResolvedArm:
 
 
 def _per_joint(config: ArmConfig, joints: int) -> dict[str, list[float]]:
-    """Numbers per joint that the configuration gives, by field.
-
-    Raises:
-        ConfigError: a field has not as many numbers as the arm has joints.
-    """
+    """Numbers per joint that the configuration gives, by field; ConfigError if they are too few or too many."""
     given = {}
     for key in (*_OF_THE_PROFILE, "coulomb_friction_nm", "effort_limit_nm", "rest_q_rad"):
         value = getattr(config, key)

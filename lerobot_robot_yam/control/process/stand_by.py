@@ -213,11 +213,7 @@ def _group() -> str:
 
 
 def _ask_systemd(group: str) -> None:
-    """Have the manager that lives as long as we do make a scope.
-
-    Raises:
-        OSError, TimeoutExpired: no manager answers, or it refuses.
-    """
+    """Have the manager that lives as long as we do make a scope; OSError or TimeoutExpired if it does not."""
     uid, environment = os.getuid(), dict(os.environ)
     if uid:
         # At log-out the user's manager ends with all its scopes; processes started in a session may live on.
