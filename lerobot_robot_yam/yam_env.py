@@ -11,7 +11,8 @@ import gymnasium as gym
 import numpy as np
 from lerobot.robots.utils import make_robot_from_config
 
-from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
+from lerobot_robot_yam.arm.profile_files import load_gripper
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.config_yam_env import AGENT_POS, YamEnvConfig, eyes_of
 from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError
 from lerobot_robot_yam.face.devices.feature_names import motors_of
@@ -297,8 +298,8 @@ class YamEnv(gym.Env):
             return
         limits: list[tuple[float, float]] = []
         for arm in self._robot_config.arms().values():
-            limits += load_arm(arm.arm).joint_limits_rad.tolist()
-            limits += [(0.0, 1.0)] * (load_gripper(arm.gripper).motor is not None)
+            hardware = ResolvedArm(arm)
+            limits += zip(hardware.lower.tolist(), hardware.upper.tolist(), strict=True)
         if len(pose) != len(limits):
             raise ConfigError(f"env.reset_pose: {len(pose)} values, not {len(limits)}: {', '.join(self._motors)}")
         for motor, value, (low, high) in zip(self._motors, pose, limits, strict=True):
@@ -314,11 +315,9 @@ class YamEnv(gym.Env):
         if self._task is None or self._rig is None:
             return None
         setup = make_setup(self._rig.scene(), self._task.name)
-        pose: list[float] = []
-        for side, arm in zip(self.sides, self._robot_config.arms().values(), strict=True):
-            pose += setup.home_rad(side).tolist()
-            pose += [1.0] * (load_gripper(arm.gripper).motor is not None)
-        return np.array(pose)
+        pose = np.ones(len(self._motors))  # grippers open
+        pose[self._is_joint] = np.concatenate([setup.home_rad(side) for side in self.sides])
+        return pose
 
     def _named(self, action: np.ndarray) -> dict[str, float]:
         values, keys = np.asarray(action, float).reshape(-1), self._action_keys

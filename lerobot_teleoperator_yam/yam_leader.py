@@ -10,7 +10,7 @@ from lerobot.teleoperators.teleoperator import Teleoperator
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
 
 from lerobot_robot_yam.arm.config_checks import check_switches
-from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
+from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.devices.arm_device import ArmDevice
 from lerobot_robot_yam.state.modes import Mode
@@ -35,14 +35,12 @@ class LeaderBase(ArmDevice, Teleoperator):
         options: LeaderOptions = config
         arms = options.arms()
         check_switches(self.name, options)
-        handles = {prefix for prefix, arm in arms.items() if load_gripper(arm.ee_gripper).motor is not None}
+        followers = [resolve_profiles(arm.follower_arm or arm.arm, arm.ee_gripper) for arm in arms.values()]
+        handles = {prefix for prefix, (_, gripper) in zip(arms, followers, strict=True) if gripper.motor is not None}
         joints_in_degrees = options.use_degrees and options.action_space == "joint"
         self._arms = self._make_arms("leader", arms, joints_in_degrees, options.isolation, handles)
-        tools = []
         self._lower, self._upper = np.zeros(len(self._arms.keys)), np.ones(len(self._arms.keys))
-        for side, arm in zip(self._arms.sides, arms.values(), strict=True):
-            follower = load_arm(arm.follower_arm or arm.arm)
-            tools.append((follower, load_gripper(arm.ee_gripper)))
+        for side, arm, (follower, _) in zip(self._arms.sides, arms.values(), followers, strict=True):
             if side.joints:
                 limits = follower.joint_limits_rad
                 if len(limits) != side.joints:
@@ -50,7 +48,7 @@ class LeaderBase(ArmDevice, Teleoperator):
                         f"{side.name}: follower_arm {arm.follower_arm!r} has {len(limits)} joints, not {side.joints}"
                     )
                 self._lower[side.slice], self._upper[side.slice] = limits.T
-        self._speak(options.action_space, tools)
+        self._speak(options.action_space, followers)
         self._restart()
 
     def _restart(self) -> None:

@@ -3,12 +3,12 @@
 Ranges that depend on the motors come later, with the profile (`profile_files`).
 """
 
-import dataclasses
 import json
 import math
 import types
 import typing
 from collections.abc import Sequence
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
@@ -84,7 +84,7 @@ def check(config: Any) -> None:
     if config.channel == "":
         raise ConfigError(f"{config.name}: no CAN channel given; set `channel`, such as can_follower_l")
     hints = typing.get_type_hints(type(config))
-    for field in dataclasses.fields(config):
+    for field in fields(config):
         value = getattr(config, field.name)
         kinds = _members(hints[field.name])
         if value is None:
@@ -94,7 +94,7 @@ def check(config: Any) -> None:
             setattr(config, field.name, _numbers(config, field.name, value, kinds))
         elif bool in kinds and not isinstance(value, bool):
             raise _refusal(config, field.name, "true or false")
-        elif any(_is_dataclass(kind) and not isinstance(value, kind) for kind in kinds):
+        elif any(isinstance(kind, type) and is_dataclass(kind) and not isinstance(value, kind) for kind in kinds):
             raise _refusal(config, field.name, "a mapping of its fields")
         elif dict in kinds:
             _check_options(config, field.name, value)
@@ -122,10 +122,6 @@ def check_switches(device: str, options: Any) -> None:
     for name, hint in typing.get_type_hints(type(options)).items():
         if hint is bool and not isinstance(value := getattr(options, name), bool):
             raise ConfigError(f"{device}: {name} takes true or false; got {value!r}")
-
-
-def _is_dataclass(kind: Any) -> bool:
-    return isinstance(kind, type) and dataclasses.is_dataclass(kind)
 
 
 def _members(hint: Any) -> tuple[Any, ...]:

@@ -246,20 +246,19 @@ class PoseTracker:
     Args:
         kinematics: of the arm; no other thread may use it.
         q: (n,) rad, where the arm is.
+
+    Attributes:
+        q: (n,) rad, the newest solution, or where it was started.
     """
 
     def __init__(self, kinematics: YamKinematics, q: np.ndarray):
         self._kinematics = kinematics
         self.restart(q)
 
-    @property
-    def q(self) -> np.ndarray:
-        """(n,) rad, the newest solution, or where it was started."""
-        return self._q
-
     def restart(self, q: np.ndarray) -> None:
         """Go on from `q` (n,) rad, standing still."""
-        self._q, self._step, self._moving = np.array(q, dtype=float), np.zeros(len(q)), False
+        self.q: np.ndarray = np.array(q, dtype=float)
+        self._step, self._moving = np.zeros(len(q)), False
 
     def solve(self, target: np.ndarray, *, attempts: int = 1, within_rad: float | None = None) -> IkResult:
         """Joints for the next pose (4, 4); arguments as for `YamKinematics.ik`. No clock has a say in the result.
@@ -267,12 +266,12 @@ class PoseTracker:
         Raises:
             ActionError: no pose; nothing has changed.
         """
-        start = self._q + self._step
+        start = self.q + self._step
         result = self._kinematics.ik(target, start, attempts=attempts, budget_s=math.inf, within_rad=within_rad)
         # The way to the first pose, a pose that was not reached or only by another start: no step of the path.
         on_path = result.converged and result.attempts == 1
-        self._step = result.q - self._q if self._moving and on_path else np.zeros_like(result.q)
-        self._q, self._moving = result.q, on_path
+        self._step = result.q - self.q if self._moving and on_path else np.zeros_like(result.q)
+        self.q, self._moving = result.q, on_path
         return result
 
 
@@ -292,11 +291,7 @@ def pose_distance_m(first: np.ndarray, second: np.ndarray) -> float:
 
 
 def _rigid(target: np.ndarray) -> np.ndarray:
-    """`target` as a private (4, 4) pose, its rotation made orthonormal.
-
-    Raises:
-        ActionError: wrong shape, not finite, no rotation.
-    """
+    """`target` as a private (4, 4) pose, its rotation made orthonormal; ActionError if it is no pose."""
     given = np.asarray(target)
     if given.shape != (4, 4):
         raise ActionError(f"kinematics: a target pose must have shape (4, 4), not {given.shape}")

@@ -18,11 +18,15 @@ _GRASP_SITE = "grasp_site"
 def resolve_profiles(
     arm: str | Path | ArmProfile, gripper: str | Path | GripperProfile
 ) -> tuple[ArmProfile, GripperProfile]:
-    """Profiles of an arm and of the end effector as it is on this arm; reads them where names or paths are given.
+    """Profiles of an arm and of the end effector as it is on this arm, by their names or paths.
+
+    Two profiles have been resolved before, and are returned as they are.
 
     Raises:
         ConfigError: an unknown name, a broken profile, or an end effector that does not fit.
     """
+    if isinstance(arm, ArmProfile) and isinstance(gripper, GripperProfile):
+        return arm, gripper
     arm = arm if isinstance(arm, ArmProfile) else load_arm(arm)
     return arm, mounted(gripper if isinstance(gripper, GripperProfile) else load_gripper(gripper), arm)
 

@@ -33,7 +33,7 @@ class ResolvedArm:
     Attributes:
         config, name: the configuration, and what messages call the arm.
         arm, gripper: profiles with overrides applied.
-        joints: number of arm joints, 0 for gripper-only use.
+        joints, joint_names: number of arm joints, 0 for gripper-only use, and the names of their motors.
         n: number of motors.
         slots: of its motors in the shared records.
         direction, kp, kd, idle_kd, torque_limit_nm: (n,).
@@ -95,7 +95,7 @@ class ResolvedArm:
         self.lower = np.array([*joint.joint_limits_rad[:, 0], *(0.0 for _ in grippers)])
         self.upper = np.array([*joint.joint_limits_rad[:, 1], *(1.0 for _ in grippers)])
         self.coulomb_nm = np.array(given.get("coulomb_friction_nm", [0.0] * self.joints))
-        names = [row.name for row in joint.motors]
+        self.joint_names = names = [row.name for row in joint.motors]
         named = (joint.folding.base, joint.folding.shoulder, joint.folding.elbow, joint.folding.wrist)
         self.folding = Roles(*(names.index(name) if name in names else None for name in named))
         self.rest_q = self._rest_q(given.get("rest_q_rad"))
@@ -130,11 +130,7 @@ class ResolvedArm:
 
 
 def _per_joint(config: ArmConfig, joints: int) -> dict[str, list[float]]:
-    """Numbers per joint that the configuration gives, by field.
-
-    Raises:
-        ConfigError: a field has not as many numbers as the arm has joints.
-    """
+    """Numbers per joint that the configuration gives, by field; ConfigError if they are too few or too many."""
     given = {}
     for key in (*_OF_THE_PROFILE, "coulomb_friction_nm", "effort_limit_nm", "rest_q_rad"):
         value = getattr(config, key)

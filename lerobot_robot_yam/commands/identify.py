@@ -17,6 +17,7 @@ from pathlib import Path
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.mounting import arm_ids, gripper_id
+from lerobot_robot_yam.arm.profile import ArmProfile
 from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.commands.lib.arm_command import (
     add_arm_arguments,
@@ -105,7 +106,7 @@ def _identify(args: argparse.Namespace) -> int:
         )
     name = config.name
     if args.wiggle:
-        name = _watch_it_move(args, config, found)
+        name = _watch_it_move(args, config, found, arm)
     if args.bind:
         for note in bind(args.bind, name, config.channel, found, arm, args.force):
             tell(f"note: {note}")
@@ -116,11 +117,13 @@ def _identify(args: argparse.Namespace) -> int:
     return 0
 
 
-def _watch_it_move(args: argparse.Namespace, config: ArmConfig, found: Fingerprint) -> str:
+def _watch_it_move(args: argparse.Namespace, config: ArmConfig, found: Fingerprint, arm: ArmProfile) -> str:
     """Wiggle, and the name of the arm that moved, as the user says."""
+    if not arm.joint_count:
+        raise ConfigError(f"{config.name}: arm {config.arm!r} has no joint to turn")
     gripper = args.gripper
     if gripper is None:
-        can_id = gripper_id(load_arm(config.arm))
+        can_id = gripper_id(arm)
         gear = found.motors[can_id].gear_ratio if can_id in found.motors else None
         gripper = likely_gripper(Role(found.handle_firmware is not None, gear, can_id))
         tell(f"taking the gripper to be {gripper} (else give --gripper)")
@@ -161,8 +164,6 @@ def _wiggle(config: ArmConfig, question: str | None) -> str:
     Raises:
         YamError: what failed; the arm has landed, or was never energised.
     """
-    if not load_arm(config.arm).joint_count:
-        raise ConfigError(f"{config.name}: arm {config.arm!r} has no joint to turn")
     with YamArm(config, start="hold") as arm:
         home = arm.observe().setpoint_q
         while True:

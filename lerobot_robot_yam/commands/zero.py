@@ -19,6 +19,7 @@ import can
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.mounting import gripper_id
+from lerobot_robot_yam.arm.profile import ArmProfile
 from lerobot_robot_yam.arm.profile_files import NO_ARM, load_arm
 from lerobot_robot_yam.commands.lib.arm_command import (
     add_arm_arguments,
@@ -80,7 +81,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _zero(args: argparse.Namespace) -> int:
     config = arm_config(args)
-    joints = args.joint or [motor.name for motor in load_arm(config.arm).motors]
+    arm = load_arm(config.arm)
+    joints = args.joint or [motor.name for motor in arm.motors]
     if config.arm == NO_ARM:
         raise ConfigError("a gripper has no zero to set: its stops are found by calibration (lerobot-calibrate)")
     need_terminal(args.yes)
@@ -89,7 +91,7 @@ def _zero(args: argparse.Namespace) -> int:
         "wrong pose makes the arm drive into its stops in the next session. The motors stay limp: support the arm."
     )
     with own_bus(config) as bus:
-        zeroing = Zeroing(_with_gripper(args, config, bus), bus, joints)
+        zeroing = Zeroing(_with_gripper(args, config, bus, arm), bus, joints)
         zeroing.inspect()
         tell(angles(zeroing, zeroing.read()))
         tell(guidance(zeroing))
@@ -104,11 +106,11 @@ def _zero(args: argparse.Namespace) -> int:
     return 0
 
 
-def _with_gripper(args: argparse.Namespace, config: ArmConfig, bus: can.BusABC) -> ArmConfig:
+def _with_gripper(args: argparse.Namespace, config: ArmConfig, bus: can.BusABC, arm: ArmProfile) -> ArmConfig:
     """The configuration with the gripper that answers, unless one was given: its motor must not change."""
     if args.gripper is not None:
         return config
-    found = probe_role(bus, config.channel, gripper_id(load_arm(config.arm)))
+    found = probe_role(bus, config.channel, gripper_id(arm))
     return arm_config(args, gripper=likely_gripper(found))
 
 

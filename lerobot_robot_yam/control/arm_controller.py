@@ -50,12 +50,12 @@ class ArmController:
         self.config, self.name = hardware.config, hardware.name
         self.status = status = ArmStatus(self.name, floats=self.config.start == "float")
         self.actuation = arm = Actuation(hardware, bus, status, gravity)
-        self._floating = FloatMonitor(arm.interface, arm.impedance, arm.hardware)
+        self._floating = FloatMonitor(arm.interface, arm.impedance, hardware)
         self.bring_up = BringUp(arm, self._floating)
         self.landing = LandingResponse(arm)
         self.faults = FaultResponse(arm, self.landing, self.bring_up, self._floating)
         self._stop = StopResponse(arm, self.landing, self.faults)
-        self._progress = ProgressMonitor(self.name, [m.name for m in arm.hardware.motors[: arm.hardware.joints]])
+        self._progress = ProgressMonitor(self.name, hardware.joint_names)
         self._last_target_at = -math.inf
         self._stop_triggers = StopTriggers(hardware)
         self.handle = arm.interface.read_handle(-math.inf)  # trigger, buttons, stamp
@@ -134,20 +134,16 @@ class ArmController:
             status.limited |= Limited.COMMAND_TIMEOUT
             logger.warning("%s: no target for %g s; it holds", self.name, self.config.command_timeout_s)
             arm.hold_here()
-        if status.mode is Mode.TRACK and now - self._heard_s() > _UNHEARD_S + arm.chain.round_trip.one_way_s:
-            arm.setpoint.stop()  # or it would run ahead of an arm that does not hear, which would then hurry after it
+        if status.mode is Mode.TRACK:
+            heard_s = arm.chain.stamp_s if arm.all_usable else arm.chain.stamp_s[arm.usable]  # but for lost motors
+            if now - min(heard_s.tolist(), default=math.inf) > _UNHEARD_S + arm.chain.round_trip.one_way_s:
+                arm.setpoint.stop()  # or it would run ahead of an arm that does not hear, which would hurry after it
         if arm.landing is not None:
             self.landing.advance(now)
         elif status.mode in (Mode.HOLD, Mode.TRACK):
             j = slice(arm.hardware.joints)
             gap = (arm.setpoint.q - arm.here)[j]
             self._progress.by_obstacle(now, gap, arm.impedance.kp[j], arm.hardware.torque_limit_nm[j])
-
-    def _heard_s(self) -> float:
-        """When the motor that has been silent for longest has answered, but for those that are lost."""
-        arm = self.actuation
-        stamps = arm.chain.stamp_s if arm.all_usable else arm.chain.stamp_s[arm.usable]
-        return min(stamps.tolist(), default=math.inf)
 
     def set_target(
         self,

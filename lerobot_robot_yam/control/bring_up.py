@@ -12,21 +12,17 @@ _ENABLE_TICKS = 20  # in which a motor has to say that it is enabled: an answer 
 
 
 class BringUp:
-    """Bring-up of one arm.
-
-    Attributes:
-        after: the mode in which it ends.
-    """
+    """Bring-up of one arm. after: the mode in which it ends."""
 
     def __init__(self, actuation: Actuation, floating: FloatMonitor):
         self._actuation, self._status, self._floating = actuation, actuation.status, floating
         self.after = Mode.FLOAT if self._status.floats else Mode.HOLD
 
-    def energise(self, meanwhile: Callable[[], None] = lambda: None) -> None:
+    def energise(self, on_wait: Callable[[], None] = lambda: None) -> None:
         """Enable the motors, holding the measured pose from the first command on.
 
         Args:
-            meanwhile: called every 20 ms or so.
+            on_wait: called every 20 ms or so.
 
         Raises:
             ChannelInUseError: another driver commands these motors; nothing was sent.
@@ -42,9 +38,9 @@ class BringUp:
                 f"{arm.name}: another driver commands the motors on {arm.config.channel}; stop it and try again"
             )
         try:
-            arm.interface.enable(meanwhile)
+            arm.interface.enable(on_wait)
             for _ in range(_ENABLE_TICKS):
-                meanwhile()
+                on_wait()
                 arm.setpoint.seed(arm.q)  # as of now: since it was inspected, a hand may have moved a limp arm
                 arm.compute_command(0.0, 0.0)
                 finding = arm.interface.exchange(arm.impedance.commands)

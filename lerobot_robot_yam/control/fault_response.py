@@ -54,10 +54,8 @@ class FaultResponse:
             status.trouble, status.message = Trouble.INTERNAL_ERROR, f"internal error, holding: {error!r}"
             self._news = status.trouble
             status.enter(Mode.FAULT)
-            arm.setpoint.stop()
+            arm.stop_moving()
             arm.use_gains()
-            if arm.gripper is not None:
-                arm.gripper.stop_search()
         self._landing.cancel()
         arm.repeat()
 

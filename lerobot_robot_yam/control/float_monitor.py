@@ -39,7 +39,7 @@ class GravityBalance:
     """
 
     def __init__(self, names: Sequence[str], range_nm: np.ndarray):
-        self._names = tuple(names)
+        self._names = names
         self._least = _WRONG_NM * np.asarray(range_nm, dtype=float)
         self._still_since = math.inf
         self._before = -math.inf
@@ -92,20 +92,13 @@ class GravityBalance:
 
 
 class FloatMonitor:
-    """Monitors one arm. Call `watch` once per tick, before the other methods.
-
-    Args:
-        interface, impedance, hardware: of the arm.
-    """
+    """Monitors one arm. Call `watch` once per tick, before the other methods."""
 
     def __init__(self, interface: JointInterface, impedance: Impedance, hardware: ResolvedArm):
-        joints = hardware.motors[: hardware.joints]
         self._interface, self._impedance, self._hardware = interface, impedance, hardware
-        self._j = slice(hardware.joints)
-        self._names = [motor.name for motor in joints]
-        self._balance = GravityBalance(
-            self._names, np.array([motor_type(motor.type).torque_max_nm for motor in joints])
-        )
+        self._j, self._names = slice(hardware.joints), hardware.joint_names
+        ranges = [motor_type(motor.type).torque_max_nm for motor in hardware.motors[self._j]]
+        self._balance = GravityBalance(self._names, np.array(ranges))
         self._now = -math.inf
         self._awaited_since: float | None = None
 

@@ -38,9 +38,9 @@ class HoldIntegral:
         tau += ki e' dt,  |tau| ≤ limit,  e' = the part of e = q_set − q outside the deadband
 
     It works only while the set-point rests. When the set-point moves, or the arm floats or lands, the torque fades away
-    (`_LEAK_S`): what was missing in one pose is not what is missing in the next, and a sudden end would be
-    a knock. While the torque clip acts, or where the error is too large for sag, it does not grow. The deadband keeps
-    it from hunting: against dry friction an integral without one creeps to and fro for ever.
+    (`_LEAK_S`): what was missing in one pose is not what is missing in the next, and a sudden end would be a knock.
+    While the torque clip acts, or where the error is too large for sag, it does not grow. The deadband keeps it from
+    hunting: against dry friction an integral without one creeps to and fro for ever.
 
     Args:
         ki: (n,) Nm/(rad s).
@@ -204,9 +204,10 @@ class Impedance:
         q_set, dq_set = setpoint.asked
         still = holding and bool(np.abs(dq_set[j]).max(initial=0.0) < _STILL_RAD_S)
         error = q_set[j] - q[j]
-        tau[j] += self._friction(dq_set[j])
+        beside = self._friction(dq_set[j])
         if self._integral is not None:
-            tau[j] += self._integral.advance(error, 0.0 if stopped else dt, still, self._clipped)
+            beside = beside + self._integral.advance(error, 0.0 if stopped else dt, still, self._clipped)
+        tau[j] += beside
         if learns:
             self._landing = self._landing or HoldIntegral.for_landing(hw.kp[j], hw.torque_limit_nm[j])
             self._landing.advance(error, dt, True, self._clipped)

@@ -44,7 +44,7 @@ class JointInterface:
         q, dq, tau: (n,) rad, rad/s, Nm; the gripper's q is 0 closed … 1 open, its dq strokes/s.
         motor_q, motor_dq: the same, the gripper's in rad and rad/s.
         before: q and dq as those, of each motor's sample before; NaN before there is one.
-        meanwhile: called between questions that a running loop waits for, so that it may hold the other arms.
+        on_wait: called between questions that a running loop waits for, so that it may hold the other arms.
     """
 
     def __init__(self, hardware: ResolvedArm, bus: can.BusABC):
@@ -64,7 +64,7 @@ class JointInterface:
         self.motor_q, self.motor_dq = np.zeros(n), np.zeros(n)
         self.before = np.full(n, np.nan), np.full(n, np.nan)
         self.sent = np.zeros((n, 5))  # in joint coordinates
-        self.meanwhile: Callable[[], None] = lambda: None
+        self.on_wait: Callable[[], None] = lambda: None
         self._handle_silent = False
 
     @property
@@ -105,17 +105,17 @@ class JointInterface:
                 break
         self.read()
 
-    def enable(self, meanwhile: Callable[[], None] = lambda: None) -> None:
+    def enable(self, on_wait: Callable[[], None] = lambda: None) -> None:
         """Enable all motors, and hear where they are by now; they wait for a command, without torque.
 
         Args:
-            meanwhile: called between questions.
+            on_wait: called between questions.
 
         Raises:
             MotorError: one does not answer.
         """
         self.chain.feedback.believe(range(len(self.chain)))
-        silent = [self.chain.motors[i] for i in self._enable(range(len(self.chain)), _SOON_S, _ASK_AGAIN, meanwhile)]
+        silent = [self.chain.motors[i] for i in self._enable(range(len(self.chain)), _SOON_S, _ASK_AGAIN, on_wait)]
         self.read()
         if silent:
             names = ", ".join(f"{motor.name} (id {motor.can_id})" for motor in silent)
@@ -124,7 +124,7 @@ class JointInterface:
             )
 
     def _enable(
-        self, motors: Iterable[int], timeout_s: float, attempts: int, meanwhile: Callable[[], None] = lambda: None
+        self, motors: Iterable[int], timeout_s: float, attempts: int, on_wait: Callable[[], None] = lambda: None
     ) -> list[int]:
         """ENABLE, again where it or its answer has got lost; returns the motors that have not answered."""
         off, silent = list(motors), []
@@ -134,7 +134,7 @@ class JointInterface:
             off = [i for i in off if not answered[i] or self.chain.fault[i] == Fault.DISABLED]
             if not off:
                 break
-            meanwhile()
+            on_wait()
         return silent
 
     def clear_and_enable(self, motors: Sequence[int]) -> list[int]:
@@ -154,13 +154,13 @@ class JointInterface:
                 if (chain.stamp_s[motors] > asked_s).all():
                     break
                 chain.refresh(_ANSWER_S)
-                self.meanwhile()
+                self.on_wait()
             silence_s = chain.silence_s(chain.clock.now())
             heard = [i for i in motors if silence_s[i] < SILENT_S]
             off = [i for i in heard if chain.fault[i] != Fault.NORMAL]
             chain.special(SpecialCommand.CLEAR, _ANSWER_S, off)
-            self.meanwhile()
-            self._enable(off, _ANSWER_S, _REARM_ATTEMPTS, self.meanwhile)
+            self.on_wait()
+            self._enable(off, _ANSWER_S, _REARM_ATTEMPTS, self.on_wait)
             self.read()
             try:
                 self._resolve([i for i in off if i < self._hardware.joints])  # without power it forgets its turn
@@ -199,7 +199,7 @@ class JointInterface:
         with self.chain.in_haste():
             for _ in range(3):
                 self.chain.special(SpecialCommand.DISABLE, _OFF_S)
-                self.meanwhile()
+                self.on_wait()
                 if (self.chain.fault != Fault.NORMAL).all():
                     break
         return [self.chain.motors[i].name for i in np.flatnonzero(self.chain.fault == Fault.NORMAL)]

@@ -69,14 +69,14 @@ class ControlLoop:
         self._tick = 0
         self._last = 0.0  # when the laws were asked last
         for controller in controllers:
-            controller.actuation.interface.meanwhile = functools.partial(self._hold_others, controller)
+            controller.actuation.interface.on_wait = functools.partial(self._hold_others, controller)
 
     def start(self) -> None:
         """Energise every arm, or leave all of them limp. Raises YamError: names what failed."""
         self._ready = False
         begun: list[tuple[ArmController, ControllerBlocks]] = []
 
-        def meanwhile() -> None:
+        def on_wait() -> None:
             """Hold the arms that are up, and tell a stand-by of them and of the next one, however long it takes."""
             self._tick += 1
             refuse_stopped(begun[-1][0].name, self._stop)
@@ -89,8 +89,8 @@ class ControlLoop:
             for controller, blocks in zip(self._controllers, self._blocks, strict=True):
                 controller.actuation.setpoint.seed(controller.actuation.q)
                 begun.append((controller, blocks))
-                meanwhile()
-                controller.bring_up.energise(meanwhile)
+                on_wait()
+                controller.bring_up.energise(on_wait)
         except BaseException:
             for controller, blocks in begun:  # they were limp a moment ago and have not moved
                 controller.bring_up.abandon()

@@ -11,14 +11,6 @@ from lerobot_robot_yam.control.state_publisher import ControllerBlocks
 from lerobot_robot_yam.state.records import BlockPair
 
 
-def _workspace_guard(controllers: Sequence[ArmController]) -> WorkspaceGuard | None:
-    """The guard that keeps these arms clear of things and each other; None when nothing is forbidden."""
-    if not any(c.config.workspace.limits_anything for c in controllers):
-        return None
-    arms = [controller.actuation.hardware for controller in controllers]
-    return WorkspaceGuard([GuardedArm(a.name, a.arm, a.gripper, a.config.workspace, a.tilt_rad) for a in arms])
-
-
 def build(arms: Sequence[ResolvedArm], keys: Sequence[str], buses: Sequence, pairs: Sequence[BlockPair]) -> ControlLoop:
     """Build controllers on open buses and inspect them: what can be refused without torque is refused here.
 
@@ -28,11 +20,14 @@ def build(arms: Sequence[ResolvedArm], keys: Sequence[str], buses: Sequence, pai
     controllers = [ArmController(arm, bus) for arm, bus in zip(arms, buses, strict=True)]
     for controller in controllers:
         controller.inspect()
+    guarded = [GuardedArm(arm.name, arm.arm, arm.gripper, arm.config.workspace, arm.tilt_rad) for arm in arms]
+    limited = any(arm.config.workspace.limits_anything for arm in arms)
+    guard = WorkspaceGuard(guarded) if limited else None
     blocks: list[ControllerBlocks] = []
     try:
         for controller, key, pair in zip(controllers, keys, pairs, strict=True):
             blocks.append(ControllerBlocks(controller, key, pair))
-        return ControlLoop(controllers, blocks, arms[0].config.rate_hz, _workspace_guard(controllers))
+        return ControlLoop(controllers, blocks, arms[0].config.rate_hz, guard)
     except BaseException:
         for made in blocks:
             made.close(remove=True)

@@ -56,8 +56,7 @@ class StopTriggers:
         self._down = True  # held down at start it means nothing until it has been released
         self._effort: EffortLimit | None = None
         if config.effort_limit_nm is not None and hardware.joints:
-            names = [motor.name for motor in hardware.motors[: hardware.joints]]
-            self._effort = EffortLimit(np.array(config.effort_limit_nm), names)
+            self._effort = EffortLimit(np.array(config.effort_limit_nm), hardware.joint_names)
 
     def check(self, now: float, buttons: tuple[bool, bool], tau_nm: np.ndarray, works: bool) -> str:
         """Why everything has to stop, empty when it has not.

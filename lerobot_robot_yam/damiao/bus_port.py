@@ -76,11 +76,7 @@ class BusPort:
         self._asked_s = (self._asked_s[1], now)
 
     def send(self, messages: Sequence[can.Message]) -> None:
-        """Queue frames without waiting for anything.
-
-        Raises:
-            BusError: the channel is gone or its transmit queue is full.
-        """
+        """Queue frames without waiting. Raises BusError: the channel is gone or its transmit queue is full."""
         try:
             if self._send_many is not None:
                 self._send_many(messages)

@@ -86,9 +86,7 @@ def encode_mit(motor_type: str, position: float, velocity: float, kp: float, kd:
     except OverflowError:  # an integer beyond any float
         plain = False
     if not plain:  # numpy's small types overflow in the arithmetic below
-        position, velocity, kp, kd, torque = _finite(
-            "motor command", position=position, velocity=velocity, kp=kp, kd=kd, torque=torque
-        )
+        position, velocity, kp, kd, torque = _finite(position=position, velocity=velocity, kp=kp, kd=kd, torque=torque)
     try:
         p_max, v_max, t_max, kp_max, kd_max = _ROWS[motor_type]
     except KeyError:
@@ -193,34 +191,10 @@ def unpack_feedback(ranges: Ranges, data: bytes) -> tuple[int, int, float, float
     )
 
 
-def encode_feedback(
-    motor_type: str,
-    motor_id: int,
-    fault: int,
-    position: float,
-    velocity: float,
-    torque: float,
-    temp_mos: int,
-    temp_rotor: int,
-) -> bytes:
-    """Feedback frame of a motor of this type, 8 bytes; inverse of `decode_feedback`. Values are clamped.
-
-    Raises:
-        ActionError: a value is NaN or infinite.
-        ConfigError: unknown motor type.
-    """
-    position, velocity, torque, mos, rotor = _finite(
-        "feedback frame", position=position, velocity=velocity, torque=torque, temp_mos=temp_mos, temp_rotor=temp_rotor
-    )
-    return pack_feedback(
-        ranges_of(motor_type), fault << 4 | motor_id & 0xF, position, velocity, torque, int(mos), int(rotor)
-    )
-
-
 def pack_feedback(
     ranges: Ranges, status: int, position: float, velocity: float, torque: float, temp_mos: int, temp_rotor: int
 ) -> bytes:
-    """`encode_feedback` of finite numbers, for the virtual rig, with nothing checked; `status` is fault << 4 | id."""
+    """Feedback frame of a motor of the virtual rig: finite numbers, clamped; `status` is fault << 4 | id."""
     p_max, v_max, t_max, _, _ = ranges
     position = p_max if position > p_max else -p_max if position < -p_max else position
     velocity = v_max if velocity > v_max else -v_max if velocity < -v_max else velocity
@@ -248,7 +222,7 @@ def decode_position_velocity(data: bytes) -> tuple[float, float]:
     return position, velocity_limit
 
 
-def _finite(what: str, **values: float) -> list[float]:
+def _finite(**values: float) -> list[float]:
     """The values as plain floats. Raises ActionError that names the value that is not finite."""
     plain = []
     for name, value in values.items():
@@ -257,7 +231,7 @@ def _finite(what: str, **values: float) -> list[float]:
         except OverflowError:
             number = inf
         if not isfinite(number):
-            raise ActionError(f"{name} of a {what} is {number}; nothing was sent, check its source")
+            raise ActionError(f"{name} of a motor command is {number}; nothing was sent, check its source")
         plain.append(number)
     return plain
 

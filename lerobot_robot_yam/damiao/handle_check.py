@@ -5,7 +5,6 @@ Steps and limits: I2RT encoder driver v1.2.4.
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import can
 
@@ -37,18 +36,11 @@ _SILENCE_S = 0.1  # after a change of the report frequency, wait for so long wit
 _SILENCE_LIMIT_S = 3.0
 
 
-@dataclass(frozen=True)
-class HandleInfo:
-    """Firmware version and report frequency that the handle was found with."""
-
-    firmware: tuple[int, int, int]
-    report_frequency_hz: int
-
-
-def prepare_handle(bus: can.BusABC, channel: str, timeout_s: float = 0.1) -> HandleInfo:
+def prepare_handle(bus: can.BusABC, channel: str, timeout_s: float = 0.1) -> tuple[tuple[int, int, int], int]:
     """Find the handle, make it report on request only and, if it is an older one, sample as fast as it can.
 
-    Waits up to three times `timeout_s` per question.
+    Waits up to three times `timeout_s` per question. Returns the firmware version, and the report frequency (Hz) with
+    which it was found.
 
     Raises:
         MotorError: no handle answers, its firmware is too old, or it goes on reporting by itself.
@@ -78,7 +70,7 @@ def prepare_handle(bus: can.BusABC, channel: str, timeout_s: float = 0.1) -> Han
         changed = True
     if changed:
         _wait_for_silence(port)
-    return HandleInfo(firmware, frequency_hz)
+    return firmware, frequency_hz
 
 
 def _frequency(port: BusPort, low: int, high: int, what: str, timeout_s: float) -> int:

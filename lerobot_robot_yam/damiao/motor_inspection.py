@@ -32,18 +32,18 @@ _PRESENCE_ATTEMPTS = 3
 _DUPLICATE_WAIT_S = 0.01
 
 
-def check_bandwidth(motors: int, encoder: bool, rate_hz: float, bitrate: int = BITRATE) -> None:
+def check_bandwidth(motors: int, encoder: bool, rate_hz: float) -> None:
     """Refuse a loop rate that the wire cannot carry: 2 · devices · 130 bit · rate ≤ bitrate / 1.1.
 
     Raises:
         ConfigError: it cannot; the message says which rate it can.
     """
     bits_per_tick = 2 * (motors + encoder) * BITS_PER_FRAME
-    limit_hz = bitrate / BANDWIDTH_MARGIN / bits_per_tick
+    limit_hz = BITRATE / BANDWIDTH_MARGIN / bits_per_tick
     if rate_hz > limit_hz:
         raise ConfigError(
             f"{motors} motors{' and a handle' if encoder else ''} at {rate_hz:g} Hz do not fit a CAN bus of "
-            f"{bitrate} bit/s; at most {limit_hz:.0f} Hz do"
+            f"{BITRATE} bit/s; at most {limit_hz:.0f} Hz do"
         )
 
 

@@ -38,7 +38,7 @@ _GAINED_RAD_S = 2.5  # by a joint from one sample to the next
 _DOUBTS = 4  # answers that cannot be, of which one is forgotten for every so many good ones
 _FORGET = 1.0 / 50.0
 
-_UNHEARD_S = 0.02  # five ticks: nobody has seen what it did meanwhile, and one reading is not enough to tell
+_UNHEARD_S = 0.02  # five ticks: nobody has seen what it did, and one reading is not enough to tell
 
 
 class _Sample(NamedTuple):
@@ -151,7 +151,7 @@ class Plausibility:
 
 
 def _continues(before: _Sample, after: _Sample, slack: float) -> bool:
-    """Whether a joint can have got from one sample to another, if the adapter is as it was; from none, always."""
+    """Whether a joint can have got from one sample, if there is one, to another, if the adapter is as it was."""
     return _reaches(before, after, after.likely_s - before.latest_s, after.latest_s - before.likely_s, slack)
 
 

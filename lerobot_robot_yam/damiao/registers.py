@@ -10,7 +10,7 @@ import contextlib
 import math
 import struct
 from enum import IntEnum
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from lerobot_robot_yam.errors import ConfigError
 
@@ -99,22 +99,13 @@ class Register(IntEnum):
 REGISTERS = {register.value: register for register in Register}
 
 
-class RegisterRequest(NamedTuple):
-    """A decoded request. `value` is None unless the request writes; `register` may be unknown."""
+class RegisterFrame(NamedTuple):
+    """A decoded request, whose `register` may be unknown, or reply; `value` is None in requests that do not write."""
 
     motor_id: int
     opcode: int
     register: int
-    value: float | int | None
-
-
-class RegisterReply(NamedTuple):
-    """A decoded reply; `value` in the register's unit."""
-
-    motor_id: int
-    opcode: int
-    register: int
-    value: float | int
+    value: Any
 
 
 def register_row(register: int) -> Register:
@@ -153,17 +144,15 @@ def encode_refresh(motor_id: int) -> bytes:
     return _HEADER.pack(motor_id, Opcode.REFRESH, 0, _ZEROS)
 
 
-def decode_request(data: bytes) -> RegisterRequest | None:
+def decode_request(data: bytes) -> RegisterFrame | None:
     """The request in a 0x7FF frame, as a motor reads it, or None for any other frame."""
     if not 4 <= len(data) <= 8:
         return None
     motor_id, opcode, register, raw = _HEADER.unpack(bytes(data).ljust(8, b"\x00"))
-    if opcode == Opcode.WRITE:
-        if register not in REGISTERS:
-            return None
-        return RegisterRequest(motor_id, opcode, register, decode_value(register, raw))
+    if opcode == Opcode.WRITE and register in REGISTERS:
+        return RegisterFrame(motor_id, opcode, register, decode_value(register, raw))
     if opcode in (Opcode.READ, Opcode.STORE, Opcode.REFRESH):
-        return RegisterRequest(motor_id, opcode, register, None)
+        return RegisterFrame(motor_id, opcode, register, None)
     return None
 
 
@@ -172,20 +161,16 @@ def encode_reply(motor_id: int, opcode: int, register: int, value: float) -> byt
     return _HEADER.pack(motor_id, opcode, register, encode_value(register, value))
 
 
-def decode_reply(data: bytes) -> RegisterReply | None:
+def decode_reply(data: bytes) -> RegisterFrame | None:
     """A read or write reply, or None when the frame cannot be one (then it is feedback)."""
     if len(data) != 8 or data[1] > 7 or data[2] not in (Opcode.READ, Opcode.WRITE) or data[3] not in REGISTERS:
         return None
     motor_id, opcode, register, raw = _HEADER.unpack(data)
-    return RegisterReply(motor_id, opcode, register, decode_value(register, raw))
+    return RegisterFrame(motor_id, opcode, register, decode_value(register, raw))
 
 
 def encode_value(register: int, value: float) -> bytes:
-    """Four little-endian bytes of a register's value.
-
-    Raises:
-        ConfigError: unknown register, or a value it cannot hold.
-    """
+    """Four little-endian bytes of a value. Raises ConfigError: unknown register, or a value it cannot hold."""
     row = register_row(register)
     with contextlib.suppress(OverflowError, ValueError, TypeError, struct.error):  # too large, NaN, no number
         if row.kind == "float":

@@ -142,7 +142,7 @@ class Requests:
         return ()
 
     def _end_silence(self, owed: list[int]) -> None:
-        """Too few motors for a group, so none was asked for a tick. Answers that did not come in it are lost."""
+        """Too few motors for a group, so no motor was asked for a tick. Answers that did not come in it are lost."""
         if owed == self._silence:
             self.forget()
         else:

@@ -74,13 +74,9 @@ class ReceiveMode(StrEnum):
 
     def feedback_id(self, motor_id: int) -> int:
         """CAN identifier of the feedback frames of motor `motor_id`."""
-        if self is ReceiveMode.P16:
-            return motor_id + 16
-        if self is ReceiveMode.SAME:
-            return motor_id
         if self is ReceiveMode.ZERO:
             return 0
-        return motor_id + 1
+        return motor_id + {ReceiveMode.P16: 16, ReceiveMode.SAME: 0}.get(self, 1)
 
 
 @dataclass(frozen=True)

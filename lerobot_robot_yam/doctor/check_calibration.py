@@ -49,7 +49,7 @@ def _check_file(path: Path, gripper: str, target: Target | None, section: Sectio
             return
         row["span_rad"] = round(abs(stops.span_rad), 4)
         row["age_days"] = round((time.time() - path.stat().st_mtime) / _DAY_S, 1)
-        profile = load_gripper(target.config.gripper if target else gripper)
+        profile = target.hardware.gripper if target else load_gripper(gripper)
         if profile.calibration is not None:
             check_span(where, profile.calibration, stops.closed_rad, stops.open_rad)
     except (GripperError, OSError) as error:

@@ -118,11 +118,7 @@ class ArmClient:
         return np.array(target[: hw.joints]), target[-1] if hw.has_gripper else None
 
     def _validated_options(self, **given: Vector | None) -> dict[str, np.ndarray]:
-        """Speed and gains of a target, as far as they are given, (n,) each.
-
-        Raises:
-            ActionError: wrong shape, not finite, or more than a motor takes.
-        """
+        """Speed and gains of a target, (n,) each, as far as they are given; ActionError if they are not possible."""
         options = {}
         for field, value in given.items():
             if value is not None:
@@ -131,11 +127,7 @@ class ArmClient:
         return options
 
     def hold(self) -> None:
-        """Keep the present set-point, or the measured pose when floating.
-
-        Raises:
-            LifeCycleError: not from the present state.
-        """
+        """Keep the set-point, or the measured pose when floating. Raises LifeCycleError: not from this state."""
         self._request(Request.HOLD)
 
     def float(self) -> None:

@@ -54,11 +54,7 @@ class StateReader:
             block.close()
 
     def published(self) -> ArmState:
-        """The state as last published, however old, whatever is wrong with the arm.
-
-        Raises:
-            LifeCycleError: not connected.
-        """
+        """The state as last published, however old, whatever is wrong. Raises LifeCycleError: not connected."""
         payload = self.block.read_bytes()
         if payload is None:
             raise LifeCycleError(f"{self._config.name}: not connected")

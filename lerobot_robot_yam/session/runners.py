@@ -102,6 +102,7 @@ class ProcessRunner:
             raise getattr(errors, reply["kind"], YamError)(reply["error"])
 
     def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
+        """Have it land and end; True when nothing drives the arms any more."""
         child, self._child = self._child, None
         lifeline = self._lifeline
         if child is None or lifeline is None:
@@ -157,6 +158,7 @@ class ThreadRunner:
             raise self._error
 
     def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
+        """Have it land and end; True when nothing drives the arms any more."""
         self._land.set()
         return self._thread.ident is None or wait_patiently(lambda: not self._thread.is_alive(), outlives_us=False)
 

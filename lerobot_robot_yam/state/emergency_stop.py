@@ -107,8 +107,11 @@ class EmergencyStop:
                 if error.errno not in _FULL:
                     raise
                 os.fchmod(directory, stat.S_IMODE(os.fstat(directory).st_mode) | stat.S_ISVTX)
-            else:
-                self._tell(file, why)
+            else:  # the file itself is the latch; the reason may not find room
+                data = {"why": why, "pid": os.getpid(), "at": time.strftime("%Y-%m-%d %H:%M:%S")}
+                with contextlib.suppress(OSError), open(file, "w") as text:
+                    os.fchmod(file, 0o644)  # a user whom root stops must be able to read why
+                    text.write(json.dumps(data) + "\n")
         self._unwritten = False
         logger.error("emergency stop: %s; release it with `yam-estop release`", why)
 
@@ -128,11 +131,3 @@ class EmergencyStop:
             yield directory
         finally:
             os.close(directory)
-
-    @staticmethod
-    def _tell(file: int, why: str) -> None:
-        """Write the reason; the file itself is the latch."""
-        data = {"why": why, "pid": os.getpid(), "at": time.strftime("%Y-%m-%d %H:%M:%S")}
-        with contextlib.suppress(OSError), open(file, "w") as text:
-            os.fchmod(file, 0o644)  # a user whom root stops must be able to read why
-            text.write(json.dumps(data) + "\n")

@@ -3,8 +3,8 @@
 A record has a slot for each motor that an arm could have: first come its joints, then its gripper if that has a motor,
 and the rest is unused. The state says how many there are. SI units; gripper 0 closed … 1 open.
 
-Each record is in a block of its own. The caller makes the memory of both and hands the descriptors on, so that no file
-has to be there or stay there.
+Each record has its block. The caller makes the memory of both and hands the descriptors on, so that no file has to be
+there or stay there.
 """
 
 import math

@@ -28,7 +28,9 @@ def request_realtime(priority: int) -> str:
     gc.collect()
     gc.freeze()
     _LIBC.prctl(_PR_SET_TIMERSLACK, 1000, 0, 0, 0)
-    return f"{_request_scheduling(priority)}, {_lock_memory()}"
+    scheduling = _request_scheduling(priority)
+    locked = _LIBC.mlockall(_MCL_CURRENT | _MCL_FUTURE) == 0
+    return f"{scheduling}, memory {'locked' if locked else 'not locked'}"
 
 
 def avoid_oom_killer() -> str:
@@ -61,7 +63,3 @@ def _request_scheduling(priority: int) -> str:
         if kernel >= (6, 12) and _LIBC.syscall(_SCHED_SETATTR, 0, attributes, 0) == 0:
             return "normal scheduling with 0.1 ms slices"
     return "normal scheduling (real time was refused)"
-
-
-def _lock_memory() -> str:
-    return "memory locked" if _LIBC.mlockall(_MCL_CURRENT | _MCL_FUTURE) == 0 else "memory not locked"

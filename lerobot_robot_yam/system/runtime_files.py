@@ -15,7 +15,7 @@ from lerobot_robot_yam.errors import BusError, ChannelInUseError, ConfigError
 ENV_RUNTIME_DIR = "YAM_RUNTIME_DIR"
 ENV_RIG = "YAM_RIG"
 AUTO_RIG = "auto-"
-LOCK, STATE = "lock-", "state-"  # with a channel's key: who drives it, and what it does
+LOCK, STATE = "lock-", "state-"  # with a channel's key: its driver, and the state of its arm
 _SHARED = (Path("/dev/shm"), Path("/tmp"))  # the same for every shell, unlike XDG_RUNTIME_DIR and TMPDIR
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 _RIG_NAME_MAX = 64  # it is part of a socket's path, which may have 108 bytes in all
@@ -181,7 +181,7 @@ class FileLock:
 def sessions(directory: Path) -> dict[str, str]:
     """Processes that drive arms, by the channel's key, as the locks and states in a runtime directory say.
 
-    A session holds its channel's lock and publishes a state; who only asks the motors holds a lock alone.
+    A session holds its channel's lock and publishes a state; a program that only asks the motors holds the lock alone.
     """
     found = {}
     for lock in sorted(directory.glob(f"{LOCK}*")):

@@ -25,7 +25,7 @@ _READ_TIMEOUT_S = 0.25
 
 
 def allocate(dtype: np.dtype) -> int:
-    """A descriptor of memory for one block of `dtype`, for who hands it to writer and readers.
+    """A descriptor of memory for one block of `dtype`, to be handed to writer and readers.
 
     Raises:
         OSError: there is no memory, or no descriptor left.
@@ -94,7 +94,7 @@ class SharedBlock:
         """Let others find it at `path` for as long as this process has it.
 
         Raises:
-            OSError: nothing can be put there; who has the block already does not notice.
+            OSError: nothing can be put there; readers that have the block already do not notice.
         """
         self.path, self._link = path, sealed_memory.publish(self.descriptor, path)
 
@@ -142,7 +142,7 @@ class SharedBlock:
         return None
 
     def glance(self) -> np.ndarray | None:
-        """As `read` without waiting: None also while a record is being written, for who must not be held up."""
+        """As `read`, for a reader that must not be held up: None also while a record is being written."""
         return self._record(self._copy())
 
     def _record(self, payload: bytes | None) -> np.ndarray | None:

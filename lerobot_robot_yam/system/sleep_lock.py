@@ -2,8 +2,8 @@
 
 A desktop counts keys and mouse only, so it finds no user while leader arms are moved by hand. systemd's log-in
 manager grants a lock for as long as a command runs (`systemd-inhibit`); ours waits for the end of its input, which
-comes with ours however we end. Whether that is enough is said: who has logged in from elsewhere is granted less, and
-before systemd 257 a desktop may suspend in spite of a lock of its own user.
+comes with ours however we end. The log says whether that is enough: a user who has logged in from elsewhere is granted
+less, and before systemd 257 a desktop may suspend in spite of its user's lock.
 """
 
 import contextlib

@@ -13,7 +13,8 @@ from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.ik_solver import LEVER_M
 from lerobot_robot_yam.arm.kinematics import PoseTracker, YamKinematics, pose_distance_m, pose_errors
 from lerobot_robot_yam.arm.model import build_model
-from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS, load_arm, load_gripper
+from lerobot_robot_yam.arm.mounting import resolve_profiles
+from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS
 from lerobot_robot_yam.arm.tool_pose import downward, pose_to_vector, vector_to_pose
 from lerobot_robot_yam.errors import ActionError, ConfigError
 from tests.support.paths import GOLDEN as GOLDEN_FILES
@@ -254,7 +255,7 @@ def clear():
 def judge():
     """Whether the guard of the control loop finds the arm clear of itself at q."""
     workspace = WorkspaceConfig(collision_margin_m=MARGIN_M)
-    clearance = Clearance([GuardedArm("arm", load_arm("yam"), load_gripper(GRIPPER), workspace)])
+    clearance = Clearance([GuardedArm("arm", *resolve_profiles("yam", GRIPPER), workspace)])
 
     def is_clear(q):
         clearance.parts.place(q)

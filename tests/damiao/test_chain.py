@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.damiao.chain import MotorChain
-from lerobot_robot_yam.damiao.codec import SpecialCommand, encode_feedback
+from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.handle_encoder import EVENT_ID, HandleEncoder, encode_report
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.damiao.registers import Opcode, Register, encode_reply
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S, ReceiveMode
 from lerobot_robot_yam.errors import ActionError, BusError, ConfigError, MotorError
-from tests.support.desk_bus import SPECS, DeskBus
+from tests.support.desk_bus import SPECS, DeskBus, encode_feedback
 
 STEP_RAD = 25.0 / 65535  # one code of the position
 

@@ -10,6 +10,7 @@ from lerobot_robot_yam.damiao import codec
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.tables import MOTOR_TYPES, VELOCITY_OFFSET, motor_type
 from lerobot_robot_yam.errors import ActionError, ConfigError
+from tests.support.desk_bus import encode_feedback
 from tests.support.paths import GOLDEN as GOLDEN_FILES
 
 GOLDEN = json.loads((GOLDEN_FILES / "mit_frames.json").read_text())
@@ -79,7 +80,7 @@ def test_a_command_survives_up_to_one_code(name, position, velocity, kp, kd, tor
 @settings(max_examples=30, deadline=None)
 def test_feedback_of_the_rig_is_what_a_driver_decodes(name, motor_id, fault, position, temperature):
     row = motor_type(name)
-    frame = codec.encode_feedback(name, motor_id, fault, position, 0.0, 1.0, temperature, 31)
+    frame = encode_feedback(name, motor_id, fault, position, 0.0, 1.0, temperature, 31)
     feedback = codec.decode_feedback(name, frame)
     assert feedback.motor_id == motor_id & 0xF
     assert feedback.fault == fault
@@ -138,7 +139,7 @@ def test_position_velocity_frame():
         lambda: codec.encode_mit("DM9999", 0, 0, 0, 0, 0),
         lambda: codec.decode_mit("DM9999", bytes(8)),
         lambda: codec.decode_feedback("DM9999", bytes(8)),
-        lambda: codec.encode_feedback("DM9999", 1, 1, 0, 0, 0, 0, 0),
+        lambda: encode_feedback("DM9999", 1, 1, 0, 0, 0, 0, 0),
     ],
 )
 def test_unknown_motor_type_lists_the_known_ones(call):

@@ -19,16 +19,14 @@ def bus():
 
 
 def test_a_handle_that_waits_to_be_asked_is_left_alone(bus):
-    info = prepare_handle(bus, "can_leader")
-    assert info.firmware == (2, 4, 0)
-    assert info.report_frequency_hz == 0
+    assert prepare_handle(bus, "can_leader") == ((2, 4, 0), 0)
     assert [m.data.hex() for m in bus.sent] == ["ff03", "ff0719", "ff071c"]
 
 
 def test_a_handle_that_reports_by_itself_is_told_to_wait(bus):
     bus.eeprom[EEPROM_REPORT_FREQUENCY_LOW] = 100
     bus.eeprom[EEPROM_REPORT_FREQUENCY_HIGH] = 0xFF
-    assert prepare_handle(bus, "can_leader").report_frequency_hz == 100
+    assert prepare_handle(bus, "can_leader")[1] == 100
     assert bus.sent[-1].data.hex() == "ff0100"
     assert bus.eeprom[EEPROM_REPORT_FREQUENCY_LOW] == 0
 
@@ -44,7 +42,7 @@ def test_a_handle_that_goes_on_reporting_is_refused(bus, monkeypatch):
 def test_what_others_say_is_no_report_of_the_handle(bus):
     bus.eeprom[EEPROM_REPORT_FREQUENCY_LOW] = 100
     bus.chatter = can.Message(arbitration_id=0x123, data=b"hello", is_extended_id=False)
-    assert prepare_handle(bus, "can_leader").report_frequency_hz == 100
+    assert prepare_handle(bus, "can_leader")[1] == 100
 
 
 @pytest.mark.parametrize(("firmware", "told"), [((2, 3, 0), True), ((2, 4, 0), False)])

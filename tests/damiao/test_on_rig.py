@@ -42,7 +42,7 @@ def test_bring_up_and_exchange_with_a_follower():
 
 def test_a_leader_has_a_handle():
     with can.Bus(interface="yam_sim", channel="leader_left") as bus:
-        assert prepare_handle(bus, "leader_left").report_frequency_hz == 0
+        assert prepare_handle(bus, "leader_left")[1] == 0
         handle = HandleEncoder()
         chain = MotorChain(bus, ARM, channel="leader_left", encoder=handle)
         motor_inspection.verify(chain)

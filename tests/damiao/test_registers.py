@@ -3,9 +3,9 @@ import math
 import pytest
 
 from lerobot_robot_yam.damiao import registers
-from lerobot_robot_yam.damiao.codec import encode_feedback
 from lerobot_robot_yam.damiao.registers import REGISTERS, Opcode, Register
 from lerobot_robot_yam.errors import ConfigError
+from tests.support.desk_bus import encode_feedback
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from lerobot_robot_yam.damiao import codec, handle_check, handle_encoder
+from lerobot_robot_yam.damiao import handle_check, handle_encoder
 from lerobot_robot_yam.damiao.bus_port import BusPort
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.handle_check import prepare_handle
@@ -26,6 +26,7 @@ from lerobot_robot_yam.damiao.registers import decode_reply
 from lerobot_robot_yam.damiao.tables import MOTOR_TYPES
 from lerobot_robot_yam.errors import MotorError
 from tests.support.cases import finite, for_all
+from tests.support.desk_bus import encode_feedback
 from tests.support.frames import SPECS, NoisyBus, impostors, is_classic_data, messages
 
 
@@ -209,7 +210,7 @@ def test_turns_are_followed_however_far(kind, start, steps):
         position += step * (2 * half - 2 * step_rad)
         now += 10.0  # in which it may have gone anywhere
         wrapped = (position + half) % (2 * half) - half
-        store.take(0, codec.encode_feedback(kind, 1, 1, wrapped, 0, 0, 0, 0), now, now, now, now)
+        store.take(0, encode_feedback(kind, 1, 1, wrapped, 0, 0, 0, 0), now, now, now, now)
         store.publish()
         assert abs(store.position_rad[0] - position) <= 1.001 * step_rad
 
@@ -235,14 +236,14 @@ def test_a_handle_is_prepared_or_refused_by_name(monkeypatch_once, firmware, eep
         bus.firmware, bus.eeprom = firmware, bytearray(eeprom)
         bus.noise = [m for m in noise if m.arbitration_id != REQUEST_ID or not is_classic_data(m)]
         try:
-            info = prepare_handle(bus, "desk", timeout_s=1.0 if present else 0.0005)
+            found, frequency_hz = prepare_handle(bus, "desk", timeout_s=1.0 if present else 0.0005)
         except MotorError as error:
             assert "desk" in str(error) and "handle" in str(error)
             assert not present or firmware < FIRMWARE_REQUIRED
             return
-        assert info.firmware == firmware and present
+        assert found == firmware and present
         asked = [m for m in bus.sent if m.data[1] == handle_encoder.OP_SET_REPORT_FREQUENCY]
-        assert bool(asked) == (info.report_frequency_hz > 0)
+        assert bool(asked) == (frequency_hz > 0)
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.kinematics import YamKinematics
 from lerobot_robot_yam.arm.model import build_model
-from lerobot_robot_yam.arm.mounting import arm_ids, gripper_id, mounted
+from lerobot_robot_yam.arm.mounting import arm_ids, gripper_id, mounted, resolve_profiles
 from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.preflight.fingerprint import read_fingerprint
@@ -104,7 +104,7 @@ def test_inverse_kinematics_solve_for_seven_joints():
 
 def test_parts_of_the_arm_keep_their_distance_with_the_fingers_open():
     clearance = Clearance(
-        [GuardedArm("arm", load_arm(ARM), load_gripper("linear_4310"), WorkspaceConfig(collision_margin_m=0.01))]
+        [GuardedArm("arm", *resolve_profiles(ARM, "linear_4310"), WorkspaceConfig(collision_margin_m=0.01))]
     )
     assert clearance.parts.joints == [7] and clearance.parts.open_grippers([0.2])
 

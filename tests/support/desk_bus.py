@@ -9,7 +9,7 @@ from collections import deque
 import can
 
 from lerobot_robot_yam.damiao import handle_encoder, registers
-from lerobot_robot_yam.damiao.codec import SPECIAL_OF, decode_mit, encode_feedback
+from lerobot_robot_yam.damiao.codec import SPECIAL_OF, decode_mit, pack_feedback, ranges_of
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.damiao.registers import Opcode, Register
 from lerobot_robot_yam.damiao.tables import REGISTER_ID, motor_type
@@ -18,6 +18,12 @@ SPECS = [
     *(MotorSpec(f"joint{i + 1}", i + 1, kind) for i, kind in enumerate(["DM4340"] * 3 + ["DM4310"] * 3)),
     MotorSpec("gripper", 7, "DM4310", turns=True),
 ]
+
+
+def encode_feedback(kind, motor_id, fault, position, velocity, torque, temp_mos, temp_rotor) -> bytes:
+    """Feedback frame of a motor of this type: rad, rad/s, Nm, °C."""
+    status = fault << 4 | motor_id & 0xF
+    return pack_feedback(ranges_of(kind), status, position, velocity, torque, int(temp_mos), int(temp_rotor))
 
 
 class DeskBus(can.BusABC):

@@ -211,8 +211,7 @@ def _own_pairs(parts: ArmParts, index: int, arm: GuardedArm, margin: float) -> I
 
 def _apart(parts: ArmParts, arm: int, margin: float, first: Sequence[int], second: Sequence[int]) -> list[Pair]:
     """The pairs with one part of each list, nearer to the base first, that no joint connects."""
-    both = [(a, b) for a in first for b in second if parts.link[b] - parts.link[a] > 1]
-    return [Pair(a, b, margin, (arm,)) for a, b in both]
+    return [Pair(a, b, margin, (arm,)) for a in first for b in second if parts.link[b] - parts.link[a] > 1]
 
 
 def _links_of(parts: ArmParts, pair: Pair) -> tuple[int, int]:

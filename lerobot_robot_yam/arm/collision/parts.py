@@ -15,7 +15,6 @@ import numpy as np
 
 from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.model import base_quat, build_spec
-from lerobot_robot_yam.arm.mounting import mounted
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile, Shape
 from lerobot_robot_yam.errors import ConfigError
 
@@ -33,7 +32,7 @@ _CORNERS = 12  # of the polygons that stand for circles
 
 @dataclass(frozen=True)
 class GuardedArm:
-    """One arm of a control loop, and where it may go."""
+    """One arm of a control loop, its gripper as it is on this arm, and where it may go."""
 
     name: str
     arm: ArmProfile
@@ -78,8 +77,7 @@ class ArmParts:
         joints = [(arm.name, f"joint{j + 1}") for arm in arms for j in range(arm.arm.joint_count)]
         self._joint_bodies = [int(model.joint(f"{arm}/{joint}").bodyid[0]) for arm, joint in joints]
         self._joint_index = np.array([self._qpos(*joint) for joint in joints], dtype=int)
-        fingers = [mounted(arm.gripper, arm.arm).finger_joints for arm in arms]
-        self._fingers = [[self._qpos(arm.name, joint) for joint in row] for arm, row in zip(arms, fingers, strict=True)]
+        self._fingers = [[self._qpos(arm.name, joint) for joint in arm.gripper.finger_joints] for arm in arms]
         self._finger_range = [arm.gripper.finger_range_m for arm in arms]
         self.body = model.geom_bodyid.tolist()
         bodies = [model.body(body).name for body in self.body]

@@ -115,13 +115,9 @@ class Gripper:
             stops = GripperStops(found.value.closed_rad, found.value.open_rad)
             self._use(stops)
             if self._anew and self._configured is not None:
-                logger.warning(
-                    "%s: `gripper_stops_rad` is configured and counts again from the next start; set it to "
-                    "[%.3f, %.3f] or remove it to use what was found now",
-                    self._name,
-                    stops.closed_rad,
-                    stops.open_rad,
-                )
+                what = "%s: `gripper_stops_rad` is configured and counts again from the next start; set it to "
+                what += "[%.3f, %.3f] or remove it to use what was found now"
+                logger.warning(what, self._name, stops.closed_rad, stops.open_rad)
             if self._anew and self._path is not None:
                 try:
                     threading.Thread(target=self._store, args=(self._path, stops), daemon=True).start()
@@ -209,10 +205,7 @@ class Gripper:
 
     def _tell_stall(self) -> None:
         if self._grip.opening:
-            logger.warning(
-                "%s: the gripper is blocked while it opens and eases off; if nothing is in its way, its "
-                "stops are wrong: calibrate again (lerobot-calibrate)",
-                self._name,
-            )
+            what = "%s: the gripper is blocked while it opens and eases off; if nothing is in its way, its stops are "
+            logger.warning(what + "wrong: calibrate again (lerobot-calibrate)", self._name)
         else:
             logger.info("%s: the gripper holds an object; easing off to spare its motor", self._name)

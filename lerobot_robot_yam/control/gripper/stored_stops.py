@@ -45,11 +45,7 @@ def load_stops(arm: str, path: Path, gripper: str) -> GripperStops | None:
 
 
 def save_stops(arm: str, path: Path, gripper: str, stops: GripperStops) -> None:
-    """Write the stops so that a crash in the middle leaves the old file.
-
-    Raises:
-        GripperError: the file cannot be written.
-    """
+    """Write the stops; a crash in the middle leaves the old file. Raises GripperError: it cannot be written."""
     data = {"version": _FILE_VERSION, "gripper": gripper, "closed_rad": stops.closed_rad, "open_rad": stops.open_rad}
     try:
         write_whole(path, json.dumps(data, indent=1) + "\n")

@@ -157,8 +157,7 @@ def clip_torque(
     if before is not None:
         earlier = out[:, KP] * (out[:, Q] - before[0]) + out[:, KD] * (out[:, DQ] - before[1]) + out[:, TAU]
         also = earlier - np.minimum(np.maximum(earlier, -limit_nm), limit_nm)
-        both = np.where(excess * also > 0.0, np.copysign(np.minimum(np.abs(excess), np.abs(also)), excess), 0.0)
-        excess = np.where(np.isnan(also), excess, both)
+        excess = np.where(np.isnan(also), excess, _share(excess, also))
     from_spring = _share(excess, spring)
     from_damping = _share(excess - from_spring, damping)
     out[:, Q] -= from_spring / np.maximum(out[:, KP], 1e-9)

@@ -31,12 +31,9 @@ def open_bus(config: ArmConfig, only: Sequence[int] | None = None) -> can.BusABC
         BusError: unknown interface or channel, or it cannot be opened.
     """
     if config.interface not in _KNOWN:
-        logger.warning(
-            "%s: python-can's %r has been tried with no arm: some interfaces take seconds to open, and no stand-by can "
-            "then land an arm in time, or have clocks that drift; the kernel's (socketcan) is the one to use",
-            config.name,
-            config.interface,
-        )
+        what = "%s: python-can's %r has been tried with no arm: some interfaces take seconds to open, and no stand-by "
+        what += "can then land an arm in time, or have clocks that drift; the kernel's (socketcan) is the one to use"
+        logger.warning(what, config.name, config.interface)
     filters = None if only is None else [{"can_id": i, "can_mask": _ID_MASK, "extended": False} for i in only]
     try:
         return can.Bus(

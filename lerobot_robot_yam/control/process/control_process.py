@@ -19,7 +19,6 @@ import can
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.control.loop import ControlLoop
 from lerobot_robot_yam.control.loop_builder import build
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
 from lerobot_robot_yam.control.preflight.open_bus import keeps_awake, open_bus
@@ -51,36 +50,28 @@ def control(
     Raises:
         YamError: bring-up failed; nothing is energised and everything is released.
     """
-    locks: list[FileLock] = []
+    configs = [arm.config for arm in arms]
     buses: list[can.BusABC] = []
-    loop: ControlLoop | None = None
-    awake, configs = contextlib.ExitStack(), [arm.config for arm in arms]
-    try:
+    with contextlib.ExitStack() as ends:  # the last first
+        for pair in pairs:
+            ends.callback(pair.close)
         refuse_stopped(configs[0].name, EmergencyStop())  # before a lock that another process holds
         for config, key in zip(configs, keys, strict=True):
             lock = FileLock(lock_path(key), f"CAN channel {config.channel}")
             lock.acquire()
-            locks.append(lock)
-        awake.enter_context(keeps_awake(configs))
+            ends.callback(lock.release)
+        ends.enter_context(keeps_awake(configs))
         for config in configs:
             buses.append(open_bus(config))
+            ends.callback(buses[-1].shutdown)
         loop = build(arms, keys, buses, pairs)
+        ends.callback(loop.close, stand_by=realtime)
         if realtime:
             names, granted = ", ".join(c.name for c in configs), request_realtime(RT_PRIORITY)
             logger.info("control loop of %s: %s, %s", names, granted, avoid_oom_killer())
             gc.disable()
         loop.start()
         loop.run(on_ready, must_land)
-    finally:
-        if loop is not None:
-            loop.close(stand_by=realtime)
-        for pair in pairs:
-            pair.close()
-        for bus in buses:
-            bus.shutdown()
-        awake.close()
-        for lock in locks:
-            lock.release()
 
 
 def _answer(**fields: object) -> None:

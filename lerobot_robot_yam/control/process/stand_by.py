@@ -55,7 +55,7 @@ _SHARED = "shares its control group with the control process, so that a freezer 
 
 def spawn(arms: Sequence[ResolvedArm], keys: Sequence[str], pairs: Sequence[BlockPair], rt_priority: int) -> int:
     """Fork the stand-by of this process, which must have opened nothing but its blocks. Returns its pid."""
-    control_pid = os.getpid()
+    control_pid, configs = os.getpid(), [arm.config for arm in arms]
     pid = os.fork()
     if pid:
         return pid
@@ -71,9 +71,7 @@ def spawn(arms: Sequence[ResolvedArm], keys: Sequence[str], pairs: Sequence[Bloc
         with log_from_a_thread():
             threading.Thread(target=_leave_group, name="yam-group", daemon=True).start()  # nothing waits for it
             stand_by = StandBy(arms, keys, pairs, control_pid)
-            with keeps_awake(
-                [arm.config for arm in arms], quiet=True
-            ):  # now: no program may be started while an arm falls
+            with keeps_awake(configs, quiet=True):  # now: no program may be started while an arm falls
                 stand_by.run(rt_priority)
         status = 0
     except BaseException:
@@ -213,11 +211,7 @@ def _group() -> str:
 
 
 def _ask_systemd(group: str) -> None:
-    """Have the manager that lives as long as we do make a scope.
-
-    Raises:
-        OSError, TimeoutExpired: no manager answers, or it refuses.
-    """
+    """Have the manager that lives as long as we do make a scope; OSError or TimeoutExpired if it does not."""
     uid, environment = os.getuid(), dict(os.environ)
     if uid:
         # At log-out the user's manager ends with all its scopes; processes started in a session may live on.

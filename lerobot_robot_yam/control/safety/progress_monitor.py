@@ -59,10 +59,5 @@ class ProgressMonitor:
         self._told &= presses
         for joint in np.flatnonzero(~self._told & (now - self._since_s > _PRESSED_S)):
             self._told[joint] = True
-            logger.warning(
-                "%s: %s is %.2f rad from where it is told to be and presses on: something is in its way, "
-                "or it carries more than it can",
-                self._arm,
-                self._joints[joint],
-                abs(gap_rad[joint]),
-            )
+            what = "%s: %s is %.2f rad from where it is told to be and presses on: something is in its way, or it "
+            logger.warning(what + "carries more than it can", self._arm, self._joints[joint], abs(gap_rad[joint]))

@@ -37,7 +37,7 @@ class _Side:
         self.hardware = hardware = session.hardware(config.name)
         self.joints = hardware.joints
         self.has_gripper = hardware.has_gripper or (handles and hardware.gripper.handle_encoder)
-        self.motors = motor_names(prefix, config, handles)
+        self.motors = motor_names(prefix, self.joints, self.has_gripper)
         self.slice = slice(start, start + self.joints)
         self.gripper_index = start + self.joints if self.has_gripper else None
 

@@ -15,30 +15,24 @@ _SPACES = {
 }
 
 
-def motor_names(prefix: str, arm: ArmConfig, handles: bool = False) -> list[str]:
-    """`joint_1`, `joint_2` …, `gripper` behind a prefix such as `left_`.
-
-    Raises:
-        ConfigError: unknown arm or gripper.
-    """
-    gripper = load_gripper(arm.gripper)
-    has_gripper = gripper.motor is not None or (handles and gripper.handle_encoder)
-    names = [f"{prefix}joint_{index + 1}" for index in range(load_arm(arm.arm).joint_count)]
-    return names + [f"{prefix}gripper"] * has_gripper
+def motor_names(prefix: str, joints: int, gripper: bool) -> list[str]:
+    """`joint_1`, `joint_2` …, `gripper` behind a prefix such as `left_`."""
+    return [f"{prefix}joint_{index + 1}" for index in range(joints)] + [f"{prefix}gripper"] * gripper
 
 
 def motors_of(arms: Mapping[str, ArmConfig]) -> list[str]:
-    """Names of the motors of arms by prefix."""
-    return [motor for prefix, arm in arms.items() for motor in motor_names(prefix, arm)]
+    """Names of the motors of arms by prefix. Raises ConfigError: unknown arm or gripper."""
+    return [key.removesuffix(".pos") for key in action_keys(arms, "joint")]
 
 
 def action_keys(arms: Mapping[str, ArmConfig], action_space: str) -> list[str]:
     """Keys of an action, for arms by prefix: `left_joint_1.pos` … or, of poses ("ee"), `left_ee_x.pos` …."""
     keys = []
     for prefix, arm in arms.items():
-        names = motor_names(prefix, arm)
+        joints = load_arm(arm.arm).joint_count
+        names = motor_names(prefix, joints, load_gripper(arm.gripper).motor is not None)
         if action_space == "ee":
-            names[: load_arm(arm.arm).joint_count] = [f"{prefix}{name}" for name in TOOL_NUMBERS]
+            names[:joints] = [f"{prefix}{name}" for name in TOOL_NUMBERS]
         keys += [f"{name}.pos" for name in names]
     return keys
 

@@ -6,7 +6,8 @@ import pytest
 from lerobot_robot_yam.arm.collision.clearance import Clearance
 from lerobot_robot_yam.arm.collision.parts import GuardedArm
 from lerobot_robot_yam.arm.collision.workspace import KeepOut, WorkspaceConfig
-from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS, load_arm, load_gripper
+from lerobot_robot_yam.arm.mounting import resolve_profiles
+from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS
 from lerobot_robot_yam.errors import ConfigError
 
 HOME = np.array([0.0, 1.2, 1.2, -0.5, 0.0, 0.0])
@@ -15,7 +16,7 @@ COMBINATIONS = [(arm, gripper) for arm in ARMS for gripper in GRIPPERS]
 
 
 def guarded(name="left", arm="yam", gripper="linear_4310", **workspace):
-    return GuardedArm(name, load_arm(arm), load_gripper(gripper), WorkspaceConfig(**workspace))
+    return GuardedArm(name, *resolve_profiles(arm, gripper), WorkspaceConfig(**workspace))
 
 
 def pair_of_arms(gap_m=0.5, **workspace):

@@ -5,7 +5,7 @@ import pytest
 
 from lerobot_robot_yam.arm.collision.parts import GuardedArm
 from lerobot_robot_yam.arm.collision.workspace import KeepOut, WorkspaceConfig
-from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
+from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.control.laws.set_point import SetPoint
 from lerobot_robot_yam.control.safety.collision_guard import WorkspaceGuard
 
@@ -23,12 +23,10 @@ class Rig:
     """Arms side by side, each with a set-point (six joints and a gripper), ticked like the control loop does it."""
 
     def __init__(self, names=("left", "right"), gap_m=0.5, speed=SPEED, start=HOME, **workspace):
-        profile = load_arm("yam")
+        profile, gripper = resolve_profiles("yam", "linear_4310")
         offsets = np.linspace(gap_m / 2, -gap_m / 2, len(names)) if len(names) > 1 else [0.0]
         self.arms = [
-            GuardedArm(
-                name, profile, load_gripper("linear_4310"), WorkspaceConfig(base_position_m=[0, y, 0], **workspace)
-            )
+            GuardedArm(name, profile, gripper, WorkspaceConfig(base_position_m=[0, y, 0], **workspace))
             for name, y in zip(names, offsets, strict=True)
         ]
         self.guard = WorkspaceGuard(self.arms)
