@@ -33,7 +33,7 @@ def fastest(desk, seconds):
 
 
 def test_a_path_that_begins_at_the_end_of_one_the_clock_did_not_reach(desk):
-    """Whoever plans by real time believes that the hand has arrived."""
+    """An operator that plans by real time believes that the hand has arrived."""
     hand, end = desk.device.hands[LEADER], RAISED + TURN
     hand.move([0.0, 1.0], [RAISED, end], 0.0)
     desk.run(0.2)
