@@ -21,7 +21,7 @@ class Lifetime:
 
     def __init__(self, name: str, owner: int | None, now_s: float):
         self._lock = FileLock(rig_path(name, "lock"), f"the end of rig {name}")
-        self._idle_since_s: float | None = now_s
+        self._held_s = now_s  # when a client last kept it alive
         self._orphaned_s: float | None = None
         self._met = False
         self._told = False
@@ -48,11 +48,9 @@ class Lifetime:
         if self._orphaned_s is None and self._owner_fd >= 0 and select.select([self._owner_fd], [], [], 0)[0]:
             self._orphaned_s = now_s
         if held:
-            self._idle_since_s = None
-        elif self._idle_since_s is None:
-            self._idle_since_s = now_s
+            self._held_s = now_s
         linger = LINGER_S if self._met or self._orphaned_s is not None else FIRST_CLIENT_S
-        idle = self._idle_since_s is not None and now_s - self._idle_since_s > linger
+        idle = now_s - self._held_s > linger
         forced = self._told or (self._orphaned_s is not None and now_s - self._orphaned_s > ORPHAN_S)
         if not (idle or forced):
             return False

@@ -6,12 +6,15 @@ import pytest
 from tests.support.rig_desk import Desk
 
 LEADER = "leader_left"
+RAISED = np.array([0.0, 1.2, 1.0, 0.0, 0.0, 0.0])
 TURN = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])  # rad; the wrist is the lightest joint
 
 
 @pytest.fixture
 def desk():
     desk = Desk(LEADER)
+    desk.device.world.set_pose(LEADER, RAISED)
+    desk.device.world.refresh()
     yield desk
     desk.close()
 
@@ -30,10 +33,9 @@ def fastest(desk, seconds):
 
 
 def test_a_path_that_begins_at_the_end_of_one_the_clock_did_not_reach(desk):
-    """Whoever plans by real time believes that the hand has arrived."""
-    hand, start = desk.device.hands[LEADER], joints(desk)
-    end = start + TURN
-    hand.move([0.0, 1.0], [start, end], 0.0)
+    """An operator that plans by real time believes that the hand has arrived."""
+    hand, end = desk.device.hands[LEADER], RAISED + TURN
+    hand.move([0.0, 1.0], [RAISED, end], 0.0)
     desk.run(0.2)
     desk.now_s += 0.8
     desk.run(0.004)
@@ -44,7 +46,7 @@ def test_a_path_that_begins_at_the_end_of_one_the_clock_did_not_reach(desk):
 
 
 def test_a_path_that_begins_where_the_arm_was_before_the_hand_took_hold(desk):
-    seen = joints(desk) + TURN
+    seen = RAISED + TURN
     desk.device.hands[LEADER].move([0.0, 1.0], [seen, seen + 0.5 * TURN], 0.0)
     assert fastest(desk, 2.0) < 2.2
     np.testing.assert_allclose(joints(desk), seen + 0.5 * TURN, atol=0.05)
