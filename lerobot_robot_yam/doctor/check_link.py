@@ -168,7 +168,7 @@ def _check(link: Link, section: Section) -> None:
     elif link.state == "ERROR-WARNING":
         section.warn(name, "error-warning: many frames arrive damaged", _CHECK_CABLE)
     elif link.state is None:
-        section.note(name, "the controller's state is unknown: the driver does not tell", "none needed")
+        section.note(name, "the controller's state is unknown: the driver does not tell", "nothing to do")
     if link.bitrate is not None and link.bitrate != BITRATE:
         section.problem(name, f"the bit-rate is {link.bitrate} instead of {BITRATE} bit/s", link.repair())
     for mode in sorted(set(link.modes) & set(_WRONG_MODES)):
