@@ -239,7 +239,7 @@ def _check_firmware(target: Target, present: Sequence[MotorSpec], section: Secti
         versions = sorted({row["firmware"] for row in rows if row["type"] == kind})
         if len(versions) > 1:
             what = f"its {kind} motors have different firmware: {', '.join(map(str, versions))}"
-            section.note(target.channel, what, "nothing to do while all of them behave alike")
+            section.note(target.channel, what, "none needed while all of them behave alike")
 
 
 def _same(found: float, expected: float) -> bool:
