@@ -201,5 +201,5 @@ def _check_queue(link: Link, section: Section) -> None:
     lost = {"refused by a full queue": link.refused, "dropped by the driver": link.dropped}
     texts = [f"{count} {how}" for how, count in lost.items() if count]
     if texts:
-        what = f"frames to be sent were lost since the interface is there: {', '.join(texts)}"
+        what = f"the interface has lost frames that it should send: {', '.join(texts)}"
         section.warn(name, what, "switch the arm's power on before a session starts, and check its CAN cable")
