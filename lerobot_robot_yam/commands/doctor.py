@@ -75,7 +75,7 @@ def _read_links(wanted: Sequence[str], sysfs: Path, section: Section) -> dict[st
         if name in links:
             continue
         if (sysfs / "class" / "net" / name).exists():
-            section.note(name, "is no CAN controller (vcan?): the state of its link is unknown", "none needed")
+            section.note(name, "is no CAN controller (vcan?): the state of its link is unknown", "nothing to do")
             links[name] = Link(name=name, up=True)
         else:
             section.problem(name, "there is no such interface", plugged)

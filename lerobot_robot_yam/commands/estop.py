@@ -36,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog="yam-estop", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("action", nargs="?", choices=("latch", "release", "status"), default="latch")
-    parser.add_argument("--why", default="yam-estop", help="what others are told")
+    parser.add_argument("--why", default="yam-estop", help="the reason, for others to read")
     parser.add_argument("--json", action="store_true", help="answer in JSON")
     options = parser.parse_args(arguments)
     stops = [EmergencyStop(directory) for directory in _directories(options.action)]

@@ -149,8 +149,8 @@ def _open(config: YamEnvConfig, root: Path, repo_id: str, steps: int) -> LeRobot
         return LeRobotDataset.create(repo_id, config.fps, features, root, robot_type=robot_type, **encoding)
     if wrong := damage(root):  # LeRobot would count the rows of an interrupted episode twice, and shift all others
         raise ConfigError(
-            f"{root}: gathering was killed ({wrong}); `yam-repair-dataset {root}` makes a data set of it: put that in "
-            "the place of this to go on"
+            f"{root}: gathering was killed ({wrong}); run `yam-repair-dataset {root}` and put the repaired copy in its "
+            "place to go on"
         )
     dataset = LeRobotDataset.resume(repo_id, root, **encoding)
     _refuse_another("fps", dataset.fps, config.fps, root)

@@ -42,8 +42,8 @@ def examine_channel(
     try:
         lock.acquire()
     except ChannelInUseError:
-        row["examined"] = "watched: somebody drives it"
-        say(f"{target.channel}: somebody drives it; watching")
+        row["examined"] = "watched: another process drives it"
+        say(f"{target.channel}: another process drives it; watching")
         watch_session(target, driver_of(target), report["sessions"])
         return
     try:

@@ -62,7 +62,7 @@ def check_host(sysfs: Path, section: Section) -> None:
         section.problem(where, *mixture())
     stop = EmergencyStop()
     if stop.latched:
-        what = f"the emergency stop is latched ({stop.reason()}): no session starts, arms that were driven still are"
+        what = f"the emergency stop is latched ({stop.reason()}): no session starts, running arms stay energised"
         section.problem(where, what, "look at the arms, then: yam-estop release")
 
 

@@ -168,7 +168,7 @@ def _check(link: Link, section: Section) -> None:
     elif link.state == "ERROR-WARNING":
         section.warn(name, "error-warning: many frames arrive damaged", _CHECK_CABLE)
     elif link.state is None:
-        section.note(name, "the controller's state is unknown: the driver does not tell", "none needed")
+        section.note(name, "the controller's state is unknown: the driver does not tell", "nothing to do")
     if link.bitrate is not None and link.bitrate != BITRATE:
         section.problem(name, f"the bit-rate is {link.bitrate} instead of {BITRATE} bit/s", link.repair())
     for mode in sorted(set(link.modes) & set(_WRONG_MODES)):
@@ -201,5 +201,5 @@ def _check_queue(link: Link, section: Section) -> None:
     lost = {"refused by a full queue": link.refused, "dropped by the driver": link.dropped}
     texts = [f"{count} {how}" for how, count in lost.items() if count]
     if texts:
-        what = f"frames to be sent were lost since the interface is there: {', '.join(texts)}"
+        what = f"the interface has lost frames that it should send: {', '.join(texts)}"
         section.warn(name, what, "switch the arm's power on before a session starts, and check its CAN cable")

@@ -1,4 +1,4 @@
-"""What the doctor puts on the wire, and that it disturbs nobody who drives the channel."""
+"""The doctor puts questions on the wire, and disturbs no other program that drives the channel."""
 
 import threading
 import time
@@ -92,7 +92,7 @@ def test_a_live_session_is_watched_and_not_disturbed(rig, capsys):
         assert arm.observe().fault == (1,) * 7
 
 
-def test_a_live_leader_of_which_nobody_has_said_what_it_is(rig, capsys):
+def test_a_live_leader_that_was_not_named(rig, capsys):
     leader = {"name": "left", "channel": LEADER, "interface": "yam_sim", "can_options": {"rig": rig.name}}
     with YamArm(ArmConfig(**leader, gripper="yam_teaching_handle", rate_hz=125.0)):
         time.sleep(0.3)

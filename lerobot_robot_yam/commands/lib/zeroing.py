@@ -165,7 +165,7 @@ class Zeroing:
                 f"{self.names[i]} from {before.motor_rad[i]:.3f} to {after.motor_rad[i]:.3f} rad" for i in moved
             )
             raise MotorError(
-                f"{self._where}: motors changed that were not to be zeroed: {changed}. If nobody moved them, two "
+                f"{self._where}: other motors changed too: {changed}. If nobody moved them, two "
                 "motors may share an id; check the whole arm before energising it"
             )
         unclear = [after.problems[self.names[i]] for i in self.chosen if self.names[i] in after.problems]

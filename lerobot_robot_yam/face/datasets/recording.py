@@ -1,4 +1,4 @@
-"""What a data set or a checkpoint tells of the robot that it was recorded with.
+"""Facts that a data set or a checkpoint tells about the robot that it was recorded with.
 
 LeRobot records neither units nor what the values of an action mean, but
 

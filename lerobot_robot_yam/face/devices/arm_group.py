@@ -138,8 +138,8 @@ class ArmGroup:
         if differing := sorted(set(self._action_keys) ^ set(other._action_keys)):
             remedy = "drive one arm with one, or two with two"
             if all(key.endswith("gripper.pos") for key in differing):
-                remedy = "set ee_gripper of the leader's arm to the gripper that the follower carries, which takes a "
-                remedy += "handle, or a gripper motor, on the leader to lead it"
+                remedy = "set ee_gripper of the leader's arm to the follower's gripper; to lead one, the leader needs "
+                remedy += "a handle or a gripper motor"
             raise ConfigError(f"{both}: only one has {', '.join(differing)}; {remedy}")
         if other._use_degrees is not self._use_degrees:
             raise ConfigError(f"{both}: one uses degrees; give both the same use_degrees")

@@ -1,4 +1,4 @@
-"""What the doctor may send, and what only a bus on a desk can be made to do."""
+"""Frames that the doctor may send, and answers that only a bus on a desk can be made to give."""
 
 import ast
 import errno

@@ -1,4 +1,4 @@
-"""What LeRobot's loops rely on, asked of the real devices on a virtual rig."""
+"""Promises that LeRobot's loops rely on, asked of the real devices on a virtual rig."""
 
 import contextlib
 import math

@@ -1,4 +1,4 @@
-"""What LeRobot's loops rely on, asked of one connected pair of devices by tests that leave it as they find it."""
+"""Promises that LeRobot's loops rely on, asked of one connected pair of devices that each test leaves as it was."""
 
 import math
 import time
