@@ -22,6 +22,7 @@ from lerobot_robot_yam.rig.client import launch
 from lerobot_robot_yam.rig.client.rig_operations import RigOperations
 
 _TIMEOUT_S = 10.0
+_END_TIMEOUT_S = 10.0
 _numbers = itertools.count(1)
 
 
@@ -124,7 +125,7 @@ def running_rig(**arguments: Any) -> Iterator[RigControl]:
 
 def wait_ended(rig: RigControl) -> None:
     """Wait until a rig's process is gone. Raises RigError: it is not; somebody else may still use it."""
-    deadline = time.monotonic() + _TIMEOUT_S
+    deadline = time.monotonic() + _END_TIMEOUT_S
     while runs(rig.pid):
         if time.monotonic() > deadline:
             raise RigError(f"rig {rig.name} (process {rig.pid}) still runs; close its other clients")

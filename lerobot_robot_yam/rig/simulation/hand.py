@@ -72,7 +72,7 @@ class Hand:
         self._times, self._path, self._rates = times.tolist(), path.tolist(), rates.tolist()
         self._start_s = self._next_s = self._world.sim_s
         if not self.gripping:
-            self._easy_s = self._advanced_s = self._start_s
+            self._easy_s, self._advanced_s = self._start_s, self._start_s - _PERIOD_S
             self._targets = arm
         self.gripping = not self.resisted
         if self.gripping:

@@ -50,3 +50,9 @@ def test_a_path_that_begins_where_the_arm_was_before_the_hand_took_hold(desk):
     desk.device.hands[LEADER].move([0.0, 1.0], [seen, seen + 0.5 * TURN], 0.0)
     assert fastest(desk, 2.0) < 2.2
     np.testing.assert_allclose(joints(desk), seen + 0.5 * TURN, atol=0.05)
+
+
+def test_a_hand_that_takes_hold_of_a_resting_arm_does_not_kick_it(desk):
+    here = joints(desk)
+    desk.device.hands[LEADER].move([0.0, 1.0], [here, here], 0.0)
+    assert fastest(desk, 0.5) < 0.3
