@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from lerobot_robot_yam.rig.world.world_model import HAND_KP
 from tests.support.rig_desk import Desk
 
 LEADER = "leader_left"
@@ -48,11 +49,14 @@ def test_a_path_that_begins_at_the_end_of_one_the_clock_did_not_reach(desk):
 def test_a_path_that_begins_where_the_arm_was_before_the_hand_took_hold(desk):
     seen = RAISED + TURN
     desk.device.hands[LEADER].move([0.0, 1.0], [seen, seen + 0.5 * TURN], 0.0)
-    assert fastest(desk, 2.0) < 2.2
+    assert fastest(desk, 2.0) < 2.5
     np.testing.assert_allclose(joints(desk), seen + 0.5 * TURN, atol=0.05)
 
 
-def test_a_hand_that_takes_hold_of_a_resting_arm_does_not_kick_it(desk):
+def test_a_hand_that_takes_hold_of_a_resting_arm_does_not_push(desk):
     here = joints(desk)
-    desk.device.hands[LEADER].move([0.0, 1.0], [here, here], 0.0)
-    assert fastest(desk, 0.5) < 0.3
+    hand = desk.device.hands[LEADER]
+    hand.move([0.0, 1.0], [here, here], 0.0)
+    hand.advance(energised=True)
+    pulls = desk.device.world.data.ctrl[hand._actuators]
+    np.testing.assert_allclose(pulls, HAND_KP * here, atol=0.1)  # where it is, at rest
