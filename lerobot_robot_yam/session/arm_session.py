@@ -21,14 +21,12 @@ from lerobot_robot_yam.system.uncopyable import Uncopied
 logger = logging.getLogger(__name__)
 
 Isolation = Literal["process", "thread", "lockstep"]
+_IN_TROUBLE = (Mode.FAULT, Mode.LAND, Mode.OFF)
 _RUNNERS: dict[str, Callable[[list[ResolvedArm], list[str]], Runner]] = {
     "process": ProcessRunner,
     "thread": ThreadRunner,
     "lockstep": StepRunner,
 }
-
-
-_IN_TROUBLE = (Mode.FAULT, Mode.LAND, Mode.OFF)
 
 
 class ArmSession(Uncopied):
