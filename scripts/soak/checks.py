@@ -119,11 +119,11 @@ class SetPointCheck:
             return []
         if not math.isfinite(earlier) or earlier > self._earlier_s:
             earlier = self._earlier_s - _TICK_S
+        setpoint[self._limp(record, before)] = math.nan
         moved = np.abs(setpoint - self._of(before, "setpoint"))
         if mode_of(before) is Mode.BRING_UP:
             moved[GRIPPER] = math.nan
         jumped = moved > self._limits * (now - earlier + _TICK_S) + _SMALL
-        jumped &= ~self._limp(record, before)
         if jumped.any():
             self._window.clear()
             return self._judge_jump(record, before, moved, jumped, now)

@@ -67,6 +67,17 @@ def test_a_joint_without_torque_cannot_be_sent_anywhere(soak, before, after, jum
     assert ["no set-point jump"] * jumps == [finding.invariant for finding in found]
 
 
+@pytest.mark.parametrize("fault, too_fast", [(0x8, False), (1, True)])
+def test_a_joint_without_torque_may_be_turned_by_hand(soak, fault, too_fast):
+    """Its set-point follows it."""
+    rows = ramp(3.0, 100, Mode.FAULT)
+    for row in rows:
+        row["fault"][5] = fault
+        row["setpoint"][:5] = row["setpoint"][6] = 0.0
+    found = findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), rows)
+    assert bool(found) is too_fast
+
+
 @pytest.mark.parametrize(
     "mode, beside, too_fast", [(Mode.HOLD, 0.0, False), (Mode.HOLD, 0.1, True), (Mode.FAULT, 0.0, True)]
 )
