@@ -1,7 +1,7 @@
 """LeRobot config of an environment with a YAM robot in it (`lerobot-eval --env.type=yam`)."""
 
 import contextlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, cast
 
@@ -14,6 +14,7 @@ from lerobot.envs.utils import freeze_after_episode_end
 from lerobot.robots.config import RobotConfig
 from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE
 
+from lerobot_robot_yam.arm.option import option
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.registration import register_as
 
@@ -28,33 +29,35 @@ def eyes_of(robot: Any) -> dict[str, Any]:
 @register_as(EnvConfig, "yam")
 @dataclass
 class YamEnvConfig(EnvConfig):
-    """A connected YAM robot as a gymnasium environment.
+    """A connected YAM robot as a gymnasium environment."""
 
-    Attributes:
-        robot: the robot, as for `lerobot-record` (`--env.robot.type=bi_yam_follower` …).
-        task: on a virtual rig, a task of its scene; elsewhere what the operator sees.
-        fps: actions a second.
-        time_limit_s: length of an episode; None: as the task says, 30 s where it does not.
-        lockstep: simulate the virtual rig in lock-step: deterministic per seed and as fast as the machine allows.
-        scene, rig_options: of a virtual rig that is started for this environment; None: the scene called as the task.
-        success: who judges, "rig" (the virtual rig), "operator" (keys: s success, f failure) or a callable
-            "module:function" that takes the robot's observation and returns True, False or None (not over yet).
-        reset_pose: joints (rad) and grippers (0 … 1) in canonical order from which episodes begin; None: the waiting
-            poses of the task's scene, else wherever the arms are.
-        render_camera: the camera of the videos, one of the robot's or of the virtual rig's scene; None: the first.
-        description: the task in words, for policies that read; None: as the task says.
-    """
-
-    task: str | None = "lift_and_place"
-    robot: RobotConfig | None = None
-    time_limit_s: float | None = None
-    lockstep: bool = False
-    scene: str | None = None
-    rig_options: dict[str, Any] = field(default_factory=dict)
-    success: str = "rig"
-    reset_pose: list[float] | None = None
-    render_camera: str | None = None
-    description: str | None = None
+    task: str | None = option(
+        "on a virtual rig, a task of its scene; elsewhere what the operator sees", "lift_and_place"
+    )
+    robot: RobotConfig | None = option("the robot, as for lerobot-record (--env.robot.type=bi_yam_follower …)", None)
+    time_limit_s: float | None = option(
+        "length of an episode, s; by default as the task says, 30 where it does not", None
+    )
+    lockstep: bool = option(
+        "simulate the virtual rig in lock-step: deterministic per seed, and as fast as the machine allows", False
+    )
+    scene: str | None = option(
+        "of a virtual rig that is started for this environment; by default the scene called as the task", None
+    )
+    rig_options: dict[str, Any] = option("options of such a rig", factory=dict)
+    success: str = option(
+        "who judges: rig, operator (keys: s success, f failure), or a function module:name that takes an "
+        "observation and returns true, false or none",
+        "rig",
+    )
+    reset_pose: list[float] | None = option(
+        "joints (rad) and grippers (0 … 1) from which episodes begin; by default the waiting poses of the task's scene",
+        None,
+    )
+    render_camera: str | None = option(
+        "camera of the videos, one of the robot's or of the scene; by default the first", None
+    )
+    description: str | None = option("the task in words, for policies that read; by default as the task says", None)
 
     def __post_init__(self) -> None:
         with contextlib.suppress(ConfigError):  # `create_envs` says what is wrong; the parser would hide it

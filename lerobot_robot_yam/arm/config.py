@@ -5,11 +5,12 @@ Plain values only: the dataclass travels as JSON to the control process.
 
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from lerobot_robot_yam.arm import config_checks
 from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
+from lerobot_robot_yam.arm.option import option
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.runtime_files import rig_name
 
@@ -18,83 +19,106 @@ SOCKETCAN, VIRTUAL = "socketcan", "yam_sim"  # python-can interfaces: the kernel
 
 @dataclass(kw_only=True)
 class ArmConfig:
-    """One arm on one CAN channel. `None` means: as the profile says.
+    """One arm on one CAN channel."""
 
-    Attributes:
-        name: what messages call this arm ("left", "right", …).
-        channel: python-can channel, such as `can_follower_l` or, on the virtual rig, `follower_left`.
-        interface: python-can interface (`socketcan`, `yam_sim`, …).
-        can_options: further keyword arguments of `can.Bus`, such as `rig` and `scene` of the virtual rig.
-        arm, gripper: profile names, or paths of YAML files of the same form.
-        start: "hold" keeps the measured pose once energised (followers), "float" is gravity-compensated free
-            motion (leaders).
-        kp, kd: position gains in Nm/rad and Nm s/rad, one per joint.
-        gripper_kp, gripper_kd: gains of the gripper motor, same units.
-        gravity_factor: per joint, factor on the modelled gravity torque.
-        coulomb_friction_nm: per joint, friction torque that is fed forward; None switches the term off.
-        idle_kd: per joint, damping gain while floating, Nm s/rad.
-        payload_mass_kg, payload_com_m: a load fixed to the tool, centre in the frame of `tcp_site`.
-        ee_inertia: replaces the end effector's inertia: centre (3, m), quaternion w x y z (4), moments (3, kg m²).
-        speed_limit_rad_s: limit on the set-point's speed, one per joint or one for all.
-        gripper_speed_limit: strokes per second; None: the profile's.
-        torque_limit_nm: per joint, clip on the commanded torque.
-        float_speed_rad_s: floating joints are damped when they are faster, and held when they stay so.
-        base_tilt_rad: [roll, pitch] of a base that does not stand upright, as in URDF: a wall is [1.57, 0], a ceiling
-            [3.14, 0]. Model and landing go by it.
-        rest_q_rad: per joint, where the arm lands; None: the profile's, folded on a table.
-        max_relative_target: largest distance of a target from the measured position, rad (None: no such limit).
-        gripper_stops_rad: motor angles [closed, open]; None: stored ones, else calibrated at start.
-        gripper_force_limit_n: squeeze force above which the limiter reduces the command; None switches it off.
-        calibration_path: JSON file that keeps the gripper's stops; None keeps nothing.
-        command_timeout_s: a target older than this no longer moves the set-point; the arm holds.
-        max_state_age_s: an older state is an error, never an answer.
-        rate_hz: control rate, from 100; 0 runs as fast as the wire and the laws allow (benchmarks).
-        identity_path: binding file (`yam-identify --bind`) of the arm that belongs on this channel; None: not checked.
-        workspace: floor, keep-out boxes and distances that the set-point keeps; by default nothing is checked.
-        gripper_search: False seeks no unknown stops at the start, and puts those aside that do not fit.
-        effort_limit_nm: per joint, measured torque that latches the emergency stop after 50 ms; None: no limit.
-        hold_integral: make up, slowly and within bounds, for the sag that the gravity model leaves while holding.
-        skip_listen: do not listen for foreign drivers before energising.
-        estop_button: button of the teaching handle that latches the emergency stop: "top", "bottom", or None.
-    """
-
-    channel: str
-    name: str = "arm"
-    interface: str = "socketcan"
-    can_options: dict[str, Any] = field(default_factory=dict)
-    arm: str = "yam"
-    gripper: str = "linear_4310"
-    start: Literal["hold", "float"] = "hold"
-    kp: list[float] | None = None
-    kd: list[float] | None = None
-    gripper_kp: float | None = None
-    gripper_kd: float | None = None
-    gravity_factor: list[float] | None = None
-    coulomb_friction_nm: list[float] | None = None
-    idle_kd: list[float] | None = None
-    payload_mass_kg: float = 0.0
-    payload_com_m: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    ee_inertia: list[float] | None = None
-    speed_limit_rad_s: list[float] | float | None = None
-    gripper_speed_limit: float | None = None
-    torque_limit_nm: list[float] | None = None
-    float_speed_rad_s: float = 3.0
-    base_tilt_rad: list[float] = field(default_factory=lambda: [0.0, 0.0])
-    rest_q_rad: list[float] | None = None
-    max_relative_target: float | None = None
-    gripper_stops_rad: list[float] | None = None
-    gripper_force_limit_n: float | None = 50.0
-    calibration_path: str | None = None
-    command_timeout_s: float = 0.5
-    max_state_age_s: float = 0.25
-    rate_hz: float = 250.0
-    identity_path: str | None = None
-    workspace: WorkspaceConfig = field(default_factory=WorkspaceConfig)
-    gripper_search: bool = True
-    effort_limit_nm: list[float] | None = None
-    hold_integral: bool = True
-    skip_listen: bool = False
-    estop_button: Literal["top", "bottom"] | None = None
+    channel: str = option(
+        "CAN channel by python-can's name, such as can_follower_l or, on the virtual rig, follower_left"
+    )
+    name: str = option("what messages call this arm; by default the side and whether it follows or leads", "arm")
+    interface: str = option(
+        "python-can interface: socketcan (the kernel's; any other may take too long to open for a stand-by to "
+        "land the arm in time) or yam_sim (the virtual rig)",
+        "socketcan",
+    )
+    can_options: dict[str, Any] = option(
+        "further keyword arguments of can.Bus, such as rig and scene of the virtual rig", factory=dict
+    )
+    arm: str = option(
+        "profile: yam, yam_pro, yam_ultra, yam_ultra_2, big_yam, or the path of a YAML file of that form", "yam"
+    )
+    gripper: str = option(
+        "end effector: linear_4310, crank_4310, linear_3507, flexible_4310, yam_teaching_handle, no_gripper, or "
+        "the path of a YAML file of that form",
+        "linear_4310",
+    )
+    start: Literal["hold", "float"] = option(
+        "what the arm does once it is energised: hold (followers), or float against gravity (leaders)", "hold"
+    )
+    kp: list[float] | None = option("stiffness per joint, Nm/rad; by default the profile's", None)
+    kd: list[float] | None = option("damping per joint, Nm s/rad; by default the profile's", None)
+    gripper_kp: float | None = option("stiffness of the gripper's motor, Nm/rad; by default the profile's", None)
+    gripper_kd: float | None = option("damping of the gripper's motor, Nm s/rad; by default the profile's", None)
+    gravity_factor: list[float] | None = option(
+        "per joint, factor on the modelled weight, 0 to 2; by default the profile's", None
+    )
+    coulomb_friction_nm: list[float] | None = option(
+        "per joint, friction torque that is fed forward, Nm; by default none", None
+    )
+    idle_kd: list[float] | None = option("per joint, damping while floating, Nm s/rad; by default the profile's", None)
+    payload_mass_kg: float = option("load that is fixed to the tool, kg, at most 3", 0.0)
+    payload_com_m: list[float] = option(
+        "centre of that load in the frame of the tool, m", factory=lambda: [0.0, 0.0, 0.0]
+    )
+    ee_inertia: list[float] | None = option(
+        "replaces the end effector's inertia: centre (3, m), quaternion w x y z (4), moments (3, kg m²)", None
+    )
+    speed_limit_rad_s: list[float] | float | None = option(
+        "of the set-point, rad/s, one number or one per joint; joints exceed it by a tenth at most. By default "
+        "the profile's, 1.5",
+        None,
+    )
+    gripper_speed_limit: float | None = option(
+        "of the gripper's set-point, strokes per second; by default the profile's, 2.5", None
+    )
+    torque_limit_nm: list[float] | None = option(
+        "per joint, limit of the commanded torque, Nm; by default the profile's", None
+    )
+    float_speed_rad_s: float = option(
+        "floating joints are damped when they are faster, rad/s, and held when they stay so", 3.0
+    )
+    base_tilt_rad: list[float] = option(
+        "roll and pitch of a base that does not stand upright, rad, as in URDF: a wall is [1.57, 0], a ceiling "
+        "[3.14, 0]",
+        factory=lambda: [0.0, 0.0],
+    )
+    rest_q_rad: list[float] | None = option(
+        "per joint, where the arm lands, rad; by default the profile's, folded on a table", None
+    )
+    max_relative_target: float | None = option(
+        "farthest that a target may be from the measured position, rad; by default no limit", None
+    )
+    gripper_stops_rad: list[float] | None = option(
+        "angles of the gripper's motor, closed and open, rad; by default stored ones, else they are searched", None
+    )
+    gripper_force_limit_n: float | None = option(
+        "force at the fingers above which the gripper yields, N; null: no limit", 50.0
+    )
+    calibration_path: str | None = option(
+        "JSON file that keeps the gripper's stops; by default in LeRobot's calibration directory (YamArm: none)", None
+    )
+    command_timeout_s: float = option("when the newest target is older, s, the arm holds", 0.5)
+    max_state_age_s: float = option("a state that is older, s, is an error, never an answer", 0.25)
+    rate_hz: float = option("of the control loop, Hz, from 100; 0 is as fast as the wire allows (benchmarks)", 250.0)
+    identity_path: str | None = option(
+        "binding file of the arm that belongs on this channel (yam-identify --bind); by default it is not checked", None
+    )
+    workspace: WorkspaceConfig = option(
+        "floor, boxes and distances that the arm keeps (docs/workspace.md); by default nothing is checked",
+        factory=WorkspaceConfig,
+    )
+    gripper_search: bool = option("false: unknown stops of the gripper are not searched at the start", True)
+    effort_limit_nm: list[float] | None = option(
+        "per joint, measured torque that latches the emergency stop after 50 ms, Nm; by default no limit", None
+    )
+    hold_integral: bool = option(
+        "make up, slowly and within bounds, for the sag that the model of gravity leaves while the arm holds", True
+    )
+    skip_listen: bool = option(
+        "true: do not listen for another driver on the channel before the arm is energised", False
+    )
+    estop_button: Literal["top", "bottom"] | None = option(
+        "button of the teaching handle that latches the emergency stop: top or bottom; by default none", None
+    )
 
     def __post_init__(self) -> None:
         if isinstance(self.workspace, Mapping):  # as it comes out of JSON

@@ -1,13 +1,9 @@
 """The pages of docs/: each is in the index, all have one form, and their links and modules lead somewhere."""
 
-import dataclasses
 import re
 
 import pytest
 
-from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.config_yam_follower import FollowerOptions
-from lerobot_teleoperator_yam.config_yam_leader import LeaderArmConfig, LeaderOptions
 from tests.support.pages import PAGES, README, prose
 from tests.support.paths import ROOT
 
@@ -86,15 +82,3 @@ def test_the_look_for_modules_can_fail():
     assert resolves("lerobot_robot_yam.arm.kinematics.YamKinematics") and is_file("arm/kinematics.py")
     assert not resolves("lerobot_robot_yam.arm.nothing") and not resolves("lerobot_robot_yam.arm.kinematics.Nothing")
     assert not is_file("arm/nothing.py")
-
-
-def test_every_option_is_listed():
-    listed = set(
-        re.findall(r"`(\w+)`", "".join(re.findall(r"^\| (`.*?) \|", (ROOT / "docs/options.md").read_text(), re.M)))
-    )
-    fields = {
-        field.name
-        for kind in (ArmConfig, FollowerOptions, LeaderOptions, LeaderArmConfig)
-        for field in dataclasses.fields(kind)
-    }
-    assert listed == fields

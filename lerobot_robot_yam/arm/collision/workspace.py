@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+from lerobot_robot_yam.arm.option import option
 from lerobot_robot_yam.errors import ConfigError
 
 _MOST_MARGIN_M = 0.3  # more than half of the forearm: a mistake in units
@@ -33,22 +34,23 @@ class KeepOut:
 
 @dataclass(kw_only=True)
 class WorkspaceConfig:
-    """Limits of one arm in space. As made, nothing is limited.
+    """Limits of one arm in space. As made, nothing is limited."""
 
-    Attributes:
-        base_position_m: where the arm's base stands in the rig frame (3).
-        base_yaw_rad: its turn about the vertical.
-        floor_z_m: no moving part goes below this height of the rig frame. None: no floor.
-        keep_out: boxes that no moving part enters. Floor and boxes are the limits themselves, without a margin.
-        collision_margin_m: how near the arm's parts may come to each other and to the other arms of the same robot.
-            None: not checked (unless another arm of the robot asks for it, which then concerns both).
-    """
-
-    base_position_m: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    base_yaw_rad: float = 0.0
-    floor_z_m: float | None = None
-    keep_out: list[KeepOut] = field(default_factory=list)
-    collision_margin_m: float | None = None
+    base_position_m: list[float] = option(
+        "where the arm's base stands in the rig frame, m", factory=lambda: [0.0, 0.0, 0.0]
+    )
+    base_yaw_rad: float = option("turn of the base about the vertical, rad", 0.0)
+    floor_z_m: float | None = option(
+        "no moving part goes below this height of the rig frame, m; by default there is no floor", None
+    )
+    keep_out: list[KeepOut] = option(
+        "boxes that no moving part enters; floor and boxes are the limits themselves, without a margin", factory=list
+    )
+    collision_margin_m: float | None = option(
+        "how near the arm's parts may come to each other and to the robot's other arm, m; by default not checked,"
+        " unless the other arm asks for it",
+        None,
+    )
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> "WorkspaceConfig":

@@ -1,0 +1,68 @@
+"""Write docs/options.md from the texts of the options themselves, which are also what `--help` says.
+
+python scripts/options_page.py > docs/options.md
+"""
+
+import dataclasses
+
+from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.option import options_of
+from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
+from lerobot_robot_yam.config_yam_env import YamEnvConfig
+from lerobot_robot_yam.config_yam_follower import FollowerOptions
+from lerobot_teleoperator_yam.config_yam_leader import LeaderArmConfig, LeaderOptions
+
+_PAGE = """# Options
+
+Every option of arms, robots, teleoperators, virtual cameras and environments, with its default. `--help` of LeRobot's
+commands says the same, of the type that stands before it: `--robot.type=yam_follower --help`.
+
+This page is written by `python scripts/options_page.py`.
+"""
+_SECTIONS = [
+    (
+        "An arm",
+        "Write `--robot.gripper=…` for a single arm and `--robot.left_arm_config.gripper=…` for one of two; for\n"
+        "leaders `--teleop.…`. In a run config they are keys of the same names.",
+        ArmConfig,
+    ),
+    ("A leader arm", "A leader's arm has these, too, and other defaults of two of those above.", LeaderArmConfig),
+    (
+        "The workspace of an arm",
+        "Write `--robot.workspace.floor_z_m=0`. See [workspace](workspace.md).",
+        WorkspaceConfig,
+    ),
+    ("A robot", "Options of `yam_follower` and `bi_yam_follower` as a whole.", FollowerOptions),
+    ("A teleoperator", "Options of `yam_leader` and `bi_yam_leader` as a whole.", LeaderOptions),
+    ("A virtual camera", "Options of a camera of type `yam_sim`.", YamSimCameraConfig),
+    ("An environment", "Options of `lerobot-eval --env.type=yam`. See [evaluation](evaluation.md).", YamEnvConfig),
+]
+
+
+def _shown(default: object) -> str:
+    if default is dataclasses.MISSING:
+        return "–"
+    if default is None or isinstance(default, WorkspaceConfig) or default in ({}, []):
+        return "none"
+    return f"`{str(default).lower() if isinstance(default, bool) else default}`"
+
+
+def page() -> str:
+    """The whole page."""
+    text = _PAGE
+    for title, says, kind in _SECTIONS:
+        above = {name: default for name, default, _ in options_of(ArmConfig)} if kind is LeaderArmConfig else {}
+        rows = [
+            f"| `{name}` | {_shown(default)} | {words} |"
+            for name, default, words in options_of(kind)
+            if words and not (name in above and above[name] == default)
+        ]
+        text += "\n".join(
+            ["", f"## {title}", "", says, "", "| Option | Default | Meaning |", "|---|---|---|", *rows, ""]
+        )
+    return text
+
+
+if __name__ == "__main__":
+    print(page(), end="")
