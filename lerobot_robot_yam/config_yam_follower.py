@@ -2,41 +2,50 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass
+from typing import Any, Literal
 
 from lerobot.cameras.configs import CameraConfig
 from lerobot.robots.config import RobotConfig
 
 from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.option import option
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.registration import register_as
 
 
 @dataclass(kw_only=True)
 class FollowerOptions(ABC):
-    """Options of the robot as a whole.
+    """Options of the robot as a whole."""
 
-    Attributes:
-        cameras: any LeRobot cameras (opencv, intelrealsense, yam_sim, …).
-        observe_velocity: also `joint_1.vel` …, rad/s; gripper in strokes per second.
-        observe_torque: also `joint_1.torque` …, Nm at the motor's output.
-        observe_temperature: also `joint_1.temp_mos`, `joint_1.temp_rotor` …, °C.
-        use_degrees: joints in degrees (and degrees per second) in observations and actions; the gripper stays 0 … 1.
-            Fields of this config keep their units.
-        action_space: "joint": actions and observed positions are `joint_1.pos` …; "ee": they are the tool's pose,
-            `ee_x.pos` … in m and rad, velocities in rad/s, whatever `use_degrees` says (docs/end-effector.md).
-        isolation: "process" runs the control loop in another process; "thread" is for debugging,
-            "lockstep" for rigs in lock-step (the environment `yam` sets it).
-    """
-
-    cameras: dict[str, CameraConfig] = field(default_factory=dict)
-    observe_velocity: bool = False
-    observe_torque: bool = False
-    observe_temperature: bool = False
-    use_degrees: bool = False
-    action_space: Literal["joint", "ee"] = "joint"
-    isolation: Literal["process", "thread", "lockstep"] = "process"
+    cameras: dict[str, CameraConfig] = option(
+        "LeRobot cameras of any type (opencv, intelrealsense, yam_sim, …); those of one arm get left_ or right_ "
+        "in front",
+        factory=dict,
+    )
+    observe_velocity: bool = option("also observe joint_1.vel …, rad/s, and the gripper in strokes per second", False)
+    observe_torque: bool = option(
+        "also observe joint_1.torque …, Nm at the motor's output; LeRobot cannot roll out a policy that wants it", False
+    )
+    observe_temperature: bool = option(
+        "also observe joint_1.temp_mos and joint_1.temp_rotor …, °C; LeRobot cannot roll out a policy that wants them",
+        False,
+    )
+    use_degrees: bool = option(
+        "joints in degrees (and degrees per second) in observations and actions; grippers stay 0 … 1, options "
+        "keep their units",
+        False,
+    )
+    action_space: Literal["joint", "ee"] = option(
+        "joint: actions and observed positions are joint_1.pos …; ee: they are the tool's pose ee_x.pos …, m and "
+        "rad (docs/end-effector.md)",
+        "joint",
+    )
+    isolation: Literal["process", "thread", "lockstep"] = option(
+        "process runs the control loop in another process; thread is for debugging; lockstep is set by the "
+        "environment yam",
+        "process",
+    )
 
     @abstractmethod
     def arms(self) -> Mapping[str, ArmConfig]:
@@ -73,10 +82,27 @@ class FollowerOptions(ABC):
 class FollowerArmConfig(ArmConfig):
     """One side of two: every field of `ArmConfig`, and cameras whose names get the side's prefix."""
 
-    cameras: dict[str, CameraConfig] = field(default_factory=dict)
+    cameras: dict[str, CameraConfig] = option(
+        "LeRobot cameras of any type (opencv, intelrealsense, yam_sim, …); those of one arm get left_ or right_ "
+        "in front",
+        factory=dict,
+    )
 
     def __post_init__(self) -> None:
-        """No checks yet: they come when the robot is made. The parser would hide what they say."""
+        """No checks yet: they come with the other arm's, and know which side this is."""
+
+
+def _refuse(device: str, config: Any) -> None:
+    """Refuse a config of which no robot can be made; raises RefusedConfigError."""
+    from lerobot_robot_yam.face.devices.command_check import check_command  # LeRobot's start must not wait for these
+    from lerobot_robot_yam.face.devices.config_refusal import refuse
+
+    def check(_: Any) -> None:
+        RobotConfig.__post_init__(config)
+        joints_in_degrees = config.use_degrees and config.action_space == "joint"
+        check_command(device, config.action_keys(), joints_in_degrees, config.all_cameras())
+
+    refuse(device, config, "follower", check)
 
 
 @register_as(RobotConfig, "yam_follower", spare="i2rt_yam_follower")
@@ -85,8 +111,7 @@ class YamFollowerConfig(RobotConfig, FollowerOptions, ArmConfig):
     """One follower arm: LeRobot's fields, `FollowerOptions`, and every field of `ArmConfig` (channel, gripper, …)."""
 
     def __post_init__(self) -> None:
-        # Not ArmConfig's checks: they come when the robot is made. The parser would hide what they say.
-        RobotConfig.__post_init__(self)
+        _refuse("yam_follower", self)
 
     def arms(self) -> dict[str, ArmConfig]:
         return {"": self}
@@ -104,6 +129,9 @@ class BiYamFollowerConfig(RobotConfig, FollowerOptions):
 
     left_arm_config: FollowerArmConfig
     right_arm_config: FollowerArmConfig
+
+    def __post_init__(self) -> None:
+        _refuse("bi_yam_follower", self)
 
     def arms(self) -> dict[str, FollowerArmConfig]:
         return {"left_": self.left_arm_config, "right_": self.right_arm_config}

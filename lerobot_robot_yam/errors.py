@@ -5,8 +5,11 @@ class YamError(Exception):
     """Root of every error raised by this package."""
 
 
-class ConfigError(YamError, ValueError):
-    """A configuration cannot be used (unknown arm, gripper, channel, wrong value)."""
+class ConfigError(YamError):
+    """A configuration cannot be used (unknown arm, gripper, channel, wrong value).
+
+    No ValueError: LeRobot's parser would replace those by an error that does not say why.
+    """
 
 
 class ActionError(YamError, ValueError):

@@ -8,6 +8,7 @@ the ranges of the packed frames (`damiao.tables`), as a motor cannot be told any
 quantity means (a mass is above zero, a lower limit below the upper one).
 """
 
+import difflib
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
@@ -63,7 +64,9 @@ def _load[T](
     elif str(name).endswith((".yaml", ".yml")):
         document = read_yaml(Path(name))
     else:
-        raise ConfigError(f"unknown {what} '{name}'; known: {', '.join(names)}, or a path to a YAML profile")
+        near = difflib.get_close_matches(str(name), names, 1)
+        meant = f"did you mean '{near[0]}'? Known: " if near else "known: "
+        raise ConfigError(f"unknown {what} '{name}'; {meant}{', '.join(names)}, or a path to a YAML profile")
     profile = parse(kind, merge(document, overrides or {}), f"{what} '{name}'")
     check(profile, f"{what} '{name}'")
     return profile
@@ -108,7 +111,7 @@ def check_arm(arm: ArmProfile, where: str) -> None:
     speed_max = np.array([row.velocity_max_rad_s for row in rows])
     if not ((arm.speed_limit_rad_s > 0.0) & (arm.speed_limit_rad_s <= speed_max)).all():
         raise ConfigError(
-            f"{where}: speed limits must be above zero and at most the motors' {_shown(speed_max)} rad/s, "
+            f"{where}: speed_limit_rad_s must be above zero and at most the motors' {_shown(speed_max)} rad/s, "
             f"not {arm.speed_limit_rad_s.tolist()}"
         )
     if not (lower < upper).all():

@@ -1,23 +1,21 @@
 """One arm or two as a LeRobot device: what followers and leaders have in common."""
 
-import dataclasses
 from collections.abc import Collection, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from lerobot.utils.decorators import check_if_not_connected
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.devices.arm_group import ArmGroup, Models
+from lerobot_robot_yam.face.devices.config_refusal import arm_config
 from lerobot_robot_yam.session.arm_session import Isolation
 from lerobot_robot_yam.system.uncopyable import Uncopied
 
 if TYPE_CHECKING:
     from lerobot_robot_yam.face.devices.ee_space import EeSpace
-
-_DEFAULT_NAME = ArmConfig(channel="any").name
 
 
 class ArmDevice(Uncopied):
@@ -40,15 +38,11 @@ class ArmDevice(Uncopied):
         handles: Collection[str] | None = None,
     ) -> ArmGroup:
         """The group of these arms, see `ArmGroup`; messages call an unnamed one by prefix and `role`."""
-        configs = {}
-        for prefix, arm in arms.items():
-            values: dict[str, Any] = {field.name: getattr(arm, field.name) for field in dataclasses.fields(ArmConfig)}
-            if arm.name == _DEFAULT_NAME:
-                values["name"] = f"{prefix}{role}"
+        configs = {prefix: arm_config(arm, f"{prefix}{role}") for prefix, arm in arms.items()}
+        for prefix, arm in configs.items():
             if arm.calibration_path is None:  # in a subdirectory, whose files LeRobot never reads
                 ident = f"{prefix}{self.id}" if self.id else arm.channel
-                values["calibration_path"] = str(self.calibration_dir / "yam" / f"{ident}_gripper.json")
-            configs[prefix] = ArmConfig(**values)
+                arm.calibration_path = str(self.calibration_dir / "yam" / f"{ident}_gripper.json")
         return ArmGroup(self.name, configs, use_degrees, isolation, handles)
 
     def _speak(self, kind: Literal["joint", "ee"], models: Models) -> None:

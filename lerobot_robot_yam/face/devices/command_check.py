@@ -16,31 +16,26 @@ Degrees or radians:
   the recording is in radians (or of an arm that never left zero by 6°).
 """
 
-import argparse
 import logging
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import draccus
 import numpy as np
-import yaml
-from draccus.argparsing import ArgumentParser
-from draccus.utils import DraccusException, flatten
 from lerobot.configs import parser
 
 from lerobot_robot_yam.arm.joint_map import TURN
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.datasets.recording import DEGREES_SUFFIX, Recording, of_checkpoint, of_dataset
+from lerobot_robot_yam.face.devices.command_options import given_options
+from lerobot_robot_yam.face.devices.command_targets import check_cameras, check_channels, check_data_set
 from lerobot_robot_yam.face.devices.feature_names import TOOL_NUMBERS, space_of
 
 logger = logging.getLogger(__name__)
 
-# All that draccus raises: some errors of YAML, of files and of values in wrong places come through as they are.
-_NOT_PARSED = (argparse.ArgumentError, DraccusException, yaml.YAMLError, OSError, TypeError, ValueError)
 _TRAINING = ("lerobot-train", "lerobot_train")
+_IN_ENVS = (*_TRAINING, "lerobot-eval", "lerobot_eval")  # whose cameras an environment names
 _SERVER_SPACES = {"joint_position": "joint", "cartesian_position": "ee"}  # RoboArena's words
 _NAMES = {"joint": "joint positions", "ee": "tool poses"}
 _OTHER_ROBOT = "Set the robot's type, and each arm's gripper, to those of the recording"
@@ -51,56 +46,23 @@ _RADIANS, _DEGREES = "radians", "degrees"
 _OURS = ("yam_follower", "bi_yam_follower")
 
 
-@dataclass
-class _DatasetOptions:
-    repo_id: str | None = None
-    root: str | None = None
-    episode: int | None = None
+def check_command(device: str, keys: Sequence[str], use_degrees: bool, cameras: Collection[str] = ()) -> None:
+    """Refuse a LeRobot command that cannot work, or that replays, resumes or rolls out numbers of another meaning.
 
-
-@dataclass
-class _PolicyOptions:
-    type: str | None = None
-    pretrained_revision: str | None = None
-    action_space: str | None = None
-    angle_unit: str | None = None
-
-
-@dataclass
-class _Options:
-    """The options that are looked at, of whatever command: the parser passes over all others."""
-
-    dataset: _DatasetOptions = field(default_factory=_DatasetOptions)
-    policy: _PolicyOptions = field(default_factory=_PolicyOptions)
-    resume: bool = False
-    pretrained_name_or_path: str | None = None
-
-
-@draccus.decode.register(_Options)
-def _as_text(given: Mapping[str, Any], _: Sequence[str]) -> dict[str, str]:
-    """Values by full name, such as `dataset.root`. Decoding would refuse the other options of a config file."""
-    known = {name: given[name] for name in _Options.__dataclass_fields__ if name in given}
-    return {name: str(value) for name, value in flatten(known).items() if value is not None}
-
-
-def _given_options() -> dict[str, str]:
-    """The command's options, as draccus puts command line and config file together; empty where it cannot."""
-    path = parser.parse_arg("config_path")
-    file = path if path is not None and Path(path).is_file() else None  # else a repository of the hub
-    try:
-        known = ArgumentParser(_Options, file, prog="", add_help=False, exit_on_error=False)
-        return known.parse_known_args(parser.filter_arg("config_path", sys.argv[1:]))[0]
-    except _NOT_PARSED:  # LeRobot, which parses them in the same way, says what is wrong
-        return {}
-
-
-def check_command(device: str, keys: Sequence[str], use_degrees: bool) -> None:
-    """Refuse what this LeRobot command is about to replay, resume or roll out if its numbers mean something else.
+    Args:
+        device: LeRobot's type name.
+        keys: of an action.
+        use_degrees: of the robot.
+        cameras: names of the robot's images.
 
     Raises:
-        ConfigError: it is of other values, of tool poses instead of joints (or the reverse), or in the other unit.
+        ConfigError: an arm's channel is given twice; there is no such data set or episode, or one where a new one is
+            to be; the policy sees cameras that the robot lacks; it is of other values, of tool poses instead of joints
+            (or the reverse), or in the other unit.
     """
-    space, options = space_of(keys), _given_options()
+    space, options = space_of(keys), given_options()
+    check_channels()
+    check_data_set(options)
     recordings = []
     replays, resumes = "dataset.episode" in options, options.get("resume") == "True"
     repo_id = options.get("dataset.repo_id")
@@ -114,6 +76,8 @@ def check_command(device: str, keys: Sequence[str], use_degrees: bool) -> None:
     revision = options.get("policy.pretrained_revision")
     if path:
         learnt = of_checkpoint(path, revision)
+        if not any(name.startswith("rename_map") for name in options) and Path(*sys.argv[:1]).stem not in _IN_ENVS:
+            check_cameras(learnt.what, learnt.config, cameras)
         if set(learnt.names) == set(keys):  # LeRobot goes by the order then, not by the names
             _check_names(device, keys, learnt, in_order=True)
         recordings.append(learnt)

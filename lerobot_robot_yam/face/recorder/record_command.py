@@ -1,0 +1,171 @@
+"""The `lerobot-record` that runs in this process: its data set, its flags, and whether it records at the moment.
+
+LeRobot tells none of this to a robot. It is read from the stack, where LeRobot's own functions keep it; nothing of
+LeRobot is replaced. Under every other command there is nothing to find, and nothing happens.
+"""
+
+import atexit
+import importlib.util
+import json
+import logging
+import shutil
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:  # the command has loaded it, other commands need not
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+logger = logging.getLogger(__name__)
+
+_COMMAND, _LOOP = "record", "record_loop"  # functions of lerobot_record.py
+_STOP, _LEAVE_LOOP, _AGAIN = "stop_recording", "exit_early", "rerecord_episode"  # its flags, which its keys set
+_INFO = Path("meta", "info.json")
+_RECORDED = ("*.parquet", "*.mp4", "*.png")
+_told_of: "LeRobotDataset | None" = None
+
+
+def _lerobot() -> Path:
+    spec = importlib.util.find_spec("lerobot")
+    return Path((spec and spec.submodule_search_locations or ["/nowhere"])[0])
+
+
+_PACKAGE = _lerobot()
+_FILE = str(_PACKAGE / "scripts" / "lerobot_record.py")
+_COMMANDS = tuple(f"{_PACKAGE / folder}/" for folder in ("scripts", "rollout"))
+
+
+def _callers(frame: FrameType | None) -> Iterator[FrameType]:
+    while frame is not None:
+        yield frame
+        frame = frame.f_back
+
+
+def under_a_command(frame: FrameType | None) -> bool:
+    """Whether a LeRobot command, not a program of the user's, has called down to `frame`."""
+    return any(caller.f_code.co_filename.startswith(_COMMANDS) for caller in _callers(frame))
+
+
+@dataclass(frozen=True)
+class RecordCommand:
+    """What the command holds.
+
+    Attributes:
+        dataset: the data set that it records.
+        options: of its `--dataset`, as LeRobot has parsed them.
+        resumes: the data set was there before.
+        events: its flags, as its keys set them; empty before it has connected.
+        loop: when the present run of its loop began, None outside.
+        records: an episode is being recorded. Else it resets, saves, or has not begun.
+    """
+
+    dataset: "LeRobotDataset"
+    options: Any
+    resumes: bool
+    events: dict[str, Any]
+    loop: float | None
+    records: bool
+
+    def stop(self) -> None:
+        """End it as its stop key does: an episode that is being recorded, or was, is saved."""
+        self.events[_STOP] = self.events[_LEAVE_LOOP] = True
+
+    def discard(self) -> None:
+        """Drop the episode that is being recorded, as its re-record key does."""
+        self.events[_AGAIN] = self.events[_LEAVE_LOOP] = True
+
+
+def running_record(frame: FrameType | None) -> RecordCommand | None:
+    """The command that has called down to `frame`; None under any other, and before its data set is open."""
+    loop, records = None, False
+    for caller in _callers(frame):
+        if caller.f_code.co_filename != _FILE:
+            continue
+        name, values = caller.f_code.co_name, caller.f_locals
+        if name == _LOOP:
+            loop, records = values.get("start_episode_t"), values.get("dataset") is not None
+        elif name == _COMMAND:
+            dataset, options = values.get("dataset"), values.get("cfg")
+            if dataset is None or options is None:
+                return None
+            return RecordCommand(dataset, options.dataset, options.resume, values.get("events") or {}, loop, records)
+    return None
+
+
+def _unsaved(dataset: "LeRobotDataset") -> bool:
+    """Whether there are frames that are not saved yet; LeRobot takes their count away while it saves them."""
+    buffer = dataset.writer.episode_buffer if dataset.writer is not None else None
+    return bool(buffer) and buffer.get("size", 1) > 0
+
+
+class _SaveThenStop:
+    """In the place of the stop flag: LeRobot reads it before it resets, and again when it has saved."""
+
+    def __init__(self, dataset: "LeRobotDataset", why: str):
+        self._dataset, self._why = dataset, why
+
+    def __bool__(self) -> bool:
+        """True while a finished episode is to be saved.
+
+        Raises:
+            KeyboardInterrupt: it is saved; the command ends as by Ctrl-C.
+        """
+        if _unsaved(self._dataset):
+            return True
+        raise KeyboardInterrupt(self._why)
+
+
+def stop_after_saving(frame: FrameType | None, why: str) -> bool:
+    """Have a signal wait until the episode is saved that is finished, but not saved yet.
+
+    Args:
+        frame: where the signal has struck.
+        why: what the KeyboardInterrupt says that follows.
+
+    Returns:
+        Whether there is such an episode, or one is being saved. If not, nothing was done.
+    """
+    command = running_record(frame)
+    ends_already = sys.exception() is not None  # LeRobot closes the data set: it saves no more
+    if command is None or command.records or ends_already or not _unsaved(command.dataset):
+        return False
+    command.events[_STOP], command.events[_LEAVE_LOOP] = _SaveThenStop(command.dataset, why), True
+    first = "drops the episode" if command.events.get(_AGAIN) else "saves the finished episode"
+    logger.info("%s: %s first; once more ends it at once", why, first)
+    return True
+
+
+def tell_what_is_kept(frame: FrameType | None) -> None:
+    """Have the last line of a recording say which episodes are kept. Idempotent.
+
+    A data set that this command has made and that holds nothing is removed: it would refuse the same command.
+    """
+    global _told_of
+    command = running_record(frame)
+    if command is not None and command.dataset is not _told_of:
+        _told_of = command.dataset
+        root = Path(command.dataset.root).resolve()  # the working directory may change
+        atexit.register(_say_kept, command.dataset, root, command.dataset.num_episodes, command.resumes)
+
+
+def _say_kept(dataset: "LeRobotDataset", root: Path, before: int, resumes: bool) -> None:
+    if not resumes and is_empty(root):
+        shutil.rmtree(root, ignore_errors=True)
+        if not root.exists():
+            logger.info("no episode was recorded; removed the empty data set %s", root)
+            return
+    count = dataset.num_episodes - before
+    kept = "no episode" if not count else f"{count} episode{'s' if count > 1 else ''}"
+    logger.info("kept %s of this session; %d in %s", kept, dataset.num_episodes, root)
+
+
+def is_empty(root: Path) -> bool:
+    """Whether a folder is a data set in which nothing was ever recorded: no rows, no images, no videos."""
+    try:
+        episodes = json.loads((root / _INFO).read_text())["total_episodes"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+    return episodes == 0 and not any(True for pattern in _RECORDED for _ in root.rglob(pattern))
