@@ -1,6 +1,8 @@
 """Follower arms as a LeRobot robot: one arm, and what one arm and two have in common."""
 
+import inspect
 import logging
+import time
 from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
@@ -12,14 +14,20 @@ from lerobot.utils.decorators import check_if_already_connected, check_if_not_co
 
 from lerobot_robot_yam.arm.config_checks import check_switches
 from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerOptions, YamFollowerConfig
+from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.face.datasets.recording import recorded_name
 from lerobot_robot_yam.face.devices.arm_device import ArmDevice
-from lerobot_robot_yam.face.devices.command_check import check_command
 from lerobot_robot_yam.face.devices.images import beside_arms, newest_images
+from lerobot_robot_yam.face.recorder.episode_log import EpisodeLog
 from lerobot_robot_yam.state.records import ArmState
 from lerobot_robot_yam.system.clock import Clock
 
 logger = logging.getLogger(__name__)
+
+_CAUGHT_UP_RAD = 0.15  # what a follower stays behind a leader that moves
+_CATCH_UP_S = 3.0  # more than the way takes at the speed limit
+_CATCH_UP_TICK_S = 0.02
+_SAME = 1e-6  # rad, of the stroke: what the shared memory's numbers lose
 
 
 class FollowerBase(ArmDevice, Robot):
@@ -47,11 +55,15 @@ class FollowerBase(ArmDevice, Robot):
         self._last_action: dict[str, Any] = {}
         self._keys = options.state_keys()
         self._extra_keys = self._keys[len(self._space.keys) :]
+        self._episodes = EpisodeLog(None)
 
     @cached_property
     def observation_features(self) -> dict[str, type | tuple[int, int, int]]:
         """Positions of all arms first, in canonical order; then the optional values; then the images."""
-        features: dict[str, type | tuple[int, int, int]] = dict.fromkeys(self._keys, float)
+        return {**dict.fromkeys(self._keys, float), **self._image_features()}
+
+    def _image_features(self) -> dict[str, tuple[int, int, int]]:
+        features = {}
         for name, config in self._camera_configs.items():
             height, width = config.height, config.width
             if getattr(config, "use_rgb", True):
@@ -64,15 +76,18 @@ class FollowerBase(ArmDevice, Robot):
     def connect(self, calibrate: bool = True) -> None:
         """Open the cameras, then energise the arms, which hold where they are. All of it or nothing.
 
+        Where leaders of this process are connected, the arms then move to where those are: a recording that begins
+        now shows no approach.
+
         Args:
             calibrate: seek the grippers' stops where none are known. False: seek nothing, and put stops aside that do
                 not fit; without any, nothing but `calibrate` can follow.
 
         Raises:
-            YamError: an arm cannot be driven, or the command replays or rolls out other values or units.
+            YamError: an arm cannot be driven.
             Exception: a camera cannot be opened, as its class says.
         """
-        check_command(self.name, self._space.keys, self._use_degrees)
+        self._episodes = EpisodeLog(inspect.currentframe())
         try:
             for camera in self.cameras.values():
                 camera.connect()
@@ -80,8 +95,38 @@ class FollowerBase(ArmDevice, Robot):
             self._space.begin()
         except BaseException:
             self._close_cameras()
+            self._episodes.end()
             raise
         logger.info("%s connected", self)
+        try:
+            self._catch_up()
+        except BaseException:
+            self.disconnect()
+            raise
+
+    def _catch_up(self) -> None:
+        """Go to where the leaders are, if there are any; an arm that has failed says so at the first observation."""
+        leaders = self._arms.leader()
+        if leaders is None or leaders.give_action is None:
+            return
+        begin_s, within_s = time.monotonic(), 0.0
+        while True:
+            try:
+                sent = self._write_targets(self._space.vector(leaders.give_action()))
+                gap = np.abs(sent - _measured(self._arms.observe()))[self._arms.is_joint].max(initial=0.0)
+            except YamError as error:
+                logger.info("%s: does not wait until it is where its leaders are: %s", self, error)
+                return
+            if gap < _CAUGHT_UP_RAD:
+                return
+            if not within_s:
+                logger.info("%s: goes to the leaders, up to %.1f rad away", self, gap)
+                limits = [side.hardware.speed_limit[: side.joints] for side in self._arms.sides]
+                within_s = _CATCH_UP_S + gap / np.concatenate(limits).min()
+            if time.monotonic() - begin_s > within_s:
+                logger.warning("%s: is still %.1f rad from its leaders; look for what is in its way", self, gap)
+                return
+            time.sleep(_CATCH_UP_TICK_S)
 
     @property
     def clock(self) -> Clock:
@@ -99,6 +144,7 @@ class FollowerBase(ArmDevice, Robot):
             self._arms.stop()
         finally:
             self._close_cameras()
+            self._episodes.end()
 
     def _close_cameras(self) -> None:
         for name, camera in self.cameras.items():
@@ -124,6 +170,7 @@ class FollowerBase(ArmDevice, Robot):
         if self._extra_keys:
             observation.update(zip(self._extra_keys, self._extras(states), strict=True))
         observation.update(images)
+        self._episodes.observed(inspect.currentframe(), states, images)
         return observation
 
     def _extras(self, states: list[ArmState]) -> list[float]:
@@ -155,7 +202,9 @@ class FollowerBase(ArmDevice, Robot):
         if self._arms.paused and self._is_last(action):
             return self._space.action(self._arms.held())
         self._arms.paused = False
-        sent = self._write_targets(self._space.vector(action))
+        target = self._space.vector(action)
+        sent = self._write_targets(target)
+        self._episodes.sent(changed=not np.allclose(sent, target, rtol=0.0, atol=_SAME))
         self._last_action = dict(action)
         return self._space.action(sent)
 

@@ -73,7 +73,7 @@ class LeaderBase(ArmDevice, Teleoperator):
             YamError: an arm cannot be driven, or this process's follower takes other actions.
         """
         self._restart()
-        self._arms.start(calibrate, self._space.keys, self._models)
+        self._arms.start(calibrate, self._space.keys, self._models, self.get_action)
         logger.info("%s connected", self)
 
     def disconnect(self) -> None:

@@ -118,6 +118,11 @@ class ArmSession(Uncopied):
         """The clock by which these arms live."""
         return SYSTEM if self._runner is None else self._runner.clock
 
+    def begin_stop(self) -> None:
+        """Have every arm begin to land, without waiting; `stop` has to follow."""
+        if self._runner is not None and not self._forked:
+            self._runner.land()
+
     def stop(self) -> None:
         """Land every arm, cut torque, end the loop. Idempotent; Ctrl-C does not hurry it.
 

@@ -51,6 +51,9 @@ class Runner(Protocol):
             YamError: what failed; nothing is energised.
         """
 
+    def land(self) -> None:
+        """Have it begin to land, without waiting; `stop` has to follow."""
+
     def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
         """Have it land and end; True when nothing drives the arms any more.
 
@@ -101,14 +104,17 @@ class ProcessRunner:
         if "error" in reply:
             raise getattr(errors, reply["kind"], YamError)(reply["error"])
 
+    def land(self) -> None:
+        if self._child is not None and self._child.poll() is None:
+            self._child.send_signal(signal.SIGTERM)
+
     def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
         """Have it land and end; True when nothing drives the arms any more."""
+        self.land()
         child, self._child = self._child, None
         lifeline = self._lifeline
         if child is None or lifeline is None:
             return True
-        if child.poll() is None:
-            child.send_signal(signal.SIGTERM)
         ended = wait_patiently(lambda: child.poll() is not None, outlives_us=os.getpid() != 1)  # 1: of a container
         if child.stdout is not None:
             child.stdout.close()
@@ -157,9 +163,11 @@ class ThreadRunner:
         if self._error is not None:
             raise self._error
 
-    def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
-        """Have it land and end; True when nothing drives the arms any more."""
+    def land(self) -> None:
         self._land.set()
+
+    def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
+        self.land()
         return self._thread.ident is None or wait_patiently(lambda: not self._thread.is_alive(), outlives_us=False)
 
 
@@ -215,9 +223,13 @@ class StepRunner:
             self.discard()
             raise
 
+    def land(self) -> None:
+        self._landing = True
+
     def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
         """Land, in simulated time; False when that does not end."""
-        self._landing, landed = True, True
+        self.land()
+        landed = True
         give_up_s = self._world.now() + LAND_TIMEOUT_S
         for _ in self._ticks:
             if self._world.now() > give_up_s:

@@ -1,39 +1,78 @@
-"""SIGTERM and SIGHUP end a session like Ctrl-C; and what must not be cut short is not.
+"""SIGTERM and SIGHUP end a session like Ctrl-C, which is told in a line; and what must not be cut short is not.
 
 Handlers are process-wide, so they are shared by all devices of the process, set only in the main thread, only over
 default handlers, and put back when the last device disconnects.
 """
 
 import logging
+import math
 import signal
+import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from types import FrameType
+from types import FrameType, TracebackType
 from typing import Any
 
 logger = logging.getLogger(__name__)
 
-_ENDING = (signal.SIGTERM, signal.SIGHUP)
+_DEFAULTS = {
+    signal.SIGINT: signal.default_int_handler,
+    signal.SIGTERM: signal.SIG_DFL,
+    signal.SIGHUP: signal.SIG_DFL,
+}
+_WHY = "ended by "
+_TWICE_S = 1.0  # a closed terminal sends two at once, which are one wish
 _users = 0
+_waits = False  # the session will end by itself
+_first_s = -math.inf  # when the first signal came
 _replaced: dict[signal.Signals, Any] = {}
+_report: Any = sys.excepthook  # the hook for uncaught exceptions that was there before
+
+Instead = Callable[[FrameType | None, str], bool]
+"""Asked where a signal has struck, and why the session is to end; whether it will end by itself."""
+_instead: list[Instead] = []
 
 
 def _end_session(number: int, frame: FrameType | None) -> None:
-    raise KeyboardInterrupt(f"ended by {signal.Signals(number).name}")
+    global _first_s, _waits
+    why = f"{_WHY}{signal.Signals(number).name}"
+    now_s = time.monotonic()
+    if math.isinf(_first_s):
+        _first_s = now_s
+        _waits = any(instead(frame, why) for instead in _instead)
+    if not _waits or now_s - _first_s > _TWICE_S:
+        raise KeyboardInterrupt(why)
 
 
-def end_session_on_signals() -> Callable[[], None]:
-    """From now on SIGTERM and SIGHUP raise KeyboardInterrupt in the main thread.
+def _say_in_a_line(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    if issubclass(kind, KeyboardInterrupt) and str(error).startswith(_WHY):
+        sys.stderr.write(f"{error}\n")
+    else:
+        _report(kind, error, trace)
+
+
+def end_session_on_signals(instead: Instead = lambda frame, why: False, ctrl_c: bool = False) -> Callable[[], None]:
+    """From now on SIGTERM and SIGHUP raise KeyboardInterrupt in the main thread, which ends in one line.
+
+    Args:
+        instead: asked at the first signal; if the session will end by itself, only a signal a second later raises.
+        ctrl_c: SIGINT, too. Programs of the user's keep their own way with it (asyncio has one).
 
     Returns:
         A function that undoes it; calling it twice does no harm.
     """
-    global _users
+    global _users, _first_s, _waits, _report
     _users += 1
+    _instead.append(instead)
+    if _users == 1:
+        _first_s, _waits = -math.inf, False
+        if sys.excepthook is not _say_in_a_line:  # it stays: the exception is told after the last device has gone
+            _report, sys.excepthook = sys.excepthook, _say_in_a_line
     if threading.current_thread() is threading.main_thread():
-        for number in _ENDING:
-            if signal.getsignal(number) is signal.SIG_DFL:
+        for number, default in _DEFAULTS.items():
+            if signal.getsignal(number) is default and (ctrl_c or number is not signal.SIGINT):
                 _replaced[number] = signal.signal(number, _end_session)
     done = False
 
@@ -44,6 +83,7 @@ def end_session_on_signals() -> Callable[[], None]:
             return
         done = True
         _users -= 1
+        _instead.remove(instead)
         if _users == 0 and threading.current_thread() is threading.main_thread():
             for number, handler in _replaced.items():
                 if signal.getsignal(number) is _end_session:
@@ -93,7 +133,7 @@ def _answered(answer: Callable[[int, FrameType | None], None]) -> Iterator[None]
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, *_ENDING)}
+    before = {number: signal.getsignal(number) for number in _DEFAULTS}
     try:
         for number in before:
             signal.signal(number, answer)

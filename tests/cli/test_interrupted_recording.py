@@ -7,6 +7,7 @@ import os
 import shutil
 import signal
 import time
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,6 +22,8 @@ pytestmark = pytest.mark.alone
 
 FPS, SECONDS = 15, 3
 ATTEMPTS = 3  # a machine that is too busy may end a recording on its own: camera stale, motors silent
+CONNECTING = "YamLeader connected"  # the followers are not, yet
+ENDS_S = 8.0  # from the signal to the exit: four arms land from a raised pose, LeRobot closes the data set
 NAMES = {"follower_left": "left_follower", "leader_right": "right_leader"}
 
 
@@ -78,9 +81,9 @@ NOTHING = Event(lambda rig: None, ())
 
 
 class Recording:
-    """lerobot-record of three short episodes, arms up, whose second episode has begun."""
+    """lerobot-record of three short episodes, arms up, that has printed `until`."""
 
-    def __init__(self, commands):
+    def __init__(self, commands, reset_s=0, until="Recording episode 1"):
         self.commands, self.root = commands, commands.directory / "data"
         self.rest = {channel: arm["q"] for channel, arm in commands.rig.state()["arms"].items()}
         config = yaml.safe_load((ROOT / "configs" / "sim" / "record.yaml").read_text())
@@ -90,7 +93,8 @@ class Recording:
         for side in ("left_arm_config", "right_arm_config"):
             del config["teleop"][side]["can_options"]  # no operator: the test moves the leaders
         config["dataset"] |= {"root": str(self.root), "no_stamp": True, "fps": FPS, "num_episodes": 3}
-        config["dataset"] |= {"episode_time_s": SECONDS, "reset_time_s": 0}
+        config["dataset"] |= {"episode_time_s": SECONDS, "reset_time_s": reset_s}
+        self.until = until
         self.config = commands.directory / "record.yaml"
         self.config.write_text(yaml.safe_dump(config))
 
@@ -104,14 +108,17 @@ class Recording:
         self.events = self.commands.rig.events()[-1]["number"] + 1
 
     def began(self):
-        """Start it and raise the arms; whether its second episode has begun."""
+        """Start it and raise the arms; whether it has come as far as it should."""
         commands = self.commands
         self.printed = len(commands.output())
         self.process = commands.start("lerobot-record", f"--config_path={self.config}")
+        if self.until == CONNECTING:
+            self.wait(lambda: self.until in self.output())
+            return self.process.poll() is None
         self.wait(commands.connected)
         for side, turn in (("left", 0.4), ("right", -0.4)):
             commands.rig.hand(f"leader_{side}", [2.0], [[turn, 1.2, 1.1, -0.5, 0.2, 0.3]])
-        self.wait(lambda: "Recording episode 1" in self.output())
+        self.wait(lambda: self.until in self.output())
         time.sleep(1.0)
         for side in ("left", "right"):
             commands.rig.release(f"leader_{side}")
@@ -156,19 +163,32 @@ class Recording:
         return self.output().rpartition("Traceback (most recent call last)")[2]
 
 
-@pytest.fixture
-def recording(commands):
-    """A recording in the middle of its second episode; a failed test leaves no arm that holds for ever."""
-    recording = Recording(commands)
+@contextmanager
+def running(recording):
+    """A recording that has begun; a failed test leaves no arm that holds for ever."""
     try:
         recording.begin()
         yield recording
     finally:
         recording.process.kill()
         recording.process.wait()
-        arms = commands.rig.state()["arms"]
+        arms = recording.commands.rig.state()["arms"]
         if any(motor["enabled"] for arm in arms.values() for motor in arm["motors"].values()):
-            commands.rig.end()
+            recording.commands.rig.end()
+
+
+@pytest.fixture
+def recording(commands):
+    """A recording in the middle of its second episode."""
+    with running(Recording(commands)) as recording:
+        yield recording
+
+
+@pytest.fixture
+def resetting(commands):
+    """A recording that has finished an episode, and waits for a person to reset the scene."""
+    with running(Recording(commands, reset_s=60, until="Reset the environment")) as recording:
+        yield recording
 
 
 def assert_episodes(root, count=1):
@@ -218,7 +238,37 @@ def test_a_signal_ends_the_recording(recording, first, second):
         time.sleep(0.15)
         os.killpg(recording.process.pid, second)
     assert recording.finish(NOTHING) == -signal.SIGINT  # all of them end it as Ctrl-C does
+    assert f"kept 1 episode of this session; 1 in {recording.root}" in kept(recording)
     assert_ended_well(recording, NOTHING)
+
+
+def kept(recording):
+    """The last line that it has printed."""
+    return recording.output().strip().splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, *(pytest.param(n, marks=pytest.mark.long) for n in (signal.SIGTERM, signal.SIGHUP))]
+)
+def test_a_signal_in_the_reset_phase_keeps_the_finished_episode(resetting, number):
+    begin = time.monotonic()
+    os.killpg(resetting.process.pid, number)
+    assert resetting.finish(NOTHING) == -signal.SIGINT
+    assert time.monotonic() - begin < ENDS_S
+    assert f"kept 1 episode of this session; 1 in {resetting.root}" in kept(resetting)
+    assert f"\nended by {signal.Signals(number).name}\n" in resetting.output()
+    assert "Traceback" not in resetting.output()
+    assert_ended_well(resetting, NOTHING)
+
+
+@pytest.mark.long
+def test_a_terminal_that_closes_sends_two_signals_and_keeps_the_finished_episode(resetting):
+    for number in (signal.SIGHUP, signal.SIGTERM):
+        os.killpg(resetting.process.pid, number)
+        time.sleep(0.02)
+    assert resetting.finish(NOTHING) == -signal.SIGINT
+    assert f"kept 1 episode of this session; 1 in {resetting.root}" in kept(resetting)
+    assert_ended_well(resetting, NOTHING)
 
 
 @pytest.mark.long

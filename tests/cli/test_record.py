@@ -1,12 +1,14 @@
 """lerobot-record on the shipped config, what it wrote, and lerobot-replay of it."""
 
 import itertools
+import json
 
 import av
 import numpy as np
 import pytest
 from lerobot.datasets import LeRobotDataset
 
+from lerobot_robot_yam.face.recorder.episode_log import SIDE_CAR
 from tests.cli.conftest import CALM
 from tests.support.rigged import sim_config
 from tests.support.set_points import SetPointWatch
@@ -62,6 +64,18 @@ def test_arms_follow_the_leaders(recorded):
         # In the first second the followers approach, under their speed limits, where the leaders have gone meanwhile.
         lag = np.abs(state[rows][32:, joints] - action[rows][30:-2, joints])
         assert lag.max() < 0.3 and np.median(lag) < 0.03
+
+
+def test_each_episode_has_a_row_of_figures(recorded):
+    commands, data = recorded
+    rows = [json.loads(line) for line in (data.root / SIDE_CAR).read_text().splitlines()]
+    lengths = [int(data.meta.episodes[index]["length"]) for index in range(EPISODES)]
+    assert [row["episode_index"] for row in rows] == list(range(EPISODES))
+    assert [row["frames"] for row in rows] == lengths == [len(row["times_s"]) for row in rows]
+    assert all(0.5 * data.fps < row["achieved_fps"] < 1.1 * data.fps for row in rows)
+    for index, length in enumerate(lengths):
+        assert f"episode {index}: {length} frames at " in commands.output()
+    assert f"kept {EPISODES} episodes of this session; {EPISODES} in {data.root}" in commands.output()
 
 
 @pytest.mark.parametrize("camera", CAMERAS)

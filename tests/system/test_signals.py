@@ -94,3 +94,29 @@ def test_other_threads_leave_handlers_alone():
     thread.start()
     thread.join()
     assert found == [signal.SIG_DFL]
+
+
+def test_one_wish_may_come_as_two_signals():
+    """A terminal that closes sends several; a person who insists waits a moment."""
+    asked = []
+    undo = end_session_on_signals(lambda frame, why: not asked.append(why))
+    try:
+        for number in ENDING:
+            raise_and_wait(number)
+        time.sleep(1.0)
+        with pytest.raises(KeyboardInterrupt):
+            raise_and_wait(signal.SIGTERM)
+    finally:
+        undo()
+    assert asked == ["ended by SIGTERM"]
+
+
+def test_ctrl_c_stays_the_programs_own_unless_a_command_runs():
+    undo = end_session_on_signals()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    undo()
+    undo = end_session_on_signals(ctrl_c=True)
+    with pytest.raises(KeyboardInterrupt, match="ended by SIGINT"):
+        raise_and_wait(signal.SIGINT)
+    undo()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

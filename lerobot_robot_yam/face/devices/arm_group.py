@@ -2,6 +2,7 @@
 
 import atexit
 import contextlib
+import inspect
 import logging
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -13,6 +14,7 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 from lerobot_robot_yam.errors import ConfigError, YamError
 from lerobot_robot_yam.face.devices.feature_names import motor_names, space_of
+from lerobot_robot_yam.face.recorder.record_command import stop_after_saving, tell_what_is_kept, under_a_command
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
 from lerobot_robot_yam.session.target_limits import refuse_degrees, validate_action
@@ -57,6 +59,7 @@ class ArmGroup:
         keys: the same with `.pos`: the action's keys.
         is_joint: (n,) which of the values are angles; the others are grippers.
         paused: followers that hold until they get a new target, see `pause_followers`.
+        give_action: of connected leaders, their present action; None of followers.
     """
 
     def __init__(
@@ -85,6 +88,7 @@ class ArmGroup:
         limits = [(side.hardware.lower[: side.joints], side.hardware.upper[: side.joints]) for side in self.sides]
         self._lower, self._upper = (np.concatenate(column) for column in zip(*limits, strict=True))
         self.paused = False
+        self.give_action: Callable[[], Mapping[str, float]] | None = None
         self._undo_signals: Callable[[], None] = lambda: None
 
     def __getitem__(self, side: _Side) -> ArmClient:
@@ -104,7 +108,13 @@ class ArmGroup:
             if side.hardware.has_gripper
         )
 
-    def start(self, calibrate: bool, action_keys: Sequence[str], models: Models) -> None:
+    def start(
+        self,
+        calibrate: bool,
+        action_keys: Sequence[str],
+        models: Models,
+        give_action: Callable[[], Mapping[str, float]] | None = None,
+    ) -> None:
         """Energise all arms or none.
 
         Args:
@@ -112,15 +122,18 @@ class ArmGroup:
                 sought, and those that are known but do not fit are put aside.
             action_keys: of the device. A leader's in this process have to be a follower's.
             models: likewise.
+            give_action: a leader's present action.
 
         Raises:
             YamError: what failed; nothing is energised.
         """
+        tell_what_is_kept(inspect.currentframe())
         self._action_keys, self._models, self.paused = list(action_keys), models, False
+        self.give_action = give_action
         for other in _running:
             if other._leads is not self._leads:
                 self._check_pair(other)
-        self._undo_signals = end_session_on_signals()
+        self._undo_signals = end_session_on_signals(stop_after_saving, under_a_command(inspect.currentframe()))
         try:
             self._session.start(search_grippers=calibrate)
         except BaseException:
@@ -154,8 +167,14 @@ class ArmGroup:
                 )
 
     def stop(self) -> None:
-        """Land all arms and let go. Idempotent; signals do not hurry it."""
+        """Land all arms and let go. Idempotent; signals do not hurry it.
+
+        A LeRobot command that disconnects one device disconnects the others next: their arms begin to land now, too.
+        """
         self._leave()
+        if under_a_command(inspect.currentframe()):
+            for other in _running:
+                other._session.begin_stop()
         try:
             with undisturbed(f"{self.device}: landing"):
                 self._session.stop()
@@ -192,6 +211,12 @@ class ArmGroup:
     def rearm(self) -> None:
         """See `ArmDevice.rearm`."""
         self._session.rearm()
+
+    def leader(self) -> "ArmGroup | None":
+        """The leaders whose actions a LeRobot command gives to these followers: where there is one pair."""
+        leaders = [other for other in _running if other.give_action is not None]
+        one_pair = len(leaders) == 1 and len(_running) == 2
+        return leaders[0] if one_pair and under_a_command(inspect.currentframe()) else None
 
     def pause_followers(self) -> None:
         """Have the followers of this process brake and hold until a new target comes, not the last one once more.

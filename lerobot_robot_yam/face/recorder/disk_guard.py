@@ -1,0 +1,90 @@
+"""Whether the disk holds what is to be recorded: a full one loses an episode that was already done."""
+
+import contextlib
+import logging
+import shutil
+from pathlib import Path
+from typing import Any
+
+from lerobot_robot_yam.errors import ConfigError
+
+logger = logging.getLogger(__name__)
+
+_ROW = 1_000  # bytes of a frame's numbers, uncompressed
+_VIDEO_PIXEL = 0.03  # bytes, as LeRobot encodes by default: 0.01 to 0.03 of a scene with moving arms
+_IMAGE_PIXEL = 1.5  # bytes of a PNG; a video that is encoded after its episode is images before
+LEFT_FREE = 100_000_000  # bytes; other programs need some, and so does the end of a data set
+_SPARE = 1.5  # episodes differ
+_LONG_S = 120.0  # who sets a longer time ends episodes by key
+_AT_LEAST_S = 10.0  # that have to fit at the start
+_STILLS = "images"  # LeRobot's folder of images that are not encoded yet
+
+
+class DiskGuard:
+    """Of one recording.
+
+    Args:
+        root: folder of the data set.
+        features: LeRobot's, of the data set.
+        options: LeRobot's options of the data set: episodes, seconds, video.
+        fps: of the data set.
+    """
+
+    def __init__(self, root: Path, features: dict[str, dict[str, Any]], options: Any, fps: int):
+        self._root = root
+        images = [feature for feature in features.values() if feature["dtype"] in ("video", "image")]
+        pixels = sum(feature["shape"][0] * feature["shape"][1] for feature in images)
+        self._kept = _ROW + pixels * (_VIDEO_PIXEL if options.video else _IMAGE_PIXEL)  # per frame
+        self._stills = 0.0 if not options.video or options.streaming_encoding else pixels * _IMAGE_PIXEL
+        self._fps, self._frames = fps, int(min(options.episode_time_s, _LONG_S) * fps)
+        self._before, self._largest = self._used(), 0
+
+    def _used(self) -> int:
+        """What the data set holds, without images that an encoder is about to remove."""
+        used = 0
+        for path in self._root.rglob("*"):
+            with contextlib.suppress(OSError):  # gone meanwhile
+                used += path.stat().st_size if _STILLS not in path.parts and path.is_file() else 0
+        return used
+
+    def free_bytes(self) -> int:
+        """What this user may still write there."""
+        return shutil.disk_usage(self._root).free
+
+    def check(self, episodes: int) -> None:
+        """At the start: what `episodes` need, against what is free.
+
+        Raises:
+            ConfigError: there is no room for some seconds.
+        """
+        free = self.free_bytes() - LEFT_FREE
+        if free < _AT_LEAST_S * self._fps * (self._kept + self._stills):
+            raise ConfigError(
+                f"the disk of {self._root} is full: {_text(self.free_bytes())} are free; make room, or choose another "
+                "dataset.root"
+            )
+        room = int((free - self._frames * self._stills) / (self._frames * self._kept)) if self._frames else episodes
+        if room < episodes:
+            logger.warning(
+                "%s are free in %s: room for about %d of %d episodes; the recording ends before the disk is full",
+                _text(free),
+                self._root,
+                max(room, 0),
+                episodes,
+            )
+
+    def saved(self, frames: int) -> None:
+        """An episode of so many frames has been saved: from now on its size counts, not an estimate."""
+        used = self._used()
+        self._largest, self._before = max(self._largest, used - self._before), used
+        self._frames = max(self._frames if self._frames < _LONG_S * self._fps else 0, frames)
+
+    @property
+    def room_for_another(self) -> bool:
+        """Whether another episode as large as the largest fits."""
+        kept = self._largest or self._frames * self._kept
+        return self.free_bytes() - LEFT_FREE > _SPARE * (kept + self._frames * self._stills)
+
+
+def _text(count: float) -> str:
+    return f"{count / 1e9:.1f} GB" if count >= 1e9 else f"{count / 1e6:.0f} MB"

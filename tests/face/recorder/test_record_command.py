@@ -1,0 +1,108 @@
+"""Which command runs, and what a signal does to it."""
+
+import inspect
+import json
+import logging
+from types import SimpleNamespace
+
+import pytest
+
+from lerobot_robot_yam.face.recorder.record_command import (
+    _say_kept,
+    is_empty,
+    running_record,
+    stop_after_saving,
+    under_a_command,
+)
+from tests.support.lerobot_calls import SCRIPTS, called_by
+
+RECORD = SCRIPTS / "lerobot_record.py"
+WHY = "ended by SIGINT"
+
+
+def data_set(buffer, episodes=0, root=None):
+    return SimpleNamespace(writer=SimpleNamespace(episode_buffer=buffer), num_episodes=episodes, root=root)
+
+
+def in_record(call, dataset, events, file=RECORD):
+    cfg = SimpleNamespace(dataset=SimpleNamespace(num_episodes=3), resume=False)
+    return called_by(file, "record", call, dataset=dataset, cfg=cfg, events=events)
+
+
+def in_loop(call, dataset):
+    return called_by(RECORD, "record_loop", call, dataset=dataset, start_episode_t=1.0)
+
+
+def strike():
+    return stop_after_saving(inspect.currentframe(), WHY)
+
+
+@pytest.mark.parametrize("buffer", [{"size": 30}, {"frame_index": []}], ids=["not saved yet", "being saved"])
+def test_a_finished_episode_is_saved_before_the_command_ends(buffer):
+    dataset, events = data_set(buffer), {"stop_recording": False, "exit_early": False}
+    assert in_record(lambda: in_loop(strike, None), dataset, events)
+    assert events["exit_early"] and bool(events["stop_recording"])  # LeRobot does not reset, and saves
+    dataset.writer.episode_buffer = {"size": 0}
+    with pytest.raises(KeyboardInterrupt, match=WHY):
+        bool(events["stop_recording"])
+
+
+def test_an_episode_that_is_being_recorded_does_not_hold_a_signal_up():
+    dataset, events = data_set({"size": 30}), {"stop_recording": False}
+    assert not in_record(lambda: in_loop(strike, dataset), dataset, events)
+    assert events == {"stop_recording": False}
+
+
+def test_nothing_is_promised_while_the_command_ends_by_an_error():
+    def fails():
+        try:
+            raise RuntimeError("a motor is hot")
+        finally:
+            found.append(strike())
+
+    found = []
+    with pytest.raises(RuntimeError):
+        in_record(fails, data_set({"size": 30}), {"stop_recording": False})
+    assert found == [False]
+
+
+def test_other_programs_are_no_command(tmp_path):
+    dataset, events = data_set({"size": 30}), {"stop_recording": False}
+    look = lambda: running_record(inspect.currentframe())  # noqa: E731
+    assert running_record(inspect.currentframe()) is None and not under_a_command(inspect.currentframe())
+    assert in_record(look, dataset, events).dataset is dataset
+    assert in_record(look, dataset, events, tmp_path / "lerobot_record.py") is None
+    assert called_by(RECORD, "record", look, dataset=None, cfg=None) is None
+
+
+def recorded(root, episodes, *files):
+    (root / "meta").mkdir(parents=True)
+    (root / "meta" / "info.json").write_text(json.dumps({"total_episodes": episodes}))
+    for name in files:
+        (root / name).touch()
+    return root
+
+
+def test_an_empty_data_set_is_removed(tmp_path, caplog):
+    caplog.set_level(logging.INFO)
+    root = recorded(tmp_path / "cubes", 0)
+    _say_kept(data_set(None), root, 0, False)
+    assert not root.exists() and f"removed the empty data set {root}" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("episodes", "files", "resumes"),
+    [(50, (), False), (0, ("file-000.parquet",), False), (0, ("frame.png",), False), (0, (), True)],
+    ids=["recorded since", "rows without an episode", "images", "was there before"],
+)
+def test_what_may_hold_something_stays(tmp_path, episodes, files, resumes):
+    root = recorded(tmp_path / "cubes", episodes, *files)
+    _say_kept(data_set(None), root, 0, resumes)
+    assert root.exists()
+
+
+def test_what_is_no_data_set_is_not_empty(tmp_path):
+    assert not is_empty(tmp_path) and not is_empty(tmp_path / "nothing")
+    (tmp_path / "meta").mkdir()
+    (tmp_path / "meta" / "info.json").write_text("[]")
+    assert not is_empty(tmp_path)
