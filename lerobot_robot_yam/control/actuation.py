@@ -174,7 +174,7 @@ class Actuation:
         behind = np.abs(gap) > _FREE_RAD + self._free_speed * age_s  # its set-point has gone on since the sample
         heard = age_s < _JUST_NOW_S + self.chain.round_trip.one_way_s
         for joint in np.flatnonzero(fast & (gap * dq > 0.0) & behind & heard):
-            logger.warning("%s: %s came free at %.1f rad/s; caught", self.name, hw.motors[joint].name, dq[joint])
+            logger.info("%s: %s came free at %.1f rad/s; caught", self.name, hw.motors[joint].name, dq[joint])
             self.setpoint.fall_back(int(joint), float(self.q[joint]))
             self._came_free_s = now
 

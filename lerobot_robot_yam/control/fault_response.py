@@ -101,7 +101,7 @@ class FaultResponse:
         if self._halted_afloat and status.mode is Mode.HOLD:
             self._floating.check(arm.name)
             arm.enter(Mode.FLOAT)
-        logger.warning("%s: re-armed", arm.name)
+        logger.info("%s: re-armed", arm.name)
         status.halted, self._halted_afloat, self._peer = False, False, None
         status.trouble, status.message, status.limited = None, "", Limited.NOTHING
 

@@ -102,5 +102,5 @@ class LimitLog:
             return
         fresh = limited & ~self._before
         if fresh:
-            logger.warning("%s: target held back by %s", self._arm, fresh.name)
+            logger.info("%s: target held back by %s", self._arm, fresh.name)
         self._before = limited

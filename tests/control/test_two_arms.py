@@ -1,5 +1,7 @@
 """Two arms of one session: what stops one stops both, and both wait for a caller that has fallen silent."""
 
+import logging
+
 import pytest
 
 from lerobot_robot_yam.damiao.tables import Fault
@@ -14,6 +16,7 @@ rig = either_rig(LEFT, RIGHT)
 
 
 def test_a_stale_caller_leaves_the_arm_holding_and_the_next_target_moves_it(rig, caplog, capfd):
+    caplog.set_level(logging.INFO)
     session = session_on(rig, sim_config(rig, LEFT), sim_config(rig, RIGHT))
     session.start()
     try:

@@ -39,7 +39,7 @@ class ProgressMonitor:
         """Whether the speed limit does; `gap_rad` is the largest between target and set-point."""
         before, self._by_speed = self._by_speed, gap_rad > (_NEAR_RAD if self._by_speed else _FAR_RAD)
         if self._by_speed and not before:
-            logger.warning("%s: target is %.2f rad away; it follows at its speed limit", self._arm, gap_rad)
+            logger.info("%s: target is %.2f rad away; it follows at its speed limit", self._arm, gap_rad)
         return self._by_speed
 
     def by_workspace(self, by: str) -> bool:
