@@ -19,7 +19,7 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD
 from lerobot_robot_yam.arm.validation import finite_vector
 from lerobot_robot_yam.control.safety.progress_monitor import far_behind
-from lerobot_robot_yam.errors import ConfigError, LifeCycleError
+from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError
 from lerobot_robot_yam.session.arm_client import Vector
 from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
 from lerobot_robot_yam.state.modes import Mode
@@ -111,7 +111,7 @@ class YamArm(Uncopied):
         q(t) = q0 + (1 − cos(π t / T)) / 2 · (q1 − q0), peak speed π/2 · |q1 − q0| / T = `speed_rad_s`.
 
         Raises:
-            ActionError: wrong shape or not finite; nothing moves.
+            ActionError: wrong shape, not finite, or beyond a joint's range; nothing moves.
             LifeCycleError: the pose was not reached (obstructed, stopped, or limits hold the arm back).
         """
         port = self._session[self.config.name]
@@ -121,6 +121,11 @@ class YamArm(Uncopied):
         hw = port.hardware
         joints, lower, upper = hw.joints, hw.lower[: hw.joints], hw.upper[: hw.joints]
         beyond = (goal < lower - RANGE_TOLERANCE_RAD) | (goal > upper + RANGE_TOLERANCE_RAD)  # no arm measures so
+        if beyond.any():
+            joint = int(beyond.argmax())
+            reach = f"{lower[joint]:.2f} … {upper[joint]:.2f} rad"
+            name = hw.motors[joint].name
+            raise ActionError(f"{self.config.name}: {name} cannot go to {goal[joint]:.2f} rad, only within {reach}")
         if state.mode is Mode.FLOAT:
             port.hold()
         first_grip = state.gripper_setpoint
@@ -143,7 +148,7 @@ class YamArm(Uncopied):
             if asked_grip is not None and state.gripper_setpoint is not None:
                 behind = np.append(behind, abs(state.gripper_setpoint - asked_grip))
             late = behind >= 1e-3
-            late[:joints] |= beyond | far_behind(state.q - goal, hw.kp[:joints], hw.torque_limit_nm[:joints])
+            late[:joints] |= far_behind(state.q - goal, hw.kp[:joints], hw.torque_limit_nm[:joints])
             if elapsed >= reach_s and not late.any():
                 return state
             if elapsed > reach_s + _SETTLE_TIMEOUT_S:

@@ -169,6 +169,12 @@ class ArmState:
         layout, self._at = _STATES[self._motors]
         self._values = layout.unpack(payload)
 
+    def __repr__(self) -> str:
+        q = ", ".join(f"{value:.3f}" for value in self.q)
+        grip = "" if self.gripper is None else f", gripper={self.gripper:.2f}"
+        wrong = f", {self.trouble}: {self.message}" if self.trouble else ""
+        return f"<ArmState {self.mode.name} q=[{q}] rad{grip}, hottest {max(self.temp_mos_c):.0f} °C{wrong}>"
+
     q: np.ndarray = _slots("q", "(joints,) rad.", "_joints", np.array)
     dq: np.ndarray = _slots("dq", "(joints,) rad/s.", "_joints", np.array)
     tau_nm: np.ndarray = _slots("tau", "(joints,) Nm in joint coordinates.", "_joints", np.array)
