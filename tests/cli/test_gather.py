@@ -11,7 +11,7 @@ from lerobot.datasets import video_utils
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 from lerobot_robot_yam.commands.configs import config_path
-from lerobot_robot_yam.commands.gather import _open, environment, gather
+from lerobot_robot_yam.commands.lib.gathering import _open, environment, gather
 from lerobot_robot_yam.errors import ConfigError, RigError
 from tests.cli.conftest import Commands
 from tests.support.paths import ROOT
@@ -34,6 +34,7 @@ def test_demonstrations_are_gathered_and_more_of_them_later(tmp_path):
         assert seen[0].shape == (3, camera.height, camera.width) and np.abs(seen[1] - seen[0]).mean() > 0.005
 
 
+@pytest.mark.long
 def test_attempts_that_fail_are_dropped_and_many_in_a_row_are_an_error(tmp_path):
     env, root = environment(config_path("train/lift_and_place_eval")), tmp_path / "data"
     env.robot.cameras, env.time_limit_s = {}, 0.2  # no operator is so fast

@@ -21,7 +21,7 @@ from lerobot.scripts.lerobot_teleoperate import TeleoperateConfig
 from lerobot.teleoperators import make_teleoperator_from_config
 
 from lerobot_robot_yam.commands.configs import config_names, config_path, configs_dir, copy_configs, main
-from lerobot_robot_yam.commands.gather import features_of
+from lerobot_robot_yam.commands.lib.gathering import features_of
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.scene.scene import load_scene
 
@@ -102,9 +102,10 @@ def test_real_configs_use_four_named_channels():
 
 
 @pytest.mark.parametrize("name", [name for name in config_names() if name.endswith("record")])
-def test_recording_needs_no_account_and_no_loudspeaker(name):
+def test_recording_needs_no_account_and_speaks_to_people_at_real_arms(name):
     config = parse(name)
-    assert not config.dataset.push_to_hub and not config.play_sounds and config.dataset.streaming_encoding
+    assert not config.dataset.push_to_hub and config.dataset.streaming_encoding
+    assert config.play_sounds is name.startswith("real")
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,184 @@
+"""Demonstrations of a virtual rig's task, gathered in lock-step as a LeRobot data set: what `yam-gather` does.
+
+The environment is that of a `lerobot-eval` config, so that what is learnt is what is evaluated. The scripted operator
+does the task once per seed; failed attempts are dropped.
+"""
+
+import json
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple, cast
+
+import draccus
+import numpy as np
+from draccus.utils import DecodingError, ParsingError
+from lerobot.configs.eval import EvalPipelineConfig
+from lerobot.configs.video import RGBEncoderConfig
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE
+from tqdm import tqdm
+
+from lerobot_robot_yam.config_yam_env import AGENT_POS, YamEnvConfig, eyes_of
+from lerobot_robot_yam.errors import ConfigError, RigError
+from lerobot_robot_yam.face.datasets.recording import recorded_name
+from lerobot_robot_yam.face.datasets.repair.inspection import inspect
+from lerobot_robot_yam.rig.operator.demonstrator import Demonstrator
+from lerobot_robot_yam.system.signals import finished_first
+from lerobot_robot_yam.yam_env import YamEnv
+
+logger = logging.getLogger(__name__)
+
+_SEEDS = "seeds.json"  # beside the data: which seeds were tried, and with what outcome
+_GIVE_UP = 20  # failures in a row
+_ENCODER = {"vcodec": "h264", "preset": "ultrafast", "crf": 18}
+
+
+class Frame(NamedTuple):
+    """One step: the observation before it, the action (m,) really sent, and whether it brought success."""
+
+    observation: dict[str, Any]
+    action: np.ndarray
+    success: bool
+
+
+def demonstrate(env: YamEnv, seed: int) -> Iterator[Frame]:
+    """The operator's attempt at the environment's task, laid out by `seed`, until it is over.
+
+    Raises:
+        ConfigError: the environment is not in lock-step, or its task has no operator.
+        YamError: robot, rig or operator fail.
+    """
+    observation, _ = env.reset(seed=seed)
+    rig, task = env.lockstep_task()
+    operator = Demonstrator(rig, task, env.sides)
+    try:
+        over = False
+        while not over:
+            targets = operator.targets()
+            action = env.action_of(np.concatenate([targets[side] for side in env.sides]))
+            before = observation
+            observation, _, terminated, truncated, info = env.step(action)
+            over = terminated or truncated
+            yield Frame(before, env.sent, bool(info["is_success"]))
+    finally:
+        operator.close()
+
+
+def features_of(config: YamEnvConfig) -> dict[str, dict[str, Any]]:
+    """The data set's features: as `lerobot-record` writes them for the environment's robot."""
+    robot = cast(Any, config.robot)
+    features: dict[str, dict[str, Any]] = {}
+    for key, names in ((ACTION, robot.action_keys()), (OBS_STATE, robot.state_keys())):
+        features[key] = {"dtype": "float32", "shape": (len(names),), "names": names}
+    for name, camera in eyes_of(robot).items():
+        shape = (camera.height, camera.width, 3)
+        features[f"{OBS_IMAGES}.{name}"] = {"dtype": "video", "shape": shape, "names": ["height", "width", "channels"]}
+    return features
+
+
+def gather(config: YamEnvConfig, root: Path, repo_id: str, episodes: int, first_seed: int) -> dict[int, bool]:
+    """Gather until the data set in `root` has enough episodes; returns which seeds succeeded, of all that were tried.
+
+    Raises:
+        RigError: the operator fails again and again.
+        YamError: what the environment raises.
+    """
+    seeds_path = root / _SEEDS
+    tried = {int(seed): won for seed, won in json.loads(seeds_path.read_text()).items()} if seeds_path.exists() else {}
+    env = YamEnv(config)
+    dataset: LeRobotDataset | None = None
+    failures = 0
+    try:
+        env.reset(seed=first_seed)  # an environment that cannot be leaves no data set behind
+        dataset = _open(config, root, repo_id, env._max_episode_steps)
+        with tqdm(total=episodes, initial=dataset.num_episodes, unit="episode") as bar:
+            while dataset.num_episodes < episodes:
+                seed = max(tried, default=first_seed - 1) + 1
+                won = _attempt(env, seed, dataset)
+                tried[seed] = won
+                with finished_first("saving the episode"):
+                    _note(seeds_path, tried)  # before it is saved: the next run must not do the same seed again
+                    if won:
+                        dataset.save_episode()
+                        bar.update()
+                    else:
+                        dataset.clear_episode_buffer()
+                        logger.info("seed %d: the operator failed; dropped", seed)
+                failures = 0 if won else failures + 1
+                if failures >= _GIVE_UP:
+                    raise RigError(f"the operator failed {failures} times in a row; does the scene suit its script?")
+    finally:
+        env.close()
+        if dataset is not None:
+            dataset.finalize()
+    return tried
+
+
+def _note(path: Path, tried: dict[int, bool]) -> None:
+    """All at once: a file cut short could not be read again."""
+    new = path.with_suffix(".new")
+    new.write_text(json.dumps(tried))
+    new.replace(path)
+
+
+def _attempt(env: YamEnv, seed: int, dataset: LeRobotDataset) -> bool:
+    success = False
+    for seen, action, success in demonstrate(env, seed):  # noqa: B007
+        images = {f"{OBS_IMAGES}.{name}": image for name, image in seen["pixels"].items()}
+        row = {OBS_STATE: seen[AGENT_POS], ACTION: action.astype(np.float32), **images, "task": env.task_description}
+        dataset.add_frame(row)
+    return success
+
+
+def _open(config: YamEnvConfig, root: Path, repo_id: str, steps: int) -> LeRobotDataset:
+    encoding: dict[str, Any] = {"rgb_encoder": RGBEncoderConfig(**_ENCODER), "streaming_encoding": True}
+    encoding |= {"encoder_threads": 1, "encoder_queue_maxsize": steps + 1}  # LeRobot drops frames that do not fit
+    robot, features = cast(Any, config.robot), features_of(config)
+    robot_type = recorded_name(robot.type, robot.use_degrees, robot.action_space)
+    if not (root / "meta" / "info.json").exists():
+        return LeRobotDataset.create(repo_id, config.fps, features, root, robot_type=robot_type, **encoding)
+    if wrong := damage(root):  # LeRobot would count the rows of an interrupted episode twice, and shift all others
+        raise ConfigError(
+            f"{root}: gathering was killed ({wrong}); run `yam-repair-dataset {root}` and put the repaired copy in its "
+            "place to go on"
+        )
+    dataset = LeRobotDataset.resume(repo_id, root, **encoding)
+    _refuse_another("fps", dataset.fps, config.fps, root)
+    _refuse_another("robot", dataset.meta.robot_type, robot_type, root)
+    recorded = [key for key in dataset.features if key in (ACTION, OBS_STATE) or key.startswith(OBS_IMAGES)]
+    _refuse_another("features", sorted(recorded), sorted(features), root)
+    for key, wanted in features.items():
+        held = dataset.features[key]
+        for part in ("names", "shape"):
+            _refuse_another(f"{key} {part}", list(held[part] or ()), list(wanted[part]), root)
+    return dataset
+
+
+def damage(root: Path) -> str:
+    """The first defect that a kill has left in the data set in `root`; empty when it is whole."""
+    if not any((root / "data").glob("*/*.parquet")):
+        return ""
+    findings = inspect(root, lambda episodes: ())  # without decoding the videos
+    wrong = [*findings.problems, *(f"episode {e.number}: {e.lost}" for e in findings.episodes if e.lost)]
+    return wrong[0] if wrong else ""
+
+
+def _refuse_another(what: str, held: object, wanted: object, root: Path) -> None:
+    if held != wanted:
+        raise ConfigError(f"{root}: its {what} is {held}, that of the environment {wanted}; give another --root")
+
+
+def environment(path: Path) -> YamEnvConfig:
+    """The environment of a `lerobot-eval` config.
+
+    Raises:
+        ConfigError: it cannot be read, is not ours, or not in lock-step.
+    """
+    try:
+        config = draccus.parse(EvalPipelineConfig, path, args=[]).env
+    except (OSError, DecodingError, ParsingError, AttributeError) as error:  # the last: no mapping
+        raise ConfigError(f"{path} is no config of lerobot-eval: {error.__cause__ or error}") from error
+    if not isinstance(config, YamEnvConfig) or not config.lockstep:
+        raise ConfigError(f"{path}: yam-gather needs an environment of type yam with lockstep: true")
+    return config
