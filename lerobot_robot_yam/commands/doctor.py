@@ -102,7 +102,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--rig", help="name of the virtual rig")
     parser.add_argument("--config_path", type=Path, metavar="FILE", help="LeRobot run config with our robots")
     parser.add_argument("--samples", type=int, default=_SAMPLES, help="questions per motor for the reply latency")
-    parser.add_argument("--json", action="store_true", help="one JSON object instead of tables")
+    parser.add_argument("--verbose", action="store_true", help="also tables of everything that was measured")
+    parser.add_argument("--json", action="store_true", help="one JSON object instead of text")
     parser.add_argument("--sysfs", type=Path, default=SYSFS, help="where sysfs is (a copy of another computer's)")
     return parser
 
@@ -135,7 +136,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     report = examine(plan, args.samples, args.sysfs)
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a terminal that cannot show a character
-    sys.stdout.write((as_json(report) if args.json else as_text(report)) + "\n")
+    sys.stdout.write((as_json(report) if args.json else as_text(report, args.verbose)) + "\n")
     return exit_status(report)
 
 

@@ -41,12 +41,15 @@ def test_a_healthy_rig(rig, capsys):
     assert "granted to the control loop" in [row["what"] for row in report["host"]]
 
 
-def test_the_plain_report(rig, capsys):
+def test_the_plain_report_begins_with_the_verdict_and_has_tables_where_they_are_asked_for(rig, capsys):
     assert main(virtual(rig, FOLLOWER)) == 0
     out, err = capsys.readouterr()
-    for words in ("Motors", "joint_1", "DM4340", "Reply latency", "p99 ms", "This computer", "healthy: 0 problems"):
-        assert words in out
+    assert out.startswith("healthy: 0 problems") and "--verbose" in out and "DM4340" not in out
     assert f"{FOLLOWER}: listening" in err
+    assert main([*virtual(rig, FOLLOWER), "--verbose"]) == 0
+    out = capsys.readouterr().out
+    for words in ("healthy: 0 problems", "Motors", "joint_1", "DM4340", "Reply latency", "p99 ms", "This computer"):
+        assert words in out
 
 
 def test_a_run_config_and_the_installed_module(rig, tmp_path):

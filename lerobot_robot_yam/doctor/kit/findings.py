@@ -134,19 +134,20 @@ def as_json(report: Report) -> str:
     return json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False)
 
 
-def as_text(report: Report) -> str:
-    """Tables, then the findings, each with its remedy on the next line."""
-    lines: list[str] = []
-    for name, section in report.items():
-        if section.rows:
-            lines += [_TABLES[name][0], *_table(section), ""]
+def as_text(report: Report, verbose: bool = False) -> str:
+    """The verdict; the findings, each with its remedy on the next line; and with `verbose` the tables."""
     found = _findings(report)
+    counts = _counts(found)
+    words = ", ".join(f"{count} {name}{'' if count == 1 else 's'}" for name, count in counts.items())
+    lines = [("not healthy: " if counts[Severity.PROBLEM] else "healthy: ") + words]
     for finding in found:
         lines.append(f"{finding.severity.value.upper():8} {finding.where}: {finding.what}")
         lines.append(f"{'':8} -> {finding.remedy}")
-    counts = _counts(found)
-    words = ", ".join(f"{count} {name}{'' if count == 1 else 's'}" for name, count in counts.items())
-    lines += [""] * bool(found) + [("" if counts[Severity.PROBLEM] else "healthy: ") + words]
+    tables = [(name, section) for name, section in report.items() if section.rows]
+    if tables and not verbose:
+        lines += ["", "--verbose shows what was measured"]
+    for name, section in tables if verbose else ():
+        lines += ["", _TABLES[name][0], *_table(section)]
     return "\n".join(lines)
 
 
