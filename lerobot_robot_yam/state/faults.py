@@ -11,15 +11,26 @@ from lerobot_robot_yam.damiao.tables import Fault
 
 
 class Response(StrEnum):
-    """Responses of an arm."""
+    """Responses of an arm, by the words that docs/faults.md uses and explains."""
 
     GO_ON = "goes on"
-    HOLD = "holds with every motor that still obeys; targets are ignored until it is re-armed"
-    HOLD_UNTIL_TARGET = "brakes and holds; the next target moves it on, from where it is"
-    STOP = "emergency stop, latched: followers hold, leaders float"
-    LAND = "lands and cuts torque there"
-    LOST = "cannot be reached: its motors keep the last command for 0.4 s, then their own watchdog ends torque"
-    REFUSE = "is not energised"
+    HOLD = "holds"
+    HOLD_UNTIL_TARGET = "waits"
+    STOP = "stops"
+    LAND = "lands"
+    LOST = "lost"
+    REFUSE = "refused"
+
+
+_MEANING = {
+    Response.GO_ON: "does what it did",
+    Response.HOLD: "holds with every motor that still obeys; targets are ignored until it is re-armed",
+    Response.HOLD_UNTIL_TARGET: "brakes and holds; the next target moves it on, from where it is",
+    Response.STOP: "emergency stop, latched: followers hold, leaders float",
+    Response.LAND: "folds down and cuts torque there",
+    Response.LOST: "cannot be reached: its motors keep the last command for 0.4 s, then their own watchdog ends torque",
+    Response.REFUSE: "is not energised",
+}
 
 
 class Trouble(StrEnum):
@@ -279,6 +290,10 @@ def document() -> str:
         "with the motors that still obey. If these cannot fold it, it sinks slowly onto what it meets.",
         "",
         "`python -m lerobot_robot_yam.state.faults > docs/faults.md` writes this page from the loop's own table.",
+        "",
+        "| an arm | means |",
+        "|---|---|",
+        *(f"| {response} | {meaning} |" for response, meaning in _MEANING.items()),
         "",
         "| fault | noticed by | the arm | its peer | the caller sees | within | to re-arm |",
         "|---|---|---|---|---|---|---|",
