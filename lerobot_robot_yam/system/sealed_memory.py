@@ -31,7 +31,11 @@ def allocate(name: str, size: int) -> int:
         raise OSError(ctypes.get_errno(), f"memfd_create: {os.strerror(ctypes.get_errno())}")
     try:
         os.fchmod(descriptor, 0o600)
-        os.posix_fallocate(descriptor, 0, size)
+        try:
+            os.posix_fallocate(descriptor, 0, size)
+        except OSError as error:  # it names no file
+            what = f"no memory for {name}: {error.strerror}; `free -h` and `df -h /dev/shm` show what is full"
+            raise OSError(error.errno, what) from error
         fcntl.fcntl(descriptor, fcntl.F_ADD_SEALS, _FIXED_SIZE)
     except BaseException:
         os.close(descriptor)

@@ -51,7 +51,7 @@ def test_teleoperate_runs_at_60_hz(shared_commands):
 @pytest.mark.parametrize(
     "first, second",
     [
-        (signal.SIGINT, signal.SIGINT),
+        pytest.param(signal.SIGINT, signal.SIGINT, marks=pytest.mark.long),  # of a recording: test_ways_to_end
         pytest.param(signal.SIGTERM, None, marks=pytest.mark.long),  # of a robot alone: tests/system/test_signals.py
         pytest.param(signal.SIGHUP, signal.SIGTERM, marks=pytest.mark.long),
     ],

@@ -63,6 +63,7 @@ def test_episodes_are_paced_and_the_arms_land_in_the_end(commands):
     assert_landed(commands, 2)
 
 
+@pytest.mark.long
 def test_ctrl_c_in_the_middle_of_an_episode_lands_the_arm(commands):
     process = start(commands, 1, "--env.time_limit_s=60", "--eval.n_episodes=1")
     commands.wait_enabled(process, FOLLOWERS[0])

@@ -191,7 +191,7 @@ ENDS = ("nan", "short")  # before its time
 @pytest.mark.parametrize(
     "inference, behaviour, status, says",
     [
-        pytest.param("sync", "jumps", 0, "it follows at its speed limit", id="jumps-sync"),
+        pytest.param("sync", "jumps", 0, "it follows at its speed limit", id="jumps-sync", marks=LONG),
         pytest.param("rtc", "jumps", 0, "it follows at its speed limit", id="jumps-rtc", marks=LONG),
         pytest.param("sync", "nan", 1, "left_joint_2.pos is nan; nothing was sent", id="nan-sync", marks=LONG),
         pytest.param("rtc", "nan", 1, "left_joint_2.pos is nan; nothing was sent", id="nan-rtc", marks=LONG),

@@ -75,6 +75,7 @@ def test_every_joint_is_recorded(recorded):
     commands.assert_landed()
 
 
+@pytest.mark.long
 def test_it_is_replayed(recorded):
     commands, data = recorded
     process = commands.start(

@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pytest
 import yaml
+from draccus.utils import DecodingError
 from lerobot.configs import parser
 from lerobot.datasets import LeRobotDataset
 from lerobot.robots import make_robot_from_config
@@ -57,17 +58,22 @@ def error_of(tmp_path, monkeypatch, main, document, *arguments):
     monkeypatch.setattr(sys, "argv", ["command", f"--config_path={path}", *arguments])
     handlers = {number: signal.getsignal(number) for number in SIGNALS}
     try:
-        with pytest.raises((ValueError, OSError)) as raised:
+        with pytest.raises((ConfigError, ValueError, OSError, SystemExit)) as raised:
             main()
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
-    return raised.value
+    value = raised.value
+    return value.__context__ if isinstance(value, SystemExit) else value  # what LeRobot's parser made a line of
 
 
 def refused(error, because):
     """The command went no further than our look at what it was given."""
-    return isinstance(error, ConfigError) and because in str(error) and "nothing was energised" in str(error)
+    return (
+        isinstance(error, (ConfigError, DecodingError))
+        and because in str(error)
+        and "nothing was energised" in str(error)
+    )
 
 
 def went_on(error):

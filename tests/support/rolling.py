@@ -71,7 +71,7 @@ class Rollout:
         """Look at the arms until it has printed something, so many times."""
         self.wait_until(lambda: self.commands.output().count(text) >= count)
 
-    def wait_until(self, condition, timeout_s=150.0):
+    def wait_until(self, condition, timeout_s=60.0):
         """Look at the arms, how far from their rest they get, until a condition holds."""
         deadline = time.monotonic() + timeout_s
         while not condition():

@@ -96,7 +96,8 @@ def main() -> int:
         _answer(answers, {"error": str(error)})
         return 1
     except (ImportError, AttributeError) as error:  # PyOpenGL reports a missing library so
-        _answer(answers, {"error": f"rendered cameras need OpenGL through EGL, which cannot be loaded ({error})"})
+        missing = f"rendered cameras need OpenGL through EGL, whose libraries are not installed ({error})"
+        _answer(answers, {"error": f"{missing}; sudo apt install libegl1 libgl1-mesa-dri"})
         raise
     try:
         _serve(drawing, answers, args.on_demand)

@@ -97,6 +97,7 @@ def test_a_virtual_scene_is_laid_out_by_the_rig_whoever_judges(tmp_path, monkeyp
             os.close(terminal)
 
 
+@pytest.mark.long
 def test_several_on_live_rigs_have_one_each(tmp_path):
     envs = YamEnvConfig(robot=robot(tmp_path, cameras={}, gripper_stops_rad=[3.25, -3.3])).create_envs(2)["yam"][0]
     try:
