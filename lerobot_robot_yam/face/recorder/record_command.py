@@ -98,7 +98,7 @@ def running_record(frame: FrameType | None) -> RecordCommand | None:
 def _unsaved(dataset: "LeRobotDataset") -> bool:
     """Whether there are frames that are not saved yet; LeRobot takes their count away while it saves them."""
     buffer = dataset.writer.episode_buffer if dataset.writer is not None else None
-    return bool(buffer) and buffer.get("size", 1) > 0
+    return buffer is not None and buffer.get("size", 1) > 0
 
 
 class _SaveThenStop:
