@@ -9,7 +9,7 @@ import time
 import can
 import pytest
 
-from lerobot_robot_yam.errors import RigError
+from lerobot_robot_yam.errors import ConfigError, RigError
 from lerobot_robot_yam.rig.client import launch, rig_control
 from lerobot_robot_yam.rig.client.rig_control import RigControl, runs, wait_ended
 from lerobot_robot_yam.rig.server import lifetime
@@ -232,7 +232,7 @@ def test_a_connection_that_waits_or_a_starter_keeps_it():
 
 
 def test_a_name_that_is_no_pid_is_refused():
-    with pytest.raises(ValueError, match="process id"):
+    with pytest.raises(ConfigError, match="process id"):
         rig_name("auto:me")
 
 
