@@ -59,6 +59,13 @@ class FollowerOptions(ABC):
         """
         return dict(self.cameras)
 
+    def image_names(self) -> list[str]:
+        """Names of all images of an observation; depth is `<name>_depth`. Raises ConfigError, see `all_cameras`."""
+        names = []
+        for name, camera in self.all_cameras().items():
+            names += [name] * getattr(camera, "use_rgb", True) + [f"{name}_depth"] * getattr(camera, "use_depth", False)
+        return names
+
     def action_keys(self) -> list[str]:
         """Keys of an action, in canonical order.
 
@@ -100,7 +107,7 @@ def _refuse(device: str, config: Any) -> None:
     def check(_: Any) -> None:
         RobotConfig.__post_init__(config)
         joints_in_degrees = config.use_degrees and config.action_space == "joint"
-        check_command(device, config.action_keys(), joints_in_degrees, config.all_cameras())
+        check_command(device, config.action_keys(), joints_in_degrees, config.image_names())
 
     refuse(device, config, "follower", check)
 

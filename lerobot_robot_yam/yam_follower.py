@@ -76,8 +76,8 @@ class FollowerBase(ArmDevice, Robot):
     def connect(self, calibrate: bool = True) -> None:
         """Open the cameras, then energise the arms, which hold where they are. All of it or nothing.
 
-        Where leaders of this process are connected, the arms then move to where those are: a recording that begins
-        now shows no approach.
+        Under a LeRobot command that has connected their leaders the arms then move to where those are: a recording
+        that begins now shows no approach.
 
         Args:
             calibrate: seek the grippers' stops where none are known. False: seek nothing, and put stops aside that do

@@ -172,11 +172,12 @@ class ArmGroup:
         A LeRobot command that disconnects one device disconnects the others next: their arms begin to land now, too.
         """
         self._leave()
-        if under_a_command(inspect.currentframe()):
-            for other in _running:
-                other._session.begin_stop()
         try:
             with undisturbed(f"{self.device}: landing"):
+                if under_a_command(inspect.currentframe()):
+                    for other in _running:
+                        with contextlib.suppress(OSError):  # ours have to land, whatever becomes of its process
+                            other._session.begin_stop()
                 self._session.stop()
         finally:
             self._undo_signals()

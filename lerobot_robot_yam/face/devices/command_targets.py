@@ -1,7 +1,6 @@
 """What a LeRobot command names: whether it is there, said before anything is opened or energised."""
 
 import difflib
-import json
 import sys
 from collections.abc import Collection, Mapping
 from pathlib import Path
@@ -11,10 +10,9 @@ from lerobot.utils.constants import OBS_IMAGES
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.devices.command_options import channels_of
-from lerobot_robot_yam.face.recorder.record_command import is_empty
+from lerobot_robot_yam.face.recorder.record_command import INFO, episodes_in, is_empty
 
 _RECORD = ("lerobot-record", "lerobot_record")
-_INFO = Path("meta", "info.json")
 _HUB_S = 5.0
 _FILLED = "empty_camera"  # LeRobot's names of images that policies get as zeros
 _FILLING = ("pi0", "pi05", "pi0_fast", "smolvla", "xvla", "evo1")  # LeRobot's types that do so with any that is missing
@@ -45,10 +43,10 @@ def check_data_set(options: Mapping[str, str]) -> None:
     if not options.get("dataset.root"):
         return  # in LeRobot's own directory, or to be fetched
     root = Path(options["dataset.root"])
-    episodes = _episodes(root)
+    episodes = episodes_in(root)
     opens = "dataset.episode" in options or options.get("resume") == "True"
     if opens and episodes is None and not _on_hub(options.get("dataset.repo_id", "")):
-        beside = sorted(path.parent.parent.name for path in root.parent.glob(f"*/{_INFO}"))
+        beside = sorted(path.parent.parent.name for path in root.parent.glob(f"*/{INFO}"))
         there = f"{root.parent} has {', '.join(beside)}" if beside else f"{root.parent} has none"
         raise ConfigError(f"there is no data set in {root}; {there}")
     if opens and episodes == 0:
@@ -69,14 +67,6 @@ def _clean(root: Path) -> str:
     if is_empty(root):
         return f"remove it (rm -r {root}) and record"
     return f"there are rows or images of one all the same: `yam-repair-dataset {root}`"
-
-
-def _episodes(root: Path) -> int | None:
-    """How many episodes a data set has; None if there is none."""
-    try:
-        return int(json.loads((root / _INFO).read_text())["total_episodes"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
 
 
 def _on_hub(repo_id: str) -> bool:

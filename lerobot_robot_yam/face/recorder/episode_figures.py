@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 _LATE = 1.5  # of a frame's time
-_SAMPLE = 16  # each so-manieth pixel
+_SAMPLE = 16  # compared first: every sixteenth row and column
 _SLOW = 0.95  # of the frames per second that the data set says
 
 
@@ -56,17 +56,20 @@ class EpisodeFigures:
         return (self.frames - 1) / (self.times_s[-1] - self.times_s[0]) if self.frames > 1 else float(self.fps)
 
     @property
+    def late_frames(self) -> int:
+        """How many came more than half a period late."""
+        return int((np.diff(self.times_s) > _LATE / self.fps).sum())
+
+    @property
     def slow(self) -> bool:
         """It is stamped faster than it was: whoever plays or learns it sees a world that hurries."""
         return self.achieved_fps < _SLOW * self.fps
 
     def summary(self) -> str:
         """One line: what a person wants to know before the next episode."""
-        gaps_s = np.diff(self.times_s)
-        late = int((gaps_s > _LATE / self.fps).sum())
         found = [f"{self.frames} frames at {self.achieved_fps:.1f} of {self.fps} fps"]
-        if late:
-            found.append(f"{late} late (longest {gaps_s.max() * 1e3:.0f} ms)")
+        if self.late_frames:
+            found.append(f"{self.late_frames} late (longest {np.diff(self.times_s).max() * 1e3:.0f} ms)")
         found += [f"{count} repeated images of {name}" for name, count in sorted(self.repeated.items())]
         if self.lost:
             found.append(f"{self.lost} lost replies of motors")
@@ -85,7 +88,7 @@ class EpisodeFigures:
             "fps": self.fps,
             "achieved_fps": round(self.achieved_fps, 3),
             "frames": self.frames,
-            "late_frames": int((np.diff(times) > _LATE / self.fps).sum()),
+            "late_frames": self.late_frames,
             "repeated_images": dict(self.repeated),
             "lost_replies": self.lost,
             "frames_at_speed_limit": self.held_back,

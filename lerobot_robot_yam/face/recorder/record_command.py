@@ -23,7 +23,7 @@ logger = logging.getLogger(__name__)
 
 _COMMAND, _LOOP = "record", "record_loop"  # functions of lerobot_record.py
 _STOP, _LEAVE_LOOP, _AGAIN = "stop_recording", "exit_early", "rerecord_episode"  # its flags, which its keys set
-_INFO = Path("meta", "info.json")
+INFO = Path("meta", "info.json")
 _RECORDED = ("*.parquet", "*.mp4", "*.png")
 _told_of: "LeRobotDataset | None" = None
 
@@ -162,10 +162,14 @@ def _say_kept(dataset: "LeRobotDataset", root: Path, before: int, resumes: bool)
     logger.info("kept %s of this session; %d in %s", kept, dataset.num_episodes, root)
 
 
+def episodes_in(root: Path) -> int | None:
+    """How many episodes the data set in a folder has; None if there is no data set."""
+    try:
+        return int(json.loads((root / INFO).read_text())["total_episodes"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
 def is_empty(root: Path) -> bool:
     """Whether a folder is a data set in which nothing was ever recorded: no rows, no images, no videos."""
-    try:
-        episodes = json.loads((root / _INFO).read_text())["total_episodes"]
-    except (OSError, ValueError, KeyError, TypeError):
-        return False
-    return episodes == 0 and not any(True for pattern in _RECORDED for _ in root.rglob(pattern))
+    return episodes_in(root) == 0 and not any(True for pattern in _RECORDED for _ in root.rglob(pattern))

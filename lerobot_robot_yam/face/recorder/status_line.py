@@ -17,7 +17,7 @@ class StatusLine(logging.Filter):
     def __init__(self, stream: TextIO | None = None):
         super().__init__()
         self._stream = stream or sys.stderr
-        self._on = self._stream.isatty()
+        self._on = self._stream is not None and self._stream.isatty()  # a program may run without any
         self._shown = False
 
     def begin(self) -> None:

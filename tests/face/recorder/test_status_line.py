@@ -4,6 +4,7 @@ import io
 import logging
 import os
 import pty
+import sys
 
 from lerobot_robot_yam.face.recorder.status_line import StatusLine
 
@@ -58,3 +59,11 @@ def test_a_terminal_that_is_gone_keeps_nobody_from_logging():
         logging.getLogger().warning("an arm is warm")
         status.end()
         terminal.close = lambda: None  # its last flush would fail, too
+
+
+def test_a_program_without_a_terminal_or_a_file_gets_nothing(monkeypatch):
+    monkeypatch.setattr(sys, "stderr", None)
+    status = StatusLine()
+    status.begin()
+    status.show("episode 1 of 2")
+    status.end()
