@@ -22,13 +22,13 @@ _SPEED_FACTOR, _SPEED_SLACK = 1.2, 0.15
 _GRIPPER_SPEED_FACTOR = 1.4  # it weighs next to nothing: what a late tick makes of its ramp, it overshoots
 _PUNCTUAL_S = 0.008  # a command is obeyed for a tick and the way over the wire
 _KEPT_UP_S = 0.005  # longer than a tick: one command got lost, as each hundredth does here
-_CARRIED_BY = np.array([1.0, 1.0, 2.0, 3.0, 3.0, 3.0])  # joints 2 to 4 are parallel: what carries a joint brakes, too
+_CARRIED_BY = np.array([1.0, 1.0, 2.0, 3.0, 3.0, 3.0])  # what carries a joint brakes, too
 _CUT_OFF_S = 0.02  # its ramp has gone on, and it weighs next to nothing: it leaps to where that is
 _FREE_SPEED = 1.1  # of a joint's limit: faster, a joint that was blocked has come free
 _TORQUE_FACTOR, _TORQUE_SLACK_NM = 1.05, 1.0  # between two ticks a motor goes on by itself; a blow is sooner there
 _NOTICED_S = 0.3  # a motor without torque has been noticed by then
 _LANDED_RAD = 0.1  # joints 2 to 4 so near to the resting pose: landed
-_CARRYING = slice(1, 4)  # joints 2 to 4 carry weight
+_CARRYING = slice(1, 4)  # joints 2 to 4 are parallel, and carry weight
 _KNOWN_POSE_S = 0.5  # a judge that got no time to look does not know how the arm lay
 _FALL_M, _FALL_S = 0.01, 1.0  # nothing moves farther than this after torque was cut by us
 _TRUTH_RAD, _TRUTH_RAD_PER_S = 0.02, 3.0  # what a state may differ from the truth, and per second of its age
@@ -252,8 +252,9 @@ class Truth:
 def allowed_speed_rad_s(limit_rad_s: np.ndarray, oldest_s: np.ndarray, slow: bool) -> np.ndarray:
     """(n,) how fast motors may be.
 
-    A joint that has not got its command goes on by itself while the joints that carry it brake: it is thrown ahead. A
-    gripper whose commands or readings stay away is held back, and leaps to where its ramp has gone.
+    A joint that has not got its command goes on by itself while the joints that carry it brake: it is thrown ahead. So
+    is one whose own command came, when theirs stayed away: joints 2 to 4 are as late as the latest of them. A gripper
+    whose commands or readings stay away is held back, and leaps to where its ramp has gone.
 
     Args:
         limit_rad_s: (n,) of the set-points.
@@ -262,6 +263,7 @@ def allowed_speed_rad_s(limit_rad_s: np.ndarray, oldest_s: np.ndarray, slow: boo
     """
     allowed = _SPEED_FACTOR * limit_rad_s + _SPEED_SLACK
     late_s = np.maximum(oldest_s[:GRIPPER] - _KEPT_UP_S, 0.0)
+    late_s[_CARRYING] = late_s[_CARRYING].max()
     allowed[:GRIPPER] += [
         min(count * stale_overshoot_rad_s(float(late)), STALE_OVERSHOOT_RAD_S)
         for count, late in zip(_CARRIED_BY[: len(late_s)], late_s, strict=True)

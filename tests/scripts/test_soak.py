@@ -81,21 +81,23 @@ def run_soak(tmp_path, *arguments, timeout_s):
 
 
 @pytest.mark.parametrize(
-    "motor, age_s, slow, speed_rad_s, allowed",
+    "motor, late, age_s, slow, speed_rad_s, allowed",
     [
-        (3, 0.0045, False, 1.9, True),
-        (3, 0.0045, False, 2.0, False),  # its commands came in time
-        (3, 0.009, False, 2.3, True),  # one got lost, while joints 2 and 3 braked
-        (3, 0.009, False, 2.4, False),
-        (0, 0.009, False, 2.1, False),  # nothing carries it
-        (6, 0.0045, False, 24.0, False),
-        (6, 0.0045, True, 24.0, True),
-        (6, 0.03, False, 24.0, True),
+        (3, 3, 0.0045, False, 1.9, True),
+        (3, 3, 0.0045, False, 2.0, False),  # its commands came in time
+        (3, 3, 0.009, False, 2.3, True),  # one got lost, while joints 2 and 3 braked
+        (3, 3, 0.009, False, 2.4, False),
+        (3, 1, 0.009, False, 2.3, True),  # joint 2 goes on by itself, and throws it
+        (0, 1, 0.009, False, 2.1, False),
+        (0, 0, 0.009, False, 2.1, False),  # nothing carries it
+        (6, 6, 0.0045, False, 24.0, False),
+        (6, 6, 0.0045, True, 24.0, True),
+        (6, 6, 0.03, False, 24.0, True),
     ],
 )
-def test_a_motor_is_faster_only_where_its_commands_stayed_away(soak, motor, age_s, slow, speed_rad_s, allowed):
+def test_a_motor_is_faster_only_where_its_commands_stayed_away(soak, motor, late, age_s, slow, speed_rad_s, allowed):
     limits, ages = np.array([1.5] * 6 + [16.4]), np.full(7, 0.0045)
-    ages[motor] = age_s
+    ages[late] = age_s
     assert (speed_rad_s <= soak.truth.allowed_speed_rad_s(limits, ages, slow)[motor]) == allowed
 
 

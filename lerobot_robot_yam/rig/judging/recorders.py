@@ -21,7 +21,7 @@ from lerobot_robot_yam.system.clock import Clock
 _PERIOD_S = 0.002  # simulated time between two looks, at least
 _CHANGES_KEPT = 50_000
 _PRESS_N = 50.0  # of an arm on itself, at a point; the wrist of a folded limp arm presses with 27
-_STEP_S = 0.001  # of the physics
+STEP_S = 0.001  # of the physics
 _Sample = tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -244,7 +244,7 @@ def beyond_clip_nm(
     """
     n = len(clip_nm)
     q, dq, asked = (truth[key].reshape(len(truth["stamp_s"]), -1)[:, :n] for key in ("q", "dq", "asked_nm"))
-    lags = np.broadcast_to(np.round(np.asarray(known_s) / _STEP_S).astype(int), n)
+    lags = np.broadcast_to(np.round(np.asarray(known_s) / STEP_S).astype(int), n)
     beyond = np.abs(asked) - clip_nm
     for lag in range(1, min(int(lags.max(initial=0)), len(q) - 1) + 1):
         moved = kp * (q[:-lag] - q[lag:]) + kd * (dq[:-lag] - dq[lag:])
