@@ -42,18 +42,20 @@ class ChannelMonitor:
         self._chain = chain
         self._none = self._bad = np.zeros(len(chain), dtype=bool)
         self._well = Finding(self._none)
+        self._faulty: np.ndarray = ~self._none
+        self._told_s: np.ndarray = np.full(len(chain), math.nan)  # of the answer that told a fault first
         self._stray = _StrayFrames(chain)
 
     def check(self, now: float) -> Finding:
         """State of every motor; the message names each in trouble with its reason."""
         chain = self._chain
         if chain.all_answered and chain.all_normal:  # nearly always
-            self._bad = self._none
+            self._bad = self._faulty = self._none
             trouble, message = self._stray.check(now)
             return self._well if trouble is None else Finding(self._none, trouble, message)
         missed, lies = chain.missed, chain.distrusted
         silent = (chain.silence_s(now) > SILENT_S) & (missed >= _MOTOR_MISSED)
-        bad = silent | lies | (chain.fault != Fault.NORMAL)
+        bad = silent | lies | self._confirmed(chain.fault != Fault.NORMAL)
         falling = (missed >= _CHANNEL_MISSED).all() and not silent.all() and not (bad & ~silent).any()
         if falling:  # the others have fallen silent too: within SILENT_S it is the channel, or they answer again
             return Finding(self._bad)
@@ -78,6 +80,18 @@ class ChannelMonitor:
         faulty = np.flatnonzero(bad & ~silent & ~lies)
         trouble = FAULT_TROUBLE.get(int(chain.fault[faulty[0]]), Trouble.OVERLOAD) if len(faulty) else None
         return Finding(bad, trouble or (Trouble.IMPLAUSIBLE if lies.any() else Trouble.MOTOR_SILENT), message)
+
+    def _confirmed(self, faulty: np.ndarray) -> np.ndarray:
+        """Motors that say for the second time that they do not obey; one garbled answer may say anything.
+
+        One that was bad before, silent perhaps, is believed at once.
+        """
+        stamp_s = self._chain.stamp_s
+        first = faulty & ~self._faulty
+        self._told_s = np.where(first, np.where(self._bad, math.nan, stamp_s), self._told_s)
+        self._faulty = faulty
+        confirmed: np.ndarray = faulty & (stamp_s != self._told_s)
+        return confirmed
 
 
 class _StrayFrames:

@@ -54,6 +54,29 @@ def test_a_motor_that_lets_questions_go_by_is_named(chain):
     assert rig.now() - begin > 0.09
 
 
+def test_a_fault_is_believed_when_it_is_told_twice(chain):
+    """One garbled answer may say anything; a motor with a fault says so each time."""
+    rig, motors = chain
+    watch = ChannelMonitor(motors)
+    motors.exchange(HOLD)
+    assert watch.check(rig.now()).trouble is None
+    rig.fault("follower_left", "joint_6", "nibble", 0xE, sticky=True)
+    motors.exchange(HOLD)
+    assert watch.check(rig.now()).trouble is None  # the first answer
+    assert watch.check(rig.now()).trouble is None  # nothing new was heard
+    motors.exchange(HOLD)
+    finding = watch.check(rig.now())
+    assert finding.trouble is Trouble.OVERLOAD and list(finding.bad) == [False, True]
+
+
+def test_a_new_loop_believes_at_once_what_it_finds(chain):
+    """A stand-by that takes over must not treat limp motors as if they obeyed, not for a tick."""
+    rig, motors = chain
+    rig.fault("follower_left", "joint_6", "nibble", 0xE, sticky=True)
+    motors.exchange(HOLD)
+    assert ChannelMonitor(motors).check(rig.now()).trouble is Trouble.OVERLOAD
+
+
 def test_a_lost_motor_stays_lost_while_the_others_miss_some_questions_too(chain):
     rig, motors = chain
     watch = ChannelMonitor(motors)
