@@ -178,9 +178,9 @@ def test_a_renderer_that_gets_little_time_draws_every_camera_as_the_world_is_the
         for run_s in (0.008, 0.004, 0.002, 0.001):  # fast machines draw a round in a few milliseconds
             with little_time(*renderer_pids(rig), run_s):
                 round_s, ages_s = rounds_and_ages(rig, cameras)
-            if round_s > 0.08:
+            if round_s > 0.25:  # a state may be a period old, and lie through a pause: that is to be little of it
                 break
-        assert round_s > 0.08, "it has got too much time for this test"
+        assert round_s > 0.25, "it has got too much time for this test"
         assert max(ages_s) < 0.75 * round_s, (round_s, ages_s)
 
 
