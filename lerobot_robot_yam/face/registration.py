@@ -7,9 +7,10 @@ now, if that is loaded already, else by an import hook at the moment it is. Ever
 Other plugins claim some of our names. Each device therefore has a spare name, and a name that is taken costs us that
 name only.
 
-The same moment serves for two messages. One says that LeRobot is newer than tested. The other shortens LeRobot's page
-about FFmpeg: torchcodec tries FFmpeg 4 to 8, and LeRobot logs all attempts before it reads videos with PyAV, which has
-an FFmpeg with it. Where anything else than missing libraries was the reason, the page is shown as it is.
+The same moment serves for three messages. One says that LeRobot is newer than tested; one that the command's config
+file is no YAML (`config_file`). The third shortens LeRobot's page about FFmpeg: torchcodec tries FFmpeg 4 to 8, and LeRobot
+logs all attempts before it reads videos with PyAV, which has an FFmpeg with it. Where anything else than missing
+libraries was the reason, the page is shown as it is.
 """
 
 import importlib
@@ -25,6 +26,7 @@ from types import ModuleType
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.face.config_file import refuse_unreadable
 from lerobot_robot_yam.system.other_plugins import distribution_of, is_foreign, mixture
 
 # LeRobot's modules that hold a registry, and our module that registers types there.
@@ -72,6 +74,7 @@ def register_types(lerobot_module: str) -> None:
         ConfigError: another distribution has put its own files over ours.
     """
     warn_if_newer()
+    refuse_unreadable()
     logging.getLogger("lerobot.utils.import_utils").addFilter(_shorten)  # adds it once
     name = REGISTRIES[lerobot_module]
     try:
