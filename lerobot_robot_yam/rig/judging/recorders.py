@@ -117,7 +117,7 @@ class Watch:
         if self.on:
             now = self._world.stamp_s
             self._torque.see(np.abs(self._forces[self._actuators]), now)
-            self._asked.see(np.abs(self._world.asked_nm(self._actuators)), now)
+            self._asked.see(np.abs(self._world.asked_nm()[self._actuators]), now)
 
     def sample(self) -> None:
         """Look at the present state. Hot: 500 times a second while on."""
@@ -177,7 +177,6 @@ class TruthRecorder:
             channel.name: [motor.drive for motor in channel.motors if isinstance(motor.drive, Drive)]
             for channel in channels
         }
-        self._all = np.arange(world.model.nu)
         self._seconds: dict[str, float] = {}
         self._since_s: dict[str, float] = {}
         self._kept: deque[_Sample] = deque()
@@ -210,7 +209,7 @@ class TruthRecorder:
         if self._seconds:
             world, data = self._world, self._world.data
             state = data.qpos.copy(), data.qvel.copy(), data.actuator_force.copy()
-            self._kept.append((world.stamp_s, *state, world.asked_nm(self._all)))
+            self._kept.append((world.stamp_s, *state, world.asked_nm()))
 
     def report(self, channel: str, after_s: float, limit: int) -> dict[str, Any]:
         """The oldest `limit` samples later than `after_s`, see `RigOperations.truth`."""

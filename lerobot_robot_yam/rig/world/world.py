@@ -41,6 +41,7 @@ class World:
             self.set_pose(row.channel, arm.rest_q(gripper.name) if row.q_rad is None else row.q_rad)
         mujoco.mj_forward(self.model, self.data)
         self.slips = self.steps = 0
+        self._asked: tuple[int, np.ndarray] = (-1, np.zeros(self.model.nu))  # after how many steps
         self.slipped_s = 0.0
         self._slip_told_s = -math.inf
         self._anchor_s = 0.0  # monotonic time of simulated time 0
@@ -85,12 +86,13 @@ class World:
         self.qvel: list[float] = self.data.qvel.tolist()
         self.force: list[float] = self.data.actuator_force.tolist()
 
-    def asked_nm(self, actuators: np.ndarray) -> np.ndarray:
-        """Torques  kp (u* − u) + kd (u̇* − u̇) + tau  of the last step in Nm, before the motors' own limits."""
-        data, bias = self.data, self.model.actuator_biasprm[actuators]
-        position, velocity = data.actuator_length[actuators], data.actuator_velocity[actuators]
-        asked: np.ndarray = data.ctrl[actuators] + bias[:, 1] * position + bias[:, 2] * velocity
-        return asked
+    def asked_nm(self) -> np.ndarray:
+        """(nu,) torques  kp (u* − u) + kd (u̇* − u̇) + tau  of the last step in Nm, before the motors' own limits."""
+        if self._asked[0] != self.steps:  # each step is judged twice
+            data, bias = self.data, self.model.actuator_biasprm
+            asked = data.ctrl + bias[:, 1] * data.actuator_length + bias[:, 2] * data.actuator_velocity
+            self._asked = self.steps, asked
+        return self._asked[1]
 
     def _look_up(self, channel: str) -> list[tuple[list[int], list[int]]]:
         """Addresses in qpos and qvel, of the joints and of the fingers; to look names up again would delay replies."""
