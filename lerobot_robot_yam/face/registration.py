@@ -8,9 +8,9 @@ Other plugins claim some of our names. Each device therefore has a spare name, a
 name only.
 
 The same moment serves for three messages. One says that LeRobot is newer than tested; one that the command's config
-file is no YAML (`config_file`). The third shortens LeRobot's page about FFmpeg: torchcodec tries FFmpeg 4 to 8, and LeRobot
-logs all attempts before it reads videos with PyAV, which has an FFmpeg with it. Where anything else than missing
-libraries was the reason, the page is shown as it is.
+file is no YAML (`config_file`). The third shortens LeRobot's page about FFmpeg: torchcodec tries FFmpeg 4 to 8, and
+LeRobot logs all attempts before it reads videos with PyAV, which has an FFmpeg with it. Where anything else than
+missing libraries was the reason, the page is shown as it is.
 """
 
 import importlib
