@@ -14,6 +14,7 @@ from lerobot_robot_yam.face.recorder.record_command import INFO, episodes_in, is
 
 _RECORD = ("lerobot-record", "lerobot_record")
 _HUB_S = 5.0
+_PARQUET_END = b"PAR1"
 _FILLED = "empty_camera"  # LeRobot's names of images that policies get as zeros
 _FILLING = ("pi0", "pi05", "pi0_fast", "smolvla", "xvla", "evo1")  # LeRobot's types that do so with any that is missing
 
@@ -51,6 +52,8 @@ def check_data_set(options: Mapping[str, str]) -> None:
         raise ConfigError(f"there is no data set in {root}; {there}")
     if opens and episodes == 0:
         raise ConfigError(f"the data set in {root} has no episode; {_clean(root)}")
+    if opens and episodes and _is_torn(root):
+        raise ConfigError(f"the data set in {root} was not closed, and does not load; `yam-repair-dataset {root}`")
     if episodes and int(options.get("dataset.episode") or 0) >= episodes:
         raise ConfigError(f"{root} has no episode {options['dataset.episode']}, but 0 to {episodes - 1}")
     if not opens and Path(*sys.argv[:1]).stem in _RECORD and root.exists():
@@ -60,6 +63,19 @@ def check_data_set(options: Mapping[str, str]) -> None:
         elif episodes == 0:
             holds = f"holds no episode; {_clean(root)}"
         raise ConfigError(f"{root} is there already and {holds}")
+
+
+def _is_torn(root: Path) -> bool:
+    """Whether a recording was killed: LeRobot would look for the data set on the Hub, without a word of that."""
+    episodes = list(root.glob("meta/episodes/**/*.parquet"))
+    tables = [*episodes, *root.glob("data/**/*.parquet")]
+    return not episodes or not all(_is_closed(path) for path in tables)
+
+
+def _is_closed(table: Path) -> bool:
+    with table.open("rb") as file:
+        file.seek(max(0, table.stat().st_size - len(_PARQUET_END)))
+        return file.read() == _PARQUET_END
 
 
 def _clean(root: Path) -> str:

@@ -3,6 +3,8 @@
 import json
 import sys
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 import yaml
 
@@ -25,8 +27,10 @@ def run(monkeypatch, tmp_path):
 
 
 def data_set(root, episodes):
-    (root / "meta").mkdir(parents=True)
+    (root / "meta" / "episodes" / "chunk-000").mkdir(parents=True)
     (root / "meta" / "info.json").write_text(json.dumps({"total_episodes": episodes}))
+    if episodes:
+        pq.write_table(pa.table({"episode_index": range(episodes)}), root / "meta/episodes/chunk-000/file-000.parquet")
 
 
 def test_a_replay_of_nothing_says_what_is_there(run, tmp_path):
@@ -45,6 +49,16 @@ def test_a_replay_of_an_episode_that_is_not_there_says_which_are(run, tmp_path):
 def test_resuming_nothing_is_refused(run):
     with pytest.raises(ConfigError, match="no data set in cubes"):
         run("lerobot-record", "--dataset.repo_id=me/cubes", "--dataset.root=cubes", "--resume=true")
+
+
+@pytest.mark.parametrize("torn", ["never written", "not closed"])
+def test_a_data_set_that_was_not_closed_is_to_be_repaired(run, tmp_path, torn):
+    data_set(tmp_path / "cubes", 3)
+    (table,) = (tmp_path / "cubes").glob("meta/episodes/**/*.parquet")
+    table.unlink() if torn == "never written" else table.write_bytes(table.read_bytes()[:-9])
+    for option in ("--resume=true", "--dataset.episode=1"):
+        with pytest.raises(ConfigError, match="was not closed, and does not load; `yam-repair-dataset cubes`"):
+            run("lerobot-record", "--dataset.repo_id=me/cubes", "--dataset.root=cubes", option)
 
 
 @pytest.mark.parametrize(
