@@ -28,7 +28,7 @@ import pytest  # noqa: E402
 from tqdm import tqdm  # noqa: E402
 
 from lerobot_robot_yam.rig.client.rig_control import RigControl, running_rig  # noqa: E402
-from tests.support import lerobot_tree  # noqa: E402
+from tests.support import lerobot_tree, preloaded  # noqa: E402
 from tests.support.stillness import Stillness  # noqa: E402
 
 tqdm.monitor_interval = 0  # LeRobot shows progress bars, whose watching thread would outlive a test
@@ -36,6 +36,7 @@ tqdm.monitor_interval = 0  # LeRobot shows progress bars, whose watching thread 
 _SETTLE_S = 10.0  # a rig ends about a second after its last client, a renderer with its rig
 _WORKER = "PYTEST_XDIST_WORKER" in os.environ
 _MARK = f"YAM_RUNTIME_DIR={RUNTIME}\0".encode()
+_TRACKER = "multiprocessing.resource_tracker"
 _elders = set(os.listdir("/proc"))  # they ran before any test did
 _stillness = Stillness(Path(os.environ.setdefault("YAM_TEST_STILLNESS", str(RUNTIME) + "-stillness")))
 _begun = 0.0  # the present attempt at a test
@@ -144,7 +145,7 @@ def _processes() -> dict[int, str]:
                 found[int(name)] = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
         except OSError:
             continue  # ended meanwhile, or somebody else's
-    return {pid: line for pid, line in found.items() if "multiprocessing.resource_tracker" not in line}
+    return preloaded.running() | {pid: line for pid, line in found.items() if _TRACKER not in line}
 
 
 def _left() -> dict[str, set[str]]:

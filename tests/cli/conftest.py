@@ -12,6 +12,7 @@ import pytest
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from tests.support.landed import MOST_M, moved_after_cut_m
 from tests.support.paths import ROOT
+from tests.support.preloaded import Preloaded
 
 CHANNELS = ("follower_left", "follower_right", "leader_left", "leader_right")
 
@@ -19,6 +20,17 @@ CHANNELS = ("follower_left", "follower_right", "leader_left", "leader_right")
 # Two processors carry four arms, their rig, three cameras and an encoder at full rate if nobody else needs them.
 # What is asserted about rates is asserted of the shipped configs as they are, in the long tier.
 CALM = [f"--{device}.{side}_arm_config.rate_hz=100" for device in ("robot", "teleop") for side in ("left", "right")]
+
+
+_preloaded: Preloaded | None = None
+
+
+def pytest_collection_finish(session):
+    """Before the first test: what is there then is not left behind by one."""
+    global _preloaded
+    ours = any(item.path.parent == Path(__file__).parent for item in session.items)
+    if ours and session.config.option.markexpr != "long":
+        _preloaded = Preloaded()
 
 
 class Commands:
@@ -43,6 +55,10 @@ class Commands:
             environment["YAM_RIG"] = self.rig.name
         self._said_before = len(self.output())
         with open(self.directory / "output.txt", "ab") as output:
+            if _preloaded is not None and not name.startswith("-"):
+                with open(os.devnull) as nothing:
+                    read = nothing.fileno() if stdin == subprocess.DEVNULL else stdin
+                    return _preloaded.start([*program, *arguments], cwd, environment, read, output.fileno())
             return subprocess.Popen(
                 [*program, *arguments],
                 cwd=cwd,
