@@ -141,7 +141,7 @@ def main() -> int:
     options = parser.parse_args()
     for name in options.names or PICTURES:
         path = options.out / f"{name}.png"
-        PICTURES[name]().quantize(256, dither=Image.Dither.FLOYDSTEINBERG).save(path, optimize=True)
+        PICTURES[name]().quantize(256, Image.Quantize.MAXCOVERAGE, kmeans=2).save(path, optimize=True)
         print(path)
     return 0
 

@@ -18,7 +18,6 @@ from lerobot_robot_yam.rig.client.rendered_camera import Settings, frame_dtype, 
 from lerobot_robot_yam.rig.render.look import Look
 from lerobot_robot_yam.rig.render.shade import Shade
 from lerobot_robot_yam.rig.scene.scene import Scene
-from lerobot_robot_yam.rig.world.scenery import SHADE
 from lerobot_robot_yam.rig.world.world_model import build_world, world_dtype
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
@@ -62,8 +61,7 @@ class Painter:
                 f"rendered cameras need OpenGL through EGL, which failed ({error}); install a software one "
                 "(Debian and Ubuntu: libegl1 libgl1-mesa-dri) or run without rendered cameras"
             ) from error
-        has_shade = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, SHADE) >= 0
-        self._shade = Shade(model, self._context) if has_shade else None
+        self._shade = Shade(model, self._context)
         self._shaded: bool | None = None  # with hidden bodies or not; None: not in this state
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
         self._scene = mujoco.MjvScene(model, _MAX_GEOMS)
@@ -88,7 +86,7 @@ class Painter:
         context = self._context
         if width > context.offWidth or height > context.offHeight:  # no larger than needed: clearing it costs time
             mujoco.mjr_resizeOffscreen(max(width, context.offWidth), max(height, context.offHeight), context)
-        if self._shade is not None and self._shaded is not show_hidden:
+        if self._shaded is not show_hidden:
             groups = (*_VISUAL_GROUPS, _HIDDEN_GROUP) if show_hidden else _VISUAL_GROUPS
             self._shade.draw(self.data, groups)
             self._shaded = show_hidden

@@ -12,8 +12,9 @@ _LIGHT_TURN = 0.30  # of a direction's components, whose vertical one is 1
 _LIGHT_LEVEL = 0.25  # parts of the level
 _HEADLIGHT_LEVEL = 0.12
 _WARMTH = 0.06  # red more, blue less
-_SCENERY_COLOUR, _THING_COLOUR = 0.10, 0.05  # of 1, in all channels alike; in each for itself half of it
+_SCENERY_COLOUR, _THING_COLOUR = 0.10, 0.05  # of 1, in all channels alike; `_HUE` of it in each for itself
 _CAMERA_M, _CAMERA_RAD = 0.02, 0.05  # in each axis
+_HUE = 0.4
 _ON_AN_ARM = 0.5  # as much, of cameras that an arm carries
 
 
@@ -56,7 +57,7 @@ class Look:
         model.light_diffuse[:] = usual["light_diffuse"] * (1.0 + drawn(_LIGHT_LEVEL, model.nlight, 1)) * tint
         model.vis.headlight.ambient[:] = self._ambient * (1.0 + drawn(_HEADLIGHT_LEVEL, 1)) * tint
         model.vis.headlight.diffuse[:] = self._diffuse * (1.0 + drawn(_HEADLIGHT_LEVEL, 1))
-        shade, hue = drawn(self._colour_spread, model.nbody, 1), drawn(0.5 * self._colour_spread, model.nbody, 3)
+        shade, hue = drawn(self._colour_spread, model.nbody, 1), drawn(_HUE * self._colour_spread, model.nbody, 3)
         colours = usual["geom_rgba"][:, :3] + (shade + hue)[model.geom_bodyid]
         model.geom_rgba[:, :3] = np.clip(colours, 0.0, 1.0)
         for camera, body in enumerate(model.cam_bodyid):

@@ -1,22 +1,14 @@
-"""What is seen besides arms and things: sky, floor, lights, and the table's top with its grain and its shadows.
-
-MuJoCo's shadow maps take three to four times as long as the picture itself on software OpenGL. Here shadows are a dark
-sheet just above the table, the geom `SHADE`, whose texture the renderer replaces for each pose of the world.
-"""
+"""What is seen besides arms and things: sky, floor and lights; and which surfaces show grain and shadows."""
 
 from collections.abc import Sequence
 
 import mujoco
-import numpy as np
 
 from lerobot_robot_yam.rig.scene.props import Thing
 
-SHADE = "shade"  # geom, material and texture of the shadows
-_SHADE_ABOVE_M = 0.0015  # above pads, which are 1 mm thick
+TABLE, FLAT = "table top", "flat thing"  # materials begin so; the renderer draws their textures, see `render.shade`
+_FLAT_M = 0.002  # thinner things show shadows as the table does
 _FLOOR_Z_M = -0.74  # the table's top is z = 0
-_GRAIN_PIXELS = (1024, 512)
-_PLANK_M = 0.175
-_TONE, _GRAIN = 9.0, 11.0  # grey levels (sigma): from plank to plank, and within one
 
 
 def add_scenery(spec: mujoco.MjSpec) -> None:
@@ -38,50 +30,25 @@ def add_scenery(spec: mujoco.MjSpec) -> None:
         light.ambient, light.castshadow = [0.0] * 3, False
 
 
-def add_table_top(spec: mujoco.MjSpec, furniture: Sequence[Thing]) -> None:
-    """Give the table a grain, and a sheet for shadows. The table is the largest fixed box whose top is at z = 0."""
-    boxes = [thing for thing in furniture if thing.fixed and thing.size_m is not None and not thing.carrier]
-    tables = [(float(np.prod(t.size_m[:2])), t) for t in boxes if abs(t.center_m[2] + t.size_m[2] / 2) < 1e-6]
-    if not tables:
+def add_shaded_surfaces(spec: mujoco.MjSpec, furniture: Sequence[Thing]) -> None:
+    """Give the table, and flat things of the furniture that lie still, materials whose textures are drawn anew.
+
+    The table is the largest fixed box whose top is at z = 0.
+    """
+    still = [thing for thing in furniture if thing.fixed and not thing.carrier]
+    boxes = [(thing.name, thing.center_m[2], thing.size_m) for thing in still if thing.size_m is not None]
+    areas = {name: float(x * y) for name, middle_z, (x, y, z) in boxes if abs(middle_z + z / 2) < 1e-6}
+    if not areas:
         return
-    table = max(tables, key=lambda row: row[0])[1]
-    _add_texture(spec, "grain", _grain(float(table.size_m[1])))
-    spec.geom(table.name).material = "grain"
-    _add_texture(spec, SHADE, np.zeros((8, 8, 3), np.uint8))  # a stand-in
-    x, y, z = table.size_m / 2
-    sheet = spec.body(table.name).add_geom(name=SHADE, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[x, y, 1.0])
-    sheet.pos, sheet.material = [0.0, 0.0, z + _SHADE_ABOVE_M], SHADE
-    sheet.contype = sheet.conaffinity = 0
-    sheet.rgba = [0.0, 0.0, 0.0, 0.99]  # MuJoCo blends what is below 0.999
+    _mark(spec.geom(max(areas, key=lambda name: areas[name])), spec, TABLE)
+    for thing in still:
+        for geom, part in zip(spec.body(thing.name).geoms, thing.all_parts, strict=True):
+            if part.shape == "box" and part.size_m[2] < _FLAT_M:
+                _mark(geom, spec, f"{FLAT} {geom.name}")
 
 
-def _add_texture(spec: mujoco.MjSpec, name: str, pixels: np.ndarray) -> None:
-    """A texture of (height, width, channels) uint8, and a material of the same name that shows it once."""
-    height, width, channels = pixels.shape
-    texture = spec.add_texture(name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=width, height=height)
-    texture.nchannel = channels
-    texture.data = pixels.tobytes()
+def _mark(geom: mujoco.MjsGeom, spec: mujoco.MjSpec, name: str) -> None:
+    texture = spec.add_texture(name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=8, height=8)  # a stand-in
+    texture.data = bytes([255]) * (8 * 8 * 3)
     spec.add_material(name=name).textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
-
-
-def _grain(width_m: float) -> np.ndarray:
-    """(height, width, 3) uint8: planks of wood along x, by which the table's colour is multiplied."""
-    width, height = _GRAIN_PIXELS
-    random = np.random.default_rng(7)
-    planks = max(1, round(width_m / _PLANK_M))
-    plank = np.arange(height) * planks // height
-    fine, coarse = random.normal(size=(height, width)), random.normal(size=(height, width))
-    tone = _TONE * random.normal(size=planks)[plank][:, None]
-    streaks = _along(fine, width // 6) + 0.8 * _along(_along(coarse, width // 3).T, 7).T
-    level = 224.0 + tone + _GRAIN * streaks / streaks.std()
-    seam = np.flatnonzero(np.diff(plank, prepend=0))
-    level[seam] -= 38.0
-    return np.repeat(np.clip(level, 0, 255).astype(np.uint8)[:, :, None], 3, axis=2)
-
-
-def _along(noise: np.ndarray, length: int) -> np.ndarray:
-    """Moving average of `length` along rows that go round, with standard deviation 1."""
-    padded = np.concatenate([noise, noise[:, : length - 1]], axis=1)
-    total = np.cumsum(np.pad(padded, ((0, 0), (1, 0))), axis=1)
-    mean: np.ndarray = (total[:, length:] - total[:, :-length]) / length
-    return mean / mean.std()
+    geom.material = name

@@ -18,7 +18,7 @@ from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.scene.props import Part, Thing
 from lerobot_robot_yam.rig.scene.scene import ArmPlacement, Camera, Scene
-from lerobot_robot_yam.rig.world.scenery import add_scenery, add_table_top
+from lerobot_robot_yam.rig.world.scenery import add_scenery, add_shaded_surfaces
 
 HAND_KP, HAND_KD = 200.0, 20.0  # Nm/rad, Nm s/rad: a firm grip on the leader's joints
 HAND_TORQUE_NM = 12.0  # the most that the operator's pull does at a joint
@@ -47,7 +47,7 @@ def build_world(scene: Scene, visible: bool = True) -> mujoco.MjModel:
         _attach_arm(spec, row, scene)
     add_things(spec, scene.things)
     if visible and scene.options.pictures == "full":
-        add_table_top(spec, scene.furniture)
+        add_shaded_surfaces(spec, scene.furniture)
     for camera in scene.cameras:
         _add_camera(spec, camera)
     spec.compiler.discardvisual = not visible

@@ -48,60 +48,65 @@ def red(picture):
     return (r > 120) & (g < 90) & (b < 90)
 
 
-@pytest.mark.parametrize("camera", ["top", "front"])
-def test_a_things_shadow_lies_where_the_light_throws_it(camera):
-    with shown() as (rig, look):
-        rig.place("cube", [0.3, -0.28, 0.2])
-        elsewhere = look(camera)
-        rig.place("cube", [0.5, 0.1, 0.2])
-        darker = (elsewhere - look(camera)).min(axis=2) > 15
-        light = build_world(rig.device.scene).light_dir[0]
-        expected = np.array([0.5, 0.1, 0.2]) - 0.2 / light[2] * light
-        column, row = pixel(rig, camera, expected)
-        rows, columns = np.nonzero(darker & ~red(look(camera)))
-        near = np.hypot(columns - column, rows - row) < 12
-        assert near.sum() > 10 and abs(columns[near].mean() - column) < 3 and abs(rows[near].mean() - row) < 3
+@pytest.fixture
+def usual():
+    with shown() as found:
+        yield found
 
 
-def test_plain_pictures_have_neither_shadow_nor_grain():
-    spread = {}
-    for kind in ("plain", "full"):
-        with shown(pictures=kind) as (rig, look):
-            empty = look()[SIZE[1] // 2 - 10 : SIZE[1] // 2 + 10, 60:100]  # the table between the arms
-            spread[kind] = empty.std(axis=(0, 1)).max()
-            rig.place("cube", [0.3, -0.28, 0.2])
-            before = look()
-            rig.place("cube", [0.5, 0.1, 0.2])
-            changed = before - look()
-            shadow = (changed.min(axis=2) > 15).sum()
-            assert (shadow > 10) is (kind == "full")
-    assert spread["plain"] < 2.0 < spread["full"]
+def shadow(rig, look, camera):
+    """Where the cube's shadow is, against where the light throws it: pixels that are darker, their mean's offset."""
+    cube = np.array([0.5, 0.1, 0.25])
+    rig.place("cube", [0.3, -0.28, 0.02])
+    without = look(camera)
+    rig.place("cube", cube)
+    light = build_world(rig.device.scene).light_dir[0]
+    expected = np.array(pixel(rig, camera, cube - cube[2] / light[2] * light))
+    rows, columns = np.nonzero((without - look(camera)).min(axis=2) > 15)
+    found = np.column_stack([columns, rows])
+    found = found[np.hypot(*(found - expected).T) < 12]
+    return len(found), np.hypot(*(found.mean(axis=0) - expected)) if len(found) else np.inf
 
 
-def test_the_top_camera_sees_every_place_and_left_is_left():
-    with shown() as (rig, look):
-        look()
-        for place in rig.scene()["places"].values():
-            rig.place("cube", place)
-            rows, columns = np.nonzero(red(look()))
-            column, row = pixel(rig, "top", place)
-            assert len(rows) > 12 and abs(columns.mean() - column) < 4 and abs(rows.mean() - row) < 4
-            assert (columns.mean() < SIZE[0] / 2) is (place[1] > 0) or abs(place[1]) < 0.01
+def test_a_things_shadow_lies_where_the_light_throws_it(usual):
+    for camera in ("top", "front"):
+        count, off = shadow(*usual, camera)
+        assert count > 10 and off < 2.5, camera
 
 
-@pytest.mark.parametrize("rise_m", [0.1, 0.0])
-def test_a_wrist_camera_sees_the_cube_and_the_finger_tips(rise_m):
+def test_plain_pictures_have_neither_shadow_nor_grain(usual):
+    def table(look):
+        return look()[50:70, 70:90].std(axis=(0, 1)).max()  # between the arms
+
+    with shown(pictures="plain") as (rig, look):
+        assert shadow(rig, look, "top")[0] == 0
+        assert table(look) < 2.0 < table(usual[1])
+
+
+def test_the_top_camera_sees_every_place_and_left_is_left(usual):
+    rig, look = usual
+    for place in rig.scene()["places"].values():
+        rig.place("cube", place)
+        rows, columns = np.nonzero(red(look()))
+        column, row = pixel(rig, "top", place)
+        assert len(rows) > 12 and abs(columns.mean() - column) < 3 and abs(rows.mean() - row) < 3
+        assert np.sign(SIZE[0] / 2 - column).round() == np.sign(place[1]) or abs(place[1]) < 0.01
+
+
+def test_a_wrist_camera_sees_the_cube_and_the_finger_tips(usual):
     """They are what it is for; the gripper's palm would hide the table."""
-    with shown() as (rig, look):
-        setup = make_setup(rig.scene(), "pick_and_place")
-        cube = np.array(rig.scene()["places"]["A"])
-        planner = setup.planners["left"]
-        q = planner.pose(cube + [0, 0, rise_m], planner.grasp_yaw(cube, 0.0))
+    rig, look = usual
+    setup = make_setup(rig.scene(), "pick_and_place")
+    cube = np.array(rig.scene()["places"]["A"])
+    rig.place("cube", cube.tolist())
+    planner = setup.planners["left"]
+    for rise_m in (0.1, 0.0):
+        q = planner.pose(cube + [0.0, 0.0, rise_m], planner.grasp_yaw(cube, 0.0))
         rig.set_pose("follower_left", q.tolist(), 1.0)
         picture = look("wrist_left")
-        rows, columns = np.nonzero(red(picture))
+        rows, _ = np.nonzero(red(picture))
         assert len(rows) > 200 and 0 < rows.min() and rows.max() < SIZE[1] - 1, "the whole cube"
-        dark = picture.max(axis=2) < 60
+        dark = picture.max(axis=2) < 50
         assert dark[:, : SIZE[0] // 2].sum() > 200 and dark[:, SIZE[0] // 2 :].sum() > 200, "both fingers"
         assert (picture.min(axis=2) > 190).mean() < 0.02, "not the bright palm"
         assert dark.mean() < 0.35
@@ -112,6 +117,7 @@ def lift_pictures(seeds, **options):
     with shown("lift_and_place", **options) as (rig, look):
         found = []
         for seed in seeds:
+            rig.restart()
             rig.task("lift_and_place", seed=seed)
             rig.place("cube", [0.3, 0.3, 0.0225])
             rig.set_pose("follower_left", [0.0, 1.0, 1.0, 0.0, 0.0, 0.0], 1.0)
@@ -126,9 +132,8 @@ def test_a_seed_has_the_same_pictures_again_and_another_seed_others():
     assert np.array_equal(lift_pictures((3,), randomise_look=1.0)[0], first)  # in another rig
 
 
-@pytest.mark.parametrize("kind", ["plain", "full"])
-def test_without_the_option_seeds_change_no_look(kind):
-    first, second = lift_pictures((3, 4), pictures=kind)
+def test_without_the_option_seeds_change_no_look():
+    first, second = lift_pictures((3, 4))
     assert np.array_equal(first, second)
 
 
@@ -137,8 +142,7 @@ def test_before_any_task_the_rigs_own_seed_draws_the_look():
         with shown(randomise_look=1.0, seed=seed) as (_, look):
             return look()
 
-    one = picture(1)
-    assert np.array_equal(picture(1), one) and (np.abs(picture(2) - one) > 5).mean() > 0.3
+    assert (np.abs(picture(2) - picture(1)) > 5).mean() > 0.3
 
 
 def test_looks_change_no_motion():
