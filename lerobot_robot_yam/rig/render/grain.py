@@ -15,7 +15,7 @@ def grain(pixels: tuple[int, int], width_m: float) -> np.ndarray:
     plank = np.arange(height) * planks // height
     fine, coarse = random.normal(size=(height, width)), random.normal(size=(height, width))
     tone = _TONE * random.normal(size=planks)[plank][:, None]
-    streaks = _along(fine, width // 6) + 0.8 * _along(_along(coarse, width // 3).T, 7).T
+    streaks = _along(_along(fine, width // 6).T, 2).T + 0.8 * _along(_along(coarse, width // 3).T, 7).T
     level = _LEVEL + tone + _GRAIN * streaks / streaks.std()
     level[np.flatnonzero(np.diff(plank, prepend=0))] -= _SEAM
     return np.clip(level, 0, 255).astype(np.uint8)
