@@ -14,7 +14,7 @@ from lerobot_robot_yam.face.registration import register_as
 class YamSimCameraConfig(CameraConfig):
     """A camera of the virtual rig's scene."""
 
-    camera: str = option("its name in the scene: top, wrist_left or wrist_right in the default one")
+    camera: str = option("its name in the scene: top, wrist_left, wrist_right, front or overview in the default one")
     fps: int | None = option("images per second; software rendering manages three such cameras on two cores", 30)
     width: int | None = option("of the images, pixels", 320)
     height: int | None = option("of the images, pixels", 240)

@@ -235,6 +235,7 @@ class Judge:
         mujoco.mj_forward(world.model, world.data)
         world.refresh()
         self._task, self._seed, self._begin_s = task, seed, world.sim_s
+        world.look_seed = seed
         self._attempt = TaskJudge(task, self._arms, self._view(), time_limit_s)
 
     def update(self, now_s: float) -> list[dict[str, Any]]:

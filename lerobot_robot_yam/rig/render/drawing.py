@@ -15,6 +15,8 @@ import numpy as np
 from lerobot_robot_yam.errors import RigError
 from lerobot_robot_yam.rig.client.launch import rig_path
 from lerobot_robot_yam.rig.client.rendered_camera import Settings, frame_dtype, frame_path
+from lerobot_robot_yam.rig.render.look import Look
+from lerobot_robot_yam.rig.render.shade import Shade
 from lerobot_robot_yam.rig.scene.scene import Scene
 from lerobot_robot_yam.rig.world.world_model import build_world, world_dtype
 from lerobot_robot_yam.system.shared_block import SharedBlock
@@ -22,7 +24,7 @@ from lerobot_robot_yam.system.shared_block import SharedBlock
 _UNCHANGED = 1e-6  # rad or m; below this in every joint the last picture is still right
 _ALL_SEEING = ("overview",)  # cameras that show the leaders too
 _MARGIN = 64  # a larger sheet of noise than the picture, cut elsewhere for each exposure
-# Measured here: 12 slices, 6 stacks, no shadows and no multisampling cost a third of MuJoCo's defaults.
+# Measured here: 12 slices, 6 stacks, no shadow maps and no multisampling cost a third of MuJoCo's defaults.
 _SLICES, _STACKS = 12, 6
 _SMALLEST = (320, 240)
 _MAX_GEOMS = 400
@@ -59,6 +61,8 @@ class Painter:
                 f"rendered cameras need OpenGL through EGL, which failed ({error}); install a software one "
                 "(Debian and Ubuntu: libegl1 libgl1-mesa-dri) or run without rendered cameras"
             ) from error
+        self._shade = Shade(model, self._context)
+        self._shaded: bool | None = None  # with hidden bodies or not; None: not in this state
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
         self._scene = mujoco.MjvScene(model, _MAX_GEOMS)
         for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
@@ -74,6 +78,7 @@ class Painter:
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)
         mujoco.mj_camlight(self.model, self.data)
+        self._shaded = None
 
     def paint(self, camera: str, out: np.ndarray, show_hidden: bool = False) -> None:
         """Render one camera of the model into out, (height, width, 3) uint8 RGB, first row on top."""
@@ -81,6 +86,10 @@ class Painter:
         context = self._context
         if width > context.offWidth or height > context.offHeight:  # no larger than needed: clearing it costs time
             mujoco.mjr_resizeOffscreen(max(width, context.offWidth), max(height, context.offHeight), context)
+        if self._shaded is not show_hidden:
+            groups = (*_VISUAL_GROUPS, _HIDDEN_GROUP) if show_hidden else _VISUAL_GROUPS
+            self._shade.draw(self.data, groups)
+            self._shaded = show_hidden
         view = mujoco.MjvCamera()
         view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, self.model.camera(camera).id
         raw = self._raw.setdefault((height, width), np.empty((height, width, 3), np.uint8))
@@ -156,6 +165,10 @@ class Drawing:
             raise RigError(f"rig {rig} shows no world ({error}); is it running?") from error
         leaders = [f"{arm.channel}/" for arm in scene.arms if arm.role == "leader"]
         self._painter = Painter(model, hidden=leaders)
+        amount, props = scene.options.randomise_look, [thing.name for thing in scene.props]
+        scenery = ["world", *(thing.name for thing in scene.furniture)]
+        self._look = Look(model, amount, props, scenery) if amount else None
+        self._look_seed: int | None = None
         self._views: dict[Settings, View] = {}
         self._stalled_until_s: dict[str, float] = {}
 
@@ -217,6 +230,9 @@ class Drawing:
                 state, read_s, posed = self._world.read(), time.monotonic(), False
             if state is None or float(state["stamp_s"]) <= float(view.record["stamp_s"]):
                 continue  # nothing new to show; the frame's age tells
+            if self._look is not None and int(state["look_seed"]) != self._look_seed:
+                self._take_look(self._look, int(state["look_seed"]))
+                posed = False
             qpos = state["qpos"]
             if view.drawn_qpos is None or np.abs(qpos - view.drawn_qpos).max() > _UNCHANGED:
                 if not posed:
@@ -229,6 +245,12 @@ class Drawing:
             view.record["stamp_s"], view.record["sim_s"] = state["stamp_s"], state["sim_s"]
             view.record["number"] += 1
             view.block.write(view.record)
+
+    def _take_look(self, look: Look, seed: int) -> None:
+        look.take(seed)
+        self._look_seed = seed
+        for view in self._views.values():
+            view.drawn_qpos = None
 
 
 def _next_beat(now_s: float, period_s: float) -> float:

@@ -26,6 +26,7 @@ ROLES = ("follower", "leader")
 OPERATORS = ("none", PICK_AND_PLACE.name)  # and those tasks of the scene that it has a script for
 WATCHDOGS = ("limp", "damping")
 SERIALS = ("unique", "same")
+PICTURES = ("full", "plain")
 _TIMESTEPS_S = (1e-4, 0.01)
 _ARM_SERIALS = 1000  # serial numbers that belong to one arm
 
@@ -81,6 +82,9 @@ class Options:
     swapped: two channels whose cables are exchanged: each arm, where it stands, is found on the other's channel.
     serials: numbers in the motors' SN registers, "unique" or "same" on every arm (then no register tells arms apart).
     stamp_temperatures: temperature bytes carry the sample's time instead, see `thermometer.sample_age_s`.
+    pictures: "full" has shadows and a grain on the table, "plain" neither, for weak machines.
+    randomise_look: how much light, colours and the cameras' poses vary with the seed of an attempt at a task (before
+    the first with `seed`): 0 not at all … 1, see `render.look`.
     camera_noise: grey levels (sigma) that the cameras' sensors add. seed: of lost and garbled frames and
     temperature noise, and of the operator's first attempt at a task.
     event_dir: folder for the event log `rig-<name>.events.jsonl`, one JSON object a line, which outlives the rig.
@@ -99,6 +103,8 @@ class Options:
     swapped: tuple[str, ...] | None = None
     serials: str = "unique"
     stamp_temperatures: bool = False
+    pictures: str = "full"
+    randomise_look: float = 0.0
     camera_noise: float = 2.0
     seed: int = 0
     event_dir: str | None = None
@@ -174,7 +180,8 @@ def _check(scene: Scene) -> None:
         if arm.role not in ROLES:
             raise ConfigError(f"{where}: role of {arm.channel} must be one of {ROLES}, not '{arm.role}'")
     operators = (*OPERATORS, *(task.name for task in scene.tasks if task.does in SCRIPTS))
-    for key, known in {"watchdog": WATCHDOGS, "operator": operators, "serials": SERIALS}.items():
+    words = {"watchdog": WATCHDOGS, "operator": operators, "serials": SERIALS, "pictures": PICTURES}
+    for key, known in words.items():
         if getattr(options, key) not in known:
             raise ConfigError(f"{where}: option {key} must be one of {known}, not '{getattr(options, key)}'")
     if not _TIMESTEPS_S[0] <= options.timestep_s <= _TIMESTEPS_S[1]:
@@ -185,6 +192,8 @@ def _check(scene: Scene) -> None:
         raise ConfigError(
             f"{where}: options {wrong} are out of range: armature must be above zero, the others not below"
         )
+    if not 0.0 <= options.randomise_look <= 1.0:
+        raise ConfigError(f"{where}: option randomise_look must lie within 0 … 1, not {options.randomise_look:g}")
     for key, named in {"arms": options.arms, "swapped": options.swapped}.items():
         unknown = sorted(set(named or ()) - set(scene.channels))
         if unknown:

@@ -27,6 +27,7 @@ class World:
         stamp_s: monotonic time that the present state stands for.
         slips: how often simulated time was given up; `slipped_s`: how much, the last time.
         steps: done so far.
+        look_seed: of the pictures' look, see `Options.randomise_look`.
     """
 
     def __init__(self, scene: Scene):
@@ -42,6 +43,7 @@ class World:
         mujoco.mj_forward(self.model, self.data)
         self.slips = self.steps = 0
         self._asked: tuple[int, np.ndarray] = (-1, np.zeros(self.model.nu))  # after how many steps
+        self.look_seed = scene.options.seed
         self.slipped_s = 0.0
         self._slip_told_s = -math.inf
         self._anchor_s = 0.0  # monotonic time of simulated time 0
@@ -158,6 +160,7 @@ class WorldBlock:
         """Show the present state of a world of the same scene."""
         record = self._record
         record["sim_s"], record["stamp_s"] = world.sim_s, world.stamp_s
+        record["look_seed"] = world.look_seed
         record["qpos"], record["qvel"] = world.data.qpos, world.data.qvel
         self._block.write(record)
 

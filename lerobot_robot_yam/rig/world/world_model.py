@@ -18,10 +18,10 @@ from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.scene.props import Part, Thing
 from lerobot_robot_yam.rig.scene.scene import ArmPlacement, Camera, Scene
+from lerobot_robot_yam.rig.world.scenery import add_scenery, add_shaded_surfaces
 
 HAND_KP, HAND_KD = 200.0, 20.0  # Nm/rad, Nm s/rad: a firm grip on the leader's joints
 HAND_TORQUE_NM = 12.0  # the most that the operator's pull does at a joint
-_FLOOR_Z_M = -0.74  # the table's top is z = 0
 _SHAPES = {"box": mujoco.mjtGeom.mjGEOM_BOX, "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER}
 _JOINTS = {"slide": mujoco.mjtJoint.mjJNT_SLIDE, "hinge": mujoco.mjtJoint.mjJNT_HINGE}
 
@@ -42,10 +42,12 @@ def build_world(scene: Scene, visible: bool = True) -> mujoco.MjModel:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10.0  # held props must not creep out of the fingers
-    _add_scenery(spec)
+    add_scenery(spec)
     for row in scene.arms:
         _attach_arm(spec, row, scene)
     add_things(spec, scene.things)
+    if visible and scene.options.pictures == "full":
+        add_shaded_surfaces(spec, scene.furniture)
     for camera in scene.cameras:
         _add_camera(spec, camera)
     spec.compiler.discardvisual = not visible
@@ -53,8 +55,9 @@ def build_world(scene: Scene, visible: bool = True) -> mujoco.MjModel:
 
 
 def world_dtype(model: mujoco.MjModel) -> np.dtype:
-    """One record of the world block: simulated and monotonic time in s, qpos, qvel."""
-    return np.dtype([("sim_s", "f8"), ("stamp_s", "f8"), ("qpos", "f8", (model.nq,)), ("qvel", "f8", (model.nv,))])
+    """One record of the world block: simulated and monotonic time in s, the seed of its look, qpos, qvel."""
+    fields = [("sim_s", "f8"), ("stamp_s", "f8"), ("look_seed", "i8")]
+    return np.dtype([*fields, ("qpos", "f8", (model.nq,)), ("qvel", "f8", (model.nv,))])
 
 
 def gripper_stroke(row: ArmPlacement, gripper: GripperProfile) -> tuple[float, float]:
@@ -139,22 +142,3 @@ def _add_servo(spec: mujoco.MjSpec, name: str, target: str, kind: mujoco.mjtTrn,
     actuator = spec.add_actuator(name=name, target=target, trntype=kind, gainprm=[1.0] + [0.0] * 9)
     actuator.gaintype, actuator.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
     actuator.forcelimited, actuator.forcerange = True, [-limit_nm, limit_nm]
-
-
-def _add_scenery(spec: mujoco.MjSpec) -> None:
-    """Add sky, floor and lights. The floor stops things that fall off the table; the rest touches nothing."""
-    head = spec.visual.headlight
-    head.ambient, head.diffuse, head.specular = [0.38] * 3, [0.22] * 3, [0.05] * 3
-    spec.visual.map.znear = 0.01
-    sky = spec.add_texture(name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, width=32, height=192)
-    sky.builtin, sky.rgb1, sky.rgb2 = mujoco.mjtBuiltin.mjBUILTIN_GRADIENT, [0.80, 0.87, 0.94], [0.42, 0.53, 0.66]
-    floor = spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[4.0, 4.0, 0.1])
-    floor.pos = [0.0, 0.0, _FLOOR_Z_M]
-    floor.rgba = [0.50, 0.53, 0.56, 1.0]  # no texture: software OpenGL would take 40 % longer for a frame
-    for position, direction, level in (
-        ([0.8, 0.8, 2.0], [-0.35, -0.4, -1.0], 0.45),
-        ([-0.6, -1.0, 2.2], [0.3, 0.4, -1.0], 0.22),
-    ):
-        light = spec.worldbody.add_light(type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=position, dir=direction)
-        light.diffuse, light.specular = [level, 0.97 * level, 0.92 * level], [0.15] * 3
-        light.ambient, light.castshadow = [0.0] * 3, False

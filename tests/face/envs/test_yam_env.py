@@ -101,6 +101,14 @@ def test_seeds_differ_and_time_is_up_without_success(tmp_path):
         env.close()
 
 
+def test_a_seed_has_its_own_look_again(tmp_path):
+    config = YamEnvConfig(robot=robot(tmp_path), lockstep=True, rig_options={"randomise_look": 1.0})
+    with contextlib.closing(YamEnv(config)) as env:
+        first, other, again = (env.reset(seed=seed)[0]["pixels"]["top"].astype(int) for seed in (1, 2, 1))
+    assert np.array_equal(first, again)
+    assert (np.abs(first - other) > 10).mean() > 0.2  # not only where the cube lies
+
+
 @pytest.mark.parametrize(("action", "says"), [([np.nan] * 7, "joint_1"), ([0.0] * 6, "6 values, the robot takes 7")])
 def test_bad_actions_are_refused_and_nothing_moves(lockstep, action, says):
     observation, _ = lockstep.reset(seed=3)
@@ -224,7 +232,7 @@ def test_a_reset_pose_that_the_robot_cannot_take_is_refused_at_once(tmp_path, po
 @pytest.mark.parametrize(
     "fields, says",
     [
-        ({}, "there are top, wrist_left, wrist_right, overview$"),  # the scene's, too
+        ({}, "there are top, wrist_left, wrist_right, front, overview$"),  # the scene's, too
         ({"cameras": {}, "interface": "socketcan"}, "there are none$"),
     ],
 )
@@ -235,7 +243,7 @@ def test_a_render_camera_that_is_not_there_is_refused_at_once(tmp_path, fields, 
 
 
 def test_a_camera_on_an_arm_that_is_not_in_lock_step_is_none(tmp_path):
-    with pytest.raises(ConfigError, match="no camera 'wrist_right'; there are top, wrist_left, overview$"):
+    with pytest.raises(ConfigError, match="no camera 'wrist_right'; there are top, wrist_left, front, overview$"):
         YamEnv(YamEnvConfig(robot=robot(tmp_path), lockstep=True, render_camera="wrist_right"))
 
 

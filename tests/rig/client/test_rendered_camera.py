@@ -43,7 +43,7 @@ def wait_until(condition, timeout_s: float = 10.0) -> None:
         time.sleep(0.02)
 
 
-@pytest.mark.parametrize("name", CAMERAS)
+@pytest.mark.parametrize("name", [*CAMERAS, "front", "overview"])
 def test_every_camera_shows_something(rig, name):
     with RigCamera(name, 160, 120, 30, rig=rig.name) as camera:
         frame, stamp_s = camera.latest(max_age_s=5.0)
@@ -66,9 +66,9 @@ def test_the_picture_follows_the_world(rig):
                 return float(np.argwhere(red(frame))[:, 1].mean())
 
     with RigCamera("top", 160, 120, 30, rig=rig.name) as camera:
-        # The camera faces the arms: the rig's left is on the picture's right.
-        assert centre(0.15) > 80 + 10
-        assert centre(-0.15) < 80 - 10
+        # It looks down, away from the operator is up: the rig's left is on the picture's left.
+        assert centre(0.15) < 80 - 10
+        assert centre(-0.15) > 80 + 10
 
 
 def test_frames_are_new_and_in_order(rig):
@@ -97,7 +97,7 @@ def test_two_clients_share_a_camera_and_one_may_leave(rig):
 
 
 def test_unknown_camera_is_refused_with_the_list(rig):
-    with pytest.raises(ConfigError, match="nowhere.*overview, top, wrist_left, wrist_right"):
+    with pytest.raises(ConfigError, match="nowhere.*front, overview, top, wrist_left, wrist_right"):
         RigCamera("nowhere", rig=rig.name).connect()
 
 

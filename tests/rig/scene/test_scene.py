@@ -36,6 +36,9 @@ def test_options_replace_arms_and_grippers_of_followers_only():
         ({"timestep_s": 0}, "timestep_s"),
         ({"watchdog": "off"}, "watchdog"),
         ({"arms": ["follower_middle"]}, "follower_middle"),
+        ({"pictures": "pretty"}, "pictures must be one of .*full.*plain"),
+        ({"randomise_look": 1.5}, "randomise_look"),
+        ({"randomise_look": float("nan")}, "randomise_look"),
     ],
 )
 def test_a_wrong_option_is_named(options, text):

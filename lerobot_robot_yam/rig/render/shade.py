@@ -1,0 +1,116 @@
+"""Grain and shadows of a scene's table: the outline of every shape, slid along the light onto it, softened.
+
+Only the table is shaded, and what lies flat on it; things cast no shadow on each other. MuJoCo's shadow maps do that,
+but with them a picture takes three to four times as long on software OpenGL.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import mujoco
+import numpy as np
+from OpenGL import GL
+
+from lerobot_robot_yam.rig.render.grain import grain
+from lerobot_robot_yam.rig.world.scenery import FLAT, TABLE
+
+_TABLE_PIXELS, _FLAT_PIXELS = (1024, 640), (96, 96)  # along x and y
+_CORNERS = 20  # of an outline
+_DARKNESS, _DARKEST = 0.42, 0.6  # parts of the table's brightness; the former under a light of `_USUAL_LEVEL`
+_USUAL_LEVEL = 0.45
+_SOFT_M = 0.016  # width of a shadow's edge
+_SUBPIXEL_BITS = 4
+_BOX = mujoco.mjtGeom.mjGEOM_BOX
+_ROUND = (mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_CAPSULE)
+_SOLID = (_BOX, *_ROUND, mujoco.mjtGeom.mjGEOM_ELLIPSOID)
+
+
+@dataclass
+class _Surface:
+    """The top of a box: its geom, its OpenGL texture, its brightness (height, width) uint8 without shadows."""
+
+    geom: int
+    texture: int
+    bright: np.ndarray
+
+
+class Shade:
+    """Draws the textures of the surfaces that `scenery.add_shaded_surfaces` has marked; the model may have none."""
+
+    def __init__(self, model: mujoco.MjModel, context: mujoco.MjrContext):
+        self._model = model
+        self._solid = np.isin(model.geom_type, [int(kind) for kind in _SOLID])
+        self._surfaces = list(_surfaces(model, context))
+        cv2.setNumThreads(1)  # the other processor is for physics and control
+
+    def draw(self, data: mujoco.MjData, groups: tuple[int, ...]) -> None:
+        """Draw the shadows that all shapes of these groups cast in the model's first light."""
+        model = self._model
+        casting = np.flatnonzero(self._solid & np.isin(model.geom_group, groups))
+        darkness = min(_DARKEST, _DARKNESS * float(model.light_diffuse[0].mean()) / _USUAL_LEVEL)
+        for surface in self._surfaces:
+            half_m = model.geom_size[surface.geom]
+            turn = data.geom_xmat[surface.geom].reshape(3, 3)
+            center = (data.geom_xpos[casting] - data.geom_xpos[surface.geom]) @ turn - [0.0, 0.0, half_m[2]]
+            above = center[:, 2] > 0.0
+            shapes = casting[above]
+            light = data.light_xdir[0] @ turn
+            slide = np.array([[1.0, 0.0, -light[0] / light[2]], [0.0, 1.0, -light[1] / light[2]]])
+            axes = slide @ turn.T @ data.geom_xmat[shapes].reshape(-1, 3, 3)
+            outlines = _outlines(axes, model.geom_size[shapes], model.geom_type[shapes])
+            outlines += (center[above] @ slide.T)[:, None]
+            height, width = surface.bright.shape
+            mask = _filled(outlines, half_m[:2], np.array([width // 2, height // 2]))  # soft shadows need no more
+            lit = cv2.resize(cv2.convertScaleAbs(mask, alpha=-darkness, beta=255.0), (width, height))
+            _upload(surface.texture, cv2.multiply(surface.bright, lit, scale=1 / 255))
+
+
+def _surfaces(model: mujoco.MjModel, context: mujoco.MjrContext) -> Iterator[_Surface]:
+    for geom, material in enumerate(model.geom_matid):
+        name = "" if material < 0 else model.material(material).name
+        if name == TABLE:
+            bright = grain(_TABLE_PIXELS, 2.0 * float(model.geom_size[geom][1]))
+        elif name.startswith(FLAT):
+            bright = np.full(_FLAT_PIXELS[::-1], 255, np.uint8)
+        else:
+            continue
+        yield _Surface(geom, int(context.texture[model.texture(name).id]), bright)
+
+
+def _upload(texture: int, bright: np.ndarray) -> None:
+    """As one channel and without smaller copies: `mjr_uploadTexture` takes 5 ms."""
+    height, width = bright.shape
+    GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
+    GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR)
+    GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 1)
+    kind = (GL.GL_LUMINANCE, GL.GL_UNSIGNED_BYTE)
+    GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, GL.GL_LUMINANCE, width, height, 0, *kind, bright)
+
+
+def _filled(outlines: np.ndarray, half_m: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """(height, width) uint8: 255 within outlines (n, k, 2), m from the middle of a surface; soft at their edges."""
+    mask = np.zeros(pixels[::-1], np.uint8)
+    corners = (outlines / half_m * (1.0, -1.0) + 1.0) / 2.0 * pixels - 0.5  # a texture's first row is at the largest y
+    for polygon in np.round(corners * (1 << _SUBPIXEL_BITS)).astype(np.int32):
+        cv2.fillConvexPoly(mask, polygon, 255, cv2.LINE_8, _SUBPIXEL_BITS)
+    across = np.maximum(1, np.round(_SOFT_M * pixels / (2.0 * half_m))).astype(int)
+    return cv2.blur(mask, across.tolist())
+
+
+def _outlines(axes: np.ndarray, sizes: np.ndarray, kinds: np.ndarray) -> np.ndarray:
+    """Corners (n, k, 2) of convex shadows about their centres: the farthest point in each of k directions.
+
+    axes: (n, 2, 3) shadows of each shape's unit axes. sizes, kinds: MuJoCo's.
+    """
+    angle = np.arange(_CORNERS) * (2 * np.pi / _CORNERS) + 0.01  # a box's corners, not the middles of its sides
+    toward = np.swapaxes(axes, 1, 2) @ np.stack([np.cos(angle), np.sin(angle)])  # (n, 3, k)
+    size = sizes[:, :, None]
+    box = np.sign(toward) * size
+    ball = size**2 * toward / (np.linalg.norm(size * toward, axis=1, keepdims=True) + 1e-12)
+    # A rod's size is radius, half its length, 0. The round ends of a capsule are taken for flat ones.
+    disc = size[:, :1] * toward[:, :2] / (np.linalg.norm(toward[:, :2], axis=1, keepdims=True) + 1e-12)
+    rod = np.concatenate([disc, np.sign(toward[:, 2:]) * size[:, 1:2]], axis=1)
+    is_box, is_rod = (np.isin(kinds, [int(k) for k in some])[:, None, None] for some in ((_BOX,), _ROUND))
+    corners: np.ndarray = np.swapaxes(axes @ np.where(is_box, box, np.where(is_rod, rod, ball)), 1, 2)
+    return corners
