@@ -10,6 +10,7 @@ from lerobot.teleoperators.config import TeleoperatorConfig
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.option import option
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.face.operator_keys.meanings import Meaning, button_meanings
 from lerobot_robot_yam.face.registration import register_as
 
 
@@ -49,10 +50,28 @@ class LeaderOptions(ABC):
     isolation: Literal["process", "thread"] = option(
         "process runs the control loop in another process; thread is for debugging", "process"
     )
+    buttons: dict[str, Any] | str = option(
+        "buttons of the handles press LeRobot's keys: record, dagger, or {next: left_bottom, stop: right_top, …}; see "
+        "[buttons](buttons.md)",
+        factory=dict,
+    )
+    auto_episodes: bool = option(
+        "lerobot-record begins an episode when all leaders are lifted, and ends and saves it when they are home", False
+    )
 
     @abstractmethod
     def arms(self) -> Mapping[str, LeaderArmConfig]:
         """The arms by feature prefix, in canonical order."""
+
+
+def meanings_of(options: LeaderOptions) -> dict[str, Meaning]:
+    """The meaning of each handle's button that has one, such as left_bottom. Raises ConfigError: see `buttons`."""
+    from lerobot_robot_yam.arm.profile_files import load_gripper
+
+    arms = options.arms()
+    prefixes = [prefix for prefix, arm in arms.items() if load_gripper(arm.gripper).handle_encoder]
+    taken = {f"{prefix}{arm.estop_button}": "estop_button" for prefix, arm in arms.items() if arm.estop_button}
+    return button_meanings(options.buttons, prefixes, taken)
 
 
 def _refuse(device: str, config: Any) -> None:
@@ -61,6 +80,10 @@ def _refuse(device: str, config: Any) -> None:
     from lerobot_robot_yam.face.devices.config_refusal import refuse  # loads profiles: LeRobot's start must not wait
 
     def check(resolved: Mapping[str, Any]) -> None:
+        try:
+            meanings_of(config)
+        except ConfigError as error:
+            raise ConfigError(f"{device}: {error}") from error
         for arm, options in zip(resolved.values(), config.arms().values(), strict=True):
             try:
                 load_gripper(options.ee_gripper)

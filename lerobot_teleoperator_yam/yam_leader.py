@@ -1,5 +1,6 @@
 """Leader arms as a LeRobot teleoperator: one arm, and what one arm and two have in common."""
 
+import inspect
 import logging
 from collections.abc import Mapping
 from functools import cached_property
@@ -13,8 +14,10 @@ from lerobot_robot_yam.arm.config_checks import check_switches
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.devices.arm_device import ArmDevice
+from lerobot_robot_yam.face.operator_keys.operator_keys import OperatorKeys
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, LeaderOptions, YamLeaderConfig
+from lerobot_robot_yam.state.records import ArmState
+from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, LeaderOptions, YamLeaderConfig, meanings_of
 
 logger = logging.getLogger(__name__)
 
@@ -49,6 +52,7 @@ class LeaderBase(ArmDevice, Teleoperator):
                     )
                 self._lower[side.slice], self._upper[side.slice] = limits.T
         self._speak(options.action_space, followers)
+        self._keys = OperatorKeys(meanings_of(options), options.auto_episodes)
         self._restart()
 
     def _restart(self) -> None:
@@ -74,11 +78,22 @@ class LeaderBase(ArmDevice, Teleoperator):
         """
         self._restart()
         self._arms.start(calibrate, self._space.keys, self._models, self.get_action)
+        try:
+            self._keys.start(inspect.currentframe(), self._published)
+        except BaseException:
+            self.disconnect()
+            raise
         logger.info("%s connected", self)
 
+    def _published(self) -> dict[str, ArmState]:
+        return {side.prefix: self._arms[side].published() for side in self._arms.sides}
+
     def disconnect(self) -> None:
-        """Land the arms. Idempotent."""
-        self._arms.stop()
+        """Land the arms, and give the terminal back. Idempotent."""
+        try:
+            self._keys.stop()
+        finally:
+            self._arms.stop()
 
     @check_if_not_connected
     def get_action(self) -> dict[str, float]:
