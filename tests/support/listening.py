@@ -11,17 +11,22 @@ from lerobot.utils.keyboard_input import init_keyboard_listener
 from lerobot_robot_yam.face.operator_keys.pseudo_terminal import pseudo_terminal
 
 
+def say(*words):
+    sys.stdout.write(" ".join(map(str, words)) + "\n")
+    sys.stdout.flush()
+
+
 def main(how):
     terminal = pseudo_terminal()
     terminal.take()
     listener, events = init_keyboard_listener()
-    print("listens", listener is not None, flush=True)
+    say("listens", listener is not None)
     told = set()
     try:
         while not events["stop_recording"]:
             for name in [name for name, is_set in events.items() if is_set and name not in told]:
                 told.add(name)
-                print("flag", name, flush=True)
+                say("flag", name)
             time.sleep(0.01)
         if how == "raise":
             raise RuntimeError("as a broken command does")

@@ -1,4 +1,4 @@
-"""A terminal with a shell in it that runs one command, as a user has it: keys, signals, and its mode before and after."""
+"""A terminal with a shell that runs one command, as a user has it: keys, signals, its mode before and after."""
 
 import fcntl
 import os

@@ -6,7 +6,7 @@ _SETTLE_S = 0.03  # a contact that opens for less has bounced
 
 
 class RisingEdges:
-    """Of a set of buttons. One that is down at the first look, or when its handle is heard again, counts once it was up.
+    """Of a set of buttons. One that is down at the first look, or when its handle is heard again, has to be up first.
 
     The edge itself counts, without a delay: only another one so soon after the button was down does not.
     """

@@ -1,4 +1,4 @@
-"""The pseudo-terminal under LeRobot's own listener: what is typed arrives, and the user's terminal stays what it was."""
+"""The pseudo-terminal under LeRobot's own listener: typed keys arrive, and the user's terminal stays what it was."""
 
 import os
 import signal

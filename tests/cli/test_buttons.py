@@ -1,0 +1,111 @@
+"""lerobot-record driven from the handles alone, without a terminal: what is kept agrees with the rig's own log."""
+
+import json
+import time
+
+import pytest
+import yaml
+from lerobot.datasets import LeRobotDataset
+
+from lerobot_robot_yam.face.recorder import outcomes
+from tests.cli.conftest import CALM, ROOT
+
+pytestmark = pytest.mark.alone
+
+FPS, SECONDS, RESET_S = 15, 60, 60
+BUTTONS = {"next": "left_bottom", "failure": "right_bottom", "rerecord": "left_top", "stop": "right_top"}
+PRESS_S = 0.12
+
+
+class Handles:
+    """A recording, and thumbs on the handles of its leaders."""
+
+    def __init__(self, commands, **teleop):
+        self.commands, self.rig, self.root = commands, commands.rig, commands.directory / "data"
+        config = yaml.safe_load((ROOT / "configs" / "sim" / "record.yaml").read_text())
+        config["robot"]["cameras"] = {}
+        for side in ("left_arm_config", "right_arm_config"):
+            del config["teleop"][side]["can_options"]
+        config["teleop"] |= teleop
+        config["dataset"] |= {"root": str(self.root), "no_stamp": True, "fps": FPS, "num_episodes": 10}
+        config["dataset"] |= {"episode_time_s": SECONDS, "reset_time_s": RESET_S}
+        self.config = commands.directory / "record.yaml"
+        self.config.write_text(yaml.safe_dump(config))
+        self.process = None
+
+    def start(self):
+        self.process = self.commands.start("lerobot-record", f"--config_path={self.config}", *CALM)
+        self.commands.wait_connected(self.process)
+
+    def press(self, meaning):
+        """Press the button that means this; the rig logs it."""
+        side, _, button = BUTTONS[meaning].partition("_")
+        channel, down = f"leader_{side}", {"sync" if button == "top" else "record": True}
+        self.rig.log("pressed", meaning=meaning)
+        self.rig.buttons(channel, **down)
+        time.sleep(PRESS_S)
+        self.rig.buttons(channel)
+
+    def wait_said(self, text, count=1, timeout_s=60.0):
+        deadline = time.monotonic() + timeout_s
+        while self.commands.output().count(text) < count:
+            assert self.process.poll() is None and time.monotonic() < deadline, self.commands.output()[-4000:]
+            time.sleep(0.02)
+
+    def wait_recording(self, episode, count=1):
+        """Wait until an episode is recorded, for the so-manieth time, and record a second of it."""
+        self.wait_said(f"Recording episode {episode}\n", count)
+        time.sleep(1.0)
+
+    def wait_resetting(self, count):
+        self.wait_said("Reset the environment", count)
+        time.sleep(0.3)
+
+    def abandon(self):
+        if self.process is not None and self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+            self.rig.end()
+
+
+@pytest.fixture
+def handles(commands):
+    made = []
+
+    def make(**teleop):
+        made.append(Handles(commands, **teleop))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.abandon()
+
+
+def test_a_session_from_the_handles_alone(handles):
+    session = handles(buttons=BUTTONS)
+    session.start()
+    session.wait_recording(0)
+    session.press("next")
+    session.wait_resetting(1)
+    session.press("next")
+    session.wait_recording(1)
+    session.press("rerecord")
+    session.wait_resetting(2)
+    session.press("next")
+    session.wait_recording(1, count=2)
+    session.press("failure")
+    session.wait_resetting(3)
+    session.press("next")
+    session.wait_recording(2)
+    session.press("stop")
+    assert session.commands.finish(session.process) == 0, session.commands.output()[-4000:]
+    session.commands.assert_landed()
+    pressed = [event["meaning"] for event in session.rig.events() if event["kind"] == "pressed"]
+    ended = [meaning for meaning in pressed if meaning in ("failure", "rerecord", "stop")]
+    assert (pressed.count("next"), ended) == (4, ["rerecord", "failure", "stop"])
+    data = LeRobotDataset("local/yam_sim", root=session.root)
+    assert data.num_episodes == 3 and all(row["length"] >= 0.5 * FPS for row in data.meta.episodes)
+    (labelled,) = outcomes.read(session.root).values()
+    assert (labelled.episode, labelled.outcome, labelled.by) == (1, "failure", BUTTONS["failure"])
+    figures = [json.loads(line) for line in (session.root / "meta" / "yam_episodes.jsonl").read_text().splitlines()]
+    assert [row["frames"] for row in figures] == [row["length"] for row in data.meta.episodes]
