@@ -36,7 +36,7 @@ class ControllerBlocks:
         except (OSError, YamError) as error:  # a full disk, a log-out that had the user's files removed
             logger.warning("%s: no other program can watch the arm: %s", controller.name, error)
         self._record = np.zeros((), STATE_DTYPE)
-        for field in (*_MEASURED, "gripper_stops_rad"):
+        for field in (*_MEASURED, "gripper_stops_rad", "action", "action_dq", "action_stamp_s"):
             self._record[field] = np.nan
         if adopt is not None:
             self._record[()] = adopt
