@@ -106,6 +106,6 @@ def test_a_session_from_the_handles_alone(handles):
     data = LeRobotDataset("local/yam_sim", root=session.root)
     assert data.num_episodes == 3 and all(row["length"] >= 0.5 * FPS for row in data.meta.episodes)
     (labelled,) = outcomes.read(session.root).values()
-    assert (labelled.episode, labelled.outcome, labelled.by) == (1, "failure", BUTTONS["failure"])
+    assert (labelled.episode_index, labelled.outcome, labelled.by) == (1, "failure", BUTTONS["failure"])
     figures = [json.loads(line) for line in (session.root / "meta" / "yam_episodes.jsonl").read_text().splitlines()]
     assert [row["frames"] for row in figures] == [row["length"] for row in data.meta.episodes]

@@ -57,7 +57,7 @@ class OutcomeBook:
         if pending is None:
             return
         buffer = _buffer(self._dataset)  # before the count: LeRobot counts first, then takes a new buffer
-        if self._dataset.num_episodes > pending.episode:
+        if self._dataset.num_episodes > pending.episode_index:
             self._pending = self._buffer = None
             self._write(pending)
         elif buffer is not self._buffer:
@@ -72,14 +72,16 @@ class OutcomeBook:
     def _drop(self) -> None:
         pending, self._pending, self._buffer = self._pending, None, None
         assert pending is not None
-        logger.info("episode %d is not kept, nor is its label %s", pending.episode, pending.outcome)
+        logger.info("episode %d is not kept, nor is its label %s", pending.episode_index, pending.outcome)
 
     def _write(self, outcome: outcomes.Outcome) -> None:
         try:
             outcomes.append(Path(self._dataset.root), [outcome])
-            logger.info("episode %d: %s", outcome.episode, outcome.outcome)
+            logger.info("episode %d: %s", outcome.episode_index, outcome.outcome)
         except OSError as error:
-            logger.warning("episode %d: %s, which could not be written: %s", outcome.episode, outcome.outcome, error)
+            logger.warning(
+                "episode %d: %s, which could not be written: %s", outcome.episode_index, outcome.outcome, error
+            )
 
 
 def _buffer(dataset: Any) -> Any:

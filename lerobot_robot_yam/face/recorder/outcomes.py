@@ -25,13 +25,13 @@ class Outcome:
     """How an episode ended.
 
     Attributes:
-        episode: its index.
+        episode_index: of the data set.
         outcome: one of `KINDS`; None takes an earlier one back.
         by: the button that said so, or the command.
         at: when, ISO 8601.
     """
 
-    episode: int
+    episode_index: int
     outcome: str | None
     by: str
     at: str
@@ -74,14 +74,14 @@ def read(root: Path) -> dict[int, Outcome]:
                 logger.warning("%s: line %d is cut off, and left out", path, number)
                 continue
             raise ConfigError(f"{path}: line {number} is no outcome: {error}; correct it or remove it") from error
-        found[outcome.episode] = outcome
+        found[outcome.episode_index] = outcome
     return {episode: row for episode, row in sorted(found.items()) if row.outcome is not None}
 
 
 def _parsed(row: Mapping[str, Any]) -> Outcome:
-    outcome = Outcome(row["episode"], row["outcome"], str(row.get("by", "")), str(row.get("at", "")))
-    if type(outcome.episode) is not int or outcome.episode < 0:
-        raise ValueError(f"{outcome.episode!r} is no number of an episode")
+    outcome = Outcome(row["episode_index"], row["outcome"], str(row.get("by", "")), str(row.get("at", "")))
+    if type(outcome.episode_index) is not int or outcome.episode_index < 0:
+        raise ValueError(f"{outcome.episode_index!r} is no number of an episode")
     if outcome.outcome not in (None, *KINDS):
         raise ValueError(f"{outcome.outcome!r} is none of {', '.join(KINDS)}")
     return outcome
