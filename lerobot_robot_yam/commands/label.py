@@ -35,7 +35,7 @@ def _say(line: str) -> None:
 
 
 def _edit(text: str) -> tuple[range, str | None]:
-    """ "5-7=discard" as episodes and their outcome."""
+    """Episodes and their outcome, from a text such as 5-7=discard."""
     match = _EDIT.fullmatch(text)
     if match is None or match[3] not in (*KINDS, _NONE):
         raise argparse.ArgumentTypeError(

@@ -1,6 +1,7 @@
-"""lerobot-record driven from the handles alone, without a terminal: what is kept agrees with the rig's own log."""
+"""LeRobot's commands driven from the handles alone, without a terminal: what is kept agrees with the rig's own log."""
 
 import json
+import sys
 import time
 
 import pytest
@@ -14,7 +15,25 @@ pytestmark = pytest.mark.alone
 
 FPS, SECONDS, RESET_S = 15, 60, 60
 BUTTONS = {"next": "left_bottom", "failure": "right_bottom", "rerecord": "left_top", "stop": "right_top"}
-PRESS_S = 0.12
+IN_RIG = {"top": "sync", "bottom": "record"}
+
+MEANINGS = {button: meaning for meaning, button in BUTTONS.items()}
+
+
+def press(rig, button):
+    """Press a button such as left_top, as a thumb does; the rig logs it."""
+    side, _, name = button.partition("_")
+    rig.press(f"leader_{side}", IN_RIG[name], 0.1)
+
+
+def pressed(rig, since=0):
+    """The buttons that were pressed, as the rig has logged it, with the times."""
+    names = {value: key for key, value in IN_RIG.items()}
+    return [
+        (f"{event['channel'].removeprefix('leader_')}_{names[event['button']]}", event["monotonic_s"])
+        for event in rig.events(since)
+        if event["kind"] == "button" and event["down"]
+    ]
 
 
 class Handles:
@@ -39,12 +58,15 @@ class Handles:
 
     def press(self, meaning):
         """Press the button that means this; the rig logs it."""
-        side, _, button = BUTTONS[meaning].partition("_")
-        channel, down = f"leader_{side}", {"sync" if button == "top" else "record": True}
-        self.rig.log("pressed", meaning=meaning)
-        self.rig.buttons(channel, **down)
-        time.sleep(PRESS_S)
-        self.rig.buttons(channel)
+        press(self.rig, BUTTONS[meaning])
+
+    def time_of(self, text, count):
+        """When it has said something, the so-manieth time, to a millisecond."""
+        path, deadline = self.commands.directory / "output.txt", time.monotonic() + 10.0
+        while path.read_bytes().count(text.encode()) < count:
+            assert time.monotonic() < deadline, self.commands.output()[-4000:]
+            time.sleep(0.001)
+        return time.monotonic()
 
     def wait_said(self, text, count=1, timeout_s=60.0):
         deadline = time.monotonic() + timeout_s
@@ -100,12 +122,39 @@ def test_a_session_from_the_handles_alone(handles):
     session.press("stop")
     assert session.commands.finish(session.process) == 0, session.commands.output()[-4000:]
     session.commands.assert_landed()
-    pressed = [event["meaning"] for event in session.rig.events() if event["kind"] == "pressed"]
-    ended = [meaning for meaning in pressed if meaning in ("failure", "rerecord", "stop")]
-    assert (pressed.count("next"), ended) == (4, ["rerecord", "failure", "stop"])
+    meanings = [MEANINGS[button] for button, _ in pressed(session.rig)]
+    assert meanings == ["next", "next", "rerecord", "next", "failure", "next", "stop"]
     data = LeRobotDataset("local/yam_sim", root=session.root)
     assert data.num_episodes == 3 and all(row["length"] >= 0.5 * FPS for row in data.meta.episodes)
     (labelled,) = outcomes.read(session.root).values()
     assert (labelled.episode_index, labelled.outcome, labelled.by) == (1, "failure", BUTTONS["failure"])
     figures = [json.loads(line) for line in (session.root / "meta" / "yam_episodes.jsonl").read_text().splitlines()]
     assert [row["frames"] for row in figures] == [row["length"] for row in data.meta.episodes]
+
+
+PRESSES = 100
+
+
+@pytest.mark.long
+def test_a_button_is_an_event_of_lerobot_within_50_ms(handles, monkeypatch):
+    monkeypatch.setenv("PYTHONUNBUFFERED", "1")  # it says at once which key it has heard
+    session = handles(buttons=BUTTONS)
+    session.start()
+    session.wait_recording(0)
+    since, heard = session.rig.events()[-1]["number"] + 1, []
+    for turn in range(PRESSES // 2):
+        for meaning, said, then, count in (
+            ("rerecord", "Left arrow key pressed", "Reset the environment", turn + 1),
+            ("next", "Right arrow key pressed", "Recording episode 0\n", turn + 2),
+        ):
+            session.press(meaning)
+            heard.append(session.time_of(said, turn + 1))
+            session.wait_said(then, count)
+            time.sleep(0.25)
+    session.press("stop")
+    assert session.commands.finish(session.process) == 0, session.commands.output()[-4000:]
+    times = [at_s for _, at_s in pressed(session.rig, since)][:PRESSES]
+    latencies = sorted(1e3 * (heard_s - at_s) for heard_s, at_s in zip(heard, times, strict=True))
+    median, p99, longest = latencies[PRESSES // 2], latencies[-2], latencies[-1]
+    sys.stdout.write(f"button to event: median {median:.1f} ms, p99 {p99:.1f}, longest {longest:.1f}\n")
+    assert latencies[-2] < 50.0, latencies

@@ -1,4 +1,4 @@
-"""A copy of a data set in which the outcomes of its episodes count: without those that were discarded, and with columns.
+"""A copy of a data set in which the outcomes of its episodes count: without the discarded ones, and with columns.
 
 LeRobot's own functions drop the episodes and write `next.success`, which lerobot-dataset-viz shows, in the form in
 which lerobot-eval records it: true in the last frame of a success. The column `success` of the episodes' metadata is

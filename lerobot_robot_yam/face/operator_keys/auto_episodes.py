@@ -26,8 +26,9 @@ class AutoEpisodes:
 
     def __init__(self) -> None:
         self._turn = 0.0
-        self._was_lifted = self._was_home = False  # in this turn
-        self._waits = self._begun = False  # this turn waits for a lift; it began with one
+        self._armed = False  # the leaders were home since the last episode began
+        self._starts = self._begun = False  # a lift ends this turn; one has ended the turn before
+        self._was_lifted = False  # in this turn
 
     def key(self, lifted: bool | None, now: Situation) -> str | None:
         """The key to press now, if any; the same again until the command has answered.
@@ -39,10 +40,11 @@ class AutoEpisodes:
         if now.phase not in (Phase.RECORDING, Phase.RESETTING):
             return None
         if now.turn != self._turn:
-            self._begun = self._waits and self._was_home and self._was_lifted
-            self._turn, self._waits = now.turn, now.phase is Phase.RESETTING and now.drops
-            self._was_lifted = self._was_home = False
+            self._turn, self._begun = now.turn, self._starts
+            self._starts = self._was_lifted = False
+            self._armed &= not self._begun
         home = lifted is False
+        self._armed |= home
         if now.phase is Phase.RECORDING:
             self._was_lifted |= lifted is True
             if not now.frames:
@@ -52,7 +54,5 @@ class AutoEpisodes:
             return now.keys[Meaning.NEXT] if home else None
         if not now.drops:
             return now.keys[Meaning.NEXT]  # it is saved now, not when the next one begins
-        self._waits = True
-        self._was_home |= home
-        self._was_lifted = self._was_home and lifted is True
-        return now.keys[Meaning.NEXT] if self._was_lifted else None
+        self._starts = self._armed and lifted is True
+        return now.keys[Meaning.NEXT] if self._starts else None

@@ -98,7 +98,7 @@ def refusal(meaning: Meaning, button: str, now: Situation) -> str:
     """Why a button that is no label does nothing now."""
     what = f"button {button} ({meaning})"
     if not now.command:
-        return f"{what}: no LeRobot command that listens to keys runs in this process"
+        return f"{what}: LeRobot does not listen to keys now"
     if (Meaning.CORRECT if meaning is Meaning.GO_ON else meaning) not in now.keys:
         return f"{what}: means nothing to {now.command}"
     return f"{what}: not now, {now.command} is {now.phase.value}"

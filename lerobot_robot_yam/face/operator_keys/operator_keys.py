@@ -58,7 +58,7 @@ class OperatorKeys:
         if not (self._meanings or self._automatic):
             return
         if not running_command.hears_keys(frame):
-            logger.info("this command of LeRobot listens to no keys: buttons of handles mean nothing to it")
+            logger.info("buttons of handles mean something to lerobot-record and lerobot-rollout only")
             return
         self._forget()
         self._ends.clear()

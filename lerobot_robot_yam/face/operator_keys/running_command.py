@@ -12,8 +12,7 @@ from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation
 from lerobot_robot_yam.face.operator_keys.meanings import Meaning
 from lerobot_robot_yam.face.recorder.record_command import PACKAGE, callers, running_record
 
-_SCRIPTS = f"{PACKAGE / 'scripts'}/"
-_LISTENING = tuple(f"{_SCRIPTS}lerobot_{name}.py" for name in ("record", "rollout"))
+_LISTENING = tuple(str(PACKAGE / "scripts" / f"lerobot_{name}.py") for name in ("record", "rollout"))
 _STRATEGIES = f"{PACKAGE / 'rollout' / 'strategies'}/"
 _RUN = "run"  # the method of a strategy in which it runs
 _EPISODE_KEYS = {Meaning.NEXT: "right", Meaning.RERECORD: "left", Meaning.STOP: "esc"}
@@ -21,9 +20,8 @@ _EPISODE_LOOPS = {"_policy_loop": Phase.RECORDING, "_reset_loop": Phase.RESETTIN
 
 
 def hears_keys(frame: FrameType | None) -> bool:
-    """Whether what has called down to `frame` may listen to keys: of LeRobot's commands, only two do."""
-    commands = [name for caller in callers(frame) if (name := caller.f_code.co_filename).startswith(_SCRIPTS)]
-    return not commands or any(name in _LISTENING for name in commands)
+    """Whether a command that listens to keys has called down to `frame`: two of LeRobot's do."""
+    return any(caller.f_code.co_filename in _LISTENING for caller in callers(frame))
 
 
 def look() -> Situation:
