@@ -4,7 +4,8 @@ Plain values: the dataclass travels as JSON to the control process. docs/teleope
 """
 
 import math
-from collections.abc import Mapping
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
@@ -113,6 +114,12 @@ class LeadConfig:
         if not all(isinstance(joint, int) and 1 <= joint <= joints for joint in self.gate_joints):
             raise _refusal(name, self, "gate_joints", f"numbers of joints within 1 … {joints}")
 
+    def check_handle(self, name: str, has_handle: bool) -> None:
+        """Refuse buttons that the arm does not have. Raises ConfigError: names them."""
+        for key in ("gate_button", "fine_button"):
+            if getattr(self, key) is not None and not has_handle:
+                raise ConfigError(f"{name}: {key} is a button of the teaching handle, and this arm has none")
+
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> "LeadConfig":
         """From plain values, as `dataclasses.asdict` and JSON give them. Raises ConfigError: an unknown key."""
@@ -120,6 +127,29 @@ class LeadConfig:
         if unknown:
             raise ConfigError(f"lead has no {', '.join(unknown)}")
         return cls(**values)
+
+
+class LeadOptions:
+    """Options of an arm that may lead a follower."""
+
+    @abstractmethod
+    def lead_config(self) -> LeadConfig | None:
+        """What it does for its follower; None without one."""
+
+
+def check_leads(configs: Sequence[LeadConfig]) -> None:
+    """Refuse leaders of one robot that lead the same arm, or share a gate and disagree about it.
+
+    Raises:
+        ConfigError: says which.
+    """
+    followers = [config.follower for config in configs]
+    if len(set(followers)) < len(followers):
+        raise ConfigError(f"each leader needs a follower of its own, not both {followers[0]}")
+    together = [config for config in configs if config.together]
+    for key in ("gate", "engage_threshold_rad", "release_threshold_rad", "release_s"):
+        if len({getattr(config, key) for config in together}) > 1:
+            raise ConfigError(f"leaders whose gates move together need the same {key}; else set gate_together to false")
 
 
 def _number(value: Any) -> float:

@@ -54,7 +54,7 @@ class Handles:
 
     def start(self):
         self.process = self.commands.start("lerobot-record", f"--config_path={self.config}", *CALM)
-        self.commands.wait_connected(self.process)
+        self.commands.wait_connected(self.process, timeout_s=200.0)
 
     def press(self, meaning):
         """Press the button that means this; the rig logs it."""
