@@ -222,6 +222,13 @@ class RigOperations(ABC):
         """Hold a handle's two buttons down, or not."""
         self.request("buttons", channel=channel, value=[sync, record])
 
+    def press(self, channel: str, button: str, seconds: float = 0.1) -> None:
+        """Press a handle's button, "sync" (the top one) or "record", and let it go after so long (0.005 … 60 s).
+
+        Each edge of a button is an event "button" with channel, button and down.
+        """
+        self.request("press", channel=channel, button=button, seconds=seconds)
+
     def hand(
         self,
         channel: str,

@@ -19,6 +19,7 @@ from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
 from lerobot_robot_yam.rig.judging.judge import Judge
 from lerobot_robot_yam.rig.judging.recorders import TruthRecorder, Watch
 from lerobot_robot_yam.rig.scene.scene import ArmPlacement, Scene, serial_number
+from lerobot_robot_yam.rig.simulation.button_presses import ButtonPresses
 from lerobot_robot_yam.rig.simulation.hand import Hand
 from lerobot_robot_yam.rig.world.mechanics import Ballast, Drive
 from lerobot_robot_yam.rig.world.world import World
@@ -98,6 +99,7 @@ class RigDevice:
             if row.role == "leader":
                 self.hands[row.channel] = Hand(self.world, row.channel, handle)
         self.judge = Judge(self.world)
+        self.presses = ButtonPresses(self._log_button)
         self._pushes: dict[int, float] = {}  # body → simulated time of the end
         self._all_motors = [motor for channel in self.channels.values() for motor in channel.motors]
         self._adapters = [channel.adapter for channel in self.channels.values()]
@@ -126,6 +128,9 @@ class RigDevice:
             drive = Drive(self.world, row.channel, motor.name, joints, base, coefficient)
             found.append(SimMotor(motor, zero, drive, self.world, log, serial_number(self.scene, row, motor.can_id)))
         return found
+
+    def _log_button(self, channel: str, button: str, down: bool) -> None:
+        self.events.add("button", channel=channel, button=button, down=down)
 
     @property
     def due_s(self) -> float:
@@ -176,6 +181,7 @@ class RigDevice:
             if sim_s >= end_s:
                 self.world.data.xfrc_applied[body] = 0.0
                 del self._pushes[body]
+        self.presses.advance(sim_s, now_s)
         for event in self.judge.update(now_s):
             self.events.add(event.pop("kind"), **event)
         for name, hand in self.hands.items():

@@ -17,7 +17,7 @@ from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
 from lerobot_robot_yam.rig.scene.props import Thing
 from lerobot_robot_yam.rig.simulation import fault_commands
 from lerobot_robot_yam.rig.simulation.device import RigDevice
-from lerobot_robot_yam.rig.simulation.lookup import body_of, channel_of, handle_of, number, vector, whole
+from lerobot_robot_yam.rig.simulation.lookup import body_of, channel_of, flag, handle_of, number, vector, whole
 
 _EVENTS_PER_ANSWER = 200
 _TRACE_LENGTH, _TRACE_PER_ANSWER = 500_000, 1000
@@ -25,6 +25,7 @@ _CHANGES_PER_ANSWER = 500
 _TRUTH_PER_ANSWER = 100
 _TRUTH_MAX_S = 120.0
 _SEED_MAX = 2**63 - 1
+_PRESS_S = (0.005, 60.0)  # it ends at the next look of the rig, every 5 ms
 
 Operation = Callable[[RigDevice, dict[str, Any]], dict[str, Any] | None]
 _OPERATIONS: dict[str, Operation] = {"fault": fault_commands.fault, "clear_faults": fault_commands.clear_faults}
@@ -171,10 +172,17 @@ def _trigger(device: RigDevice, request: dict[str, Any]) -> None:
 @_operation
 def _buttons(device: RigDevice, request: dict[str, Any]) -> None:
     channel = channel_of(device, request)
+    handle_of(channel)
     first, second = request["value"]
-    event = handle_of(channel).press((bool(first), bool(second)))
-    if event is not None:
-        channel.emit(event, device.clock.now())
+    device.presses.hold(channel, (flag(first), flag(second)), device.clock.now())
+
+
+@_operation
+def _press(device: RigDevice, request: dict[str, Any]) -> None:
+    channel = channel_of(device, request)
+    handle_of(channel)
+    seconds = number(request["seconds"], *_PRESS_S)
+    device.presses.press(channel, str(request["button"]), device.world.sim_s + seconds, device.clock.now())
 
 
 @_operation
