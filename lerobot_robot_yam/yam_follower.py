@@ -2,8 +2,9 @@
 
 import inspect
 import logging
+import math
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -27,6 +28,7 @@ logger = logging.getLogger(__name__)
 _CAUGHT_UP_RAD = 0.15  # what a follower stays behind a leader that moves
 _CATCH_UP_S = 3.0  # more than the way takes at the speed limit
 _CATCH_UP_TICK_S = 0.02
+_PERMITTED_S = 0.1  # after a leader's action was passed on, to follow that leader without the caller
 _SAME = 1e-6  # rad, of the stroke: what the shared memory's numbers lose
 
 
@@ -53,6 +55,7 @@ class FollowerBase(ArmDevice, Robot):
         self._camera_configs = {name: beside_arms(camera, arms.values()) for name, camera in cameras.items()}
         self.cameras = make_cameras_from_configs(self._camera_configs)
         self._last_action: dict[str, Any] = {}
+        self._coupled_s = -math.inf  # when a leader's action was passed on last
         self._keys = options.state_keys()
         self._extra_keys = self._keys[len(self._space.keys) :]
         self._episodes = EpisodeLog(None)
@@ -202,8 +205,13 @@ class FollowerBase(ArmDevice, Robot):
         if self._arms.paused and self._is_last(action):
             return self._space.action(self._arms.held())
         self._arms.paused = False
-        target = self._space.vector(action)
-        sent = self._write_targets(target)
+        coupling = self._arms.couple(action)
+        if coupling is None:
+            target = self._space.vector(action)
+            sent = self._write_targets(target)
+        else:
+            target, leaders = coupling
+            sent = self._write_targets(target, leaders)
         self._episodes.sent(changed=not np.allclose(sent, target, rtol=0.0, atol=_SAME))
         self._last_action = dict(action)
         return self._space.action(sent)
@@ -226,12 +234,18 @@ class FollowerBase(ArmDevice, Robot):
         self._space.begin()
         return self._write_targets(target)
 
-    def _write_targets(self, target: np.ndarray) -> np.ndarray:
+    def _write_targets(self, target: np.ndarray, leaders: Sequence[str | None] | None = None) -> np.ndarray:
+        """Give the arms a target (n,). leaders: of each arm the channel key of the leader whose action this is."""
         sent = target.copy()
-        for side in self._arms.sides:
+        now = self._arms.clock.now()
+        permitted_s = _PERMITTED_S + min(max(now - self._coupled_s, 0.0), _PERMITTED_S)  # and one frame of the caller
+        if leaders is not None:
+            self._coupled_s = now
+        for side, leader in zip(self._arms.sides, leaders or [None] * len(self._arms.sides), strict=True):
             index = side.gripper_index
             gripper = None if index is None else target[index]
-            sent[side.slice], gripper = self._arms[side].write_target(target[side.slice], gripper)
+            coupled = None if leader is None else (leader, permitted_s)
+            sent[side.slice], gripper = self._arms[side].write_target(target[side.slice], gripper, coupled=coupled)
             if index is not None:
                 sent[index] = gripper
         return sent

@@ -1,5 +1,6 @@
 """Leader arms as a LeRobot teleoperator: one arm, and what one arm and two have in common."""
 
+import inspect
 import logging
 from collections.abc import Mapping
 from functools import cached_property
@@ -13,8 +14,10 @@ from lerobot_robot_yam.arm.config_checks import check_switches
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.devices.arm_device import ArmDevice
+from lerobot_robot_yam.face.operator_keys.operator_keys import OperatorKeys
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, LeaderOptions, YamLeaderConfig
+from lerobot_robot_yam.state.records import ArmState, coupling_number
+from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, LeaderOptions, YamLeaderConfig, meanings_of
 
 logger = logging.getLogger(__name__)
 
@@ -49,11 +52,13 @@ class LeaderBase(ArmDevice, Teleoperator):
                     )
                 self._lower[side.slice], self._upper[side.slice] = limits.T
         self._speak(options.action_space, followers)
+        self._keys = OperatorKeys(meanings_of(options), options.auto_episodes)
         self._restart()
 
     def _restart(self) -> None:
         """Forget what a session has left."""
         self._action: dict[str, float] | None = None
+        self._target: np.ndarray = np.zeros(len(self._arms.keys))  # joints that it stands for
         self._was_held = self._follows_feedback = False
         sides = len(self._arms.sides)
         self._openings = [_OPEN] * sides  # last ones, for while a handle is silent
@@ -73,12 +78,23 @@ class LeaderBase(ArmDevice, Teleoperator):
             YamError: an arm cannot be driven, or this process's follower takes other actions.
         """
         self._restart()
-        self._arms.start(calibrate, self._space.keys, self._models, self.get_action)
+        self._arms.start(calibrate, self._space.keys, self._models, self.get_action, self._recognise)
+        try:
+            self._keys.start(inspect.currentframe(), self._published)
+        except BaseException:
+            self.disconnect()
+            raise
         logger.info("%s connected", self)
 
+    def _published(self) -> dict[str, ArmState]:
+        return {side.prefix: self._arms[side].published() for side in self._arms.sides}
+
     def disconnect(self) -> None:
-        """Land the arms. Idempotent."""
-        self._arms.stop()
+        """Land the arms, and give the terminal back. Idempotent."""
+        try:
+            self._keys.stop()
+        finally:
+            self._arms.stop()
 
     @check_if_not_connected
     def get_action(self) -> dict[str, float]:
@@ -100,6 +116,10 @@ class LeaderBase(ArmDevice, Teleoperator):
             return dict(self._action)
         values: list[float] = []
         for index, (side, state) in enumerate(zip(self._arms.sides, states, strict=True)):
+            led = None if side.follower_key is None else self._led(side.key, side.follower_key, state)
+            if led is not None:
+                values += led
+                continue
             values += state.q.tolist()
             if side.has_gripper:
                 if state.gripper is not None:
@@ -107,8 +127,26 @@ class LeaderBase(ArmDevice, Teleoperator):
                 elif state.trigger is not None:
                     self._openings[index] = self._pick_up(index, 1.0 - state.trigger)
                 values.append(self._openings[index])
-        self._action = self._space.action(np.minimum(np.maximum(values, self._lower), self._upper))
+        self._target = np.minimum(np.maximum(values, self._lower), self._upper)
+        self._action = self._space.action(self._target)
         return dict(self._action)
+
+    def _led(self, key: str, follower_key: str, state: ArmState) -> tuple[float, ...] | None:
+        """Target of an arm's follower: as that one executes it if it is coupled, else as the gate asks for it.
+
+        A follower that its leader's loop has not seen yet stays where it is. None: there is no follower.
+        """
+        follower = self._arms.follower_state(follower_key)
+        if follower is not None and follower.coupled_to == coupling_number(key):
+            return follower.action
+        return state.action or (None if follower is None else follower.setpoints)
+
+    def _recognise(self, action: Mapping[str, Any]) -> np.ndarray | None:
+        """The joints that an action stands for, if it is the one that was given last."""
+        given = self._action
+        if given is None or given.keys() != action.keys():
+            return None
+        return self._target if all(np.array_equal(action[key], given[key]) for key in given) else None
 
     def _pick_up(self, index: int, trigger: float) -> float:
         """Opening of a gripper whose trigger says `trigger`: its own once it has met, or passed, what feedback left."""

@@ -35,7 +35,8 @@ RIG_ROOMS = (
     "lockstep",
     "operator",
 )
-CONTROL_ROOMS = ("laws", "gripper", "safety", "preflight", "", "process")  # "": the loop and the arm's controller
+# "" is the loop and the arm's controller
+CONTROL_ROOMS = ("laws", "gripper", "safety", "teleop", "preflight", "", "process")
 MAY_IMPORT_LEROBOT = ("face", "plugin", "commands")
 MOST_MODULES = 15
 

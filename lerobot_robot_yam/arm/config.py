@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 from lerobot_robot_yam.arm import config_checks
 from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
+from lerobot_robot_yam.arm.lead_config import LeadConfig
 from lerobot_robot_yam.arm.option import option
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.runtime_files import rig_name
@@ -136,6 +137,25 @@ class ArmConfig:
         elif self.interface != SOCKETCAN:
             words += ["--interface", self.interface]
         return shlex.join(words)
+
+
+@dataclass(kw_only=True)
+class LeadArmConfig(ArmConfig):
+    """A leader's arm that knows its follower. lead: what it does for that one; None: nothing, it only floats."""
+
+    lead: LeadConfig | None = None
+
+    def __post_init__(self) -> None:
+        if isinstance(self.lead, Mapping):  # as it comes out of JSON
+            self.lead = LeadConfig.from_mapping(self.lead)
+        super().__post_init__()
+        if self.lead is not None:
+            self.lead.check(self.name)
+
+
+def lead_of(config: ArmConfig) -> LeadConfig | None:
+    """What an arm does for a follower, None if it leads none."""
+    return config.lead if isinstance(config, LeadArmConfig) else None
 
 
 def check_together(configs: Sequence[ArmConfig]) -> None:

@@ -48,6 +48,7 @@ class Actuation:
 
     Attributes:
         landing: the landing under way; `landing_response` owns it.
+        assist: torque and damping (joints,) that act beside its weight while it floats; None: none.
         usable, all_usable: (n,) bool, motors that can be relied on, and whether all can.
     """
 
@@ -73,6 +74,7 @@ class Actuation:
         self._bad = np.zeros(hw.n, dtype=bool)
         self.usable, self.all_usable = ~self._bad, True
         self.landing: Landing | None = None
+        self.assist: tuple[np.ndarray, np.ndarray] | None = None
         self.bus_loss = BusLoss()
         self._heat: Heat | None = None
         self._heat_due = -math.inf
@@ -137,7 +139,8 @@ class Actuation:
             self.setpoint.seed(self.here)  # whatever ends the floating finds it where the arm is
             if status.limited:
                 status.limited &= ~_TOLD_AFLOAT
-            self._tell(self.impedance.float_free(q, dq, dt))
+            assist = self.assist if status.mode is Mode.FLOAT and self.all_usable else None
+            self._tell(self.impedance.float_free(q, dq, dt, assist))
             return
         self._catch(now)
         fade = None if self.landing is None else self.landing.fade

@@ -21,6 +21,8 @@ from lerobot_robot_yam.control.landing_response import LandingResponse
 from lerobot_robot_yam.control.safety.progress_monitor import ProgressMonitor
 from lerobot_robot_yam.control.safety.thermal_monitor import Stage
 from lerobot_robot_yam.control.stop_response import StopResponse, StopTriggers
+from lerobot_robot_yam.control.teleop.coupling import Coupling
+from lerobot_robot_yam.control.teleop.lead import Lead
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import LifeCycleError, MotorError
 from lerobot_robot_yam.state.faults import SILENT_S, Trouble
@@ -44,6 +46,10 @@ class ArmController:
         hardware: the arm.
         bus: an open bus; the controller does not close it.
         gravity: the arm's model, if that has been made before.
+
+    Attributes:
+        lead: what a leader does for its follower; None if it leads none.
+        coupling: with the leader that a follower follows at loop rate.
     """
 
     def __init__(self, hardware: ResolvedArm, bus: can.BusABC, gravity: GravityModel | None = None):
@@ -57,6 +63,8 @@ class ArmController:
         self._stop = StopResponse(arm, self.landing, self.faults)
         self._progress = ProgressMonitor(self.name, hardware.joint_names)
         self._last_target_at = -math.inf
+        self.lead: Lead | None = None
+        self.coupling = Coupling(hardware)
         self._stop_triggers = StopTriggers(hardware)
         self.handle = arm.interface.read_handle(-math.inf)  # trigger, buttons, stamp
 
@@ -111,6 +119,11 @@ class ArmController:
                 self.landing.end(now)  # while the other motors still obey
             elif heat.stage is Stage.HOT and status.mode is not Mode.LAND and not status.must_land:
                 self.faults.suffer(Trouble.HOT, heat.message, now)
+        if self.lead is not None:
+            interface = arm.interface
+            sample = interface.q, interface.dq, arm.chain.stamp_s
+            self.lead.advance(now, status.mode, sample, self.handle, arm.impedance.weight_nm)
+            arm.assist = self.lead.assist
 
     def stop_reason(self, now: float) -> str:
         """Why everything has to stop, empty when it has not: the handle's button, or too much effort."""
@@ -130,6 +143,8 @@ class ArmController:
             trouble = self.bring_up.advance(now)
             if trouble is not None:
                 self.faults.suffer(*trouble, now)
+        if self.coupling.active:
+            self._follow_leader(now)
         if status.mode is Mode.TRACK and now - self._last_target_at > self.config.command_timeout_s:
             status.limited |= Limited.COMMAND_TIMEOUT
             logger.info("%s: no target for %g s; it holds", self.name, self.config.command_timeout_s)
@@ -165,6 +180,26 @@ class ArmController:
         if status.mode is Mode.HOLD:
             arm.enter(Mode.TRACK)
         return True
+
+    def _follow_leader(self, now: float) -> None:
+        """Take the target of this tick from the leader, as far as the caller permits it."""
+        arm, status, coupling = self.actuation, self.status, self.coupling
+        if status.mode not in (Mode.HOLD, Mode.TRACK) or status.halted:
+            coupling.end()
+            return
+        setpoint = arm.setpoint
+        if not coupling.advance(now, (setpoint.q, setpoint.dq), arm.q):
+            return
+        if coupling.number:  # else it only comes to rest, which no caller has asked for
+            self._last_target_at = now
+            if not arm.impedance.own_gains:
+                arm.use_gains()
+            gap = float(np.abs(coupling.target - setpoint.q)[: arm.hardware.joints].max(initial=0.0))
+            limited = Limited.SPEED if self._progress.by_speed(gap) else Limited.NOTHING
+            status.limited = limited | Limited.RELATIVE_TARGET if coupling.held_back else limited
+            if status.mode is Mode.HOLD:
+                arm.enter(Mode.TRACK)
+        setpoint.track(coupling.target, coupling.velocity, now)
 
     def held_back(self, by: str) -> None:
         """The workspace holds the set-point back, `by` names the parts; empty when it does not."""

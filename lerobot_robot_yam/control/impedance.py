@@ -145,10 +145,15 @@ class Impedance:
         load_nm: np.ndarray = PAYLOAD_MOST_KG * np.abs(self._gravity.torque_per_kg(q))
         return load_nm + np.abs(self._gravity.torque(q))
 
-    def float_free(self, q: np.ndarray, dq: np.ndarray, dt: float) -> Limited:
+    def float_free(
+        self, q: np.ndarray, dq: np.ndarray, dt: float, assist: tuple[np.ndarray, np.ndarray] | None = None
+    ) -> Limited:
         """Gravity-compensated free motion, pushed back gently beyond the joint limits.
 
-        q, dq: (n,) of the motors, gripper in rad; dt: s.
+        Args:
+            q, dq: (n,) of the motors, gripper in rad.
+            dt: s.
+            assist: more torque and damping (joints,), within the torque limits.
         """
         hw, out = self._hardware, self.commands
         j = slice(hw.joints)
@@ -158,6 +163,10 @@ class Impedance:
         if self._integral is not None:
             self._integral.reset()  # a hand that pulls looks like sag, and would be thrown off
         mit_laws.float_free(out, q, hw.idle_kd, tau)
+        if assist is not None:
+            tau[j] += assist[0]
+            out[j, mit_laws.TAU] = tau[j]
+            out[j, mit_laws.KD] += assist[1]
         share = self.float_speed.share(dq[j], dt)
         if share is not None:
             # Within what the torque limit leaves: the clip would turn a speed that was read wrongly into a real one.

@@ -8,6 +8,7 @@ from lerobot_robot_yam.control.arm_controller import ArmController
 from lerobot_robot_yam.control.loop import ControlLoop
 from lerobot_robot_yam.control.safety.collision_guard import WorkspaceGuard
 from lerobot_robot_yam.control.state_publisher import ControllerBlocks
+from lerobot_robot_yam.control.teleop.lead import make_leads
 from lerobot_robot_yam.state.records import BlockPair
 
 
@@ -18,6 +19,8 @@ def build(arms: Sequence[ResolvedArm], keys: Sequence[str], buses: Sequence, pai
         YamError: names the part that is not as configured.
     """
     controllers = [ArmController(arm, bus) for arm, bus in zip(arms, buses, strict=True)]
+    for controller, lead in zip(controllers, make_leads(arms), strict=True):
+        controller.lead = lead
     for controller in controllers:
         controller.inspect()
     guarded = [GuardedArm(arm.name, arm.arm, arm.gripper, arm.config.workspace, arm.tilt_rad) for arm in arms]

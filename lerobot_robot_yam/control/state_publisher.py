@@ -15,6 +15,7 @@ from lerobot_robot_yam.state.records import OWNER, STATE_DTYPE, BlockPair, Reque
 logger = logging.getLogger(__name__)
 
 _MEASURED = ("q", "dq", "tau", "setpoint", "motor_stamp_s", "temp_mos_c", "temp_rotor_c", "offset_rad")  # NaN at first
+_ACTION = ("action", "action_dq", "action_stamp_s")
 _PER_MOTOR = (*_MEASURED, "fault", "lost")
 
 
@@ -36,11 +37,14 @@ class ControllerBlocks:
         except (OSError, YamError) as error:  # a full disk, a log-out that had the user's files removed
             logger.warning("%s: no other program can watch the arm: %s", controller.name, error)
         self._record = np.zeros((), STATE_DTYPE)
-        for field in (*_MEASURED, "gripper_stops_rad"):
+        for field in (*_MEASURED, "gripper_stops_rad", *_ACTION):
             self._record[field] = np.nan
         if adopt is not None:
             self._record[()] = adopt
             self._states.adopt()
+            for field in _ACTION:  # the stand-by leads nobody
+                self._record[field] = np.nan
+            self._record["gate"] = self._record["coupled_to"] = 0
         hardware = controller.actuation.hardware
         self._record["joints"], self._record["motors"] = hardware.joints, hardware.n
         self._owner = self._record["owner_pid"] = os.getpid()
@@ -64,6 +68,7 @@ class ControllerBlocks:
         record, controller = self._record, self._controller
         if command["request_sequence"] > record["request_sequence"]:  # an older one has been taken back since
             refused = False
+            controller.coupling.end()
             try:
                 controller.request(Request(int(command["request"])), now)
             except YamError as error:
@@ -78,7 +83,17 @@ class ControllerBlocks:
             dq = command["dq"][slots]
             velocity = None if np.isnan(dq).any() else dq
             if now - command["target_stamp_s"] <= controller.config.command_timeout_s:
-                controller.set_target(command["q"][slots], now, velocity, command["kp"][slots], command["kd"][slots])
+                leader = command["leader"].item().decode()
+                if leader:
+                    controller.coupling.permit(leader, float(command["coupled_until_s"]))
+                    if controller.coupling.follows(now):
+                        return
+                    controller.coupling.give_way()
+                else:
+                    controller.coupling.end()
+                q, kp, kd = command["q"][slots], command["kp"][slots], command["kd"][slots]
+                if controller.set_target(q, now, velocity, kp, kd):
+                    record["action"][slots] = q
 
     def publish(self, now: float, tick: int, mode: Mode | None = None) -> None:
         """Write the arm's state as of this tick. The state of an arm that is off is written once.
@@ -112,8 +127,22 @@ class ControllerBlocks:
             record["trigger"], record["buttons"], record["handle_stamp_s"] = self._controller.handle
         per_motor["offset_rad"][:] = interface.offset_rad
         record["gripper_blocked"] = arm.gripper is not None and arm.gripper.stalled
+        self._note_action()
         self._note_seldom(None if arm.gripper is None else arm.gripper.stops, status.trouble, status.message)
         self._states.write(record)
+
+    def _note_action(self) -> None:
+        """Put into the record what a leader asks of its follower, or what a coupled follower is asked."""
+        record, lead, coupling = self._record, self._controller.lead, self._controller.coupling
+        if lead is not None:
+            record["gate"], record["action_stamp_s"] = lead.state, lead.stamp_s
+            m = lead.motors
+            record["action"][:m] = np.nan if lead.action is None else lead.action
+            record["action_dq"][:m] = np.nan if lead.action_dq is None else lead.action_dq
+        elif coupling.number or record["coupled_to"]:
+            record["coupled_to"] = coupling.number
+            record["action"][self._slots], record["action_dq"][self._slots] = coupling.target, coupling.velocity
+            record["action_stamp_s"] = record["stamp_s"]
 
     def beat(self, tick: int) -> None:
         """Say that the loop lives while it waits; the arm's state is as it was."""
@@ -137,5 +166,8 @@ class ControllerBlocks:
 
     def close(self, remove: bool) -> None:
         """Let go of both blocks, and hide the states, unless a stand-by goes on with them."""
+        if self._controller.lead is not None:
+            self._controller.lead.close()
+        self._controller.coupling.close()
         self._states.close(remove)
         self._commands.close()

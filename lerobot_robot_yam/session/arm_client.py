@@ -77,6 +77,7 @@ class ArmClient:
         dq: Vector | None = None,
         kp: Vector | None = None,
         kd: Vector | None = None,
+        coupled: tuple[str, float] | None = None,
     ) -> tuple[np.ndarray, float | None]:
         """Give a target; the loop moves the set-point there under its limits.
 
@@ -85,6 +86,8 @@ class ArmClient:
             gripper: 0 closed … 1 open; None keeps the present set-point.
             dq: (n,) rad/s with which the target moves, if known.
             kp, kd: (n,) gains for this target instead of the configured ones, Nm/rad and Nm s/rad.
+            coupled: channel key of the leader whose present action this is, and for how many seconds from now on the
+                loop may take the targets of each tick from there.
 
         Returns:
             The joints and gripper position really asked for, after the limits; those held while the arm takes no
@@ -114,7 +117,9 @@ class ArmClient:
         measured = target if relative is None else list(state.positions)
         target, limited = limit_target(target, measured, self._lower, self._upper, relative)
         self._limit_log.note(limited)
-        self._commands.write_target(self._clock.now(), target, options)
+        now = self._clock.now()
+        permission = None if coupled is None else (coupled[0], now + coupled[1])
+        self._commands.write_target(now, target, options, permission)
         return np.array(target[: hw.joints]), target[-1] if hw.has_gripper else None
 
     def _validated_options(self, **given: Vector | None) -> dict[str, np.ndarray]:

@@ -78,6 +78,10 @@ class ArmSession(Uncopied):
             raise LifeCycleError(f"{name}: not connected")
         return self._clients[name]
 
+    def key(self, name: str) -> str:
+        """Key of the channel of the arm called `name`, by which others find its state."""
+        return self._keys[list(self._arms).index(name)]
+
     def hardware(self, name: str) -> ResolvedArm:
         """Profiles and limits of the arm called `name`."""
         return self._arms[name]

@@ -141,6 +141,7 @@ class CommandWriter:
         self._pack = packed(COMMAND_DTYPE, motors)[0].pack
         self._unset = [math.nan] * motors
         self._stamp_s, self._number, self._target = 0.0, 0, self._unset
+        self._leader, self._coupled_until_s = b"", -math.inf
         self._options = [self._unset] * len(_GRIPPER_OPTIONS)
         self._asked, self._requests = Request.NONE, 0
         self._write()
@@ -154,12 +155,20 @@ class CommandWriter:
         """Let go of the block."""
         self._block.close()
 
-    def write_target(self, stamp_s: float, target: Sequence[float], options: Mapping[str, np.ndarray]) -> None:
+    def write_target(
+        self,
+        stamp_s: float,
+        target: Sequence[float],
+        options: Mapping[str, np.ndarray],
+        coupled: tuple[str, float] | None = None,
+    ) -> None:
         """Write a target given at `stamp_s` (the clock's time).
 
         Args:
             target: joints in rad; behind them the gripper, 0 closed … 1 open, where there is one.
             options: dq (rad/s), kp (Nm/rad), kd (Nm s/rad) of the joints, those that are given.
+            coupled: key of the leader whose action the target is, and until when the loop may take the targets of each
+                tick from there, s.
 
         Raises:
             LifeCycleError: the arm is another process's.
@@ -172,6 +181,8 @@ class CommandWriter:
         with self._lock:
             self._target, self._options = list(target), rows
             self._stamp_s = stamp_s
+            key, self._coupled_until_s = coupled or ("", -math.inf)
+            self._leader = key.encode()
             self._number += 1
             self._write()
 
@@ -185,7 +196,7 @@ class CommandWriter:
         with self._lock:
             self._asked = request
             self._requests += 1
-            self._stamp_s = -math.inf
+            self._stamp_s = self._coupled_until_s = -math.inf
             self._write()
             return self._requests
 
@@ -197,5 +208,11 @@ class CommandWriter:
             )
 
     def _write(self) -> None:
-        values = [self._stamp_s, self._number, *self._target, *(value for row in self._options for value in row)]
+        values: list[object] = [
+            self._stamp_s,
+            self._number,
+            *self._target,
+            *(value for row in self._options for value in row),
+        ]
+        values += [self._leader, self._coupled_until_s]
         self._block.write_bytes(self._pack(*values, self._asked, self._requests))

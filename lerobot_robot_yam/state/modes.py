@@ -33,3 +33,15 @@ TRANSITIONS: dict[Mode, frozenset[Mode]] = {
 }
 
 ENERGISED = frozenset(set(Mode) - {Mode.OFFLINE, Mode.OFF})
+
+
+class Gate(IntEnum):
+    """State of a leader's gate, which decides what its follower does. See docs/teleoperation.md."""
+
+    NONE = 0  # the leader has no follower
+    HOMING = 1  # leader and follower are led home
+    IDLE = 2  # the follower stays; the leader floats, and may engage
+    APPROACH = 3  # the follower goes to the leader
+    ENGAGED = 4  # the follower is at the leader and tracks it
+    FINE = 5  # it tracks changes of the leader, scaled down
+    RECENTRE = 6  # the leader is led back to the follower after FINE

@@ -10,7 +10,8 @@ there or stay there.
 import math
 import os
 import struct
-from collections.abc import Callable
+import zlib
+from collections.abc import Callable, Collection
 from enum import IntEnum, IntFlag
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,7 +20,7 @@ import numpy as np
 
 from lerobot_robot_yam.damiao.motor_spec import MAX_MOTORS
 from lerobot_robot_yam.state.faults import Trouble
-from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.system.runtime_files import LOCK, STATE, runtime_dir, slug
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
@@ -52,6 +53,8 @@ class Request(IntEnum):
     REARM = 5
 
 
+ACTION_SLOTS = MAX_MOTORS + 1  # of a follower with a gripper more than its leader has
+
 STATE_DTYPE = np.dtype(
     [
         ("owner_pid", "u8"),  # process whose loop drives the arm; another one has taken over when it changes
@@ -78,6 +81,13 @@ STATE_DTYPE = np.dtype(
         ("trigger", "f8"),
         ("buttons", "u1", 2),
         ("handle_stamp_s", "f8"),
+        ("gate", "u1"),  # a `Gate`
+        # Target of a follower, joints in rad and then its gripper, NaN behind it and where there is none. In a leader's
+        # state the target for its follower; in a follower's the target that its set-point has taken last.
+        ("action", "f8", ACTION_SLOTS),
+        ("action_dq", "f8", ACTION_SLOTS),  # rate of the same, 1/s
+        ("action_stamp_s", "f8"),  # when the target was there
+        ("coupled_to", "u8"),  # `coupling_number` of the leader that a follower takes its targets from; 0: none
         ("target_sequence", "u8"),  # newest target that the set-point has taken
         ("request_sequence", "u8"),  # newest request that was carried out or refused
         ("request_refused", "u1"),
@@ -87,6 +97,8 @@ STATE_DTYPE = np.dtype(
     ]
 )
 
+KEY_BYTES = 200  # of a channel's name and a rig's, whose lengths are limited
+
 COMMAND_DTYPE = np.dtype(
     [
         ("target_stamp_s", "f8"),
@@ -95,6 +107,8 @@ COMMAND_DTYPE = np.dtype(
         ("dq", "f8", MAX_MOTORS),  # NaN: the loop derives it
         ("kp", "f8", MAX_MOTORS),  # NaN: as configured
         ("kd", "f8", MAX_MOTORS),
+        ("leader", f"S{KEY_BYTES}"),  # key of the leader whose present action the target is; empty: of none
+        ("coupled_until_s", "f8"),  # until then the loop may take the targets of each tick from that leader's state
         ("request", "u1"),
         ("request_sequence", "u8"),
     ]
@@ -103,15 +117,23 @@ COMMAND_DTYPE = np.dtype(
 _STRUCT_CODES = {"f8": "d", "f4": "f", "u8": "Q", "u2": "H", "u1": "B"}
 
 
-def packed(dtype: np.dtype, motors: int) -> tuple[struct.Struct, dict[str, int]]:
+def packed(dtype: np.dtype, motors: int, only: Collection[str] | None = None) -> tuple[struct.Struct, dict[str, int]]:
     """A packed record type as a struct, and where each field begins among its values; unused slots have no value.
 
     Fields of numpy records cost 6 times as much to read as a tuple when the caches are cold, which they are in a
     caller that wakes up 30 times a second.
+
+    Args:
+        dtype: the type.
+        motors: used slots of the fields that have one per motor.
+        only: names of the fields that are wanted; None: all.
     """
     layout, start, count = "<", {}, 0
     for name in dtype.names or ():
         field = dtype[name]
+        if only is not None and name not in only:
+            layout += f"{field.itemsize}x"
+            continue
         length = math.prod(field.shape)
         used = motors if field.shape == (MAX_MOTORS,) else length
         start[name] = count
@@ -128,6 +150,7 @@ _JOINTS_AT, _MOTORS_AT = (STATE_DTYPE.fields[name][1] for name in ("joints", "mo
 OWNER = STATE_DTYPE.fields["owner_pid"][1], struct.Struct("<Q")  # type: ignore[index]
 PUBLISHED = STATE_DTYPE.fields["stamp_s"][1], struct.Struct("<d")  # type: ignore[index]
 _MODES = {int(mode): mode for mode in Mode}
+_GATES = {int(gate): gate for gate in Gate}
 
 
 def _value(name: str, doc: str) -> Any:
@@ -198,6 +221,8 @@ class ArmState:
     fault: tuple[int, ...] = _slots("fault", "Per motor, code of `damiao.tables.Fault`.")
     lost: tuple[int, ...] = _slots("lost", "Per motor, replies lost since connecting.")
 
+    coupled_to: int = _value("coupled_to", "`coupling_number` of the leader that a follower follows; 0: none.")
+
     answered: int = _value("request_sequence", "Number of the newest request that was carried out or refused.")
     message: str = _text("message", "Why the arm is in its mode, empty when all is well.")
     _refusal: str = _text("refusal", "Why the newest refused request was refused.")
@@ -231,6 +256,27 @@ class ArmState:
         """The handle's two buttons."""
         first = self._at["buttons"]
         return bool(self._values[first]), bool(self._values[first + 1])
+
+    @property
+    def gate(self) -> Gate:
+        """State of a leader's gate; NONE without a follower."""
+        return _GATES[self._values[self._at["gate"]]]
+
+    @property
+    def action(self) -> tuple[float, ...] | None:
+        """Target of the follower, joints in rad and then its gripper, 0 … 1; None while there is none.
+
+        Of a leader: the target for its follower. Of a follower: the one that its set-point has taken last.
+        """
+        first = self._at["action"]
+        values = self._values[first : first + ACTION_SLOTS]
+        given = next((count for count, value in enumerate(values) if math.isnan(value)), ACTION_SLOTS)
+        return values[:given] or None
+
+    @property
+    def coupled(self) -> bool:
+        """Whether a follower takes its targets from a leader's state."""
+        return self.coupled_to != 0
 
     @property
     def trouble(self) -> Trouble | None:
@@ -277,6 +323,11 @@ class BlockPair(NamedTuple):
 def channel_key(interface: str, channel: str, rig: str | None) -> str:
     """Name of a channel's lock and blocks: `can_follower_l`, or `rig.follower_left` on a virtual rig."""
     return slug(f"{rig}.{channel}" if rig else channel if interface == "socketcan" else f"{interface}.{channel}")
+
+
+def coupling_number(key: str) -> int:
+    """By which states name the arm with this channel key; never 0."""
+    return zlib.crc32(key.encode()) + 1
 
 
 def state_path(key: str) -> Path:

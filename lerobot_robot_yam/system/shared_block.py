@@ -145,6 +145,10 @@ class SharedBlock:
         """As `read`, for a reader that must not be held up: None also while a record is being written."""
         return self._record(self._copy())
 
+    def glance_bytes(self) -> bytes | None:
+        """The same as the bytes of `dtype`."""
+        return self._copy()
+
     def _record(self, payload: bytes | None) -> np.ndarray | None:
         return None if payload is None else np.frombuffer(payload, self.dtype, count=1).reshape(())
 

@@ -18,6 +18,7 @@ import numpy as np
 _PERIOD_RANGE_S = (1 / 400, 0.1)  # caller periods outside are not a stream; ticks of 250 Hz are no exact 4 ms
 _PERIOD_GAIN = 0.2  # smoothing of the measured caller period
 _STREAM_GAP = 1.5  # caller periods without a target after which the stream counts as ended
+_TRACK_S = 0.012  # in which a set-point that tracks closes a gap: three ticks, or it would answer the noise of a target
 _WEIGHTS = np.array([0.25, 0.5, 0.25])  # of the last three plans
 
 
@@ -58,8 +59,8 @@ class SetPoint:
         self._target_velocity: np.ndarray = np.zeros(n)
         self._target_at = -math.inf
         self._arrive_at = -math.inf
+        self._tracks = False  # a target that is told at every tick
         self._period = 1 / 30
-        self._given_velocity = False
 
     def seed(self, q: np.ndarray) -> None:
         """Start again, at rest, from the measured position (n,)."""
@@ -67,6 +68,7 @@ class SetPoint:
         self.target[:] = q
         self._target_velocity[:] = 0.0
         self._target_at = self._arrive_at = -math.inf
+        self._tracks = False
 
     def reseed(self, index: int, value: float) -> None:
         """Start one coordinate again, at rest, from its measured value."""
@@ -102,7 +104,8 @@ class SetPoint:
         """
         gap = now - self._target_at
         low, high = _PERIOD_RANGE_S
-        if low <= gap <= high:
+        tracked, self._tracks = self._tracks, False
+        if low <= gap <= high and not tracked:
             self._period += _PERIOD_GAIN * (gap - self._period)
             own = (target - self.target) / self._period
         else:
@@ -114,12 +117,20 @@ class SetPoint:
         self._target_at = now
         self._arrive_at = now + self._period
 
+    def track(self, target: np.ndarray, velocity: np.ndarray, now: float) -> None:
+        """Take a target (n,) that is told anew at every tick, with its speed (n,): follow it without lag."""
+        most = self.speed_limit
+        self._target_velocity = np.minimum(np.maximum(velocity, -most), most)
+        self.target = np.minimum(np.maximum(target, self._lower), self._upper)
+        self._target_at, self._arrive_at, self._tracks = now, -math.inf, True
+
     def stop(self) -> None:
         """Forget the target: come to rest where the limits allow."""
         braking = self.dq * np.abs(self.dq) / (2 * self.acceleration_limit)
         self.target = np.minimum(np.maximum(self.q + braking, self._lower), self._upper)
         self._target_velocity[:] = 0.0
         self._arrive_at = -math.inf
+        self._tracks = False
 
     def step(self, now: float, dt: float) -> None:
         """Plan the next step, of one tick of `dt` seconds, if any.
@@ -131,8 +142,11 @@ class SetPoint:
             return
         if now - self._target_at > _STREAM_GAP * self._period:
             self._target_velocity[:] = 0.0
-        gap = self.target + self._target_velocity * dt - self.q  # where it is when the motors are asked for this plan
         left = max(self._arrive_at - now, dt)
+        ahead = dt  # where the target is when the motors are asked for this plan
+        if self._tracks:
+            left = ahead = max(_TRACK_S, dt)  # so that a gap of 0 asks for the target's own speed
+        gap = self.target + self._target_velocity * ahead - self.q
         to_target, to_lower, to_upper = self._ways
         np.abs(gap, out=to_target)
         np.subtract(self.q, self._lower, out=to_lower)

@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 
 import can
 
-from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.config import LeadArmConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.loop_builder import build
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
@@ -105,7 +105,7 @@ def main() -> int:
         return 1  # nothing has been energised
     keys, pairs = job["keys"], [BlockPair.of(Descriptors(*descriptors)) for descriptors in job["blocks"]]
     try:
-        arms = [ResolvedArm(ArmConfig(**arm)) for arm in job["arms"]]
+        arms = [ResolvedArm(LeadArmConfig(**arm)) for arm in job["arms"]]
     except YamError as error:  # a file has changed since the caller resolved them
         _answer(error=str(error), kind=type(error).__name__)
         return 1

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.config import ArmConfig, lead_of
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 from lerobot_robot_yam.errors import ConfigError, YamError
 from lerobot_robot_yam.face.devices.feature_names import motor_names, space_of
@@ -18,7 +18,7 @@ from lerobot_robot_yam.face.recorder.record_command import stop_after_saving, te
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
 from lerobot_robot_yam.session.target_limits import refuse_degrees, validate_action
-from lerobot_robot_yam.state.records import ArmState
+from lerobot_robot_yam.state.records import ArmState, channel_key
 from lerobot_robot_yam.system.clock import Clock
 from lerobot_robot_yam.system.signals import end_session_on_signals, undisturbed
 
@@ -42,6 +42,10 @@ class _Side:
         self.motors = motor_names(prefix, self.joints, self.has_gripper)
         self.slice = slice(start, start + self.joints)
         self.gripper_index = start + self.joints if self.has_gripper else None
+        self.key = session.key(config.name)
+        lead = lead_of(config)
+        rig = hardware.config.can_options.get("rig")
+        self.follower_key = None if lead is None else channel_key(config.interface, lead.follower, rig)
 
 
 class ArmGroup:
@@ -60,6 +64,7 @@ class ArmGroup:
         is_joint: (n,) which of the values are angles; the others are grippers.
         paused: followers that hold until they get a new target, see `pause_followers`.
         give_action: of connected leaders, their present action; None of followers.
+        recognise: of connected leaders, the joints (n,) that an action stands for if they gave it last, else None.
     """
 
     def __init__(
@@ -89,6 +94,7 @@ class ArmGroup:
         self._lower, self._upper = (np.concatenate(column) for column in zip(*limits, strict=True))
         self.paused = False
         self.give_action: Callable[[], Mapping[str, float]] | None = None
+        self.recognise: Callable[[Mapping[str, object]], np.ndarray | None] | None = None
         self._undo_signals: Callable[[], None] = lambda: None
 
     def __getitem__(self, side: _Side) -> ArmClient:
@@ -114,6 +120,7 @@ class ArmGroup:
         action_keys: Sequence[str],
         models: Models,
         give_action: Callable[[], Mapping[str, float]] | None = None,
+        recognise: Callable[[Mapping[str, object]], np.ndarray | None] | None = None,
     ) -> None:
         """Energise all arms or none.
 
@@ -122,14 +129,14 @@ class ArmGroup:
                 sought, and those that are known but do not fit are put aside.
             action_keys: of the device. A leader's in this process have to be a follower's.
             models: likewise.
-            give_action: a leader's present action.
+            give_action, recognise: of a leader, see `ArmGroup`.
 
         Raises:
             YamError: what failed; nothing is energised.
         """
         tell_what_is_kept(inspect.currentframe())
         self._action_keys, self._models, self.paused = list(action_keys), models, False
-        self.give_action = give_action
+        self.give_action, self.recognise = give_action, recognise
         for other in _running:
             if other._leads is not self._leads:
                 self._check_pair(other)
@@ -164,6 +171,14 @@ class ArmGroup:
                 raise ConfigError(
                     f"{both}: one speaks of {arm.name} with {gripper.name}, the other of {other_arm.name} with "
                     f"{other_gripper.name}; set follower_arm and ee_gripper of the leader's arm to what the follower is"
+                )
+
+        leaders, followers = (self, other) if self._leads else (other, self)
+        for leader, follower in zip(leaders.sides, followers.sides, strict=True):
+            if leader.follower_key not in (None, follower.key):
+                raise ConfigError(
+                    f"{both}: {leader.name} leads {leader.follower_key}, but LeRobot gives its action to "
+                    f"{follower.name} on {follower.key}; set its option follower to that one's channel"
                 )
 
     def stop(self) -> None:
@@ -218,6 +233,30 @@ class ArmGroup:
         leaders = [other for other in _running if other.give_action is not None]
         one_pair = len(leaders) == 1 and len(_running) == 2
         return leaders[0] if one_pair and under_a_command(inspect.currentframe()) else None
+
+    def couple(self, action: Mapping[str, object]) -> tuple[np.ndarray, list[str | None]] | None:
+        """Whether a leader of this process has given this action last, for these followers to follow at loop rate.
+
+        Returns:
+            The joints (n,) that it stands for, and of each arm the channel key of its leader, None where that has no
+            follower; None of any other action.
+        """
+        for other in _running:
+            if other.recognise is None or not any(side.follower_key for side in other.sides):
+                continue
+            target = other.recognise(action)
+            if target is not None and len(other.sides) == len(self.sides):
+                return target, [side.key if side.follower_key else None for side in other.sides]
+        return None
+
+    def follower_state(self, key: str) -> ArmState | None:
+        """State of the follower with this channel key, if this process drives it and it is well."""
+        for other in _running:
+            for side in other.sides:
+                if side.key == key and not other._leads:
+                    with contextlib.suppress(YamError):
+                        return other[side].newest()
+        return None
 
     def pause_followers(self) -> None:
         """Have the followers of this process brake and hold until a new target comes, not the last one once more.

@@ -9,8 +9,9 @@ from typing import Any
 
 from draccus.utils import DecodingError
 
-from lerobot_robot_yam.arm.config import ArmConfig, check_together
+from lerobot_robot_yam.arm.config import ArmConfig, LeadArmConfig, check_together
 from lerobot_robot_yam.arm.config_checks import check_switches
+from lerobot_robot_yam.arm.lead_config import LeadOptions
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ConfigError
 
@@ -37,10 +38,11 @@ def arm_config(options: ArmConfig, name: str) -> ArmConfig:
     Raises:
         ConfigError: names the arm, the field, and what it takes.
     """
+    lead = options.lead_config() if isinstance(options, LeadOptions) else None
     values: dict[str, Any] = {field.name: getattr(options, field.name) for field in dataclasses.fields(ArmConfig)}
     if options.name == _DEFAULT_NAME:
         values["name"] = name
-    return ArmConfig(**values)
+    return ArmConfig(**values) if lead is None else LeadArmConfig(**values, lead=lead)
 
 
 def refuse(device: str, options: Any, role: str, check: Callable[[Mapping[str, ResolvedArm]], None]) -> None:

@@ -33,12 +33,13 @@ def _lerobot() -> Path:
     return Path((spec and spec.submodule_search_locations or ["/nowhere"])[0])
 
 
-_PACKAGE = _lerobot()
-_FILE = str(_PACKAGE / "scripts" / "lerobot_record.py")
-_COMMANDS = tuple(f"{_PACKAGE / folder}/" for folder in ("scripts", "rollout"))
+PACKAGE = _lerobot()
+_FILE = str(PACKAGE / "scripts" / "lerobot_record.py")
+_COMMANDS = tuple(f"{PACKAGE / folder}/" for folder in ("scripts", "rollout"))
 
 
-def _callers(frame: FrameType | None) -> Iterator[FrameType]:
+def callers(frame: FrameType | None) -> Iterator[FrameType]:
+    """A frame, and those that have called down to it."""
     while frame is not None:
         yield frame
         frame = frame.f_back
@@ -46,7 +47,7 @@ def _callers(frame: FrameType | None) -> Iterator[FrameType]:
 
 def under_a_command(frame: FrameType | None) -> bool:
     """Whether a LeRobot command, not a program of the user's, has called down to `frame`."""
-    return any(caller.f_code.co_filename.startswith(_COMMANDS) for caller in _callers(frame))
+    return any(caller.f_code.co_filename.startswith(_COMMANDS) for caller in callers(frame))
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,11 @@ class RecordCommand:
         """End it as its stop key does: an episode that is being recorded, or was, is saved."""
         self.events[_STOP] = self.events[_LEAVE_LOOP] = True
 
+    @property
+    def drops(self) -> bool:
+        """The episode that was recorded last is dropped when the reset ends."""
+        return bool(self.events.get(_AGAIN))
+
     def discard(self) -> None:
         """Drop the episode that is being recorded, as its re-record key does."""
         self.events[_AGAIN] = self.events[_LEAVE_LOOP] = True
@@ -81,7 +87,7 @@ class RecordCommand:
 def running_record(frame: FrameType | None) -> RecordCommand | None:
     """The command that has called down to `frame`; None under any other, and before its data set is open."""
     loop, records = None, False
-    for caller in _callers(frame):
+    for caller in callers(frame):
         if caller.f_code.co_filename != _FILE:
             continue
         name, values = caller.f_code.co_name, caller.f_locals

@@ -61,6 +61,12 @@ MISTAKES = [
     (f"{LEADER}ee_gripper=claw", "left_leader: ", "claw"),
     (f"{LEADER}follower_arm=yamm", "left_leader: ", "did you mean 'yam'"),
     (f"{LEADER}gripper=yam_teaching_handel", "left_leader: ", "did you mean 'yam_teaching_handle'"),
+    ("--teleop.buttons={next: left_top, stop: left_top}", "bi_yam_leader: button left_top ", "two meanings: next and"),
+    ("--teleop.buttons=recrod", "bi_yam_leader: ", "did you mean 'record'"),
+    ("--teleop.buttons={nxet: left_top}", "bi_yam_leader: ", "did you mean 'next'"),
+    ("--teleop.buttons={next: top}", "bi_yam_leader: ", "left_top"),
+    ("--teleop.auto_episodes=maybe", "", "auto_episodes"),
+    ("--teleop.auto_episodes=true", "bi_yam_leader: auto_episodes needs a gate", "gate to auto"),
     ("--teleop.right_arm_config.channel=leader_left", "channel leader_left is given twice, ", "left_arm_config"),
 ]
 
@@ -89,6 +95,15 @@ def test_a_mistake_is_one_line_that_begins_with_the_cause(monkeypatch, capsys, o
 def test_a_command_that_names_what_is_not_there_is_a_line_too(monkeypatch, capsys, tmp_path):
     line = said(monkeypatch, capsys, f"--dataset.root={tmp_path}")
     assert line == f"error: {tmp_path} is there already and is no data set; choose another dataset.root"
+
+
+def test_a_button_of_two_options_is_a_mistake(monkeypatch, capsys):
+    line = said(monkeypatch, capsys, f"{LEADER}estop_button=top", "--teleop.buttons=record")
+    assert "button left_top has two meanings: estop_button and rerecord; give it one" in line
+    led = (f"{LEADER}follower=follower_left", f"{LEADER}fine_button=bottom")
+    assert "left_bottom has two meanings: fine_button and next" in said(
+        monkeypatch, capsys, *led, "--teleop.buttons=record"
+    )
 
 
 def test_a_refusal_comes_through_a_pipe():

@@ -1,0 +1,161 @@
+"""What a leader does for the follower that it leads: coupling, gate, force.
+
+Plain values: the dataclass travels as JSON to the control process. docs/teleoperation.md explains the options.
+"""
+
+import math
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal
+
+from lerobot_robot_yam.errors import ConfigError
+
+GAIN_MOST = 0.5  # of the position gain: what hands of all weights bear, docs/teleoperation.md
+_SCALES = (0.05, 1.0)
+_THRESHOLD_MOST_RAD = 3.0
+_SPEEDS_RAD_S = (0.05, 1.5)
+_TIMES_S = (0.0, 10.0)
+
+GateKind = Literal["auto", "button", "always"]
+Button = Literal["top", "bottom"]
+
+
+@dataclass(kw_only=True)
+class LeadConfig:
+    """The leader's side of one pair of arms.
+
+    Attributes:
+        follower: CAN channel of the follower, on the leader's interface.
+        arm, gripper: profiles of the follower.
+        gate: what engages: lifting (auto), a button, or nothing (always engaged).
+        together: both leaders of a robot have one gate.
+        home_rad: (joints,) where leader and follower wait; None: all zero.
+        home_gripper: opening of the follower there.
+        gate_joints: numbers of the joints, from 1, whose distance from home counts; empty: the distance of all, L2.
+        engage_threshold_rad, release_threshold_rad, release_s: engages beyond the first, releases below the second for
+            this long.
+        homing_speed_rad_s, idle_speed_rad_s: of the ramp home, and of a follower that comes home in IDLE.
+        approach_speed_rad_s, approach_s: of the follower's approach to the leader, and its least duration.
+        gate_button, fine_button: buttons of the handle that engage and release, and that switch fine mode.
+        fine_scale: share of the leader's motion in fine mode.
+        bilateral: gain of the force per joint, a share of the leader's position gain; 0: none.
+    """
+
+    follower: str
+    arm: str = "yam"
+    gripper: str = "linear_4310"
+    gate: GateKind = "always"
+    together: bool = False
+    home_rad: list[float] | None = None
+    home_gripper: float = 0.0
+    gate_joints: list[int] = field(default_factory=lambda: [2])
+    engage_threshold_rad: float = 0.5
+    release_threshold_rad: float = 0.3
+    release_s: float = 0.5
+    homing_speed_rad_s: float = 0.5
+    idle_speed_rad_s: float = 0.7
+    approach_speed_rad_s: float = 1.0
+    approach_s: float = 0.5
+    gate_button: Button | None = None
+    fine_button: Button | None = None
+    fine_scale: float = 0.3
+    bilateral: list[float] | float = 0.0
+
+    def check(self, name: str) -> None:
+        """Refuse what cannot be.
+
+        Raises:
+            ConfigError: names the arm, the option, and what it takes.
+        """
+        for key, (low, high), unit in (
+            ("home_gripper", (0.0, 1.0), ""),
+            ("engage_threshold_rad", (0.0, _THRESHOLD_MOST_RAD), " rad"),
+            ("release_threshold_rad", (0.0, _THRESHOLD_MOST_RAD), " rad"),
+            ("release_s", _TIMES_S, " s"),
+            ("homing_speed_rad_s", _SPEEDS_RAD_S, " rad/s"),
+            ("idle_speed_rad_s", _SPEEDS_RAD_S, " rad/s"),
+            ("approach_speed_rad_s", _SPEEDS_RAD_S, " rad/s"),
+            ("approach_s", _TIMES_S, " s"),
+            ("fine_scale", _SCALES, ""),
+        ):
+            if not low <= _number(getattr(self, key)) <= high:
+                raise _refusal(name, self, key, f"a number within {low:g} … {high:g}{unit}")
+        if not isinstance(self.follower, str) or not self.follower:
+            raise _refusal(name, self, "follower", "the CAN channel of the follower, such as can_follower_l")
+        if self.gate not in ("auto", "button", "always"):
+            raise _refusal(name, self, "gate", "auto, button or always")
+        if self.release_threshold_rad >= self.engage_threshold_rad:
+            raise ConfigError(
+                f"{name}: engage_threshold_rad ({self.engage_threshold_rad:g}) must exceed release_threshold_rad "
+                f"({self.release_threshold_rad:g}): the gate would engage and release without end"
+            )
+        for key in ("gate_button", "fine_button"):
+            if getattr(self, key) not in (None, "top", "bottom"):
+                raise _refusal(name, self, key, "top or bottom")
+        if self.gate_button is not None and self.gate_button == self.fine_button:
+            raise ConfigError(f"{name}: gate_button and fine_button are both {self.fine_button!r}: one button each")
+        if self.gate == "button" and self.gate_button is None:
+            raise ConfigError(f"{name}: gate: button needs a gate_button, top or bottom")
+        if self.gate != "button" and self.gate_button is not None:
+            raise ConfigError(f"{name}: gate_button is for gate: button; the gate is {self.gate!r}")
+        gains = self.bilateral if isinstance(self.bilateral, list) else [self.bilateral]
+        if not all(0.0 <= _number(gain) <= GAIN_MOST for gain in gains):
+            raise _refusal(name, self, "bilateral", f"gains within 0 … {GAIN_MOST:g}, one number or one per joint")
+        if self.home_rad is not None and not all(math.isfinite(_number(angle)) for angle in self.home_rad):
+            raise _refusal(name, self, "home_rad", "angles in rad, one per joint")
+
+    def check_joints(self, name: str, joints: int) -> None:
+        """Refuse lists that do not fit an arm of so many joints. Raises ConfigError: names the option."""
+        for key in ("home_rad", "bilateral"):
+            value = getattr(self, key)
+            if isinstance(value, list) and len(value) != joints:
+                raise _refusal(name, self, key, f"{joints} numbers, one per joint")
+        if not all(isinstance(joint, int) and 1 <= joint <= joints for joint in self.gate_joints):
+            raise _refusal(name, self, "gate_joints", f"numbers of joints within 1 … {joints}")
+
+    def check_handle(self, name: str, has_handle: bool) -> None:
+        """Refuse buttons that the arm does not have. Raises ConfigError: names them."""
+        for key in ("gate_button", "fine_button"):
+            if getattr(self, key) is not None and not has_handle:
+                raise ConfigError(f"{name}: {key} is a button of the teaching handle, and this arm has none")
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any]) -> "LeadConfig":
+        """From plain values, as `dataclasses.asdict` and JSON give them. Raises ConfigError: an unknown key."""
+        unknown = sorted(set(values) - {row.name for row in fields(cls)})
+        if unknown:
+            raise ConfigError(f"lead has no {', '.join(unknown)}")
+        return cls(**values)
+
+
+class LeadOptions:
+    """Options of an arm that may lead a follower."""
+
+    @abstractmethod
+    def lead_config(self) -> LeadConfig | None:
+        """What it does for its follower; None without one."""
+
+
+def check_leads(configs: Sequence[LeadConfig]) -> None:
+    """Refuse leaders of one robot that lead the same arm, or share a gate and disagree about it.
+
+    Raises:
+        ConfigError: says which.
+    """
+    followers = [config.follower for config in configs]
+    if len(set(followers)) < len(followers):
+        raise ConfigError(f"each leader needs a follower of its own, not both {followers[0]}")
+    together = [config for config in configs if config.together]
+    for key in ("gate", "engage_threshold_rad", "release_threshold_rad", "release_s"):
+        if len({getattr(config, key) for config in together}) > 1:
+            raise ConfigError(f"leaders whose gates move together need the same {key}; else set gate_together to false")
+
+
+def _number(value: Any) -> float:
+    """As a float; NaN for anything else."""
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
+
+
+def _refusal(name: str, config: LeadConfig, key: str, takes: str) -> ConfigError:
+    return ConfigError(f"{name}: {key} takes {takes}; got {getattr(config, key)!r}")

@@ -1,0 +1,166 @@
+"""Show, edit and apply the outcomes of the episodes of a data set.
+
+yam-label data/NAME                                shows them, and what --apply would do
+yam-label data/NAME --set 3=failure 5-7=discard    labels episodes; none takes a label back
+yam-label data/NAME --rest success                 labels all episodes that have no label
+yam-label data/NAME --apply                        writes data/NAME_labelled, leaves data/NAME as it is
+
+Labels are success, failure and discard. They are kept in meta/yam_outcomes.jsonl. --apply leaves out the episodes that
+are labelled discard, and writes a column of successes. Exit status: 0 done; 1 it cannot be done; 2 wrong arguments.
+"""
+
+import argparse
+import os
+import re
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from lerobot_robot_yam.commands.lib.arm_command import run_command, table
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.face.recorder import outcomes
+from lerobot_robot_yam.face.recorder.outcomes import DISCARD, KINDS, Outcome
+from lerobot_robot_yam.face.recorder.record_command import INFO, episodes_in
+from lerobot_robot_yam.system.paths import user_path
+
+_EDIT = re.compile(r"(\d+)(?:-(\d+))?=(\w+)")
+_NONE = "none"
+_BY = "yam-label"
+
+
+def _say(line: str) -> None:
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
+
+
+def _edit(text: str) -> tuple[range, str | None]:
+    """Episodes and their outcome, from a text such as 5-7=discard."""
+    match = _EDIT.fullmatch(text)
+    if match is None or match[3] not in (*KINDS, _NONE):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not like 3=failure or 5-7=discard; labels: {', '.join(KINDS)}, none"
+        )
+    first, last = int(match[1]), int(match[2] or match[1])
+    if last < first:
+        raise argparse.ArgumentTypeError(f"{text!r}: {last} is before {first}")
+    return range(first, last + 1), None if match[3] == _NONE else match[3]
+
+
+def _edited(
+    count: int, labels: Mapping[int, Outcome], edits: Sequence[tuple[range, str | None]], rest: str | None
+) -> list[Outcome]:
+    """The outcomes to write.
+
+    Raises:
+        ConfigError: an episode that the data set does not have.
+    """
+    wanted: dict[int, str | None] = {}
+    for episodes, outcome in edits:
+        if episodes[-1] >= count:
+            raise ConfigError(f"there is no episode {episodes[-1]}; the data set has {count}, numbered from 0")
+        wanted |= dict.fromkeys(episodes, outcome)
+    if rest is not None:
+        unlabelled = [i for i in range(count) if wanted.get(i, labels.get(i)) is None]
+        wanted |= dict.fromkeys(unlabelled, rest)
+    return [outcomes.now(episode, outcome, _BY) for episode, outcome in sorted(wanted.items())]
+
+
+def _show(root: Path, count: int, labels: Mapping[int, Outcome]) -> None:
+    lengths = _lengths(root)
+    rows = []
+    for episode in range(count):
+        label = labels.get(episode)
+        told = (label.outcome or "", label.by, label.at[:19]) if label else ("–", "", "")
+        rows.append((str(episode), str(lengths.get(episode, "–")), *told))
+    _say(table(("episode", "frames", "outcome", "by", "at"), rows))
+    counts = {kind: sum(label.outcome == kind for label in labels.values()) for kind in KINDS}
+    named = ", ".join(f"{number} {kind}" for kind, number in counts.items())
+    _say(f"{root}: {count} episodes: {named}, {count - sum(counts.values())} without a label")
+
+
+def _lengths(root: Path) -> dict[int, int]:
+    """Frames of each episode, as far as the metadata can be read."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    lengths: dict[int, int] = {}
+    for path in (root / "meta" / "episodes").rglob("*.parquet"):
+        try:
+            rows = pq.read_table(path, columns=["episode_index", "length"]).to_pydict()
+        except (OSError, pa.ArrowException):  # of a recording that was killed, or still runs
+            continue
+        lengths |= dict(zip(rows["episode_index"], rows["length"], strict=True))
+    return lengths
+
+
+def _bar(items: Iterable[Any]) -> Iterable[Any]:
+    """A progress bar, shown on a terminal once it takes longer than a second."""
+    from tqdm import tqdm
+
+    return tqdm(items, "loading episodes", delay=1.0, leave=False, disable=None)
+
+
+def label(
+    root: Path,
+    edits: Sequence[tuple[range, str | None]],
+    rest: str | None,
+    target: Path | None,
+    bar: Callable[[Iterable[Any]], Iterable[Any]] = _bar,
+) -> int:
+    """Edit, show, and apply outcomes if there is a `target`; returns the exit status.
+
+    Raises:
+        YamError: the data set or its outcomes cannot be read, an episode does not exist, or nothing would be left.
+    """
+    count = episodes_in(root)
+    if count is None:
+        raise ConfigError(f"{root / INFO} cannot be read; if the recording was killed, repair it (yam-repair-dataset)")
+    known = {episode: row for episode, row in outcomes.read(root).items() if episode < count}
+    written = _edited(count, known, edits, rest)
+    if written:
+        try:
+            outcomes.append(root, written)
+        except OSError as error:
+            raise ConfigError(f"{root / outcomes.OUTCOMES} cannot be written: {error.strerror}") from error
+    labels = {episode: row for episode, row in outcomes.read(root).items() if episode < count}
+    _show(root, count, labels)
+    dropped = [str(episode) for episode, row in labels.items() if row.outcome == DISCARD]
+    drops = f"leaves out episodes {', '.join(dropped)}" if dropped else "leaves out no episode"
+    if target is None:
+        _say(f"--apply {drops} and writes the outcomes of the others into a copy; nothing was copied")
+        return 0
+    from lerobot_robot_yam.face.datasets.labelling import apply
+
+    apply(root, target, labels, bar)
+    _say(f"{target}: written, {drops}; loaded again with LeRobot; {root} is as it was")
+    return 0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of `yam-label`; returns the exit status."""
+    parser = argparse.ArgumentParser(
+        prog="yam-label", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("path", type=user_path, help="directory of the data set (--dataset.root of the recording)")
+    parser.add_argument("--set", type=_edit, nargs="+", default=[], metavar="EPISODES=LABEL", help="label episodes")
+    parser.add_argument("--rest", choices=KINDS, help="label all episodes that have no label")
+    parser.add_argument("--apply", action="store_true", help="write the copy; without it only say what would be done")
+    parser.add_argument("--output", type=user_path, help="directory of the copy (default: PATH_labelled)")
+    args = parser.parse_args(arguments)
+    root = args.path.resolve()
+    target = (args.output or root.with_name(f"{root.name}_labelled")).resolve()
+    if not (root / "meta").is_dir():
+        parser.error(f"{args.path} is no LeRobot data set: it has no directory meta")
+    if args.output is not None and not args.apply:
+        parser.error("--output is where --apply writes; add --apply")
+    if args.apply and target.exists():
+        parser.error(f"{target} exists; choose another directory with --output")
+    if target.is_relative_to(root):
+        parser.error(f"{target} lies in {root}, which is not to be changed; choose another directory with --output")
+    os.environ["HF_HUB_OFFLINE"] = "1"  # LeRobot looks on the Hub for what is missing on disk
+    return run_command("yam-label", lambda: label(root, args.set, args.rest, target if args.apply else None))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,99 @@
+"""What a leader knows of its follower: the newest state that the follower's control loop publishes."""
+
+import logging
+import math
+
+import numpy as np
+
+from lerobot_robot_yam.control.teleop.peer_block import PeerBlock
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.records import coupling_number
+
+logger = logging.getLogger(__name__)
+
+_FIELDS = ("mode", "joints", "motors", "q", "dq", "setpoint", "motor_stamp_s", "coupled_to")
+_NEAR_RAD = 0.3  # a set-point so near to the leader's target is on its way there, whoever has passed it on
+_AGE_MOST_S = 0.03
+_AWAITED_S = 30.0  # a LeRobot command that opens cameras takes seconds to connect its robot
+
+
+class FollowerView:
+    """Of one follower. Ask once per tick.
+
+    Args:
+        leader: name of the leader, for messages.
+        key, own_key: of the follower's channel and of the leader's.
+        joints, motors: that the follower has to have.
+
+    Attributes:
+        there: it has said within the last ticks that it holds or tracks.
+        follows: it takes this leader's targets, see `judge`.
+        q, dq, setpoint: (motors,) while it is there.
+    """
+
+    def __init__(self, leader: str, key: str, own_key: str, joints: int, motors: int):
+        self._leader, self._key, self._number = leader, key, coupling_number(own_key)
+        self._shape = joints, motors
+        self._block = PeerBlock(key, _FIELDS)
+        self._joints, self._motors = joints, motors
+        self._since_s: float | None = None  # awaited
+        self._told = ""
+        self.there = self.follows = False
+        self.q, self.dq, self.setpoint = np.zeros(motors), np.zeros(motors), np.zeros(motors)
+        self._stamp_s = -math.inf
+
+    def look(self, now: float) -> bool:
+        """Read its newest state; whether it is there."""
+        before, block, count = self.there, self._block, self._motors
+        fresh = block.look(now)
+        fits = fresh and (block.value("joints"), block.value("motors")) == self._shape
+        self.there = fits and block.value("mode") in (Mode.HOLD, Mode.TRACK)
+        if self.there:
+            values = np.array((block.slots("q", count), block.slots("dq", count), block.slots("setpoint", count)))
+            self._stamp_s = min(block.slots("motor_stamp_s", self._joints), default=-math.inf)
+            self.there = bool(np.isfinite(values).all()) and now - self._stamp_s < _AGE_MOST_S
+            if self.there:
+                self.q, self.dq, self.setpoint = values
+        if not self.there:
+            self.follows = False
+        if self.there is not before or not self.there:
+            self._tell(now, fresh and not fits)
+        return self.there
+
+    def judge(self, target: np.ndarray) -> None:
+        """Find out whether it follows the leader's target (motors,): coupled, or at the rate of the caller."""
+        block = self._block
+        near = np.abs(self.setpoint - target)[: self._joints].max(initial=0.0) < _NEAR_RAD
+        self.follows = block.value("coupled_to") == self._number or (
+            block.value("coupled_to") == 0 and block.value("mode") == Mode.TRACK and bool(near)
+        )
+
+    def q_at(self, now: float) -> np.ndarray:
+        """(joints,) rad at present, carried on from its newest sample."""
+        j = slice(self._joints)
+        q: np.ndarray = self.q[j] + self.dq[j] * (now - self._stamp_s)
+        return q
+
+    def _tell(self, now: float, other: bool) -> None:
+        """Say once what is wrong, and once that it is well again."""
+        if self.there:
+            logger.info("%s: leads %s", self._leader, self._key)
+            self._told, self._since_s = "", None
+            return
+        if self._since_s is None:
+            self._since_s = now
+        told = ""
+        if other:
+            motors = f"{self._motors} motors, {self._joints} of them joints"
+            told = f"{self._key} is another arm than its follower, which has {motors}; it is not led"
+        elif math.isfinite(self._stamp_s):
+            told = f"its follower {self._key} is silent, or neither holds nor tracks; it floats without force"
+        elif now - self._since_s > _AWAITED_S:
+            told = f"nobody drives its follower {self._key}; it floats without force"
+        if told and told != self._told:
+            logger.warning("%s: %s", self._leader, told)
+            self._told = told
+
+    def close(self) -> None:
+        """Let go of the block. Idempotent."""
+        self._block.close()

@@ -1,0 +1,263 @@
+"""The leader's side of one pair of arms: its gate, the target of its follower, and the torques on its own joints.
+
+It sees the follower by the state that this publishes, and nothing else. A state that is stale, or of an arm with other
+joints, is none: the gate waits, no force acts, and the leader's own motion goes on.
+"""
+
+import logging
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from lerobot_robot_yam.arm.config import lead_of
+from lerobot_robot_yam.arm.lead_config import check_leads
+from lerobot_robot_yam.arm.mounting import resolve_profiles
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.control.laws.bilateral import BilateralForce
+from lerobot_robot_yam.control.laws.motion_filter import MotionFilter
+from lerobot_robot_yam.control.teleop.follower_view import FollowerView
+from lerobot_robot_yam.control.teleop.gate import GateMachine, Look
+from lerobot_robot_yam.control.teleop.led_home import LedHome
+from lerobot_robot_yam.control.teleop.target_ramp import TargetRamp
+from lerobot_robot_yam.control.teleop.trigger_pickup import TriggerPickup
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.state.modes import Gate, Mode
+from lerobot_robot_yam.state.records import channel_key
+
+logger = logging.getLogger(__name__)
+
+_LEADS = (Mode.FLOAT, Mode.HOLD, Mode.TRACK)
+_AGE_MOST_S = 0.03  # of a motor's sample
+_HOME_RAD, _LEADER_HOME_RAD = 0.05, 0.1
+_RECENTRED_RAD, _RECENTRE_RAD_S = 0.02, 0.15
+_BUTTONS = {"top": 0, "bottom": 1}
+
+
+class SharedGate:
+    """The gate of the leaders that move through it together, or of one.
+
+    The last of them advances it; for the others a transition comes one tick later.
+    """
+
+    def __init__(self, machine: GateMachine, names: Sequence[str]):
+        self.machine, self._name = machine, " and ".join(names)
+        self._looks = [Look()] * len(names)
+        self._begun = False
+
+    def advance(self, now: float, index: int, look: Look) -> Gate:
+        """Take the look of arm `index` at this tick; the state that counts for it."""
+        self._looks[index] = look
+        if index == len(self._looks) - 1:
+            before = self.machine.state
+            if self.machine.advance(now, self._looks) or not self._begun:
+                self._tell(before)
+        return self.machine.state
+
+    def restart(self) -> Gate:
+        """An arm cannot lead any more: begin anew."""
+        before = self.machine.state
+        if self.machine.restart():
+            self._tell(before)
+        return self.machine.state
+
+    def _tell(self, before: Gate) -> None:
+        now, because = self.machine.state.name.lower(), self.machine.because.replace("_", " ")
+        if self._begun:
+            logger.info("%s: gate: %s -> %s (%s)", self._name, before.name.lower(), now, because)
+        else:
+            logger.info("%s: gate: %s", self._name, now)
+        self._begun = True
+
+
+class Lead:
+    """Of one leader.
+
+    Args:
+        arm: the leader.
+        gate: perhaps that of the other leader, too.
+        index: which arm of the gate this is.
+
+    Attributes:
+        state: of the gate.
+        action, action_dq: (m,) target of the follower, gripper last, and its speed; None while there is none.
+        stamp_s: when the leader was there.
+        assist: torque and damping (joints,) that act on the leader beside its weight, None when none do.
+
+    Raises:
+        ConfigError: the follower has other joints.
+    """
+
+    def __init__(self, arm: ResolvedArm, gate: SharedGate, index: int):
+        config = lead_of(arm.config)
+        assert config is not None
+        config.check_joints(arm.name, arm.joints)
+        follower, gripper = resolve_profiles(config.arm, config.gripper)
+        if follower.joint_count != arm.joints:
+            what = f"its follower, {config.arm}, has {follower.joint_count} joints, not {arm.joints}"
+            raise ConfigError(f"{arm.name}: {what}")
+        self._config, self._name, self._joints = config, arm.name, arm.joints
+        self._gate, self._index = gate, index
+        self._grips, self._own_gripper = gripper.motor is not None, arm.has_gripper
+        low, high = follower.joint_limits_rad.T
+        tail = [1.0] * self._grips
+        self._lower, self._upper = np.append(low, [0.0] * self._grips), np.append(high, tail)
+        home = np.zeros(arm.joints) if config.home_rad is None else np.array(config.home_rad)
+        home = np.minimum(np.maximum(home, low), high)
+        self._home = np.append(home, [config.home_gripper] * self._grips)
+        self._counts = [joint - 1 for joint in config.gate_joints]
+        key = channel_key(arm.config.interface, config.follower, arm.config.can_options.get("rig"))
+        own = channel_key(arm.config.interface, arm.config.channel, arm.config.can_options.get("rig"))
+        self._follower = FollowerView(arm.name, key, own, arm.joints, len(self._home))
+        self._motion = MotionFilter(arm.joints)
+        self._trigger = TriggerPickup()
+        self._ramp = TargetRamp(config, self._home, self._lower, self._upper)
+        self._led = LedHome(arm.kp[: arm.joints], arm.kd[: arm.joints])
+        gain = np.broadcast_to(np.array(config.bilateral, dtype=float), (arm.joints,))
+        self._force = BilateralForce(gain, arm.kp[: arm.joints], arm.torque_limit_nm[: arm.joints])
+        self._buttons = _BUTTONS.get(config.gate_button or ""), _BUTTONS.get(config.fine_button or "")
+        self._down = (True, True)  # held down at start they mean nothing until they have been released
+        self._before_s = -math.inf
+        self.state = gate.machine.state
+        self.action: np.ndarray | None = None
+        self.action_dq: np.ndarray | None = None
+        self.stamp_s = math.nan
+        self.assist: tuple[np.ndarray, np.ndarray] | None = None
+
+    @property
+    def motors(self) -> int:
+        """m, of the follower."""
+        return len(self._home)
+
+    def advance(
+        self,
+        now: float,
+        mode: Mode,
+        sample: tuple[np.ndarray, np.ndarray, np.ndarray],
+        handle: tuple[float, tuple[bool, bool], float],
+        weight_nm: np.ndarray,
+    ) -> None:
+        """One tick.
+
+        Args:
+            now: s.
+            mode: of the leader.
+            sample: q, dq and stamp of each joint's sample, (joints,) each or more.
+            handle: trigger, buttons, and stamp of its newest report.
+            weight_nm: (joints,) what the leader weighs.
+        """
+        dt, self._before_s = min(now - self._before_s, 0.02), now
+        if self._own_gripper:
+            handle = 1.0 - float(sample[0][-1]), handle[1], handle[2]
+        q, dq, stamps = (part[: self._joints] for part in sample)
+        stamp_s = float(stamps.max(initial=-math.inf))
+        if mode not in _LEADS or not now - float(stamps.min(initial=math.inf)) < _AGE_MOST_S:
+            self._give_nothing(mode)
+            return
+        self._motion.advance(q + dq * (stamp_s - stamps), dq, stamp_s)
+        there = self._follower.look(now)
+        self._read_handle(handle, mode)
+        before = self.state
+        self.state = self._gate.advance(now, self._index, self._look(handle, there, now))
+        leader = np.append(self._motion.q, [self._opening()] * self._grips)
+        rate = np.append(self._motion.dq, [0.0] * self._grips)
+        if self.state is not before:
+            self._ramp.enter(self.state, now, leader, self._follower if there else None)
+            self._enter(before)
+        self.action, self.action_dq = self._ramp.advance(
+            self.state, now, dt, leader, rate, self._follower if there else None
+        )
+        self.stamp_s = self._motion.stamp_s
+        self.assist = self._assist(mode, there, now, weight_nm, dt)
+
+    def _give_nothing(self, mode: Mode) -> None:
+        """It cannot lead, or one of its motors is not heard: no target and no force come from here."""
+        self.action = self.action_dq = self.assist = None
+        self.stamp_s = math.nan
+        self._follower.follows = False
+        if mode not in _LEADS:
+            self.state = self._gate.restart()
+            self._ramp.forget()
+
+    def _read_handle(self, handle: tuple[float, tuple[bool, bool], float], mode: Mode) -> None:
+        if mode is not Mode.FLOAT and self._grips and self._follower.there:  # the leader is led, its follower is not
+            self._trigger.leave(float(self._follower.setpoint[-1]))
+        else:
+            self._trigger.advance(handle[0])
+
+    def _opening(self) -> float:
+        """Of the follower's gripper; before the trigger's first report it stays as it is."""
+        if self._trigger.opening is not None:
+            return self._trigger.opening
+        return float(self._follower.setpoint[-1]) if self._follower.there else 1.0
+
+    def _look(self, handle: tuple[float, tuple[bool, bool], float], there: bool, now: float) -> Look:
+        pressed = tuple(index is not None and handle[1][index] for index in self._buttons)
+        edges = [down and not before for down, before in zip(pressed, self._down, strict=True)]
+        self._down = (pressed[0], pressed[1])
+        off = np.abs(self._motion.q - self._home[: self._joints])
+        away = float(max((off[joint] for joint in self._counts), default=np.linalg.norm(off)))
+        if not there or self.action is None:
+            return Look(away_rad=away, pressed=edges[0], fine_pressed=edges[1])
+        j = slice(self._joints)
+        follower = self._follower
+        follower.judge(self.action)
+        home = bool(np.linalg.norm(follower.setpoint[j] - self._home[j]) < _HOME_RAD)
+        return Look(
+            away_rad=away,
+            home=home and follower.follows and bool(off.max(initial=0.0) < _LEADER_HOME_RAD),
+            gap_rad=float(np.abs(follower.q[j] - self.action[j]).max(initial=0.0)),
+            follows=follower.follows,
+            approached=self._ramp.approached(now),
+            recentred=bool(np.abs(self._motion.q - self.action[j]).max(initial=0.0) < _RECENTRED_RAD),
+            pressed=edges[0],
+            fine_pressed=edges[1],
+        )
+
+    def _enter(self, before: Gate) -> None:
+        if self.state in (Gate.HOMING, Gate.RECENTRE):
+            self._led.begin(self._motion.q)
+        elif self.state is Gate.ENGAGED:
+            self._force.engage()
+
+    def _assist(
+        self, mode: Mode, there: bool, now: float, weight_nm: np.ndarray, dt: float
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        if mode is not Mode.FLOAT or not there:
+            return None
+        j = slice(self._joints)
+        if self.state is Gate.HOMING:
+            return self._led.advance(self._home[j], self._config.homing_speed_rad_s, self._motion.q, dt)
+        if self.state is Gate.RECENTRE:
+            assert self.action is not None
+            return self._led.advance(self.action[j], _RECENTRE_RAD_S, self._motion.q, dt)
+        if self.state is not Gate.ENGAGED or not self._force.works or not self._follower.follows:
+            return None
+        error = self._follower.q_at(now) - (self._motion.q + self._motion.dq * (now - self._motion.stamp_s))
+        return self._force.torque(error, self._motion.dq, weight_nm, dt), self._force.damping
+
+    def close(self) -> None:
+        """Let go of the follower's block. Idempotent."""
+        self._follower.close()
+
+
+def make_leads(arms: Sequence[ResolvedArm]) -> list[Lead | None]:
+    """Of each arm that leads one; those whose configuration says so move through one gate.
+
+    Raises:
+        ConfigError: a follower that cannot be led, or one that two leaders lead; gates together that differ.
+    """
+    configs = [lead_of(arm.config) for arm in arms]
+    check_leads([config for config in configs if config is not None])
+    together = [index for index, config in enumerate(configs) if config is not None and config.together]
+    shared: SharedGate | None = None
+    leads: list[Lead | None] = []
+    for index, (arm, config) in enumerate(zip(arms, configs, strict=True)):
+        if config is None:
+            leads.append(None)
+        elif index in together:
+            shared = shared or SharedGate(GateMachine(config), [arms[i].name for i in together])
+            leads.append(Lead(arm, shared, together.index(index)))
+        else:
+            leads.append(Lead(arm, SharedGate(GateMachine(config), [arm.name]), 0))
+    return leads

@@ -1,0 +1,34 @@
+"""The soft pull that leads a leader somewhere while it floats: home, or back to its follower.
+
+    tau = 0.3 kp (q_ramp − q) + c dq_ramp,  damping c;  the ramp never is farther from the arm than 2 Nm pull
+
+A hand that holds the leader, or lifts it, feels no more than that.
+"""
+
+import numpy as np
+
+from lerobot_robot_yam.control.laws.glide import Glide
+
+_STIFFNESS = 0.3  # of the position gain
+_DAMPING = 0.2  # of the damping gain
+_MOST_NM = 2.0
+_ACCELERATION_RAD_S2 = 2.0
+
+
+class LedHome:
+    """Of one leader. kp, kd: (joints,) its gains."""
+
+    def __init__(self, kp: np.ndarray, kd: np.ndarray):
+        self._stiffness, self._damping = _STIFFNESS * kp, _DAMPING * kd
+        self._reach = _MOST_NM / np.maximum(self._stiffness, _MOST_NM)  # 1 rad at most
+        self._ramp = Glide(np.full(len(kp), _ACCELERATION_RAD_S2))
+
+    def begin(self, q: np.ndarray) -> None:
+        """Start from where the arm is, q (joints,)."""
+        self._ramp.seed(q)
+
+    def advance(self, goal: np.ndarray, speed_rad_s: float, q: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """Torque and damping (joints,) of a tick of `dt` s, on the way to goal (joints,)."""
+        self._ramp.advance(goal, np.full(len(goal), speed_rad_s), dt)
+        self._ramp.keep_near(q, self._reach)
+        return self._stiffness * (self._ramp.q - q) + self._damping * self._ramp.dq, self._damping

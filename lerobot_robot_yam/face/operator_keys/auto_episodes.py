@@ -1,0 +1,58 @@
+"""Episodes that begin when the leaders are lifted, and end when they are home. Pure: no clock, no keyboard.
+
+`lerobot-record` records from its start on, and anew as soon as an episode is saved. So an episode that has not begun
+with a lift is sent back at once with the re-record key: LeRobot then waits in its reset phase, and drops that
+beginning. The lift ends the reset, and no save delays the recording that begins. Home ends the episode, and then the
+reset behind it, so that the episode is saved at once.
+"""
+
+from collections.abc import Sequence
+
+from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation
+from lerobot_robot_yam.face.operator_keys.meanings import Meaning
+from lerobot_robot_yam.state.modes import Gate
+
+_LIFTED = (Gate.APPROACH, Gate.ENGAGED, Gate.FINE, Gate.RECENTRE)
+
+
+def all_lifted(gates: Sequence[Gate]) -> bool | None:
+    """Whether all leaders are lifted; None: some are, some are not."""
+    lifted = {gate in _LIFTED for gate in gates}
+    return lifted.pop() if len(lifted) == 1 else None
+
+
+class AutoEpisodes:
+    """From what the leaders do, and what the command does, to the next key."""
+
+    def __init__(self) -> None:
+        self._turn = 0.0
+        self._armed = False  # the leaders were home since the last episode began
+        self._starts = self._begun = False  # a lift ends this turn; one has ended the turn before
+        self._was_lifted = False  # in this turn
+
+    def key(self, lifted: bool | None, now: Situation) -> str | None:
+        """The key to press now, if any; the same again until the command has answered.
+
+        Args:
+            lifted: of all leaders, see `all_lifted`.
+            now: what the command does.
+        """
+        if now.phase not in (Phase.RECORDING, Phase.RESETTING):
+            return None
+        if now.turn != self._turn:
+            self._turn, self._begun = now.turn, self._starts
+            self._starts = self._was_lifted = False
+            self._armed &= not self._begun
+        home = lifted is False
+        self._armed |= home
+        if now.phase is Phase.RECORDING:
+            self._was_lifted |= lifted is True
+            if not now.frames:
+                return None
+            if not self._begun or (home and not self._was_lifted):
+                return now.keys[Meaning.RERECORD]
+            return now.keys[Meaning.NEXT] if home else None
+        if not now.drops:
+            return now.keys[Meaning.NEXT]  # it is saved now, not when the next one begins
+        self._starts = self._armed and lifted is True
+        return now.keys[Meaning.NEXT] if self._starts else None

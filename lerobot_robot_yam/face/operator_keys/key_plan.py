@@ -1,0 +1,104 @@
+"""Which of LeRobot's keys brings a command closer to what a button means. Pure: no clock, no keyboard."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+from lerobot_robot_yam.face.operator_keys.meanings import LABELS, Meaning
+
+
+class Phase(Enum):
+    """What a LeRobot command does."""
+
+    BETWEEN = "between two phases"  # it connects, saves, ends
+    RECORDING = "recording"
+    RESETTING = "resetting"
+    AUTONOMOUS = "autonomous"  # the policy drives
+    PAUSED = "paused"
+    CORRECTING = "correcting"
+
+
+@dataclass(frozen=True)
+class Situation:
+    """A look at a LeRobot command.
+
+    Attributes:
+        command: what messages call it, empty without one.
+        phase: what it does.
+        keys: of what it can be asked for by key, the key, as LeRobot's listeners call it.
+        dataset: LeRobot's data set that it writes, once there is one.
+        turn: tells one run of its loop from another.
+        drops: the episode before is dropped, not saved, when the reset ends.
+    """
+
+    command: str = ""
+    phase: Phase = Phase.BETWEEN
+    keys: Mapping[Meaning, str] = field(default_factory=dict)
+    dataset: Any = None
+    turn: float = 0.0
+    drops: bool = False
+
+    @property
+    def frames(self) -> int:
+        """Frames of the episode that is not saved yet."""
+        writer = self.dataset.writer if self.dataset is not None else None
+        buffer = writer.episode_buffer if writer is not None else None
+        return int(buffer.get("size", 1)) if buffer is not None else 0  # LeRobot takes the count away while it saves
+
+
+_STEPS = {  # from → to: what to press first
+    (Phase.AUTONOMOUS, Phase.PAUSED): Meaning.PAUSE,
+    (Phase.AUTONOMOUS, Phase.CORRECTING): Meaning.PAUSE,
+    (Phase.PAUSED, Phase.AUTONOMOUS): Meaning.PAUSE,
+    (Phase.PAUSED, Phase.CORRECTING): Meaning.CORRECT,
+    (Phase.CORRECTING, Phase.PAUSED): Meaning.CORRECT,
+    (Phase.CORRECTING, Phase.AUTONOMOUS): Meaning.CORRECT,
+}
+
+
+def wanted(meaning: Meaning, now: Situation) -> Phase | None:
+    """The phase that a button asks for, where keys lead from phase to phase; None: a single key does it."""
+    if Meaning.CORRECT not in now.keys:
+        return None
+    if meaning is Meaning.PAUSE:
+        return Phase.AUTONOMOUS if now.phase is Phase.PAUSED else Phase.PAUSED
+    if meaning is Meaning.CORRECT:
+        return Phase.PAUSED if now.phase is Phase.CORRECTING else Phase.CORRECTING
+    if meaning is Meaning.GO_ON:
+        return Phase.AUTONOMOUS
+    if meaning in LABELS and now.phase is Phase.CORRECTING:
+        return Phase.PAUSED
+    return None
+
+
+def step(goal: Phase, now: Situation) -> str | None:
+    """The key that leads one step towards a phase; None: it is reached, or no key leads there from here."""
+    meaning = _STEPS.get((now.phase, goal))
+    return None if meaning is None else now.keys.get(meaning)
+
+
+def single_key(meaning: Meaning, now: Situation) -> str | None:
+    """The key of a button that asks for no phase; None: the command has none for it, or not now.
+
+    Some are refused although LeRobot would take them: between two phases they would end an episode that has no frame
+    yet, which ends the whole recording with an error.
+    """
+    key = now.keys.get(Meaning.NEXT if meaning in LABELS else meaning)
+    if Meaning.NEXT not in now.keys:
+        return None if meaning in LABELS else key
+    if now.phase is Phase.RECORDING:
+        return key if now.frames else None
+    if now.phase is Phase.RESETTING:
+        return None if meaning in LABELS else key
+    return key if meaning is Meaning.STOP else None
+
+
+def refusal(meaning: Meaning, button: str, now: Situation) -> str:
+    """Why a button that is no label does nothing now."""
+    what = f"button {button} ({meaning})"
+    if not now.command:
+        return f"{what}: LeRobot does not listen to keys now"
+    if (Meaning.CORRECT if meaning is Meaning.GO_ON else meaning) not in now.keys:
+        return f"{what}: means nothing to {now.command}"
+    return f"{what}: not now, {now.command} is {now.phase.value}"

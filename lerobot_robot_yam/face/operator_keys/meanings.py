@@ -1,0 +1,102 @@
+"""What buttons of teaching handles can mean, and the option `buttons` that says which means what."""
+
+import difflib
+from collections.abc import Iterable, Mapping, Sequence
+from enum import StrEnum
+from typing import Any
+
+from lerobot_robot_yam.errors import ConfigError
+
+BUTTONS = ("top", "bottom")  # of a handle, as its report has them
+
+
+class Meaning(StrEnum):
+    """What a button asks for. See docs/buttons.md."""
+
+    NEXT = "next"  # end the episode, or the reset
+    RERECORD = "rerecord"  # drop the episode and record it again
+    STOP = "stop"
+    SUCCESS = "success"  # label the episode, and end it if it runs
+    FAILURE = "failure"
+    DISCARD = "discard"
+    PAUSE = "pause"  # the policy; once more: it goes on
+    CORRECT = "correct"  # take over from the policy; once more: end the correction
+    GO_ON = "go_on"  # give the arms back to the policy
+    SAVE = "save"  # keep what was seen last, and what comes; once more: end it
+    UPLOAD = "upload"
+
+
+LABELS = (Meaning.SUCCESS, Meaning.FAILURE, Meaning.DISCARD)
+
+_SETS: dict[str, dict[int, dict[Meaning, str]]] = {  # by name and number of arms
+    "record": {
+        1: {Meaning.NEXT: "bottom", Meaning.RERECORD: "top"},
+        2: {
+            Meaning.NEXT: "left_bottom",
+            Meaning.FAILURE: "right_bottom",
+            Meaning.RERECORD: "left_top",
+            Meaning.STOP: "right_top",
+        },
+    },
+    "dagger": {
+        1: {Meaning.CORRECT: "bottom", Meaning.GO_ON: "top"},
+        2: {
+            Meaning.CORRECT: "left_bottom",
+            Meaning.GO_ON: "right_bottom",
+            Meaning.PAUSE: "left_top",
+            Meaning.STOP: "right_top",
+        },
+    },
+}
+SETS = tuple(_SETS)
+
+
+def button_meanings(given: Any, prefixes: Sequence[str], taken: Mapping[str, str]) -> dict[str, Meaning]:
+    """The meaning of each button that has one.
+
+    Args:
+        given: the option `buttons`: one of `SETS`, or meaning → button or list of buttons.
+        prefixes: of the arms with a handle: "" of a single one, "left_", "right_".
+        taken: buttons that another option uses, and its name.
+
+    Raises:
+        ConfigError: a meaning or button that does not exist, or a button with two meanings.
+    """
+    if given in (None, "", {}):
+        return {}
+    known = [f"{prefix}{button}" for prefix in prefixes for button in BUTTONS]
+    if not known:
+        raise ConfigError("buttons needs a teaching handle; no arm has one")
+    meanings: dict[str, Meaning] = {}
+    for word, buttons in _rows(given, prefixes).items():
+        meaning = Meaning(_known(word, "meaning of a button", list(Meaning)))
+        for button in [buttons] if isinstance(buttons, str) else buttons:
+            name = _known(button, "button", known)
+            if name in taken:
+                raise ConfigError(f"button {name} has two meanings: {taken[name]} and {meaning}; give it one")
+            if name in meanings:
+                raise ConfigError(f"button {name} has two meanings: {meanings[name]} and {meaning}; give it one")
+            meanings[name] = meaning
+    return meanings
+
+
+def _rows(given: Any, prefixes: Sequence[str]) -> Mapping[Any, Any]:
+    if isinstance(given, str):
+        rows = _SETS[_known(given, "set of buttons", SETS)][len(prefixes)]
+        return {str(meaning): button if len(prefixes) > 1 else prefixes[0] + button for meaning, button in rows.items()}
+    lists = isinstance(given, Mapping) and all(isinstance(value, str | list | tuple) for value in given.values())
+    if not lists:
+        raise ConfigError(
+            f"buttons takes {' or '.join(SETS)}, or meanings with their buttons, such as {{next: left_bottom}}; "
+            f"got {given!r}"
+        )
+    return given
+
+
+def _known(word: Any, what: str, known: Iterable[str]) -> str:
+    names = [str(name) for name in known]
+    if word in names:
+        return str(word)
+    near = difflib.get_close_matches(str(word), names, 1)
+    meant = f"did you mean {near[0]!r}? Known: " if near else "known: "
+    raise ConfigError(f"no {what} {word!r}; {meant}{', '.join(names)}")

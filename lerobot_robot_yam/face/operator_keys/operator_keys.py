@@ -1,0 +1,148 @@
+"""A thread that watches the handles of a leader device, and presses LeRobot's keys."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Mapping
+from types import FrameType
+
+from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.face.operator_keys import key_plan, running_command
+from lerobot_robot_yam.face.operator_keys.auto_episodes import AutoEpisodes, all_lifted
+from lerobot_robot_yam.face.operator_keys.edges import RisingEdges
+from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation
+from lerobot_robot_yam.face.operator_keys.keyboard import Keyboard, keyboard
+from lerobot_robot_yam.face.operator_keys.meanings import BUTTONS, LABELS, Meaning
+from lerobot_robot_yam.face.recorder.outcome_book import OutcomeBook
+from lerobot_robot_yam.state.records import ArmState
+
+logger = logging.getLogger(__name__)
+
+_PERIOD_S = 0.005  # of the look at the handles
+_LOOK_S = 0.02  # of the look at the command, while there is a reason to
+_SELDOM_S = 0.5  # and while there is none: its data set may be new
+_AGAIN_S = 2.0  # a key of an automatic episode that has not been answered so long is pressed again
+_GOAL_S = 15.0  # LeRobot aligns leaders for 2 s, and saves for as long as it takes
+
+
+class OperatorKeys:
+    """Of one leader device, from its connect to its disconnect.
+
+    Args:
+        meanings: of buttons, such as left_bottom; empty: none has any.
+        auto: episodes begin when all leaders are lifted and end when they are home.
+    """
+
+    def __init__(self, meanings: Mapping[str, Meaning], auto: bool):
+        self._meanings, self._automatic = meanings, auto
+        self._keyboard: Keyboard | None = None
+        self._thread: threading.Thread | None = None
+        self._ends = threading.Event()
+        self._forget()
+
+    def _forget(self) -> None:
+        """A session begins: what an earlier one has left does not count."""
+        self._edges, self._book = RisingEdges(), OutcomeBook()
+        self._auto = AutoEpisodes() if self._automatic else None
+        self._goal: Phase | None = None
+        self._goal_until_s = self._looked_s = self._pressed_s = 0.0
+        self._last: tuple[str, Phase, float] | None = None
+
+    def start(self, frame: FrameType | None, read: Callable[[], Mapping[str, ArmState]]) -> None:
+        """Begin. Does nothing without buttons, or under a command that hears no keys.
+
+        Args:
+            frame: the caller's.
+            read: the newest state of each arm by its prefix.
+        """
+        if not (self._meanings or self._automatic):
+            return
+        if not running_command.hears_keys(frame):
+            logger.info("buttons of handles mean something to lerobot-record and lerobot-rollout only")
+            return
+        self._forget()
+        self._ends.clear()
+        self._keyboard = keyboard()
+        self._keyboard.take()
+        self._thread = threading.Thread(target=self._run, args=(read,), name="operator keys", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End, and leave the terminal as it was. Idempotent."""
+        self._ends.set()
+        thread, self._thread = self._thread, None
+        if thread is not None:
+            thread.join()
+            self._book.close()
+        way, self._keyboard = self._keyboard, None
+        if way is not None:
+            way.give_back()
+
+    def _run(self, read: Callable[[], Mapping[str, ArmState]]) -> None:
+        while not self._ends.wait(_PERIOD_S):
+            try:
+                self._tick(time.monotonic(), read())
+            except YamError as error:  # the arms are off, or their loop is gone, which others say
+                logger.debug("no buttons: %s", error)
+            except Exception:
+                logger.exception("the buttons of the handles do nothing from now on")
+                return
+
+    def _tick(self, now_s: float, states: Mapping[str, ArmState]) -> None:
+        pressed = [name for name in self._edges.pressed(now_s, _buttons(states)) if name in self._meanings]
+        busy = self._auto is not None or self._goal is not None or self._book.pending
+        if not pressed and now_s - self._looked_s < (_LOOK_S if busy else _SELDOM_S):
+            return
+        self._looked_s, now = now_s, running_command.look()
+        self._book.open(now.dataset)
+        for button in pressed:
+            self._answer(button, self._meanings[button], now, now_s)
+        if self._goal is not None:
+            self._approach(self._goal, now, now_s)
+        if self._auto is not None and Meaning.NEXT in now.keys:
+            key = self._auto.key(all_lifted([state.gate for state in states.values()]), now)
+            if key is not None:
+                self._press(key, now, now_s, again=True)
+        self._book.look()
+
+    def _answer(self, button: str, meaning: Meaning, now: Situation, now_s: float) -> None:
+        if meaning in LABELS and not self._book.label(meaning, 0 if now.drops else now.frames, button):
+            logger.warning("button %s (%s): there is no episode yet", button, meaning)
+            return
+        goal, key = key_plan.wanted(meaning, now), key_plan.single_key(meaning, now)
+        if goal is not None:
+            self._goal, self._goal_until_s, self._last = goal, now_s + _GOAL_S, None
+        elif key is not None:
+            self._press(key, now, now_s)
+        elif meaning not in LABELS:
+            logger.warning("%s", key_plan.refusal(meaning, button, now))
+            return
+        logger.info("button %s: %s", button, meaning)
+
+    def _approach(self, goal: Phase, now: Situation, now_s: float) -> None:
+        """Press what leads to the goal next, once for each phase on the way."""
+        key = key_plan.step(goal, now)
+        if key is not None and now_s < self._goal_until_s:
+            self._press(key, now, now_s, again=False)
+            return
+        if key is not None:
+            logger.warning("%s has not become %s", now.command, goal.value)
+        self._goal = None
+
+    def _press(self, key: str, now: Situation, now_s: float, again: bool | None = None) -> None:
+        """Press a key; with `again` not while it waits for its answer: a second would be for the phase behind it."""
+        this = key, now.phase, now.turn
+        if again is not None and this == self._last and (not again or now_s - self._pressed_s < _AGAIN_S):
+            return
+        self._last, self._pressed_s = this, now_s
+        assert self._keyboard is not None
+        self._keyboard.press(key)
+
+
+def _buttons(states: Mapping[str, ArmState]) -> dict[str, bool | None]:
+    """Whether each button is down; None: its handle is silent."""
+    return {
+        f"{prefix}{name}": None if state.trigger is None else down
+        for prefix, state in states.items()
+        for name, down in zip(BUTTONS, state.buttons, strict=True)
+    }

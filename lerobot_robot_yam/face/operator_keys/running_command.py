@@ -1,0 +1,68 @@
+"""The LeRobot command that runs in this process and listens to keys: what it does at the moment, and its keys.
+
+Like `record_command`, this reads LeRobot's own variables from the stack of the main thread, and changes none.
+"""
+
+import sys
+import threading
+from types import FrameType
+from typing import Any
+
+from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation
+from lerobot_robot_yam.face.operator_keys.meanings import Meaning
+from lerobot_robot_yam.face.recorder.record_command import PACKAGE, callers, running_record
+
+_LISTENING = tuple(str(PACKAGE / "scripts" / f"lerobot_{name}.py") for name in ("record", "rollout"))
+_STRATEGIES = f"{PACKAGE / 'rollout' / 'strategies'}/"
+_RUN = "run"  # the method of a strategy in which it runs
+_EPISODE_KEYS = {Meaning.NEXT: "right", Meaning.RERECORD: "left", Meaning.STOP: "esc"}
+_EPISODE_LOOPS = {"_policy_loop": Phase.RECORDING, "_reset_loop": Phase.RESETTING}
+
+
+def hears_keys(frame: FrameType | None) -> bool:
+    """Whether a command that listens to keys has called down to `frame`: two of LeRobot's do."""
+    return any(caller.f_code.co_filename in _LISTENING for caller in callers(frame))
+
+
+def look() -> Situation:
+    """What the command does now. Any thread may ask."""
+    frame = sys._current_frames().get(threading.main_thread().ident or 0)
+    command = running_record(frame)
+    if command is None:
+        return _rollout(frame)
+    phase = Phase.BETWEEN
+    if command.loop is not None:
+        phase = Phase.RECORDING if command.records else Phase.RESETTING
+    keys = _EPISODE_KEYS if command.events else {}  # before, it does not listen yet
+    return Situation("lerobot-record", phase, keys, command.dataset, command.loop or 0.0, command.drops)
+
+
+def _rollout(frame: FrameType | None) -> Situation:
+    loop, turn = Phase.BETWEEN, 0.0
+    for caller in callers(frame):
+        if not caller.f_code.co_filename.startswith(_STRATEGIES):
+            continue
+        name, values = caller.f_code.co_name, caller.f_locals
+        if name in _EPISODE_LOOPS:
+            turn = values.get("start_t", 0.0)
+            loop = _EPISODE_LOOPS[name] if turn else Phase.BETWEEN
+        elif name == _RUN and "ctx" in values:
+            return _strategy(values["self"], values["ctx"].data.dataset, loop, turn)
+    return Situation()
+
+
+def _strategy(strategy: Any, dataset: Any, loop: Phase, turn: float) -> Situation:
+    kind, options = strategy.config.type, strategy.config
+    command = f"the {kind} strategy of lerobot-rollout"
+    if kind == "episodic":
+        drops = bool(strategy._events.get("rerecord_episode"))
+        return Situation(command, loop, _EPISODE_KEYS, dataset, turn, drops)
+    if kind == "dagger" and options.input_device == "keyboard":
+        named = options.keyboard
+        keys = {Meaning.PAUSE: named.pause_resume, Meaning.CORRECT: named.correction, Meaning.UPLOAD: named.upload}
+        phase = Phase(strategy._events.phase.value)
+        return Situation(command, phase, {**keys, Meaning.STOP: "esc"}, dataset)
+    if kind == "highlight":
+        keys = {Meaning.SAVE: options.save_key, Meaning.UPLOAD: options.push_key, Meaning.STOP: "esc"}
+        return Situation(command, Phase.AUTONOMOUS, keys, dataset)
+    return Situation(command, Phase.AUTONOMOUS, {}, dataset)

@@ -1,0 +1,102 @@
+"""lerobot-record in a user's terminal while handles press keys too: typing works, and the terminal stays what it was.
+
+The default tier runs a typed key and Ctrl-C, `-m long` the other ways to end.
+"""
+
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from lerobot.datasets import LeRobotDataset
+
+from tests.cli.conftest import CALM, ROOT
+from tests.cli.test_buttons import BUTTONS, Handles, press
+from tests.support.terminal import Terminal
+
+pytestmark = pytest.mark.alone
+
+LINES = (True, True)  # it shows what is typed, and waits for whole lines
+
+
+class TypedSession(Handles):
+    """A recording in a terminal of its own."""
+
+    def start(self):
+        commands = self.commands
+        environment = os.environ | {
+            "HF_LEROBOT_CALIBRATION": str(commands.directory / "cal"),
+            "YAM_RIG": self.rig.name,
+            "PYTHONPATH": str(ROOT),
+        }
+        program = Path(sys.executable).with_name("lerobot-record")
+        arguments = (program, f"--config_path={self.config}", *CALM)
+        self.terminal = Terminal(commands.directory, *arguments, cwd=ROOT, env=environment)
+        self.terminal.wait_shown("Recording episode 0", 120.0)
+        time.sleep(1.0)
+
+    def abandon(self):
+        terminal = getattr(self, "terminal", None)
+        if terminal is not None:
+            if terminal.shell.poll() is None:
+                terminal.close()
+                self.rig.end()
+            terminal.close()
+
+    def assert_as_it_was(self):
+        before, after = self.terminal.modes()
+        assert before == after, self.terminal.shown[-4000:]
+
+
+@pytest.fixture
+def session(commands):
+    session = TypedSession(commands, buttons=BUTTONS)
+    session.start()
+    yield session
+    session.abandon()
+
+
+def test_typed_keys_and_buttons_work_together(session):
+    terminal = session.terminal
+    assert terminal.echoes == (False, False)
+    terminal.type(b"\x1b[C")
+    terminal.wait_shown("Reset the environment")
+    press(session.rig, BUTTONS["next"])
+    terminal.wait_shown("Recording episode 1")
+    time.sleep(1.0)
+    terminal.type(b"q")
+    assert terminal.end() == 0
+    assert LeRobotDataset("local/yam_sim", root=session.root).num_episodes == 2
+    assert "[C" not in terminal.shown.replace("\x1b[K", "")
+    session.assert_as_it_was()
+    session.commands.assert_landed()
+
+
+def test_ctrl_c_ends_it(session):
+    session.terminal.type(b"\x03")
+    assert session.terminal.end() == 128 + signal.SIGINT
+    session.assert_as_it_was()
+    session.commands.assert_landed()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+def test_a_signal_ends_it(session, number):
+    session.terminal.kill(number)
+    killed = number is signal.SIGKILL
+    assert session.terminal.end() == 128 + (number if killed else signal.SIGINT)
+    session.assert_as_it_was()
+    deadline = time.monotonic() + 20.0
+    while killed and session.commands.enabled(*session.commands.channels):
+        assert time.monotonic() < deadline, "nobody landed the arms"
+        time.sleep(0.1)
+    session.commands.assert_landed()
+
+
+@pytest.mark.long
+def test_a_fault_ends_it(session):
+    session.rig.fault("follower_left", "joint_5", "nibble", 0xC, sticky=True)
+    assert session.terminal.end(120.0) == 1
+    session.assert_as_it_was()

@@ -1,0 +1,100 @@
+"""Which key a button presses in which situation."""
+
+import itertools
+
+import pytest
+
+from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation, refusal, single_key, step, wanted
+from lerobot_robot_yam.face.operator_keys.meanings import LABELS, Meaning
+
+EPISODES = {Meaning.NEXT: "right", Meaning.RERECORD: "left", Meaning.STOP: "esc"}
+DAGGER = {Meaning.PAUSE: "space", Meaning.CORRECT: "tab", Meaning.UPLOAD: "enter", Meaning.STOP: "esc"}
+HIGHLIGHT = {Meaning.SAVE: "s", Meaning.UPLOAD: "h", Meaning.STOP: "esc"}
+POLICY_PHASES = (Phase.AUTONOMOUS, Phase.PAUSED, Phase.CORRECTING)
+
+
+class Dataset:
+    """As much of a data set as a situation looks at."""
+
+    def __init__(self, frames):
+        self.writer, self.episode_buffer = self, {"size": frames}
+
+
+def situation(phase, keys=EPISODES, frames=9):
+    return Situation("lerobot-record", phase, keys, Dataset(frames))
+
+
+ROWS = [
+    (Phase.RECORDING, Meaning.NEXT, "right"),
+    (Phase.RECORDING, Meaning.RERECORD, "left"),
+    (Phase.RECORDING, Meaning.STOP, "esc"),
+    (Phase.RECORDING, Meaning.FAILURE, "right"),
+    (Phase.RESETTING, Meaning.NEXT, "right"),
+    (Phase.RESETTING, Meaning.RERECORD, "left"),
+    (Phase.RESETTING, Meaning.SUCCESS, None),
+    (Phase.BETWEEN, Meaning.NEXT, None),
+    (Phase.BETWEEN, Meaning.RERECORD, None),
+    (Phase.BETWEEN, Meaning.STOP, "esc"),
+    (Phase.RECORDING, Meaning.SAVE, None),
+]
+
+
+@pytest.mark.parametrize(("phase", "meaning", "key"), ROWS)
+def test_a_recording(phase, meaning, key):
+    assert single_key(meaning, situation(phase)) == key
+    assert wanted(meaning, situation(phase)) is None
+
+
+@pytest.mark.parametrize("meaning", [Meaning.NEXT, Meaning.STOP, Meaning.DISCARD])
+def test_an_episode_without_a_frame_is_not_ended(meaning):
+    """LeRobot would end the whole recording with an error."""
+    assert single_key(meaning, situation(Phase.RECORDING, frames=0)) is None
+
+
+def keys_pressed(meaning, phase):
+    """What a policy's rollout goes through, and the keys that lead there."""
+    goal, keys = wanted(meaning, situation(phase, DAGGER)), []
+    while key := step(goal, situation(phase, DAGGER)):
+        keys.append(key)
+        if key == "space":
+            phase = {Phase.AUTONOMOUS: Phase.PAUSED, Phase.PAUSED: Phase.AUTONOMOUS}[phase]
+        else:
+            phase = {Phase.PAUSED: Phase.CORRECTING, Phase.CORRECTING: Phase.PAUSED}[phase]
+        assert len(keys) < 4
+    assert phase is goal
+    return keys
+
+
+DAGGER_ROWS = [
+    (Phase.AUTONOMOUS, Meaning.PAUSE, ["space"]),
+    (Phase.PAUSED, Meaning.PAUSE, ["space"]),
+    (Phase.CORRECTING, Meaning.PAUSE, ["tab"]),
+    (Phase.AUTONOMOUS, Meaning.CORRECT, ["space", "tab"]),
+    (Phase.PAUSED, Meaning.CORRECT, ["tab"]),
+    (Phase.CORRECTING, Meaning.CORRECT, ["tab"]),
+    (Phase.AUTONOMOUS, Meaning.GO_ON, []),
+    (Phase.PAUSED, Meaning.GO_ON, ["space"]),
+    (Phase.CORRECTING, Meaning.GO_ON, ["tab", "space"]),
+    (Phase.CORRECTING, Meaning.FAILURE, ["tab"]),
+]
+
+
+@pytest.mark.parametrize(("phase", "meaning", "keys"), DAGGER_ROWS)
+def test_a_correction(phase, meaning, keys):
+    assert keys_pressed(meaning, phase) == keys
+
+
+@pytest.mark.parametrize("phase", POLICY_PHASES)
+def test_single_keys_of_rollouts(phase):
+    assert single_key(Meaning.UPLOAD, situation(phase, DAGGER)) == "enter"
+    assert single_key(Meaning.SAVE, situation(phase, HIGHLIGHT)) == "s"
+    assert single_key(Meaning.STOP, situation(phase, HIGHLIGHT)) == "esc"
+    assert not any(single_key(meaning, situation(phase, HIGHLIGHT)) for meaning in LABELS)
+
+
+@pytest.mark.parametrize(("meaning", "keys"), itertools.product(Meaning, (EPISODES, DAGGER, HIGHLIGHT, {})))
+def test_a_button_that_does_nothing_says_why(meaning, keys):
+    now = situation(Phase.BETWEEN, keys)
+    if meaning in LABELS or wanted(meaning, now) or single_key(meaning, now):
+        return
+    assert refusal(meaning, "left_top", now).startswith(f"button left_top ({meaning}): ")

@@ -1,0 +1,57 @@
+"""The option `buttons`."""
+
+import pytest
+
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.face.operator_keys.meanings import SETS, Meaning, button_meanings
+
+TWO = ["left_", "right_"]
+
+
+@pytest.mark.parametrize("given", [None, "", {}])
+def test_off_by_default(given):
+    assert button_meanings(given, TWO, {}) == {}
+
+
+@pytest.mark.parametrize("name", SETS)
+@pytest.mark.parametrize("prefixes", [[""], ["left_"], TWO])
+def test_every_set_fits_one_arm_and_two(name, prefixes):
+    meanings = button_meanings(name, prefixes, {})
+    assert len(meanings) == 2 * len(prefixes)  # no button without a meaning, none with two
+    assert len(set(meanings.values())) == len(meanings)
+
+
+def test_a_meaning_may_have_several_buttons():
+    given = {"discard": ["left_top", "right_top"], "success": "left_bottom"}
+    assert button_meanings(given, TWO, {}) == {
+        "left_top": Meaning.DISCARD,
+        "right_top": Meaning.DISCARD,
+        "left_bottom": Meaning.SUCCESS,
+    }
+
+
+MISTAKES = [
+    ({"next": "left_top", "stop": "left_top"}, {}, "left_top has two meanings: next and stop"),
+    ({"next": ["left_top", "left_top"]}, {}, "left_top has two meanings"),
+    ({"next": "left_top"}, {"left_top": "estop_button"}, "left_top has two meanings: estop_button and next"),
+    ({"nxt": "left_top"}, {}, "no meaning of a button 'nxt'; did you mean 'next'"),
+    ({"re-record": "left_top"}, {}, "did you mean 'rerecord'"),
+    ({"next": "left_tpo"}, {}, "no button 'left_tpo'; did you mean 'left_top'"),
+    ({"next": "top"}, {}, "no button 'top'.*left_top"),
+    ({"next": 3}, {}, "buttons takes record or dagger, or meanings with their buttons"),
+    ({"next": [3]}, {}, "no button 3"),
+    ("recrod", {}, "no set of buttons 'recrod'; did you mean 'record'"),
+    (["next"], {}, "buttons takes"),
+    (True, {}, "buttons takes"),
+]
+
+
+@pytest.mark.parametrize(("given", "taken", "says"), MISTAKES)
+def test_a_mistake_is_refused(given, taken, says):
+    with pytest.raises(ConfigError, match=says):
+        button_meanings(given, TWO, taken)
+
+
+def test_buttons_need_a_handle():
+    with pytest.raises(ConfigError, match="no arm has one"):
+        button_meanings("record", [], {})

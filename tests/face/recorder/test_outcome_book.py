@@ -1,0 +1,81 @@
+"""Labels of episodes while LeRobot's own writer records, saves and drops them."""
+
+import pytest
+
+from lerobot_robot_yam.face.recorder import outcomes
+from lerobot_robot_yam.face.recorder.outcome_book import OutcomeBook
+from tests.support.wrecks import add_frames, create
+
+
+@pytest.fixture
+def data(tmp_path):
+    data = create(tmp_path / "data", cameras=())
+    yield data
+    data.finalize()
+
+
+@pytest.fixture
+def book(data):
+    book = OutcomeBook()
+    book.open(data)
+    return book
+
+
+def labels(data):
+    return {episode: row.outcome for episode, row in outcomes.read(data.root).items()}
+
+
+def save(data):
+    add_frames(data, data.num_episodes, 4)
+    data.save_episode()
+
+
+def test_a_label_is_written_once_its_episode_is_saved(data, book):
+    add_frames(data, 0, 4)
+    assert book.label("failure", 4, "left_top")
+    book.look()
+    assert labels(data) == {} and book.pending
+    data.save_episode()
+    book.look()
+    assert labels(data) == {0: "failure"} and not book.pending
+
+
+def test_a_label_goes_with_an_episode_that_is_recorded_again(data, book):
+    add_frames(data, 0, 4)
+    book.label("failure", 4, "left_top")
+    data.clear_episode_buffer()
+    add_frames(data, 0, 4)
+    book.look()
+    data.save_episode()
+    book.look()
+    assert labels(data) == {} and not book.pending
+
+
+def test_a_label_between_episodes_is_of_the_newest_one(data, book):
+    save(data)
+    assert book.label("discard", 0, "left_top")
+    save(data)
+    assert labels(data) == {0: "discard"}
+
+
+def test_the_newest_label_counts(data, book):
+    save(data)
+    for outcome in ("failure", "success"):
+        book.label(outcome, 0, "left_top")
+    assert labels(data) == {0: "success"}
+
+
+def test_an_earlier_sessions_episode_gets_no_label(data):
+    save(data)
+    book = OutcomeBook()
+    book.open(data)
+    assert not book.label("failure", 0, "left_top")
+    assert not OutcomeBook().label("failure", 0, "left_top")
+    assert labels(data) == {}
+
+
+def test_a_label_of_an_episode_that_is_never_saved_is_dropped(data, book):
+    add_frames(data, 0, 4)
+    book.label("failure", 4, "left_top")
+    book.close()
+    assert labels(data) == {} and not book.pending

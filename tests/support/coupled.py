@@ -1,0 +1,69 @@
+"""A leader and a follower in lock-step, in one session: one clock, one control loop, no processes."""
+
+import numpy as np
+
+from lerobot_robot_yam.arm.config import LeadArmConfig
+from lerobot_robot_yam.arm.lead_config import LeadConfig
+from lerobot_robot_yam.session.arm_session import ArmSession
+from tests.support.rigged import STOPS
+
+LEADER, FOLLOWER = "leader_left", "follower_left"
+POSE = np.array([0.1, 1.0, 1.0, -0.3, 0.1, 0.1])
+
+
+def arm_config(rig, channel, lead=None, **fields):
+    """As `rigged.sim_config`, of an arm that may lead."""
+    given = {"gravity_factor": [1.0] * 6, "interface": "yam_lockstep"}
+    if channel.startswith("leader"):
+        given |= {"gripper": "yam_teaching_handle", "start": "float"}
+    else:
+        given |= {"gripper_stops_rad": STOPS}
+    return LeadArmConfig(name=channel, channel=channel, can_options={"rig": rig.name}, lead=lead, **given | fields)
+
+
+def coupled_session(rig, follower_fields=None, **lead):
+    """A session of both, not yet started; `lead`: fields of `LeadConfig`."""
+    leader = arm_config(rig, LEADER, LeadConfig(follower=FOLLOWER, **lead))
+    return ArmSession([leader, arm_config(rig, FOLLOWER, **(follower_fields or {}))], isolation="lockstep")
+
+
+class Passing:
+    """A caller that passes the leader's action on, `fps` times a second, as LeRobot does.
+
+    Attributes:
+        given: (time, action) as passed on.
+    """
+
+    def __init__(self, session, fps=30):
+        self._session, self._period_s = session, 1 / fps
+        self._next_s = session.clock.now()
+        self.given = []
+
+    def run(self, seconds, each_tick=lambda: None):
+        """Let time pass tick by tick, and pass actions on."""
+        session = self._session
+        until_s = session.clock.now() + seconds
+        while session.clock.now() < until_s:
+            if session.clock.now() >= self._next_s:
+                self._next_s += self._period_s
+                self.pass_on()
+            session.clock.sleep(0.004)
+            each_tick()
+
+    def pass_on(self):
+        session = self._session
+        leader, follower = session[LEADER].newest(), session[FOLLOWER].newest()
+        action = follower.action if follower.coupled else leader.action
+        if action is None:
+            return
+        self.given.append((session.clock.now(), action))
+        permission = session.key(LEADER), 0.1 + self._period_s
+        session[FOLLOWER].write_target(action[:6], action[6], coupled=permission)
+
+    def stall(self, seconds, each_tick=lambda: None):
+        """Let time pass, and pass nothing on."""
+        until_s = self._session.clock.now() + seconds
+        while self._session.clock.now() < until_s:
+            self._session.clock.sleep(0.004)
+            each_tick()
+        self._next_s = self._session.clock.now()
