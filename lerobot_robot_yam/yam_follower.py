@@ -18,6 +18,7 @@ from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerO
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.face.datasets.recording import recorded_name
 from lerobot_robot_yam.face.devices.arm_device import ArmDevice
+from lerobot_robot_yam.face.devices.hand_guidance import HandGuidance, guidance
 from lerobot_robot_yam.face.devices.images import beside_arms, newest_images
 from lerobot_robot_yam.face.recorder.episode_log import EpisodeLog
 from lerobot_robot_yam.state.records import ArmState
@@ -59,6 +60,7 @@ class FollowerBase(ArmDevice, Robot):
         self._keys = options.state_keys()
         self._extra_keys = self._keys[len(self._space.keys) :]
         self._episodes = EpisodeLog(None)
+        self._guidance: HandGuidance | None = None
 
     @cached_property
     def observation_features(self) -> dict[str, type | tuple[int, int, int]]:
@@ -92,6 +94,9 @@ class FollowerBase(ArmDevice, Robot):
         """
         self._episodes = EpisodeLog(inspect.currentframe())
         try:
+            self._guidance = guidance()
+            if self._guidance is not None:
+                self._guidance.attach(self.name, self._arms, self._space)
             for camera in self.cameras.values():
                 camera.connect()
             self._arms.start(calibrate, self._space.keys, self._models)
@@ -144,6 +149,8 @@ class FollowerBase(ArmDevice, Robot):
     def disconnect(self) -> None:
         """Land the arms, then close the cameras. Idempotent; no camera can keep the arms from landing."""
         try:
+            if self._guidance is not None:
+                self._guidance.detach()
             self._arms.stop()
         finally:
             self._close_cameras()
@@ -205,6 +212,10 @@ class FollowerBase(ArmDevice, Robot):
         if self._arms.paused and self._is_last(action):
             return self._space.action(self._arms.held())
         self._arms.paused = False
+        guided = None if self._guidance is None else self._guidance.take(action)
+        if guided is not None:
+            self._episodes.sent(changed=False)
+            return self._space.action(guided)
         coupling = self._arms.couple(action)
         if coupling is None:
             target = self._space.vector(action)

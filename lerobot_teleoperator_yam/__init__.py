@@ -7,12 +7,20 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.other_plugins import mixture, overwritten
 
 if TYPE_CHECKING:
+    from lerobot_teleoperator_yam.config_yam_hand_guide import BiYamHandGuideConfig as BiYamHandGuideConfig
+    from lerobot_teleoperator_yam.config_yam_hand_guide import YamHandGuideConfig as YamHandGuideConfig
     from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig as BiYamLeaderConfig
     from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig as YamLeaderConfig
+    from lerobot_teleoperator_yam.yam_hand_guide import BiYamHandGuide as BiYamHandGuide
+    from lerobot_teleoperator_yam.yam_hand_guide import YamHandGuide as YamHandGuide
     from lerobot_teleoperator_yam.yam_leader import BiYamLeader as BiYamLeader
     from lerobot_teleoperator_yam.yam_leader import YamLeader as YamLeader
 
 _MODULES = {
+    "YamHandGuide": "yam_hand_guide",
+    "YamHandGuideConfig": "config_yam_hand_guide",
+    "BiYamHandGuide": "yam_hand_guide",
+    "BiYamHandGuideConfig": "config_yam_hand_guide",
     "YamLeader": "yam_leader",
     "YamLeaderConfig": "config_yam_leader",
     "BiYamLeader": "yam_leader",

@@ -9,7 +9,7 @@ import numpy as np
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.arm_status import ArmStatus
-from lerobot_robot_yam.control.impedance import Impedance
+from lerobot_robot_yam.control.impedance import Grip, Impedance
 from lerobot_robot_yam.control.joint_interface import JointInterface
 from lerobot_robot_yam.control.landing import Landing
 from lerobot_robot_yam.control.laws import mit_laws
@@ -48,6 +48,7 @@ class Actuation:
 
     Attributes:
         landing: the landing under way; `landing_response` owns it.
+        grips: while it floats its gripper keeps to the set-point: a hand guides it.
         assist: torque and damping (joints,) that act beside its weight while it floats; None: none.
         usable, all_usable: (n,) bool, motors that can be relied on, and whether all can.
     """
@@ -74,6 +75,7 @@ class Actuation:
         self._bad = np.zeros(hw.n, dtype=bool)
         self.usable, self.all_usable = ~self._bad, True
         self.landing: Landing | None = None
+        self.grips = False
         self.assist: tuple[np.ndarray, np.ndarray] | None = None
         self.bus_loss = BusLoss()
         self._heat: Heat | None = None
@@ -135,20 +137,27 @@ class Actuation:
             unheard = self._unheard()
             q, dq = np.where(unheard, self.setpoint.q, q), np.where(unheard, self.setpoint.dq, dq)
         status = self.status
+        gripper = float(self.interface.dq[-1]), float(self.interface.tau[-1])
+        pressed = self.gripper is not None and self.gripper.force_limited
         if status.afloat:
-            self.setpoint.seed(self.here)  # whatever ends the floating finds it where the arm is
+            # Whatever ends the floating finds the set-point where the arm is.
+            if self.grips:
+                self.setpoint.seed_first(self.here[: self.hardware.joints])
+            else:
+                self.setpoint.seed(self.here)
             if status.limited:
                 status.limited &= ~_TOLD_AFLOAT
             assist = self.assist if status.mode is Mode.FLOAT and self.all_usable else None
-            self._tell(self.impedance.float_free(q, dq, dt, assist))
+            grip = Grip(now, self.setpoint, gripper) if self.grips else None
+            self._tell(self.impedance.float_free(q, dq, dt, assist, grip))
+            if self.grips and pressed and self.gripper is not None and not self.gripper.force_limited:
+                self.setpoint.reseed(self.hardware.n - 1, float(self.q[-1]))  # its object is gone, see below
             return
         self._catch(now)
         fade = None if self.landing is None else self.landing.fade
         learns = self.landing is not None and self.landing.learns
-        gripper = float(self.interface.dq[-1]), float(self.interface.tau[-1])
         stopped = status.mode is Mode.STOPPED
         holding = (stopped or status.mode is Mode.HOLD) and self.all_usable
-        pressed = self.gripper is not None and self.gripper.force_limited
         self._tell(self.impedance.follow(now, dt, q, dq, self.setpoint, gripper, holding, stopped, learns, fade))
         if pressed and self.gripper is not None and not self.gripper.force_limited:
             # The object that it pressed on is gone: it goes on at its own speed, not in one leap after the set-point.
@@ -187,6 +196,7 @@ class Actuation:
         if mode is not Mode.TRACK:
             self.use_gains()
         self.status.enter(mode)
+        self.grips = False
 
     def use_gains(self, kp: np.ndarray | None = None, kd: np.ndarray | None = None) -> None:
         """Use the gains (n,) of a target, NaN or None as configured.

@@ -168,8 +168,14 @@ class ArmController:
         kp: np.ndarray | None = None,
         kd: np.ndarray | None = None,
     ) -> bool:
-        """A new target (n,), gripper 0 … 1; taken while holding or tracking only. True when taken."""
+        """A new target (n,), gripper 0 … 1; taken while holding or tracking only. True when taken.
+
+        An arm that is guided by hand takes the gripper's part.
+        """
         arm, status = self.actuation, self.status
+        if status.mode is Mode.FLOAT and arm.grips and not status.halted:
+            arm.setpoint.set_target(target, now)  # the joints' is where they are, again at each tick
+            return True
         if status.mode not in (Mode.HOLD, Mode.TRACK) or status.halted:
             return False
         self._last_target_at = now
@@ -223,12 +229,13 @@ class ArmController:
             elif status.mode not in (Mode.HOLD, Mode.STOPPED):
                 status.check(Mode.HOLD)
                 arm.hold_here()
-        elif request is Request.FLOAT:
+        elif request in (Request.FLOAT, Request.GUIDE):
             if status.mode is Mode.BRING_UP:
                 self.bring_up.after = Mode.FLOAT
             elif status.mode not in (Mode.FLOAT, Mode.STOPPED):
                 self._floating.check(self.name)
                 arm.enter(Mode.FLOAT)
+            arm.grips = request is Request.GUIDE and status.mode is Mode.FLOAT
         elif request is Request.CALIBRATE_GRIPPER:
             if arm.gripper is None:
                 raise MotorError(f"{self.name}: {arm.hardware.gripper.name} has no motor to calibrate")

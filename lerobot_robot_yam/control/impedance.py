@@ -1,5 +1,7 @@
 """The impedance of one arm: from set-point and measured state to MIT commands, without life cycle or clock."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from lerobot_robot_yam.arm.config_checks import PAYLOAD_MOST_KG
@@ -86,6 +88,17 @@ class HoldIntegral:
         self.tau = np.zeros(len(self._ki))
 
 
+class Grip(NamedTuple):
+    """What the gripper of an arm that floats does: it keeps to its set-point.
+
+    measured: its rate and torque, strokes/s and Nm.
+    """
+
+    now: float
+    setpoint: SetPoint
+    measured: tuple[float, float]
+
+
 class Impedance:
     """Commands of one arm, (n, 5) in joint coordinates.
 
@@ -146,7 +159,12 @@ class Impedance:
         return load_nm + np.abs(self._gravity.torque(q))
 
     def float_free(
-        self, q: np.ndarray, dq: np.ndarray, dt: float, assist: tuple[np.ndarray, np.ndarray] | None = None
+        self,
+        q: np.ndarray,
+        dq: np.ndarray,
+        dt: float,
+        assist: tuple[np.ndarray, np.ndarray] | None = None,
+        grip: Grip | None = None,
     ) -> Limited:
         """Gravity-compensated free motion, pushed back gently beyond the joint limits.
 
@@ -154,6 +172,7 @@ class Impedance:
             q, dq: (n,) of the motors, gripper in rad.
             dt: s.
             assist: more torque and damping (joints,), within the torque limits.
+            grip: what the gripper does; None: it is free, too.
         """
         hw, out = self._hardware, self.commands
         j = slice(hw.joints)
@@ -175,8 +194,12 @@ class Impedance:
         wall = mit_laws.soft_wall(
             out[j], q[j], dq[j], hw.lower[j], hw.upper[j], hw.kp[j], hw.kd[j], hw.torque_limit_nm[j]
         )
-        beyond = Limited.JOINT_LIMIT if wall > _WORTH_SAYING_RAD else Limited.NOTHING
-        return beyond | Limited.TORQUE if self._clip(q, dq) else beyond
+        limited = Limited.JOINT_LIMIT if wall > _WORTH_SAYING_RAD else Limited.NOTHING
+        if grip is not None and self._gripper is not None:
+            q_set, dq_set = grip.setpoint.asked[:, -1:]
+            mit_laws.follow(out[-1:], q_set, dq_set, self.kp[-1:], self.kd[-1:], tau[-1:])
+            limited |= self._grip(grip.now, grip.setpoint, float(q[-1]), grip.measured)
+        return limited | Limited.TORQUE if self._clip(q, dq) else limited
 
     def follow(
         self,
@@ -227,11 +250,15 @@ class Impedance:
             share, damping = fade
             mit_laws.fade(out[j], share, damping * _MOST_KD)
         if self._gripper is not None:
-            u, u_rate = float(q_set[-1]), float(dq_set[-1])
-            self._gripper.command(out[-1], now, u, u_rate, float(q[-1]), *gripper)
-            if self._gripper.force_limited:
-                limited |= Limited.GRIPPER_FORCE
+            limited |= self._grip(now, setpoint, float(q[-1]), gripper)
         return limited | Limited.TORQUE if self._clip(q, dq) else limited
+
+    def _grip(self, now: float, setpoint: SetPoint, motor_rad: float, measured: tuple[float, float]) -> Limited:
+        """Turn the gripper's row into a command of its motor, with limited force."""
+        assert self._gripper is not None
+        u, u_rate = setpoint.asked[:, -1].tolist()
+        self._gripper.command(self.commands[-1], now, u, u_rate, motor_rad, *measured)
+        return Limited.GRIPPER_FORCE if self._gripper.force_limited else Limited.NOTHING
 
     def _friction(self, dq: np.ndarray) -> np.ndarray | float:
         return mit_laws.friction(dq, self._hardware.coulomb_nm) if self._rubs else 0.0

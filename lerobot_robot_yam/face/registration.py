@@ -29,13 +29,16 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.config_file import refuse_unreadable
 from lerobot_robot_yam.system.other_plugins import distribution_of, is_foreign, mixture
 
-# LeRobot's modules that hold a registry, and our module that registers types there.
+# LeRobot's modules that hold a registry, and our modules that register types there.
 REGISTRIES = {
-    "lerobot.robots.config": "lerobot_robot_yam.config_yam_follower",
-    "lerobot.teleoperators.config": "lerobot_teleoperator_yam.config_yam_leader",
-    "lerobot.envs.configs": "lerobot_robot_yam.config_yam_env",
-    "lerobot.cameras.configs": "lerobot_robot_yam.config_yam_camera",
-    "lerobot.configs.policies": "lerobot_robot_yam.face.openpi.configuration_openpi",
+    "lerobot.robots.config": ("lerobot_robot_yam.config_yam_follower",),
+    "lerobot.teleoperators.config": (
+        "lerobot_teleoperator_yam.config_yam_leader",
+        "lerobot_teleoperator_yam.config_yam_hand_guide",
+    ),
+    "lerobot.envs.configs": ("lerobot_robot_yam.config_yam_env",),
+    "lerobot.cameras.configs": ("lerobot_robot_yam.config_yam_camera",),
+    "lerobot.configs.policies": ("lerobot_robot_yam.face.openpi.configuration_openpi",),
 }
 
 NEWEST_TESTED = "0.6.2"  # the repository's state of August 2026; 0.6.1 is the package index's newest
@@ -76,7 +79,11 @@ def register_types(lerobot_module: str) -> None:
     warn_if_newer()
     refuse_unreadable()
     logging.getLogger("lerobot.utils.import_utils").addFilter(_shorten)  # adds it once
-    name = REGISTRIES[lerobot_module]
+    for name in REGISTRIES[lerobot_module]:
+        _register_types_of(name)
+
+
+def _register_types_of(name: str) -> None:
     try:
         module = importlib.import_module(name)
     except Exception as error:

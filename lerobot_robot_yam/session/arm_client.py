@@ -135,7 +135,17 @@ class ArmClient:
         """Keep the set-point, or the measured pose when floating. Raises LifeCycleError: not from this state."""
         self._request(Request.HOLD)
 
-    def float(self) -> None:
+    def guide(self) -> None:
+        """As `float`, but the gripper keeps its set-point, and follows `write_grip`. Raises LifeCycleError: as that."""
+        self.float(Request.GUIDE)
+
+    def write_grip(self, gripper: float) -> None:
+        """Give the gripper of an arm that is guided a target, 0 closed … 1 open. Raises ActionError: not finite."""
+        state = self.published()
+        target = [*state.q.tolist(), min(max(finite_number(self.config.name, "gripper", gripper), 0.0), 1.0)]
+        self._commands.write_target(self._clock.now(), target, {})
+
+    def float(self, request: Request = Request.FLOAT) -> None:
         """Gravity-compensated free motion.
 
         Raises:
@@ -145,7 +155,7 @@ class ArmClient:
         deadline = self._clock.now() + _LET_GO_S
         while True:
             try:
-                return self._request(Request.FLOAT)
+                return self._request(request)
             except LifeCycleError:
                 if self.mode() not in (Mode.HOLD, Mode.TRACK) or self._clock.now() > deadline:
                     raise

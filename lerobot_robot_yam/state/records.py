@@ -51,6 +51,7 @@ class Request(IntEnum):
     LAND = 3
     CALIBRATE_GRIPPER = 4
     REARM = 5
+    GUIDE = 6  # float, and let the gripper follow targets
 
 
 ACTION_SLOTS = MAX_MOTORS + 1  # of a follower with a gripper more than its leader has

@@ -70,6 +70,12 @@ class SetPoint:
         self._target_at = self._arrive_at = -math.inf
         self._tracks = False
 
+    def seed_first(self, q: np.ndarray) -> None:
+        """Start the first m coordinates again, at rest, from q (m,); the others go on."""
+        m = len(q)
+        self._plans[:, 0, :m], self._plans[:, 1, :m] = q, 0.0
+        self.target[:m], self._target_velocity[:m] = q, 0.0
+
     def reseed(self, index: int, value: float) -> None:
         """Start one coordinate again, at rest, from its measured value."""
         self.fall_back(index, value)

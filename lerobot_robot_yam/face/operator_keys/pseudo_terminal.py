@@ -15,6 +15,7 @@ import sys
 import termios
 import threading
 import time
+from collections.abc import Callable
 from typing import TextIO
 
 from lerobot_robot_yam.face.operator_keys.user_terminal import UserTerminal
@@ -37,7 +38,11 @@ _the_one: "PseudoTerminal | None" = None
 
 
 class PseudoTerminal:
-    """One for this process. LeRobot uses it until it has stopped its listener, which is after all devices are gone."""
+    """One for this process. LeRobot uses it until it has stopped its listener, which is after all devices are gone.
+
+    Attributes:
+        heard: called, by the thread that carries it over, with what the user has typed.
+    """
 
     def __init__(self) -> None:
         self._master, self._slave = os.openpty()
@@ -49,6 +54,7 @@ class PseudoTerminal:
         self._writing = threading.Lock()
         self._free_s = 0.0  # when the next byte may be written
         self._users, self._process = 0, os.getpid()
+        self.heard: Callable[[bytes], None] = lambda typed: None
 
     def take(self) -> None:
         """Be `sys.stdin` from now on."""
@@ -111,6 +117,7 @@ class PseudoTerminal:
                 time.sleep(_LOOK_S)
             elif typed := user.typed(_LOOK_S):
                 self._write(typed)
+                self.heard(typed)
             with contextlib.suppress(OSError):
                 os.read(self._master, 65536)  # its echo, which the user's terminal has shown already
 

@@ -3,21 +3,18 @@
 Times are simulated seconds unless a key says `monotonic_s`; lengths in m, angles in rad, forces in N.
 """
 
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from lerobot_robot_yam.rig.client.hand_operations import HandOperations
 
-class RigOperations(ABC):
+
+class RigOperations(HandOperations):
     """The operations. Each raises ConfigError when the rig refuses: an unknown name, or a value that does not fit."""
 
     name: str
-
-    @abstractmethod
-    def request(self, op: str, **arguments: Any) -> dict[str, Any]:
-        """Ask the rig; returns its answer."""
 
     # reading
 
@@ -25,17 +22,14 @@ class RigOperations(ABC):
         """Arms with their placement, places, homes, seed, props, furniture and tasks; fields as in scene files."""
         return self.request("scene")
 
-    def state(self, bodies: bool = False) -> dict[str, Any]:
-        """The true state of the world.
+    def forces(self, channel: str) -> dict[str, Any]:
+        """What acts on an arm from outside, but for pushes. Forces are (3,) N in world axes.
 
         Returns:
-            sim_s, monotonic_s; arms[channel]: q and dq (n,), opening 0 … 1 or None, trigger, buttons, held,
-            resists (the hand has let go of an arm that worked against it), clients,
-            motors[name]: {id, enabled, fault, torque_nm, motor_rad}, second_motors (of fault "second_arm") alike,
-            tcp_site and grasp_site: {pos (3,), mat (9,)}; props[name] and furniture[name]: {pos, quat};
-            joints[name], of furniture: m or rad; with `bodies`, bodies[name]: position (3,).
+            tool_n: the sum of all contacts of the tool with other things than the arm; hand_n: of a soft hand;
+            contacts: body, other, point_m, force_n of each contact of the arm with other things.
         """
-        return self.request("state", bodies=bodies)
+        return self.request("forces", channel=channel)
 
     def task_state(self) -> dict[str, Any]:
         """How the attempt at the task stands.
@@ -149,7 +143,7 @@ class RigOperations(ABC):
         self.request("set_pose", channel=channel, q=q, opening=opening)
 
     def push(self, channel: str, body: str, force: Sequence[float], seconds: float) -> None:
-        """Push a body of an arm ("link4") with a force (3,) in world axes."""
+        """Push a body of an arm with a force (3,) in world axes: "tool", at its frame, or "link4", at its centre."""
         self.request("push", channel=channel, body=body, force=force, seconds=seconds)
 
     def fault(self, channel: str, motor: str | int | None, kind: str, value: Any = True, **details: Any) -> None:
@@ -213,38 +207,6 @@ class RigOperations(ABC):
     def cut_torque(self, channel: str) -> None:
         """Disable every motor of the arm at once, as an emergency stop of its supply would."""
         self.request("cut_torque", channel=channel)
-
-    def trigger(self, channel: str, value: float) -> None:
-        """Squeeze a handle's trigger: 0 released … 1."""
-        self.request("trigger", channel=channel, value=value)
-
-    def buttons(self, channel: str, sync: bool = False, record: bool = False) -> None:
-        """Hold a handle's two buttons down, or not."""
-        self.request("buttons", channel=channel, value=[sync, record])
-
-    def press(self, channel: str, button: str, seconds: float = 0.1) -> None:
-        """Press a handle's button, "sync" (the top one) or "record", and let it go after so long (0.005 … 60 s).
-
-        Each edge of a button is an event "button" with channel, button and down.
-        """
-        self.request("press", channel=channel, button=button, seconds=seconds)
-
-    def hand(
-        self,
-        channel: str,
-        times: Sequence[float],
-        q: Sequence[Sequence[float]],
-        trigger: float | Sequence[float] = 0.0,
-    ) -> None:
-        """Grip a leader and pull it with limited force, from where it is, along q (k, n) at times (k,) s from now.
-
-        Then hold it there. Joints that are elsewhere than q join it at 2 rad/s.
-        """
-        self.request("hand", channel=channel, times=times, q=q, trigger=trigger)
-
-    def release(self, channel: str) -> None:
-        """Let a leader go."""
-        self.request("hand", channel=channel, release=True)
 
     def log(self, kind: str, **details: Any) -> None:
         """Add an event to the rig's log."""

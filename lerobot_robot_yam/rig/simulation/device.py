@@ -20,8 +20,10 @@ from lerobot_robot_yam.rig.judging.judge import Judge
 from lerobot_robot_yam.rig.judging.recorders import TruthRecorder, Watch
 from lerobot_robot_yam.rig.scene.scene import ArmPlacement, Scene, serial_number
 from lerobot_robot_yam.rig.simulation.button_presses import ButtonPresses
+from lerobot_robot_yam.rig.simulation.grips import FirmGrip, SoftGrip
 from lerobot_robot_yam.rig.simulation.hand import Hand
 from lerobot_robot_yam.rig.world.mechanics import Ballast, Drive
+from lerobot_robot_yam.rig.world.outer_forces import OuterForces
 from lerobot_robot_yam.rig.world.world import World
 from lerobot_robot_yam.rig.world.world_model import gripper_stroke
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
@@ -89,6 +91,7 @@ class RigDevice:
         self.channels: dict[str, Channel] = {}
         self.hands: dict[str, Hand] = {}
         self.ballast: dict[str, Ballast] = {}
+        self.forces = OuterForces(self.world)
         for index, row in enumerate(scene.arms):
             gripper = self.world.profiles[row.channel][1]
             handle = SimHandle() if gripper.handle_encoder else None
@@ -96,17 +99,26 @@ class RigDevice:
             channel = Channel(row.channel, self._motors(row), handle, scene.options.latency_s, seed)
             self.channels[row.channel] = channel
             self.ballast[row.channel] = Ballast(self.world, row.channel)
-            if row.role == "leader":
-                self.hands[row.channel] = Hand(self.world, row.channel, handle)
+            self.hands[row.channel] = self._hand(row, handle)
+        self.leaders = [row.channel for row in scene.arms if row.role == "leader"]
         self.judge = Judge(self.world)
         self.presses = ButtonPresses(self._log_button)
-        self._pushes: dict[int, float] = {}  # body → simulated time of the end
+        self._pushes: dict[str, float] = {}  # source → simulated time of the end
         self._all_motors = [motor for channel in self.channels.values() for motor in channel.motors]
         self._adapters = [channel.adapter for channel in self.channels.values()]
         self.watch = Watch(self.world, list(self.channels.values()), clock)
         self.truth = TruthRecorder(self.world, self.channels.values())
         self._advanced_s = 0.0
         self._next_slow_s = 0.0
+
+    def _hand(self, row: ArmPlacement, handle: SimHandle | None) -> Hand:
+        firm = FirmGrip(self.world, row.channel) if row.role == "leader" else None
+        soft = SoftGrip(self.world, row.channel, self.forces, self.ballast[row.channel])
+
+        def tell(kind: str) -> None:
+            self.events.add(kind, channel=row.channel)
+
+        return Hand(self.world, row.channel, handle, firm, soft, tell)
 
     def _motors(self, row: ArmPlacement) -> list[SimMotor]:
         arm, gripper = self.world.profiles[row.channel]
@@ -156,8 +168,11 @@ class RigDevice:
         for name, hand in self.hands.items():
             if hand.gripping:
                 hand.advance(self._any_enabled(name))
-        if self.truth.on or self.watch.on:
+        soft = [hand for hand in self.hands.values() if hand.soft]
+        if soft or self.truth.on or self.watch.on:
             for _ in range(count):
+                for hand in soft:
+                    hand.step()
                 world.step(1)
                 self.truth.sample()
                 self.watch.sample_torques()
@@ -177,10 +192,11 @@ class RigDevice:
     def _slow(self, sim_s: float, now_s: float) -> None:
         for motor in self._all_motors:
             motor.look_after_itself()
-        for body, end_s in list(self._pushes.items()):
+        self.forces.refresh()
+        for source, end_s in list(self._pushes.items()):
             if sim_s >= end_s:
-                self.world.data.xfrc_applied[body] = 0.0
-                del self._pushes[body]
+                self.forces.end(source)
+                del self._pushes[source]
         self.presses.advance(sim_s, now_s)
         for event in self.judge.update(now_s):
             self.events.add(event.pop("kind"), **event)
@@ -193,13 +209,14 @@ class RigDevice:
     def _any_enabled(self, channel: str) -> bool:
         return any(motor.enabled for motor in self.channels[channel].motors)
 
-    def push(self, body: int, force_n: np.ndarray, seconds: float) -> None:
-        """Push a body at its centre of mass with a force (3,) in world axes for a time."""
-        self.world.data.xfrc_applied[body, :3] = force_n
-        self._pushes[body] = self.world.sim_s + seconds
+    def push(self, body: int, force_n: np.ndarray, seconds: float, site: int | None = None) -> None:
+        """Push a body with a force (3,) in world axes for a time, at a site of it or at its centre of mass."""
+        source = f"push {body}"
+        self.forces.apply(source, body, force_n, site=site)
+        self._pushes[source] = self.world.sim_s + seconds
 
     def leaders_energised(self) -> bool:
         """Whether there are leaders and every motor of theirs is enabled."""
-        return bool(self.hands) and all(
-            motor.enabled for channel in self.hands for motor in self.channels[channel].motors
+        return bool(self.leaders) and all(
+            motor.enabled for channel in self.leaders for motor in self.channels[channel].motors
         )

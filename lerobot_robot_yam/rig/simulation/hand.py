@@ -1,39 +1,51 @@
-"""A hand on a leader arm: it pulls the joints along a trajectory, with limited force, and squeezes the trigger.
+"""A hand on an arm: it pulls the joints along a trajectory, with limited force, and squeezes a handle's trigger.
 
-The pull is a damped spring at each joint, integrated with the physics; the arm's own motors work against or with it.
-As a person would, the hand lets go of an arm that works against it, as one does that lands.
+The arm's own motors work against or with it. As a person would, the hand lets go of an arm that works against it, as
+one does that lands.
 """
 
 import bisect
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
-from lerobot_robot_yam.rig.world.mechanics import Drive
+from lerobot_robot_yam.rig.simulation.grips import FirmGrip, Grip, SoftGrip, Softness
 from lerobot_robot_yam.rig.world.world import World
-from lerobot_robot_yam.rig.world.world_model import HAND_KD, HAND_KP
 
 _PERIOD_S = 0.002  # of the target's interpolation
 # A joint's way to a path that begins elsewhere: faster than the planner's paths (1.2), slower than a fall (3). A path
 # begins elsewhere when the simulated clock slipped, or when a floating arm moved after its mover had looked at it.
 _JOIN_RAD_S = 2.0
-_RESIST_NM = 2.5  # a leader that floats takes less than 1 Nm at any joint
 _RESIST_S = 0.4  # shorter peaks are the jerk of starting and stopping
 
 
 class Hand:
-    """The operator's hand on the leader of a channel, and on its handle encoder if it has one."""
+    """A hand on the arm of a channel, and on its handle encoder if it has one.
 
-    def __init__(self, world: World, channel: str, handle: SimHandle | None):
-        self._world = world
-        self._handle = handle
+    Args:
+        firm: how it holds a leader unless it is told otherwise; None on a follower, which it always holds softly.
+        soft: the other way.
+        told: gets the kind of an event, when the path is done or the hand gives way.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        channel: str,
+        handle: SimHandle | None,
+        firm: FirmGrip | None,
+        soft: SoftGrip,
+        told: Callable[[str], None],
+    ):
+        self._world, self._handle, self._told = world, handle, told
+        self._firm, self._soft = firm, soft
+        self._grip: Grip = soft if firm is None else firm
         count = world.profiles[channel][0].joint_count
+        self._count = count
         self._addresses = world.joint_addresses(channel)
-        self._drives = [Drive(world, channel, f"hand_{i + 1}", (f"joint{i + 1}",), 0.0, 1.0) for i in range(count)]
-        self._actuators = [drive.actuator for drive in self._drives]
         self._start_s = 0.0
         # Plain lists, as `advance` takes single numbers from them. Each row: the joints, then the trigger.
         self._times: list[float] = [0.0]
@@ -44,18 +56,33 @@ class Hand:
         self.gripping = False
         self.resisted = False  # the arm worked against the hand; it takes hold again once the arm was limp
         self._easy_s = 0.0  # when the arm last gave way
+        self._gives_way = True
+        self._then_release = self._arrived = False
 
-    def move(self, times_s: Sequence[float], q_rad: Sequence[Sequence[float]], trigger: Sequence[float]) -> None:
+    def move(
+        self,
+        times_s: Sequence[float],
+        q_rad: Sequence[Sequence[float]],
+        trigger: float | Sequence[float],
+        softness: Softness | None = None,
+        gives_way: bool = True,
+        then_release: bool = False,
+    ) -> None:
         """Grip and pull from where the hand is along q_rad (k, n) at times_s (k,) from now, then hold the last.
 
         A hand that takes hold is where the arm is. Joints that are elsewhere than q_rad join it at `_JOIN_RAD_S`.
-        trigger (k,): 0 released … 1 squeezed.
+
+        Args:
+            trigger: (k,) or one number, 0 released … 1 squeezed.
+            softness: None: firmly on a leader, else of a usual softness.
+            gives_way: let go of an arm that works against the hand.
+            then_release: let go at the end of the path.
 
         Raises:
             ConfigError: shapes do not fit, times do not increase, or a value is not finite.
         """
         times, joints = np.asarray(times_s, float), np.asarray(q_rad, float)
-        count = len(self._drives)
+        count = self._count
         squeeze = np.broadcast_to(np.asarray(trigger, float), times.shape)
         if times.ndim != 1 or len(times) < 1 or joints.shape != (len(times), count):
             raise ConfigError(f"a hand needs times (k,) and joints (k, {count}), not {times.shape} and {joints.shape}")
@@ -71,19 +98,46 @@ class Hand:
             rates[:-1] = np.diff(path, axis=0) / np.diff(times)[:, None]
         self._times, self._path, self._rates = times.tolist(), path.tolist(), rates.tolist()
         self._start_s = self._next_s = self._world.sim_s
+        self._gives_way, self._then_release, self._arrived = gives_way, then_release, False
         if not self.gripping:
             self._easy_s, self._advanced_s = self._start_s, self._start_s - _PERIOD_S
             self._targets = arm
         self.gripping = not self.resisted
         if self.gripping:
-            for drive in self._drives:
-                drive.set_gains(HAND_KP, HAND_KD)
+            self._take_hold(softness)
+
+    def _take_hold(self, softness: Softness | None) -> None:
+        grip: Grip
+        if self._firm is not None and softness is None:
+            grip = self._firm
+        else:
+            grip = self._soft
+        if grip is not self._grip:
+            self._grip.let_go()
+        self._grip = grip
+        if grip is self._firm:
+            self._firm.take_hold()
+        else:
+            self._soft.take_hold(softness or Softness())
+
+    @property
+    def soft(self) -> bool:
+        """Whether it holds the arm now, in the way that has to be computed in each step."""
+        return self.gripping and self._grip is self._soft
+
+    @property
+    def force_n(self) -> np.ndarray:
+        """What a soft hand does to the tool (3,), its own weight left out; zeros of any other."""
+        return self._soft.force_n() if self.soft else np.zeros(3)
+
+    def step(self) -> None:
+        """Act in the next step of the physics."""
+        self._grip.step()
 
     def release(self) -> None:
         """Let go; the trigger springs back."""
         self.gripping = False
-        for drive in self._drives:
-            drive.command(0.0, 0.0, 0.0, 0.0, 0.0)
+        self._grip.let_go()
         if self._handle is not None:
             self._handle.trigger = self._handle.trigger_rate = 0.0
 
@@ -96,12 +150,12 @@ class Hand:
         if not self.gripping or now < self._next_s:
             return
         self._next_s = now + _PERIOD_S
-        force, actuators = self._world.force, self._actuators
-        if not energised or all([abs(force[actuator]) < _RESIST_NM for actuator in actuators]):
+        if not energised or not self._gives_way or not self._grip.strained():
             self._easy_s = now
         elif now - self._easy_s > _RESIST_S:
             self.resisted = True
             self.release()
+            self._told("hand_gave_way")
             return
         t = now - self._start_s
         index = bisect.bisect_right(self._times, t) - 1
@@ -110,14 +164,20 @@ class Hand:
         rates = self._rates[row].copy()
         targets = [start + rate * ahead for start, rate in zip(self._path[row], rates, strict=True)]
         elapsed, self._advanced_s = now - self._advanced_s, now
+        joined = True
         for joint, here in enumerate(self._targets):
             way, speed = targets[joint] - here, max(_JOIN_RAD_S, abs(rates[joint]))
             if abs(way) > speed * elapsed:
                 rates[joint] = math.copysign(speed, way)
                 targets[joint] = here + rates[joint] * elapsed
-        self._targets = targets[: len(actuators)]
-        pull = [HAND_KP * target + HAND_KD * rate for target, rate in zip(self._targets, rates, strict=False)]
-        self._world.data.ctrl[actuators] = pull
+                joined = False
+        self._targets = targets[: self._count]
+        self._grip.aim(self._targets, rates[: self._count])
         if self._handle is not None:
             self._handle.trigger = min(max(targets[-1], 0.0), 1.0)
             self._handle.trigger_rate = rates[-1]
+        if joined and t >= self._times[-1] and not self._arrived:
+            self._arrived = True
+            if self._then_release:
+                self.release()
+            self._told("hand_arrived")

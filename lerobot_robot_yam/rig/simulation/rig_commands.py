@@ -17,7 +17,9 @@ from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
 from lerobot_robot_yam.rig.scene.props import Thing
 from lerobot_robot_yam.rig.simulation import fault_commands
 from lerobot_robot_yam.rig.simulation.device import RigDevice
+from lerobot_robot_yam.rig.simulation.grips import Softness
 from lerobot_robot_yam.rig.simulation.lookup import body_of, channel_of, flag, handle_of, number, vector, whole
+from lerobot_robot_yam.rig.world.outer_forces import contacts_of, tool_bodies
 
 _EVENTS_PER_ANSWER = 200
 _TRACE_LENGTH, _TRACE_PER_ANSWER = 500_000, 1000
@@ -25,6 +27,7 @@ _CHANGES_PER_ANSWER = 500
 _TRUTH_PER_ANSWER = 100
 _TRUTH_MAX_S = 120.0
 _SEED_MAX = 2**63 - 1
+_HAND_FLAGS = (("gives_way", True), ("then_release", False))
 _PRESS_S = (0.005, 60.0)  # it ends at the next look of the rig, every 5 ms
 
 Operation = Callable[[RigDevice, dict[str, Any]], dict[str, Any] | None]
@@ -156,11 +159,28 @@ def _set_pose(device: RigDevice, request: dict[str, Any]) -> None:
 
 @_operation
 def _push(device: RigDevice, request: dict[str, Any]) -> None:
-    name = request["body"]
+    name, force, site = request["body"], vector(request["force"], 3), None
+    seconds = number(request["seconds"], 0.0)
     if request.get("channel"):
-        name = f"{channel_of(device, request).name}/{name}"
-    device.push(body_of(device, name), vector(request["force"], 3), number(request["seconds"], 0.0))
-    device.events.add("push", body=name, force=request["force"], seconds=request["seconds"])
+        channel = channel_of(device, request).name
+        if name == "tool":
+            site = int(device.world.model.site(f"{channel}/tcp_site").id)
+        name = f"{channel}/{name}"
+    body = body_of(device, name) if site is None else int(device.world.model.site_bodyid[site])
+    device.push(body, force, seconds, site)
+    device.events.add("push", body=name, force=request["force"], seconds=seconds)
+
+
+@_operation
+def _forces(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
+    channel = channel_of(device, request).name
+    contacts, tool = list(contacts_of(device.world, channel)), tool_bodies(device.world, channel)
+    on_tool = [contact.force_n for contact in contacts if contact.body in tool]
+    return {
+        "tool_n": np.sum(on_tool, axis=0) if on_tool else np.zeros(3),
+        "hand_n": device.hands[channel].force_n,
+        "contacts": [contact._asdict() for contact in contacts],
+    }
 
 
 @_operation
@@ -193,14 +213,14 @@ def _cut_torque(device: RigDevice, request: dict[str, Any]) -> None:
 
 @_operation
 def _hand(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
-    channel = channel_of(device, request)
-    if channel.name not in device.hands:
-        raise ConfigError(f"{channel.name} is not a leader; a hand can pull {list(device.hands)}")
-    hand = device.hands[channel.name]
+    hand = device.hands[channel_of(device, request).name]
     if request.get("release"):
         hand.release()
-    else:
-        hand.move(request["times"], request["q"], request.get("trigger", 0.0))
+        return {"sim_s": device.world.sim_s}
+    asked = {name: request[name] for name in Softness._fields if request.get(name) is not None}
+    softness = Softness(**asked).check() if asked else None
+    gives_way, then_release = (flag(request.get(key, usual)) for key, usual in _HAND_FLAGS)
+    hand.move(request["times"], request["q"], request.get("trigger", 0.0), softness, gives_way, then_release)
     return {"sim_s": device.world.sim_s}
 
 

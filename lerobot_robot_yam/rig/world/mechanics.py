@@ -167,7 +167,10 @@ class LooseShaft:
 class Ballast:
     """Masses that an arm's profile, and so the driver's model, does not know of; changed while the world runs.
 
-    They are a payload at the tool, and factors on the links' masses.
+    They are a payload and a person's hand at the tool, and factors on the links' masses.
+
+    Attributes:
+        hand_kg: mass of the hand that is fixed to the tool.
     """
 
     def __init__(self, world: World, channel: str):
@@ -178,13 +181,19 @@ class Ballast:
         names = [model.body(b).name.partition("/") for b in range(model.nbody)]
         self._bodies = {name: body for body, (arm, _, name) in enumerate(names) if arm == channel}
         self._built = {field: getattr(model, field).copy() for field in _MASS_FIELDS}
-        self._payload_kg = 0.0
+        self._payload_kg = self.hand_kg = self._fist_m = 0.0
         self._factors: dict[str, float] = {}
 
     def carry(self, payload_kg: float) -> None:
         """Put a point mass at the tool, 0 to take it away."""
         self._payload_kg = payload_kg
         self._apply()
+
+    def hold(self, hand_kg: float, fist_m: float) -> None:
+        """Fix a hand of that radius of gyration to the tool, 0 kg to take it away."""
+        if hand_kg != self.hand_kg:
+            self.hand_kg, self._fist_m = hand_kg, fist_m
+            self._apply()
 
     def scale(self, link: str, factor: float) -> None:
         """Multiply mass and inertia of a link of the profile. Raises ConfigError: no such link."""
@@ -194,7 +203,7 @@ class Ballast:
         self._apply()
 
     def repair(self) -> None:
-        """Restore the masses of the profile."""
+        """Restore the masses of the profile; a hand stays."""
         if self._payload_kg or self._factors:
             self._payload_kg, self._factors = 0.0, {}
             self._apply()
@@ -207,11 +216,13 @@ class Ballast:
             model.body_mass[self._bodies[link]] *= factor
             model.body_inertia[self._bodies[link]] *= factor
         if self._payload_kg:
-            self._add_point_mass(self._tool, self._payload_kg, self._point)
+            self._add_mass(self._tool, self._payload_kg, self._point)
+        if self.hand_kg:
+            self._add_mass(self._tool, self.hand_kg, self._point, self._fist_m)
         mujoco.mj_setConst(model, mujoco.MjData(model))
 
-    def _add_point_mass(self, body: int, mass_kg: float, at_m: np.ndarray) -> None:
-        """Mass, centre and inertia of a body together with a point mass at `at_m` (3,) in its frame."""
+    def _add_mass(self, body: int, mass_kg: float, at_m: np.ndarray, gyration_m: float = 0.0) -> None:
+        """Mass, centre and inertia of a body together with a ball at `at_m` (3,) in its frame."""
         model = self._model
         old_kg, centre = float(model.body_mass[body]), model.body_ipos[body].copy()
         rotation = np.empty(9)
@@ -220,6 +231,7 @@ class Ballast:
         arm = at_m - centre
         inertia = axes @ np.diag(model.body_inertia[body]) @ axes.T
         inertia += old_kg * mass_kg / (old_kg + mass_kg) * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        inertia += mass_kg * gyration_m**2 * np.eye(3)
         moments, vectors = np.linalg.eigh(inertia)
         vectors[:, 2] *= np.linalg.det(vectors)  # right-handed
         model.body_mass[body] = old_kg + mass_kg

@@ -168,7 +168,7 @@ def test_a_trace_has_every_frame_a_client_sent(rig):
         (lambda rig: rig.fault("leader_left", "joint_9", "silent"), "no motor 'joint_9'"),
         (lambda rig: rig.fault("leader_left", 1, "rust"), "no fault kind 'rust'"),
         (lambda rig: rig.trigger("follower_left", 1), "no teaching handle"),
-        (lambda rig: rig.hand("follower_left", [0], [[0] * 6]), "not a leader"),
+        (lambda rig: rig.hand("leader_middle", [0], [[0] * 6]), "no channel 'leader_middle'"),
         (lambda rig: rig.hand("leader_left", [0, 0], [[0] * 6] * 2), "increasing"),
         (lambda rig: rig.hand("leader_left", [0], [[0] * 5]), "joints"),
         (lambda rig: rig.request("push", body="cube"), "push.*force"),

@@ -58,5 +58,5 @@ def test_a_hand_that_takes_hold_of_a_resting_arm_does_not_push(desk):
     hand = desk.device.hands[LEADER]
     hand.move([0.0, 1.0], [here + 1e-6, here], 0.0)  # what was seen of it is rounded
     hand.advance(energised=True)
-    pulls = desk.device.world.data.ctrl[hand._actuators]
+    pulls = desk.device.world.data.ctrl[hand._firm.actuators]
     np.testing.assert_allclose(pulls, HAND_KP * here, atol=0.1)  # where it is, at rest

@@ -1,0 +1,178 @@
+"""Two ways in which a hand holds an arm: firmly at each joint, or as a mass on a spring at the tool."""
+
+import math
+from typing import NamedTuple, Protocol
+
+import mujoco
+import numpy as np
+
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.rig.world.mechanics import Ballast, Drive
+from lerobot_robot_yam.rig.world.outer_forces import OuterForces
+from lerobot_robot_yam.rig.world.world import World
+from lerobot_robot_yam.rig.world.world_model import HAND_KD, HAND_KP
+
+_RESIST_NM = 2.5  # a leader that floats takes less than 1 Nm at any joint
+_RESIST_N = 25.0  # the same at the tool
+_PULL_N, _TURN_NM = 60.0, 6.0  # the most that a soft hand does
+FIST_M = 0.06  # a hand holds orientation with its stiffness at this lever; also its radius of gyration
+_STIFFNESS_N_M, _MASS_KG, _DAMPING_RATIO = (0.0, 5000.0), (0.05, 5.0), (0.0, 2.0)
+
+
+class Softness(NamedTuple):
+    """A hand as a mass that is fixed to the tool, on a damped spring to where the hand wants it.
+
+    Damping of the spring:  c = 2 ζ √(k m).
+    """
+
+    stiffness_n_m: float = 1000.0
+    mass_kg: float = 0.5
+    damping_ratio: float = 0.7
+
+    @property
+    def damping_n_s_m(self) -> float:
+        """c."""
+        return 2.0 * self.damping_ratio * math.sqrt(self.stiffness_n_m * self.mass_kg)
+
+    def check(self) -> "Softness":
+        """Itself. Raises ConfigError: a value is out of range."""
+        for name, (low, high) in zip(self._fields, (_STIFFNESS_N_M, _MASS_KG, _DAMPING_RATIO), strict=True):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+                raise ConfigError(f"{name} of a hand is a number from {low:g} to {high:g}, not {value!r}")
+        return self
+
+
+class Grip(Protocol):
+    """How a hand acts on an arm, once it has been told where to."""
+
+    def aim(self, q_rad: list[float], rates_rad_s: list[float]) -> None:
+        """Pull to joints (n,) that move so, from now on."""
+
+    def step(self) -> None:
+        """Act in the next step of the physics."""
+
+    def strained(self) -> bool:
+        """Whether the arm works against the hand."""
+
+    def let_go(self) -> None:
+        """Act no more."""
+
+
+class FirmGrip:
+    """A stiff spring at each joint, integrated with the physics."""
+
+    def __init__(self, world: World, channel: str):
+        self._world = world
+        count = world.profiles[channel][0].joint_count
+        self._drives = [Drive(world, channel, f"hand_{i + 1}", (f"joint{i + 1}",), 0.0, 1.0) for i in range(count)]
+        self.actuators = [drive.actuator for drive in self._drives]
+
+    def take_hold(self) -> None:
+        """Begin to act."""
+        for drive in self._drives:
+            drive.set_gains(HAND_KP, HAND_KD)
+
+    def aim(self, q_rad: list[float], rates_rad_s: list[float]) -> None:
+        pull = [HAND_KP * target + HAND_KD * rate for target, rate in zip(q_rad, rates_rad_s, strict=True)]
+        self._world.data.ctrl[self.actuators] = pull
+
+    def step(self) -> None:
+        """Nothing: the physics does it."""
+
+    def strained(self) -> bool:
+        force = self._world.force
+        return any([abs(force[actuator]) >= _RESIST_NM for actuator in self.actuators])
+
+    def let_go(self) -> None:
+        for drive in self._drives:
+            drive.command(0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class SoftGrip:
+    """A mass at the tool that a damped spring pulls to where the arm's tool would be at the joints aimed at:
+
+        F = k (x* − x) + c (ẋ* − ẋ) + m g,     T = FIST_M² · (k φ + c (ω* − ω)),  φ the turn from here to there.
+
+    The force is computed anew in each step from the state of that step: an older one would feed energy in.
+    """
+
+    def __init__(self, world: World, channel: str, forces: OuterForces, ballast: Ballast):
+        self._world, self._forces, self._ballast = world, forces, ballast
+        model = world.model
+        self._site = int(model.site(f"{channel}/tcp_site").id)
+        self._body = int(model.site_bodyid[self._site])
+        self._addresses = world.joint_addresses(channel)
+        self.source = f"hand on {channel}"
+        self._softness = Softness()
+        self._elsewhere: mujoco.MjData | None = None  # the arm where the hand wants it
+        self._jacobian = np.zeros((2, 3, model.nv))
+        self._aimed: tuple[np.ndarray, np.ndarray] | None = None
+        self._rate, self._spin = np.zeros(3), np.zeros(3)
+        self._aimed_s = 0.0
+
+    def take_hold(self, softness: Softness) -> None:
+        """Begin to act, or go on with another mass, stiffness or damping."""
+        if softness.mass_kg != self._ballast.hand_kg:
+            self._ballast.hold(softness.mass_kg, FIST_M)
+        self._softness = softness
+
+    def aim(self, q_rad: list[float], rates_rad_s: list[float]) -> None:
+        model = self._world.model
+        if self._elsewhere is None:
+            self._elsewhere = mujoco.MjData(model)
+        data = self._elsewhere
+        data.qpos[self._addresses] = q_rad
+        mujoco.mj_kinematics(model, data)
+        position, rotation = data.site_xpos[self._site].copy(), data.site_xmat[self._site].reshape(3, 3).copy()
+        now_s = self._world.sim_s
+        if self._aimed is not None and 0.0 < now_s - self._aimed_s < 0.1:
+            elapsed = now_s - self._aimed_s
+            self._rate = (position - self._aimed[0]) / elapsed
+            self._spin = _turn(self._aimed[1], rotation) / elapsed
+        self._aimed, self._aimed_s = (position, rotation), now_s
+
+    def step(self) -> None:
+        if self._aimed is None:
+            return
+        world, data = self._world, self._world.data
+        mujoco.mj_jacSite(world.model, data, self._jacobian[0], self._jacobian[1], self._site)
+        velocity, spin = self._jacobian @ data.qvel
+        # MuJoCo's poses are those before the last step, its speeds those after it.
+        dt, ahead_s = world.timestep_s, world.sim_s - self._aimed_s
+        position = data.site_xpos[self._site] + velocity * dt
+        away = self._aimed[0] + self._rate * ahead_s - position
+        turn = _turn(data.site_xmat[self._site].reshape(3, 3), self._aimed[1]) + self._spin * ahead_s - spin * dt
+        k, c = self._softness.stiffness_n_m, self._softness.damping_n_s_m
+        pull = _within(k * away + c * (self._rate - velocity), _PULL_N)
+        torque = _within(FIST_M**2 * (k * turn + c * (self._spin - spin)), _TURN_NM)
+        self._forces.apply(self.source, self._body, pull + self._weight(), torque, self._site)
+
+    def force_n(self) -> np.ndarray:
+        """The spring's force (3,) in world axes, N."""
+        return self._forces.force_n(self.source) - self._weight()
+
+    def strained(self) -> bool:
+        return bool(np.linalg.norm(self.force_n()) >= _RESIST_N)
+
+    def _weight(self) -> np.ndarray:
+        """What carries the hand's own weight, (3,) N."""
+        return -self._softness.mass_kg * self._world.model.opt.gravity
+
+    def let_go(self) -> None:
+        self._forces.end(self.source)
+        self._ballast.hold(0.0, FIST_M)
+        self._aimed, self._rate, self._spin = None, np.zeros(3), np.zeros(3)
+
+
+def _within(vector: np.ndarray, most: float) -> np.ndarray:
+    size = float(np.linalg.norm(vector))
+    return vector if size <= most else vector * (most / size)
+
+
+def _turn(here: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """Rotation vector (3,) in world axes that turns `here` (3, 3) to `there`."""
+    quat, vector = np.empty(4), np.empty(3)
+    mujoco.mju_mat2Quat(quat, (there @ here.T).ravel())
+    mujoco.mju_quat2Vel(vector, quat, 1.0)
+    return vector

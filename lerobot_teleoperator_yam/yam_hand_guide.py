@@ -1,0 +1,131 @@
+"""A hand as a LeRobot teleoperator: it leads a follower, which floats, and no leader is needed."""
+
+import logging
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+from lerobot.teleoperators.teleoperator import Teleoperator
+from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
+
+from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
+from lerobot_robot_yam.face.devices.feature_names import TOOL_NUMBERS, motor_names
+from lerobot_robot_yam.face.devices.hand_guidance import HandGuidance
+from lerobot_robot_yam.face.operator_keys.typed_keys import TypedKeys
+from lerobot_robot_yam.system.uncopyable import Uncopied
+from lerobot_teleoperator_yam.config_yam_hand_guide import BiYamHandGuideConfig, YamHandGuideConfig
+
+logger = logging.getLogger(__name__)
+
+_HALF = 0.5
+
+
+class HandGuideBase(Uncopied, Teleoperator):
+    """The hand on one follower, or two.
+
+    Args:
+        config: `YamHandGuideConfig` or `BiYamHandGuideConfig`.
+    """
+
+    def __init__(self, config: Any):
+        super().__init__(config)
+        self.config = config
+        self._guidance = HandGuidance(self.name, list(self.action_features))
+        self._keys = TypedKeys(self._typed)
+        self._openings: list[float | None] = [None] * len(config.keys())
+        self._connected = False
+
+    @cached_property
+    def action_features(self) -> dict[str, type]:
+        """Those of the follower: `joint_1.pos` … (or `ee_x.pos` …), `gripper.pos`; of two with `left_` and `right_`."""
+        joints, gripper = load_arm(self.config.arm).joint_count, load_gripper(self.config.gripper).motor is not None
+        names: list[str] = []
+        for prefix in self.config.prefixes():
+            of_arm = motor_names(prefix, joints, gripper)
+            if self.config.action_space == "ee":
+                of_arm[:joints] = [f"{prefix}{name}" for name in TOOL_NUMBERS]
+            names += of_arm
+        return dict.fromkeys([f"{name}.pos" for name in names], float)
+
+    @property
+    def feedback_features(self) -> dict[str, type]:
+        """Empty: a hand cannot be led."""
+        return {}
+
+    @property
+    def is_connected(self) -> bool:
+        """From connect to disconnect."""
+        return self._connected
+
+    @property
+    def is_calibrated(self) -> bool:
+        """There is nothing to calibrate."""
+        return True
+
+    @check_if_already_connected
+    def connect(self, calibrate: bool = True) -> None:
+        """Be the guide of the follower that this process connects next. Energises nothing.
+
+        Raises:
+            ConfigError: there is another guide.
+        """
+        self._guidance.announce()
+        self._openings = [None] * len(self._openings)
+        try:
+            self._keys.start()
+        except BaseException:
+            self._guidance.withdraw()
+            raise
+        self._connected = True
+        logger.info("%s: keys %s open and close grippers", self, ", ".join(self.config.keys()))
+
+    def disconnect(self) -> None:
+        """The follower holds. Idempotent."""
+        self._connected = False
+        try:
+            self._guidance.withdraw()
+        finally:
+            self._keys.stop()
+
+    def calibrate(self) -> None:
+        """Nothing to do."""
+
+    def configure(self) -> None:
+        """Nothing to do."""
+
+    @check_if_not_connected
+    def get_action(self) -> dict[str, float]:
+        """Where the hand has led the follower, which floats from the first call on.
+
+        A gripper's part is what its key has asked for last; before the first time, where it is.
+
+        Raises:
+            LifeCycleError: there is no follower yet, or it would run away if it floated.
+            MotorError, StaleStateError: see `YamFollower.get_observation`.
+        """
+        return self._guidance.action(self._openings)
+
+    def send_feedback(self, feedback: Mapping[str, Any]) -> None:
+        """Nothing to do: a hand cannot be led."""
+
+    def _typed(self, key: str) -> None:
+        for index, own in enumerate(self.config.keys()):
+            if key == own:
+                before = self._openings[index]
+                now = self._guidance.opening(index) if before is None else before
+                self._openings[index] = 0.0 if now > _HALF else 1.0
+                logger.info("%s: %s the gripper", self, "closes" if now > _HALF else "opens")
+
+
+class YamHandGuide(HandGuideBase):
+    """The hand on one follower."""
+
+    config_class = YamHandGuideConfig
+    name = "yam_hand_guide"
+
+
+class BiYamHandGuide(HandGuideBase):
+    """The hands on two followers."""
+
+    config_class = BiYamHandGuideConfig
+    name = "bi_yam_hand_guide"

@@ -1,0 +1,223 @@
+"""A follower that a hand guides: it floats, its action is where it was led, its gripper obeys keys."""
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerArmConfig, YamFollowerConfig
+from lerobot_robot_yam.errors import ConfigError, LifeCycleError
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.yam_follower import BiYamFollower, YamFollower
+from lerobot_teleoperator_yam.config_yam_hand_guide import BiYamHandGuideConfig, YamHandGuideConfig
+from lerobot_teleoperator_yam.yam_hand_guide import BiYamHandGuide, YamHandGuide
+from tests.support.rigged import STOPS, lockstep_rig
+
+ARMS = ("follower_left", "follower_right")
+RAISED = np.array([0.2, 1.0, 0.9, -0.3, 0.1, 0.2])
+THERE = np.array([-0.3, 1.3, 1.2, -0.5, -0.2, 0.5])
+FRAME_S = 1 / 30
+rig = lockstep_rig(*ARMS)
+
+
+def arm_fields(rig, channel):
+    return {
+        "channel": channel,
+        "interface": "yam_lockstep",
+        "can_options": {"rig": rig.name},
+        "gravity_factor": [1.0] * 6,
+        "gripper_stops_rad": STOPS,
+    }
+
+
+@pytest.fixture
+def devices(rig):
+    """A hand guide and a follower, connected as LeRobot does it; the arm is raised."""
+    guide = YamHandGuide(YamHandGuideConfig())
+    follower = YamFollower(YamFollowerConfig(isolation="lockstep", **arm_fields(rig, ARMS[0])))
+    rig.set_pose(ARMS[0], RAISED.tolist())
+    guide.connect()
+    follower.connect()
+    yield rig, guide, follower
+    guide.disconnect()
+    follower.discard()
+
+
+def mode(follower):
+    return follower._arms.newest()[0].mode
+
+
+def frames(rig, guide, follower, seconds):
+    """Run LeRobot's loop; returns the actions."""
+    actions = []
+    for _ in range(round(seconds / FRAME_S)):
+        follower.get_observation()
+        action = guide.get_action()
+        assert follower.send_action(action) == pytest.approx(action)
+        actions.append(action)
+        follower.clock.sleep(FRAME_S)
+    return actions
+
+
+@pytest.fixture
+def led(devices):
+    """The same after a hand has led the follower from RAISED to THERE."""
+    rig, guide, follower = devices
+    target = dict(zip(guide.action_features, [*RAISED, 1.0], strict=True))
+    for _ in range(60):
+        follower.send_action(target)
+        follower.clock.sleep(FRAME_S)
+    actions = frames(rig, guide, follower, 0.5)
+    rig.lift(ARMS[0], THERE.tolist(), 2.0)
+    actions += frames(rig, guide, follower, 3.0)
+    return rig, guide, follower, actions
+
+
+def test_it_floats_and_the_action_is_where_it_was_led(led):
+    rig, guide, follower, actions = led
+    assert mode(follower) is Mode.FLOAT
+    arm = rig.state()["arms"][ARMS[0]]
+    np.testing.assert_allclose(arm["q"], THERE, atol=0.08)
+    assert arm["held"]  # the arm has not worked against the hand
+    last = np.array([*actions[-1].values()])
+    np.testing.assert_allclose(last[:6], arm["q"], atol=2e-3)
+    assert list(actions[-1]) == [*follower.action_features]
+
+
+def test_the_arm_does_not_fight_the_hand(led):
+    rig, *_, follower, _ = led
+    assert np.linalg.norm(rig.forces(ARMS[0])["hand_n"]) < 6.0  # friction; with 2.5 cm to go a held arm takes 60 N
+    rig.release(ARMS[0])
+    before = rig.state()["arms"][ARMS[0]]["q"]
+    follower.clock.sleep(1.0)
+    np.testing.assert_allclose(rig.state()["arms"][ARMS[0]]["q"], before, atol=0.02)  # never limp
+
+
+def test_a_replay_of_what_was_recorded_ends_where_the_hand_was(led):
+    rig, guide, follower, actions = led
+    rig.release(ARMS[0])
+    end = np.array([*actions[-1].values()])
+    guide.disconnect()
+    for action in [*([actions[0]] * 90), *actions, *([actions[-1]] * 30)]:
+        follower.send_action(action)
+        follower.clock.sleep(FRAME_S)
+    assert mode(follower) is Mode.TRACK
+    np.testing.assert_allclose(rig.state()["arms"][ARMS[0]]["q"], end[:6], atol=0.02)
+    follower.clock.sleep(3.0)  # it holds, and makes up for its sag
+    np.testing.assert_allclose(rig.state()["arms"][ARMS[0]]["q"], end[:6], atol=5e-3)
+
+
+def test_another_action_ends_it_without_a_jump(led):
+    rig, _, follower, actions = led
+    rig.release(ARMS[0])
+    before = np.array(rig.state()["arms"][ARMS[0]]["q"])
+    other = actions[-1] | {"joint_1.pos": actions[-1]["joint_1.pos"] + 0.2}
+    fastest = 0.0
+    for _ in range(30):
+        follower.send_action(other)
+        follower.clock.sleep(FRAME_S)
+        fastest = max(fastest, np.abs(rig.state()["arms"][ARMS[0]]["dq"]).max())
+    assert mode(follower) is Mode.TRACK
+    np.testing.assert_allclose(rig.state()["arms"][ARMS[0]]["q"] - before, [0.2, 0, 0, 0, 0, 0], atol=0.03)
+    assert fastest < 1.65
+
+
+def test_a_key_closes_and_opens_the_gripper_while_the_arm_floats(led):
+    rig, guide, follower, _ = led
+    for opening in (0.0, 1.0):
+        guide._typed("g")
+        actions = frames(rig, guide, follower, 1.5)
+        assert actions[-1]["gripper.pos"] == opening
+        assert rig.state()["arms"][ARMS[0]]["opening"] == pytest.approx(opening, abs=0.03)
+        assert mode(follower) is Mode.FLOAT
+    guide._typed("x")
+    assert frames(rig, guide, follower, 0.1)[-1]["gripper.pos"] == 1.0
+
+
+def test_during_an_emergency_stop_it_holds_and_afterwards_floats_again(led):
+    rig, guide, follower, _ = led
+    rig.release(ARMS[0])
+    stop = EmergencyStop()
+    stop.latch("test")
+    try:
+        frames(rig, guide, follower, 0.5)
+        assert mode(follower) is Mode.STOPPED
+    finally:
+        stop.release()
+    frames(rig, guide, follower, 0.5)
+    assert mode(follower) is Mode.FLOAT
+
+
+def test_without_the_guide_it_holds(led):
+    rig, guide, follower, _ = led
+    guide.disconnect()
+    assert mode(follower) is Mode.HOLD
+    rig.release(ARMS[0])
+
+
+def test_a_motor_that_fails_is_named(led):
+    from lerobot_robot_yam.errors import MotorError
+
+    rig, guide, follower, _ = led
+    rig.release(ARMS[0])
+    rig.fault(ARMS[0], "joint_2", "nibble", 0xA)
+    follower.clock.sleep(0.2)
+    with pytest.raises(MotorError, match="joint_2"):
+        guide.get_action()
+
+
+def test_two_followers(rig):
+    guide = BiYamHandGuide(BiYamHandGuideConfig())
+    arms = {f"{name.removeprefix('follower_')}_arm_config": FollowerArmConfig(**arm_fields(rig, name)) for name in ARMS}
+    follower = BiYamFollower(BiYamFollowerConfig(isolation="lockstep", **arms))
+    guide.connect()
+    follower.connect()
+    try:
+        action = frames(rig, guide, follower, 0.5)[-1]
+        assert list(action) == [*follower.action_features]
+        assert [state.mode for state in follower._arms.newest()] == [Mode.FLOAT] * 2
+        guide._typed("j")
+        action = frames(rig, guide, follower, 1.5)[-1]
+        assert action["right_gripper.pos"] != pytest.approx(action["left_gripper.pos"])
+    finally:
+        guide.disconnect()
+        follower.discard()
+
+
+def test_a_guide_of_another_arm_is_refused_before_anything_is_energised(rig):
+    guide = BiYamHandGuide(BiYamHandGuideConfig())
+    follower = YamFollower(YamFollowerConfig(isolation="lockstep", **arm_fields(rig, ARMS[0])))
+    guide.connect()
+    try:
+        with pytest.raises(ConfigError, match=r"bi_yam_hand_guide and yam_follower: only one has .*joint_1\.pos"):
+            follower.connect()
+        assert not follower.is_connected
+        assert not any(motor["enabled"] for motor in rig.state()["arms"][ARMS[0]]["motors"].values())
+        with pytest.raises(ConfigError, match="has a bi_yam_hand_guide already"):
+            YamHandGuide(YamHandGuideConfig()).connect()
+    finally:
+        guide.disconnect()
+
+
+def test_without_a_follower_there_is_no_action():
+    guide = YamHandGuide(YamHandGuideConfig())
+    guide.connect()
+    try:
+        with pytest.raises(LifeCycleError, match="connect that first"):
+            guide.get_action()
+    finally:
+        guide.disconnect()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: YamHandGuideConfig(gripper_key="n"), "one letter that LeRobot has no use for"),
+        (lambda: YamHandGuideConfig(gripper_key="go"), "one letter"),
+        (lambda: BiYamHandGuideConfig(left_gripper_key="j"), "both grippers have the key 'j'"),
+        (lambda: YamHandGuideConfig(arm="yum"), "yum"),
+        (lambda: YamHandGuideConfig(action_space="tool"), "must be joint or ee"),
+    ],
+)
+def test_what_a_config_refuses(make, message):
+    with pytest.raises(ConfigError, match=message):
+        make()
