@@ -100,7 +100,6 @@ def test_the_follower_is_at_its_leader(recorded, monkeypatch):
     first = max(leader["stamp_s"][0], follower["stamp_s"][0])
     pairs = [truth["q"][truth["stamp_s"] >= first][:4000, :6] for truth in (leader, follower)]
     found = importlib.import_module("bench.lag").likeness(leader["stamp_s"][:4000], *pairs)
-    print("lag", (found.lag_s * 1e3).round(1), "jerk", found.jerk_ratio.round(2), "err", (found.error_rad * 1e3).round(2))
     assert found.lag_s.max() < 0.02, found
     assert found.error_rad.max() < 0.004, found
     assert found.jerk_ratio.max() < 1.5, found

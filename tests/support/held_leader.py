@@ -1,8 +1,8 @@
-"""A leader in a hand, and its follower, linearised about a pose: the laws and filters of both control loops, in ms steps.
+"""A leader in a hand, and its follower, linearised about a pose: laws and filters of both control loops, in ms steps.
 
 The hand is a mass at the leader's tool on a damped spring. Links do not rub, so that only the laws can bring them to
-rest. Readings have the steps of the motors' frames; what a loop publishes the other one uses a tick later, and a command
-acts a tick after the sample that it is made of.
+rest. Readings have the steps of the motors' frames. What a loop publishes the other one uses a tick later, and a
+command acts a tick after the sample that it is made of.
 """
 
 import mujoco
