@@ -221,6 +221,9 @@ class ArmGroup:
             if side.hardware.has_gripper:
                 self[side].calibrate_gripper()
                 logger.info("%s: gripper stops stored in %s", side.name, config.calibration_path)
+            elif side.hardware.gripper.handle_encoder and config.calibration_path is not None:
+                self[side].calibrate_trigger()
+                logger.info("%s: the trigger's range is stored in %s", side.name, config.calibration_path)
             else:
                 logger.info("%s: nothing to calibrate, there is no gripper motor", side.name)
 
