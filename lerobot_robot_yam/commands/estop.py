@@ -40,6 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--json", action="store_true", help="answer in JSON")
     options = parser.parse_args(arguments)
     stops = [EmergencyStop(directory) for directory in _directories(options.action)]
+    before = {stop.directory: stop.reason() for stop in stops if stop.latched}
     missed = _act(stops, options.action, options.why)
     latched = [stop for stop in stops if stop.latched and stop.directory not in missed]
     heard = [(stop.directory, key, process) for stop in latched for key, process in sessions(stop.directory).items()]
@@ -53,7 +54,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         }
         sys.stdout.write(json.dumps(answer) + "\n")
     elif len(missed) < len(stops):
-        _say(stops, latched, missed, [f"{key} (process {process})" for _, key, process in heard])
+        released = before if options.action == "release" else {}
+        _say(stops, latched, missed, [f"{key} (process {process})" for _, key, process in heard], released)
     _complain(options.action, stops, missed)
     if options.action == "status":
         return int(bool(latched))
@@ -93,6 +95,7 @@ def _say(
     latched: Sequence[EmergencyStop],
     missed: Mapping[Path, OSError],
     heard: Sequence[str],
+    released: Mapping[Path, str],
 ) -> None:
     several = len(stops) - len(missed) > 1
     for stop in stops:
@@ -100,6 +103,10 @@ def _say(
             continue
         where = f" in {stop.directory}" if several else ""
         what = f"latched{where}: {stop.reason()}" if stop in latched else f"not latched{where}"
+        if stop not in latched and stop.directory in released:
+            what = f"released{where}; it was latched: {released[stop.directory]}"
+            driven = ", ".join(f"{key} (process {process})" for key, process in sessions(stop.directory).items())
+            what += f"\ndriven: {driven}; arms of running sessions go on, those of ended ones land" if driven else ""
         sys.stdout.write(f"emergency stop {what}\n")
     if latched:
         sys.stdout.write(f"heard by {', '.join(heard)}\n" if heard else _UNHEARD)

@@ -74,6 +74,7 @@ def repair(root: Path, target: Path, dry_run: bool = False) -> int:
     _say(f"{target}: written, and loaded again with LeRobot; {root} is as it was")
     if lost and numbers != _ranges(list(range(len(kept)))):
         _say("  episodes are numbered anew, from 0, in the order of the numbers above")
+    _say(f"  to record more into it: --resume=true --dataset.root={target}")
     return 0
 
 

@@ -309,7 +309,7 @@ class ControlLoop:
         for controller, blocks in zip(self._controllers, self._blocks, strict=True):
             chain = controller.actuation.chain
             if chain.round_trip.slow:
-                what = "%s (%s): %s; use an adapter that is quicker: the arm was seen and commanded that much too late"
+                what = "%s (%s): %s; the arm was seen and commanded that much too late"
                 logger.warning(what, controller.name, chain.channel, chain.round_trip.summary())
             if chain.error_frames:
                 what = "%s (%s): CAN error frames: %d; check cable, termination and bit-rate"

@@ -40,10 +40,10 @@ class RoundTrip:
 
     def summary(self) -> str:
         """How slow it was, for messages."""
-        return (
-            f"the CAN adapter took up to {self.slowest_s * 1e3:.0f} ms each way, an answer up to "
-            f"{self.longest_s * 1e3:.0f} ms"
-        )
+        answer = f"an answer took up to {self.longest_s * 1e3:.0f} ms"
+        if self.slowest_s > SLOW_S:
+            return f"the CAN adapter took up to {self.slowest_s * 1e3:.0f} ms each way: use a quicker one; {answer}"
+        return f"{answer}: the CAN adapter held it back, or this machine was too busy"
 
     def sampled_s(
         self, sent_s: float, arrived_s: float, place: int, count: int, paced: bool = False

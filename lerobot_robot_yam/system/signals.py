@@ -1,5 +1,8 @@
 """SIGTERM and SIGHUP end a session like Ctrl-C, which is told in a line; and what must not be cut short is not.
 
+Under a LeRobot command an error of ours is told in a line, too: it says what failed and what to do, and a traceback
+would bury that.
+
 Handlers are process-wide, so they are shared by all devices of the process, set only in the main thread, only over
 default handlers, and put back when the last device disconnects.
 """
@@ -15,6 +18,8 @@ from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Any
 
+from lerobot_robot_yam.errors import YamError
+
 logger = logging.getLogger(__name__)
 
 _DEFAULTS = {
@@ -26,6 +31,7 @@ _WHY = "ended by "
 _TWICE_S = 1.0  # a closed terminal sends two at once, which are one wish
 _users = 0
 _waits = False  # the session will end by itself
+_under_a_command = False
 _first_s = -math.inf  # when the first signal came
 _replaced: dict[signal.Signals, Any] = {}
 _report: Any = sys.excepthook  # the hook for uncaught exceptions that was there before
@@ -49,6 +55,9 @@ def _end_session(number: int, frame: FrameType | None) -> None:
 def _say_in_a_line(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
     if issubclass(kind, KeyboardInterrupt) and str(error).startswith(_WHY):
         sys.stderr.write(f"{error}\n")
+    elif issubclass(kind, YamError) and _under_a_command:
+        logger.debug("where it happened:", exc_info=(kind, error, trace))
+        sys.stderr.write(f"error: {error}\n")
     else:
         _report(kind, error, trace)
 
@@ -58,13 +67,15 @@ def end_session_on_signals(instead: Instead = lambda frame, why: False, ctrl_c: 
 
     Args:
         instead: asked at the first signal; if the session will end by itself, only a signal a second later raises.
-        ctrl_c: SIGINT, too. Programs of the user's keep their own way with it (asyncio has one).
+        ctrl_c: SIGINT, too: a LeRobot command runs. Programs of the user's keep their own way with it (asyncio has
+            one), and the traceback of an error.
 
     Returns:
         A function that undoes it; calling it twice does no harm.
     """
-    global _users, _first_s, _waits, _report
+    global _users, _first_s, _waits, _report, _under_a_command
     _users += 1
+    _under_a_command |= ctrl_c
     _instead.append(instead)
     if _users == 1:
         _first_s, _waits = -math.inf, False

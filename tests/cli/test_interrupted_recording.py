@@ -159,8 +159,8 @@ class Recording:
         self.commands.rig.set_pose(channel, pose)
 
     def last_words(self):
-        """The exception that ended it, as its last traceback says."""
-        return self.output().rpartition("Traceback (most recent call last)")[2]
+        """The line of the error that ended it."""
+        return self.output().rpartition("\nerror: ")[2]
 
 
 @contextmanager
@@ -224,6 +224,7 @@ def test_a_fault_ends_the_recording_with_the_name_of_the_part(recording, name):
     assert recording.finish(event) == 1, recording.output()[-4000:]
     for part in event.names:
         assert part in recording.last_words(), recording.last_words()
+    assert "Traceback" not in recording.output()
     assert_ended_well(recording, event)
 
 

@@ -63,6 +63,10 @@ def test_it_says_which_sessions_hear_it(capsys, rig):
         (one,) = answer(capsys, "status")[1]["heard_by"]
         assert (one["channel"], one["directory"]) == (f"{rig.name}.follower_left", str(runtime_dir()))
         assert os.path.exists(f"/proc/{one['process']}")
+        assert main(["release"]) == 0
+        released, driven = capsys.readouterr().out.splitlines()
+        assert released.startswith("emergency stop released; it was latched: yam-estop (process ")
+        assert driven.startswith(f"driven: {rig.name}.follower_left (process ") and "ended ones land" in driven
     finally:
         main(["release"])
         session.stop()

@@ -2,12 +2,15 @@
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 
 import pytest
 
 from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
+from lerobot_robot_yam.errors import StaleStateError
 from lerobot_robot_yam.system.signals import end_session_on_signals, finished_first, undisturbed
 from lerobot_robot_yam.yam_follower import YamFollower
 
@@ -120,3 +123,20 @@ def test_ctrl_c_stays_the_programs_own_unless_a_command_runs():
         raise_and_wait(signal.SIGINT)
     undo()
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.parametrize("command", [True, False])
+@pytest.mark.parametrize("kind", [StaleStateError, ZeroDivisionError])
+def test_only_an_error_of_ours_that_ends_a_lerobot_command_is_one_line(command, kind):
+    code = (
+        "from lerobot_robot_yam.errors import StaleStateError\n"
+        "from lerobot_robot_yam.system.signals import end_session_on_signals\n"
+        f"end_session_on_signals(ctrl_c={command})()\n"
+        f"raise {kind.__name__}('left_follower (can0): newest state is 0.52 s old')"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert run.returncode == 1
+    if command and kind is StaleStateError:
+        assert run.stderr == "error: left_follower (can0): newest state is 0.52 s old\n"
+    else:
+        assert "Traceback" in run.stderr

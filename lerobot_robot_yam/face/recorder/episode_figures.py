@@ -67,7 +67,8 @@ class EpisodeFigures:
 
     def summary(self) -> str:
         """One line: what a person wants to know before the next episode."""
-        found = [f"{self.frames} frames at {self.achieved_fps:.1f} of {self.fps} fps"]
+        rate = f" at {self.achieved_fps:.1f} of {self.fps} fps" if self.frames > 1 else ""
+        found = [f"{self.frames} frame{'s' * (self.frames != 1)}{rate}"]
         if self.late_frames:
             found.append(f"{self.late_frames} late (longest {np.diff(self.times_s).max() * 1e3:.0f} ms)")
         found += [f"{count} repeated images of {name}" for name, count in sorted(self.repeated.items())]

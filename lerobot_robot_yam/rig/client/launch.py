@@ -5,6 +5,7 @@ The server is a child of init, as it must outlive the process that started it. I
 
 import argparse
 import contextlib
+import difflib
 import json
 import logging
 import os
@@ -14,7 +15,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -95,6 +96,14 @@ def error_reply(error: Exception) -> dict[str, Any]:
     kind = next((k.__name__ for k in (BusError, ConfigError) if isinstance(error, k)), "RigError")
     text = str(error) if isinstance(error, YamError) else f"malformed request: {type(error).__name__}: {error}"
     return {"error": text, "kind": kind}
+
+
+def no_channel(rig: str, name: str, channels: Iterable[str]) -> str:
+    """What is wrong where a rig has no channel of that name."""
+    known = list(channels)
+    near = difflib.get_close_matches(name, known, 1)
+    meant = f"did you mean {near[0]!r}? It" if near else "it"
+    return f"rig {rig} has no channel {name!r}; {meant} has {', '.join(known)}"
 
 
 def connect_or_start(

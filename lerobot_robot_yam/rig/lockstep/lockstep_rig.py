@@ -20,7 +20,7 @@ import can
 
 from lerobot_robot_yam.errors import BusError, ConfigError
 from lerobot_robot_yam.rig.bus.link_state import ClientLink
-from lerobot_robot_yam.rig.client.launch import rig_path, to_json
+from lerobot_robot_yam.rig.client.launch import no_channel, rig_path, to_json
 from lerobot_robot_yam.rig.client.rig_operations import RigOperations
 from lerobot_robot_yam.rig.devices import packets
 from lerobot_robot_yam.rig.devices.packets import Frame, message_of, pack_messages
@@ -128,7 +128,7 @@ class LockstepBus(can.BusABC):
         if found is None:
             raise ConfigError(f"{channel}: this process has no rig in lock-step {rig!r}; start a LockstepRig first")
         if channel not in found.device.channels:
-            raise BusError(f"rig {rig} has no channel '{channel}'; it has {', '.join(found.device.channels)}")
+            raise BusError(no_channel(str(rig), channel, found.device.channels))
         self.clock = found
         self.channel_info = f"yam_lockstep channel {channel} of rig {rig}"
         self._wire = found.device.channels[channel]

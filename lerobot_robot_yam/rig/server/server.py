@@ -198,7 +198,7 @@ class RigServer:
 
     def _channel(self, name: str) -> Channel:
         if name not in self.device.channels:
-            raise BusError(f"rig {self.name} has no channel '{name}'; it has {', '.join(self.device.channels)}")
+            raise BusError(launch.no_channel(self.name, name, self.device.channels))
         channel = self.device.channels[name]
         if channel.link.state == LinkState.GONE:
             raise BusError(f"{name}: no such device; is its CAN adapter plugged in?")

@@ -46,3 +46,7 @@ def test_an_image_that_comes_twice_is_counted():
 def test_an_empty_episode_has_figures():
     figures = recorded([])
     assert figures.row()["frames"] == 0 and not figures.slow
+
+
+def test_one_frame_has_no_rate():
+    assert recorded([7.0]).summary() == "episode 3: 1 frame, 100% of frames at the speed limit"

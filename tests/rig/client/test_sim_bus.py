@@ -217,3 +217,8 @@ def test_another_process_auto_rig_can_be_named(monkeypatch):
         monkeypatch.setenv("YAM_RIG", f"auto:{os.getpid()}")
         with can.Bus(interface="yam_sim", channel=CHANNEL) as again:
             assert again.rig == mine.rig
+
+
+def test_a_channel_that_is_not_in_the_scene_is_named_with_the_nearest(rig):
+    with pytest.raises(BusError, match="no channel 'leader_lefft'; did you mean 'leader_left'. It has follower_left, "):
+        can.Bus(interface="yam_sim", channel="leader_lefft", rig=rig.name)
