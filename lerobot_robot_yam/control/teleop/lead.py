@@ -119,6 +119,7 @@ class Lead:
         self._down = (True, True)  # held down at start they mean nothing until they have been released
         self._before_s = -math.inf
         self.state = gate.machine.state
+        self._entered: Gate | None = None  # the state that ramps and force have been told of
         self.action: np.ndarray | None = None
         self.action_dq: np.ndarray | None = None
         self.stamp_s = math.nan
@@ -157,13 +158,13 @@ class Lead:
         self._motion.advance(q + dq * (stamp_s - stamps), dq, stamp_s)
         there = self._follower.look(now)
         self._read_handle(handle, mode)
-        before = self.state
         self.state = self._gate.advance(now, self._index, self._look(handle, there, now))
         leader = np.append(self._motion.q, [self._opening()] * self._grips)
         rate = np.append(self._motion.dq, [0.0] * self._grips)
-        if self.state is not before:
+        if self.state is not self._entered:
+            self._entered = self.state
             self._ramp.enter(self.state, now, leader, self._follower if there else None)
-            self._enter(before)
+            self._enter()
         self.action, self.action_dq = self._ramp.advance(
             self.state, now, dt, leader, rate, self._follower if there else None
         )
@@ -176,7 +177,7 @@ class Lead:
         self.stamp_s = math.nan
         self._follower.follows = False
         if mode not in _LEADS:
-            self.state = self._gate.restart()
+            self.state, self._entered = self._gate.restart(), None
             self._ramp.forget()
 
     def _read_handle(self, handle: tuple[float, tuple[bool, bool], float], mode: Mode) -> None:
@@ -192,9 +193,12 @@ class Lead:
         return float(self._follower.setpoint[-1]) if self._follower.there else 1.0
 
     def _look(self, handle: tuple[float, tuple[bool, bool], float], there: bool, now: float) -> Look:
+        if math.isnan(handle[0]):  # silent: its buttons mean nothing until it has said that they are up
+            self._down = (True, True)
         pressed = tuple(index is not None and handle[1][index] for index in self._buttons)
         edges = [down and not before for down, before in zip(pressed, self._down, strict=True)]
-        self._down = (pressed[0], pressed[1])
+        if not math.isnan(handle[0]):
+            self._down = (pressed[0], pressed[1])
         off = np.abs(self._motion.q - self._home[: self._joints])
         away = float(max((off[joint] for joint in self._counts), default=np.linalg.norm(off)))
         if not there or self.action is None:
@@ -214,7 +218,7 @@ class Lead:
             fine_pressed=edges[1],
         )
 
-    def _enter(self, before: Gate) -> None:
+    def _enter(self) -> None:
         if self.state in (Gate.HOMING, Gate.RECENTRE):
             self._led.begin(self._motion.q)
         elif self.state is Gate.ENGAGED:
