@@ -89,7 +89,7 @@ class OperatorKeys:
                 return
 
     def _tick(self, now_s: float, states: Mapping[str, ArmState]) -> None:
-        pressed = [name for name in self._edges.pressed(now_s, _buttons(states)) if name in self._meanings]
+        pressed = [name for name in self._edges.pressed(_buttons(states)) if name in self._meanings]
         busy = self._auto is not None or self._goal is not None or self._book.pending
         if not pressed and now_s - self._looked_s < (_LOOK_S if busy else _SELDOM_S):
             return
