@@ -75,9 +75,11 @@ class LeaderBase(ArmDevice, Teleoperator):
         """Energise all arms or none; they float, supported against gravity.
 
         Raises:
-            YamError: an arm cannot be driven, or this process's follower takes other actions.
+            YamError: an arm cannot be driven, or this process's follower takes other actions; or an arm's option
+                `follower` names one that cannot be led from here.
         """
         self._restart()
+        self._arms.check_followers()
         self._arms.start(calibrate, self._space.keys, self._models, self.get_action, self._recognise)
         try:
             self._keys.start(inspect.currentframe(), self._published)

@@ -263,7 +263,8 @@ class HeadlessRollout(Rollout):
 def test_two_corrections_from_the_handles(rollout):
     document = config("dagger", strategy={"type": "dagger"}, dataset=data_set(rollout.root, num_episodes=5))
     document["teleop"]["buttons"] = "dagger"
-    rollout.begin(document, "sines", amplitude=0.3)
+    document["robot"]["cameras"] = {}
+    rollout.begin(document, "sines", *CALM, amplitude=0.3)
     rollout.wait_until(lambda: "DAgger strategy ready" in rollout.commands.output(), 200.0)
     rollout.wait_moved(0.15)
     for number in (1, 2):

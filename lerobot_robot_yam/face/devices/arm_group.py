@@ -14,6 +14,7 @@ from lerobot_robot_yam.arm.config import ArmConfig, lead_of
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 from lerobot_robot_yam.errors import ConfigError, YamError
 from lerobot_robot_yam.face.devices.feature_names import motor_names, space_of
+from lerobot_robot_yam.face.devices.follower_check import check_followers
 from lerobot_robot_yam.face.recorder.record_command import stop_after_saving, tell_what_is_kept, under_a_command
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
@@ -180,6 +181,12 @@ class ArmGroup:
                     f"{both}: {leader.name} leads {leader.follower_key}, but LeRobot gives its action to "
                     f"{follower.name} on {follower.key}; set its option follower to that one's channel"
                 )
+
+    def check_followers(self) -> None:
+        """Refuse followers that this process cannot lead. Raises ConfigError, ChannelInUseError: says which and why."""
+        others = [side.key for other in _running if not other._leads for side in other.sides]
+        if any(side.follower_key for side in self.sides):
+            check_followers([side.hardware.config for side in self.sides], others)
 
     def stop(self) -> None:
         """Land all arms and let go. Idempotent; signals do not hurry it.

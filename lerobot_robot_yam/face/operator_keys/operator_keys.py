@@ -22,7 +22,7 @@ _PERIOD_S = 0.005  # of the look at the handles
 _LOOK_S = 0.02  # of the look at the command, while there is a reason to
 _SELDOM_S = 0.5  # and while there is none: its data set may be new
 _AGAIN_S = 2.0  # a key of an automatic episode that has not been answered so long is pressed again
-_GOAL_S = 15.0  # LeRobot aligns leaders for 2 s, and saves for as long as it takes
+_GOAL_S = 60.0  # LeRobot aligns leaders for 2 s, and saves for as long as it takes
 
 
 class OperatorKeys:
@@ -89,7 +89,7 @@ class OperatorKeys:
                 return
 
     def _tick(self, now_s: float, states: Mapping[str, ArmState]) -> None:
-        pressed = [name for name in self._edges.pressed(now_s, _buttons(states)) if name in self._meanings]
+        pressed = [name for name in self._edges.pressed(_buttons(states)) if name in self._meanings]
         busy = self._auto is not None or self._goal is not None or self._book.pending
         if not pressed and now_s - self._looked_s < (_LOOK_S if busy else _SELDOM_S):
             return

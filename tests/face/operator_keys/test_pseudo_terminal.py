@@ -15,6 +15,7 @@ from tests.support.terminal import Terminal
 
 PROGRAM = ("-m", "tests.support.listening")
 CBREAK = (False, False)
+LONG = pytest.mark.long
 
 
 @pytest.fixture
@@ -37,7 +38,7 @@ def listening(tmp_path):
         terminal.close()
 
 
-@pytest.mark.parametrize("how", ["return", "raise"])
+@pytest.mark.parametrize("how", ["return", pytest.param("raise", marks=LONG)])
 def test_typing_works_and_the_terminal_is_as_it_was(listening, how):
     terminal = listening(how)
     terminal.type(b"\x1b[C")
@@ -51,7 +52,9 @@ def test_typing_works_and_the_terminal_is_as_it_was(listening, how):
     assert before == after
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number", [signal.SIGKILL, *(pytest.param(n, marks=LONG) for n in (signal.SIGTERM, signal.SIGHUP))]
+)
 def test_a_signal_leaves_the_terminal_as_it_was(listening, number):
     terminal = listening("signal")
     terminal.kill(number)
@@ -99,7 +102,7 @@ def test_lines_are_read_as_before_while_nobody_listens(tmp_path):
         terminal.close()
 
 
-@pytest.mark.parametrize("given", ["null", "pipe", "closed", "file"])
+@pytest.mark.parametrize("given", ["closed", "file", *(pytest.param(g, marks=LONG) for g in ("null", "pipe"))])
 def test_without_a_terminal_pressed_keys_arrive_and_nothing_is_read(given, tmp_path):
     program = (
         "import sys, time; from lerobot_robot_yam.face.operator_keys.pseudo_terminal import pseudo_terminal as p;"
