@@ -11,12 +11,20 @@ if TYPE_CHECKING:
     from lerobot_teleoperator_yam.config_yam_hand_guide import YamHandGuideConfig as YamHandGuideConfig
     from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig as BiYamLeaderConfig
     from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig as YamLeaderConfig
+    from lerobot_teleoperator_yam.config_yam_passive_leader import BiYamPassiveLeaderConfig as BiYamPassiveLeaderConfig
+    from lerobot_teleoperator_yam.config_yam_passive_leader import YamPassiveLeaderConfig as YamPassiveLeaderConfig
     from lerobot_teleoperator_yam.yam_hand_guide import BiYamHandGuide as BiYamHandGuide
     from lerobot_teleoperator_yam.yam_hand_guide import YamHandGuide as YamHandGuide
     from lerobot_teleoperator_yam.yam_leader import BiYamLeader as BiYamLeader
     from lerobot_teleoperator_yam.yam_leader import YamLeader as YamLeader
+    from lerobot_teleoperator_yam.yam_passive_leader import BiYamPassiveLeader as BiYamPassiveLeader
+    from lerobot_teleoperator_yam.yam_passive_leader import YamPassiveLeader as YamPassiveLeader
 
 _MODULES = {
+    "YamPassiveLeader": "yam_passive_leader",
+    "YamPassiveLeaderConfig": "config_yam_passive_leader",
+    "BiYamPassiveLeader": "yam_passive_leader",
+    "BiYamPassiveLeaderConfig": "config_yam_passive_leader",
     "YamHandGuide": "yam_hand_guide",
     "YamHandGuideConfig": "config_yam_hand_guide",
     "BiYamHandGuide": "yam_hand_guide",

@@ -137,7 +137,7 @@ def meanings_of(options: LeaderOptions) -> dict[str, Meaning]:
     return button_meanings(options.buttons, prefixes, taken)
 
 
-def _refuse(device: str, config: Any) -> None:
+def refuse_leader(device: str, config: Any) -> None:
     """Refuse a config of which no teleoperator can be made; raises RefusedConfigError."""
     from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
     from lerobot_robot_yam.face.devices.config_refusal import refuse  # loads profiles: LeRobot's start must not wait
@@ -173,7 +173,7 @@ class YamLeaderConfig(TeleoperatorConfig, LeaderOptions, LeaderArmConfig):
     """One leader arm: LeRobot's fields, `LeaderOptions`, and every field of `LeaderArmConfig`."""
 
     def __post_init__(self) -> None:
-        _refuse("yam_leader", self)
+        refuse_leader("yam_leader", self)
 
     def arms(self) -> dict[str, LeaderArmConfig]:
         return {"": self}
@@ -193,7 +193,7 @@ class BiYamLeaderConfig(TeleoperatorConfig, LeaderOptions):
     right_arm_config: LeaderArmConfig
 
     def __post_init__(self) -> None:
-        _refuse("bi_yam_leader", self)
+        refuse_leader("bi_yam_leader", self)
 
     def arms(self) -> dict[str, LeaderArmConfig]:
         return {"left_": self.left_arm_config, "right_": self.right_arm_config}

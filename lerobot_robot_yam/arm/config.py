@@ -12,6 +12,7 @@ from lerobot_robot_yam.arm import config_checks
 from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.lead_config import LeadConfig
 from lerobot_robot_yam.arm.option import option
+from lerobot_robot_yam.arm.passive_config import PassiveConfig
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.runtime_files import rig_name
 
@@ -141,11 +142,17 @@ class ArmConfig:
 
 @dataclass(kw_only=True)
 class LeadArmConfig(ArmConfig):
-    """A leader's arm that knows its follower. lead: what it does for that one; None: nothing, it only floats."""
+    """A leader's arm that knows its follower.
+
+    lead: what it does for that one; None: nothing, it only floats. passive: of a leader without motors.
+    """
 
     lead: LeadConfig | None = None
+    passive: PassiveConfig | None = None
 
     def __post_init__(self) -> None:
+        if isinstance(self.passive, Mapping):
+            self.passive = PassiveConfig.from_mapping(self.passive)
         if isinstance(self.lead, Mapping):  # as it comes out of JSON
             self.lead = LeadConfig.from_mapping(self.lead)
         super().__post_init__()
@@ -156,6 +163,11 @@ class LeadArmConfig(ArmConfig):
 def lead_of(config: ArmConfig) -> LeadConfig | None:
     """What an arm does for a follower, None if it leads none."""
     return config.lead if isinstance(config, LeadArmConfig) else None
+
+
+def passive_of(config: ArmConfig) -> PassiveConfig | None:
+    """How a leader without motors is read, None if it has motors."""
+    return config.passive if isinstance(config, LeadArmConfig) else None
 
 
 def check_together(configs: Sequence[ArmConfig]) -> None:

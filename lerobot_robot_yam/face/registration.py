@@ -35,6 +35,7 @@ REGISTRIES = {
     "lerobot.teleoperators.config": (
         "lerobot_teleoperator_yam.config_yam_leader",
         "lerobot_teleoperator_yam.config_yam_hand_guide",
+        "lerobot_teleoperator_yam.config_yam_passive_leader",
     ),
     "lerobot.envs.configs": ("lerobot_robot_yam.config_yam_env",),
     "lerobot.cameras.configs": ("lerobot_robot_yam.config_yam_camera",),

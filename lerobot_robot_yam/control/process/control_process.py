@@ -17,9 +17,10 @@ from collections.abc import Callable, Sequence
 
 import can
 
-from lerobot_robot_yam.arm.config import LeadArmConfig
+from lerobot_robot_yam.arm.config import LeadArmConfig, passive_of
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.loop_builder import build
+from lerobot_robot_yam.control.passive import passive_loop
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
 from lerobot_robot_yam.control.preflight.open_bus import keeps_awake, open_bus
 from lerobot_robot_yam.control.process import stand_by
@@ -64,12 +65,17 @@ def control(
         for config in configs:
             buses.append(open_bus(config))
             ends.callback(buses[-1].shutdown)
-        loop = build(arms, keys, buses, pairs)
-        ends.callback(loop.close, stand_by=realtime)
+        passive = passive_of(configs[0]) is not None
+        if not passive:
+            loop = build(arms, keys, buses, pairs)
+            ends.callback(loop.close, stand_by=realtime)
         if realtime:
             names, granted = ", ".join(c.name for c in configs), request_realtime(RT_PRIORITY)
             logger.info("control loop of %s: %s, %s", names, granted, avoid_oom_killer())
             gc.disable()
+        if passive:
+            passive_loop.run(arms, buses, keys, pairs, on_ready, must_land)
+            return
         loop.start()
         loop.run(on_ready, must_land)
 
@@ -109,7 +115,8 @@ def main() -> int:
     except YamError as error:  # a file has changed since the caller resolved them
         _answer(error=str(error), kind=type(error).__name__)
         return 1
-    stand_by_pid = stand_by.spawn(arms, keys, pairs, RT_PRIORITY)
+    passive = passive_of(arms[0].config) is not None  # such leaders need nobody to land them
+    stand_by_pid = 0 if passive else stand_by.spawn(arms, keys, pairs, RT_PRIORITY)
 
     orphaned = False
 

@@ -12,6 +12,7 @@ from draccus.utils import DecodingError
 from lerobot_robot_yam.arm.config import ArmConfig, LeadArmConfig, check_together
 from lerobot_robot_yam.arm.config_checks import check_switches
 from lerobot_robot_yam.arm.lead_config import LeadOptions
+from lerobot_robot_yam.arm.passive_config import PassiveOptions
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ConfigError
 
@@ -28,7 +29,7 @@ class RefusedConfigError(ConfigError, DecodingError):
         return type(self), (self.message,)
 
 
-def arm_config(options: ArmConfig, name: str) -> ArmConfig:
+def arm_config(options: ArmConfig | PassiveOptions, name: str) -> ArmConfig:
     """The arm layer's part of a LeRobot config that extends `ArmConfig`, checked.
 
     Args:
@@ -39,9 +40,12 @@ def arm_config(options: ArmConfig, name: str) -> ArmConfig:
         ConfigError: names the arm, the field, and what it takes.
     """
     lead = options.lead_config() if isinstance(options, LeadOptions) else None
-    values: dict[str, Any] = {field.name: getattr(options, field.name) for field in dataclasses.fields(ArmConfig)}
+    names = [field.name for field in dataclasses.fields(ArmConfig)]
+    values: dict[str, Any] = {field: getattr(options, field) for field in names if hasattr(options, field)}
     if options.name == _DEFAULT_NAME:
         values["name"] = name
+    if isinstance(options, PassiveOptions):
+        return LeadArmConfig(**values, lead=lead, passive=options.passive_config())
     return ArmConfig(**values) if lead is None else LeadArmConfig(**values, lead=lead)
 
 

@@ -20,6 +20,7 @@ from lerobot_robot_yam.rig.bus.link_state import BUS_OFF_FRAME_ID, Link, LinkSta
 from lerobot_robot_yam.rig.bus.whole_tick import WholeTick
 from lerobot_robot_yam.rig.devices import packets
 from lerobot_robot_yam.rig.devices.packets import Frame, Wire
+from lerobot_robot_yam.rig.devices.simulated_encoders import SimEncoders
 from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
 from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
 
@@ -69,7 +70,7 @@ class Channel:
         self._late: list[tuple[float, Frame]] = []
         self._random = random.Random(seed)
         self._by_id: dict[int, tuple[SimMotor, int]] = {}
-        self._tick = WholeTick(self.motors, handle)
+        self._tick = WholeTick(self.motors, handle) if self.motors else None
         self.identifiers_changed()
 
     def identifiers_changed(self) -> None:
@@ -83,7 +84,7 @@ class Channel:
     @property
     def tick_size(self) -> int:
         """Bytes of a packet that holds a whole tick."""
-        return self._tick.size
+        return 0 if self._tick is None else self._tick.size
 
     def receive_packet(self, sender: Listener, packet: bytes, now_s: float) -> None:
         """`receive` for frames as they come over a socket, see `packets`.
@@ -91,7 +92,7 @@ class Channel:
         Raises:
             BusError: the packet is not a whole number of records.
         """
-        if self._is_plain(sender, now_s):
+        if self._tick is not None and self._is_plain(sender, now_s):
             answer = self._tick.answer(packet, now_s, self.wire, self.adapter)
             if answer is not None:
                 self._send(sender, answer)
@@ -178,10 +179,13 @@ class Channel:
             self._late = [item for item in self._late if item[0] > now_s]
             for frame in due:
                 self.emit(frame, now_s)
-        if self.handle is not None and self.handle.report_period_s:
-            report = self.handle.due_report(now_s)
-            if report is not None:
+        if isinstance(self.handle, SimEncoders):
+            for report in self.handle.due_reports(now_s):
                 self.emit(report, now_s)
+        elif self.handle is not None and self.handle.report_period_s:
+            due_report = self.handle.due_report(now_s)
+            if due_report is not None:
+                self.emit(due_report, now_s)
         if self.foreign is not None:
             for _ in range(self.foreign.due(now_s)):
                 self._hear_foreign(self.foreign, now_s)
@@ -210,6 +214,8 @@ class Channel:
             if entry is None or entry[1]:
                 return ()
             motor, offset = entry[0], None
+        elif frame.id == REQUEST_ID and isinstance(self.handle, SimEncoders):
+            return self.handle.requests(frame.data)
         elif frame.id == REQUEST_ID and self.handle is not None:
             reply = self.handle.request(frame.data)
             return () if reply is None else (reply,)

@@ -189,6 +189,7 @@ class RigOperations(HandOperations):
             "payload_kg" (kg): a point mass at the tool.
             "link_mass" ({"link": "link3", "factor"}): a factor on the link's mass in the profile.
             "handle_silent" (bool).
+            "encoders_silent" (bool, or numbers of devices from 0): of a leader without motors.
         """
         self.request("fault", channel=channel, motor=motor, kind=kind, value=value, **details)
 

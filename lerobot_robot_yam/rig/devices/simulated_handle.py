@@ -13,9 +13,16 @@ _OP_READINGS = 0x06
 
 
 class SimHandle:
-    """Trigger and two buttons, moved by the operator or a test; answers requests on 0x50E."""
+    """Trigger and two buttons, moved by the operator or a test; answers requests on 0x50E.
 
-    def __init__(self) -> None:
+    Args:
+        device: its number.
+    """
+
+    travel_rad = encoder.TRIGGER_TRAVEL_RAD
+
+    def __init__(self, device: int = _DEVICE) -> None:
+        self._device = device
         self.trigger = 0.0  # 0 released … 1 squeezed
         self.trigger_rate = 0.0  # 1/s
         self.buttons = (False, False)
@@ -25,21 +32,21 @@ class SimHandle:
         self._event_mask = 0
         self._next_report_s = 0.0
         self._eeprom = bytearray(encoder.EEPROM_BYTES)
-        self._eeprom[7] = _DEVICE
+        self._eeprom[7] = self._device
         self._eeprom[encoder.EEPROM_ADC_FREQUENCY_LOW] = encoder.ADC_FREQUENCY
 
     def request(self, data: bytes) -> Frame | None:
         """Answer a frame to 0x50E; None for settings and unknown requests."""
-        if self.silent or len(data) < 2 or data[0] not in (_DEVICE, encoder.ALL_DEVICES):
+        if self.silent or len(data) < 2 or data[0] not in (self._device, encoder.ALL_DEVICES):
             return None
         opcode, parameters = data[1], data[2:]
         answer: bytes | None = None
         if opcode == encoder.OP_REPORT:
             return self.report()
         if opcode == encoder.OP_VERSION:
-            answer = encoder.encode_version(FIRMWARE, _DEVICE)
+            answer = encoder.encode_version(FIRMWARE, self._device)
         elif opcode == encoder.OP_READ_EEPROM and parameters and parameters[0] < len(self._eeprom):
-            answer = encoder.encode_eeprom_byte(self._eeprom[parameters[0]], _DEVICE)
+            answer = encoder.encode_eeprom_byte(self._eeprom[parameters[0]], self._device)
         elif opcode == encoder.OP_WRITE_EEPROM and len(parameters) > 1:
             end = min(parameters[0] + len(parameters) - 1, len(self._eeprom))
             self._eeprom[parameters[0] : end] = parameters[1 : end - parameters[0] + 1]
@@ -54,7 +61,7 @@ class SimHandle:
         elif opcode == _OP_EVENTS and parameters:
             self._event_mask = parameters[0]
         elif opcode == _OP_READINGS:
-            answer = bytes((_DEVICE, _OP_READINGS | encoder.REPLY_FLAG, 0, 0, self._inputs()))
+            answer = bytes((self._device, _OP_READINGS | encoder.REPLY_FLAG, 0, 0, self._inputs()))
         return None if answer is None else Frame(0.0, encoder.REQUEST_ID, answer)
 
     def set_report_frequency(self, hz: int) -> None:
@@ -73,8 +80,8 @@ class SimHandle:
 
     def report(self, ident: int = encoder.REPORT_ID) -> Frame:
         """The present state as a report (or event) frame."""
-        rate = self.trigger_rate * encoder.TRIGGER_TRAVEL_RAD
-        return Frame(0.0, ident, encoder.encode_report(self._position_rad(), rate, self.buttons, _DEVICE))
+        rate = self._rate_rad_s()
+        return Frame(0.0, ident, encoder.encode_report(self._position_rad(), rate, self.buttons, self._device))
 
     def press(self, buttons: tuple[bool, bool]) -> Frame | None:
         """Set the buttons; returns the event frame that this causes, if events are on."""
@@ -88,4 +95,7 @@ class SimHandle:
         return int(self.buttons[0]) | int(self.buttons[1]) << 1
 
     def _position_rad(self) -> float:
-        return self.trigger * encoder.TRIGGER_TRAVEL_RAD - self._zero_rad
+        return self.trigger * self.travel_rad - self._zero_rad
+
+    def _rate_rad_s(self) -> float:
+        return self.trigger_rate * self.travel_rad

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from lerobot_robot_yam.arm.passive_config import JOINT_SIGNS
 from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.scene.props import Thing, check_things
@@ -39,7 +40,8 @@ class ArmPlacement:
 
     q_rad: start pose (n,), default the rest pose. stops_rad: gripper stops [closed, open] in joint space (motor
     angle * direction), default the profile's. zero_offset_rad: motor angle at joint value 0, per motor (gripper
-    last), default 0. number: 1 for the scene's first arm, whichever are selected; filled in by `load_scene`.
+    last), default 0. passive: of a leader without motors, the kind of station that it is from (`passive_config`);
+    encoders tell its joints. number: 1 for the scene's first arm, whichever are selected; filled in by `load_scene`.
     """
 
     channel: str
@@ -52,6 +54,7 @@ class ArmPlacement:
     q_rad: np.ndarray | None = array_field(-1, default=None)
     stops_rad: np.ndarray | None = array_field(2, default=None)
     zero_offset_rad: np.ndarray | None = array_field(-1, default=None)
+    passive: str | None = None
     number: int = 0
 
 
@@ -179,6 +182,8 @@ def _check(scene: Scene) -> None:
     for arm in scene.arms:
         if arm.role not in ROLES:
             raise ConfigError(f"{where}: role of {arm.channel} must be one of {ROLES}, not '{arm.role}'")
+        if arm.passive is not None and (arm.role != "leader" or arm.passive not in JOINT_SIGNS):
+            raise ConfigError(f"{where}: {arm.channel}: passive is for leaders, and one of {', '.join(JOINT_SIGNS)}")
     operators = (*OPERATORS, *(task.name for task in scene.tasks if task.does in SCRIPTS))
     words = {"watchdog": WATCHDOGS, "operator": operators, "serials": SERIALS, "pictures": PICTURES}
     for key, known in words.items():

@@ -10,10 +10,12 @@ from typing import Any, TextIO
 
 import numpy as np
 
+from lerobot_robot_yam.arm.passive_config import JOINT_SIGNS
 from lerobot_robot_yam.arm.profile import ArmMotor, GripperMotor
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.bus.channel import Channel
 from lerobot_robot_yam.rig.client.launch import to_json
+from lerobot_robot_yam.rig.devices.simulated_encoders import SimEncoders
 from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
 from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
 from lerobot_robot_yam.rig.judging.judge import Judge
@@ -95,8 +97,11 @@ class RigDevice:
         for index, row in enumerate(scene.arms):
             gripper = self.world.profiles[row.channel][1]
             handle = SimHandle() if gripper.handle_encoder else None
+            if row.passive is not None:
+                handle = SimEncoders(self.world, row.channel, JOINT_SIGNS[row.passive])
             seed = scene.options.seed + index
-            channel = Channel(row.channel, self._motors(row), handle, scene.options.latency_s, seed)
+            motors = self._motors(row) if row.passive is None else []
+            channel = Channel(row.channel, motors, handle, scene.options.latency_s, seed)
             self.channels[row.channel] = channel
             self.ballast[row.channel] = Ballast(self.world, row.channel)
             self.hands[row.channel] = self._hand(row, handle)

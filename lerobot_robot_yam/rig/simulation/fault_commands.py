@@ -11,6 +11,7 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.bus.adapter import HoldBack
 from lerobot_robot_yam.rig.bus.channel import PAYLOADS, Channel, ForeignDriver
 from lerobot_robot_yam.rig.devices.motor_faults import FalseReading
+from lerobot_robot_yam.rig.devices.simulated_encoders import SimEncoders
 from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
 from lerobot_robot_yam.rig.devices.thermometer import PARTS, Ramp
 from lerobot_robot_yam.rig.simulation.device import RigDevice
@@ -59,6 +60,8 @@ def clear_faults(device: RigDevice, request: dict[str, Any]) -> None:
     device.ballast[channel.name].repair()
     if channel.handle is not None:
         channel.handle.silent = False
+        if isinstance(channel.handle, SimEncoders):
+            channel.handle.silent_devices = frozenset()
     for motor in channel.motors:
         motor.repair()
     device.events.add("faults_cleared", channel=channel.name)
@@ -102,6 +105,15 @@ def _link_mass(device: RigDevice, channel: Channel, value: Any) -> None:
     device.ballast[channel.name].scale(fields["link"], number(fields["factor"], *_FACTORS))
 
 
+def _encoders_silent(device: RigDevice, channel: Channel, value: Any) -> None:
+    encoders = handle_of(channel)
+    if not isinstance(encoders, SimEncoders):
+        raise ConfigError("the arm has motors, and no encoders of a passive leader")
+    devices = range(len(encoders.joints) + 1)
+    silent = (devices if value else []) if isinstance(value, bool) else value
+    encoders.silent_devices = frozenset(whole(one, 0, devices[-1]) for one in silent)
+
+
 _CHANNEL_KINDS: dict[str, Callable[[RigDevice, Channel, Any], None]] = {
     "link_down": lambda device, channel, value: channel.set_link(device.clock.now(), down=flag(value)),
     "adapter_gone": lambda device, channel, value: channel.set_link(device.clock.now(), gone=flag(value)),
@@ -113,6 +125,7 @@ _CHANNEL_KINDS: dict[str, Callable[[RigDevice, Channel, Any], None]] = {
     "second_arm": _second_arm,
     "payload_kg": lambda device, channel, value: device.ballast[channel.name].carry(number(value, 0.0, _MASS_MAX_KG)),
     "link_mass": _link_mass,
+    "encoders_silent": _encoders_silent,
     "handle_silent": lambda device, channel, value: setattr(handle_of(channel), "silent", flag(value)),
 }
 

@@ -1,0 +1,85 @@
+"""A leader without motors: an encoder at each joint and at the trigger, and how its angles become the follower's.
+
+Plain values: the dataclass travels as JSON to the process that reads the encoders.
+"""
+
+import math
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Literal
+
+from lerobot_robot_yam.errors import ConfigError
+
+Kind = Literal["desk", "mobile_left", "mobile_right"]
+# Direction of each encoder against the follower's joint. Source: the vendor's station software, August 2026.
+JOINT_SIGNS: dict[str, list[int]] = {
+    "desk": [-1, -1, 1, 1, -1, -1],
+    "mobile_left": [-1, 1, 1, 1, -1, -1],
+    "mobile_right": [-1, -1, -1, -1, -1, -1],
+}
+_LEAST_RANGE_RAD = 0.2  # a joint that moves less has not been moved
+
+
+@dataclass(kw_only=True)
+class PassiveConfig:
+    """How the encoders of one leader are read.
+
+    Attributes:
+        joint_sign: (n,) 1 or -1.
+        mapping: direct: an angle is the follower's; range: the leader's range is stretched onto the follower's.
+        leader_range_rad: (n, 2) lowest and highest angle of each of its joints; None: as calibrated.
+        calibration_path: file with its zeros and ranges; one that is not there: the encoders' own zeros count.
+    """
+
+    joint_sign: list[int]
+    mapping: Literal["direct", "range"] = "direct"
+    leader_range_rad: list[list[float]] | None = None
+    calibration_path: str | None = None
+
+    def check(self, name: str, joints: int) -> None:
+        """Refuse what cannot be.
+
+        Raises:
+            ConfigError: names the arm, the option, and what it takes.
+        """
+        signs = self.joint_sign
+        if not isinstance(signs, Sequence) or len(signs) != joints or any(sign not in (1, -1) for sign in signs):
+            raise ConfigError(f"{name}: joint_sign takes 1 or -1 for each of {joints} joints; got {signs!r}")
+        if self.mapping not in ("direct", "range"):
+            raise ConfigError(f"{name}: mapping takes direct or range; got {self.mapping!r}")
+        if self.leader_range_rad is not None:
+            check_ranges(f"{name}: leader_range_rad", self.leader_range_rad, joints)
+            if self.mapping == "direct":
+                raise ConfigError(f"{name}: leader_range_rad is for mapping: range")
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any]) -> "PassiveConfig":
+        """From plain values, as JSON gives them. Raises ConfigError: an unknown key."""
+        unknown = sorted(set(values) - {row.name for row in fields(cls)})
+        if unknown:
+            raise ConfigError(f"a passive leader has no {', '.join(unknown)}")
+        return cls(**values)
+
+
+class PassiveOptions:
+    """Options of a leader without motors; they have those fields of `ArmConfig` that mean something to it."""
+
+    @abstractmethod
+    def passive_config(self) -> PassiveConfig:
+        """How it is read."""
+
+
+def check_ranges(what: str, ranges: Any, joints: int) -> None:
+    """Refuse ranges (joints, 2) that are none. Raises ConfigError: begins with `what`."""
+    rows = ranges if isinstance(ranges, Sequence) and not isinstance(ranges, str) else []
+    for row in rows:
+        pair = row if isinstance(row, Sequence) and not isinstance(row, str) and len(row) == 2 else (math.nan, 0.0)
+        if not all(isinstance(end, int | float) and math.isfinite(end) for end in pair) or (
+            pair[1] - pair[0] < _LEAST_RANGE_RAD
+        ):
+            raise ConfigError(
+                f"{what} takes [lowest, highest] rad for each joint, at least {_LEAST_RANGE_RAD:g} apart; got {row!r}"
+            )
+    if len(rows) != joints:
+        raise ConfigError(f"{what} takes [lowest, highest] rad for each of {joints} joints; got {ranges!r}")

@@ -1,0 +1,157 @@
+"""The loop of leaders without motors: it reads encoders, moves gates on, and publishes states as a control loop does.
+
+Nothing is energised and nothing lands. To everybody else such a leader is one that floats.
+"""
+
+import logging
+import math
+import os
+from collections.abc import Callable, Sequence
+
+import can
+import numpy as np
+
+from lerobot_robot_yam.arm.config import passive_of
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.control.passive.passive_mapping import PassiveMapping
+from lerobot_robot_yam.control.teleop.lead import Lead, make_leads
+from lerobot_robot_yam.damiao.bus_port import BusPort
+from lerobot_robot_yam.damiao.passive_encoders import PassiveEncoders
+from lerobot_robot_yam.errors import BusError, YamError
+from lerobot_robot_yam.state.modes import Gate, Mode
+from lerobot_robot_yam.state.records import STATE_DTYPE, BlockPair, state_path
+
+logger = logging.getLogger(__name__)
+
+_UNKNOWN = ("temp_mos_c", "temp_rotor_c", "offset_rad", "gripper_stops_rad", "action", "action_dq", "action_stamp_s")
+_SILENT_S = 0.1  # 20 reports
+_AGAIN_S = 0.05  # after an error of the channel
+
+
+class PassiveArm:
+    """One passive leader.
+
+    Args:
+        arm: as configured; its profile is the follower's.
+        bus: its channel, open; closed by the caller.
+        key: by which others find its states.
+        pair: its blocks.
+        lead: what it does for its follower.
+
+    Raises:
+        YamError: its calibration cannot be used.
+    """
+
+    def __init__(self, arm: ResolvedArm, bus: can.BusABC, key: str, pair: BlockPair, lead: Lead | None):
+        config = passive_of(arm.config)
+        assert config is not None
+        self.name, self._joints, self._lead = arm.name, arm.joints, lead
+        self.port = BusPort(bus, arm.config.channel)
+        self._mapping = PassiveMapping(arm.name, config, arm.arm.joint_limits_rad)
+        self._encoders = PassiveEncoders(arm.joints)
+        self._states = pair.states
+        self._record = record = np.zeros((), STATE_DTYPE)
+        for field in _UNKNOWN:
+            record[field] = np.nan
+        record["joints"] = record["motors"] = arm.joints
+        record["owner_pid"] = os.getpid()
+        try:
+            pair.states.publish(state_path(key))
+        except (OSError, YamError) as error:
+            logger.warning("%s: no other program can watch the arm: %s", arm.name, error)
+        self._told: list[str] = []
+
+    def start(self) -> None:
+        """Wait for the encoders. Raises YamError: names those that are silent."""
+        self._encoders.start(self.port, self.name)
+
+    def read(self, until_s: float) -> None:
+        """Take reports until a time of the clock. A channel that is gone makes the state stale, not the loop end."""
+        try:
+            self._encoders.collect(self.port, until_s)
+        except BusError as error:
+            self._tell(["its channel"], f": {error}")
+            self.port.clock.sleep(max(0.0, until_s - self.port.clock.now()) + _AGAIN_S)
+
+    def publish(self, now: float, mode: Mode = Mode.FLOAT) -> None:
+        """Write its state as of now."""
+        record, encoders, joints = self._record, self._encoders, self._joints
+        j = slice(joints)
+        q, dq = self._mapping.joints(encoders.angle_rad[j], encoders.rate_rad_s[j])
+        record["stamp_s"], record["mode"] = now, mode
+        record["tick"] += 1
+        record["q"][j], record["dq"][j], record["setpoint"][j] = q, dq, q
+        record["motor_stamp_s"][j] = encoders.stamp_s[j]
+        record["asked_s"] = encoders.stamp_s[j].min()
+        heard = now - encoders.stamp_s[joints] < _SILENT_S
+        trigger = self._mapping.trigger(float(encoders.angle_rad[joints])) if heard else math.nan
+        record["trigger"] = trigger
+        record["buttons"] = encoders.buttons if heard else (False, False)
+        record["handle_stamp_s"] = encoders.stamp_s[joints]
+        self._tell(encoders.silent(now - _SILENT_S))
+        if self._lead is not None:
+            self._advance_lead(self._lead, now, mode, q, dq)
+        self._states.write(record)
+
+    def _advance_lead(self, lead: Lead, now: float, mode: Mode, q: np.ndarray, dq: np.ndarray) -> None:
+        record, encoders = self._record, self._encoders
+        handle = float(record["trigger"]), encoders.buttons, float(encoders.stamp_s[-1])
+        lead.advance(now, mode, (q, dq, encoders.stamp_s[: self._joints].copy()), handle, np.zeros(self._joints))
+        m = lead.motors
+        record["gate"], record["action_stamp_s"] = lead.state, lead.stamp_s
+        record["action"][:m] = np.nan if lead.action is None else lead.action
+        record["action_dq"][:m] = np.nan if lead.action_dq is None else lead.action_dq
+
+    def _tell(self, silent: list[str], why: str = "") -> None:
+        if silent != self._told:
+            if silent:
+                logger.warning("%s: nothing is heard of %s%s", self.name, ", ".join(silent), why)
+            elif self._told:
+                logger.info("%s: all encoders are heard again", self.name)
+            self._told = silent
+
+    def end(self, now: float) -> None:
+        """Say that it is off."""
+        self._record["stamp_s"], self._record["mode"], self._record["gate"] = now, Mode.OFF, Gate.NONE
+        self._states.write(self._record)
+        if self._lead is not None:
+            self._lead.close()
+        self._states.close(remove=True)
+
+
+def run(
+    arms: Sequence[ResolvedArm],
+    buses: Sequence[can.BusABC],
+    keys: Sequence[str],
+    pairs: Sequence[BlockPair],
+    on_ready: Callable[[str], None],
+    must_end: Callable[[], bool],
+) -> None:
+    """Read the leaders until `must_end` says so.
+
+    Args:
+        on_ready: called once with "" when all of them are heard.
+
+    Raises:
+        YamError: one is not heard at the start, or its calibration cannot be used.
+    """
+    made: list[PassiveArm] = []
+    try:
+        for arm, bus, key, pair, lead in zip(arms, buses, keys, pairs, make_leads(arms), strict=True):
+            made.append(PassiveArm(arm, bus, key, pair, lead))
+        for leader in made:
+            leader.start()
+        clock, period_s = made[0].port.clock, 1.0 / arms[0].config.rate_hz
+        for leader in made:
+            leader.publish(clock.now())
+        on_ready("")
+        deadline = clock.now()
+        while not must_end():
+            deadline = max(deadline + period_s, clock.now())
+            for leader in made:
+                leader.read(deadline if leader is made[-1] else 0.0)
+            for leader in made:
+                leader.publish(clock.now())
+    finally:
+        for leader in made:
+            leader.end(leader.port.clock.now())

@@ -1,0 +1,145 @@
+"""Leaders without motors as a LeRobot teleoperator: encoders at every joint, moved by hand."""
+
+import logging
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+from lerobot.utils.decorators import check_if_not_connected
+
+from lerobot_robot_yam.arm.config import ArmConfig, LeadArmConfig, passive_of
+from lerobot_robot_yam.control.passive.passive_mapping import PassiveCalibration
+from lerobot_robot_yam.control.preflight.open_bus import open_bus
+from lerobot_robot_yam.damiao.bus_port import BusPort
+from lerobot_robot_yam.damiao.passive_encoders import PassiveEncoders
+from lerobot_robot_yam.errors import ConfigError, LifeCycleError
+from lerobot_robot_yam.face.devices.arm_group import ArmGroup
+from lerobot_robot_yam.session.arm_session import Isolation
+from lerobot_teleoperator_yam.config_yam_passive_leader import BiYamPassiveLeaderConfig, YamPassiveLeaderConfig
+from lerobot_teleoperator_yam.yam_leader import LeaderBase
+
+logger = logging.getLogger(__name__)
+
+HOME_S, MOVE_S = 3.0, 20.0  # of a calibration: at home, and through all ranges
+_STILL_RAD = 0.02
+_LOOK_S = 0.1
+
+
+class PassiveLeaderBase(LeaderBase):
+    """One leader without motors, or two. Nothing is energised: it cannot float, be led, held or pushed back.
+
+    Args:
+        config: `YamPassiveLeaderConfig` or `BiYamPassiveLeaderConfig`.
+    """
+
+    def _make_arms(
+        self,
+        role: str,
+        arms: Mapping[str, Any],
+        use_degrees: bool,
+        isolation: Isolation,
+        handles: Collection[str] | None = None,
+    ) -> ArmGroup:
+        for prefix, arm in arms.items():
+            if arm.passive_calibration_path is None:  # in a subdirectory, whose files LeRobot never reads
+                ident = f"{prefix}{self.id}" if self.id else arm.channel
+                arm.passive_calibration_path = str(self.calibration_dir / "yam" / f"{ident}_passive.json")
+        return super()._make_arms(role, arms, use_degrees, isolation, handles)
+
+    @property
+    def feedback_features(self) -> dict[str, type]:  # type: ignore[override]
+        """Empty: it has no motors. So nobody leads it to its follower, and a take-over begins with an approach."""
+        return {}
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether zeros and ranges are stored. Without them the encoders' own zeros count."""
+        return all(Path(arm.passive_calibration_path).is_file() for arm in self.config.arms().values())
+
+    def send_feedback(self, feedback: Mapping[str, Any]) -> None:
+        """Raises LifeCycleError."""
+        self._no_motors()
+
+    def enable_torque(self) -> None:
+        """Raises LifeCycleError."""
+        self._no_motors()
+
+    def disable_torque(self) -> None:
+        """Raises LifeCycleError."""
+        self._no_motors()
+
+    def rearm(self) -> None:
+        """Raises LifeCycleError."""
+        self._no_motors()
+
+    def _no_motors(self) -> NoReturn:
+        raise LifeCycleError(f"{self}: a passive leader has no motors; it can be neither led nor held")
+
+    @check_if_not_connected
+    def calibrate(self) -> None:
+        """Find zeros and ranges, and store them. They count from the end of this on.
+
+        For 3 s all leaders must lie at the follower's home with the trigger released; then, for 20 s, each joint is
+        moved through its range and the trigger squeezed.
+
+        Raises:
+            ConfigError: a leader was not still at home, or a joint was not moved; nothing was stored.
+            YamError: its encoders are silent.
+        """
+        arms = [self._arms[side].config for side in self._arms.sides]
+        self._arms.stop()  # it has the channels
+        for config in arms:
+            self._calibrate_one(config)
+        self._arms.start(False, self._space.keys, self._models, self.get_action, self._recognise)
+
+    def _calibrate_one(self, config: ArmConfig) -> None:
+        assert isinstance(config, LeadArmConfig)
+        passive = passive_of(config)
+        assert passive is not None and passive.calibration_path is not None
+        sign = np.array([*passive.joint_sign, 1], dtype=float)
+        with open_bus(config) as bus:
+            encoders, port = PassiveEncoders(len(sign) - 1), BusPort(bus, config.channel)
+            encoders.start(port, config.name)
+            logger.info("%s: leave it at home, trigger released, for %.0f s", config.name, HOME_S)
+            low, high = _extremes(port, encoders, sign, HOME_S)
+            if (high - low)[:-1].max() > _STILL_RAD:
+                joint = int((high - low)[:-1].argmax()) + 1
+                raise ConfigError(f"{config.name}: joint_{joint} moved while it should lie at home; calibrate again")
+            zero = 0.5 * (low + high)
+            logger.info("%s: move each joint through its range, squeeze the trigger: %.0f s", config.name, MOVE_S)
+            low, high = _extremes(port, encoders, sign, MOVE_S)
+        trigger = float(max(abs(low[-1]), abs(high[-1])))
+        ranges = np.stack([low - zero, high - zero], axis=1)[:-1].round(5).tolist()
+        found = PassiveCalibration(zero[:-1].round(5).tolist(), ranges, trigger)
+        path = Path(passive.calibration_path)
+        found.check(config.name)
+        found.save(config.name, path)
+        logger.info("%s: zeros and ranges stored in %s", config.name, path)
+
+
+def _extremes(
+    port: BusPort, encoders: PassiveEncoders, sign: np.ndarray, seconds: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest angle of each joint and of the trigger (n + 1,) within a time."""
+    until_s = port.clock.now() + seconds
+    low, high = np.full(len(sign), np.inf), np.full(len(sign), -np.inf)
+    while (now := port.clock.now()) < until_s:
+        encoders.collect(port, min(now + _LOOK_S * 0.1, until_s))
+        angle = sign * encoders.angle_rad
+        low, high = np.minimum(low, angle), np.maximum(high, angle)
+    return low, high
+
+
+class YamPassiveLeader(PassiveLeaderBase):
+    """One leader without motors."""
+
+    config_class = YamPassiveLeaderConfig
+    name = "yam_passive_leader"
+
+
+class BiYamPassiveLeader(PassiveLeaderBase):
+    """Two leaders without motors."""
+
+    config_class = BiYamPassiveLeaderConfig
+    name = "bi_yam_passive_leader"

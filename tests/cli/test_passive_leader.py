@@ -1,0 +1,61 @@
+"""lerobot-teleoperate with a leader without motors: gate, approach by the follower, and the loss of an encoder."""
+
+import time
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.rig.client.rig_control import running_rig
+from tests.cli.conftest import Commands
+
+pytestmark = pytest.mark.alone
+
+LEADER, FOLLOWER = "leader_left", "follower_left"
+HOME, THERE = [0.0] * 6, [0.3, 1.1, 1.0, -0.3, 0.1, 0.2]
+
+
+@pytest.fixture
+def commands(tmp_path):
+    with running_rig(scene="passive_leaders", arms=[FOLLOWER, LEADER]) as rig:
+        yield Commands(rig, tmp_path, (FOLLOWER,))
+
+
+def teleoperate(commands, *more):
+    arm = "--robot.type=yam_follower", "--robot.interface=yam_sim", f"--robot.channel={FOLLOWER}", "--robot.id=sim"
+    leader = "--teleop.type=yam_passive_leader", "--teleop.interface=yam_sim", f"--teleop.channel={LEADER}"
+    process = commands.start(
+        "lerobot-teleoperate", *arm, "--robot.gravity_factor=[1,1,1,1,1,1]", *leader, "--teleop.id=sim", *more
+    )
+    commands.wait_enabled(process, FOLLOWER, timeout_s=120.0)
+    return process
+
+
+def joints(rig, channel):
+    return np.array(rig.state()["arms"][channel]["q"])
+
+
+def wait_near(commands, process, pose, within_rad=0.06, timeout_s=20.0):
+    """Wait until the follower is there."""
+    deadline = time.monotonic() + timeout_s
+    while np.abs(joints(commands.rig, FOLLOWER) - pose).max() > within_rad:
+        assert process.poll() is None and time.monotonic() < deadline, commands.output()[-4000:]
+        time.sleep(0.05)
+
+
+def test_a_lift_engages_and_a_lost_encoder_ends_it(commands):
+    rig = commands.rig
+    rig.lift(LEADER, HOME, 1.0)
+    process = teleoperate(commands, f"--teleop.follower={FOLLOWER}", "--teleop.gate=auto", "--fps=30")
+    wait_near(commands, process, HOME)
+    rig.lift(LEADER, THERE, 1.5, trigger=1.0)
+    wait_near(commands, process, THERE)
+    assert "idle -> approach" in commands.output() and "approach -> engaged" in commands.output()
+    time.sleep(1.0)
+    np.testing.assert_allclose(joints(rig, FOLLOWER), joints(rig, LEADER), atol=0.05)
+    assert rig.state()["arms"][FOLLOWER]["opening"] < 0.1
+
+    rig.fault(LEADER, None, "encoders_silent", [1])
+    assert commands.finish(process, 90.0) != 0
+    assert f"leader ({LEADER}): newest state is" in commands.output()
+    assert "nothing is heard of joint_2" in commands.output()
+    commands.assert_landed()
