@@ -51,7 +51,7 @@ class FollowerView:
         if self.there:
             values = np.array((block.slots("q", count), block.slots("dq", count), block.slots("setpoint", count)))
             self._stamp_s = min(block.slots("motor_stamp_s", self._joints), default=-math.inf)
-            self.there = bool(np.isfinite(values).all()) and now - self._stamp_s < _AGE_MOST_S
+            self.there = math.isfinite(values.sum()) and now - self._stamp_s < _AGE_MOST_S
             if self.there:
                 self.q, self.dq, self.setpoint = values
         if not self.there:
@@ -63,10 +63,10 @@ class FollowerView:
     def judge(self, target: np.ndarray) -> None:
         """Find out whether it follows the leader's target (motors,): coupled, or at the rate of the caller."""
         block = self._block
-        near = np.abs(self.setpoint - target)[: self._joints].max(initial=0.0) < _NEAR_RAD
-        self.follows = block.value("coupled_to") == self._number or (
-            block.value("coupled_to") == 0 and block.value("mode") == Mode.TRACK and bool(near)
-        )
+        leader = block.value("coupled_to")
+        self.follows = leader == self._number
+        if leader == 0 and block.value("mode") == Mode.TRACK:
+            self.follows = bool(np.abs(self.setpoint - target)[: self._joints].max(initial=0.0) < _NEAR_RAD)
 
     def q_at(self, now: float) -> np.ndarray:
         """(joints,) rad at present, carried on from its newest sample."""
