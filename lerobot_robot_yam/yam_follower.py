@@ -21,6 +21,7 @@ from lerobot_robot_yam.face.devices.arm_device import ArmDevice
 from lerobot_robot_yam.face.devices.hand_guidance import HandGuidance, guidance
 from lerobot_robot_yam.face.devices.images import beside_arms, newest_images
 from lerobot_robot_yam.face.recorder.episode_log import EpisodeLog
+from lerobot_robot_yam.face.recorder.record_command import saves_finished_episode
 from lerobot_robot_yam.state.records import ArmState
 from lerobot_robot_yam.system.clock import Clock
 
@@ -165,6 +166,7 @@ class FollowerBase(ArmDevice, Robot):
                 logger.warning("camera %s did not close: %s", name, error)
 
     @check_if_not_connected
+    @saves_finished_episode
     def get_observation(self) -> dict[str, Any]:
         """Measured positions and the newest images; one that is late is waited for, see `images`.
 
@@ -196,6 +198,7 @@ class FollowerBase(ArmDevice, Robot):
         return np.concatenate(parts).tolist()
 
     @check_if_not_connected
+    @saves_finished_episode
     def send_action(self, action: Mapping[str, Any]) -> dict[str, float]:
         """Give the arms targets; they move there under their speed limits.
 

@@ -15,6 +15,7 @@ from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.devices.arm_device import ArmDevice
 from lerobot_robot_yam.face.operator_keys.operator_keys import OperatorKeys
+from lerobot_robot_yam.face.recorder.record_command import saves_finished_episode
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import ArmState, coupling_number
 from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, LeaderOptions, YamLeaderConfig, meanings_of
@@ -99,6 +100,7 @@ class LeaderBase(ArmDevice, Teleoperator):
             self._arms.stop()
 
     @check_if_not_connected
+    @saves_finished_episode
     def get_action(self) -> dict[str, float]:
         """Where the leaders are, within the follower's limits: what is recorded is what the follower is sent.
 

@@ -262,6 +262,17 @@ def test_a_signal_in_the_reset_phase_keeps_the_finished_episode(resetting, numbe
     assert_ended_well(resetting, NOTHING)
 
 
+@pytest.mark.parametrize("name", ["camera dead", pytest.param("motor fault of a leader", marks=pytest.mark.long)])
+def test_an_error_in_the_reset_phase_keeps_the_finished_episode(resetting, name):
+    event = EVENTS[name]
+    event.strike(resetting.commands.rig)
+    assert resetting.finish(event) == 1, resetting.output()[-4000:]
+    for part in event.names:
+        assert part in resetting.last_words(), resetting.last_words()
+    assert f"kept 1 episode of this session; 1 in {resetting.root}" in resetting.output()
+    assert_ended_well(resetting, event)
+
+
 @pytest.mark.long
 def test_a_terminal_that_closes_sends_two_signals_and_keeps_the_finished_episode(resetting):
     for number in (signal.SIGHUP, signal.SIGTERM):

@@ -95,7 +95,7 @@ class EpisodeLog:
             logger.warning("the disk of %s is almost full: the recording ends now", command.dataset.root)
             command.stop()
         if command.records and self._figures is not None:
-            what = f"episode {self._figures.index - self._first + 1} of {options.num_episodes}"
+            what = f"episode {self._figures.index} ({self._figures.index - self._first + 1} of {options.num_episodes})"
             left_s, rate = options.episode_time_s - elapsed_s, f"{self._figures.achieved_fps:.1f} fps, "
         else:
             what, left_s, rate = "reset the scene", options.reset_time_s - elapsed_s, ""

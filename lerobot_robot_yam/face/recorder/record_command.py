@@ -5,12 +5,14 @@ LeRobot is replaced. Under every other command there is nothing to find, and not
 """
 
 import atexit
+import functools
 import importlib.util
+import inspect
 import json
 import logging
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -142,6 +144,31 @@ def stop_after_saving(frame: FrameType | None, why: str) -> bool:
     first = "drops the episode" if command.events.get(_AGAIN) else "saves the finished episode"
     logger.info("%s: %s first; once more ends it at once", why, first)
     return True
+
+
+def saves_finished_episode[**P, R](method: Callable[P, R]) -> Callable[P, R]:
+    """Decorator of what LeRobot's loop calls: an error while the scene is reset does not cost the episode before."""
+
+    @functools.wraps(method)
+    def careful(*arguments: P.args, **options: P.kwargs) -> R:
+        try:
+            return method(*arguments, **options)
+        except Exception:
+            _save_finished(inspect.currentframe())
+            raise
+
+    return careful
+
+
+def _save_finished(frame: FrameType | None) -> None:
+    command = running_record(frame)
+    if command is None or command.loop is None or command.records or command.drops or not _unsaved(command.dataset):
+        return
+    logger.info("saves the finished episode before it ends with an error")
+    try:
+        command.dataset.save_episode()
+    except Exception as error:
+        logger.error("the finished episode cannot be saved: %r", error)
 
 
 def tell_what_is_kept(frame: FrameType | None) -> None:
