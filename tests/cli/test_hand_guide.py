@@ -39,7 +39,7 @@ def record(commands, root):
         "YAM_RIG": rig.name,
         "PYTHONPATH": str(ROOT),
     }
-    config = yaml.safe_load((ROOT / "configs" / "sim" / "hand_guide.yaml").read_text())
+    config = yaml.safe_load((ROOT / "configs" / "sim" / "hand_guide_record.yaml").read_text())
     config["robot"]["cameras"] = {}
     path = commands.directory / "hand_guide.yaml"
     path.write_text(yaml.safe_dump(config))
