@@ -93,7 +93,7 @@ def test_what_a_hand_has_led_is_recorded_and_replayed(commands):
         "--dataset.episode=0",
         "--play_sounds=false",
     )
-    commands.wait_enabled(replay, ARM)
+    commands.wait_enabled(replay, ARM, timeout_s=150.0)
     nearest = np.full(6, np.inf)
     while replay.poll() is None:
         away = np.abs(joints(rig) - led)
