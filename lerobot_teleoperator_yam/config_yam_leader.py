@@ -32,8 +32,8 @@ class LeaderArmConfig(ArmConfig, LeadOptions):
         "gripper that the follower carries; with no_gripper the action has no gripper", "linear_4310"
     )
     follower: str | None = option(
-        "CAN channel of the follower, on the same interface: it then follows this leader at its own control loop's "
-        "rate (docs/teleoperation.md); by default only at LeRobot's",
+        "CAN channel of the follower, on the same interface: it then follows at its control loop's rate "
+        "(docs/teleoperation.md); by default at LeRobot's",
         None,
     )
     gate: Literal["auto", "button", "always"] = option(

@@ -75,9 +75,11 @@ class LeaderBase(ArmDevice, Teleoperator):
         """Energise all arms or none; they float, supported against gravity.
 
         Raises:
-            YamError: an arm cannot be driven, or this process's follower takes other actions.
+            YamError: an arm cannot be driven, or this process's follower takes other actions; or an arm's option
+                `follower` names one that cannot be led from here.
         """
         self._restart()
+        self._arms.check_followers()
         self._arms.start(calibrate, self._space.keys, self._models, self.get_action, self._recognise)
         try:
             self._keys.start(inspect.currentframe(), self._published)
@@ -118,7 +120,7 @@ class LeaderBase(ArmDevice, Teleoperator):
         for index, (side, state) in enumerate(zip(self._arms.sides, states, strict=True)):
             led = None if side.follower_key is None else self._led(side.key, side.follower_key, state)
             if led is not None:
-                values += led
+                values += led[: len(side.motors)]
                 continue
             values += state.q.tolist()
             if side.has_gripper:

@@ -17,6 +17,7 @@ from lerobot_robot_yam.control.arm_status import ArmStatus
 from lerobot_robot_yam.control.bring_up import BringUp
 from lerobot_robot_yam.control.fault_response import RELEASE_FIRST, FaultResponse
 from lerobot_robot_yam.control.float_monitor import FloatMonitor
+from lerobot_robot_yam.control.gripper.handle_reader import NO_HANDLE
 from lerobot_robot_yam.control.landing_response import LandingResponse
 from lerobot_robot_yam.control.safety.progress_monitor import ProgressMonitor
 from lerobot_robot_yam.control.safety.thermal_monitor import Stage
@@ -66,7 +67,7 @@ class ArmController:
         self.lead: Lead | None = None
         self.coupling = Coupling(hardware)
         self._stop_triggers = StopTriggers(hardware)
-        self.handle = arm.interface.read_handle(-math.inf)  # trigger, buttons, stamp
+        self.handle = NO_HANDLE
 
     @property
     def mode(self) -> Mode:
@@ -106,7 +107,8 @@ class ArmController:
         """From the replies to the state of the arm; trouble is answered as the table says."""
         arm, status = self.actuation, self.status
         arm.interface.read()
-        self.handle = arm.interface.read_handle(now)
+        if arm.interface.handle is not None:
+            self.handle = arm.interface.handle.read(now)
         if status.ended:
             return
         finding = arm.check(now)
@@ -129,7 +131,9 @@ class ArmController:
         """Why everything has to stop, empty when it has not: the handle's button, or too much effort."""
         tau = self.actuation.interface.tau[: self.actuation.hardware.joints]
         works = not self.status.ended and self.mode not in (Mode.STOPPED, Mode.FAULT)
-        return self._stop_triggers.check(now, self.handle[1], tau, works)
+        handle = self.actuation.interface.handle
+        buttons = NO_HANDLE.buttons if handle is None else handle.raw_buttons
+        return self._stop_triggers.check(now, buttons, tau, works)
 
     def decide(self, now: float) -> None:
         """Decide on the mode, and where the set-point goes. It is stepped after that."""

@@ -1,8 +1,8 @@
 """Motors and teaching handle of one arm as joints: bring-up checks, commands out, positions in. No laws."""
 
 import logging
-import math
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 
 import can
 import numpy as np
@@ -10,6 +10,8 @@ import numpy as np
 from lerobot_robot_yam.arm.joint_map import JointMap, resolve_turn
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.gripper.gripper import Gripper
+from lerobot_robot_yam.control.gripper.handle_reader import HandleReader
+from lerobot_robot_yam.control.gripper.trigger_range import TriggerRange, load_range
 from lerobot_robot_yam.control.laws import mit_laws
 from lerobot_robot_yam.control.preflight import arm_inspection
 from lerobot_robot_yam.control.safety.channel_monitor import ChannelMonitor, Finding
@@ -29,7 +31,6 @@ _ASK_AGAIN = 5  # a question or its answer may get lost
 _REARM_ATTEMPTS = 2  # 27 ms each for seven motors, and the loop must not seem to hang
 _SOON_S = 0.02  # where no loop waits
 _OFF_S = 0.01  # three times, during which the other arm gets no commands
-_HANDLE_SILENT_S = 0.25
 _PUSHED_RAD = 0.5  # a hand or a load can push a joint this far from a set-point that it holds
 
 
@@ -43,6 +44,7 @@ class JointInterface:
     Attributes:
         q, dq, tau: (n,) rad, rad/s, Nm; the gripper's q is 0 closed … 1 open, its dq strokes/s.
         motor_q, motor_dq: the same, the gripper's in rad and rad/s.
+        handle: the teaching handle, None without one.
         before: q and dq as those, of each motor's sample before; NaN before there is one.
         on_wait: called between questions that a running loop waits for, so that it may hold the other arms.
     """
@@ -65,7 +67,9 @@ class JointInterface:
         self.before = np.full(n, np.nan), np.full(n, np.nan)
         self.sent = np.zeros((n, 5))  # in joint coordinates
         self.on_wait: Callable[[], None] = lambda: None
-        self._handle_silent = False
+        self.handle: HandleReader | None = None
+        if self._encoder is not None:
+            self.handle = HandleReader(config.name, self._encoder, _trigger_range(hw))
 
     @property
     def offset_rad(self) -> np.ndarray:
@@ -242,21 +246,6 @@ class JointInterface:
         if self.gripper is not None:
             self.q[-1], self.dq[-1] = self.gripper.normalised(float(self.motor_q[-1]), float(self.motor_dq[-1]))
 
-    def read_handle(self, now: float) -> tuple[float, tuple[bool, bool], float]:
-        """Trigger 0 … 1 (NaN without a handle or while it is silent), buttons, stamp of the newest report, s.
-
-        A silent handle is logged once, and never reads as zero.
-        """
-        encoder = self._encoder
-        if encoder is None:
-            return math.nan, (False, False), -math.inf
-        before, self._handle_silent = self._handle_silent, now - encoder.stamp_s > _HANDLE_SILENT_S
-        if not self._handle_silent:
-            return encoder.report.trigger, encoder.report.buttons, encoder.stamp_s
-        if not before:
-            logger.warning("%s: the teaching handle is silent; its trigger and buttons are unknown", self._config.name)
-        return math.nan, (False, False), encoder.stamp_s
-
     def _resolve(self, joints: Sequence[int]) -> None:
         arm = self._hardware.arm
         for index in joints:
@@ -264,3 +253,15 @@ class JointInterface:
             angle = float(self.motor_q[index])
             name, place = arm.motors[index].name, self._config.on_command_line
             self._map.shift(index, resolve_turn(self._config.name, name, angle, low, high, place))
+
+
+def _trigger_range(hardware: ResolvedArm) -> TriggerRange:
+    """Of the arm's handle; the nominal one where a calibration may follow.
+
+    Raises:
+        GripperError: the file that keeps it is damaged.
+    """
+    config = hardware.config
+    if config.calibration_path is None or not config.gripper_search:
+        return TriggerRange()
+    return load_range(config.name, Path(config.calibration_path), hardware.gripper.name)

@@ -1,5 +1,7 @@
 """The caller's handle on one arm: its state block to read, its command block to write."""
 
+import logging
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -8,6 +10,7 @@ import numpy as np
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.arm.validation import check_range, finite_number, finite_vector
 from lerobot_robot_yam.control.gripper.stored_stops import await_stored
+from lerobot_robot_yam.control.gripper.trigger_range import learn, save_range
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import LifeCycleError, MotorError, StaleStateError
 from lerobot_robot_yam.session.caller_blocks import CommandWriter, StateReader, without_stops
@@ -19,8 +22,11 @@ from lerobot_robot_yam.system.clock import SYSTEM, Clock
 _REQUEST_TIMEOUT_S = 1.0
 _LET_GO_S = 1.0
 _SEARCH_TIMEOUT_S = 20.0
+_TRIGGER_S, _LOOK_S = 8.0, 0.01
 
 Vector = Sequence[float] | np.ndarray
+
+logger = logging.getLogger(__name__)
 
 
 class ArmClient:
@@ -224,6 +230,23 @@ class ArmClient:
         if self.config.calibration_path is not None:
             assert stops is not None
             await_stored(self.config.name, Path(self.config.calibration_path), self.hardware.gripper.name, *stops)
+
+    def calibrate_trigger(self) -> None:
+        """Learn the range of the handle's trigger while a person squeezes it, and store it; it counts from the next
+        start on.
+
+        Raises:
+            GripperError: nobody squeezed it, or it cannot be stored.
+        """
+        name, path, clock = self.config.name, self.config.calibration_path, self._clock
+        assert path is not None
+        logger.info("%s: squeeze the trigger fully and let it go, some times, within %g s", name, _TRIGGER_S)
+        deadline, seen = clock.now() + _TRIGGER_S, []
+        while clock.now() < deadline:
+            trigger = self.newest().trigger
+            seen.append(math.nan if trigger is None else trigger)
+            clock.sleep(_LOOK_S)
+        save_range(name, Path(path), self.hardware.gripper.name, learn(name, seen))
 
     def _request(self, request: Request) -> None:
         number = self._commands.write_request(request)

@@ -27,6 +27,23 @@ def coupled_session(rig, follower_fields=None, **lead):
     return ArmSession([leader, arm_config(rig, FOLLOWER, **(follower_fields or {}))], isolation="lockstep")
 
 
+def sweep(rig, seconds, frequency_hz=0.5, rad=0.3):
+    """Have the hand swing all joints of the leader about POSE, from 0.2 s on, with amplitude growing over 1 s."""
+    t = np.arange(0.0, seconds, 0.01)
+    swing = rad * np.sin(2.0 * np.pi * frequency_hz * t) * np.clip(t, 0.0, 1.0)
+    rig.hand(LEADER, (t + 0.2).tolist(), (POSE + swing[:, None]).tolist())
+
+
+def started(rig, follower_fields=None, fps=30, **lead):
+    """A session under way with the leader held at POSE, and its caller; the follower has caught up."""
+    session = coupled_session(rig, follower_fields, **lead)
+    session.start()
+    rig.hand(LEADER, [2.0], [POSE.tolist()])
+    caller = Passing(session, fps)
+    caller.run(3.0)
+    return session, caller
+
+
 class Passing:
     """A caller that passes the leader's action on, `fps` times a second, as LeRobot does.
 
@@ -58,7 +75,8 @@ class Passing:
             return
         self.given.append((session.clock.now(), action))
         permission = session.key(LEADER), 0.1 + self._period_s
-        session[FOLLOWER].write_target(action[:6], action[6], coupled=permission)
+        gripper = action[6] if len(action) > 6 else None
+        session[FOLLOWER].write_target(action[:6], gripper, coupled=permission)
 
     def stall(self, seconds, each_tick=lambda: None):
         """Let time pass, and pass nothing on."""

@@ -3,22 +3,25 @@
     tau = s · clip(k e, ±bound),   e = q_follower − q_leader,   k = gain · kp
     added damping: c = k T,  T = 12 ms: more than the spring loses to samples, frames and ticks
 
-The share s keeps the force from moving a leader that nobody holds. A tank counts the energy that the operator has put
-in by moving against the spring, and what the force has given back by moving the leader; an empty one gives nothing:
+The share s gates the force by what the operator does. It is full for a hand that moves against it, pushes or holds
+still, and fades as the leader gives way:
 
-    Ė = −(k e) · dq  where the operator works,   Ė = −tau · dq  where the force does
-    0 ≤ E ≤ E_most,   s = min(1, E / E₀)
+    ẏ = dq · sat(e / 5 mrad) − leak,   −credit ≤ y ≤ Y,   s = clip(2 (Y − y) / Y, 0, 1)
 
-So a hand that holds still, pushes or moves feels all of it, and a leader let go comes to rest, wherever its follower
-sags. A small inflow lets a hand that holds still feel a push on the follower, again and again.
+y is how far the force has moved the leader; moving the leader against a force that is worth it earns it back. Without
+that a leader that nobody holds follows the sag of its follower, which follows the leader: both wander off at full
+speed. With it they stop after Y.
 """
 
 import numpy as np
 
 LAG_S = 0.012  # T
-_FULL_J = 0.01  # E₀
-_MOST_J = 0.5
-_INFLOW_W = 0.004
+_GIVES_WAY_RAD = 0.1  # Y
+_CREDIT_RAD = 0.3
+_WORTH_RAD = 0.03  # e beyond the lag of a follower that moves freely
+_SIGN_RAD = 0.005
+_LEAK_RAD_S = 0.005
+_CREDIT_S = 2.0  # in which unused credit is forgotten
 _BOUND_SHARE = 0.25  # of the torque limit
 _FADE_S = 0.5  # after engaging
 _GENTLE_NM = 1.0
@@ -31,7 +34,7 @@ class BilateralForce:
         gain: (n,) share of kp.
         kp: (n,) the leader's position gains, Nm/rad.
         torque_limit_nm: (n,) of the leader.
-        gated: False: all of the force, whoever moves; for comparisons.
+        gated: False: all of the force, whatever the operator does; for comparisons.
     """
 
     def __init__(self, gain: np.ndarray, kp: np.ndarray, torque_limit_nm: np.ndarray, gated: bool = True):
@@ -39,7 +42,7 @@ class BilateralForce:
         self.damping = LAG_S * self.stiffness
         self._bound, self._gated = _BOUND_SHARE * torque_limit_nm, gated
         self._since_s = 0.0
-        self._tank: np.ndarray = np.full(len(gain), _FULL_J)
+        self._given_way = [0.0] * len(gain)  # y
 
     @property
     def works(self) -> bool:
@@ -49,7 +52,7 @@ class BilateralForce:
     def engage(self) -> None:
         """Begin: the follower has just caught up."""
         self._since_s = 0.0
-        self._tank[:] = _FULL_J
+        self._given_way = [0.0] * len(self._given_way)
 
     def torque(self, error: np.ndarray, dq: np.ndarray, weight_nm: np.ndarray, dt: float) -> np.ndarray:
         """(n,) Nm at this tick of `dt` s.
@@ -65,11 +68,18 @@ class BilateralForce:
             gentle = np.maximum(_GENTLE_NM, 0.5 * np.abs(weight_nm))
             bound = np.minimum(bound, gentle * (self._since_s / _FADE_S))
         self._since_s += dt
-        spring = np.minimum(np.maximum(self.stiffness * error, -bound), bound)
+        spring: np.ndarray = np.minimum(np.maximum(self.stiffness * error, -bound), bound)
         if not self._gated:
             return spring
-        tau = spring * np.minimum(self._tank / _FULL_J, 1.0)
-        power = spring * dq
-        flow = np.where(power < 0.0, -power, -tau * dq) + _INFLOW_W
-        self._tank = np.minimum(np.maximum(self._tank + flow * dt, 0.0), _MOST_J)
-        return tau
+        moved = zip(self._given_way, error.tolist(), (dq * dt).tolist(), strict=True)
+        self._given_way = [_given_way(y, e, way, dt) for y, e, way in moved]
+        return spring * [min(2.0 * (_GIVES_WAY_RAD - y) / _GIVES_WAY_RAD, 1.0) for y in self._given_way]
+
+
+def _given_way(y: float, error: float, way: float, dt: float) -> float:
+    """y of one joint after a tick in which the leader has moved by `way` rad. Plain floats: numpy takes longer."""
+    along = way * min(max(error / _SIGN_RAD, -1.0), 1.0)
+    if along > 0.0 or y > 0.0 or abs(error) > _WORTH_RAD:
+        y += along
+    y = max(y - _LEAK_RAD_S * dt, 0.0) if y > 0.0 else y * (1.0 - dt / _CREDIT_S)
+    return min(max(y, -_CREDIT_RAD), _GIVES_WAY_RAD)

@@ -8,7 +8,7 @@ steps answers each with a jerk. A position that is carried on with the speed has
 
 import numpy as np
 
-_ALPHA, _BETA = 0.25, 0.35  # per tick of 250 Hz
+_ALPHA, _BETA = 0.2, 0.3  # per tick of 250 Hz
 _TICK_S = 0.004
 _RESTART_S = 0.05  # after a longer pause it begins anew
 

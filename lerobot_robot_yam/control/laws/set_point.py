@@ -18,7 +18,7 @@ import numpy as np
 _PERIOD_RANGE_S = (1 / 400, 0.1)  # caller periods outside are not a stream; ticks of 250 Hz are no exact 4 ms
 _PERIOD_GAIN = 0.2  # smoothing of the measured caller period
 _STREAM_GAP = 1.5  # caller periods without a target after which the stream counts as ended
-_TRACK_S = 0.012  # in which a set-point that tracks closes a gap: three ticks, or it would answer the noise of a target
+_TRACK_S = 0.02  # in which a set-point that tracks closes a gap: five ticks, or it would answer the noise of a target
 _WEIGHTS = np.array([0.25, 0.5, 0.25])  # of the last three plans
 
 

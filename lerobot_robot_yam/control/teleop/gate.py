@@ -12,6 +12,7 @@ from lerobot_robot_yam.state.modes import Gate
 
 CAUGHT_UP_RAD = 0.05  # so near to the leader the follower is there
 LEFT_BEHIND_RAD = 0.1  # a follower that does not follow, and is farther away, has to approach again
+_ROUNDING_S = 1e-6
 LIFTED_RAD = 0.15  # so far a hand lifts a leader against its way home to break that off
 
 
@@ -122,7 +123,7 @@ class GateMachine:
         return all(look.away_rad > self._engage_rad for look in looks)
 
     def _released(self, _: Sequence[Look], now: float) -> bool:
-        return now - self._below_since_s >= self._release_s
+        return now - self._below_since_s > self._release_s - _ROUNDING_S
 
     def _home(self, looks: Sequence[Look], _: float) -> bool:
         return all(look.home for look in looks)

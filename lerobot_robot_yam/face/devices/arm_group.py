@@ -14,6 +14,7 @@ from lerobot_robot_yam.arm.config import ArmConfig, lead_of
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 from lerobot_robot_yam.errors import ConfigError, YamError
 from lerobot_robot_yam.face.devices.feature_names import motor_names, space_of
+from lerobot_robot_yam.face.devices.follower_check import check_followers
 from lerobot_robot_yam.face.recorder.record_command import stop_after_saving, tell_what_is_kept, under_a_command
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
@@ -181,6 +182,12 @@ class ArmGroup:
                     f"{follower.name} on {follower.key}; set its option follower to that one's channel"
                 )
 
+    def check_followers(self) -> None:
+        """Refuse followers that this process cannot lead. Raises ConfigError, ChannelInUseError: says which and why."""
+        others = [side.key for other in _running if not other._leads for side in other.sides]
+        if any(side.follower_key for side in self.sides):
+            check_followers([side.hardware.config for side in self.sides], others)
+
     def stop(self) -> None:
         """Land all arms and let go. Idempotent; signals do not hurry it.
 
@@ -221,6 +228,9 @@ class ArmGroup:
             if side.hardware.has_gripper:
                 self[side].calibrate_gripper()
                 logger.info("%s: gripper stops stored in %s", side.name, config.calibration_path)
+            elif side.hardware.gripper.handle_encoder and config.calibration_path is not None:
+                self[side].calibrate_trigger()
+                logger.info("%s: the trigger's range is stored in %s", side.name, config.calibration_path)
             else:
                 logger.info("%s: nothing to calibrate, there is no gripper motor", side.name)
 

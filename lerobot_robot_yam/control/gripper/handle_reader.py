@@ -1,0 +1,66 @@
+"""What a teaching handle says: its trigger over its own range, its buttons without bounce, and whether it talks."""
+
+import logging
+import math
+from typing import NamedTuple
+
+from lerobot_robot_yam.control.gripper.trigger_range import TriggerRange
+from lerobot_robot_yam.damiao.handle_encoder import HandleEncoder
+
+logger = logging.getLogger(__name__)
+
+_SILENT_S = 0.25
+_BOUNCE_S = 0.01  # switches bounce for some milliseconds: a button has changed once it has been so for this long
+
+
+class HandleState(NamedTuple):
+    """Trigger 0 released … 1 squeezed, NaN while the handle is silent; buttons; stamp of the newest report, s."""
+
+    trigger: float
+    buttons: tuple[bool, bool]
+    stamp_s: float
+
+
+NO_HANDLE = HandleState(math.nan, (False, False), -math.inf)
+
+
+class HandleReader:
+    """Of one handle. Ask once per tick.
+
+    Args:
+        arm: for messages.
+        encoder: takes the reports.
+        travel: the trigger's range, as learnt.
+    """
+
+    def __init__(self, arm: str, encoder: HandleEncoder, travel: TriggerRange):
+        self._arm, self._encoder, self._travel = arm, encoder, travel
+        self._silent = False
+        self._buttons = [False, False]
+        self._since_s = [math.inf, math.inf]  # they have been told to be otherwise
+
+    @property
+    def raw_buttons(self) -> tuple[bool, bool]:
+        """As told last, bounce and all: a stop does not wait."""
+        return (False, False) if self._silent else self._encoder.report.buttons
+
+    def read(self, now: float) -> HandleState:
+        """The handle at this tick. A silent one is logged once, and never reads as zero."""
+        encoder = self._encoder
+        before, self._silent = self._silent, now - encoder.stamp_s > _SILENT_S
+        if self._silent:
+            if not before:
+                logger.warning("%s: the teaching handle is silent; its trigger and buttons are unknown", self._arm)
+            self._buttons, self._since_s = [False, False], [math.inf, math.inf]
+            return HandleState(math.nan, (False, False), encoder.stamp_s)
+        if before and encoder.stamp_s > -math.inf:
+            logger.info("%s: the teaching handle answers again", self._arm)
+        for index, down in enumerate(encoder.report.buttons):
+            if down is self._buttons[index]:
+                self._since_s[index] = math.inf
+            else:
+                self._since_s[index] = min(self._since_s[index], encoder.stamp_s)
+                if encoder.stamp_s - self._since_s[index] >= _BOUNCE_S:
+                    self._buttons[index], self._since_s[index] = down, math.inf
+        buttons = self._buttons[0], self._buttons[1]
+        return HandleState(self._travel.share(encoder.report.trigger), buttons, encoder.stamp_s)

@@ -1,0 +1,119 @@
+"""lerobot-record with followers that take their targets from their leaders at loop rate."""
+
+import importlib
+import threading
+import time
+
+import numpy as np
+import pytest
+from lerobot.datasets import LeRobotDataset
+
+from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState, channel_key, state_path
+from lerobot_robot_yam.system.shared_block import SharedBlock
+from tests.cli.conftest import Commands
+from tests.support.coupled import FOLLOWER, LEADER, POSE, sweep
+from tests.support.paths import SCRIPTS
+
+pytestmark = pytest.mark.alone
+
+SECONDS = 8.0
+
+
+class StateLog:
+    """Every state that an arm publishes, in a thread."""
+
+    def __init__(self, rig, channel):
+        self._block = SharedBlock(state_path(channel_key("yam_sim", channel, rig.name)), STATE_DTYPE, create=False)
+        self.states = []
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+
+    def _run(self):
+        seen = 0
+        while not self._stop.is_set():
+            sequence = self._block.sequence()
+            if sequence != seen and (payload := self._block.glance_bytes()) is not None:
+                seen = sequence
+                self.states.append(ArmState(payload))
+            time.sleep(0.0005)
+
+    def __enter__(self):
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self._stop.set()
+        self._thread.join()
+        self._block.close()
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("coupled")
+    with running_rig(arms=[LEADER, FOLLOWER]) as rig:
+        commands = Commands(rig, directory, (LEADER, FOLLOWER))
+        root = directory / "data"
+        process = commands.start(
+            "lerobot-record",
+            "--robot.type=yam_follower",
+            "--robot.interface=yam_sim",
+            f"--robot.channel={FOLLOWER}",
+            "--robot.gravity_factor=[1,1,1,1,1,1]",
+            "--robot.gripper_stops_rad=[3.25,-3.3]",
+            "--teleop.type=yam_leader",
+            "--teleop.interface=yam_sim",
+            f"--teleop.channel={LEADER}",
+            "--teleop.gravity_factor=[1,1,1,1,1,1]",
+            f"--teleop.follower={FOLLOWER}",
+            "--dataset.repo_id=local/coupled",
+            f"--dataset.root={root}",
+            "--dataset.single_task=sweep",
+            "--dataset.fps=30",
+            "--dataset.num_episodes=1",
+            f"--dataset.episode_time_s={SECONDS + 4}",
+            "--dataset.reset_time_s=0",
+            "--dataset.push_to_hub=false",
+            "--dataset.no_stamp=true",
+            "--play_sounds=false",
+        )
+        commands.wait_connected(process, timeout_s=150.0)
+        rig.hand(LEADER, [2.0], [POSE.tolist()])
+        time.sleep(2.5)
+        with StateLog(rig, FOLLOWER) as log:
+            sweep(rig, SECONDS)
+            time.sleep(2.0)
+            for channel in (LEADER, FOLLOWER):
+                rig.truth_start(channel, 10.0)
+            time.sleep(5.0)
+            truth = [rig.truth(channel) for channel in (LEADER, FOLLOWER)]
+            for channel in (LEADER, FOLLOWER):
+                rig.truth_stop(channel)
+            assert commands.finish(process, 120.0) == 0, commands.output()[-4000:]
+        commands.assert_landed()
+        yield truth, log.states, LeRobotDataset("local/coupled", root=root), commands.output()
+
+
+def test_the_follower_is_at_its_leader(recorded, monkeypatch):
+    monkeypatch.syspath_prepend(str(SCRIPTS))
+    (leader, follower), _, _, said = recorded
+    first = max(leader["stamp_s"][0], follower["stamp_s"][0])
+    pairs = [truth["q"][truth["stamp_s"] >= first][:4000, :6] for truth in (leader, follower)]
+    found = importlib.import_module("bench.lag").likeness(leader["stamp_s"][:4000], *pairs)
+    assert found.lag_s.max() < 0.02, found
+    assert found.error_rad.max() < 0.004, found
+    assert found.jerk_ratio.max() < 1.5, found
+    assert "gate: approach -> engaged" in said
+
+
+def test_every_recorded_action_is_a_target_that_was_executed(recorded):
+    _, states, data, _ = recorded
+    coupled = [state for state in states if state.coupled]
+    executed = np.array([state.action for state in coupled])
+    assert len(coupled) > 1000
+    recorded_actions = np.stack(data.hf_dataset.with_format("numpy")["action"])
+    times = data.hf_dataset.with_format("numpy")["timestamp"]
+    inside = recorded_actions[(times > 5.0) & (times < 8.0)]
+    nearest = [np.abs(executed - action).max(axis=1).min() for action in inside]
+    assert len(inside) > 60
+    assert max(nearest) < 1e-6

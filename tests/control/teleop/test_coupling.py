@@ -1,0 +1,207 @@
+"""A follower that takes its targets from the leader's state at loop rate, in lock-step."""
+
+import importlib
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.state.modes import Gate, Mode
+from lerobot_robot_yam.state.records import Limited
+from tests.support.coupled import FOLLOWER, LEADER, POSE, started, sweep
+from tests.support.paths import SCRIPTS
+from tests.support.rigged import lockstep_rig
+
+rig = lockstep_rig(LEADER, FOLLOWER)
+TICK_S = 0.004
+
+
+@pytest.fixture
+def pair(rig):
+    session, caller = started(rig)
+    yield session, caller
+    session.discard()
+
+
+def steps(speeds):
+    """Largest change of a speed (k, n) within 10 ms of steps of 1 ms."""
+    return np.abs(speeds[10:] - speeds[:-10]).max()
+
+
+def test_it_follows_with_little_lag_and_jerk(rig, pair, monkeypatch):
+    monkeypatch.syspath_prepend(str(SCRIPTS))
+    likeness = importlib.import_module("bench.lag").likeness
+    session, caller = pair
+    assert session[FOLLOWER].newest().coupled
+    assert session[LEADER].newest().gate is Gate.ENGAGED
+    sweep(rig, 8.0)
+    caller.run(2.2)
+    for channel in (LEADER, FOLLOWER):
+        rig.truth_start(channel, 5.0)
+    caller.run(4.0)
+    leader, follower = rig.truth(LEADER), rig.truth(FOLLOWER)
+    found = likeness(leader["stamp_s"], leader["q"][:, :6], follower["q"][:, :6])
+    assert found.lag_s.max() < 0.014
+    assert found.error_rad.max() < 0.004
+    assert found.jerk_ratio.max() < 1.5
+
+
+def test_what_the_caller_passes_on_is_what_the_follower_was_asked(rig, pair):
+    """The caller takes the follower's target of its newest tick, and the set-point goes there."""
+    session, caller = pair
+    sweep(rig, 4.0)
+    seen = {}
+
+    def note():
+        state = session[FOLLOWER].newest()
+        seen[state.published_s] = (state.action, state.setpoint_q)
+
+    before = len(caller.given)
+    caller.run(3.0, note)
+    actions = np.array([action for action, _ in seen.values()])
+    for _, action in caller.given[before + 1 : -1]:
+        assert np.abs(actions - action).max(axis=1).min() < 1e-6
+    gaps = [np.abs(np.array(action[:6]) - setpoint).max() for action, setpoint in seen.values()]
+    assert max(gaps) < 0.02
+
+
+def test_a_stalled_caller_gives_no_jolt(rig, pair):
+    session, caller = pair
+    sweep(rig, 8.0)
+    caller.run(3.3)  # the sweep is at its fastest
+    rig.truth_start(FOLLOWER, 5.0)
+    caller.stall(0.4)
+    assert not session[FOLLOWER].newest().coupled
+    caller.run(1.5)
+    assert session[FOLLOWER].newest().coupled
+    assert steps(rig.truth(FOLLOWER)["dq"][:, :6]) < 0.1
+
+
+def test_without_its_caller_it_holds_after_the_usual_time(rig, pair):
+    session, caller = pair
+    sweep(rig, 8.0)
+    caller.run(2.0)
+    caller.pass_on()
+    caller.stall(0.1 + 1 / 30 - 2 * TICK_S)
+    assert session[FOLLOWER].newest().coupled
+    caller.stall(4 * TICK_S)
+    state = session[FOLLOWER].newest()
+    assert not state.coupled and state.mode is Mode.TRACK
+    caller.stall(0.55)
+    state = session[FOLLOWER].newest()
+    assert state.mode is Mode.HOLD and Limited.COMMAND_TIMEOUT in state.limited
+    caller.stall(0.2)
+    at = np.array(rig.state()["arms"][FOLLOWER]["q"])[:6]
+    caller.stall(0.3)
+    assert np.abs(np.array(rig.state()["arms"][FOLLOWER]["q"])[:6] - at).max() < 0.005
+
+
+def test_another_action_ends_it_in_the_same_tick(rig, pair):
+    session, caller = pair
+    sweep(rig, 8.0)
+    caller.run(2.3)
+    rig.truth_start(FOLLOWER, 5.0)
+    before = session[FOLLOWER].newest().setpoint_q
+    other = before + 0.2
+    session[FOLLOWER].write_target(other, 0.5)
+    session.clock.sleep(2 * TICK_S)
+    assert not session[FOLLOWER].newest().coupled
+    speed = np.array(rig.truth(FOLLOWER)["dq"][0, :6])
+    for _ in range(30):
+        session[FOLLOWER].write_target(other, 0.5)
+        session.clock.sleep(1 / 30)
+    assert np.abs(session[FOLLOWER].newest().setpoint_q - other).max() < 0.01
+    truth = rig.truth(FOLLOWER)["dq"][:, :6]
+    assert np.abs(truth).max() < 1.7 and np.abs(truth[:8] - speed).max() < 0.3  # 30 rad/s² for 8 ms
+
+
+def test_the_other_limits_hold(rig):
+    session, caller = started(rig, {"max_relative_target": 0.01})
+    sweep(rig, 6.0)
+    caller.run(3.0)
+    held = False
+    for _ in range(100):
+        caller.run(TICK_S)
+        state = session[FOLLOWER].newest()
+        assert state.coupled
+        held |= Limited.RELATIVE_TARGET in state.limited
+        assert np.abs(np.array(state.action[:6]) - state.q).max() < 0.01 + 0.01  # it has moved on since
+    assert held
+    session.discard()
+
+
+def test_an_emergency_stop_ends_it_and_it_goes_on_smoothly(rig, pair):
+    session, caller = pair
+    sweep(rig, 12.0)
+    caller.run(2.0)
+    stop = EmergencyStop()
+    stop.latch("test")
+    caller.run(0.2)
+    follower, leader = session[FOLLOWER].newest(), session[LEADER].newest()
+    assert follower.mode is leader.mode is Mode.STOPPED
+    assert not follower.coupled and leader.action is None
+    caller.run(1.0)
+    stop.release()
+    rig.truth_start(FOLLOWER, 5.0)
+    caller.run(2.5)
+    assert session[FOLLOWER].newest().coupled
+    truth = rig.truth(FOLLOWER)
+    assert np.abs(truth["dq"][:, :6]).max() < 1.65
+    gap = session[FOLLOWER].newest().q - session[LEADER].newest().q
+    assert np.abs(gap).max() < 0.05
+
+
+def test_a_leader_with_a_lost_motor_moves_nothing(rig, pair):
+    """In one control loop the follower's peer halts it, too; its own rule is that stale data end the motion."""
+    session, caller = pair
+    sweep(rig, 8.0)
+    caller.run(2.0)
+    rig.fault(LEADER, "joint_3", "silent")
+    session.clock.sleep(0.06)  # not yet a fault, but no sample for seven ticks
+    assert session[LEADER].published().action is None
+    assert not session[FOLLOWER].published().coupled
+    session.clock.sleep(0.5)
+    at = np.array(rig.state()["arms"][FOLLOWER]["q"])[:6]
+    session.clock.sleep(0.3)
+    assert np.abs(np.array(rig.state()["arms"][FOLLOWER]["q"])[:6] - at).max() < 0.005
+    assert np.abs(at - POSE).max() < 0.4
+
+
+def test_without_its_handle_the_arm_goes_on_and_the_gripper_stays(rig, pair, caplog):
+    session, caller = pair
+    rig.trigger(LEADER, 0.6)
+    caller.run(0.5)
+    sweep(rig, 8.0)
+    rig.trigger(LEADER, 0.6)
+    caller.run(1.0)
+    grip = session[FOLLOWER].newest().action[6]
+    rig.fault(LEADER, None, "handle_silent")
+    caller.run(1.5)
+    state = session[FOLLOWER].newest()
+    assert session[LEADER].newest().trigger is None
+    assert state.coupled and state.action[6] == grip
+    assert np.abs(state.q - session[LEADER].newest().q).max() < 0.05
+    assert caplog.text.count("handle is silent") == 1
+
+
+def test_force_is_there_once_the_follower_has_caught_up_and_not_before(rig):
+    session, caller = started(rig, bilateral=0.4)
+    lead = session._runner._loop._controllers[0].lead
+    assert session[LEADER].newest().gate is Gate.ENGAGED
+    caller.run(0.6)
+    rig.push(FOLLOWER, "link6", [0.0, 0.0, -15.0], 1.0)
+    caller.run(0.5)
+    assert np.abs(lead.assist[0]).max() > 0.1
+    caller.stall(0.8)  # the follower holds
+    assert lead.assist is None
+    session.discard()
+
+
+def test_another_arm_than_the_configured_follower_is_not_led_at_loop_rate(rig, caplog):
+    session, caller = started(rig, gripper="no_gripper", bilateral=0.2)
+    leader, follower = session[LEADER].newest(), session[FOLLOWER].newest()
+    assert not follower.coupled and len(leader.action) == 6
+    assert leader.gate is Gate.APPROACH and session._runner._loop._controllers[0].lead.assist is None
+    assert caplog.text.count("is another arm than its follower") == 1
+    assert caller.given
+    session.discard()

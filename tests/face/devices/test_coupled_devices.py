@@ -1,0 +1,207 @@
+"""A leader that knows its follower: what is refused, and which actions couple the two."""
+
+import contextlib
+import dataclasses
+import importlib
+import os
+import signal
+import sys
+import time
+
+import numpy as np
+import pytest
+import torch
+
+from lerobot_robot_yam.errors import ChannelInUseError, ConfigError, MotorError
+from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.state.modes import Gate, Mode
+from lerobot_robot_yam.state.records import channel_key, state_path
+from lerobot_robot_yam.system.runtime_files import LOCK, FileLock, runtime_dir
+from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, LeaderArmConfig, YamLeaderConfig
+from tests.face.devices.test_lerobot_contract import enabled
+from tests.face.devices.test_pairing import follower, leader
+from tests.support.coupled import LEADER, POSE
+
+pytestmark = pytest.mark.alone
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"gate": "auto"}, "gate: set follower"),
+        ({"bilateral": 0.2}, "bilateral: set follower"),
+        ({"follower": "can1", "engage_threshold_rad": 0.2}, "must exceed release_threshold_rad"),
+        ({"follower": "can1", "gate": "button"}, "needs a gate_button"),
+        ({"follower": "can1", "gate_button": "top"}, "gate_button is for gate: button"),
+        ({"follower": "can1", "gate": "button", "gate_button": "top", "fine_button": "top"}, "one button each"),
+        ({"follower": "can1", "bilateral": 0.6}, "bilateral takes gains within 0 … 0.5"),
+        ({"follower": "can1", "bilateral": [0.1, 0.2]}, "bilateral takes 6 numbers"),
+        ({"follower": "can1", "gate_joints": [7]}, "gate_joints takes numbers of joints within 1 … 6"),
+        ({"follower": "can1", "home_rad": [0.0] * 5}, "home_rad takes 6 numbers"),
+        ({"follower": "can1", "fine_button": "top", "gripper": "no_gripper"}, "this arm has none"),
+        ({"follower": "can1", "fine_scale": float("nan")}, "fine_scale takes"),
+        ({"follower": ""}, "follower takes the CAN channel"),
+    ],
+)
+def test_options_that_cannot_be_are_refused(options, says):
+    with pytest.raises(ConfigError, match=says):
+        YamLeaderConfig(channel="can0", **options)
+
+
+def test_two_leaders_of_one_follower_are_refused():
+    arm = LeaderArmConfig(channel="can0", follower="can2")
+    with pytest.raises(ConfigError, match="a follower of its own"):
+        BiYamLeaderConfig(left_arm_config=arm, right_arm_config=dataclasses.replace(arm, channel="can1"))
+    other = dataclasses.replace(arm, channel="can1", follower="can3", engage_threshold_rad=0.7)
+    with pytest.raises(ConfigError, match="need the same engage_threshold_rad"):
+        BiYamLeaderConfig(left_arm_config=arm, right_arm_config=other)
+
+
+@pytest.fixture(scope="module")
+def shared_rig():
+    with running_rig() as rig:
+        yield rig
+
+
+def refused(shared_rig, device, kind, says):
+    with pytest.raises(kind, match=says):
+        device.connect()
+    assert not device.is_connected and not any(enabled(shared_rig, LEADER))
+
+
+def test_a_follower_that_cannot_be_led_is_refused_before_anything_is_energised(shared_rig, tmp_path, monkeypatch):
+    device = leader(shared_rig, tmp_path, follower="follower_right")
+    monkeypatch.setattr(sys, "argv", ["lerobot-record", "--robot.channel=follower_left"])
+    refused(shared_rig, device, ConfigError, "no arm of this command's robot, which has follower_left")
+    monkeypatch.setattr(sys, "argv", ["program"])
+    key = channel_key("yam_sim", "follower_right", shared_rig.name)
+    state_path(key).symlink_to("/nowhere")
+    try:
+        with FileLock(runtime_dir() / f"{LOCK}{key}", "test"):
+            refused(shared_rig, device, ChannelInUseError, "driven by process")
+    finally:
+        state_path(key).unlink()
+    config = YamLeaderConfig(channel="can_nowhere", follower="can_elsewhere", calibration_dir=tmp_path)
+    device = importlib.import_module("lerobot_teleoperator_yam.yam_leader").YamLeader(config)
+    refused(shared_rig, device, ConfigError, "can_elsewhere is no CAN interface")
+
+
+def test_a_follower_of_another_channel_is_refused(shared_rig, tmp_path):
+    robot = follower(shared_rig, tmp_path)
+    robot.connect()
+    try:
+        refused(
+            shared_rig, leader(shared_rig, tmp_path, follower="follower_right"), ConfigError, "set its option follower"
+        )
+    finally:
+        robot.disconnect()
+
+
+@contextlib.contextmanager
+def coupled(rig, directory):
+    """Both arms anew, coupled, and their leader swung by a hand."""
+    device, robot = leader(rig, directory, follower="follower_left"), follower(rig, directory)
+    device.connect()
+    robot.connect()
+    try:
+        rig.hand(LEADER, [2.0], [POSE.tolist()])
+        pass_on(device, robot, 3.0)
+        assert state_of(robot).coupled
+        yield device, robot
+    finally:
+        device.disconnect()
+        robot.disconnect()
+
+
+def kill_control_process(device):
+    os.kill(device._arms._session._runner._child.pid, signal.SIGKILL)
+
+
+def test_a_follower_whose_leaders_process_dies_holds(shared_rig, tmp_path):
+    with coupled(shared_rig, tmp_path) as (device, robot):
+        shared_rig.watch_start("follower_left")
+        kill_control_process(device)
+        with pytest.raises(MotorError):
+            pass_on(device, robot, 3.0)
+        time.sleep(0.8)
+        state = state_of(robot)
+        assert state.mode is Mode.HOLD and not state.coupled and state.trouble is None
+        assert np.abs(state.q - POSE).max() < 0.1  # the stand-by lands the leader; nothing goes along
+        assert max(shared_rig.watch("follower_left")["max_speed_rad_s"][:6]) < 0.5
+
+
+def test_a_leader_whose_followers_process_dies_floats(shared_rig, tmp_path, capfd):
+    with coupled(shared_rig, tmp_path) as (device, robot):
+        kill_control_process(robot)
+        with pytest.raises(MotorError):
+            pass_on(device, robot, 3.0)
+        time.sleep(0.3)
+        state = state_of(device)
+        assert state.mode is Mode.FLOAT and state.trouble is None
+        assert device.get_action() is not None
+    assert capfd.readouterr().err.count("its follower") == 1
+
+
+@pytest.fixture(scope="module")
+def pair(shared_rig, tmp_path_factory):
+    with coupled(shared_rig, tmp_path_factory.mktemp("coupled")) as devices:
+        yield devices
+
+
+def pass_on(device, robot, seconds, change=lambda action: action):
+    """As LeRobot's loops do."""
+    until_s = time.monotonic() + seconds
+    while time.monotonic() < until_s:
+        robot.send_action(change(device.get_action()))
+        time.sleep(1 / 30)
+
+
+def state_of(device):
+    return device._arms.newest()[0]
+
+
+def test_the_leaders_own_action_couples_whatever_its_numbers_are_wrapped_in(pair):
+    device, robot = pair
+    pass_on(device, robot, 0.3)
+    assert state_of(robot).coupled and state_of(device).gate is Gate.ENGAGED
+    pass_on(
+        device,
+        robot,
+        0.3,
+        lambda action: {key: torch.tensor(value, dtype=torch.float64) for key, value in action.items()},
+    )
+    assert state_of(robot).coupled
+
+
+def test_an_action_that_was_changed_does_not_couple(pair):
+    device, robot = pair
+    pass_on(device, robot, 0.3)
+    pass_on(device, robot, 0.05, lambda action: action | {"joint_1.pos": action["joint_1.pos"] + 1e-6})
+    time.sleep(0.02)
+    assert not state_of(robot).coupled
+    pass_on(device, robot, 0.3)
+    assert state_of(robot).coupled
+
+
+def test_an_older_action_of_the_leader_does_not_couple(pair):
+    device, robot = pair
+    old = device.get_action()
+    time.sleep(0.1)
+    device.get_action()
+    robot.send_action(old | {"gripper.pos": 0.5})
+    time.sleep(0.02)
+    assert not state_of(robot).coupled
+
+
+def test_the_action_is_the_followers_target_while_coupled(pair):
+    device, robot = pair
+    pass_on(device, robot, 0.3)
+    for _ in range(20):
+        before = state_of(robot)
+        action = list(device.get_action().values())
+        after = state_of(robot)
+        targets = np.array([before.action, after.action])
+        low, high = targets.min(axis=0) - 1e-3, targets.max(axis=0) + 1e-3
+        assert ((action >= low) & (action <= high)).all()
+        robot.send_action(dict(zip(robot.action_features, action, strict=True)))
+        time.sleep(1 / 30)
