@@ -4,12 +4,14 @@ import json
 import sys
 import time
 
+import numpy as np
 import pytest
 import yaml
 from lerobot.datasets import LeRobotDataset
 
 from lerobot_robot_yam.face.recorder import outcomes
 from tests.cli.conftest import CALM, ROOT
+from tests.support.rolling import Rollout, config, data_set
 
 pytestmark = pytest.mark.alone
 
@@ -158,3 +160,129 @@ def test_a_button_is_an_event_of_lerobot_within_50_ms(handles, monkeypatch):
     median, p99, longest = latencies[PRESSES // 2], latencies[-2], latencies[-1]
     sys.stdout.write(f"button to event: median {median:.1f} ms, p99 {p99:.1f}, longest {longest:.1f}\n")
     assert latencies[-2] < 50.0, latencies
+
+
+UP_RAD = {"left": [0.2, 1.1, 1.0, -0.4, 0.1, 0.2], "right": [-0.2, 1.1, 1.0, -0.4, 0.1, 0.2]}
+LIFT_S = 1.2
+HELD_S = 2.0
+
+
+class LiftedSession(Handles):
+    """A recording with automatic episodes, and hands that lift both leaders and bring them home."""
+
+    def __init__(self, commands):
+        super().__init__(commands, buttons=BUTTONS, auto_episodes=True)
+        config = yaml.safe_load(self.config.read_text())
+        for side in ("left", "right"):
+            config["teleop"][f"{side}_arm_config"] |= {"follower": f"follower_{side}", "gate": "auto"}
+        config["dataset"]["reset_time_s"] = 6  # shorter than a wait: LeRobot then begins by itself, and is sent back
+        self.config.write_text(yaml.safe_dump(config))
+
+    def lift(self):
+        """Lift both leaders, and hold them up."""
+        self.rig.log("lifted")
+        for side, pose in UP_RAD.items():
+            self.rig.hand(f"leader_{side}", [LIFT_S], [pose])
+        time.sleep(LIFT_S + HELD_S)
+
+    def bring_home(self):
+        """Bring both home, and let go."""
+        for side in UP_RAD:
+            self.rig.hand(f"leader_{side}", [LIFT_S], [[0.0] * 6])
+        time.sleep(LIFT_S + 1.0)
+        for side in UP_RAD:
+            self.rig.release(f"leader_{side}")
+
+    def wait_saved(self, episodes):
+        info = self.root / "meta" / "info.json"
+        deadline = time.monotonic() + 30.0
+        while json.loads(info.read_text())["total_episodes"] < episodes:
+            assert time.monotonic() < deadline, self.commands.output()[-4000:]
+            time.sleep(0.05)
+
+
+@pytest.fixture
+def lifting(commands):
+    session = LiftedSession(commands)
+    yield session
+    session.abandon()
+
+
+@pytest.mark.long
+def test_a_session_from_lifts(lifting):
+    lifting.start()
+    lifting.wait_resetting(1)  # the episode that LeRobot has begun is sent back
+    time.sleep(8.0)  # longer than the reset
+    lifting.lift()
+    lifting.bring_home()
+    lifting.wait_saved(1)
+    lifting.lift()
+    lifting.press("failure")
+    lifting.wait_saved(2)
+    lifting.bring_home()
+    lifting.lift()
+    lifting.press("rerecord")
+    lifting.bring_home()
+    time.sleep(1.0)
+    lifting.lift()
+    lifting.bring_home()
+    lifting.wait_saved(3)
+    time.sleep(1.0)
+    lifting.press("stop")
+    assert lifting.commands.finish(lifting.process) == 0, lifting.commands.output()[-4000:]
+    lifting.commands.assert_landed()
+    assert sum(event["kind"] == "lifted" for event in lifting.rig.events()) == 4
+    data = LeRobotDataset("local/yam_sim", root=lifting.root)
+    assert {episode: row.outcome for episode, row in outcomes.read(lifting.root).items()} == {1: "failure"}
+    assert data.num_episodes == 3
+    table = data.hf_dataset.with_format("numpy")
+    index, shoulder = np.array(table["episode_index"]), np.stack(table["observation.state"])[:, 1]
+    for episode in range(3):
+        lift = shoulder[index == episode]
+        assert lift[0] < 0.3 and lift.max() > 1.0  # from home
+        assert len(lift) < 1.5 * FPS * (2 * LIFT_S + HELD_S + 1.0)
+        if episode != 1:  # whose label has ended it
+            assert lift[-1] < 0.6
+
+
+@pytest.fixture
+def rollout(commands):
+    rollout = HeadlessRollout(commands)
+    yield rollout
+    rollout.abandon()
+
+
+class HeadlessRollout(Rollout):
+    """Without a terminal."""
+
+    def start(self, *command, cwd=ROOT):
+        self.process = self.commands.start(*command, cwd=cwd)
+
+
+@pytest.mark.long
+def test_two_corrections_from_the_handles(rollout):
+    document = config("dagger", strategy={"type": "dagger"}, dataset=data_set(rollout.root, num_episodes=5))
+    document["teleop"]["buttons"] = "dagger"
+    document["robot"]["cameras"] = {}
+    rollout.begin(document, "sines", *CALM, amplitude=0.3)
+    rollout.wait_until(lambda: "DAgger strategy ready" in rollout.commands.output(), 200.0)
+    rollout.wait_moved(0.15)
+    for number in (1, 2):
+        press(rollout.rig, "left_bottom")  # correct: pauses first
+        rollout.wait_said("Phase transition: paused -> correcting", number)
+        rollout.watch(1.5)
+        if number == 1:
+            press(rollout.rig, "right_bottom")  # go on: ends the correction first
+        else:
+            press(rollout.rig, "left_bottom")
+        rollout.wait_said("Phase transition: correcting -> paused", number)
+        if number == 1:
+            rollout.wait_said("Resuming autonomous mode")
+            rollout.watch(1.0)
+    press(rollout.rig, "right_top")
+    assert rollout.end() == 0, rollout.commands.output()[-4000:]
+    buttons = [button for button, _ in pressed(rollout.rig)]
+    assert buttons == ["left_bottom", "right_bottom", "left_bottom", "left_bottom", "right_top"]
+    data = LeRobotDataset("local/rollout_test", root=rollout.root)
+    assert data.num_episodes == 2 and all(data.hf_dataset["intervention"])
+    rollout.assert_ended_well()

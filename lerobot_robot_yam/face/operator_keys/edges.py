@@ -1,32 +1,16 @@
-"""When a button is pressed: the first moment that it is down, and none of its bounces."""
+"""When a button is pressed: it was up, and is down. The control loop has taken bounces out before."""
 
 from collections.abc import Mapping
 
-_SETTLE_S = 0.03  # a contact that opens for less has bounced
-
 
 class RisingEdges:
-    """Of a set of buttons. One that is down at the first look, or when its handle is heard again, has to be up first.
-
-    The edge itself counts, without a delay: only another one so soon after the button was down does not.
-    """
+    """Of a set of buttons. One that is down at first, or when its handle is heard again, has to be up before."""
 
     def __init__(self) -> None:
-        self._was_up: dict[str, bool] = {}  # at the last look
-        self._down_s: dict[str, float] = {}  # when each was down last
+        self._up: set[str] = set()  # at the last look
 
-    def pressed(self, now_s: float, buttons: Mapping[str, bool | None]) -> list[str]:
-        """The buttons that were pressed since the last look.
-
-        Args:
-            now_s: monotonic.
-            buttons: whether each is down; None: its handle is silent.
-        """
-        edges = []
-        for name, down in buttons.items():
-            if down and self._was_up.get(name) and now_s - self._down_s.get(name, -_SETTLE_S) >= _SETTLE_S:
-                edges.append(name)
-            self._was_up[name] = down is False
-            if down is not False:
-                self._down_s[name] = now_s
+    def pressed(self, buttons: Mapping[str, bool | None]) -> list[str]:
+        """The buttons that were pressed since the last look. None: its handle is silent, nobody knows."""
+        edges = [name for name, down in buttons.items() if down and name in self._up]
+        self._up = {name for name, down in buttons.items() if down is False}
         return edges

@@ -1,11 +1,20 @@
 """Where LeRobot's key listener listens in this process, and how to press a key there."""
 
-import logging
 from typing import Any, Protocol
 
 from lerobot_robot_yam.face.operator_keys.pseudo_terminal import pseudo_terminal
 
-logger = logging.getLogger(__name__)
+_KEYSYMS = {
+    "up": "Up",
+    "down": "Down",
+    "right": "Right",
+    "left": "Left",
+    "esc": "Escape",
+    "enter": "Return",
+    "tab": "Tab",
+    "space": "space",
+    "backspace": "BackSpace",
+}
 
 
 class Keyboard(Protocol):
@@ -22,21 +31,33 @@ class Keyboard(Protocol):
 
 
 class X11Keyboard:
-    """Under X11 LeRobot hears, through pynput, the keys of the whole desktop. So does the window that has the focus."""
+    """Under X11 LeRobot hears, through pynput, the keys of the whole desktop. So does the window that has the focus.
 
-    def __init__(self, pynput_keyboard: Any):
-        self._keys = pynput_keyboard
+    Keys are pressed with Xlib, which pynput stands on: a listener hears some keys of pynput's own Controller twice.
+    """
 
     def take(self) -> None:
-        """Open the way to the display."""
-        self._controller = self._keys.Controller()
+        """Open the display."""
+        from Xlib.display import Display
+
+        self._display: Any = Display()
 
     def give_back(self) -> None:
-        """Nothing was changed."""
+        """Close the display."""
+        shown, self._display = self._display, None
+        if shown is not None:
+            shown.close()
 
     def press(self, key: str) -> None:
         """Press and release it."""
-        self._controller.tap(getattr(self._keys.Key, key, key))
+        from Xlib import XK, X
+        from Xlib.ext import xtest
+
+        keysym = XK.string_to_keysym(_KEYSYMS.get(key, key)) or ord(key)
+        code = self._display.keysym_to_keycode(keysym)
+        for event in (X.KeyPress, X.KeyRelease):
+            xtest.fake_input(self._display, event, code)
+        self._display.sync()
 
 
 def keyboard() -> Keyboard:
@@ -44,5 +65,5 @@ def keyboard() -> Keyboard:
     from lerobot.utils import keyboard_input
 
     if keyboard_input.pynput_can_capture() and keyboard_input.keyboard is not None:
-        return X11Keyboard(keyboard_input.keyboard)
+        return X11Keyboard()
     return pseudo_terminal()

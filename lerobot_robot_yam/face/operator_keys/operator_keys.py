@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from types import FrameType
 
-from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.errors import ConfigError, YamError
 from lerobot_robot_yam.face.operator_keys import key_plan, running_command
 from lerobot_robot_yam.face.operator_keys.auto_episodes import AutoEpisodes, all_lifted
 from lerobot_robot_yam.face.operator_keys.edges import RisingEdges
@@ -22,7 +22,7 @@ _PERIOD_S = 0.005  # of the look at the handles
 _LOOK_S = 0.02  # of the look at the command, while there is a reason to
 _SELDOM_S = 0.5  # and while there is none: its data set may be new
 _AGAIN_S = 2.0  # a key of an automatic episode that has not been answered so long is pressed again
-_GOAL_S = 15.0  # LeRobot aligns leaders for 2 s, and saves for as long as it takes
+_GOAL_S = 60.0  # LeRobot aligns leaders for 2 s, and saves for as long as it takes
 
 
 class OperatorKeys:
@@ -54,6 +54,9 @@ class OperatorKeys:
         Args:
             frame: the caller's.
             read: the newest state of each arm by its prefix.
+
+        Raises:
+            ConfigError: the system has no pseudo-terminal left.
         """
         if not (self._meanings or self._automatic):
             return
@@ -62,8 +65,11 @@ class OperatorKeys:
             return
         self._forget()
         self._ends.clear()
-        self._keyboard = keyboard()
-        self._keyboard.take()
+        try:
+            self._keyboard = keyboard()
+            self._keyboard.take()
+        except OSError as error:
+            raise ConfigError(f"buttons: no pseudo-terminal can be had: {error.strerror}") from error
         self._thread = threading.Thread(target=self._run, args=(read,), name="operator keys", daemon=True)
         self._thread.start()
 
@@ -89,7 +95,7 @@ class OperatorKeys:
                 return
 
     def _tick(self, now_s: float, states: Mapping[str, ArmState]) -> None:
-        pressed = [name for name in self._edges.pressed(now_s, _buttons(states)) if name in self._meanings]
+        pressed = [name for name in self._edges.pressed(_buttons(states)) if name in self._meanings]
         busy = self._auto is not None or self._goal is not None or self._book.pending
         if not pressed and now_s - self._looked_s < (_LOOK_S if busy else _SELDOM_S):
             return

@@ -88,7 +88,7 @@ class PseudoTerminal:
         atexit.unregister(self._end)
         self._users = 0
         if sys.stdin is self._file:
-            sys.stdin = self._before  # type: ignore[assignment]
+            sys.stdin = self._before
         user, self._user = self._user, None
         if self._relay is not None and self._relay is not threading.current_thread():
             self._relay.join()

@@ -15,6 +15,7 @@ from tests.support.terminal import Terminal
 
 PROGRAM = ("-m", "tests.support.listening")
 CBREAK = (False, False)
+LONG = pytest.mark.long
 
 
 @pytest.fixture
@@ -22,8 +23,8 @@ def listening(tmp_path):
     """Starts the program in a terminal; it listens."""
     opened = []
 
-    def start(how):
-        terminal = Terminal(tmp_path, sys.executable, *PROGRAM, how, cwd=ROOT)
+    def start(how, mode="sane"):
+        terminal = Terminal(tmp_path, sys.executable, *PROGRAM, how, cwd=ROOT, mode=mode)
         opened.append(terminal)
         terminal.wait_shown("listens True")
         deadline = time.monotonic() + 5.0
@@ -37,7 +38,7 @@ def listening(tmp_path):
         terminal.close()
 
 
-@pytest.mark.parametrize("how", ["return", "raise"])
+@pytest.mark.parametrize("how", ["return", pytest.param("raise", marks=LONG)])
 def test_typing_works_and_the_terminal_is_as_it_was(listening, how):
     terminal = listening(how)
     terminal.type(b"\x1b[C")
@@ -51,7 +52,9 @@ def test_typing_works_and_the_terminal_is_as_it_was(listening, how):
     assert before == after
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number", [signal.SIGKILL, *(pytest.param(n, marks=LONG) for n in (signal.SIGTERM, signal.SIGHUP))]
+)
 def test_a_signal_leaves_the_terminal_as_it_was(listening, number):
     terminal = listening("signal")
     terminal.kill(number)
@@ -67,6 +70,35 @@ def test_ctrl_c_ends_the_program_and_leaves_the_terminal_as_it_was(listening):
     assert "KeyboardInterrupt" in terminal.shown
     before, after = terminal.modes()
     assert before == after
+
+
+@pytest.mark.parametrize("mode", ["-icanon -isig -ixon", pytest.param("-echo eof ^A", marks=LONG)])
+def test_a_terminal_in_another_mode_stays_in_that(listening, mode):
+    terminal = listening("return", mode)
+    terminal.type(b"n")
+    terminal.wait_shown("flag exit_early")
+    terminal.kill(signal.SIGKILL)
+    terminal.end()
+    before, after = terminal.modes()
+    assert before == after and mode.split()[0] in before
+
+
+def test_a_program_in_the_background_of_a_shell_is_not_stopped(tmp_path):
+    program = (
+        "import os, time; os.setpgid(0, 0); from lerobot_robot_yam.face.operator_keys.pseudo_terminal import "
+        "pseudo_terminal; from lerobot.utils.keyboard_input import init_keyboard_listener; t = pseudo_terminal();"
+        "t.take(); listener, events = init_keyboard_listener(); t.press('right'); time.sleep(1.0);"
+        "print(events); t.give_back(); listener.stop()"
+    )
+    terminal = Terminal(tmp_path, sys.executable, "-c", program, cwd=ROOT)
+    try:
+        terminal.type(b"q")
+        assert terminal.end() == 0
+        assert "'exit_early': True" in terminal.shown and "'stop_recording': False" in terminal.shown
+        before, after = terminal.modes()
+        assert before == after
+    finally:
+        terminal.close()
 
 
 def test_a_killed_program_without_a_guard_would_leave_it_in_another_mode(tmp_path):
@@ -99,7 +131,7 @@ def test_lines_are_read_as_before_while_nobody_listens(tmp_path):
         terminal.close()
 
 
-@pytest.mark.parametrize("given", ["null", "pipe", "closed", "file"])
+@pytest.mark.parametrize("given", ["closed", "file", *(pytest.param(g, marks=LONG) for g in ("null", "pipe"))])
 def test_without_a_terminal_pressed_keys_arrive_and_nothing_is_read(given, tmp_path):
     program = (
         "import sys, time; from lerobot_robot_yam.face.operator_keys.pseudo_terminal import pseudo_terminal as p;"
