@@ -48,7 +48,7 @@ class PassiveLeaderBase(LeaderBase):
         return super()._make_arms(role, arms, use_degrees, isolation, handles)
 
     @property
-    def feedback_features(self) -> dict[str, type]:  # type: ignore[override]
+    def feedback_features(self) -> dict[str, type]:
         """Empty: it has no motors. So nobody leads it to its follower, and a take-over begins with an approach."""
         return {}
 

@@ -11,7 +11,13 @@ from lerobot_robot_yam.arm.option import options_of
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
 from lerobot_robot_yam.config_yam_env import YamEnvConfig
 from lerobot_robot_yam.config_yam_follower import FollowerOptions
+from lerobot_teleoperator_yam.config_yam_hand_guide import (
+    BiYamHandGuideConfig,
+    HandGuideOptions,
+    YamHandGuideConfig,
+)
 from lerobot_teleoperator_yam.config_yam_leader import LeaderArmConfig, LeaderOptions
+from lerobot_teleoperator_yam.config_yam_passive_leader import PassiveLeaderArmConfig
 
 _PAGE = """# Options
 
@@ -35,9 +41,29 @@ _SECTIONS = [
     ),
     ("A robot", "Options of `yam_follower` and `bi_yam_follower` as a whole.", FollowerOptions),
     ("A teleoperator", "Options of `yam_leader` and `bi_yam_leader` as a whole.", LeaderOptions),
+    (
+        "A hand that guides a follower",
+        "Options of `yam_hand_guide` and `bi_yam_hand_guide`. See [hand-guiding](hand-guiding.md).",
+        HandGuideOptions,
+    ),
+    ("The key of one gripper", "Of `yam_hand_guide`.", YamHandGuideConfig),
+    ("The keys of two grippers", "Of `bi_yam_hand_guide`.", BiYamHandGuideConfig),
+    (
+        "A leader without motors",
+        "Options of `yam_passive_leader`, and of each arm of `bi_yam_passive_leader`. See\n"
+        "[other leaders](other-leaders.md).",
+        PassiveLeaderArmConfig,
+    ),
     ("A virtual camera", "Options of a camera of type `yam_sim`.", YamSimCameraConfig),
     ("An environment", "Options of `lerobot-eval --env.type=yam`. See [evaluation](evaluation.md).", YamEnvConfig),
 ]
+
+
+_ABOVE = {
+    LeaderArmConfig: ArmConfig,
+    YamHandGuideConfig: HandGuideOptions,
+    BiYamHandGuideConfig: HandGuideOptions,
+}
 
 
 def _shown(default: object) -> str:
@@ -52,7 +78,7 @@ def page() -> str:
     """The whole page."""
     text = _PAGE
     for title, says, kind in _SECTIONS:
-        above = {name: default for name, default, _ in options_of(ArmConfig)} if kind is LeaderArmConfig else {}
+        above = {name: default for name, default, _ in options_of(_ABOVE[kind])} if kind in _ABOVE else {}
         rows = [
             f"| `{name}` | {_shown(default)} | {words} |"
             for name, default, words in options_of(kind)

@@ -65,6 +65,8 @@ class PassiveConfig:
 class PassiveOptions:
     """Options of a leader without motors; they have those fields of `ArmConfig` that mean something to it."""
 
+    name: str
+
     @abstractmethod
     def passive_config(self) -> PassiveConfig:
         """How it is read."""

@@ -77,7 +77,7 @@ def recorded(tmp_path_factory):
             "--dataset.no_stamp=true",
             "--play_sounds=false",
         )
-        commands.wait_connected(process)
+        commands.wait_connected(process, timeout_s=150.0)
         rig.hand(LEADER, [2.0], [POSE.tolist()])
         time.sleep(2.5)
         with StateLog(rig, FOLLOWER) as log:
@@ -89,7 +89,7 @@ def recorded(tmp_path_factory):
             truth = [rig.truth(channel) for channel in (LEADER, FOLLOWER)]
             for channel in (LEADER, FOLLOWER):
                 rig.truth_stop(channel)
-            assert commands.finish(process) == 0, commands.output()[-4000:]
+            assert commands.finish(process, 120.0) == 0, commands.output()[-4000:]
         commands.assert_landed()
         yield truth, log.states, LeRobotDataset("local/coupled", root=root), commands.output()
 

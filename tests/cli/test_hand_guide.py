@@ -39,7 +39,7 @@ def record(commands, root):
         "YAM_RIG": rig.name,
         "PYTHONPATH": str(ROOT),
     }
-    config = yaml.safe_load((ROOT / "configs" / "sim" / "hand_guide.yaml").read_text())
+    config = yaml.safe_load((ROOT / "configs" / "sim" / "hand_guide_record.yaml").read_text())
     config["robot"]["cameras"] = {}
     path = commands.directory / "hand_guide.yaml"
     path.write_text(yaml.safe_dump(config))
@@ -93,7 +93,7 @@ def test_what_a_hand_has_led_is_recorded_and_replayed(commands):
         "--dataset.episode=0",
         "--play_sounds=false",
     )
-    commands.wait_enabled(replay, ARM)
+    commands.wait_enabled(replay, ARM, timeout_s=150.0)
     nearest = np.full(6, np.inf)
     while replay.poll() is None:
         away = np.abs(joints(rig) - led)

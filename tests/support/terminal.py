@@ -11,14 +11,14 @@ import time
 from pathlib import Path
 
 # The shell outlives the command and leaves the terminal's mode alone, unlike an interactive one.
-_SHELL = 'trap : INT TERM HUP; stty -a > "$1/before"; shown="$1"; shift; "$@"; echo $? > "$shown/rc"; sleep 1.2; \
-stty -a > "$shown/after"'
+_SHELL = 'trap : INT TERM HUP; stty $MODE; stty -a > "$1/before"; shown="$1"; shift; "$@"; echo $? > "$shown/rc"; \
+sleep 1.2; stty -a > "$shown/after"'
 
 
 class Terminal:
-    """One command in a terminal of its own; what it prints goes to the terminal."""
+    """One command in a terminal of its own, which is in a mode for stty; what it prints goes to the terminal."""
 
-    def __init__(self, directory, *command, cwd=None, env=None):
+    def __init__(self, directory, *command, cwd=None, env=None, mode="sane"):
         self.directory = Path(directory)
         self._master, slave = pty.openpty()
         self._shown = b""
@@ -28,7 +28,7 @@ class Terminal:
             stdout=slave,
             stderr=slave,
             cwd=cwd,
-            env=env,
+            env=(os.environ if env is None else env) | {"MODE": mode},
             start_new_session=True,
             preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
         )

@@ -4,7 +4,6 @@ Nothing is energised and nothing lands. To everybody else such a leader is one t
 """
 
 import logging
-import math
 import os
 from collections.abc import Callable, Sequence
 
@@ -13,9 +12,12 @@ import numpy as np
 
 from lerobot_robot_yam.arm.config import passive_of
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.control.gripper.handle_reader import HandleReader
+from lerobot_robot_yam.control.gripper.trigger_range import TriggerRange
 from lerobot_robot_yam.control.passive.passive_mapping import PassiveMapping
 from lerobot_robot_yam.control.teleop.lead import Lead, make_leads
 from lerobot_robot_yam.damiao.bus_port import BusPort
+from lerobot_robot_yam.damiao.handle_encoder import HandleEncoder, HandleReport
 from lerobot_robot_yam.damiao.passive_encoders import PassiveEncoders
 from lerobot_robot_yam.errors import BusError, YamError
 from lerobot_robot_yam.state.modes import Gate, Mode
@@ -60,6 +62,8 @@ class PassiveArm:
         except (OSError, YamError) as error:
             logger.warning("%s: no other program can watch the arm: %s", arm.name, error)
         self._told: list[str] = []
+        self._trigger = HandleEncoder()  # the last device, as a handle
+        self._handle = HandleReader(arm.name, self._trigger, TriggerRange())
 
     def start(self) -> None:
         """Wait for the encoders. Raises YamError: names those that are silent."""
@@ -83,20 +87,19 @@ class PassiveArm:
         record["q"][j], record["dq"][j], record["setpoint"][j] = q, dq, q
         record["motor_stamp_s"][j] = encoders.stamp_s[j]
         record["asked_s"] = encoders.stamp_s[j].min()
-        heard = now - encoders.stamp_s[joints] < _SILENT_S
-        trigger = self._mapping.trigger(float(encoders.angle_rad[joints])) if heard else math.nan
-        record["trigger"] = trigger
-        record["buttons"] = encoders.buttons if heard else (False, False)
-        record["handle_stamp_s"] = encoders.stamp_s[joints]
+        angle, rate = float(encoders.angle_rad[joints]), float(encoders.rate_rad_s[joints])
+        self._trigger.report = HandleReport(angle, rate, encoders.buttons, self._mapping.trigger(angle))
+        self._trigger.stamp_s = float(encoders.stamp_s[joints])
+        handle = self._handle.read(now)
+        record["trigger"], record["buttons"], record["handle_stamp_s"] = handle
         self._tell(encoders.silent(now - _SILENT_S))
         if self._lead is not None:
-            self._advance_lead(self._lead, now, mode, q, dq)
+            self._lead.advance(now, mode, (q, dq, encoders.stamp_s[j].copy()), handle, np.zeros(joints))
+            self._note_action(self._lead)
         self._states.write(record)
 
-    def _advance_lead(self, lead: Lead, now: float, mode: Mode, q: np.ndarray, dq: np.ndarray) -> None:
-        record, encoders = self._record, self._encoders
-        handle = float(record["trigger"]), encoders.buttons, float(encoders.stamp_s[-1])
-        lead.advance(now, mode, (q, dq, encoders.stamp_s[: self._joints].copy()), handle, np.zeros(self._joints))
+    def _note_action(self, lead: Lead) -> None:
+        record = self._record
         m = lead.motors
         record["gate"], record["action_stamp_s"] = lead.state, lead.stamp_s
         record["action"][:m] = np.nan if lead.action is None else lead.action

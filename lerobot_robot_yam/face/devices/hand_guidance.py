@@ -8,7 +8,7 @@ of a policy, ends that: the arms hold, and follow it.
 import contextlib
 import logging
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -117,7 +117,7 @@ class HandGuidance:
             logger.info("%s: floats, and is guided by hand", self._follower)
         self._guides = True
 
-    def take(self, action: Mapping[str, object]) -> np.ndarray | None:
+    def take(self, action: Mapping[str, Any]) -> np.ndarray | None:
         """Pass the last action on, which moves nothing but grippers.
 
         Returns:

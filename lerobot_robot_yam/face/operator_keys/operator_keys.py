@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from types import FrameType
 
-from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.errors import ConfigError, YamError
 from lerobot_robot_yam.face.operator_keys import key_plan, running_command
 from lerobot_robot_yam.face.operator_keys.auto_episodes import AutoEpisodes, all_lifted
 from lerobot_robot_yam.face.operator_keys.edges import RisingEdges
@@ -54,6 +54,9 @@ class OperatorKeys:
         Args:
             frame: the caller's.
             read: the newest state of each arm by its prefix.
+
+        Raises:
+            ConfigError: the system has no pseudo-terminal left.
         """
         if not (self._meanings or self._automatic):
             return
@@ -62,8 +65,11 @@ class OperatorKeys:
             return
         self._forget()
         self._ends.clear()
-        self._keyboard = keyboard()
-        self._keyboard.take()
+        try:
+            self._keyboard = keyboard()
+            self._keyboard.take()
+        except OSError as error:
+            raise ConfigError(f"buttons: no pseudo-terminal can be had: {error.strerror}") from error
         self._thread = threading.Thread(target=self._run, args=(read,), name="operator keys", daemon=True)
         self._thread.start()
 

@@ -54,9 +54,11 @@ class UserTerminal:
             return not self._gone
 
     def set_mode(self, mode: list) -> None:
-        """Put the terminal into a mode, also if it was in it and a shell has set another one meanwhile."""
+        """Put the terminal into a mode; and again, if that is not the user's, and a shell has set another meanwhile."""
         with contextlib.suppress(termios.error, OSError):
-            if not self.reachable or (mode == self._ours and termios.tcgetattr(self.descriptor) == mode):
+            if not self.reachable:
+                return
+            if mode == self._ours and (mode == self.mode or termios.tcgetattr(self.descriptor) == mode):
                 return
             self._tell_guard(mode)
             termios.tcsetattr(self.descriptor, termios.TCSANOW, mode)

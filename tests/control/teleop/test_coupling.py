@@ -192,6 +192,16 @@ def test_force_is_there_once_the_follower_has_caught_up_and_not_before(rig):
     rig.push(FOLLOWER, "link6", [0.0, 0.0, -15.0], 1.0)
     caller.run(0.5)
     assert np.abs(lead.assist[0]).max() > 0.1
-    caller.stall(0.5)  # the follower is not led any more
+    caller.stall(0.8)  # the follower holds
     assert lead.assist is None
+    session.discard()
+
+
+def test_another_arm_than_the_configured_follower_is_not_led_at_loop_rate(rig, caplog):
+    session, caller = started(rig, gripper="no_gripper", bilateral=0.2)
+    leader, follower = session[LEADER].newest(), session[FOLLOWER].newest()
+    assert not follower.coupled and len(leader.action) == 6
+    assert leader.gate is Gate.APPROACH and session._runner._loop._controllers[0].lead.assist is None
+    assert caplog.text.count("is another arm than its follower") == 1
+    assert caller.given
     session.discard()

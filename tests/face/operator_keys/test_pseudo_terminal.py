@@ -23,8 +23,8 @@ def listening(tmp_path):
     """Starts the program in a terminal; it listens."""
     opened = []
 
-    def start(how):
-        terminal = Terminal(tmp_path, sys.executable, *PROGRAM, how, cwd=ROOT)
+    def start(how, mode="sane"):
+        terminal = Terminal(tmp_path, sys.executable, *PROGRAM, how, cwd=ROOT, mode=mode)
         opened.append(terminal)
         terminal.wait_shown("listens True")
         deadline = time.monotonic() + 5.0
@@ -70,6 +70,35 @@ def test_ctrl_c_ends_the_program_and_leaves_the_terminal_as_it_was(listening):
     assert "KeyboardInterrupt" in terminal.shown
     before, after = terminal.modes()
     assert before == after
+
+
+@pytest.mark.parametrize("mode", ["-icanon -isig -ixon", pytest.param("-echo eof ^A", marks=LONG)])
+def test_a_terminal_in_another_mode_stays_in_that(listening, mode):
+    terminal = listening("return", mode)
+    terminal.type(b"n")
+    terminal.wait_shown("flag exit_early")
+    terminal.kill(signal.SIGKILL)
+    terminal.end()
+    before, after = terminal.modes()
+    assert before == after and mode.split()[0] in before
+
+
+def test_a_program_in_the_background_of_a_shell_is_not_stopped(tmp_path):
+    program = (
+        "import os, time; os.setpgid(0, 0); from lerobot_robot_yam.face.operator_keys.pseudo_terminal import "
+        "pseudo_terminal; from lerobot.utils.keyboard_input import init_keyboard_listener; t = pseudo_terminal();"
+        "t.take(); listener, events = init_keyboard_listener(); t.press('right'); time.sleep(1.0);"
+        "print(events); t.give_back(); listener.stop()"
+    )
+    terminal = Terminal(tmp_path, sys.executable, "-c", program, cwd=ROOT)
+    try:
+        terminal.type(b"q")
+        assert terminal.end() == 0
+        assert "'exit_early': True" in terminal.shown and "'stop_recording': False" in terminal.shown
+        before, after = terminal.modes()
+        assert before == after
+    finally:
+        terminal.close()
 
 
 def test_a_killed_program_without_a_guard_would_leave_it_in_another_mode(tmp_path):
