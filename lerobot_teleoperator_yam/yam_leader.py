@@ -120,7 +120,7 @@ class LeaderBase(ArmDevice, Teleoperator):
         for index, (side, state) in enumerate(zip(self._arms.sides, states, strict=True)):
             led = None if side.follower_key is None else self._led(side.key, side.follower_key, state)
             if led is not None:
-                values += led
+                values += led[: len(side.motors)]
                 continue
             values += state.q.tolist()
             if side.has_gripper:

@@ -52,6 +52,7 @@ class ControllerBlocks:
         self._seen = 0
         self._ended = False
         self.published_mode = Mode.OFFLINE
+        self._coupled = False  # as published last
         self._slots = hardware.slots
         self._per_motor = {field: self._record[field][self._slots] for field in _PER_MOTOR}  # views
         self._seldom: tuple | None = None  # as published last, of what seldom changes
@@ -139,7 +140,8 @@ class ControllerBlocks:
             m = lead.motors
             record["action"][:m] = np.nan if lead.action is None else lead.action
             record["action_dq"][:m] = np.nan if lead.action_dq is None else lead.action_dq
-        elif coupling.number or record["coupled_to"]:
+        elif coupling.number or self._coupled:
+            self._coupled = bool(coupling.number)
             record["coupled_to"] = coupling.number
             record["action"][self._slots], record["action_dq"][self._slots] = coupling.target, coupling.velocity
             record["action_stamp_s"] = record["stamp_s"]

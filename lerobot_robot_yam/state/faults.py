@@ -72,6 +72,8 @@ class Trouble(StrEnum):
     OBSTRUCTED = "landing obstructed"
     WEIGHT = "weight is not the model's"
     RUNAWAY = "floats away by itself"
+    LEADER_LOST = "leader of a coupled follower lost"
+    FOLLOWER_LOST = "follower of a leader lost"
 
 
 @dataclass(frozen=True)
@@ -276,6 +278,20 @@ RESPONSES: dict[Trouble, Rule] = {
         "emergency stop",
         1.0,
         "MotorError that names the joint and what to check",
+    ),
+    Trouble.LEADER_LOST: Rule(
+        "the leader's state is older than 0.03 s, or tells no target: a motor, its process or its link is lost",
+        Response.HOLD_UNTIL_TARGET,
+        Response.HOLD_UNTIL_TARGET,
+        "nothing of the follower, which brakes smoothly; of the leader as its own row says",
+        0.05,
+        "not needed: the next target, or the leader's next state",
+    ),
+    Trouble.FOLLOWER_LOST: _go_on(
+        "the follower's state is older than 0.03 s, or it neither holds nor tracks",
+        "a warning once; the leader floats without force, and its gate waits. Of the follower as its own row says",
+        0.05,
+        "not needed: it is led again once it holds or tracks",
     ),
 }
 

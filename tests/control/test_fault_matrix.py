@@ -46,7 +46,7 @@ IN_LOCKSTEP = {
 
 def test_the_matrix_is_wide_enough():
     assert len(CASES) >= 60 and {case.id for case in CASES} >= IN_LOCKSTEP
-    elsewhere = {  # test_{stand_by,session,two_arms,estop,landing,floating}, cli/test_interrupted_recording
+    elsewhere = {  # test_{stand_by,session,two_arms,estop,landing,floating}, teleop, cli/test_interrupted_recording
         Trouble.CONTROL_DEAD,
         Trouble.CONTROL_HUNG,
         Trouble.STAND_BY_DEAD,
@@ -61,6 +61,8 @@ def test_the_matrix_is_wide_enough():
         Trouble.GRIPPER,
         Trouble.WEIGHT,
         Trouble.RUNAWAY,
+        Trouble.LEADER_LOST,
+        Trouble.FOLLOWER_LOST,
     }
     assert {fault.trouble for fault in FAULTS.values()} | elsewhere == set(RESPONSES)
 

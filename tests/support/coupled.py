@@ -75,7 +75,8 @@ class Passing:
             return
         self.given.append((session.clock.now(), action))
         permission = session.key(LEADER), 0.1 + self._period_s
-        session[FOLLOWER].write_target(action[:6], action[6], coupled=permission)
+        gripper = action[6] if len(action) > 6 else None
+        session[FOLLOWER].write_target(action[:6], gripper, coupled=permission)
 
     def stall(self, seconds, each_tick=lambda: None):
         """Let time pass, and pass nothing on."""

@@ -75,7 +75,7 @@ class HeldLeader:
         wide = np.full(6, 10.0)
         self._setpoint = SetPoint(np.full(6, 1.5), np.full(6, 30.0), -wide, wide, np.full(6, 5.0))
         self._motion = MotionFilter(6)
-        self._sag, self._blocked = np.zeros(6) if sag_nm is None else sag_nm, blocked
+        self.sag, self._blocked = np.zeros(6) if sag_nm is None else sag_nm, blocked
         self.tau = np.zeros(6)
         self.hand_pull = np.zeros(6)
         self._next = np.zeros(6)
@@ -114,7 +114,7 @@ class HeldLeader:
         if not self._blocked:
             (q, dq), ddq = self._asked
             feed_forward = self.follower.inertia @ ddq
-            pull = self._kp * q + self._kd * dq + feed_forward + self._sag
+            pull = self._kp * q + self._kd * dq + feed_forward + self.sag
             self.follower.step(np.diag(self._kp), np.diag(self._kd), pull)
         self.now += STEP_S
         if round(self.now / STEP_S) % round(TICK_S / STEP_S) == 2:  # the command of this tick arrives

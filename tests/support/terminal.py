@@ -11,10 +11,8 @@ import time
 from pathlib import Path
 
 # The shell outlives the command and leaves the terminal's mode alone, unlike an interactive one.
-_SHELL = (
-    'trap : INT TERM HUP; stty $MODE; stty -a > "$1/before"; shown="$1"; shift; "$@"; echo $? > "$shown/rc"; \
+_SHELL = 'trap : INT TERM HUP; stty $MODE; stty -a > "$1/before"; shown="$1"; shift; "$@"; echo $? > "$shown/rc"; \
 sleep 1.2; stty -a > "$shown/after"'
-)
 
 
 class Terminal:

@@ -37,7 +37,7 @@ class HandleReader:
         self._arm, self._encoder, self._travel = arm, encoder, travel
         self._silent = False
         self._buttons = [False, False]
-        self._since_s = [-math.inf, -math.inf]  # the buttons are as they were told last
+        self._since_s = [math.inf, math.inf]  # they have been told to be otherwise
 
     @property
     def raw_buttons(self) -> tuple[bool, bool]:
@@ -51,7 +51,7 @@ class HandleReader:
         if self._silent:
             if not before:
                 logger.warning("%s: the teaching handle is silent; its trigger and buttons are unknown", self._arm)
-            self._buttons = [False, False]
+            self._buttons, self._since_s = [False, False], [math.inf, math.inf]
             return HandleState(math.nan, (False, False), encoder.stamp_s)
         if before and encoder.stamp_s > -math.inf:
             logger.info("%s: the teaching handle answers again", self._arm)

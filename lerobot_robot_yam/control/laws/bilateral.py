@@ -42,7 +42,7 @@ class BilateralForce:
         self.damping = LAG_S * self.stiffness
         self._bound, self._gated = _BOUND_SHARE * torque_limit_nm, gated
         self._since_s = 0.0
-        self._given_way: np.ndarray = np.zeros(len(gain))  # y
+        self._given_way = [0.0] * len(gain)  # y
 
     @property
     def works(self) -> bool:
@@ -52,7 +52,7 @@ class BilateralForce:
     def engage(self) -> None:
         """Begin: the follower has just caught up."""
         self._since_s = 0.0
-        self._given_way[:] = 0.0
+        self._given_way = [0.0] * len(self._given_way)
 
     def torque(self, error: np.ndarray, dq: np.ndarray, weight_nm: np.ndarray, dt: float) -> np.ndarray:
         """(n,) Nm at this tick of `dt` s.
@@ -68,13 +68,18 @@ class BilateralForce:
             gentle = np.maximum(_GENTLE_NM, 0.5 * np.abs(weight_nm))
             bound = np.minimum(bound, gentle * (self._since_s / _FADE_S))
         self._since_s += dt
-        spring = np.minimum(np.maximum(self.stiffness * error, -bound), bound)
+        spring: np.ndarray = np.minimum(np.maximum(self.stiffness * error, -bound), bound)
         if not self._gated:
             return spring
-        way = np.minimum(np.maximum(error / _SIGN_RAD, -1.0), 1.0) * dq * dt
-        y = self._given_way
-        y = y + np.where((way > 0.0) | (y > 0.0) | (np.abs(error) > _WORTH_RAD), way, 0.0)
-        y = np.where(y > 0.0, np.maximum(y - _LEAK_RAD_S * dt, 0.0), y * (1.0 - dt / _CREDIT_S))
-        self._given_way = np.minimum(np.maximum(y, -_CREDIT_RAD), _GIVES_WAY_RAD)
-        share = np.minimum(2.0 * (_GIVES_WAY_RAD - self._given_way) / _GIVES_WAY_RAD, 1.0)
-        return spring * share
+        moved = zip(self._given_way, error.tolist(), (dq * dt).tolist(), strict=True)
+        self._given_way = [_given_way(y, e, way, dt) for y, e, way in moved]
+        return spring * [min(2.0 * (_GIVES_WAY_RAD - y) / _GIVES_WAY_RAD, 1.0) for y in self._given_way]
+
+
+def _given_way(y: float, error: float, way: float, dt: float) -> float:
+    """y of one joint after a tick in which the leader has moved by `way` rad. Plain floats: numpy takes longer."""
+    along = way * min(max(error / _SIGN_RAD, -1.0), 1.0)
+    if along > 0.0 or y > 0.0 or abs(error) > _WORTH_RAD:
+        y += along
+    y = max(y - _LEAK_RAD_S * dt, 0.0) if y > 0.0 else y * (1.0 - dt / _CREDIT_S)
+    return min(max(y, -_CREDIT_RAD), _GIVES_WAY_RAD)

@@ -14,6 +14,7 @@ logger = logging.getLogger(__name__)
 _FIELDS = ("mode", "joints", "motors", "q", "dq", "setpoint", "motor_stamp_s", "coupled_to")
 _NEAR_RAD = 0.3  # a set-point so near to the leader's target is on its way there, whoever has passed it on
 _AGE_MOST_S = 0.03
+_LOST_S = 0.1  # before anything is said: after an emergency stop two loops do not go on in the same tick
 _AWAITED_S = 30.0  # a LeRobot command that opens cameras takes seconds to connect its robot
 
 
@@ -37,7 +38,7 @@ class FollowerView:
         self._block = PeerBlock(key, _FIELDS)
         self._joints, self._motors = joints, motors
         self._since_s: float | None = None  # awaited
-        self._told = ""
+        self._told: str | None = ""  # what is wrong, None when all is well
         self.there = self.follows = False
         self.q, self.dq, self.setpoint = np.zeros(motors), np.zeros(motors), np.zeros(motors)
         self._stamp_s = -math.inf
@@ -51,7 +52,7 @@ class FollowerView:
         if self.there:
             values = np.array((block.slots("q", count), block.slots("dq", count), block.slots("setpoint", count)))
             self._stamp_s = min(block.slots("motor_stamp_s", self._joints), default=-math.inf)
-            self.there = bool(np.isfinite(values).all()) and now - self._stamp_s < _AGE_MOST_S
+            self.there = math.isfinite(values.sum()) and now - self._stamp_s < _AGE_MOST_S
             if self.there:
                 self.q, self.dq, self.setpoint = values
         if not self.there:
@@ -63,10 +64,10 @@ class FollowerView:
     def judge(self, target: np.ndarray) -> None:
         """Find out whether it follows the leader's target (motors,): coupled, or at the rate of the caller."""
         block = self._block
-        near = np.abs(self.setpoint - target)[: self._joints].max(initial=0.0) < _NEAR_RAD
-        self.follows = block.value("coupled_to") == self._number or (
-            block.value("coupled_to") == 0 and block.value("mode") == Mode.TRACK and bool(near)
-        )
+        leader = block.value("coupled_to")
+        self.follows = leader == self._number
+        if leader == 0 and block.value("mode") == Mode.TRACK:
+            self.follows = bool(np.abs(self.setpoint - target)[: self._joints].max(initial=0.0) < _NEAR_RAD)
 
     def q_at(self, now: float) -> np.ndarray:
         """(joints,) rad at present, carried on from its newest sample."""
@@ -77,12 +78,15 @@ class FollowerView:
     def _tell(self, now: float, other: bool) -> None:
         """Say once what is wrong, and once that it is well again."""
         if self.there:
-            logger.info("%s: leads %s", self._leader, self._key)
-            self._told, self._since_s = "", None
+            if self._told is not None:
+                logger.info("%s: leads %s", self._leader, self._key)
+            self._told = self._since_s = None
             return
         if self._since_s is None:
             self._since_s = now
-        told = ""
+        if now - self._since_s < _LOST_S:
+            return
+        told = None
         if other:
             motors = f"{self._motors} motors, {self._joints} of them joints"
             told = f"{self._key} is another arm than its follower, which has {motors}; it is not led"
@@ -90,7 +94,7 @@ class FollowerView:
             told = f"its follower {self._key} is silent, or neither holds nor tracks; it floats without force"
         elif now - self._since_s > _AWAITED_S:
             told = f"nobody drives its follower {self._key}; it floats without force"
-        if told and told != self._told:
+        if told is not None and told != self._told:
             logger.warning("%s: %s", self._leader, told)
             self._told = told
 

@@ -43,14 +43,13 @@ class SharedGate:
     def __init__(self, machine: GateMachine, names: Sequence[str]):
         self.machine, self._name = machine, " and ".join(names)
         self._looks = [Look()] * len(names)
-        self._begun = False
 
     def advance(self, now: float, index: int, look: Look) -> Gate:
         """Take the look of arm `index` at this tick; the state that counts for it."""
         self._looks[index] = look
         if index == len(self._looks) - 1:
             before = self.machine.state
-            if self.machine.advance(now, self._looks) or not self._begun:
+            if self.machine.advance(now, self._looks):
                 self._tell(before)
         return self.machine.state
 
@@ -63,11 +62,7 @@ class SharedGate:
 
     def _tell(self, before: Gate) -> None:
         now, because = self.machine.state.name.lower(), self.machine.because.replace("_", " ")
-        if self._begun:
-            logger.info("%s: gate: %s -> %s (%s)", self._name, before.name.lower(), now, because)
-        else:
-            logger.info("%s: gate: %s", self._name, now)
-        self._begun = True
+        logger.info("%s: gate: %s -> %s (%s)", self._name, before.name.lower(), now, because)
 
 
 class Lead:
@@ -159,8 +154,10 @@ class Lead:
         there = self._follower.look(now)
         self._read_handle(handle, mode)
         self.state = self._gate.advance(now, self._index, self._look(handle, there, now))
-        leader = np.append(self._motion.q, [self._opening()] * self._grips)
-        rate = np.append(self._motion.dq, [0.0] * self._grips)
+        leader, rate = np.zeros(self.motors), np.zeros(self.motors)
+        leader[: self._joints], rate[: self._joints] = self._motion.q, self._motion.dq
+        if self._grips:
+            leader[-1] = self._opening()
         if self.state is not self._entered:
             self._entered = self.state
             self._ramp.enter(self.state, now, leader, self._follower if there else None)
@@ -199,24 +196,33 @@ class Lead:
         edges = [down and not before for down, before in zip(pressed, self._down, strict=True)]
         if not math.isnan(handle[0]):
             self._down = (pressed[0], pressed[1])
-        off = np.abs(self._motion.q - self._home[: self._joints])
-        away = float(max((off[joint] for joint in self._counts), default=np.linalg.norm(off)))
+        away = self._away_rad()
         if not there or self.action is None:
             return Look(away_rad=away, pressed=edges[0], fine_pressed=edges[1])
-        j = slice(self._joints)
-        follower = self._follower
+        j, follower, state = slice(self._joints), self._follower, self._gate.machine.state
         follower.judge(self.action)
-        home = bool(np.linalg.norm(follower.setpoint[j] - self._home[j]) < _HOME_RAD)
         return Look(
             away_rad=away,
-            home=home and follower.follows and bool(off.max(initial=0.0) < _LEADER_HOME_RAD),
-            gap_rad=float(np.abs(follower.q[j] - self.action[j]).max(initial=0.0)),
+            home=state is Gate.HOMING and follower.follows and self._at_home(),
+            gap_rad=_largest(follower.q[j] - self.action[j]),
             follows=follower.follows,
             approached=self._ramp.approached(now),
-            recentred=bool(np.abs(self._motion.q - self.action[j]).max(initial=0.0) < _RECENTRED_RAD),
+            recentred=state is Gate.RECENTRE and _largest(self._motion.q - self.action[j]) < _RECENTRED_RAD,
             pressed=edges[0],
             fine_pressed=edges[1],
         )
+
+    def _away_rad(self) -> float:
+        """The leader's distance from home, over the joints that count."""
+        if not self._counts:
+            return float(np.linalg.norm(self._motion.q - self._home[: self._joints]))
+        return max(abs(float(self._motion.q[joint] - self._home[joint])) for joint in self._counts)
+
+    def _at_home(self) -> bool:
+        """Whether leader and follower are."""
+        home = self._home[: self._joints]
+        follower = float(np.linalg.norm(self._follower.setpoint[: self._joints] - home))
+        return follower < _HOME_RAD and _largest(self._motion.q - home) < _LEADER_HOME_RAD
 
     def _enter(self) -> None:
         if self.state in (Gate.HOMING, Gate.RECENTRE):
@@ -243,6 +249,11 @@ class Lead:
     def close(self) -> None:
         """Let go of the follower's block. Idempotent."""
         self._follower.close()
+
+
+def _largest(values: np.ndarray) -> float:
+    """Largest |value|; numpy takes longer for so few."""
+    return max(map(abs, values.tolist()), default=0.0)
 
 
 def make_leads(arms: Sequence[ResolvedArm]) -> list[Lead | None]:

@@ -165,3 +165,43 @@ def test_a_leader_with_a_lost_motor_moves_nothing(rig, pair):
     session.clock.sleep(0.3)
     assert np.abs(np.array(rig.state()["arms"][FOLLOWER]["q"])[:6] - at).max() < 0.005
     assert np.abs(at - POSE).max() < 0.4
+
+
+def test_without_its_handle_the_arm_goes_on_and_the_gripper_stays(rig, pair, caplog):
+    session, caller = pair
+    rig.trigger(LEADER, 0.6)
+    caller.run(0.5)
+    sweep(rig, 8.0)
+    rig.trigger(LEADER, 0.6)
+    caller.run(1.0)
+    grip = session[FOLLOWER].newest().action[6]
+    rig.fault(LEADER, None, "handle_silent")
+    caller.run(1.5)
+    state = session[FOLLOWER].newest()
+    assert session[LEADER].newest().trigger is None
+    assert state.coupled and state.action[6] == grip
+    assert np.abs(state.q - session[LEADER].newest().q).max() < 0.05
+    assert caplog.text.count("handle is silent") == 1
+
+
+def test_force_is_there_once_the_follower_has_caught_up_and_not_before(rig):
+    session, caller = started(rig, bilateral=0.4)
+    lead = session._runner._loop._controllers[0].lead
+    assert session[LEADER].newest().gate is Gate.ENGAGED
+    caller.run(0.6)
+    rig.push(FOLLOWER, "link6", [0.0, 0.0, -15.0], 1.0)
+    caller.run(0.5)
+    assert np.abs(lead.assist[0]).max() > 0.1
+    caller.stall(0.8)  # the follower holds
+    assert lead.assist is None
+    session.discard()
+
+
+def test_another_arm_than_the_configured_follower_is_not_led_at_loop_rate(rig, caplog):
+    session, caller = started(rig, gripper="no_gripper", bilateral=0.2)
+    leader, follower = session[LEADER].newest(), session[FOLLOWER].newest()
+    assert not follower.coupled and len(leader.action) == 6
+    assert leader.gate is Gate.APPROACH and session._runner._loop._controllers[0].lead.assist is None
+    assert caplog.text.count("is another arm than its follower") == 1
+    assert caller.given
+    session.discard()

@@ -7,6 +7,7 @@ import pytest
 
 from lerobot_robot_yam.arm.lead_config import LeadConfig
 from lerobot_robot_yam.control.teleop.gate import LEFT_BEHIND_RAD, START, TABLE, GateMachine, Look
+from lerobot_robot_yam.control.teleop.lead import SharedGate
 from lerobot_robot_yam.state.modes import Gate
 
 TICK_S = 0.004
@@ -183,3 +184,17 @@ def test_random_lifts_and_returns_miss_double_and_hurry_no_transition(seed):
     expected = expected_transitions(away, LeadConfig(follower="any"))
     assert seen == expected
     assert all(a is not b for a, b in itertools.pairwise(states))
+
+
+def test_a_shared_gate_waits_for_both_and_says_each_transition_once(caplog):
+    caplog.set_level("INFO")
+    gate = SharedGate(machine(), ["left", "right"])
+    for number, (left, right) in enumerate([(NEAR, NEAR), (FAR, NEAR), (FAR, FAR), (FAR, FAR)]):
+        gate.advance(number * TICK_S, 0, left)
+        gate.advance(number * TICK_S, 1, right)
+    assert gate.machine.state is Gate.ENGAGED
+    assert [record.message for record in caplog.records] == [
+        "left and right: gate: homing -> idle (home)",
+        "left and right: gate: idle -> approach (away)",
+        "left and right: gate: approach -> engaged (caught up)",
+    ]

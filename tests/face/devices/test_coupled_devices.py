@@ -1,7 +1,10 @@
 """A leader that knows its follower: what is refused, and which actions couple the two."""
 
+import contextlib
 import dataclasses
 import importlib
+import os
+import signal
 import sys
 import time
 
@@ -9,9 +12,9 @@ import numpy as np
 import pytest
 import torch
 
-from lerobot_robot_yam.errors import ChannelInUseError, ConfigError
+from lerobot_robot_yam.errors import ChannelInUseError, ConfigError, MotorError
 from lerobot_robot_yam.rig.client.rig_control import running_rig
-from lerobot_robot_yam.state.modes import Gate
+from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import channel_key, state_path
 from lerobot_robot_yam.system.runtime_files import LOCK, FileLock, runtime_dir
 from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, LeaderArmConfig, YamLeaderConfig
@@ -94,20 +97,55 @@ def test_a_follower_of_another_channel_is_refused(shared_rig, tmp_path):
         robot.disconnect()
 
 
-@pytest.fixture(scope="module")
-def pair(shared_rig, tmp_path_factory):
-    """Connected, coupled and held by a hand at POSE."""
-    directory = tmp_path_factory.mktemp("coupled")
-    device, robot = leader(shared_rig, directory, follower="follower_left"), follower(shared_rig, directory)
+@contextlib.contextmanager
+def coupled(rig, directory):
+    """Both arms anew, coupled, and their leader swung by a hand."""
+    device, robot = leader(rig, directory, follower="follower_left"), follower(rig, directory)
     device.connect()
     robot.connect()
-    shared_rig.hand(LEADER, [2.0], [POSE.tolist()])
     try:
+        rig.hand(LEADER, [2.0], [POSE.tolist()])
         pass_on(device, robot, 3.0)
+        assert state_of(robot).coupled
         yield device, robot
     finally:
         device.disconnect()
         robot.disconnect()
+
+
+def kill_control_process(device):
+    os.kill(device._arms._session._runner._child.pid, signal.SIGKILL)
+
+
+def test_a_follower_whose_leaders_process_dies_holds(shared_rig, tmp_path):
+    with coupled(shared_rig, tmp_path) as (device, robot):
+        shared_rig.watch_start("follower_left")
+        kill_control_process(device)
+        with pytest.raises(MotorError):
+            pass_on(device, robot, 3.0)
+        time.sleep(0.8)
+        state = state_of(robot)
+        assert state.mode is Mode.HOLD and not state.coupled and state.trouble is None
+        assert np.abs(state.q - POSE).max() < 0.1  # the stand-by lands the leader; nothing goes along
+        assert max(shared_rig.watch("follower_left")["max_speed_rad_s"][:6]) < 0.5
+
+
+def test_a_leader_whose_followers_process_dies_floats(shared_rig, tmp_path, capfd):
+    with coupled(shared_rig, tmp_path) as (device, robot):
+        kill_control_process(robot)
+        with pytest.raises(MotorError):
+            pass_on(device, robot, 3.0)
+        time.sleep(0.3)
+        state = state_of(device)
+        assert state.mode is Mode.FLOAT and state.trouble is None
+        assert device.get_action() is not None
+    assert capfd.readouterr().err.count("its follower") == 1
+
+
+@pytest.fixture(scope="module")
+def pair(shared_rig, tmp_path_factory):
+    with coupled(shared_rig, tmp_path_factory.mktemp("coupled")) as devices:
+        yield devices
 
 
 def pass_on(device, robot, seconds, change=lambda action: action):
