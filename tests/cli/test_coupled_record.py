@@ -84,7 +84,7 @@ def recorded(tmp_path_factory):
             sweep(rig, SECONDS)
             time.sleep(2.0)
             for channel in (LEADER, FOLLOWER):
-                rig.truth_start(channel, 10.0)
+                rig.truth_start(channel, 60.0)  # more than it takes to fetch it
             time.sleep(5.0)
             truth = [rig.truth(channel) for channel in (LEADER, FOLLOWER)]
             for channel in (LEADER, FOLLOWER):
@@ -100,6 +100,7 @@ def test_the_follower_is_at_its_leader(recorded, monkeypatch):
     first = max(leader["stamp_s"][0], follower["stamp_s"][0])
     pairs = [truth["q"][truth["stamp_s"] >= first][:4000, :6] for truth in (leader, follower)]
     found = importlib.import_module("bench.lag").likeness(leader["stamp_s"][:4000], *pairs)
+    assert np.ptp(pairs[0], axis=0).min() > 0.5
     assert found.lag_s.max() < 0.02, found
     assert found.error_rad.max() < 0.004, found
     assert found.jerk_ratio.max() < 1.5, found
@@ -111,8 +112,8 @@ def test_every_recorded_action_is_a_target_that_was_executed(recorded):
     coupled = [state for state in states if state.coupled]
     executed = np.array([state.action for state in coupled])
     assert len(coupled) > 1000
-    recorded_actions = np.stack(data.hf_dataset.with_format("numpy")["action"])
-    times = data.hf_dataset.with_format("numpy")["timestamp"]
+    table = data.hf_dataset.with_format("numpy")
+    recorded_actions, times = np.stack(table["action"]), np.stack(table["timestamp"])
     inside = recorded_actions[(times > 5.0) & (times < 8.0)]
     nearest = [np.abs(executed - action).max(axis=1).min() for action in inside]
     assert len(inside) > 60
