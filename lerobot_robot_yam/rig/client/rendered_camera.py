@@ -26,6 +26,7 @@ Settings = tuple[str, int, int, int]
 MAX_WIDTH, MAX_HEIGHT = 1280, 960
 MAX_FPS = 60
 _POLL_S = 0.002
+_TOO_BUSY = "this machine is too busy: end other programs, or have the rig draw less (pictures: plain, fewer cameras)"
 _MAX_AGE_S = 0.5
 
 
@@ -87,7 +88,7 @@ class RigCamera:
         self._socket, name, _ = launch.connect_or_start(self._rig, hello, self._scene, self._options)
         try:
             if not select.select([self._socket], [], [], max(0.0, deadline - time.monotonic()))[0]:
-                raise RigError(f"camera {self.camera}: the renderer did not start in time; is the machine overloaded?")
+                raise RigError(f"camera {self.camera}: the renderer did not start in time; {_TOO_BUSY}")
             self._hear()
             path = frame_path(name, self.camera, self.width, self.height, self.fps)
             self._block = SharedBlock(path, frame_dtype(self.width, self.height), create=False)
@@ -127,7 +128,7 @@ class RigCamera:
             self._hear()
             raise StaleStateError(
                 f"camera {self.camera}: newest frame is {age * 1e3:.0f} ms old, more than {max_age_s * 1e3:.0f} ms; "
-                "is the machine overloaded?"
+                f"{_TOO_BUSY}"
             )
         self._seen = int(record["number"])
         return record["rgb"], float(record["stamp_s"])
@@ -154,7 +155,7 @@ class RigCamera:
             if time.monotonic() > deadline:
                 self._hear()
                 raise StaleStateError(
-                    f"camera {self.camera}: no new frame within {timeout_s * 1e3:.0f} ms; is the machine overloaded?"
+                    f"camera {self.camera}: no new frame within {timeout_s * 1e3:.0f} ms; {_TOO_BUSY}"
                 )
             time.sleep(_POLL_S)
 
