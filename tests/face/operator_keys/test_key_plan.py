@@ -92,7 +92,7 @@ def test_single_keys_of_rollouts(phase):
     assert not any(single_key(meaning, situation(phase, HIGHLIGHT)) for meaning in LABELS)
 
 
-@pytest.mark.parametrize(("meaning", "keys"), itertools.product(Meaning, (EPISODES, DAGGER, HIGHLIGHT, {})))
+@pytest.mark.parametrize(("meaning", "keys"), list(itertools.product(Meaning, (EPISODES, DAGGER, HIGHLIGHT, {}))))
 def test_a_button_that_does_nothing_says_why(meaning, keys):
     now = situation(Phase.BETWEEN, keys)
     if meaning in LABELS or wanted(meaning, now) or single_key(meaning, now):
