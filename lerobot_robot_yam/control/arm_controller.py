@@ -149,6 +149,7 @@ class ArmController:
                 self.faults.suffer(*trouble, now)
         if self.coupling.active:
             self._follow_leader(now)
+        arm.impedance.coupled = self.coupling.number != 0
         if status.mode is Mode.TRACK and now - self._last_target_at > self.config.command_timeout_s:
             status.limited |= Limited.COMMAND_TIMEOUT
             logger.info("%s: no target for %g s; it holds", self.name, self.config.command_timeout_s)
