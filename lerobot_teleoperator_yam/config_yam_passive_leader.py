@@ -6,8 +6,8 @@ from typing import Any, ClassVar, Literal
 from lerobot.teleoperators.config import TeleoperatorConfig
 
 from lerobot_robot_yam.arm.lead_config import LeadConfig, LeadOptions
+from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS, Kind, PassiveConfig, PassiveOptions
 from lerobot_robot_yam.arm.option import option
-from lerobot_robot_yam.arm.passive_config import JOINT_SIGNS, Kind, PassiveConfig, PassiveOptions
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.registration import register_as
 from lerobot_teleoperator_yam.config_yam_leader import LeaderOptions, refuse_leader

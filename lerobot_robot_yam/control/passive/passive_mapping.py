@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from lerobot_robot_yam.arm.passive_config import PassiveConfig, check_ranges
+from lerobot_robot_yam.arm.leaders.passive_config import PassiveConfig, check_ranges
 from lerobot_robot_yam.damiao.passive_encoders import TRIGGER_TRAVEL_RAD
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import user_path, write_whole

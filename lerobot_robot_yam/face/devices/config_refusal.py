@@ -12,7 +12,7 @@ from draccus.utils import DecodingError
 from lerobot_robot_yam.arm.config import ArmConfig, LeadArmConfig, check_together
 from lerobot_robot_yam.arm.config_checks import check_switches
 from lerobot_robot_yam.arm.lead_config import LeadOptions
-from lerobot_robot_yam.arm.passive_config import PassiveOptions
+from lerobot_robot_yam.arm.leaders.passive_config import PassiveOptions
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ConfigError
 

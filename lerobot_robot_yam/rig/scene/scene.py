@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from lerobot_robot_yam.arm.passive_config import JOINT_SIGNS
+from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS
 from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.scene.props import Thing, check_things

@@ -10,7 +10,7 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from lerobot_robot_yam.arm.passive_config import JOINT_SIGNS
+from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS
 from lerobot_robot_yam.arm.profile import ArmMotor, GripperMotor
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.bus.channel import Channel

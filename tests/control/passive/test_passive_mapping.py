@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.arm.passive_config import JOINT_SIGNS, PassiveConfig
+from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS, PassiveConfig
 from lerobot_robot_yam.control.passive.passive_mapping import PassiveCalibration, PassiveMapping
 from lerobot_robot_yam.errors import ConfigError
 
