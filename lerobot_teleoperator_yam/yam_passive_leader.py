@@ -16,6 +16,7 @@ from lerobot_robot_yam.damiao.passive_encoders import PassiveEncoders
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError
 from lerobot_robot_yam.face.devices.arm_group import ArmGroup
 from lerobot_robot_yam.session.arm_session import Isolation
+from lerobot_robot_yam.state.modes import Mode
 from lerobot_teleoperator_yam.config_yam_passive_leader import BiYamPassiveLeaderConfig, YamPassiveLeaderConfig
 from lerobot_teleoperator_yam.yam_leader import LeaderBase
 
@@ -72,6 +73,29 @@ class PassiveLeaderBase(LeaderBase):
     def rearm(self) -> None:
         """Raises LifeCycleError."""
         self._no_motors()
+
+    @check_if_not_connected
+    def get_action(self) -> dict[str, float]:
+        """As of a leader with motors. While the leaders are stopped the followers hold where they are.
+
+        They stay stopped after an emergency stop, see `passive_stop`: the last action may be of a leader that fell.
+
+        Raises:
+            LifeCycleError: they are stopped, and there has been no action yet.
+            MotorError, StaleStateError: see `LeaderBase.get_action`.
+        """
+        before, self._stopped = self._stopped, any(state.mode is Mode.STOPPED for state in self._arms.observe())
+        if self._stopped and self._action is None:
+            raise LifeCycleError(f"{self}: the emergency stop came before its first action; squeeze the trigger first")
+        if self._stopped and not before:
+            self._arms.pause_followers()
+        elif before and not self._stopped:
+            self._arms.resume_followers()
+        return super().get_action()
+
+    def _restart(self) -> None:
+        super()._restart()
+        self._stopped = False
 
     def _no_motors(self) -> NoReturn:
         raise LifeCycleError(f"{self}: a passive leader has no motors; it can be neither led nor held")

@@ -7,8 +7,11 @@ import time
 import numpy as np
 import pytest
 
+from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError
 from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.yam_follower import YamFollower
 from lerobot_teleoperator_yam import yam_passive_leader
 from lerobot_teleoperator_yam.config_yam_passive_leader import (
     BiYamPassiveLeaderConfig,
@@ -16,14 +19,15 @@ from lerobot_teleoperator_yam.config_yam_passive_leader import (
     YamPassiveLeaderConfig,
 )
 from lerobot_teleoperator_yam.yam_passive_leader import BiYamPassiveLeader, YamPassiveLeader
+from tests.support.rigged import STOPS
 
-LEADER, OTHER = "leader_left", "leader_right"
-THERE = [0.3, 1.1, 1.0, -0.3, 0.1, 0.2]
+LEADER, OTHER, FOLLOWER = "leader_left", "leader_right", "follower_left"
+THERE, FALLEN = [0.3, 1.1, 1.0, -0.3, 0.1, 0.2], [0.3, 0.3, 0.4, -0.3, 0.1, 0.2]
 
 
 @pytest.fixture(scope="module")
 def rig():
-    with running_rig(scene="passive_leaders", arms=[LEADER, OTHER]) as rig:
+    with running_rig(scene="passive_leaders", arms=[LEADER, OTHER, FOLLOWER]) as rig:
         yield rig
 
 
@@ -119,6 +123,40 @@ def test_a_calibration_finds_zeros_ranges_and_the_triggers_travel(rig, tmp_path,
         np.testing.assert_allclose([*leader.get_action().values()][:6], 0.0, atol=0.05)  # it counts already
     finally:
         person.join()
+        leader.disconnect()
+        rig.release(LEADER)
+
+
+@pytest.mark.parametrize("option", [{}, {"follower": FOLLOWER}])
+def test_a_leader_that_has_fallen_takes_its_follower_along_once_it_is_in_a_hand(rig, tmp_path, option):
+    arm = fields(rig, FOLLOWER) | {"gravity_factor": [1.0] * 6, "gripper_stops_rad": STOPS}
+    leader, follower = leader_on(rig, tmp_path, **option), YamFollower(YamFollowerConfig(**arm))
+    rig.set_pose(FOLLOWER, THERE)
+    rig.lift(LEADER, THERE, 0.5)
+    leader.connect()
+
+    def frames(seconds):
+        for _ in range(round(seconds * 30)):
+            follower.send_action(leader.get_action())
+            time.sleep(1 / 30)
+        return np.array(rig.state()["arms"][FOLLOWER]["q"])
+
+    stop = EmergencyStop()
+    try:
+        follower.connect()
+        frames(1.5)
+        rig.lift(LEADER, FALLEN, 0.3)  # let go of, to stop the arms
+        frames(0.2)
+        stop.latch("test")
+        before = frames(0.5)
+        assert np.abs(before - FALLEN).max() > 0.3  # the last action was farther down
+        stop.release()
+        np.testing.assert_allclose(frames(1.5), before, atol=0.05)
+        rig.lift(LEADER, FALLEN, 0.2, trigger=1.0)
+        np.testing.assert_allclose(frames(3.0), FALLEN, atol=0.1)
+    finally:
+        stop.release()
+        follower.disconnect()
         leader.disconnect()
         rig.release(LEADER)
 
