@@ -104,8 +104,8 @@ class PassiveLeaderBase(LeaderBase):
     def calibrate(self) -> None:
         """Find zeros and ranges, and store them. They count from the end of this on.
 
-        For 3 s all leaders must lie at the follower's home with the trigger released; then, for 20 s, each joint is
-        moved through its range and the trigger squeezed.
+        For 3 s all leaders must lie at `home_rad` with the trigger released; then, for 20 s, each joint is moved
+        through its range and the trigger squeezed.
 
         Raises:
             ConfigError: a leader was not still at home, or a joint was not moved; nothing was stored.
@@ -130,7 +130,8 @@ class PassiveLeaderBase(LeaderBase):
             if (high - low)[:-1].max() > _STILL_RAD:
                 joint = int((high - low)[:-1].argmax()) + 1
                 raise ConfigError(f"{config.name}: joint_{joint} moved while it should lie at home; calibrate again")
-            zero = 0.5 * (low + high)
+            home = np.zeros(encoders.joints) if passive.home_rad is None else np.array(passive.home_rad)
+            zero = 0.5 * (low + high) - np.append(home, 0.0)  # the leader's own angle there is home
             logger.info("%s: move each joint through its range, squeeze the trigger: %.0f s", config.name, MOVE_S)
             low, high = _extremes(port, encoders, sign, MOVE_S)
         trigger = float(max(abs(low[-1]), abs(high[-1])))

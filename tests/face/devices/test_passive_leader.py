@@ -94,13 +94,15 @@ def test_without_its_trigger_the_arm_goes_on_and_the_gripper_holds(rig, tmp_path
         rig.release(LEADER)
 
 
-def test_a_calibration_finds_zeros_ranges_and_the_triggers_travel(rig, tmp_path, monkeypatch):
+@pytest.mark.parametrize("home_rad", [None, [0.0, 0.4, 0.3, 0.0, 0.2, 0.0]])
+def test_a_calibration_finds_zeros_ranges_and_the_triggers_travel(rig, tmp_path, monkeypatch, home_rad):
     monkeypatch.setattr(yam_passive_leader, "HOME_S", 1.0)
     monkeypatch.setattr(yam_passive_leader, "MOVE_S", 6.0)
     home = [0.1, 0.5, 0.5, 0.0, 0.0, 0.0]
+    told = np.zeros(6) if home_rad is None else np.array(home_rad)
     rig.lift(LEADER, home, 0.5)
     time.sleep(1.5)
-    leader = leader_on(rig, tmp_path)
+    leader = leader_on(rig, tmp_path, home_rad=home_rad)
     leader.connect(calibrate=False)
     assert not leader.is_calibrated
 
@@ -117,10 +119,10 @@ def test_a_calibration_finds_zeros_ranges_and_the_triggers_travel(rig, tmp_path,
         person.join()
         assert leader.is_calibrated
         stored = json.loads((tmp_path / "yam" / "test_passive.json").read_text())
-        np.testing.assert_allclose(stored["zero_rad"], home, atol=0.05)
+        np.testing.assert_allclose(stored["zero_rad"], home - told, atol=0.05)
         assert stored["trigger_rad"] == pytest.approx(0.8 * 0.67, abs=0.02)
         assert all(high - low > 0.4 for low, high in stored["range_rad"])
-        np.testing.assert_allclose([*leader.get_action().values()][:6], 0.0, atol=0.05)  # it counts already
+        np.testing.assert_allclose([*leader.get_action().values()][:6], told, atol=0.05)  # it counts already
     finally:
         person.join()
         leader.disconnect()
@@ -173,6 +175,8 @@ def test_a_leader_that_has_fallen_takes_its_follower_along_once_it_is_in_a_hand(
         ({"leader_range_rad": [[0.0, 1.0]] * 6}, "leader_range_rad is for mapping: range"),
         ({"gate": "auto"}, "set follower to the follower's channel"),
         ({"arm": "yum"}, "yum"),
+        ({"home_rad": [0.0] * 5}, "home_rad takes an angle for each of 6 joints"),
+        ({"home_rad": [0.0] * 5 + [float("nan")]}, "home_rad takes an angle for each of 6 joints"),
         ({"follower": "follower_left", "gate": "button"}, "needs a gate_button"),
     ],
 )
