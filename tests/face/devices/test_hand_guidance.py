@@ -290,8 +290,10 @@ def test_without_a_follower_there_is_no_action():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: YamHandGuideConfig(gripper_key="n"), "one letter that LeRobot has no use for"),
-        (lambda: YamHandGuideConfig(gripper_key="go"), "one letter"),
+        (lambda: YamHandGuideConfig(gripper_key="n"), "one small letter that LeRobot has no use for"),
+        (lambda: YamHandGuideConfig(gripper_key="D"), "one small letter"),  # the end of an arrow's sequence
+        (lambda: YamHandGuideConfig(gripper_key="N"), "one small letter"),  # n to LeRobot
+        (lambda: YamHandGuideConfig(gripper_key="go"), "one small letter"),
         (lambda: BiYamHandGuideConfig(left_gripper_key="j"), "both grippers have the key 'j'"),
         (lambda: YamHandGuideConfig(arm="yum"), "yum"),
         (lambda: YamHandGuideConfig(action_space="tool"), "must be joint or ee"),
