@@ -40,7 +40,7 @@ def _refuse(device: str, config: Any, keys: tuple[str, ...]) -> None:
         raise RefusedConfigError(str(error)) from error
 
 
-_FREE = "abdefgijklmotuvwxyz"  # LeRobot's own are those of recordings and rollouts, and it takes capitals for small ones
+_FREE = "abdefgijklmotuvwxyz"  # LeRobot has the others, in recordings and rollouts, and takes capitals for small ones
 
 
 @register_as(TeleoperatorConfig, "yam_hand_guide")

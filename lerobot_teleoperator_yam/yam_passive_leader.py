@@ -95,7 +95,7 @@ class PassiveLeaderBase(LeaderBase):
 
     def _restart(self) -> None:
         super()._restart()
-        self._stopped = False
+        self._stopped: bool = False
 
     def _no_motors(self) -> NoReturn:
         raise LifeCycleError(f"{self}: a passive leader has no motors; it can be neither led nor held")
