@@ -144,6 +144,8 @@ class FollowerBase(ArmDevice, Robot):
 
     def discard(self) -> None:
         """Leave a world in lock-step that is thrown away: nothing lands. Idempotent."""
+        if self._guidance is not None:
+            self._guidance.detach(self._arms)
         self._arms.discard()
         self._close_cameras()
 
@@ -151,7 +153,7 @@ class FollowerBase(ArmDevice, Robot):
         """Land the arms, then close the cameras. Idempotent; no camera can keep the arms from landing."""
         try:
             if self._guidance is not None:
-                self._guidance.detach()
+                self._guidance.detach(self._arms)
             self._arms.stop()
         finally:
             self._close_cameras()

@@ -28,8 +28,10 @@ def _refuse(device: str, config: Any, keys: tuple[str, ...]) -> None:
         load_arm(config.arm)
         load_gripper(config.gripper)
         for key in keys:
-            if not isinstance(key, str) or len(key) != 1 or not key.isalpha() or key in _TAKEN:
-                raise ConfigError(f"{device}: a gripper's key is one letter that LeRobot has no use for, not {key!r}")
+            if not isinstance(key, str) or len(key) != 1 or key not in _FREE:
+                raise ConfigError(
+                    f"{device}: a gripper's key is one small letter that LeRobot has no use for ({_FREE}), not {key!r}"
+                )
         if len(set(keys)) < len(keys):
             raise ConfigError(f"{device}: both grippers have the key {keys[0]!r}; give them different ones")
         if config.action_space not in ("joint", "ee"):
@@ -38,7 +40,7 @@ def _refuse(device: str, config: Any, keys: tuple[str, ...]) -> None:
         raise RefusedConfigError(str(error)) from error
 
 
-_TAKEN = "nrqcpsh"  # LeRobot's own, of recordings and rollouts
+_FREE = "abdefgijklmotuvwxyz"  # LeRobot has the others, in recordings and rollouts, and takes capitals for small ones
 
 
 @register_as(TeleoperatorConfig, "yam_hand_guide")

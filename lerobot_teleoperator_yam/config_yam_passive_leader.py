@@ -58,7 +58,9 @@ class PassiveLeaderArmConfig(LeadOptions, PassiveOptions):
         factory=lambda: [2],
     )
     home_rad: list[float] | None = option(
-        "per joint, where leader and follower wait with gate: auto, rad; by default all zero", None
+        "per joint, where leader and follower wait with gate: auto, and where the leader lies while it is calibrated, "
+        "rad; by default all zero",
+        None,
     )
     home_gripper: float = option("opening of the follower's gripper there, 0 closed … 1 open", 0.0)
     engage_threshold_rad: float = option("a leader farther from home engages, rad", 0.5)
@@ -85,6 +87,7 @@ class PassiveLeaderArmConfig(LeadOptions, PassiveOptions):
             mapping=self.mapping,
             leader_range_rad=self.leader_range_rad,
             calibration_path=self.passive_calibration_path,
+            home_rad=self.home_rad,
         )
 
     def lead_config(self) -> LeadConfig | None:

@@ -16,6 +16,7 @@ from lerobot_robot_yam.damiao.passive_encoders import PassiveEncoders
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError
 from lerobot_robot_yam.face.devices.arm_group import ArmGroup
 from lerobot_robot_yam.session.arm_session import Isolation
+from lerobot_robot_yam.state.modes import Mode
 from lerobot_teleoperator_yam.config_yam_passive_leader import BiYamPassiveLeaderConfig, YamPassiveLeaderConfig
 from lerobot_teleoperator_yam.yam_leader import LeaderBase
 
@@ -73,6 +74,29 @@ class PassiveLeaderBase(LeaderBase):
         """Raises LifeCycleError."""
         self._no_motors()
 
+    @check_if_not_connected
+    def get_action(self) -> dict[str, float]:
+        """As of a leader with motors. While the leaders are stopped the followers hold where they are.
+
+        They stay stopped after an emergency stop, see `passive_stop`: the last action may be of a leader that fell.
+
+        Raises:
+            LifeCycleError: they are stopped, and there has been no action yet.
+            MotorError, StaleStateError: see `LeaderBase.get_action`.
+        """
+        before, self._stopped = self._stopped, any(state.mode is Mode.STOPPED for state in self._arms.observe())
+        if self._stopped and self._action is None:
+            raise LifeCycleError(f"{self}: the emergency stop came before its first action; squeeze the trigger first")
+        if self._stopped and not before:
+            self._arms.pause_followers()
+        elif before and not self._stopped:
+            self._arms.resume_followers()
+        return super().get_action()
+
+    def _restart(self) -> None:
+        super()._restart()
+        self._stopped: bool = False
+
     def _no_motors(self) -> NoReturn:
         raise LifeCycleError(f"{self}: a passive leader has no motors; it can be neither led nor held")
 
@@ -80,8 +104,8 @@ class PassiveLeaderBase(LeaderBase):
     def calibrate(self) -> None:
         """Find zeros and ranges, and store them. They count from the end of this on.
 
-        For 3 s all leaders must lie at the follower's home with the trigger released; then, for 20 s, each joint is
-        moved through its range and the trigger squeezed.
+        For 3 s all leaders must lie at `home_rad` with the trigger released; then, for 20 s, each joint is moved
+        through its range and the trigger squeezed.
 
         Raises:
             ConfigError: a leader was not still at home, or a joint was not moved; nothing was stored.
@@ -106,7 +130,8 @@ class PassiveLeaderBase(LeaderBase):
             if (high - low)[:-1].max() > _STILL_RAD:
                 joint = int((high - low)[:-1].argmax()) + 1
                 raise ConfigError(f"{config.name}: joint_{joint} moved while it should lie at home; calibrate again")
-            zero = 0.5 * (low + high)
+            home = np.zeros(encoders.joints) if passive.home_rad is None else np.array(passive.home_rad)
+            zero = 0.5 * (low + high) - np.append(home, 0.0)  # the leader's own angle there is home
             logger.info("%s: move each joint through its range, squeeze the trigger: %.0f s", config.name, MOVE_S)
             low, high = _extremes(port, encoders, sign, MOVE_S)
         trigger = float(max(abs(low[-1]), abs(high[-1])))

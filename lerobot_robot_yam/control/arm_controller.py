@@ -150,7 +150,8 @@ class ArmController:
         if self.coupling.active:
             self._follow_leader(now)
         arm.impedance.coupled = self.coupling.number != 0
-        if status.mode is Mode.TRACK and now - self._last_target_at > self.config.command_timeout_s:
+        obeys = status.mode is Mode.TRACK or (status.mode is Mode.FLOAT and arm.grips)
+        if obeys and now - self._last_target_at > self.config.command_timeout_s:
             status.limited |= Limited.COMMAND_TIMEOUT
             logger.info("%s: no target for %g s; it holds", self.name, self.config.command_timeout_s)
             arm.hold_here()
@@ -175,10 +176,11 @@ class ArmController:
     ) -> bool:
         """A new target (n,), gripper 0 … 1; taken while holding or tracking only. True when taken.
 
-        An arm that is guided by hand takes the gripper's part.
+        An arm that is guided by hand takes the gripper's part, and floats on.
         """
         arm, status = self.actuation, self.status
         if status.mode is Mode.FLOAT and arm.grips and not status.halted:
+            self._last_target_at = now
             arm.setpoint.set_target(target, now)  # the joints' is where they are, again at each tick
             return True
         if status.mode not in (Mode.HOLD, Mode.TRACK) or status.halted:
@@ -241,6 +243,8 @@ class ArmController:
                 self._floating.check(self.name)
                 arm.enter(Mode.FLOAT)
             arm.grips = request is Request.GUIDE and status.mode is Mode.FLOAT
+            if arm.grips:
+                self._last_target_at = now  # it goes on for as long as targets come
         elif request is Request.CALIBRATE_GRIPPER:
             if arm.gripper is None:
                 raise MotorError(f"{self.name}: {arm.hardware.gripper.name} has no motor to calibrate")

@@ -141,29 +141,38 @@ class ArmClient:
         """Keep the set-point, or the measured pose when floating. Raises LifeCycleError: not from this state."""
         self._request(Request.HOLD)
 
-    def guide(self) -> None:
-        """As `float`, but the gripper keeps its set-point, and follows `write_grip`. Raises LifeCycleError: as that."""
-        self.float(Request.GUIDE)
+    def guide(self, within_s: float = _LET_GO_S) -> None:
+        """As `float`, but the gripper keeps its set-point; `guide_on` has to follow, or it holds after
+        `command_timeout_s`. Raises LifeCycleError: as that."""
+        self.float(Request.GUIDE, within_s)
 
-    def write_grip(self, gripper: float) -> None:
-        """Give the gripper of an arm that is guided a target, 0 closed … 1 open. Raises ActionError: not finite."""
-        state = self.published()
-        target = [*state.q.tolist(), min(max(finite_number(self.config.name, "gripper", gripper), 0.0), 1.0)]
+    def guide_on(self, gripper: float | None = None) -> None:
+        """Let an arm that is guided float on. Raises ActionError: not finite.
+
+        Args:
+            gripper: a target, 0 closed … 1 open, if it has a gripper.
+        """
+        target: list[float] = self.published().q.tolist()
+        if gripper is not None:
+            target.append(min(max(finite_number(self.config.name, "gripper", gripper), 0.0), 1.0))
         self._commands.write_target(self._clock.now(), target, {})
 
-    def float(self, request: Request = Request.FLOAT) -> None:
+    def float(self, request: Request = Request.FLOAT, within_s: float = _LET_GO_S) -> None:
         """Gravity-compensated free motion.
 
+        Args:
+            request: FLOAT, or GUIDE.
+            within_s: in which a hand that pulls at it has to let go.
+
         Raises:
-            LifeCycleError: not from the present state, or it would run away; a hand that pulls at it has one second to
-                let go.
+            LifeCycleError: not from the present state, or it would run away.
         """
-        deadline = self._clock.now() + _LET_GO_S
+        deadline = self._clock.now() + within_s
         while True:
             try:
                 return self._request(request)
             except LifeCycleError:
-                if self.mode() not in (Mode.HOLD, Mode.TRACK) or self._clock.now() > deadline:
+                if self.mode() not in (Mode.HOLD, Mode.TRACK) or self._clock.now() >= deadline:
                     raise
             self._clock.sleep(0.05)
 

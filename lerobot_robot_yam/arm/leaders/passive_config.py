@@ -30,12 +30,14 @@ class PassiveConfig:
         mapping: direct: an angle is the follower's; range: the leader's range is stretched onto the follower's.
         leader_range_rad: (n, 2) lowest and highest angle of each of its joints; None: as calibrated.
         calibration_path: file with its zeros and ranges; one that is not there: the encoders' own zeros count.
+        home_rad: (n,) where the leader lies while its zeros are found; None: all zero.
     """
 
     joint_sign: list[int]
     mapping: Literal["direct", "range"] = "direct"
     leader_range_rad: list[list[float]] | None = None
     calibration_path: str | None = None
+    home_rad: list[float] | None = None
 
     def check(self, name: str, joints: int) -> None:
         """Refuse what cannot be.
@@ -46,6 +48,9 @@ class PassiveConfig:
         signs = self.joint_sign
         if not isinstance(signs, Sequence) or len(signs) != joints or any(sign not in (1, -1) for sign in signs):
             raise ConfigError(f"{name}: joint_sign takes 1 or -1 for each of {joints} joints; got {signs!r}")
+        home = self.home_rad
+        if home is not None and (not isinstance(home, Sequence) or len(home) != joints or not _finite(home)):
+            raise ConfigError(f"{name}: home_rad takes an angle for each of {joints} joints, rad; got {home!r}")
         if self.mapping not in ("direct", "range"):
             raise ConfigError(f"{name}: mapping takes direct or range; got {self.mapping!r}")
         if self.leader_range_rad is not None:
@@ -72,14 +77,16 @@ class PassiveOptions:
         """How it is read."""
 
 
+def _finite(values: Sequence[Any]) -> bool:
+    return all(isinstance(value, int | float) and math.isfinite(value) for value in values)
+
+
 def check_ranges(what: str, ranges: Any, joints: int) -> None:
     """Refuse ranges (joints, 2) that are none. Raises ConfigError: begins with `what`."""
     rows = ranges if isinstance(ranges, Sequence) and not isinstance(ranges, str) else []
     for row in rows:
         pair = row if isinstance(row, Sequence) and not isinstance(row, str) and len(row) == 2 else (math.nan, 0.0)
-        if not all(isinstance(end, int | float) and math.isfinite(end) for end in pair) or (
-            pair[1] - pair[0] < _LEAST_RANGE_RAD
-        ):
+        if not _finite(pair) or pair[1] - pair[0] < _LEAST_RANGE_RAD:
             raise ConfigError(
                 f"{what} takes [lowest, highest] rad for each joint, at least {_LEAST_RANGE_RAD:g} apart; got {row!r}"
             )

@@ -1,6 +1,6 @@
 """The loop of leaders without motors: it reads encoders, moves gates on, and publishes states as a control loop does.
 
-Nothing is energised and nothing lands. To everybody else such a leader is one that floats.
+Nothing is energised and nothing lands. To everybody else such a leader is one that floats, or one that is stopped.
 """
 
 import logging
@@ -10,16 +10,18 @@ from collections.abc import Callable, Sequence
 import can
 import numpy as np
 
-from lerobot_robot_yam.arm.config import passive_of
+from lerobot_robot_yam.arm.config import lead_of, passive_of
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.gripper.handle_reader import HandleReader
 from lerobot_robot_yam.control.gripper.trigger_range import TriggerRange
 from lerobot_robot_yam.control.passive.passive_mapping import PassiveMapping
+from lerobot_robot_yam.control.passive.passive_stop import PassiveStop
 from lerobot_robot_yam.control.teleop.lead import Lead, make_leads
 from lerobot_robot_yam.damiao.bus_port import BusPort
 from lerobot_robot_yam.damiao.handle_encoder import HandleEncoder, HandleReport
 from lerobot_robot_yam.damiao.passive_encoders import PassiveEncoders
 from lerobot_robot_yam.errors import BusError, YamError
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE, BlockPair, state_path
 
@@ -77,8 +79,13 @@ class PassiveArm:
             self._tell(["its channel"], f": {error}")
             self.port.clock.sleep(max(0.0, until_s - self.port.clock.now()) + _AGAIN_S)
 
-    def publish(self, now: float, mode: Mode = Mode.FLOAT) -> None:
-        """Write its state as of now."""
+    @property
+    def trigger(self) -> float:
+        """0 released … 1 squeezed, as published; NaN while it is silent."""
+        return float(self._record["trigger"])
+
+    def publish(self, now: float, mode: Mode) -> None:
+        """Write its state as of now. mode: FLOAT or STOPPED."""
         record, encoders, joints = self._record, self._encoders, self._joints
         j = slice(joints)
         q, dq = self._mapping.joints(encoders.angle_rad[j], encoders.rate_rad_s[j])
@@ -145,16 +152,25 @@ def run(
         for leader in made:
             leader.start()
         clock, period_s = made[0].port.clock, 1.0 / arms[0].config.rate_hz
+        stop = PassiveStop(EmergencyStop(), {i: arm.name for i, arm in enumerate(arms) if not _waits(arm)})
+        mode = Mode.FLOAT
         for leader in made:
-            leader.publish(clock.now())
+            leader.publish(clock.now(), mode)
         on_ready("")
         deadline = clock.now()
         while not must_end():
             deadline = max(deadline + period_s, clock.now())
             for leader in made:
                 leader.read(deadline if leader is made[-1] else 0.0)
+            mode = Mode.STOPPED if stop.check([leader.trigger for leader in made]) else Mode.FLOAT
             for leader in made:
-                leader.publish(clock.now())
+                leader.publish(clock.now(), mode)
     finally:
         for leader in made:
             leader.end(leader.port.clock.now())
+
+
+def _waits(arm: ResolvedArm) -> bool:
+    """Whether a gate waits for a person before its follower comes to this leader."""
+    lead = lead_of(arm.config)
+    return lead is not None and lead.gate != "always"

@@ -2,7 +2,7 @@
 
 LeRobot connects both, asks the teleoperator for an action and gives it to the follower. Here the action is where the
 hand has led the follower: from the first action on its arms float, and only their grippers obey. Any other action, as
-of a policy, ends that: the arms hold, and follow it.
+of a policy, ends that: the arms hold, and follow it. Without any action they hold after `command_timeout_s`.
 """
 
 import contextlib
@@ -39,7 +39,7 @@ class HandGuidance:
         self._follower = ""
         self._given: dict[str, float] = {}
         self._target: np.ndarray = np.zeros(0)
-        self._guides = False
+        self._guides = self._waits = False
 
     def announce(self) -> None:
         """The teleoperator is connected: the next follower of this process is for it.
@@ -62,8 +62,10 @@ class HandGuidance:
         """Be the guide of a follower that is about to be energised.
 
         Raises:
-            ConfigError: it is not the one that the teleoperator speaks of.
+            ConfigError: it is not the one that the teleoperator speaks of, or that one guides another one.
         """
+        if self._arms is not None and self._arms is not arms and self._arms.connected:
+            raise ConfigError(f"{self._device}: guides {self._follower} already; disconnect that first")
         if differing := sorted(set(self._keys) ^ set(space.keys)):
             raise ConfigError(
                 f"{self._device} and {follower}: only one has {', '.join(differing)}; give {self._device} the arm, "
@@ -72,9 +74,10 @@ class HandGuidance:
         self._follower, self._arms, self._space = follower, arms, space
         self._guides, self._given = False, {}
 
-    def detach(self) -> None:
-        """The follower goes. Idempotent."""
-        self._arms, self._guides = None, False
+    def detach(self, arms: ArmGroup) -> None:
+        """A follower goes. Idempotent."""
+        if self._arms is arms:
+            self._arms, self._guides = None, False
 
     def action(self, openings: Sequence[float | None]) -> dict[str, float]:
         """Where the hand has led the arms, which float from the first call on.
@@ -110,15 +113,30 @@ class HandGuidance:
         return 1.0 if asked is None else asked
 
     def _float(self, arms: ArmGroup) -> None:
+        """Have all arms float. One that has held meanwhile, and is pulled at, goes on holding until it is let go."""
+        first, self._guides = not self._guides, True
+        waits = ""
         for side, state in zip(arms.sides, arms.newest(), strict=True):
-            if state.mode in (Mode.HOLD, Mode.TRACK):
-                arms[side].guide()
-        if not self._guides:
+            if state.mode not in (Mode.HOLD, Mode.TRACK):
+                continue
+            try:
+                if first:
+                    arms[side].guide()
+                else:
+                    arms[side].guide(within_s=0.0)
+            except YamError as error:
+                if first or not isinstance(error, LifeCycleError):
+                    self.end()  # none of a pair floats alone
+                    raise
+                waits = str(error)
+        if first:
             logger.info("%s: floats, and is guided by hand", self._follower)
-        self._guides = True
+        if waits and not self._waits:
+            logger.warning("%s; let go of it for a moment", waits)
+        self._waits = bool(waits)
 
     def take(self, action: Mapping[str, Any]) -> np.ndarray | None:
-        """Pass the last action on, which moves nothing but grippers.
+        """Pass the last action on, which moves nothing but grippers, and lets the arms float on.
 
         Returns:
             The joints and grippers (n,) that it stands for; None if it is another action: the arms hold then.
@@ -130,8 +148,9 @@ class HandGuidance:
             self.end()
             return None
         for side, state in zip(arms.sides, arms.newest(), strict=True):
-            if side.gripper_index is not None and state.mode is Mode.FLOAT:
-                arms[side].write_grip(float(self._target[side.gripper_index]))
+            if state.mode is Mode.FLOAT:
+                index = side.gripper_index
+                arms[side].guide_on(None if index is None else float(self._target[index]))
         return self._target.copy()
 
     def end(self) -> None:

@@ -1,12 +1,16 @@
 """Keys that the user types for the driver itself, beside those that LeRobot hears."""
 
 import logging
+import re
 from collections.abc import Callable
 from typing import Any
 
 from lerobot_robot_yam.face.operator_keys.pseudo_terminal import PseudoTerminal, pseudo_terminal
 
 logger = logging.getLogger(__name__)
+
+# What an arrow, a function key, or Alt with a letter sends: none of its characters was typed.
+_SEQUENCE = re.compile(r"\x1b+(?:\[[0-?]*[ -/]*[@-~]?|O[0-9;]*.?|.)", re.DOTALL)
 
 
 class TypedKeys:
@@ -34,7 +38,7 @@ class TypedKeys:
             return
         self._terminal = pseudo_terminal()
         self._terminal.take()
-        self._terminal.heard = lambda typed: self._tell(typed.decode(errors="replace"))
+        self._terminal.heard = lambda typed: self._tell(_SEQUENCE.sub("", typed.decode(errors="replace")))
 
     def stop(self) -> None:
         """Listen no more, and leave the terminal as it was. Idempotent."""

@@ -1,10 +1,13 @@
 """A follower that a hand guides: it floats, its action is where it was led, its gripper obeys keys."""
 
+import contextlib
+
 import numpy as np
 import pytest
 
 from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerArmConfig, YamFollowerConfig
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError
+from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.yam_follower import BiYamFollower, YamFollower
@@ -16,6 +19,11 @@ ARMS = ("follower_left", "follower_right")
 RAISED = np.array([0.2, 1.0, 0.9, -0.3, 0.1, 0.2])
 THERE = np.array([-0.3, 1.3, 1.2, -0.5, -0.2, 0.5])
 FRAME_S = 1 / 30
+BARE = """
+name: bare
+extends: bimanual_table
+arms: [{channel: follower_left, role: follower, arm: yam, gripper: no_gripper, position_m: [0.0, 0.25, 0.0]}]
+"""
 rig = lockstep_rig(*ARMS)
 
 
@@ -147,6 +155,46 @@ def test_during_an_emergency_stop_it_holds_and_afterwards_floats_again(led):
     assert mode(follower) is Mode.FLOAT
 
 
+def test_without_actions_it_holds_until_the_next_one(led):
+    rig, guide, follower, _ = led
+    rig.release(ARMS[0])
+    follower.clock.sleep(0.4)
+    assert mode(follower) is Mode.FLOAT
+    follower.clock.sleep(0.2)
+    assert mode(follower) is Mode.HOLD
+    frames(rig, guide, follower, 0.2)
+    assert mode(follower) is Mode.FLOAT
+
+
+def test_an_arm_that_is_pulled_at_floats_again_once_it_is_let_go(led):
+    rig, guide, follower, _ = led
+    follower.clock.sleep(0.7)
+    rig.lift(ARMS[0], RAISED.tolist(), 1.0, gives_way=False)
+    follower.clock.sleep(1.5)
+    frames(rig, guide, follower, 0.5)
+    assert mode(follower) is Mode.HOLD
+    rig.release(ARMS[0])
+    frames(rig, guide, follower, 1.0)
+    assert mode(follower) is Mode.FLOAT
+
+
+def test_an_arm_without_a_gripper_floats_for_as_long_as_actions_come(tmp_path):
+    scene = tmp_path / "bare.yaml"
+    scene.write_text(BARE)
+    with contextlib.closing(LockstepRig(scene)) as rig:
+        guide = YamHandGuide(YamHandGuideConfig(gripper="no_gripper"))
+        fields = arm_fields(rig, ARMS[0]) | {"gripper": "no_gripper", "gripper_stops_rad": None}
+        follower = YamFollower(YamFollowerConfig(isolation="lockstep", **fields))
+        guide.connect()
+        follower.connect()
+        try:
+            frames(rig, guide, follower, 1.5)
+            assert mode(follower) is Mode.FLOAT
+        finally:
+            guide.disconnect()
+            follower.discard()
+
+
 def test_without_the_guide_it_holds(led):
     rig, guide, follower, _ = led
     guide.disconnect()
@@ -183,6 +231,37 @@ def test_two_followers(rig):
         follower.discard()
 
 
+def test_none_of_two_followers_floats_alone(rig):
+    guide = BiYamHandGuide(BiYamHandGuideConfig())
+    arms = {f"{name.removeprefix('follower_')}_arm_config": FollowerArmConfig(**arm_fields(rig, name)) for name in ARMS}
+    arms["right_arm_config"].gravity_factor = [0.2] * 6  # it would run away
+    follower = BiYamFollower(BiYamFollowerConfig(isolation="lockstep", **arms))
+    for name in ARMS:
+        rig.set_pose(name, RAISED.tolist())
+    guide.connect()
+    follower.connect()
+    try:
+        follower.clock.sleep(1.0)
+        with pytest.raises(LifeCycleError, match="right_follower does not float"):
+            guide.get_action()
+        assert [state.mode for state in follower._arms.newest()] == [Mode.HOLD] * 2
+    finally:
+        guide.disconnect()
+        follower.discard()
+
+
+def test_a_second_follower_is_refused_while_the_first_is_guided(devices):
+    rig, guide, follower = devices
+    frames(rig, guide, follower, 0.2)
+    second = YamFollower(YamFollowerConfig(isolation="lockstep", **arm_fields(rig, ARMS[1])))
+    with pytest.raises(ConfigError, match="guides yam_follower already; disconnect that first"):
+        second.connect()
+    second.disconnect()
+    assert not second.is_connected
+    frames(rig, guide, follower, 0.7)  # the first goes on as before
+    assert mode(follower) is Mode.FLOAT
+
+
 def test_a_guide_of_another_arm_is_refused_before_anything_is_energised(rig):
     guide = BiYamHandGuide(BiYamHandGuideConfig())
     follower = YamFollower(YamFollowerConfig(isolation="lockstep", **arm_fields(rig, ARMS[0])))
@@ -211,8 +290,10 @@ def test_without_a_follower_there_is_no_action():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: YamHandGuideConfig(gripper_key="n"), "one letter that LeRobot has no use for"),
-        (lambda: YamHandGuideConfig(gripper_key="go"), "one letter"),
+        (lambda: YamHandGuideConfig(gripper_key="n"), "one small letter that LeRobot has no use for"),
+        (lambda: YamHandGuideConfig(gripper_key="D"), "one small letter"),  # the end of an arrow's sequence
+        (lambda: YamHandGuideConfig(gripper_key="N"), "one small letter"),  # n to LeRobot
+        (lambda: YamHandGuideConfig(gripper_key="go"), "one small letter"),
         (lambda: BiYamHandGuideConfig(left_gripper_key="j"), "both grippers have the key 'j'"),
         (lambda: YamHandGuideConfig(arm="yum"), "yum"),
         (lambda: YamHandGuideConfig(action_space="tool"), "must be joint or ee"),

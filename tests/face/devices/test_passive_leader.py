@@ -7,8 +7,11 @@ import time
 import numpy as np
 import pytest
 
+from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError
 from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.yam_follower import YamFollower
 from lerobot_teleoperator_yam import yam_passive_leader
 from lerobot_teleoperator_yam.config_yam_passive_leader import (
     BiYamPassiveLeaderConfig,
@@ -16,14 +19,15 @@ from lerobot_teleoperator_yam.config_yam_passive_leader import (
     YamPassiveLeaderConfig,
 )
 from lerobot_teleoperator_yam.yam_passive_leader import BiYamPassiveLeader, YamPassiveLeader
+from tests.support.rigged import STOPS
 
-LEADER, OTHER = "leader_left", "leader_right"
-THERE = [0.3, 1.1, 1.0, -0.3, 0.1, 0.2]
+LEADER, OTHER, FOLLOWER = "leader_left", "leader_right", "follower_left"
+THERE, FALLEN = [0.3, 1.1, 1.0, -0.3, 0.1, 0.2], [0.3, 0.3, 0.4, -0.3, 0.1, 0.2]
 
 
 @pytest.fixture(scope="module")
 def rig():
-    with running_rig(scene="passive_leaders", arms=[LEADER, OTHER]) as rig:
+    with running_rig(scene="passive_leaders", arms=[LEADER, OTHER, FOLLOWER]) as rig:
         yield rig
 
 
@@ -90,13 +94,15 @@ def test_without_its_trigger_the_arm_goes_on_and_the_gripper_holds(rig, tmp_path
         rig.release(LEADER)
 
 
-def test_a_calibration_finds_zeros_ranges_and_the_triggers_travel(rig, tmp_path, monkeypatch):
+@pytest.mark.parametrize("home_rad", [None, [0.0, 0.4, 0.3, 0.0, 0.2, 0.0]])
+def test_a_calibration_finds_zeros_ranges_and_the_triggers_travel(rig, tmp_path, monkeypatch, home_rad):
     monkeypatch.setattr(yam_passive_leader, "HOME_S", 1.0)
     monkeypatch.setattr(yam_passive_leader, "MOVE_S", 6.0)
     home = [0.1, 0.5, 0.5, 0.0, 0.0, 0.0]
+    told = np.zeros(6) if home_rad is None else np.array(home_rad)
     rig.lift(LEADER, home, 0.5)
     time.sleep(1.5)
-    leader = leader_on(rig, tmp_path)
+    leader = leader_on(rig, tmp_path, home_rad=home_rad)
     leader.connect(calibrate=False)
     assert not leader.is_calibrated
 
@@ -113,12 +119,46 @@ def test_a_calibration_finds_zeros_ranges_and_the_triggers_travel(rig, tmp_path,
         person.join()
         assert leader.is_calibrated
         stored = json.loads((tmp_path / "yam" / "test_passive.json").read_text())
-        np.testing.assert_allclose(stored["zero_rad"], home, atol=0.05)
+        np.testing.assert_allclose(stored["zero_rad"], home - told, atol=0.05)
         assert stored["trigger_rad"] == pytest.approx(0.8 * 0.67, abs=0.02)
         assert all(high - low > 0.4 for low, high in stored["range_rad"])
-        np.testing.assert_allclose([*leader.get_action().values()][:6], 0.0, atol=0.05)  # it counts already
+        np.testing.assert_allclose([*leader.get_action().values()][:6], told, atol=0.05)  # it counts already
     finally:
         person.join()
+        leader.disconnect()
+        rig.release(LEADER)
+
+
+@pytest.mark.parametrize("option", [{}, {"follower": FOLLOWER}])
+def test_a_leader_that_has_fallen_takes_its_follower_along_once_it_is_in_a_hand(rig, tmp_path, option):
+    arm = fields(rig, FOLLOWER) | {"gravity_factor": [1.0] * 6, "gripper_stops_rad": STOPS}
+    leader, follower = leader_on(rig, tmp_path, **option), YamFollower(YamFollowerConfig(**arm))
+    rig.set_pose(FOLLOWER, THERE)
+    rig.lift(LEADER, THERE, 0.5)
+    leader.connect()
+
+    def frames(seconds):
+        for _ in range(round(seconds * 30)):
+            follower.send_action(leader.get_action())
+            time.sleep(1 / 30)
+        return np.array(rig.state()["arms"][FOLLOWER]["q"])
+
+    stop = EmergencyStop()
+    try:
+        follower.connect()
+        frames(1.5)
+        rig.lift(LEADER, FALLEN, 0.3)  # let go of, to stop the arms
+        frames(0.2)
+        stop.latch("test")
+        before = frames(0.5)
+        assert np.abs(before - FALLEN).max() > 0.3  # the last action was farther down
+        stop.release()
+        np.testing.assert_allclose(frames(1.5), before, atol=0.05)
+        rig.lift(LEADER, FALLEN, 0.2, trigger=1.0)
+        np.testing.assert_allclose(frames(3.0), FALLEN, atol=0.1)
+    finally:
+        stop.release()
+        follower.disconnect()
         leader.disconnect()
         rig.release(LEADER)
 
@@ -135,6 +175,8 @@ def test_a_calibration_finds_zeros_ranges_and_the_triggers_travel(rig, tmp_path,
         ({"leader_range_rad": [[0.0, 1.0]] * 6}, "leader_range_rad is for mapping: range"),
         ({"gate": "auto"}, "set follower to the follower's channel"),
         ({"arm": "yum"}, "yum"),
+        ({"home_rad": [0.0] * 5}, "home_rad takes an angle for each of 6 joints"),
+        ({"home_rad": [0.0] * 5 + [float("nan")]}, "home_rad takes an angle for each of 6 joints"),
         ({"follower": "follower_left", "gate": "button"}, "needs a gate_button"),
     ],
 )
