@@ -11,6 +11,7 @@ from lerobot.datasets import LeRobotDataset, LeRobotDatasetMetadata
 from lerobot.datasets.io_utils import write_stats, write_table_one_row_group_per_episode
 
 from lerobot_robot_yam.face.datasets.repair.dataset_on_disk import DatasetError, Findings, Progress, clip_columns
+from lerobot_robot_yam.face.datasets.written_aside import written_aside
 
 _REPLACED = ("data", "videos", "images", "episodes")  # directories whose content is written anew, or of no use
 
@@ -21,17 +22,12 @@ def rebuild(findings: Findings, target: Path, progress: Progress = iter) -> None
     Raises:
         DatasetError: what was written does not load; `target` is gone again.
     """
-    partial = target.with_name(f"{target.name}.partial")
-    shutil.rmtree(partial, ignore_errors=True)
-    try:
-        _metadata(findings, partial)  # creates the directory
-        _rest(findings, partial)
-        _data(findings, partial)
-        _videos(findings, partial, progress)
-        verify(partial, progress)
-        partial.rename(target)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+    with written_aside(target) as whole:
+        _metadata(findings, whole)  # creates the directory
+        _rest(findings, whole)
+        _data(findings, whole)
+        _videos(findings, whole, progress)
+        verify(whole, progress)
 
 
 def verify(root: Path, progress: Progress = iter) -> None:
