@@ -90,6 +90,15 @@ def test_a_directory_whose_name_looks_like_an_unfinished_copy_is_left_alone(data
     assert (tmp_path / "copy").stat().st_mode == root.stat().st_mode
 
 
+def test_the_episodes_behind_one_that_is_left_out_keep_their_labels(data):
+    main([str(data), "--set", "0=failure", "1=discard", "2=success", "--apply"])
+    copy = load(data.with_name("data_labelled"))
+    assert [row["length"] for row in copy.meta.episodes] == [LENGTHS[0], LENGTHS[2]]
+    assert [row["success"] for row in copy.meta.episodes] == [False, True]
+    assert labels(copy.root) == {0: "failure", 1: "success"}
+    assert copy[len(copy) - 1]["action"].equal(load(data)[sum(LENGTHS) - 1]["action"])
+
+
 def test_without_a_discarded_episode_the_copy_has_all(data, tmp_path):
     assert main([str(data), "--rest", "failure", "--apply", "--output", str(tmp_path / "all")]) == 0
     copy = load(tmp_path / "all")

@@ -5,7 +5,6 @@ which lerobot-eval records it: true in the last frame of a success. The column `
 what `LeRobotDataset(…, episode_filter=lambda episode: episode["success"])` reads: true, false, or null without a label.
 """
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -18,9 +17,8 @@ from lerobot.utils.constants import SUCCESS as FRAME_COLUMN
 from lerobot_robot_yam.errors import ConfigError, YamError
 from lerobot_robot_yam.face.datasets.repair.dataset_on_disk import DatasetError, Progress
 from lerobot_robot_yam.face.datasets.repair.rebuild import verify
+from lerobot_robot_yam.face.datasets.side_cars import copy_side_cars
 from lerobot_robot_yam.face.datasets.written_aside import written_aside
-from lerobot_robot_yam.face.recorder import outcomes
-from lerobot_robot_yam.face.recorder.episode_log import SIDE_CAR
 from lerobot_robot_yam.face.recorder.outcomes import DISCARD, SUCCESS, Outcome
 
 EPISODE_COLUMN = "success"
@@ -60,7 +58,7 @@ def _write(root: Path, whole: Path, labels: Mapping[int, Outcome], progress: Pro
     column = {"dtype": "bool", "shape": (1,), "names": None}
     add_features(data, {FRAME_COLUMN: (_frames(data, renumbered), column)}, whole, _NAME)
     _write_episode_column(whole, renumbered)
-    _copy_side_cars(root, whole, kept, renumbered)
+    copy_side_cars(root, whole, kept)
     verify(whole, progress)
 
 
@@ -81,15 +79,3 @@ def _write_episode_column(root: Path, labels: Mapping[int, Outcome]) -> None:
             for index in table["episode_index"].to_pylist()
         ]
         pq.write_table(table.append_column(EPISODE_COLUMN, pa.array(values, pa.bool_())), path)
-
-
-def _copy_side_cars(root: Path, target: Path, kept: list[int], labels: Mapping[int, Outcome]) -> None:
-    """Figures and outcomes of the episodes that are left, by their new numbers."""
-    rows = [Outcome(new, row.outcome, row.by, row.at) for new, row in labels.items()]
-    if rows:
-        outcomes.append(target, rows)
-    if (root / SIDE_CAR).exists():
-        new_index = {old: new for new, old in enumerate(kept)}
-        figures = [json.loads(line) for line in (root / SIDE_CAR).read_text().splitlines() if line.strip()]
-        left = [row | {"episode_index": new_index[i]} for row in figures if (i := row["episode_index"]) in new_index]
-        (target / SIDE_CAR).write_text("".join(f"{json.dumps(row)}\n" for row in left))

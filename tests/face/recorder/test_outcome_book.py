@@ -74,6 +74,19 @@ def test_an_earlier_sessions_episode_gets_no_label(data):
     assert labels(data) == {}
 
 
+def test_an_episode_does_not_inherit_the_label_of_a_lost_one(data):
+    save(data)
+    outcomes.append(data.root, [outcomes.now(0, "success", "a"), outcomes.now(1, "discard", "a")])
+    OutcomeBook().open(data)
+    assert labels(data) == {0: "success"}
+
+
+def test_outcomes_that_cannot_be_read_are_no_obstacle(data, caplog):
+    (data.root / outcomes.OUTCOMES).write_text("{}\n{}\n")
+    OutcomeBook().open(data)
+    assert "line 1 is no outcome" in caplog.text
+
+
 def test_a_label_of_an_episode_that_is_never_saved_is_dropped(data, book):
     add_frames(data, 0, 4)
     book.label("failure", 4, "left_top")
