@@ -5,11 +5,13 @@ with a lift is sent back at once with the re-record key: LeRobot then waits in i
 beginning. The lift ends the reset, and no save delays the recording that begins. Home ends the episode, and then the
 reset behind it, so that the episode is saved at once. An episode that an emergency stop cuts off is dropped: behind the
 stop the leaders are led home, which is no end that anybody wanted.
+
+The episodes of lerobot-rollout are the policy's: there the leaders begin and end none.
 """
 
 from collections.abc import Sequence
 
-from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation
+from lerobot_robot_yam.face.operator_keys.key_plan import RECORD, Phase, Situation
 from lerobot_robot_yam.face.operator_keys.meanings import Meaning
 from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import ArmState
@@ -48,7 +50,7 @@ class AutoEpisodes:
             by_hand: see `led_by_hand`.
             now: what the command does.
         """
-        if now.phase not in (Phase.RECORDING, Phase.RESETTING):
+        if now.command != RECORD or not now.keys or now.phase not in (Phase.RECORDING, Phase.RESETTING):
             return None
         if now.turn != self._turn:
             self._turn, self._begun = now.turn, self._starts

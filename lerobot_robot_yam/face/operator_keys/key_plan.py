@@ -7,6 +7,8 @@ from typing import Any
 
 from lerobot_robot_yam.face.operator_keys.meanings import LABELS, Meaning
 
+RECORD = "lerobot-record"
+
 
 class Phase(Enum):
     """What a LeRobot command does."""

@@ -105,7 +105,7 @@ class OperatorKeys:
             self._answer(button, self._meanings[button], now, now_s)
         if self._goal is not None:
             self._approach(self._goal, now, now_s)
-        if self._auto is not None and Meaning.NEXT in now.keys:
+        if self._auto is not None:
             lifted = all_lifted([state.gate for state in states.values()])
             key = self._auto.key(lifted, led_by_hand(list(states.values())), now)
             if key is not None:

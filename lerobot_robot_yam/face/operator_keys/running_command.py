@@ -8,7 +8,7 @@ import threading
 from types import FrameType
 from typing import Any
 
-from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation
+from lerobot_robot_yam.face.operator_keys.key_plan import RECORD, Phase, Situation
 from lerobot_robot_yam.face.operator_keys.meanings import Meaning
 from lerobot_robot_yam.face.recorder.record_command import PACKAGE, callers, running_record
 
@@ -34,7 +34,7 @@ def look() -> Situation:
     if command.loop is not None:
         phase = Phase.RECORDING if command.records else Phase.RESETTING
     keys = _EPISODE_KEYS if command.events else {}  # before, it does not listen yet
-    return Situation("lerobot-record", phase, keys, command.dataset, command.loop or 0.0, command.drops)
+    return Situation(RECORD, phase, keys, command.dataset, command.loop or 0.0, command.drops)
 
 
 def _rollout(frame: FrameType | None) -> Situation:

@@ -6,7 +6,7 @@ import random
 import pytest
 
 from lerobot_robot_yam.face.operator_keys.auto_episodes import AutoEpisodes, all_lifted
-from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation
+from lerobot_robot_yam.face.operator_keys.key_plan import RECORD, Phase, Situation
 from lerobot_robot_yam.state.modes import Gate
 from tests.face.operator_keys.test_key_plan import EPISODES, Dataset
 
@@ -23,7 +23,7 @@ class Recorder:
         self.exit_early = self.rerecord = self.ended = False
 
     def situation(self):
-        return Situation("lerobot-record", self.phase, EPISODES, Dataset(len(self.buffer)), self.turn, self.rerecord)
+        return Situation(RECORD, self.phase, EPISODES, Dataset(len(self.buffer)), self.turn, self.rerecord)
 
     def press(self, key):
         assert not (key == "right" and self.phase is Phase.RECORDING and not self.buffer), "it would save nothing"
@@ -136,6 +136,13 @@ def test_a_stop_while_the_scene_is_reset_costs_nothing():
         recorder, [HOME] * 20 + [LIFTED] * 50 + [HOME] * 20 + [STOPPED] * 9 + [HOME] * 20 + [LIFTED] * 40 + [HOME] * 20
     )
     assert [episode.count(LIFTED) > 30 for episode in recorder.saved] == [True, True]
+
+
+@pytest.mark.parametrize("phase", Phase)
+@pytest.mark.parametrize(("command", "keys"), [("the episodic strategy of lerobot-rollout", EPISODES), (RECORD, {})])
+def test_no_key_for_a_policys_episodes_or_a_command_that_does_not_listen_yet(command, keys, phase):
+    for lifted in (HOME, LIFTED, HOME):
+        assert AutoEpisodes().key(lifted, True, Situation(command, phase, keys, Dataset(9), 1.0)) is None
 
 
 @pytest.mark.parametrize("seed", range(100))
