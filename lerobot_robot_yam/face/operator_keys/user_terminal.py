@@ -43,9 +43,10 @@ class UserTerminal:
         poll.register(self.descriptor, select.POLLIN)
         with contextlib.suppress(OSError):
             for _, event in poll.poll(within_s * 1e3):
-                if event & select.POLLIN and self.reachable:
-                    return os.read(self.descriptor, _CHUNK) or _END_OF_INPUT
+                # A terminal that has hung up can be read, too, and tells the end of input for ever.
                 self._gone = bool(event & (select.POLLHUP | select.POLLERR | select.POLLNVAL))
+                if self.reachable:
+                    return os.read(self.descriptor, _CHUNK) or _END_OF_INPUT
         return b""
 
     @property

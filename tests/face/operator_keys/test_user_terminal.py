@@ -1,6 +1,7 @@
 """What is read from a user's terminal."""
 
 import os
+import termios
 import threading
 import tty
 
@@ -40,6 +41,25 @@ def test_esc_alone_is_esc(keys_and_terminal, monkeypatch):
     os.write(keys, b"\x1b")
     assert terminal.typed(1.0) == b"\x1b"
     assert terminal.typed(0.0) == b""
+
+
+def test_a_terminal_that_has_hung_up_is_gone_and_says_nothing():
+    keys, descriptor = os.openpty()
+    terminal = UserTerminal(descriptor)
+    os.close(keys)
+    assert terminal.typed(1.0) == b""
+    assert terminal.gone and not terminal.reachable
+    os.close(descriptor)
+
+
+def test_the_end_of_input_is_told_as_the_key_that_means_it(keys_and_terminal):
+    keys, terminal = keys_and_terminal
+    tty.setcbreak(terminal.descriptor)
+    mode = termios.tcgetattr(terminal.descriptor)
+    mode[3] |= termios.ICANON
+    termios.tcsetattr(terminal.descriptor, termios.TCSANOW, mode)
+    os.write(keys, b"\x04")
+    assert terminal.typed(1.0) == b"\x04" and not terminal.gone
 
 
 @pytest.mark.parametrize("first", ["typed", "pressed"])
