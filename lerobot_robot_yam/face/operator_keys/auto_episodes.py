@@ -17,6 +17,7 @@ from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import ArmState
 
 _LIFTED = (Gate.APPROACH, Gate.ENGAGED, Gate.FINE, Gate.RECENTRE)
+_LEAST_FRAMES = 5  # of an episode: a key that came late has ended a shorter one
 _HOME = (Gate.HOMING, Gate.IDLE)
 
 
@@ -65,8 +66,11 @@ class AutoEpisodes:
                 return None
             if not self._begun or self._cut_off or (home and not self._was_lifted):
                 return now.keys[Meaning.RERECORD]
-            return now.keys[Meaning.NEXT] if home else None
-        if not now.drops:
-            return now.keys[Meaning.NEXT]  # it is saved now, not when the next one begins
-        self._starts = self._armed and lifted is True
-        return now.keys[Meaning.NEXT] if self._starts else None
+            return now.keys[Meaning.NEXT] if home and not now.ends_by_itself else None
+        if not now.drops and now.frames < _LEAST_FRAMES:
+            self._starts = lifted is True  # its lift goes on
+            return now.keys[Meaning.RERECORD]
+        self._starts = now.drops and self._armed and lifted is True
+        if now.ends_by_itself or not (self._starts or not now.drops):
+            return None
+        return now.keys[Meaning.NEXT]  # an episode is saved now, not when the next one begins

@@ -21,7 +21,7 @@ logger = logging.getLogger(__name__)
 _PERIOD_S = 0.005  # of the look at the handles
 _LOOK_S = 0.02  # of the look at the command, while there is a reason to
 _SELDOM_S = 0.5  # and while there is none: its data set may be new
-_AGAIN_S = 2.0  # a key of an automatic episode that has not been answered so long is pressed again
+_AGAIN_S = 2.0  # a key that nobody has asked for by a button, and that has no answer for so long, is pressed again
 _GOAL_S = 60.0  # LeRobot aligns leaders for 2 s, and saves for as long as it takes
 
 
@@ -96,7 +96,8 @@ class OperatorKeys:
 
     def _tick(self, now_s: float, states: Mapping[str, ArmState]) -> None:
         pressed = [name for name in self._edges.pressed(_buttons(states)) if name in self._meanings]
-        busy = self._auto is not None or self._goal is not None or self._book.pending
+        awaits = self._auto is not None or self._goal is not None or self._book.pending
+        busy = awaits or now_s - self._pressed_s < _AGAIN_S
         if not pressed and now_s - self._looked_s < (_LOOK_S if busy else _SELDOM_S):
             return
         self._looked_s, now = now_s, running_command.look()
@@ -105,11 +106,12 @@ class OperatorKeys:
             self._answer(button, self._meanings[button], now, now_s)
         if self._goal is not None:
             self._approach(self._goal, now, now_s)
+        key = key_plan.rescue(now)
         if self._auto is not None:
             lifted = all_lifted([state.gate for state in states.values()])
-            key = self._auto.key(lifted, led_by_hand(list(states.values())), now)
-            if key is not None:
-                self._press(key, now, now_s, again=True)
+            key = self._auto.key(lifted, led_by_hand(list(states.values())), now) or key
+        if key is not None:
+            self._press(key, now, now_s, again=True)
         self._book.look()
 
     def _answer(self, button: str, meaning: Meaning, now: Situation, now_s: float) -> None:

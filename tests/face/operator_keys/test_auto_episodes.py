@@ -1,6 +1,7 @@
 """Automatic episodes against a recorder that loops as lerobot-record does, and leaders that are lifted at random."""
 
 import itertools
+import math
 import random
 
 import pytest
@@ -11,22 +12,24 @@ from lerobot_robot_yam.state.modes import Gate
 from tests.face.operator_keys.test_key_plan import EPISODES, Dataset
 
 HOME, LIFTED, MIXED = False, True, None
+FPS = 30
 STOPPED = "stopped"  # which begins the gate anew
 
 
 class Recorder:
     """The loops of lerobot-record: each frame of an episode is what the leaders did then."""
 
-    def __init__(self, episodes, episode_frames=10**6, reset_frames=10**6):
+    def __init__(self, episodes, episode_frames=10**6, reset_frames=10**6, tells_time=True):
+        self.tells_time = tells_time
         self.episodes, self.limits = episodes, {Phase.RECORDING: episode_frames, Phase.RESETTING: reset_frames}
         self.saved, self.buffer, self.phase, self.turn, self.left = [], [], Phase.RECORDING, 1.0, episode_frames
         self.exit_early = self.rerecord = self.ended = False
 
     def situation(self):
-        return Situation(RECORD, self.phase, EPISODES, Dataset(len(self.buffer)), self.turn, self.rerecord)
+        data, left_s = Dataset(len(self.buffer)), self.left / FPS if self.tells_time else math.inf
+        return Situation(RECORD, self.phase, EPISODES, data, self.turn, self.rerecord, left_s)
 
     def press(self, key):
-        assert not (key == "right" and self.phase is Phase.RECORDING and not self.buffer), "it would save nothing"
         self.exit_early = True
         self.rerecord |= key == "left"
 
@@ -45,6 +48,7 @@ class Recorder:
         if self.rerecord:
             self.rerecord = self.exit_early = False
         else:
+            assert self.buffer, "LeRobot raises"
             self.saved.append(self.buffer)
         self.buffer = []
         self.ended = len(self.saved) == self.episodes
@@ -56,13 +60,13 @@ class Recorder:
 
 
 def session(recorder, leaders, ticks=3000):
-    """Run until the recorder has ended; keys arrive one tick late."""
+    """Run until the recorder has ended; keys arrive one tick late, whatever it does by then."""
     auto, held, pressed = AutoEpisodes(), None, []
     for lifted in itertools.islice(leaders, ticks):
         if recorder.ended:
             break
         key = auto.key(HOME if lifted is STOPPED else lifted, lifted is not STOPPED, recorder.situation())
-        if held is not None and held[1] == recorder.turn:
+        if held is not None:
             recorder.press(held[0])
             pressed.append(held[0])
         held = None if key is None or (held is not None and held[1] == recorder.turn) else (key, recorder.turn)
@@ -104,6 +108,21 @@ def test_a_wait_that_is_longer_than_the_reset_records_nothing(reset_frames):
     session(recorder, lifts(200, 50, 200, 60))
     assert len(recorder.saved) == 2
     assert all(episode.count(LIFTED) > 40 and episode.count(HOME) < 5 for episode in recorder.saved)
+
+
+@pytest.mark.parametrize("tells_time", [True, False])
+def test_a_lift_at_the_moment_at_which_the_reset_ends_saves_no_fragment(tells_time):
+    for wait in range(50, 80):  # the first reset ends within
+        recorder = Recorder(episodes=2, reset_frames=60, tells_time=tells_time)
+        session(recorder, lifts(wait, 50, 20, 60))
+        assert [episode.count(LIFTED) > 38 for episode in recorder.saved] == [True, True], wait
+
+
+def test_home_at_the_moment_at_which_the_episode_ends_saves_it_and_no_fragment():
+    for length in range(90, 110):
+        recorder = Recorder(episodes=2, episode_frames=100, reset_frames=2)
+        session(recorder, lifts(20, length, 30, 60))
+        assert [episode.count(LIFTED) > 50 for episode in recorder.saved] == [True, True], length
 
 
 def test_an_episode_that_is_too_long_is_saved_and_the_next_one_needs_another_lift():
