@@ -107,6 +107,19 @@ def single_key(meaning: Meaning, now: Situation) -> str | None:
     return key if meaning is Meaning.STOP else None
 
 
+def frames_to_label(now: Situation, automatic: bool) -> int | None:
+    """Frames of the episode that a label is for, 0: it is saved already; None: a label would be for a wrong one.
+
+    Args:
+        now: what the command does.
+        automatic: episodes end by themselves. Then what is dropped was never an episode, and the label is for the one
+            before. Else somebody means the episode that he has just dropped.
+    """
+    if now.drops:
+        return 0 if automatic else None
+    return now.frames
+
+
 def rescue(now: Situation) -> str | None:
     """The key that is needed whatever was pressed: an episode without a frame is not saved, but recorded again."""
     empty = now.phase is Phase.RESETTING and now.dataset is not None and not now.frames and not now.drops

@@ -115,9 +115,16 @@ class OperatorKeys:
         self._book.look()
 
     def _answer(self, button: str, meaning: Meaning, now: Situation, now_s: float) -> None:
-        if meaning in LABELS and not self._book.label(meaning, 0 if now.drops else now.frames, button):
-            logger.warning("button %s (%s): there is no episode yet", button, meaning)
-            return
+        if meaning in LABELS:
+            frames = key_plan.frames_to_label(now, self._automatic)
+            if frames is None or not self._book.label(meaning, frames, button):
+                why = (
+                    "there is no episode yet"
+                    if frames is not None
+                    else "the episode is dropped, there is none to label"
+                )
+                logger.warning("button %s (%s): %s", button, meaning, why)
+                return
         goal, key = key_plan.wanted(meaning, now), key_plan.single_key(meaning, now)
         if goal is not None:
             self._goal, self._goal_until_s, self._last = goal, now_s + _GOAL_S, None

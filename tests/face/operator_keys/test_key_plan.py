@@ -4,7 +4,16 @@ import itertools
 
 import pytest
 
-from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation, refusal, rescue, single_key, step, wanted
+from lerobot_robot_yam.face.operator_keys.key_plan import (
+    Phase,
+    Situation,
+    frames_to_label,
+    refusal,
+    rescue,
+    single_key,
+    step,
+    wanted,
+)
 from lerobot_robot_yam.face.operator_keys.meanings import LABELS, Meaning
 
 EPISODES = {Meaning.NEXT: "right", Meaning.RERECORD: "left", Meaning.STOP: "esc"}
@@ -77,6 +86,13 @@ def test_an_episode_that_a_late_key_has_ended_without_a_frame_is_recorded_again(
     assert rescue(situation(Phase.RESETTING, frames=1)) is None
     assert rescue(situation(Phase.RECORDING, frames=0)) is None
     assert rescue(Situation("", Phase.RESETTING, EPISODES)) is None
+
+
+def test_a_label_behind_rerecord_is_not_for_the_good_episode_before():
+    dropped = situation(Phase.RESETTING, drops=True)
+    assert frames_to_label(dropped, automatic=False) is None
+    assert frames_to_label(dropped, automatic=True) == 0
+    assert frames_to_label(situation(Phase.RESETTING), automatic=False) == 9
 
 
 def keys_pressed(meaning, phase):
