@@ -4,6 +4,8 @@ import logging
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.recorder import outcomes
 
@@ -53,10 +55,11 @@ class OutcomeBook:
         """
         if self._dataset is None:
             return False
-        count = self._dataset.num_episodes
-        if frames:
-            self._buffer = _buffer(self._dataset)
-            self._pending = outcomes.now(count, outcome, by)
+        buffer, count = _buffer(self._dataset), self._dataset.num_episodes
+        if frames and buffer is not None:
+            # Its own number, not the count: LeRobot counts it before it has encoded videos and taken a new buffer.
+            index = int(np.ravel(buffer["episode_index"])[0])
+            self._buffer, self._pending = buffer, outcomes.now(index, outcome, by)
         elif count > self._first:
             self._write(outcomes.now(count - 1, outcome, by))
         else:
