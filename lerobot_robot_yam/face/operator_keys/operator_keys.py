@@ -22,6 +22,7 @@ _PERIOD_S = 0.005  # of the look at the handles
 _LOOK_S = 0.02  # of the look at the command, while there is a reason to
 _SELDOM_S = 0.5  # and while there is none: its data set may be new
 _AGAIN_S = 2.0  # a key that nobody has asked for by a button, and that has no answer for so long, is pressed again
+_END_S = 1.0  # a key takes 0.06 s at most, but the display of an ssh connection that is dead answers never
 _GOAL_S = 60.0  # LeRobot aligns leaders for 2 s, and saves for as long as it takes
 
 
@@ -64,33 +65,45 @@ class OperatorKeys:
             logger.info("buttons of handles mean something to lerobot-record and lerobot-rollout only")
             return
         self._forget()
-        self._ends.clear()
+        self._ends = threading.Event()  # its own, for the case that an earlier thread hangs
         try:
             self._keyboard = keyboard()
             self._keyboard.take()
         except OSError as error:
             raise ConfigError(f"buttons: no pseudo-terminal can be had: {error.strerror}") from error
-        self._thread = threading.Thread(target=self._run, args=(read,), name="operator keys", daemon=True)
+        self._thread = threading.Thread(target=self._run, args=(read, self._ends), name="operator keys", daemon=True)
         self._thread.start()
+
+    def end(self) -> None:
+        """Press no key any more. Waits for nothing."""
+        self._ends.set()
 
     def stop(self) -> None:
         """End, and leave the terminal as it was. Idempotent."""
-        self._ends.set()
+        self.end()
         thread, self._thread = self._thread, None
-        if thread is not None:
-            thread.join()
-            self._book.close()
-        way, self._keyboard = self._keyboard, None
-        if way is not None:
-            way.give_back()
+        hangs = False
+        try:
+            if thread is not None:
+                thread.join(_END_S)
+                hangs = thread.is_alive()
+                self._book.close()
+        finally:
+            way, self._keyboard = self._keyboard, None
+            if hangs:  # so would who gives back what it waits for: an X server behind a dead connection
+                logger.warning("buttons: a key was pressed, and the display does not answer; left as it is")
+            elif way is not None:
+                way.give_back()
 
-    def _run(self, read: Callable[[], Mapping[str, ArmState]]) -> None:
-        while not self._ends.wait(_PERIOD_S):
+    def _run(self, read: Callable[[], Mapping[str, ArmState]], ends: threading.Event) -> None:
+        while not ends.wait(_PERIOD_S):
             try:
                 self._tick(time.monotonic(), read())
             except YamError as error:  # the arms are off, or their loop is gone, which others say
                 logger.debug("no buttons: %s", error)
             except Exception:
+                if ends.is_set():  # the arms are let go meanwhile
+                    return
                 logger.exception("the buttons of the handles do nothing from now on")
                 return
 

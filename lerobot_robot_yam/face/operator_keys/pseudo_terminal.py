@@ -33,6 +33,7 @@ _BYTES = {
     "space": b" ",
     "backspace": b"\x7f",
 }
+_END_S = 1.0  # somebody else may have read what it was to read
 _ECHO_AT = 3  # the place of the local flags in a mode
 _the_one: "PseudoTerminal | None" = None
 
@@ -92,7 +93,7 @@ class PseudoTerminal:
             sys.stdin = self._before
         user, self._user = self._user, None
         if self._relay is not None and self._relay is not threading.current_thread():
-            self._relay.join()
+            self._relay.join(_END_S)
         self._relay = None
         if user is not None:
             user.close()
