@@ -93,11 +93,12 @@ class LeaderBase(ArmDevice, Teleoperator):
         return {side.prefix: self._arms[side].published() for side in self._arms.sides}
 
     def disconnect(self) -> None:
-        """Land the arms, and give the terminal back. Idempotent."""
+        """Land the arms, then give the terminal back. Idempotent."""
+        self._keys.end()
         try:
-            self._keys.stop()
-        finally:
             self._arms.stop()
+        finally:
+            self._keys.stop()
 
     @check_if_not_connected
     @saves_finished_episode
