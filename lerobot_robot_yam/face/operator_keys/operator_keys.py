@@ -8,7 +8,7 @@ from types import FrameType
 
 from lerobot_robot_yam.errors import ConfigError, YamError
 from lerobot_robot_yam.face.operator_keys import key_plan, running_command
-from lerobot_robot_yam.face.operator_keys.auto_episodes import AutoEpisodes, all_lifted
+from lerobot_robot_yam.face.operator_keys.auto_episodes import AutoEpisodes, all_lifted, led_by_hand
 from lerobot_robot_yam.face.operator_keys.edges import RisingEdges
 from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation
 from lerobot_robot_yam.face.operator_keys.keyboard import Keyboard, keyboard
@@ -106,7 +106,8 @@ class OperatorKeys:
         if self._goal is not None:
             self._approach(self._goal, now, now_s)
         if self._auto is not None and Meaning.NEXT in now.keys:
-            key = self._auto.key(all_lifted([state.gate for state in states.values()]), now)
+            lifted = all_lifted([state.gate for state in states.values()])
+            key = self._auto.key(lifted, led_by_hand(list(states.values())), now)
             if key is not None:
                 self._press(key, now, now_s, again=True)
         self._book.look()

@@ -11,6 +11,7 @@ from lerobot_robot_yam.state.modes import Gate
 from tests.face.operator_keys.test_key_plan import EPISODES, Dataset
 
 HOME, LIFTED, MIXED = False, True, None
+STOPPED = "stopped"  # which begins the gate anew
 
 
 class Recorder:
@@ -60,7 +61,7 @@ def session(recorder, leaders, ticks=3000):
     for lifted in itertools.islice(leaders, ticks):
         if recorder.ended:
             break
-        key = auto.key(lifted, recorder.situation())
+        key = auto.key(HOME if lifted is STOPPED else lifted, lifted is not STOPPED, recorder.situation())
         if held is not None and held[1] == recorder.turn:
             recorder.press(held[0])
             pressed.append(held[0])
@@ -120,6 +121,23 @@ def test_one_leader_alone_neither_begins_nor_ends():
     assert 34 < episode.count(LIFTED) <= 40 and episode.count(MIXED) == 30
 
 
+@pytest.mark.parametrize("stopped", [1, 40])
+def test_an_episode_that_an_emergency_stop_cuts_off_is_not_saved(stopped):
+    recorder = Recorder(episodes=1)
+    leaders = [HOME] * 20 + [LIFTED] * 50 + [STOPPED] * stopped + [HOME] * 40 + [LIFTED] * 30 + [HOME] * 20
+    session(recorder, leaders)
+    (episode,) = recorder.saved
+    assert 24 < episode.count(LIFTED) <= 30 and STOPPED not in episode
+
+
+def test_a_stop_while_the_scene_is_reset_costs_nothing():
+    recorder = Recorder(episodes=2)
+    session(
+        recorder, [HOME] * 20 + [LIFTED] * 50 + [HOME] * 20 + [STOPPED] * 9 + [HOME] * 20 + [LIFTED] * 40 + [HOME] * 20
+    )
+    assert [episode.count(LIFTED) > 30 for episode in recorder.saved] == [True, True]
+
+
 @pytest.mark.parametrize("seed", range(100))
 def test_random_lifts(seed):
     rng = random.Random(seed)
@@ -138,7 +156,8 @@ GATES = [
     ([Gate.FINE, Gate.RECENTRE], True),
     ([Gate.ENGAGED, Gate.HOMING], None),
     ([Gate.ENGAGED], True),
-    ([Gate.NONE, Gate.NONE], False),
+    ([Gate.NONE, Gate.NONE], None),
+    ([Gate.NONE, Gate.IDLE], None),
 ]
 
 
