@@ -114,7 +114,7 @@ class Lead:
         self._down = (True, True)  # held down at start they mean nothing until they have been released
         self._before_s = -math.inf
         self.state = gate.machine.state
-        self._entered: Gate | None = None  # the state that ramps and force have been told of
+        self._entered: Gate | None = None  # the state that the ramp has been told of
         self.action: np.ndarray | None = None
         self.action_dq: np.ndarray | None = None
         self.stamp_s = math.nan
@@ -159,14 +159,13 @@ class Lead:
         if self._grips:
             leader[-1] = self._opening()
         if self.state is not self._entered:
-            self._entered = self.state
+            self._entered, self.assist = self.state, None
             self._ramp.enter(self.state, now, leader, self._follower if there else None)
-            self._enter()
         self.action, self.action_dq = self._ramp.advance(
             self.state, now, dt, leader, rate, self._follower if there else None
         )
         self.stamp_s = self._motion.stamp_s
-        self.assist = self._assist(mode, there, now, weight_nm, dt)
+        self.assist = self._assist(mode, now, weight_nm, dt)
 
     def _give_nothing(self, mode: Mode) -> None:
         """It cannot lead, or one of its motors is not heard: no target and no force come from here."""
@@ -224,24 +223,19 @@ class Lead:
         follower = float(np.linalg.norm(self._follower.setpoint[: self._joints] - home))
         return follower < _HOME_RAD and _largest(self._motion.q - home) < _LEADER_HOME_RAD
 
-    def _enter(self) -> None:
-        if self.state in (Gate.HOMING, Gate.RECENTRE):
-            self._led.begin(self._motion.q)
-        elif self.state is Gate.ENGAGED:
-            self._force.engage()
-
-    def _assist(
-        self, mode: Mode, there: bool, now: float, weight_nm: np.ndarray, dt: float
-    ) -> tuple[np.ndarray, np.ndarray] | None:
-        if mode is not Mode.FLOAT or not there:
+    def _assist(self, mode: Mode, now: float, weight_nm: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray] | None:
+        if mode is not Mode.FLOAT or not self._follower.coupled:
             return None
         j = slice(self._joints)
+        if self.assist is None:  # at the last tick, or in this state: begin without a jolt
+            self._led.begin(self._motion.q)
+            self._force.engage()
         if self.state is Gate.HOMING:
             return self._led.advance(self._home[j], self._config.homing_speed_rad_s, self._motion.q, dt)
         if self.state is Gate.RECENTRE:
             assert self.action is not None
             return self._led.advance(self.action[j], _RECENTRE_RAD_S, self._motion.q, dt)
-        if self.state is not Gate.ENGAGED or not self._force.works or not self._follower.follows:
+        if self.state is not Gate.ENGAGED or not self._force.works:
             return None
         error = self._follower.q_at(now) - (self._motion.q + self._motion.dq * (now - self._motion.stamp_s))
         return self._force.torque(error, self._motion.dq, weight_nm, dt), self._force.damping
