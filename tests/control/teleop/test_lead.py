@@ -1,0 +1,83 @@
+"""A leader's side of a pair, tick by tick, beside a follower of which it sees what it publishes."""
+
+import contextlib
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.state.modes import Gate, Mode
+from tests.support.published_follower import LedPairs
+
+
+@pytest.fixture
+def pairs():
+    """Makes pairs with these options of their leaders."""
+    with contextlib.ExitStack() as stack:
+
+        def make(*args, **lead):
+            return stack.enter_context(contextlib.closing(LedPairs(*args, **lead)))
+
+        yield make
+
+
+def engaged(pairs, *args, **lead):
+    made = pairs(*args, **lead)
+    made.run(0.1)
+    assert all(lead.state is Gate.ENGAGED for lead in made.leads)
+    return made
+
+
+def test_a_follower_that_another_moves_does_not_pull_the_leader(pairs):
+    pair = engaged(pairs, bilateral=0.4)
+    lead = pair.leads[0]
+    assert lead.assist is not None
+    pair.coupled[0] = False
+    for _ in range(100):
+        pair.setpoints[0][:6] += 0.002
+        pair.run()
+        assert lead.state is Gate.ENGAGED
+        assert lead.assist is None
+
+
+def test_a_follower_that_is_coupled_again_pulls_gently(pairs):
+    pair = engaged(pairs, bilateral=0.5)
+    pair.behind[0][:6] = -0.08
+    pair.run(3.0)
+    assert np.abs(pair.leads[0].assist[0]).max() > 2.0
+    pair.coupled[0], pair.follower_modes[0] = False, Mode.HOLD
+    pair.run(0.2)
+    assert pair.leads[0].state is Gate.ENGAGED
+    pair.coupled[0] = True
+    before = np.zeros(6)
+    for _ in range(100):
+        pair.run()
+        tau = pair.leads[0].assist[0]
+        assert np.abs(tau - before).max() < 0.05
+        before = tau
+    assert np.abs(before).max() > 0.1
+
+
+def test_a_leader_is_led_home_only_while_its_follower_is_coupled(pairs):
+    pair = pairs(gate="auto")
+    lead = pair.leads[0]
+    pair.q[0][:] = 0.4
+    for coupled, mode in [(False, Mode.HOLD), (False, Mode.TRACK), (True, Mode.TRACK), (False, Mode.TRACK)]:
+        pair.coupled[0], pair.follower_modes[0] = coupled, mode
+        pair.run(0.2)
+        assert lead.state is Gate.HOMING
+        assert (lead.assist is not None) is coupled
+
+
+def test_leading_home_goes_on_without_a_jolt_from_where_the_leader_is(pairs):
+    pair = pairs(gate="auto")
+    lead = pair.leads[0]
+    pair.q[0][:] = 0.2
+    pair.run(0.5)
+    assert lead.assist is not None
+    pair.coupled[0] = False
+    pair.run(0.1)
+    pair.q[0][:] = 0.45
+    pair.run(0.5)
+    pair.coupled[0] = True
+    pair.run()
+    assert np.abs(lead.assist[0]).max() < 0.1
