@@ -124,7 +124,8 @@ class ArmController:
         if self.lead is not None:
             interface = arm.interface
             sample = interface.q, interface.dq, arm.chain.stamp_s
-            self.lead.advance(now, status.mode, sample, self.handle, arm.impedance.weight_nm)
+            mode = None if status.halted else status.mode
+            self.lead.advance(now, mode, sample, self.handle, arm.impedance.weight_nm)
             arm.assist = self.lead.assist
 
     def stop_reason(self, now: float) -> str:

@@ -37,21 +37,26 @@ _BUTTONS = {"top": 0, "bottom": 1}
 class SharedGate:
     """The gate of the leaders that move through it together, or of one.
 
-    The last of them advances it; for the others a transition comes one tick later.
+    The last of them advances it, unless one of them has nothing to say; for the others a transition comes one tick
+    later.
     """
 
     def __init__(self, machine: GateMachine, names: Sequence[str]):
         self.machine, self._name = machine, " and ".join(names)
-        self._looks = [Look()] * len(names)
+        self._looks: list[Look | None] = [None] * len(names)
 
     def advance(self, now: float, index: int, look: Look) -> Gate:
         """Take the look of arm `index` at this tick; the state that counts for it."""
         self._looks[index] = look
         if index == len(self._looks) - 1:
-            before = self.machine.state
-            if self.machine.advance(now, self._looks):
+            before, looks = self.machine.state, [look for look in self._looks if look is not None]
+            if len(looks) == len(self._looks) and self.machine.advance(now, looks):
                 self._tell(before)
         return self.machine.state
+
+    def miss(self, index: int) -> None:
+        """Arm `index` has nothing to say at this tick: wait for it."""
+        self._looks[index] = None
 
     def restart(self) -> Gate:
         """An arm cannot lead any more: begin anew."""
@@ -128,7 +133,7 @@ class Lead:
     def advance(
         self,
         now: float,
-        mode: Mode,
+        mode: Mode | None,
         sample: tuple[np.ndarray, np.ndarray, np.ndarray],
         handle: tuple[float, tuple[bool, bool], float],
         weight_nm: np.ndarray,
@@ -137,7 +142,7 @@ class Lead:
 
         Args:
             now: s.
-            mode: of the leader.
+            mode: of the leader; None: it must not lead, because another arm is in trouble.
             sample: q, dq and stamp of each joint's sample, (joints,) each or more.
             handle: trigger, buttons, and stamp of its newest report.
             weight_nm: (joints,) what the leader weighs.
@@ -147,7 +152,7 @@ class Lead:
             handle = 1.0 - float(sample[0][-1]), handle[1], handle[2]
         q, dq, stamps = (part[: self._joints] for part in sample)
         stamp_s = float(stamps.max(initial=-math.inf))
-        if mode not in _LEADS or not now - float(stamps.min(initial=math.inf)) < _AGE_MOST_S:
+        if mode is None or mode not in _LEADS or not now - float(stamps.min(initial=math.inf)) < _AGE_MOST_S:
             self._give_nothing(mode)
             return
         self._motion.advance(q + dq * (stamp_s - stamps), dq, stamp_s)
@@ -167,11 +172,12 @@ class Lead:
         self.stamp_s = self._motion.stamp_s
         self.assist = self._assist(mode, now, weight_nm, dt)
 
-    def _give_nothing(self, mode: Mode) -> None:
+    def _give_nothing(self, mode: Mode | None) -> None:
         """It cannot lead, or one of its motors is not heard: no target and no force come from here."""
         self.action = self.action_dq = self.assist = None
         self.stamp_s = math.nan
         self._follower.follows = False
+        self._gate.miss(self._index)
         if mode not in _LEADS:
             self.state, self._entered = self._gate.restart(), None
             self._ramp.forget()

@@ -81,3 +81,35 @@ def test_leading_home_goes_on_without_a_jolt_from_where_the_leader_is(pairs):
     pair.coupled[0] = True
     pair.run()
     assert np.abs(lead.assist[0]).max() < 0.1
+
+
+@pytest.mark.parametrize("lost", [0, 1])
+def test_a_gate_waits_while_one_of_its_leaders_cannot_lead(pairs, caplog, lost):
+    caplog.set_level("INFO")
+    both = engaged(pairs, ("left", "right"), together=True)
+    caplog.clear()
+    both.modes[lost] = Mode.FAULT
+    for _ in range(50):
+        both.run()
+        assert both.leads[1 - lost].assist is None
+    assert [record.message for record in caplog.records if "gate:" in record.message] == [
+        "leader_left and leader_right: gate: engaged -> approach (cannot lead)"
+    ]
+    assert both.leads[lost].action is None
+    both.modes[lost] = Mode.FLOAT
+    both.run(0.1)
+    assert all(lead.state is Gate.ENGAGED for lead in both.leads)
+
+
+def test_a_press_of_a_leader_that_is_lost_then_counts_once_at_most(pairs):
+    both = pairs(("left", "right"), together=True, gate="button", gate_button="top")
+    both.run(0.1)
+    both.handles[0] = 0.0, (True, False)
+    both.run()
+    states = []
+    both.modes[0] = None  # held because of another arm
+    for _ in range(50):
+        both.run()
+        states.append(both.leads[1].state)
+    assert set(states) == {Gate.IDLE}
+    assert both.leads[0].action is None
