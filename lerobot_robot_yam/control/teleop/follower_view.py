@@ -28,6 +28,7 @@ class FollowerView:
 
     Attributes:
         there: it has said within the last ticks that it holds or tracks.
+        led_by_another: it tracks targets that it does not take from this leader at loop rate.
         coupled: it takes this leader's targets at loop rate, as far as it has said.
         follows: it takes them, or goes to them at the rate of a caller, see `judge`.
         q, dq, setpoint: (motors,) while it is there.
@@ -40,7 +41,7 @@ class FollowerView:
         self._joints, self._motors = joints, motors
         self._since_s: float | None = None  # awaited
         self._told: str | None = ""  # what is wrong, None when all is well
-        self.there = self.coupled = self.follows = False
+        self.there = self.coupled = self.follows = self.led_by_another = False
         self.q, self.dq, self.setpoint = np.zeros(motors), np.zeros(motors), np.zeros(motors)
         self._stamp_s = -math.inf
 
@@ -57,6 +58,7 @@ class FollowerView:
             if self.there:
                 self.q, self.dq, self.setpoint = values
         self.coupled = self.there and block.value("coupled_to") == self._number
+        self.led_by_another = self.there and not self.coupled and block.value("mode") == Mode.TRACK
         if not self.there:
             self.follows = False
         if self.there is not before or not self.there:

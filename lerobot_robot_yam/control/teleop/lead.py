@@ -20,7 +20,7 @@ from lerobot_robot_yam.control.teleop.follower_view import FollowerView
 from lerobot_robot_yam.control.teleop.gate import GateMachine, Look
 from lerobot_robot_yam.control.teleop.led_home import LedHome
 from lerobot_robot_yam.control.teleop.target_ramp import TargetRamp
-from lerobot_robot_yam.control.teleop.trigger_pickup import TriggerPickup
+from lerobot_robot_yam.control.teleop.trigger_pickup import NEAR, TriggerPickup
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import channel_key
@@ -31,6 +31,7 @@ _LEADS = (Mode.FLOAT, Mode.HOLD, Mode.TRACK)
 _AGE_MOST_S = 0.03  # of a motor's sample
 _HOME_RAD, _LEADER_HOME_RAD = 0.05, 0.1
 _RECENTRED_RAD, _RECENTRE_RAD_S = 0.02, 0.15
+_AGREES_S = 1.0  # in which a gripper comes to what the trigger asks, unless another asks for something else
 _BUTTONS = {"top": 0, "bottom": 1}
 
 
@@ -117,7 +118,7 @@ class Lead:
         self._force = BilateralForce(gain, arm.kp[: arm.joints], arm.torque_limit_nm[: arm.joints])
         self._buttons = _BUTTONS.get(config.gate_button or ""), _BUTTONS.get(config.fine_button or "")
         self._down = (True, True)  # held down at start they mean nothing until they have been released
-        self._before_s = -math.inf
+        self._before_s = self._agreed_s = -math.inf
         self.state = gate.machine.state
         self._entered: Gate | None = None  # the state that the ramp has been told of
         self.action: np.ndarray | None = None
@@ -157,7 +158,7 @@ class Lead:
             return
         self._motion.advance(q + dq * (stamp_s - stamps), dq, stamp_s)
         there = self._follower.look(now)
-        self._read_handle(handle, mode)
+        self._read_handle(handle[0], mode, now)
         self.state = self._gate.advance(now, self._index, self._look(handle, there, now))
         leader, rate = np.zeros(self.motors), np.zeros(self.motors)
         leader[: self._joints], rate[: self._joints] = self._motion.q, self._motion.dq
@@ -182,11 +183,18 @@ class Lead:
             self.state, self._entered = self._gate.restart(), None
             self._ramp.forget()
 
-    def _read_handle(self, handle: tuple[float, tuple[bool, bool], float], mode: Mode) -> None:
-        if mode is not Mode.FLOAT and self._grips and self._follower.there:  # the leader is led, its follower is not
-            self._trigger.leave(float(self._follower.setpoint[-1]))
+    def _read_handle(self, trigger: float, mode: Mode, now: float) -> None:
+        if not (self._grips and self._follower.there):
+            self._trigger.advance(trigger)
+            return
+        opening = float(self._follower.setpoint[-1])
+        agrees = self._trigger.opening is None or abs(opening - self._trigger.opening) < NEAR
+        if not self._follower.led_by_another or agrees:
+            self._agreed_s = now
+        if mode is not Mode.FLOAT or now - self._agreed_s > _AGREES_S:  # or the leader is led, its follower is not
+            self._trigger.leave(opening, trigger)
         else:
-            self._trigger.advance(handle[0])
+            self._trigger.advance(trigger)
 
     def _opening(self) -> float:
         """Of the follower's gripper; before the trigger's first report it stays as it is."""

@@ -113,3 +113,42 @@ def test_a_press_of_a_leader_that_is_lost_then_counts_once_at_most(pairs):
         states.append(both.leads[1].state)
     assert set(states) == {Gate.IDLE}
     assert both.leads[0].action is None
+
+
+def test_a_policys_grip_stays_at_a_take_over(pairs):
+    pair = engaged(pairs)
+    assert pair.setpoints[0][6] == pytest.approx(1.0)
+    pair.coupled[0] = False
+    pair.setpoints[0][6] = 0.3
+    pair.run(2.0)
+    pair.coupled[0] = True
+    pair.run(0.5)
+    assert pair.setpoints[0][6] == pytest.approx(0.3)
+    for trigger, opening in [(0.5, 0.3), (0.72, 0.28), (0.2, 0.8)]:
+        pair.handles[0] = trigger, (False, False)
+        pair.run(0.1)
+        assert pair.setpoints[0][6] == pytest.approx(opening)
+
+
+def test_a_trigger_squeezed_before_a_policys_grip_does_not_open_it(pairs):
+    pair = engaged(pairs)
+    pair.handles[0] = 0.9, (False, False)
+    pair.run(0.1)
+    pair.coupled[0] = False
+    pair.setpoints[0][6] = 0.3
+    pair.handles[0] = 0.0, (False, False)
+    pair.run(2.0)
+    pair.coupled[0] = True
+    pair.run(0.2)
+    assert pair.setpoints[0][6] == pytest.approx(0.3)
+
+
+def test_a_caller_that_changes_actions_moves_the_gripper(pairs):
+    pair = engaged(pairs)
+    pair.coupled[0] = False
+    for tick in range(200):
+        pair.handles[0] = min(tick / 50, 0.9), (False, False)
+        if tick % 8 == 0:
+            pair.setpoints[0][6] = pair.leads[0].action[6]
+        pair.run()
+    assert pair.setpoints[0][6] == pytest.approx(0.1)
