@@ -117,7 +117,7 @@ class Lead:
         gain = np.broadcast_to(np.array(config.bilateral, dtype=float), (arm.joints,))
         self._force = BilateralForce(gain, arm.kp[: arm.joints], arm.torque_limit_nm[: arm.joints])
         self._buttons = _BUTTONS.get(config.gate_button or ""), _BUTTONS.get(config.fine_button or "")
-        self._down = (True, True)  # held down at start they mean nothing until they have been released
+        self._down = [False, False]
         self._before_s = self._agreed_s = -math.inf
         self.state = gate.machine.state
         self._entered: Gate | None = None  # the state that the ramp has been told of
@@ -203,12 +203,9 @@ class Lead:
         return float(self._follower.setpoint[-1]) if self._follower.there else 1.0
 
     def _look(self, handle: tuple[float, tuple[bool, bool], float], there: bool, now: float) -> Look:
-        if math.isnan(handle[0]):  # silent: its buttons mean nothing until it has said that they are up
-            self._down = (True, True)
-        pressed = tuple(index is not None and handle[1][index] for index in self._buttons)
+        pressed = [index is not None and handle[1][index] for index in self._buttons]
         edges = [down and not before for down, before in zip(pressed, self._down, strict=True)]
-        if not math.isnan(handle[0]):
-            self._down = (pressed[0], pressed[1])
+        self._down = pressed
         away = self._away_rad()
         if not there or self.action is None:
             return Look(away_rad=away, pressed=edges[0], fine_pressed=edges[1])
