@@ -153,6 +153,7 @@ class ArmController:
         if status.mode is Mode.TRACK and now - self._last_target_at > self.config.command_timeout_s:
             status.limited |= Limited.COMMAND_TIMEOUT
             logger.info("%s: no target for %g s; it holds", self.name, self.config.command_timeout_s)
+            self.coupling.end()
             arm.hold_here()
         if status.mode is Mode.TRACK:
             heard_s = arm.chain.stamp_s if arm.all_usable else arm.chain.stamp_s[arm.usable]  # but for lost motors
