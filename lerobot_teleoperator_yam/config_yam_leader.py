@@ -8,7 +8,7 @@ from typing import Any, Literal
 from lerobot.teleoperators.config import TeleoperatorConfig
 
 from lerobot_robot_yam.arm.config import ArmConfig, lead_of
-from lerobot_robot_yam.arm.lead_config import LeadConfig, LeadOptions, check_leads
+from lerobot_robot_yam.arm.leaders.lead_config import LeadConfig, LeadOptions, check_leads
 from lerobot_robot_yam.arm.option import option
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.operator_keys.meanings import Meaning, button_meanings

@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Literal
 
 from lerobot.teleoperators.config import TeleoperatorConfig
 
-from lerobot_robot_yam.arm.lead_config import LeadConfig, LeadOptions
+from lerobot_robot_yam.arm.leaders.lead_config import LeadConfig, LeadOptions
 from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS, Kind, PassiveConfig, PassiveOptions
 from lerobot_robot_yam.arm.option import option
 from lerobot_robot_yam.errors import ConfigError

@@ -15,6 +15,7 @@ from lerobot_robot_yam.damiao.bus_port import BusPort
 from lerobot_robot_yam.damiao.passive_encoders import PassiveEncoders
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError
 from lerobot_robot_yam.face.devices.arm_group import ArmGroup
+from lerobot_robot_yam.face.recorder.record_command import saves_finished_episode
 from lerobot_robot_yam.session.arm_session import Isolation
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_teleoperator_yam.config_yam_passive_leader import BiYamPassiveLeaderConfig, YamPassiveLeaderConfig
@@ -33,6 +34,8 @@ class PassiveLeaderBase(LeaderBase):
     Args:
         config: `YamPassiveLeaderConfig` or `BiYamPassiveLeaderConfig`.
     """
+
+    _stopped: bool
 
     def _make_arms(
         self,
@@ -75,6 +78,7 @@ class PassiveLeaderBase(LeaderBase):
         self._no_motors()
 
     @check_if_not_connected
+    @saves_finished_episode
     def get_action(self) -> dict[str, float]:
         """As of a leader with motors. While the leaders are stopped the followers hold where they are.
 
@@ -84,7 +88,8 @@ class PassiveLeaderBase(LeaderBase):
             LifeCycleError: they are stopped, and there has been no action yet.
             MotorError, StaleStateError: see `LeaderBase.get_action`.
         """
-        before, self._stopped = self._stopped, any(state.mode is Mode.STOPPED for state in self._arms.observe())
+        before = self._stopped
+        self._stopped = any(state.mode is Mode.STOPPED for state in self._arms.observe())
         if self._stopped and self._action is None:
             raise LifeCycleError(f"{self}: the emergency stop came before its first action; squeeze the trigger first")
         if self._stopped and not before:
@@ -95,7 +100,7 @@ class PassiveLeaderBase(LeaderBase):
 
     def _restart(self) -> None:
         super()._restart()
-        self._stopped: bool = False
+        self._stopped = False
 
     def _no_motors(self) -> NoReturn:
         raise LifeCycleError(f"{self}: a passive leader has no motors; it can be neither led nor held")

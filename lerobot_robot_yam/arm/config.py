@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from lerobot_robot_yam.arm import config_checks
 from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
-from lerobot_robot_yam.arm.lead_config import LeadConfig
+from lerobot_robot_yam.arm.leaders.lead_config import LeadConfig
 from lerobot_robot_yam.arm.leaders.passive_config import PassiveConfig
 from lerobot_robot_yam.arm.option import option
 from lerobot_robot_yam.errors import ConfigError

@@ -3,7 +3,7 @@
 import numpy as np
 
 from lerobot_robot_yam.arm.config import LeadArmConfig
-from lerobot_robot_yam.arm.lead_config import LeadConfig
+from lerobot_robot_yam.arm.leaders.lead_config import LeadConfig
 from lerobot_robot_yam.session.arm_session import ArmSession
 from tests.support.rigged import STOPS
 

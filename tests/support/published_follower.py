@@ -4,7 +4,7 @@ import os
 
 import numpy as np
 
-from lerobot_robot_yam.arm.lead_config import LeadConfig
+from lerobot_robot_yam.arm.leaders.lead_config import LeadConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.teleop.lead import make_leads
 from lerobot_robot_yam.state.modes import Mode

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from lerobot_robot_yam.arm.lead_config import GateKind, LeadConfig
+from lerobot_robot_yam.arm.leaders.lead_config import GateKind, LeadConfig
 from lerobot_robot_yam.state.modes import Gate
 
 CAUGHT_UP_RAD = 0.05  # so near to the leader the follower is there

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lerobot_robot_yam.arm.config import lead_of
-from lerobot_robot_yam.arm.lead_config import check_leads
+from lerobot_robot_yam.arm.leaders.lead_config import check_leads
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.laws.bilateral import BilateralForce

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from lerobot_robot_yam.arm.lead_config import LeadConfig
+from lerobot_robot_yam.arm.leaders.lead_config import LeadConfig
 from lerobot_robot_yam.control.laws.glide import Glide
 from lerobot_robot_yam.control.teleop.follower_view import FollowerView
 from lerobot_robot_yam.state.modes import Gate

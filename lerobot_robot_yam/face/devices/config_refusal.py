@@ -11,7 +11,7 @@ from draccus.utils import DecodingError
 
 from lerobot_robot_yam.arm.config import ArmConfig, LeadArmConfig, check_together
 from lerobot_robot_yam.arm.config_checks import check_switches
-from lerobot_robot_yam.arm.lead_config import LeadOptions
+from lerobot_robot_yam.arm.leaders.lead_config import LeadOptions
 from lerobot_robot_yam.arm.leaders.passive_config import PassiveOptions
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ConfigError

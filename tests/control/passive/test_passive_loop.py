@@ -6,7 +6,7 @@ import can
 import pytest
 
 from lerobot_robot_yam.arm.config import LeadArmConfig
-from lerobot_robot_yam.arm.lead_config import LeadConfig
+from lerobot_robot_yam.arm.leaders.lead_config import LeadConfig
 from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS, PassiveConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.passive import passive_loop

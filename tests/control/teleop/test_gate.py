@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.arm.lead_config import LeadConfig
+from lerobot_robot_yam.arm.leaders.lead_config import LeadConfig
 from lerobot_robot_yam.control.teleop.gate import LEFT_BEHIND_RAD, START, TABLE, GateMachine, Look
 from lerobot_robot_yam.control.teleop.lead import SharedGate
 from lerobot_robot_yam.state.modes import Gate
