@@ -34,6 +34,8 @@ class PassiveLeaderBase(LeaderBase):
         config: `YamPassiveLeaderConfig` or `BiYamPassiveLeaderConfig`.
     """
 
+    _stopped: bool  # at the last action
+
     def _make_arms(
         self,
         role: str,
@@ -95,7 +97,7 @@ class PassiveLeaderBase(LeaderBase):
 
     def _restart(self) -> None:
         super()._restart()
-        self._stopped: bool = False
+        self._stopped = False
 
     def _no_motors(self) -> NoReturn:
         raise LifeCycleError(f"{self}: a passive leader has no motors; it can be neither led nor held")
