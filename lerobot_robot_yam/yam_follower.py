@@ -227,6 +227,7 @@ class FollowerBase(ArmDevice, Robot):
             sent = self._write_targets(target)
         else:
             target, leaders = coupling
+            self._space.begin()  # the next pose is looked for from here, not from before
             sent = self._write_targets(target, leaders)
         self._episodes.sent(changed=not np.allclose(sent, target, rtol=0.0, atol=_SAME))
         self._last_action = dict(action)

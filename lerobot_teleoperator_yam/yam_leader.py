@@ -59,6 +59,7 @@ class LeaderBase(ArmDevice, Teleoperator):
     def _restart(self) -> None:
         """Forget what a session has left."""
         self._action: dict[str, float] | None = None
+        self._given = False  # since it was recognised last
         self._target: np.ndarray = np.zeros(len(self._arms.keys))  # joints that it stands for
         self._was_held = self._follows_feedback = False
         sides = len(self._arms.sides)
@@ -93,11 +94,12 @@ class LeaderBase(ArmDevice, Teleoperator):
         return {side.prefix: self._arms[side].published() for side in self._arms.sides}
 
     def disconnect(self) -> None:
-        """Land the arms, and give the terminal back. Idempotent."""
+        """Land the arms, then give the terminal back. Idempotent."""
+        self._keys.end()
         try:
-            self._keys.stop()
-        finally:
             self._arms.stop()
+        finally:
+            self._keys.stop()
 
     @check_if_not_connected
     @saves_finished_episode
@@ -116,6 +118,7 @@ class LeaderBase(ArmDevice, Teleoperator):
             StaleStateError: an arm has nothing fresh to say.
         """
         states = self._arms.observe()
+        self._given = True
         if self._action is not None and any(state.mode is Mode.STOPPED for state in states):
             return dict(self._action)
         values: list[float] = []
@@ -146,11 +149,17 @@ class LeaderBase(ArmDevice, Teleoperator):
         return state.action or (None if follower is None else follower.setpoints)
 
     def _recognise(self, action: Mapping[str, Any]) -> np.ndarray | None:
-        """The joints that an action stands for, if it is the one that was given last."""
+        """The joints that an action stands for, if it is the one that was given last; once only.
+
+        A caller that repeats it wants the follower there, and not wherever the leader has gone since.
+        """
         given = self._action
-        if given is None or given.keys() != action.keys():
+        if given is None or not self._given or given.keys() != action.keys():
             return None
-        return self._target if all(np.array_equal(action[key], given[key]) for key in given) else None
+        if not all(np.array_equal(action[key], given[key]) for key in given):
+            return None
+        self._given = False
+        return self._target
 
     def _pick_up(self, index: int, trigger: float) -> float:
         """Opening of a gripper whose trigger says `trigger`: its own once it has met, or passed, what feedback left."""

@@ -124,7 +124,8 @@ class ArmController:
         if self.lead is not None:
             interface = arm.interface
             sample = interface.q, interface.dq, arm.chain.stamp_s
-            self.lead.advance(now, status.mode, sample, self.handle, arm.impedance.weight_nm)
+            mode = None if status.halted else status.mode
+            self.lead.advance(now, mode, sample, self.handle, arm.impedance.weight_nm)
             arm.assist = self.lead.assist
 
     def stop_reason(self, now: float) -> str:
@@ -149,10 +150,12 @@ class ArmController:
                 self.faults.suffer(*trouble, now)
         if self.coupling.active:
             self._follow_leader(now)
+        arm.impedance.coupled = self.coupling.number != 0
         obeys = status.mode is Mode.TRACK or (status.mode is Mode.FLOAT and arm.grips)
         if obeys and now - self._last_target_at > self.config.command_timeout_s:
             status.limited |= Limited.COMMAND_TIMEOUT
             logger.info("%s: no target for %g s; it holds", self.name, self.config.command_timeout_s)
+            self.coupling.end()
             arm.hold_here()
         if status.mode is Mode.TRACK:
             heard_s = arm.chain.stamp_s if arm.all_usable else arm.chain.stamp_s[arm.usable]  # but for lost motors

@@ -25,6 +25,7 @@ _LAND_TOO_FAR_RAD = 0.35  # of a soft wrist; a stiff joint is stuck before
 _DEADBAND_RAD = 0.002  # several steps of the reading (0.38 mrad)
 _LEAK_S = 0.5  # time constant
 
+_SOFT_NM_RAD, _SOFT_FADE_S = 20.0, 0.3
 _STILL_RAD_S = 1e-3
 _WORTH_SAYING_RAD = 0.01  # rest lies on a limit for some joints
 _RUBS = 0.05  # of the torque limit, 1.4 Nm of a DM4340: what friction holds back
@@ -109,6 +110,8 @@ class Impedance:
 
     Attributes:
         weight_nm: (joints,) what the model says that the arm weighs, as of the last commands.
+        coupled: it follows a leader at loop rate. Then the friction of soft joints is fed forward, as the profile has
+            it, unless the configuration says how much.
     """
 
     def __init__(self, hardware: ResolvedArm, gravity: GravityModel | None, gripper: Gripper | None):
@@ -120,6 +123,12 @@ class Impedance:
         self._integral = HoldIntegral.for_stiffness(hardware.kp[: hardware.joints]) if holds else None
         self._landing: HoldIntegral | None = None  # torque that the gravity model misses while landing
         self._rubs = bool(hardware.coulomb_nm.any())
+        # Friction takes a soft joint 10 mrad off a target that moves, and makes it stick where that turns.
+        soft = hardware.kp[: hardware.joints] < _SOFT_NM_RAD
+        asked = hardware.config.coulomb_friction_nm is not None
+        self._soft_nm = np.where(soft & (not asked), hardware.arm.coulomb_friction_nm, 0.0)
+        self._soft_share = 0.0
+        self.coupled = False
         self._clipped = False
         # Nothing is sent beyond: the gripper keeps its own stops.
         beyond = np.append(np.full(hardware.joints, RANGE_TOLERANCE_RAD), [np.inf] * hardware.has_gripper)
@@ -237,6 +246,10 @@ class Impedance:
         still = holding and bool(np.abs(dq_set[j]).max(initial=0.0) < _STILL_RAD_S)
         error = q_set[j] - q[j]
         beside = self._friction(dq_set[j])
+        if self.coupled or self._soft_share > 0.0:
+            way = dt / _SOFT_FADE_S
+            self._soft_share = min(max(self._soft_share + (way if self.coupled else -way), 0.0), 1.0)
+            beside = beside + self._soft_share * mit_laws.friction(dq_set[j], self._soft_nm)
         if self._integral is not None:
             beside = beside + self._integral.advance(error, 0.0 if stopped else dt, still, self._clipped)
         tau[j] += beside

@@ -143,8 +143,10 @@ class ControllerBlocks:
         elif coupling.number or self._coupled:
             self._coupled = bool(coupling.number)
             record["coupled_to"] = coupling.number
-            record["action"][self._slots], record["action_dq"][self._slots] = coupling.target, coupling.velocity
-            record["action_stamp_s"] = record["stamp_s"]
+            if coupling.number:  # else the action may be another caller's by now
+                slots = self._slots
+                record["action"][slots], record["action_dq"][slots] = coupling.target, coupling.velocity
+                record["action_stamp_s"] = record["stamp_s"]
 
     def beat(self, tick: int) -> None:
         """Say that the loop lives while it waits; the arm's state is as it was."""

@@ -4,32 +4,36 @@ from typing import NamedTuple
 
 import numpy as np
 
-_SMOOTH_S = 0.02  # window of the mean that differences are taken of, for the jerk
+_SMOOTH_S = 0.04  # a mean over this, twice, is differentiated for the jerk: what a hand feels, and a camera sees
 _LAG_MOST_S = 0.15
 
 
 class Likeness(NamedTuple):
-    """Per joint (n,).
+    """Of n joints.
 
     Attributes:
-        lag_s: of the best cross-correlation.
-        jerk_ratio: RMS jerk of the follower, a share of the leader's.
-        error_rad: RMS of the difference, lag taken out.
+        lag_s: (n,) of the best fit.
+        error_rad: (n,) RMS of the difference, lag taken out.
+        jerk_ratio: RMS jerk of the follower over all joints, a share of the leader's.
+        joint_jerk_ratio: (n,) the same of each.
     """
 
     lag_s: np.ndarray
-    jerk_ratio: np.ndarray
     error_rad: np.ndarray
+    jerk_ratio: float
+    joint_jerk_ratio: np.ndarray
 
 
 def likeness(stamps_s: np.ndarray, leader: np.ndarray, follower: np.ndarray) -> Likeness:
     """Compare q of leader and follower (k, n) at the same times (k,), equally spaced, rad."""
     step_s = float(np.median(np.diff(stamps_s)))
-    found = [_of_joint(step_s, leader[:, joint], follower[:, joint]) for joint in range(leader.shape[1])]
-    return Likeness(*(np.array(column) for column in zip(*found, strict=True)))
+    joints = range(leader.shape[1])
+    lags, errors = zip(*(_lag(step_s, leader[:, joint], follower[:, joint]) for joint in joints), strict=True)
+    led, follows = (np.array([_rms(_jerk(q[:, joint], step_s)) for joint in joints]) for q in (leader, follower))
+    return Likeness(np.array(lags), np.array(errors), _rms(follows) / _rms(led), follows / led)
 
 
-def _of_joint(step_s: float, leader: np.ndarray, follower: np.ndarray) -> tuple[float, float, float]:
+def _lag(step_s: float, leader: np.ndarray, follower: np.ndarray) -> tuple[float, float]:
     most = round(_LAG_MOST_S / step_s)
     errors = np.array([_rms(follower[shift:] - leader[: len(leader) - shift]) for shift in range(most)])
     best = int(errors.argmin())
@@ -37,8 +41,7 @@ def _of_joint(step_s: float, leader: np.ndarray, follower: np.ndarray) -> tuple[
     if 0 < best < most - 1:  # the vertex of a parabola
         before, here, after = errors[best - 1 : best + 2] ** 2
         lag += 0.5 * (before - after) / (before - 2.0 * here + after)
-    ratio = _rms(_jerk(follower, step_s)) / _rms(_jerk(leader, step_s))
-    return lag * step_s, ratio, float(errors[best])
+    return lag * step_s, float(errors[best])
 
 
 def _jerk(q: np.ndarray, step_s: float) -> np.ndarray:

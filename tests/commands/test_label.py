@@ -80,6 +80,25 @@ def test_applied_it_leaves_out_what_was_discarded_and_writes_columns_that_lerobo
     assert "leaves out episodes 0" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("name", ["copy.partial", "copy.partial.1"])
+def test_a_directory_whose_name_looks_like_an_unfinished_copy_is_left_alone(data, tmp_path, name):
+    root = data.rename(tmp_path / name)
+    before = fingerprint(root)
+    assert main([str(root), "--apply", "--output", str(tmp_path / "copy")]) == 0
+    assert fingerprint(root) == before and load(tmp_path / "copy").num_episodes == len(LENGTHS)
+    assert {path.name for path in tmp_path.iterdir()} == {name, "copy"}
+    assert (tmp_path / "copy").stat().st_mode == root.stat().st_mode
+
+
+def test_the_episodes_behind_one_that_is_left_out_keep_their_labels(data):
+    main([str(data), "--set", "0=failure", "1=discard", "2=success", "--apply"])
+    copy = load(data.with_name("data_labelled"))
+    assert [row["length"] for row in copy.meta.episodes] == [LENGTHS[0], LENGTHS[2]]
+    assert [row["success"] for row in copy.meta.episodes] == [False, True]
+    assert labels(copy.root) == {0: "failure", 1: "success"}
+    assert copy[len(copy) - 1]["action"].equal(load(data)[sum(LENGTHS) - 1]["action"])
+
+
 def test_without_a_discarded_episode_the_copy_has_all(data, tmp_path):
     assert main([str(data), "--rest", "failure", "--apply", "--output", str(tmp_path / "all")]) == 0
     copy = load(tmp_path / "all")

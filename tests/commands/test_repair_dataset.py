@@ -4,6 +4,7 @@ A copy of the directory, made while the writer is open, holds what kill -9 leave
 the process. Meanwhile the writer goes on and finishes, so that each wreck has its whole counterpart to compare with.
 """
 
+import json
 import shutil
 from pathlib import Path
 
@@ -14,6 +15,8 @@ import pytest
 from lerobot.datasets import LeRobotDataset
 
 from lerobot_robot_yam.commands.repair_dataset import main
+from lerobot_robot_yam.face.recorder import outcomes
+from lerobot_robot_yam.face.recorder.episode_log import SIDE_CAR
 from tests.support.wrecks import (
     CAMERAS,
     CODER,
@@ -67,6 +70,12 @@ def test_nothing_of_a_killed_recording_loads_until_it_is_repaired(killed, tmp_pa
 def test_the_default_output_lies_beside_the_original(copy):
     assert repair(copy) == 0
     assert load(copy.with_name("data_repaired")).num_episodes == 3
+
+
+def test_a_wreck_whose_name_looks_like_an_unfinished_copy_is_left_alone(copy, tmp_path):
+    assert repair(copy.rename(tmp_path / "new.partial"), f"--output={tmp_path / 'new'}") == 0
+    assert load(tmp_path / "new").num_episodes == 3
+    assert {path.name for path in tmp_path.iterdir()} == {"new", "new.partial"}
 
 
 def test_a_whole_data_set_is_healthy(killed, capsys):
@@ -174,6 +183,12 @@ def test_episodes_whose_videos_were_to_be_encoded_together_are_lost_and_named(ki
     assert "lost: episode 2: no video" in capsys.readouterr().out
 
 
+def test_a_label_of_a_lost_episode_goes_with_it(copy):
+    outcomes.append(copy, [outcomes.now(3, "discard", "top")])
+    assert repair(copy) == 0
+    assert not (copy.with_name("data_repaired") / outcomes.OUTCOMES).exists()
+
+
 def test_what_lies_beside_the_data_is_kept(copy):
     for name in ("notes/monday.txt", "meta/annotations/grasps.json"):
         (copy / name).parent.mkdir()
@@ -214,11 +229,17 @@ def test_a_lost_episode_in_the_middle_renumbers_those_behind_it(killed, tmp_path
     (path,) = (tmp_path / "data" / "data").rglob("*.parquet")
     table = pq.read_table(path)
     pq.write_table(pa.concat_tables([table.slice(0, 12), table.slice(21)]), path)
+    outcomes.append(tmp_path / "data", [outcomes.now(episode, "discard", "top") for episode in (1, 2, 3)])
+    figures = [{"episode_index": episode, "frames": length} for episode, length in enumerate((12, 9, 15))]
+    (tmp_path / "data" / SIDE_CAR).write_text("\n".join(map(json.dumps, figures)) + '\n{"episode_ind')
     assert repair(tmp_path / "data") == 0
     said = capsys.readouterr().out
     assert "lost: episode 1: its rows are not on disk" in said and "numbered anew" in said
     repaired, whole = load(tmp_path / "data_repaired"), load(killed[1])
     assert [row["length"] for row in repaired.meta.episodes] == [12, 15]
+    assert {i: row.by for i, row in outcomes.read(repaired.root).items()} == {1: "top"}
+    rows = [json.loads(line) for line in (repaired.root / SIDE_CAR).read_text().splitlines()]
+    assert rows == [{"episode_index": 0, "frames": 12}, {"episode_index": 1, "frames": 15}]
     assert repaired.hf_dataset.data.column("index").to_pylist() == list(range(27))
     np.testing.assert_array_equal(repaired[12]["action"], whole[21]["action"])
     np.testing.assert_array_equal(repaired[26][CAMERAS[1]], whole[35][CAMERAS[1]])

@@ -34,7 +34,7 @@ def add_frames(data, episode, count):
         data.add_frame(row)
 
 
-def create(root, cameras=CAMERAS, dtype="video", streaming=True):
+def create(root, cameras=CAMERAS, dtype="video", streaming=True, batch=1):
     numbers = {"dtype": "float32", "shape": (4,), "names": list("abcd")}
     features = {
         "action": numbers,
@@ -54,6 +54,7 @@ def create(root, cameras=CAMERAS, dtype="video", streaming=True):
         robot_type="bi_yam_follower",
         use_videos=dtype == "video",
         streaming_encoding=streaming,
+        batch_encoding_size=batch,
         rgb_encoder=CODER,
     )
 

@@ -38,6 +38,7 @@ class HandleReader:
         self._silent = False
         self._buttons = [False, False]
         self._since_s = [math.inf, math.inf]  # they have been told to be otherwise
+        self._held = [True, True]  # ever since nobody listened: no press before they have been up
 
     @property
     def raw_buttons(self) -> tuple[bool, bool]:
@@ -51,12 +52,14 @@ class HandleReader:
         if self._silent:
             if not before:
                 logger.warning("%s: the teaching handle is silent; its trigger and buttons are unknown", self._arm)
-            self._buttons, self._since_s = [False, False], [math.inf, math.inf]
+            self._buttons, self._since_s, self._held = [False, False], [math.inf, math.inf], [True, True]
             return HandleState(math.nan, (False, False), encoder.stamp_s)
         if before and encoder.stamp_s > -math.inf:
             logger.info("%s: the teaching handle answers again", self._arm)
         for index, down in enumerate(encoder.report.buttons):
-            if down is self._buttons[index]:
+            if self._held[index]:
+                self._held[index] = down
+            elif down is self._buttons[index]:
                 self._since_s[index] = math.inf
             else:
                 self._since_s[index] = min(self._since_s[index], encoder.stamp_s)

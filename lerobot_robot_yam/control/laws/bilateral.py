@@ -23,8 +23,8 @@ _SIGN_RAD = 0.005
 _LEAK_RAD_S = 0.005
 _CREDIT_S = 2.0  # in which unused credit is forgotten
 _BOUND_SHARE = 0.25  # of the torque limit
-_FADE_S = 0.5  # after engaging
-_GENTLE_NM = 1.0
+_FADE_S = 0.5
+_GENTLE_NM = 1.0  # by this the bound grows in that time
 
 
 class BilateralForce:
@@ -50,7 +50,7 @@ class BilateralForce:
         return bool(self.stiffness.any())
 
     def engage(self) -> None:
-        """Begin: the follower has just caught up."""
+        """Begin: there was no force before."""
         self._since_s = 0.0
         self._given_way = [0.0] * len(self._given_way)
 
@@ -60,13 +60,11 @@ class BilateralForce:
         Args:
             error: (n,) rad, e.
             dq: (n,) rad/s, of the leader.
-            weight_nm: (n,) what the leader weighs: within `_FADE_S` of engaging the force grows from zero, and to half
-                of that or 1 Nm at most.
+            weight_nm: (n,) what the leader weighs: from engaging on the bound grows from zero, by half of that or by
+                1 Nm in `_FADE_S`.
         """
-        bound = self._bound
-        if self._since_s < _FADE_S:
-            gentle = np.maximum(_GENTLE_NM, 0.5 * np.abs(weight_nm))
-            bound = np.minimum(bound, gentle * (self._since_s / _FADE_S))
+        gentle = np.maximum(_GENTLE_NM, 0.5 * np.abs(weight_nm))
+        bound = np.minimum(self._bound, gentle * (self._since_s / _FADE_S))
         self._since_s += dt
         spring: np.ndarray = np.minimum(np.maximum(self.stiffness * error, -bound), bound)
         if not self._gated:

@@ -28,7 +28,9 @@ class FollowerView:
 
     Attributes:
         there: it has said within the last ticks that it holds or tracks.
-        follows: it takes this leader's targets, see `judge`.
+        led_by_another: it tracks targets that it does not take from this leader at loop rate.
+        coupled: it takes this leader's targets at loop rate, as far as it has said.
+        follows: it takes them, or goes to them at the rate of a caller, see `judge`.
         q, dq, setpoint: (motors,) while it is there.
     """
 
@@ -39,7 +41,7 @@ class FollowerView:
         self._joints, self._motors = joints, motors
         self._since_s: float | None = None  # awaited
         self._told: str | None = ""  # what is wrong, None when all is well
-        self.there = self.follows = False
+        self.there = self.coupled = self.follows = self.led_by_another = False
         self.q, self.dq, self.setpoint = np.zeros(motors), np.zeros(motors), np.zeros(motors)
         self._stamp_s = -math.inf
 
@@ -55,6 +57,8 @@ class FollowerView:
             self.there = math.isfinite(values.sum()) and now - self._stamp_s < _AGE_MOST_S
             if self.there:
                 self.q, self.dq, self.setpoint = values
+        self.coupled = self.there and block.value("coupled_to") == self._number
+        self.led_by_another = self.there and not self.coupled and block.value("mode") == Mode.TRACK
         if not self.there:
             self.follows = False
         if self.there is not before or not self.there:
@@ -62,11 +66,14 @@ class FollowerView:
         return self.there
 
     def judge(self, target: np.ndarray) -> None:
-        """Find out whether it follows the leader's target (motors,): coupled, or at the rate of the caller."""
+        """Find out whether it follows the leader's target (motors,).
+
+        A caller that changes actions before it passes them on cannot be told from a policy that is near by. So this
+        may move the gate on, but must not move the leader.
+        """
         block = self._block
-        leader = block.value("coupled_to")
-        self.follows = leader == self._number
-        if leader == 0 and block.value("mode") == Mode.TRACK:
+        self.follows = self.coupled
+        if block.value("coupled_to") == 0 and block.value("mode") == Mode.TRACK:
             self.follows = bool(np.abs(self.setpoint - target)[: self._joints].max(initial=0.0) < _NEAR_RAD)
 
     def q_at(self, now: float) -> np.ndarray:

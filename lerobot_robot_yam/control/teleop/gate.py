@@ -94,7 +94,7 @@ class GateMachine:
     def restart(self) -> bool:
         """Begin anew: an arm was stopped or has failed. Whether that is another state."""
         self._below_since_s, self._least_rad = math.inf, []
-        return self._enter(self._start, "stopped")
+        return self._enter(self._start, "cannot_lead")
 
     def advance(self, now: float, looks: Sequence[Look]) -> bool:
         """One tick, with a look at each of its arms; whether the state has changed. At most one transition."""

@@ -20,7 +20,7 @@ from lerobot_robot_yam.control.teleop.follower_view import FollowerView
 from lerobot_robot_yam.control.teleop.gate import GateMachine, Look
 from lerobot_robot_yam.control.teleop.led_home import LedHome
 from lerobot_robot_yam.control.teleop.target_ramp import TargetRamp
-from lerobot_robot_yam.control.teleop.trigger_pickup import TriggerPickup
+from lerobot_robot_yam.control.teleop.trigger_pickup import NEAR, TriggerPickup
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import channel_key
@@ -31,27 +31,33 @@ _LEADS = (Mode.FLOAT, Mode.HOLD, Mode.TRACK)
 _AGE_MOST_S = 0.03  # of a motor's sample
 _HOME_RAD, _LEADER_HOME_RAD = 0.05, 0.1
 _RECENTRED_RAD, _RECENTRE_RAD_S = 0.02, 0.15
+_AGREES_S = 1.0  # in which a gripper comes to what the trigger asks, unless another asks for something else
 _BUTTONS = {"top": 0, "bottom": 1}
 
 
 class SharedGate:
     """The gate of the leaders that move through it together, or of one.
 
-    The last of them advances it; for the others a transition comes one tick later.
+    The last of them advances it, unless one of them has nothing to say; for the others a transition comes one tick
+    later.
     """
 
     def __init__(self, machine: GateMachine, names: Sequence[str]):
         self.machine, self._name = machine, " and ".join(names)
-        self._looks = [Look()] * len(names)
+        self._looks: list[Look | None] = [None] * len(names)
 
     def advance(self, now: float, index: int, look: Look) -> Gate:
         """Take the look of arm `index` at this tick; the state that counts for it."""
         self._looks[index] = look
         if index == len(self._looks) - 1:
-            before = self.machine.state
-            if self.machine.advance(now, self._looks):
+            before, looks = self.machine.state, [look for look in self._looks if look is not None]
+            if len(looks) == len(self._looks) and self.machine.advance(now, looks):
                 self._tell(before)
         return self.machine.state
+
+    def miss(self, index: int) -> None:
+        """Arm `index` has nothing to say at this tick: wait for it."""
+        self._looks[index] = None
 
     def restart(self) -> Gate:
         """An arm cannot lead any more: begin anew."""
@@ -111,10 +117,10 @@ class Lead:
         gain = np.broadcast_to(np.array(config.bilateral, dtype=float), (arm.joints,))
         self._force = BilateralForce(gain, arm.kp[: arm.joints], arm.torque_limit_nm[: arm.joints])
         self._buttons = _BUTTONS.get(config.gate_button or ""), _BUTTONS.get(config.fine_button or "")
-        self._down = (True, True)  # held down at start they mean nothing until they have been released
-        self._before_s = -math.inf
+        self._down = [False, False]
+        self._before_s = self._agreed_s = -math.inf
         self.state = gate.machine.state
-        self._entered: Gate | None = None  # the state that ramps and force have been told of
+        self._entered: Gate | None = None  # the state that the ramp has been told of
         self.action: np.ndarray | None = None
         self.action_dq: np.ndarray | None = None
         self.stamp_s = math.nan
@@ -128,7 +134,7 @@ class Lead:
     def advance(
         self,
         now: float,
-        mode: Mode,
+        mode: Mode | None,
         sample: tuple[np.ndarray, np.ndarray, np.ndarray],
         handle: tuple[float, tuple[bool, bool], float],
         weight_nm: np.ndarray,
@@ -137,7 +143,7 @@ class Lead:
 
         Args:
             now: s.
-            mode: of the leader.
+            mode: of the leader; None: it must not lead, because another arm is in trouble.
             sample: q, dq and stamp of each joint's sample, (joints,) each or more.
             handle: trigger, buttons, and stamp of its newest report.
             weight_nm: (joints,) what the leader weighs.
@@ -147,41 +153,48 @@ class Lead:
             handle = 1.0 - float(sample[0][-1]), handle[1], handle[2]
         q, dq, stamps = (part[: self._joints] for part in sample)
         stamp_s = float(stamps.max(initial=-math.inf))
-        if mode not in _LEADS or not now - float(stamps.min(initial=math.inf)) < _AGE_MOST_S:
+        if mode is None or mode not in _LEADS or not now - float(stamps.min(initial=math.inf)) < _AGE_MOST_S:
             self._give_nothing(mode)
             return
         self._motion.advance(q + dq * (stamp_s - stamps), dq, stamp_s)
         there = self._follower.look(now)
-        self._read_handle(handle, mode)
+        self._read_handle(handle[0], mode, now)
         self.state = self._gate.advance(now, self._index, self._look(handle, there, now))
         leader, rate = np.zeros(self.motors), np.zeros(self.motors)
         leader[: self._joints], rate[: self._joints] = self._motion.q, self._motion.dq
         if self._grips:
             leader[-1] = self._opening()
         if self.state is not self._entered:
-            self._entered = self.state
+            self._entered, self.assist = self.state, None
             self._ramp.enter(self.state, now, leader, self._follower if there else None)
-            self._enter()
         self.action, self.action_dq = self._ramp.advance(
             self.state, now, dt, leader, rate, self._follower if there else None
         )
         self.stamp_s = self._motion.stamp_s
-        self.assist = self._assist(mode, there, now, weight_nm, dt)
+        self.assist = self._assist(mode, now, weight_nm, dt)
 
-    def _give_nothing(self, mode: Mode) -> None:
+    def _give_nothing(self, mode: Mode | None) -> None:
         """It cannot lead, or one of its motors is not heard: no target and no force come from here."""
         self.action = self.action_dq = self.assist = None
         self.stamp_s = math.nan
         self._follower.follows = False
+        self._gate.miss(self._index)
         if mode not in _LEADS:
             self.state, self._entered = self._gate.restart(), None
             self._ramp.forget()
 
-    def _read_handle(self, handle: tuple[float, tuple[bool, bool], float], mode: Mode) -> None:
-        if mode is not Mode.FLOAT and self._grips and self._follower.there:  # the leader is led, its follower is not
-            self._trigger.leave(float(self._follower.setpoint[-1]))
+    def _read_handle(self, trigger: float, mode: Mode, now: float) -> None:
+        if not (self._grips and self._follower.there):
+            self._trigger.advance(trigger)
+            return
+        opening = float(self._follower.setpoint[-1])
+        agrees = self._trigger.opening is None or abs(opening - self._trigger.opening) < NEAR
+        if not self._follower.led_by_another or agrees:
+            self._agreed_s = now
+        if mode is not Mode.FLOAT or now - self._agreed_s > _AGREES_S:  # or the leader is led, its follower is not
+            self._trigger.leave(opening, trigger)
         else:
-            self._trigger.advance(handle[0])
+            self._trigger.advance(trigger)
 
     def _opening(self) -> float:
         """Of the follower's gripper; before the trigger's first report it stays as it is."""
@@ -190,12 +203,9 @@ class Lead:
         return float(self._follower.setpoint[-1]) if self._follower.there else 1.0
 
     def _look(self, handle: tuple[float, tuple[bool, bool], float], there: bool, now: float) -> Look:
-        if math.isnan(handle[0]):  # silent: its buttons mean nothing until it has said that they are up
-            self._down = (True, True)
-        pressed = tuple(index is not None and handle[1][index] for index in self._buttons)
+        pressed = [index is not None and handle[1][index] for index in self._buttons]
         edges = [down and not before for down, before in zip(pressed, self._down, strict=True)]
-        if not math.isnan(handle[0]):
-            self._down = (pressed[0], pressed[1])
+        self._down = pressed
         away = self._away_rad()
         if not there or self.action is None:
             return Look(away_rad=away, pressed=edges[0], fine_pressed=edges[1])
@@ -224,24 +234,19 @@ class Lead:
         follower = float(np.linalg.norm(self._follower.setpoint[: self._joints] - home))
         return follower < _HOME_RAD and _largest(self._motion.q - home) < _LEADER_HOME_RAD
 
-    def _enter(self) -> None:
-        if self.state in (Gate.HOMING, Gate.RECENTRE):
-            self._led.begin(self._motion.q)
-        elif self.state is Gate.ENGAGED:
-            self._force.engage()
-
-    def _assist(
-        self, mode: Mode, there: bool, now: float, weight_nm: np.ndarray, dt: float
-    ) -> tuple[np.ndarray, np.ndarray] | None:
-        if mode is not Mode.FLOAT or not there:
+    def _assist(self, mode: Mode, now: float, weight_nm: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray] | None:
+        if mode is not Mode.FLOAT or not self._follower.coupled:
             return None
         j = slice(self._joints)
+        if self.assist is None:  # at the last tick, or in this state: begin without a jolt
+            self._led.begin(self._motion.q)
+            self._force.engage()
         if self.state is Gate.HOMING:
             return self._led.advance(self._home[j], self._config.homing_speed_rad_s, self._motion.q, dt)
         if self.state is Gate.RECENTRE:
             assert self.action is not None
             return self._led.advance(self.action[j], _RECENTRE_RAD_S, self._motion.q, dt)
-        if self.state is not Gate.ENGAGED or not self._force.works or not self._follower.follows:
+        if self.state is not Gate.ENGAGED or not self._force.works:
             return None
         error = self._follower.q_at(now) - (self._motion.q + self._motion.dq * (now - self._motion.stamp_s))
         return self._force.torque(error, self._motion.dq, weight_nm, dt), self._force.damping

@@ -15,9 +15,11 @@ class TriggerPickup:
         self._before = 1.0  # the trigger's at the last tick
         self.opening: float | None = None  # None before the first report, and before anything is left
 
-    def leave(self, opening: float) -> None:
-        """Another has the gripper, and it is that far open."""
+    def leave(self, opening: float, trigger: float) -> None:
+        """Another has the gripper, and it is that far open; `trigger` as for `advance`."""
         self._left = self.opening = opening
+        if not math.isnan(trigger):
+            self._before = 1.0 - trigger
 
     def advance(self, trigger: float) -> None:
         """One tick; `trigger` 0 released … 1 squeezed, NaN while the handle is silent: the opening stays."""

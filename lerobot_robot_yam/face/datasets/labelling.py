@@ -5,8 +5,6 @@ which lerobot-eval records it: true in the last frame of a success. The column `
 what `LeRobotDataset(…, episode_filter=lambda episode: episode["success"])` reads: true, false, or null without a label.
 """
 
-import json
-import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -19,8 +17,8 @@ from lerobot.utils.constants import SUCCESS as FRAME_COLUMN
 from lerobot_robot_yam.errors import ConfigError, YamError
 from lerobot_robot_yam.face.datasets.repair.dataset_on_disk import DatasetError, Progress
 from lerobot_robot_yam.face.datasets.repair.rebuild import verify
-from lerobot_robot_yam.face.recorder import outcomes
-from lerobot_robot_yam.face.recorder.episode_log import SIDE_CAR
+from lerobot_robot_yam.face.datasets.side_cars import copy_side_cars
+from lerobot_robot_yam.face.datasets.written_aside import written_aside
 from lerobot_robot_yam.face.recorder.outcomes import DISCARD, SUCCESS, Outcome
 
 EPISODE_COLUMN = "success"
@@ -34,25 +32,9 @@ def apply(root: Path, target: Path, labels: Mapping[int, Outcome], progress: Pro
         ConfigError: nothing would be left, or it is such a copy already.
         DatasetError: it does not load, or what was written does not; `target` is not there.
     """
-    partial = target.with_name(f"{target.name}.partial")
-    shutil.rmtree(partial, ignore_errors=True)
     try:
-        data = LeRobotDataset(_NAME, root=root, video_backend="pyav")
-        if FRAME_COLUMN in data.meta.features:
-            raise ConfigError(f"{root} has a column {FRAME_COLUMN} already; label the recording that it was made from")
-        dropped = [episode for episode, row in labels.items() if row.outcome == DISCARD]
-        kept = [episode for episode in range(data.num_episodes) if episode not in dropped]
-        if not kept:
-            raise ConfigError(f"{root}: all {data.num_episodes} episodes are labelled {DISCARD}: nothing would be left")
-        if dropped:
-            data = delete_episodes(data, dropped, output_dir=partial / "kept", repo_id=_NAME)
-        renumbered = {new: labels[old] for new, old in enumerate(kept) if old in labels}
-        column = {"dtype": "bool", "shape": (1,), "names": None}
-        add_features(data, {FRAME_COLUMN: (_frames(data, renumbered), column)}, partial / "whole", _NAME)
-        _write_episode_column(partial / "whole", renumbered)
-        _copy_side_cars(root, partial / "whole", kept, renumbered)
-        verify(partial / "whole", progress)
-        (partial / "whole").rename(target)
+        with written_aside(target) as whole:
+            _write(root, whole, labels, progress)
     except YamError:
         raise
     except Exception as error:  # LeRobot's functions and readers raise anything
@@ -60,8 +42,24 @@ def apply(root: Path, target: Path, labels: Mapping[int, Outcome], progress: Pro
             f"{root}: cannot be copied: {type(error).__name__}: {error}; if the recording was killed, "
             "yam-repair-dataset makes it load"
         ) from error
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+
+
+def _write(root: Path, whole: Path, labels: Mapping[int, Outcome], progress: Progress) -> None:
+    data = LeRobotDataset(_NAME, root=root, video_backend="pyav")
+    if FRAME_COLUMN in data.meta.features:
+        raise ConfigError(f"{root} has a column {FRAME_COLUMN} already; label the recording that it was made from")
+    dropped = [episode for episode, row in labels.items() if row.outcome == DISCARD]
+    kept = [episode for episode in range(data.num_episodes) if episode not in dropped]
+    if not kept:
+        raise ConfigError(f"{root}: all {data.num_episodes} episodes are labelled {DISCARD}: nothing would be left")
+    if dropped:
+        data = delete_episodes(data, dropped, output_dir=whole.with_name("kept"), repo_id=_NAME)
+    renumbered = {new: labels[old] for new, old in enumerate(kept) if old in labels}
+    column = {"dtype": "bool", "shape": (1,), "names": None}
+    add_features(data, {FRAME_COLUMN: (_frames(data, renumbered), column)}, whole, _NAME)
+    _write_episode_column(whole, renumbered)
+    copy_side_cars(root, whole, kept)
+    verify(whole, progress)
 
 
 def _frames(data: LeRobotDataset, labels: Mapping[int, Outcome]) -> np.ndarray:
@@ -81,15 +79,3 @@ def _write_episode_column(root: Path, labels: Mapping[int, Outcome]) -> None:
             for index in table["episode_index"].to_pylist()
         ]
         pq.write_table(table.append_column(EPISODE_COLUMN, pa.array(values, pa.bool_())), path)
-
-
-def _copy_side_cars(root: Path, target: Path, kept: list[int], labels: Mapping[int, Outcome]) -> None:
-    """Figures and outcomes of the episodes that are left, by their new numbers."""
-    rows = [Outcome(new, row.outcome, row.by, row.at) for new, row in labels.items()]
-    if rows:
-        outcomes.append(target, rows)
-    if (root / SIDE_CAR).exists():
-        new_index = {old: new for new, old in enumerate(kept)}
-        figures = [json.loads(line) for line in (root / SIDE_CAR).read_text().splitlines() if line.strip()]
-        left = [row | {"episode_index": new_index[i]} for row in figures if (i := row["episode_index"]) in new_index]
-        (target / SIDE_CAR).write_text("".join(f"{json.dumps(row)}\n" for row in left))

@@ -3,22 +3,34 @@
 `lerobot-record` records from its start on, and anew as soon as an episode is saved. So an episode that has not begun
 with a lift is sent back at once with the re-record key: LeRobot then waits in its reset phase, and drops that
 beginning. The lift ends the reset, and no save delays the recording that begins. Home ends the episode, and then the
-reset behind it, so that the episode is saved at once.
+reset behind it, so that the episode is saved at once. An episode that an emergency stop cuts off is dropped: behind the
+stop the leaders are led home, which is no end that anybody wanted.
+
+The episodes of lerobot-rollout are the policy's: there the leaders begin and end none.
 """
 
 from collections.abc import Sequence
 
-from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation
+from lerobot_robot_yam.face.operator_keys.key_plan import RECORD, Phase, Situation
 from lerobot_robot_yam.face.operator_keys.meanings import Meaning
-from lerobot_robot_yam.state.modes import Gate
+from lerobot_robot_yam.state.modes import Gate, Mode
+from lerobot_robot_yam.state.records import ArmState
 
 _LIFTED = (Gate.APPROACH, Gate.ENGAGED, Gate.FINE, Gate.RECENTRE)
+_LEAST_FRAMES = 5  # of an episode: a key that came late has ended a shorter one
+_HOME = (Gate.HOMING, Gate.IDLE)
 
 
 def all_lifted(gates: Sequence[Gate]) -> bool | None:
-    """Whether all leaders are lifted; None: some are, some are not."""
-    lifted = {gate in _LIFTED for gate in gates}
-    return lifted.pop() if len(lifted) == 1 else None
+    """Whether all leaders are lifted, or all home; None: neither."""
+    if all(gate in _LIFTED for gate in gates):
+        return True
+    return False if all(gate in _HOME for gate in gates) else None
+
+
+def led_by_hand(leaders: Sequence[ArmState]) -> bool:
+    """Whether a person moves all of them: none is stopped, or has failed."""
+    return all(leader.mode is Mode.FLOAT for leader in leaders)
 
 
 class AutoEpisodes:
@@ -29,30 +41,36 @@ class AutoEpisodes:
         self._armed = False  # the leaders were home since the last episode began
         self._starts = self._begun = False  # a lift ends this turn; one has ended the turn before
         self._was_lifted = False  # in this turn
+        self._cut_off = False  # the episode of this turn
 
-    def key(self, lifted: bool | None, now: Situation) -> str | None:
+    def key(self, lifted: bool | None, by_hand: bool, now: Situation) -> str | None:
         """The key to press now, if any; the same again until the command has answered.
 
         Args:
             lifted: of all leaders, see `all_lifted`.
+            by_hand: see `led_by_hand`.
             now: what the command does.
         """
-        if now.phase not in (Phase.RECORDING, Phase.RESETTING):
+        if now.command != RECORD or not now.keys or now.phase not in (Phase.RECORDING, Phase.RESETTING):
             return None
         if now.turn != self._turn:
             self._turn, self._begun = now.turn, self._starts
-            self._starts = self._was_lifted = False
+            self._starts = self._was_lifted = self._cut_off = False
             self._armed &= not self._begun
         home = lifted is False
         self._armed |= home
         if now.phase is Phase.RECORDING:
             self._was_lifted |= lifted is True
+            self._cut_off |= not by_hand
             if not now.frames:
                 return None
-            if not self._begun or (home and not self._was_lifted):
+            if not self._begun or self._cut_off or (home and not self._was_lifted):
                 return now.keys[Meaning.RERECORD]
-            return now.keys[Meaning.NEXT] if home else None
-        if not now.drops:
-            return now.keys[Meaning.NEXT]  # it is saved now, not when the next one begins
-        self._starts = self._armed and lifted is True
-        return now.keys[Meaning.NEXT] if self._starts else None
+            return now.keys[Meaning.NEXT] if home and not now.ends_by_itself else None
+        if not now.drops and now.frames < _LEAST_FRAMES:
+            self._starts = lifted is True  # its lift goes on
+            return now.keys[Meaning.RERECORD]
+        self._starts = now.drops and self._armed and lifted is True
+        if now.ends_by_itself or not (self._starts or not now.drops):
+            return None
+        return now.keys[Meaning.NEXT]  # an episode is saved now, not when the next one begins

@@ -8,7 +8,7 @@ from types import FrameType
 
 from lerobot_robot_yam.errors import ConfigError, YamError
 from lerobot_robot_yam.face.operator_keys import key_plan, running_command
-from lerobot_robot_yam.face.operator_keys.auto_episodes import AutoEpisodes, all_lifted
+from lerobot_robot_yam.face.operator_keys.auto_episodes import AutoEpisodes, all_lifted, led_by_hand
 from lerobot_robot_yam.face.operator_keys.edges import RisingEdges
 from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation
 from lerobot_robot_yam.face.operator_keys.keyboard import Keyboard, keyboard
@@ -21,7 +21,8 @@ logger = logging.getLogger(__name__)
 _PERIOD_S = 0.005  # of the look at the handles
 _LOOK_S = 0.02  # of the look at the command, while there is a reason to
 _SELDOM_S = 0.5  # and while there is none: its data set may be new
-_AGAIN_S = 2.0  # a key of an automatic episode that has not been answered so long is pressed again
+_AGAIN_S = 2.0  # a key that nobody has asked for by a button, and that has no answer for so long, is pressed again
+_END_S = 1.0  # a key takes 0.06 s at most, but the display of an ssh connection that is dead answers never
 _GOAL_S = 60.0  # LeRobot aligns leaders for 2 s, and saves for as long as it takes
 
 
@@ -64,39 +65,52 @@ class OperatorKeys:
             logger.info("buttons of handles mean something to lerobot-record and lerobot-rollout only")
             return
         self._forget()
-        self._ends.clear()
+        self._ends = threading.Event()  # its own, for the case that an earlier thread hangs
         try:
             self._keyboard = keyboard()
             self._keyboard.take()
         except OSError as error:
             raise ConfigError(f"buttons: no pseudo-terminal can be had: {error.strerror}") from error
-        self._thread = threading.Thread(target=self._run, args=(read,), name="operator keys", daemon=True)
+        self._thread = threading.Thread(target=self._run, args=(read, self._ends), name="operator keys", daemon=True)
         self._thread.start()
+
+    def end(self) -> None:
+        """Press no key any more. Waits for nothing."""
+        self._ends.set()
 
     def stop(self) -> None:
         """End, and leave the terminal as it was. Idempotent."""
-        self._ends.set()
+        self.end()
         thread, self._thread = self._thread, None
-        if thread is not None:
-            thread.join()
-            self._book.close()
-        way, self._keyboard = self._keyboard, None
-        if way is not None:
-            way.give_back()
+        hangs = False
+        try:
+            if thread is not None:
+                thread.join(_END_S)
+                hangs = thread.is_alive()
+                self._book.close()
+        finally:
+            way, self._keyboard = self._keyboard, None
+            if hangs:  # so would who gives back what it waits for: an X server behind a dead connection
+                logger.warning("buttons: a key was pressed, and the display does not answer; left as it is")
+            elif way is not None:
+                way.give_back()
 
-    def _run(self, read: Callable[[], Mapping[str, ArmState]]) -> None:
-        while not self._ends.wait(_PERIOD_S):
+    def _run(self, read: Callable[[], Mapping[str, ArmState]], ends: threading.Event) -> None:
+        while not ends.wait(_PERIOD_S):
             try:
                 self._tick(time.monotonic(), read())
             except YamError as error:  # the arms are off, or their loop is gone, which others say
                 logger.debug("no buttons: %s", error)
             except Exception:
+                if ends.is_set():  # the arms are let go meanwhile
+                    return
                 logger.exception("the buttons of the handles do nothing from now on")
                 return
 
     def _tick(self, now_s: float, states: Mapping[str, ArmState]) -> None:
         pressed = [name for name in self._edges.pressed(_buttons(states)) if name in self._meanings]
-        busy = self._auto is not None or self._goal is not None or self._book.pending
+        awaits = self._auto is not None or self._goal is not None or self._book.pending
+        busy = awaits or now_s - self._pressed_s < _AGAIN_S
         if not pressed and now_s - self._looked_s < (_LOOK_S if busy else _SELDOM_S):
             return
         self._looked_s, now = now_s, running_command.look()
@@ -105,16 +119,25 @@ class OperatorKeys:
             self._answer(button, self._meanings[button], now, now_s)
         if self._goal is not None:
             self._approach(self._goal, now, now_s)
-        if self._auto is not None and Meaning.NEXT in now.keys:
-            key = self._auto.key(all_lifted([state.gate for state in states.values()]), now)
-            if key is not None:
-                self._press(key, now, now_s, again=True)
+        key = key_plan.rescue(now)
+        if self._auto is not None:
+            lifted = all_lifted([state.gate for state in states.values()])
+            key = self._auto.key(lifted, led_by_hand(list(states.values())), now) or key
+        if key is not None:
+            self._press(key, now, now_s, again=True)
         self._book.look()
 
     def _answer(self, button: str, meaning: Meaning, now: Situation, now_s: float) -> None:
-        if meaning in LABELS and not self._book.label(meaning, 0 if now.drops else now.frames, button):
-            logger.warning("button %s (%s): there is no episode yet", button, meaning)
-            return
+        if meaning in LABELS:
+            frames = key_plan.frames_to_label(now, self._automatic)
+            if frames is None or not self._book.label(meaning, frames, button):
+                why = (
+                    "there is no episode yet"
+                    if frames is not None
+                    else "the episode is dropped, there is none to label"
+                )
+                logger.warning("button %s (%s): %s", button, meaning, why)
+                return
         goal, key = key_plan.wanted(meaning, now), key_plan.single_key(meaning, now)
         if goal is not None:
             self._goal, self._goal_until_s, self._last = goal, now_s + _GOAL_S, None

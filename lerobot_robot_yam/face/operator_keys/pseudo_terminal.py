@@ -33,6 +33,7 @@ _BYTES = {
     "space": b" ",
     "backspace": b"\x7f",
 }
+_END_S = 1.0  # somebody else may have read what it was to read
 _ECHO_AT = 3  # the place of the local flags in a mode
 _the_one: "PseudoTerminal | None" = None
 
@@ -53,6 +54,7 @@ class PseudoTerminal:
         self._relay: threading.Thread | None = None
         self._writing = threading.Lock()
         self._free_s = 0.0  # when the next byte may be written
+        self._typed_esc = False  # the Esc that it has to wait for was typed
         self._users, self._process = 0, os.getpid()
         self.heard: Callable[[bytes], None] = lambda typed: None
 
@@ -91,23 +93,24 @@ class PseudoTerminal:
             sys.stdin = self._before
         user, self._user = self._user, None
         if self._relay is not None and self._relay is not threading.current_thread():
-            self._relay.join()
+            self._relay.join(_END_S)
         self._relay = None
         if user is not None:
             user.close()
 
     def press(self, key: str) -> None:
         """Press a key, by LeRobot's name of it. Never blocks for longer than 60 ms; what nobody reads is lost."""
-        self._write(_BYTES.get(key) or key.encode())
+        self._write(_BYTES.get(key) or key.encode(), typed=False)
 
-    def _write(self, data: bytes) -> None:
+    def _write(self, data: bytes, typed: bool) -> None:
         with self._writing:
-            if (wait_s := self._free_s - time.monotonic()) > 0.0:
+            wait_s = self._free_s - time.monotonic()
+            if wait_s > 0.0 and not (typed and self._typed_esc):  # what is typed goes on as it was typed
                 time.sleep(wait_s)
             with contextlib.suppress(OSError):
                 os.write(self._master, data)
             if data.endswith(b"\x1b"):
-                self._free_s = time.monotonic() + _AFTER_ESC_S
+                self._free_s, self._typed_esc = time.monotonic() + _AFTER_ESC_S, typed
 
     def _run(self, user: UserTerminal) -> None:
         """Carry what is typed over, and the mode back, until it ends."""
@@ -116,7 +119,7 @@ class PseudoTerminal:
             if not user.reachable:
                 time.sleep(_LOOK_S)
             elif typed := user.typed(_LOOK_S):
-                self._write(typed)
+                self._write(typed, typed=True)
                 self.heard(typed)
             with contextlib.suppress(OSError):
                 os.read(self._master, 65536)  # its echo, which the user's terminal has shown already

@@ -3,12 +3,14 @@
 Like `record_command`, this reads LeRobot's own variables from the stack of the main thread, and changes none.
 """
 
+import math
 import sys
 import threading
+import time
 from types import FrameType
 from typing import Any
 
-from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation
+from lerobot_robot_yam.face.operator_keys.key_plan import RECORD, Phase, Situation
 from lerobot_robot_yam.face.operator_keys.meanings import Meaning
 from lerobot_robot_yam.face.recorder.record_command import PACKAGE, callers, running_record
 
@@ -34,11 +36,12 @@ def look() -> Situation:
     if command.loop is not None:
         phase = Phase.RECORDING if command.records else Phase.RESETTING
     keys = _EPISODE_KEYS if command.events else {}  # before, it does not listen yet
-    return Situation("lerobot-record", phase, keys, command.dataset, command.loop or 0.0, command.drops)
+    left_s = command.ends - time.perf_counter()
+    return Situation(RECORD, phase, keys, command.dataset, command.loop or 0.0, command.drops, left_s)
 
 
 def _rollout(frame: FrameType | None) -> Situation:
-    loop, turn = Phase.BETWEEN, 0.0
+    loop, turn, left_s = Phase.BETWEEN, 0.0, math.inf
     for caller in callers(frame):
         if not caller.f_code.co_filename.startswith(_STRATEGIES):
             continue
@@ -46,17 +49,18 @@ def _rollout(frame: FrameType | None) -> Situation:
         if name in _EPISODE_LOOPS:
             turn = values.get("start_t", 0.0)
             loop = _EPISODE_LOOPS[name] if turn else Phase.BETWEEN
+            left_s = turn + values["control_time_s"] - time.perf_counter() if turn else math.inf
         elif name == _RUN and "ctx" in values:
-            return _strategy(values["self"], values["ctx"].data.dataset, loop, turn)
+            return _strategy(values["self"], values["ctx"].data.dataset, loop, turn, left_s)
     return Situation()
 
 
-def _strategy(strategy: Any, dataset: Any, loop: Phase, turn: float) -> Situation:
+def _strategy(strategy: Any, dataset: Any, loop: Phase, turn: float, left_s: float) -> Situation:
     kind, options = strategy.config.type, strategy.config
     command = f"the {kind} strategy of lerobot-rollout"
     if kind == "episodic":
         drops = bool(strategy._events.get("rerecord_episode"))
-        return Situation(command, loop, _EPISODE_KEYS, dataset, turn, drops)
+        return Situation(command, loop, _EPISODE_KEYS, dataset, turn, drops, left_s)
     if kind == "dagger" and options.input_device == "keyboard":
         named = options.keyboard
         keys = {Meaning.PAUSE: named.pause_resume, Meaning.CORRECT: named.correction, Meaning.UPLOAD: named.upload}

@@ -12,6 +12,8 @@ from lerobot_robot_yam.face.operator_keys import terminal_guard
 
 _GUARD_END_S = 2.0
 _CHUNK = 1024
+_SPLIT_S = 0.02  # a slow line splits the sequence of an arrow key; LeRobot waits as long for the rest
+_SPLIT = (b"\x1b", b"\x1b[", b"\x1bO")
 _END_OF_INPUT = b"\x04"  # Ctrl-D: the terminal tells it as an empty line
 
 
@@ -30,14 +32,21 @@ class UserTerminal:
         self._gone = False
 
     def typed(self, within_s: float) -> bytes:
-        """What has been typed, empty after `within_s` without anything."""
+        """What has been typed, empty after `within_s` without anything. A key of several bytes comes whole."""
+        typed = self._read(within_s)
+        while typed.endswith(_SPLIT) and (rest := self._read(_SPLIT_S)):
+            typed += rest
+        return typed
+
+    def _read(self, within_s: float) -> bytes:
         poll = select.poll()
         poll.register(self.descriptor, select.POLLIN)
         with contextlib.suppress(OSError):
             for _, event in poll.poll(within_s * 1e3):
-                if event & select.POLLIN and self.reachable:
-                    return os.read(self.descriptor, _CHUNK) or _END_OF_INPUT
+                # A terminal that has hung up can be read, too, and tells the end of input for ever.
                 self._gone = bool(event & (select.POLLHUP | select.POLLERR | select.POLLNVAL))
+                if self.reachable:
+                    return os.read(self.descriptor, _CHUNK) or _END_OF_INPUT
         return b""
 
     @property

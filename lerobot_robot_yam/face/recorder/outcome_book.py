@@ -4,6 +4,9 @@ import logging
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.recorder import outcomes
 
 logger = logging.getLogger(__name__)
@@ -27,6 +30,17 @@ class OutcomeBook:
         """From now on labels are for this data set; the episodes that it has are an earlier session's."""
         if dataset is not None and dataset is not self._dataset:
             self._dataset, self._first, self._pending = dataset, dataset.num_episodes, None
+            self._take_back_lost()
+
+    def _take_back_lost(self) -> None:
+        """An episode that was labelled and then lost has left its label, which the next one would inherit."""
+        root = Path(self._dataset.root)
+        try:
+            lost = [episode for episode in outcomes.read(root) if episode >= self._first]
+            if lost:
+                outcomes.append(root, [outcomes.now(episode, None, "resumed without it") for episode in lost])
+        except (ConfigError, OSError) as error:
+            logger.warning("labels of episodes that were lost may remain: %s", error)
 
     def label(self, outcome: str, frames: int, by: str) -> bool:
         """Label the episode that is not saved yet, or else the newest one of this session.
@@ -41,10 +55,11 @@ class OutcomeBook:
         """
         if self._dataset is None:
             return False
-        count = self._dataset.num_episodes
-        if frames:
-            self._buffer = _buffer(self._dataset)
-            self._pending = outcomes.now(count, outcome, by)
+        buffer, count = _buffer(self._dataset), self._dataset.num_episodes
+        if frames and buffer is not None:
+            # Its own number, not the count: LeRobot counts it before it has encoded videos and taken a new buffer.
+            index = int(np.ravel(buffer["episode_index"])[0])
+            self._buffer, self._pending = buffer, outcomes.now(index, outcome, by)
         elif count > self._first:
             self._write(outcomes.now(count - 1, outcome, by))
         else:

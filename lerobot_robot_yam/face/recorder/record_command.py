@@ -10,6 +10,7 @@ import importlib.util
 import inspect
 import json
 import logging
+import math
 import shutil
 import sys
 from collections.abc import Callable, Iterator
@@ -62,6 +63,7 @@ class RecordCommand:
         resumes: the data set was there before.
         events: its flags, as its keys set them; empty before it has connected.
         loop: when the present run of its loop began, None outside.
+        ends: when that run ends by itself, on `time.perf_counter`.
         records: an episode is being recorded. Else it resets, saves, or has not begun.
     """
 
@@ -70,6 +72,7 @@ class RecordCommand:
     resumes: bool
     events: dict[str, Any]
     loop: float | None
+    ends: float
     records: bool
 
     def stop(self) -> None:
@@ -88,18 +91,20 @@ class RecordCommand:
 
 def running_record(frame: FrameType | None) -> RecordCommand | None:
     """The command that has called down to `frame`; None under any other, and before its data set is open."""
-    loop, records = None, False
+    loop, ends, records = None, math.inf, False
     for caller in callers(frame):
         if caller.f_code.co_filename != _FILE:
             continue
         name, values = caller.f_code.co_name, caller.f_locals
         if name == _LOOP:
             loop, records = values.get("start_episode_t"), values.get("dataset") is not None
+            ends = math.inf if loop is None else loop + values["control_time_s"]
         elif name == _COMMAND:
             dataset, options = values.get("dataset"), values.get("cfg")
             if dataset is None or options is None:
                 return None
-            return RecordCommand(dataset, options.dataset, options.resume, values.get("events") or {}, loop, records)
+            events = values.get("events") or {}
+            return RecordCommand(dataset, options.dataset, options.resume, events, loop, ends, records)
     return None
 
 

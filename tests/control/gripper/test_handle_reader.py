@@ -35,6 +35,15 @@ def test_a_press_counts_once_it_has_lasted():
     assert said == [False, False, False, False, True, True]
 
 
+def test_a_button_held_from_the_start_or_through_silence_is_no_press():
+    encoder, found = reader()
+    assert not any(fed(encoder, found, [True] * 20))
+    assert any(fed(encoder, found, [False, *[True] * 20], 2.0))
+    assert found.read(3.0).buttons == (False, False)
+    assert not any(fed(encoder, found, [True] * 20, 3.0))
+    assert any(fed(encoder, found, [False, *[True] * 20], 4.0))
+
+
 def test_bounce_is_one_press_and_one_release():
     encoder, found = reader()
     levels = [False, True, False, True, True, False, *[True] * 10, False, True, False, *[False] * 10]

@@ -29,16 +29,17 @@ def test_engaging_is_gentle_and_never_yanks(weight_nm):
     law = force()
     law.engage()
     weight, taus = np.full(6, weight_nm), []
-    for _ in range(125):  # 0.5 s
+    for _ in range(1250):  # 5 s
         taus.append(law.torque(np.full(6, 0.5), np.zeros(6), weight, TICK_S))
     taus = np.abs(taus)
-    assert taus.max() <= max(1.0, 0.5 * weight_nm) + 1e-9
+    assert taus[:125].max() <= max(1.0, 0.5 * weight_nm) + 1e-9
     assert taus[0].max() == 0.0 and np.diff(taus, axis=0).max() < 0.05
+    assert taus[-1] == pytest.approx(np.minimum(0.5 * KP * 0.5, 0.25 * LIMIT_NM))
 
 
 def test_the_force_is_bounded_well_within_the_torque_limits():
     law = force()
-    for _ in range(200):
+    for _ in range(2000):
         tau = law.torque(np.full(6, 3.0), np.zeros(6), np.zeros(6), TICK_S)
     assert (np.abs(tau) <= 0.25 * LIMIT_NM).all()
 

@@ -43,7 +43,7 @@ def test_it_follows_with_little_lag_and_jerk(rig, pair, monkeypatch):
     found = likeness(leader["stamp_s"], leader["q"][:, :6], follower["q"][:, :6])
     assert found.lag_s.max() < 0.014
     assert found.error_rad.max() < 0.004
-    assert found.jerk_ratio.max() < 1.5
+    assert found.jerk_ratio < 1.5
 
 
 def test_what_the_caller_passes_on_is_what_the_follower_was_asked(rig, pair):
@@ -116,7 +116,7 @@ def test_another_action_ends_it_in_the_same_tick(rig, pair):
 
 
 def test_the_other_limits_hold(rig):
-    session, caller = started(rig, {"max_relative_target": 0.01})
+    session, caller = started(rig, {"max_relative_target": 0.003})
     sweep(rig, 6.0)
     caller.run(3.0)
     held = False
@@ -125,7 +125,7 @@ def test_the_other_limits_hold(rig):
         state = session[FOLLOWER].newest()
         assert state.coupled
         held |= Limited.RELATIVE_TARGET in state.limited
-        assert np.abs(np.array(state.action[:6]) - state.q).max() < 0.01 + 0.01  # it has moved on since
+        assert np.abs(np.array(state.action[:6]) - state.q).max() < 0.003 + 0.01  # it has moved on since
     assert held
     session.discard()
 

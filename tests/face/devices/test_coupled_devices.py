@@ -183,14 +183,24 @@ def test_an_action_that_was_changed_does_not_couple(pair):
     assert state_of(robot).coupled
 
 
-def test_an_older_action_of_the_leader_does_not_couple(pair):
+def test_an_older_or_repeated_action_of_the_leader_does_not_couple(shared_rig, pair):
     device, robot = pair
-    old = device.get_action()
-    time.sleep(0.1)
-    device.get_action()
-    robot.send_action(old | {"gripper.pos": 0.5})
+    pass_on(device, robot, 0.3)
+    shared_rig.hand(LEADER, [0.5], [(POSE + 0.2).tolist()])
+    repeated = device.get_action()
+    for _ in range(30):
+        robot.send_action(repeated)
+        time.sleep(1 / 30)
+    assert not state_of(robot).coupled
+    assert state_of(robot).setpoints == pytest.approx(list(repeated.values()), abs=1e-3)
+    assert np.abs(state_of(device).q - state_of(robot).q).max() > 0.1
+    assert device.get_action() != repeated
+    robot.send_action(repeated)
     time.sleep(0.02)
     assert not state_of(robot).coupled
+    shared_rig.hand(LEADER, [0.5], [POSE.tolist()])
+    pass_on(device, robot, 1.0)
+    assert state_of(robot).coupled
 
 
 def test_the_action_is_the_followers_target_while_coupled(pair):

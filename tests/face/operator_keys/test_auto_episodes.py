@@ -1,31 +1,35 @@
 """Automatic episodes against a recorder that loops as lerobot-record does, and leaders that are lifted at random."""
 
 import itertools
+import math
 import random
 
 import pytest
 
 from lerobot_robot_yam.face.operator_keys.auto_episodes import AutoEpisodes, all_lifted
-from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation
+from lerobot_robot_yam.face.operator_keys.key_plan import RECORD, Phase, Situation
 from lerobot_robot_yam.state.modes import Gate
 from tests.face.operator_keys.test_key_plan import EPISODES, Dataset
 
 HOME, LIFTED, MIXED = False, True, None
+FPS = 30
+STOPPED = "stopped"  # which begins the gate anew
 
 
 class Recorder:
     """The loops of lerobot-record: each frame of an episode is what the leaders did then."""
 
-    def __init__(self, episodes, episode_frames=10**6, reset_frames=10**6):
+    def __init__(self, episodes, episode_frames=10**6, reset_frames=10**6, tells_time=True):
+        self.tells_time = tells_time
         self.episodes, self.limits = episodes, {Phase.RECORDING: episode_frames, Phase.RESETTING: reset_frames}
         self.saved, self.buffer, self.phase, self.turn, self.left = [], [], Phase.RECORDING, 1.0, episode_frames
         self.exit_early = self.rerecord = self.ended = False
 
     def situation(self):
-        return Situation("lerobot-record", self.phase, EPISODES, Dataset(len(self.buffer)), self.turn, self.rerecord)
+        data, left_s = Dataset(len(self.buffer)), self.left / FPS if self.tells_time else math.inf
+        return Situation(RECORD, self.phase, EPISODES, data, self.turn, self.rerecord, left_s)
 
     def press(self, key):
-        assert not (key == "right" and self.phase is Phase.RECORDING and not self.buffer), "it would save nothing"
         self.exit_early = True
         self.rerecord |= key == "left"
 
@@ -44,6 +48,7 @@ class Recorder:
         if self.rerecord:
             self.rerecord = self.exit_early = False
         else:
+            assert self.buffer, "LeRobot raises"
             self.saved.append(self.buffer)
         self.buffer = []
         self.ended = len(self.saved) == self.episodes
@@ -55,13 +60,13 @@ class Recorder:
 
 
 def session(recorder, leaders, ticks=3000):
-    """Run until the recorder has ended; keys arrive one tick late."""
+    """Run until the recorder has ended; keys arrive one tick late, whatever it does by then."""
     auto, held, pressed = AutoEpisodes(), None, []
     for lifted in itertools.islice(leaders, ticks):
         if recorder.ended:
             break
-        key = auto.key(lifted, recorder.situation())
-        if held is not None and held[1] == recorder.turn:
+        key = auto.key(HOME if lifted is STOPPED else lifted, lifted is not STOPPED, recorder.situation())
+        if held is not None:
             recorder.press(held[0])
             pressed.append(held[0])
         held = None if key is None or (held is not None and held[1] == recorder.turn) else (key, recorder.turn)
@@ -105,6 +110,21 @@ def test_a_wait_that_is_longer_than_the_reset_records_nothing(reset_frames):
     assert all(episode.count(LIFTED) > 40 and episode.count(HOME) < 5 for episode in recorder.saved)
 
 
+@pytest.mark.parametrize("tells_time", [True, False])
+def test_a_lift_at_the_moment_at_which_the_reset_ends_saves_no_fragment(tells_time):
+    for wait in range(50, 80):  # the first reset ends within
+        recorder = Recorder(episodes=2, reset_frames=60, tells_time=tells_time)
+        session(recorder, lifts(wait, 50, 20, 60))
+        assert [episode.count(LIFTED) > 38 for episode in recorder.saved] == [True, True], wait
+
+
+def test_home_at_the_moment_at_which_the_episode_ends_saves_it_and_no_fragment():
+    for length in range(90, 110):
+        recorder = Recorder(episodes=2, episode_frames=100, reset_frames=2)
+        session(recorder, lifts(20, length, 30, 60))
+        assert [episode.count(LIFTED) > 50 for episode in recorder.saved] == [True, True], length
+
+
 def test_an_episode_that_is_too_long_is_saved_and_the_next_one_needs_another_lift():
     recorder = Recorder(episodes=2, episode_frames=30)
     session(recorder, lifts(20, 100, 30, 25))
@@ -118,6 +138,30 @@ def test_one_leader_alone_neither_begins_nor_ends():
     session(recorder, leaders)
     (episode,) = recorder.saved
     assert 34 < episode.count(LIFTED) <= 40 and episode.count(MIXED) == 30
+
+
+@pytest.mark.parametrize("stopped", [1, 40])
+def test_an_episode_that_an_emergency_stop_cuts_off_is_not_saved(stopped):
+    recorder = Recorder(episodes=1)
+    leaders = [HOME] * 20 + [LIFTED] * 50 + [STOPPED] * stopped + [HOME] * 40 + [LIFTED] * 30 + [HOME] * 20
+    session(recorder, leaders)
+    (episode,) = recorder.saved
+    assert 24 < episode.count(LIFTED) <= 30 and STOPPED not in episode
+
+
+def test_a_stop_while_the_scene_is_reset_costs_nothing():
+    recorder = Recorder(episodes=2)
+    session(
+        recorder, [HOME] * 20 + [LIFTED] * 50 + [HOME] * 20 + [STOPPED] * 9 + [HOME] * 20 + [LIFTED] * 40 + [HOME] * 20
+    )
+    assert [episode.count(LIFTED) > 30 for episode in recorder.saved] == [True, True]
+
+
+@pytest.mark.parametrize("phase", Phase)
+@pytest.mark.parametrize(("command", "keys"), [("the episodic strategy of lerobot-rollout", EPISODES), (RECORD, {})])
+def test_no_key_for_a_policys_episodes_or_a_command_that_does_not_listen_yet(command, keys, phase):
+    for lifted in (HOME, LIFTED, HOME):
+        assert AutoEpisodes().key(lifted, True, Situation(command, phase, keys, Dataset(9), 1.0)) is None
 
 
 @pytest.mark.parametrize("seed", range(100))
@@ -138,7 +182,8 @@ GATES = [
     ([Gate.FINE, Gate.RECENTRE], True),
     ([Gate.ENGAGED, Gate.HOMING], None),
     ([Gate.ENGAGED], True),
-    ([Gate.NONE, Gate.NONE], False),
+    ([Gate.NONE, Gate.NONE], None),
+    ([Gate.NONE, Gate.IDLE], None),
 ]
 
 

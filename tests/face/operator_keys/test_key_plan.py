@@ -4,7 +4,16 @@ import itertools
 
 import pytest
 
-from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation, refusal, single_key, step, wanted
+from lerobot_robot_yam.face.operator_keys.key_plan import (
+    Phase,
+    Situation,
+    frames_to_label,
+    refusal,
+    rescue,
+    single_key,
+    step,
+    wanted,
+)
 from lerobot_robot_yam.face.operator_keys.meanings import LABELS, Meaning
 
 EPISODES = {Meaning.NEXT: "right", Meaning.RERECORD: "left", Meaning.STOP: "esc"}
@@ -20,8 +29,8 @@ class Dataset:
         self.writer, self.episode_buffer = self, {"size": frames}
 
 
-def situation(phase, keys=EPISODES, frames=9):
-    return Situation("lerobot-record", phase, keys, Dataset(frames))
+def situation(phase, keys=EPISODES, frames=9, **more):
+    return Situation("lerobot-record", phase, keys, Dataset(frames), **more)
 
 
 ROWS = [
@@ -49,6 +58,41 @@ def test_a_recording(phase, meaning, key):
 def test_an_episode_without_a_frame_is_not_ended(meaning):
     """LeRobot would end the whole recording with an error."""
     assert single_key(meaning, situation(Phase.RECORDING, frames=0)) is None
+
+
+LATE_ROWS = [
+    (Phase.RECORDING, Meaning.NEXT, None),
+    (Phase.RECORDING, Meaning.FAILURE, None),
+    (Phase.RECORDING, Meaning.RERECORD, "left"),
+    (Phase.RECORDING, Meaning.STOP, "esc"),
+    (Phase.RESETTING, Meaning.NEXT, None),
+    (Phase.RESETTING, Meaning.RERECORD, None),
+    (Phase.RESETTING, Meaning.STOP, "esc"),
+]
+
+
+@pytest.mark.parametrize(("phase", "meaning", "key"), LATE_ROWS)
+def test_a_phase_that_ends_by_itself_is_not_ended_by_a_key(phase, meaning, key):
+    """The key would end the next episode."""
+    now = situation(phase, left_s=0.1)
+    assert single_key(meaning, now) == key
+    assert single_key(meaning, situation(phase, left_s=0.5)) is not None
+    assert key is not None or meaning in LABELS or "ends by itself" in refusal(meaning, "left_top", now)
+
+
+def test_an_episode_that_a_late_key_has_ended_without_a_frame_is_recorded_again():
+    assert rescue(situation(Phase.RESETTING, frames=0)) == "left"
+    assert rescue(situation(Phase.RESETTING, frames=0, drops=True)) is None
+    assert rescue(situation(Phase.RESETTING, frames=1)) is None
+    assert rescue(situation(Phase.RECORDING, frames=0)) is None
+    assert rescue(Situation("", Phase.RESETTING, EPISODES)) is None
+
+
+def test_a_label_behind_rerecord_is_not_for_the_good_episode_before():
+    dropped = situation(Phase.RESETTING, drops=True)
+    assert frames_to_label(dropped, automatic=False) is None
+    assert frames_to_label(dropped, automatic=True) == 0
+    assert frames_to_label(situation(Phase.RESETTING), automatic=False) == 9
 
 
 def keys_pressed(meaning, phase):
@@ -92,7 +136,7 @@ def test_single_keys_of_rollouts(phase):
     assert not any(single_key(meaning, situation(phase, HIGHLIGHT)) for meaning in LABELS)
 
 
-@pytest.mark.parametrize(("meaning", "keys"), itertools.product(Meaning, (EPISODES, DAGGER, HIGHLIGHT, {})))
+@pytest.mark.parametrize(("meaning", "keys"), list(itertools.product(Meaning, (EPISODES, DAGGER, HIGHLIGHT, {}))))
 def test_a_button_that_does_nothing_says_why(meaning, keys):
     now = situation(Phase.BETWEEN, keys)
     if meaning in LABELS or wanted(meaning, now) or single_key(meaning, now):

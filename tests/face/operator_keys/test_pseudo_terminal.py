@@ -101,6 +101,29 @@ def test_a_program_in_the_background_of_a_shell_is_not_stopped(tmp_path):
         terminal.close()
 
 
+def test_a_program_that_is_suspended_and_goes_on_listens_again(tmp_path):
+    shell = 'set -m; "$@"; stty sane; echo suspended; fg'  # a shell with jobs, which sets its own mode meanwhile
+    terminal = Terminal(tmp_path, "bash", "-c", shell, "bash", sys.executable, *PROGRAM, "return", cwd=ROOT)
+    try:
+        terminal.wait_shown("listens True")
+        terminal.type(b"n")
+        terminal.wait_shown("flag exit_early")
+        terminal.type(b"\x1a")
+        terminal.wait_shown("suspended")
+        deadline = time.monotonic() + 5.0
+        while terminal.echoes != CBREAK:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        terminal.type(b"r")
+        terminal.wait_shown("flag rerecord_episode")
+        terminal.type(b"\x1b")
+        assert terminal.end() == 0
+        before, after = terminal.modes()
+        assert before == after
+    finally:
+        terminal.close()
+
+
 def test_a_killed_program_without_a_guard_would_leave_it_in_another_mode(tmp_path):
     program = "import sys, time, tty; tty.setcbreak(0); print('set', flush=True); time.sleep(60)"
     terminal = Terminal(tmp_path, sys.executable, "-c", program)

@@ -36,8 +36,9 @@ assert heard == keys, heard
 
 @pytest.fixture
 def display():
-    if shutil.which("Xvfb") is None or importlib.util.find_spec("pynput") is None:
-        pytest.skip("needs Xvfb and pynput")
+    there = {"Xvfb": shutil.which("Xvfb"), "pynput": importlib.util.find_spec("pynput")}
+    if missing := [name for name, found in there.items() if found is None]:
+        pytest.skip(f"the keys of X11 are not tested: there is no {' and no '.join(missing)}")
     read, write = os.pipe()
     server = subprocess.Popen(
         ["Xvfb", "-displayfd", str(write), "-screen", "0", "640x480x8", "-nolisten", "tcp"],

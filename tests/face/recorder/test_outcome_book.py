@@ -2,9 +2,10 @@
 
 import pytest
 
+from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation
 from lerobot_robot_yam.face.recorder import outcomes
 from lerobot_robot_yam.face.recorder.outcome_book import OutcomeBook
-from tests.support.wrecks import add_frames, create
+from tests.support.wrecks import CAMERAS, add_frames, create
 
 
 @pytest.fixture
@@ -58,6 +59,29 @@ def test_a_label_between_episodes_is_of_the_newest_one(data, book):
     assert labels(data) == {0: "discard"}
 
 
+def test_a_label_while_videos_are_encoded_together_is_of_the_episode_that_is_counted_already(tmp_path):
+    data = create(tmp_path / "batch", CAMERAS[:1], streaming=False, batch=2)
+    book = OutcomeBook()
+    book.open(data)
+    save(data)
+    add_frames(data, 1, 4)
+
+    def label_meanwhile(*episodes):  # and encode nothing: only the moment counts
+        assert data.num_episodes == 2
+        book.label("failure", situation(data).frames, "left_top")
+        book.look()
+
+    data.writer._batch_save_episode_video = label_meanwhile
+    data.save_episode()
+    book.look()
+    data.finalize()
+    assert labels(data) == {1: "failure"} and not book.pending
+
+
+def situation(data):
+    return Situation("lerobot-record", Phase.BETWEEN, {}, data)
+
+
 def test_the_newest_label_counts(data, book):
     save(data)
     for outcome in ("failure", "success"):
@@ -72,6 +96,19 @@ def test_an_earlier_sessions_episode_gets_no_label(data):
     assert not book.label("failure", 0, "left_top")
     assert not OutcomeBook().label("failure", 0, "left_top")
     assert labels(data) == {}
+
+
+def test_an_episode_does_not_inherit_the_label_of_a_lost_one(data):
+    save(data)
+    outcomes.append(data.root, [outcomes.now(0, "success", "a"), outcomes.now(1, "discard", "a")])
+    OutcomeBook().open(data)
+    assert labels(data) == {0: "success"}
+
+
+def test_outcomes_that_cannot_be_read_are_no_obstacle(data, caplog):
+    (data.root / outcomes.OUTCOMES).write_text("{}\n{}\n")
+    OutcomeBook().open(data)
+    assert "line 1 is no outcome" in caplog.text
 
 
 def test_a_label_of_an_episode_that_is_never_saved_is_dropped(data, book):

@@ -3,6 +3,7 @@
 import inspect
 import json
 import logging
+import math
 from types import SimpleNamespace
 
 import pytest
@@ -30,7 +31,7 @@ def in_record(call, dataset, events, file=RECORD):
 
 
 def in_loop(call, dataset):
-    return called_by(RECORD, "record_loop", call, dataset=dataset, start_episode_t=1.0)
+    return called_by(RECORD, "record_loop", call, dataset=dataset, start_episode_t=1.0, control_time_s=30.0)
 
 
 def strike():
@@ -51,6 +52,14 @@ def test_an_episode_that_is_being_recorded_does_not_hold_a_signal_up():
     dataset, events = data_set({"size": 30}), {"stop_recording": False}
     assert not in_record(lambda: in_loop(strike, dataset), dataset, events)
     assert events == {"stop_recording": False}
+
+
+def test_when_its_loop_ends_by_itself_is_known():
+    def ends():
+        return running_record(inspect.currentframe()).ends
+
+    assert in_record(lambda: in_loop(ends, None), data_set({"size": 0}), {}) == 31.0
+    assert in_record(ends, data_set({"size": 0}), {}) == math.inf
 
 
 def test_nothing_is_promised_while_the_command_ends_by_an_error():

@@ -11,6 +11,8 @@ from lerobot.datasets import LeRobotDataset, LeRobotDatasetMetadata
 from lerobot.datasets.io_utils import write_stats, write_table_one_row_group_per_episode
 
 from lerobot_robot_yam.face.datasets.repair.dataset_on_disk import DatasetError, Findings, Progress, clip_columns
+from lerobot_robot_yam.face.datasets.side_cars import SIDE_CARS, copy_side_cars
+from lerobot_robot_yam.face.datasets.written_aside import written_aside
 
 _REPLACED = ("data", "videos", "images", "episodes")  # directories whose content is written anew, or of no use
 
@@ -20,18 +22,15 @@ def rebuild(findings: Findings, target: Path, progress: Progress = iter) -> None
 
     Raises:
         DatasetError: what was written does not load; `target` is gone again.
+        ConfigError: its outcomes cannot be read.
     """
-    partial = target.with_name(f"{target.name}.partial")
-    shutil.rmtree(partial, ignore_errors=True)
-    try:
-        _metadata(findings, partial)  # creates the directory
-        _rest(findings, partial)
-        _data(findings, partial)
-        _videos(findings, partial, progress)
-        verify(partial, progress)
-        partial.rename(target)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+    with written_aside(target) as whole:
+        _metadata(findings, whole)  # creates the directory
+        copy_side_cars(findings.root, whole, [episode.number for episode in findings.kept])
+        _rest(findings, whole)
+        _data(findings, whole)
+        _videos(findings, whole, progress)
+        verify(whole, progress)
 
 
 def verify(root: Path, progress: Progress = iter) -> None:
@@ -91,7 +90,7 @@ def _rest(findings: Findings, target: Path) -> None:
     for directory in (Path(), Path("meta")):
         for path in sorted((findings.root / directory).iterdir()):
             copy = target / directory / path.name
-            if copy.exists():
+            if copy.exists() or directory / path.name in SIDE_CARS:
                 continue
             if path.is_file():
                 shutil.copy2(path, copy)

@@ -1,0 +1,49 @@
+"""Files of ours beside a data set that tell something of each episode, when a copy numbers its episodes anew."""
+
+import json
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from lerobot_robot_yam.face.recorder import outcomes
+from lerobot_robot_yam.face.recorder.episode_log import SIDE_CAR
+from lerobot_robot_yam.face.recorder.outcomes import OUTCOMES
+
+logger = logging.getLogger(__name__)
+
+SIDE_CARS = (SIDE_CAR, OUTCOMES)
+
+
+def copy_side_cars(root: Path, target: Path, kept: Sequence[int]) -> None:
+    """Copy figures and outcomes of the episodes that are left; those of the others would be told of wrong ones.
+
+    Args:
+        root: the data set.
+        target: the copy; its directory meta exists.
+        kept: numbers in `root` of the copy's episodes.
+
+    Raises:
+        ConfigError: a line of the outcomes that is none; names it.
+    """
+    new_numbers = {old: new for new, old in enumerate(kept)}
+    labels = outcomes.read(root)
+    rows = [replace(label, episode_index=new_numbers[old]) for old, label in labels.items() if old in new_numbers]
+    if rows:
+        outcomes.append(target, rows)
+    if (root / SIDE_CAR).exists():
+        (target / SIDE_CAR).write_text("".join(_renumbered(root / SIDE_CAR, new_numbers)), encoding="utf-8")
+
+
+def _renumbered(path: Path, new_numbers: dict[int, int]) -> list[str]:
+    lines = []
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+        try:
+            row = json.loads(line)
+            number = new_numbers.get(row["episode_index"])
+        except (ValueError, TypeError, KeyError):  # half a line, which a power cut has left
+            logger.warning("%s: a line is no row of figures, and left out: %.40s", path, line)
+            continue
+        if number is not None:
+            lines.append(json.dumps(row | {"episode_index": number}) + "\n")
+    return lines

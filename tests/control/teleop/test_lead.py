@@ -1,0 +1,154 @@
+"""A leader's side of a pair, tick by tick, beside a follower of which it sees what it publishes."""
+
+import contextlib
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.state.modes import Gate, Mode
+from tests.support.published_follower import LedPairs
+
+
+@pytest.fixture
+def pairs():
+    """Makes pairs with these options of their leaders."""
+    with contextlib.ExitStack() as stack:
+
+        def make(*args, **lead):
+            return stack.enter_context(contextlib.closing(LedPairs(*args, **lead)))
+
+        yield make
+
+
+def engaged(pairs, *args, **lead):
+    made = pairs(*args, **lead)
+    made.run(0.1)
+    assert all(lead.state is Gate.ENGAGED for lead in made.leads)
+    return made
+
+
+def test_a_follower_that_another_moves_does_not_pull_the_leader(pairs):
+    pair = engaged(pairs, bilateral=0.4)
+    lead = pair.leads[0]
+    assert lead.assist is not None
+    pair.coupled[0] = False
+    for _ in range(100):
+        pair.setpoints[0][:6] += 0.002
+        pair.run()
+        assert lead.state is Gate.ENGAGED
+        assert lead.assist is None
+
+
+def test_a_follower_that_is_coupled_again_pulls_gently(pairs):
+    pair = engaged(pairs, bilateral=0.5)
+    pair.behind[0][:6] = -0.08
+    pair.run(3.0)
+    assert np.abs(pair.leads[0].assist[0]).max() > 2.0
+    pair.coupled[0], pair.follower_modes[0] = False, Mode.HOLD
+    pair.run(0.2)
+    assert pair.leads[0].state is Gate.ENGAGED
+    pair.coupled[0] = True
+    before = np.zeros(6)
+    for _ in range(100):
+        pair.run()
+        tau = pair.leads[0].assist[0]
+        assert np.abs(tau - before).max() < 0.05
+        before = tau
+    assert np.abs(before).max() > 0.1
+
+
+def test_a_leader_is_led_home_only_while_its_follower_is_coupled(pairs):
+    pair = pairs(gate="auto")
+    lead = pair.leads[0]
+    pair.q[0][:] = 0.4
+    for coupled, mode in [(False, Mode.HOLD), (False, Mode.TRACK), (True, Mode.TRACK), (False, Mode.TRACK)]:
+        pair.coupled[0], pair.follower_modes[0] = coupled, mode
+        pair.run(0.2)
+        assert lead.state is Gate.HOMING
+        assert (lead.assist is not None) is coupled
+
+
+def test_leading_home_goes_on_without_a_jolt_from_where_the_leader_is(pairs):
+    pair = pairs(gate="auto")
+    lead = pair.leads[0]
+    pair.q[0][:] = 0.2
+    pair.run(0.5)
+    assert lead.assist is not None
+    pair.coupled[0] = False
+    pair.run(0.1)
+    pair.q[0][:] = 0.45
+    pair.run(0.5)
+    pair.coupled[0] = True
+    pair.run()
+    assert np.abs(lead.assist[0]).max() < 0.1
+
+
+@pytest.mark.parametrize("lost", [0, 1])
+def test_a_gate_waits_while_one_of_its_leaders_cannot_lead(pairs, caplog, lost):
+    caplog.set_level("INFO")
+    both = engaged(pairs, ("left", "right"), together=True)
+    caplog.clear()
+    both.modes[lost] = Mode.FAULT
+    for _ in range(50):
+        both.run()
+        assert both.leads[1 - lost].assist is None
+    assert [record.message for record in caplog.records if "gate:" in record.message] == [
+        "leader_left and leader_right: gate: engaged -> approach (cannot lead)"
+    ]
+    assert both.leads[lost].action is None
+    both.modes[lost] = Mode.FLOAT
+    both.run(0.1)
+    assert all(lead.state is Gate.ENGAGED for lead in both.leads)
+
+
+def test_a_press_of_a_leader_that_is_lost_then_counts_once_at_most(pairs):
+    both = pairs(("left", "right"), together=True, gate="button", gate_button="top")
+    both.run(0.1)
+    both.handles[0] = 0.0, (True, False)
+    both.run()
+    states = []
+    both.modes[0] = None  # held because of another arm
+    for _ in range(50):
+        both.run()
+        states.append(both.leads[1].state)
+    assert set(states) == {Gate.IDLE}
+    assert both.leads[0].action is None
+
+
+def test_a_policys_grip_stays_at_a_take_over(pairs):
+    pair = engaged(pairs)
+    assert pair.setpoints[0][6] == pytest.approx(1.0)
+    pair.coupled[0] = False
+    pair.setpoints[0][6] = 0.3
+    pair.run(2.0)
+    pair.coupled[0] = True
+    pair.run(0.5)
+    assert pair.setpoints[0][6] == pytest.approx(0.3)
+    for trigger, opening in [(0.5, 0.3), (0.72, 0.28), (0.2, 0.8)]:
+        pair.handles[0] = trigger, (False, False)
+        pair.run(0.1)
+        assert pair.setpoints[0][6] == pytest.approx(opening)
+
+
+def test_a_trigger_squeezed_before_a_policys_grip_does_not_open_it(pairs):
+    pair = engaged(pairs)
+    pair.handles[0] = 0.9, (False, False)
+    pair.run(0.1)
+    pair.coupled[0] = False
+    pair.setpoints[0][6] = 0.3
+    pair.handles[0] = 0.0, (False, False)
+    pair.run(2.0)
+    pair.coupled[0] = True
+    pair.run(0.2)
+    assert pair.setpoints[0][6] == pytest.approx(0.3)
+
+
+def test_a_caller_that_changes_actions_moves_the_gripper(pairs):
+    pair = engaged(pairs)
+    pair.coupled[0] = False
+    for tick in range(200):
+        pair.handles[0] = min(tick / 50, 0.9), (False, False)
+        if tick % 8 == 0:
+            pair.setpoints[0][6] = pair.leads[0].action[6]
+        pair.run()
+    assert pair.setpoints[0][6] == pytest.approx(0.1)
