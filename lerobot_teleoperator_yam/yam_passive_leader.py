@@ -35,7 +35,7 @@ class PassiveLeaderBase(LeaderBase):
         config: `YamPassiveLeaderConfig` or `BiYamPassiveLeaderConfig`.
     """
 
-    _stopped: bool
+    _stopped: bool  # at the last action
 
     def _make_arms(
         self,

@@ -101,5 +101,5 @@ def test_what_a_hand_has_led_is_recorded_and_replayed(commands):
             nearest = away
         time.sleep(0.02)
     assert replay.returncode == 0, commands.output()[-4000:]
-    assert nearest.max() < 0.012, nearest  # while it tracks, friction keeps it from the last few mrad
+    assert nearest.max() < 0.005, nearest
     commands.assert_landed()
