@@ -10,7 +10,7 @@ from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS, Kind, Pass
 from lerobot_robot_yam.arm.option import option
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.registration import register_as
-from lerobot_teleoperator_yam.config_yam_leader import LeaderOptions, refuse_leader
+from lerobot_teleoperator_yam.leader_options import LeaderOptions, refuse_leader
 
 
 @dataclass(kw_only=True)

@@ -18,7 +18,8 @@ from lerobot_robot_yam.face.operator_keys.operator_keys import OperatorKeys
 from lerobot_robot_yam.face.recorder.record_command import saves_finished_episode
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import ArmState, coupling_number
-from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, LeaderOptions, YamLeaderConfig, meanings_of
+from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, YamLeaderConfig
+from lerobot_teleoperator_yam.leader_options import LeaderOptions, meanings_of
 
 logger = logging.getLogger(__name__)
 

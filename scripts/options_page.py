@@ -16,8 +16,8 @@ from lerobot_teleoperator_yam.config_yam_hand_guide import (
     HandGuideOptions,
     YamHandGuideConfig,
 )
-from lerobot_teleoperator_yam.config_yam_leader import LeaderArmConfig, LeaderOptions
 from lerobot_teleoperator_yam.config_yam_passive_leader import PassiveLeaderArmConfig
+from lerobot_teleoperator_yam.leader_options import LeaderArmConfig, LeaderOptions
 
 _PAGE = """# Options
 

@@ -87,7 +87,7 @@ class ControllerBlocks:
                 leader = command["leader"].item().decode()
                 if leader:
                     controller.coupling.permit(leader, float(command["coupled_until_s"]))
-                    if controller.coupling.follows(now):
+                    if controller.coupling.can_follow(now):
                         return
                     controller.coupling.give_way()
                 else:

@@ -17,7 +17,8 @@ from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE, Limited, channel_key, state_path
 from lerobot_robot_yam.system.shared_block import SharedBlock
 from lerobot_robot_yam.yam_follower import BiYamFollower
-from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, LeaderArmConfig
+from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig
+from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
 from lerobot_teleoperator_yam.yam_leader import BiYamLeader
 from soak.checks import GRIPPER
 from soak.schedule import CAMERA, CHANNELS, FOLLOWERS, LEADERS

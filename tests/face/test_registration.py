@@ -68,7 +68,7 @@ def test_importing_us_alone_loads_neither_lerobot_nor_torch(module):
         pytest.param("import lerobot_robot_yam.config_yam_camera", marks=pytest.mark.long),
         pytest.param("import lerobot_robot_yam.config_yam_env", marks=pytest.mark.long),
         pytest.param("import lerobot_robot_yam.face.openpi.configuration_openpi", marks=pytest.mark.long),
-        pytest.param("import lerobot_teleoperator_yam.config_yam_leader", marks=pytest.mark.long),
+        "import lerobot_teleoperator_yam.config_yam_leader",
         pytest.param("from lerobot_robot_yam import BiYamFollower", marks=pytest.mark.long),
         pytest.param("from lerobot_teleoperator_yam import BiYamLeader", marks=pytest.mark.long),
         "import lerobot.scripts.lerobot_calibrate as c; c.register_third_party_plugins()",

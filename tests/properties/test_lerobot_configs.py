@@ -18,7 +18,8 @@ from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig as YamSimCame
 from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerArmConfig, YamFollowerConfig
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.yam_follower import BiYamFollower, YamFollower
-from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, LeaderArmConfig, YamLeaderConfig
+from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, YamLeaderConfig
+from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
 from lerobot_teleoperator_yam.yam_leader import BiYamLeader, YamLeader
 from tests.support.cases import documents, for_all, workspaces
 

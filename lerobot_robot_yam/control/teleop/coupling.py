@@ -74,7 +74,7 @@ class Coupling:
         """The caller gives a target of this tick; the permission stays."""
         self._moves, self.number = False, 0
 
-    def follows(self, now: float) -> bool:
+    def can_follow(self, now: float) -> bool:
         """Whether the leader tells its targets at present, and following it is allowed: the caller's need not count."""
         return now <= self._until_s and self._action(now) is not None
 

@@ -1,7 +1,7 @@
 """The leader's side of one pair of arms: its gate, the target of its follower, and the torques on its own joints.
 
 It sees the follower by the state that this publishes, and nothing else. A state that is stale, or of an arm with other
-joints, is none: the gate waits, no force acts, and the leader's own motion goes on.
+joints, does not count: the gate waits, no force acts, and the leader's own motion goes on.
 """
 
 import logging

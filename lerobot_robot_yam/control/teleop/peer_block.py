@@ -36,7 +36,7 @@ class PeerBlock:
     def look(self, now: float) -> bool:
         """Read the newest state; whether there is one that is fresh. A state that is being written is left for later.
 
-        Raises nothing: a block that cannot be read is none.
+        Raises nothing: a block that cannot be read counts as absent.
         """
         if now - self._stamp_s > FRESH_S and now >= self._look_s:
             self._look_s = now + _LOOK_S

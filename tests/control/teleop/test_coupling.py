@@ -90,6 +90,7 @@ def test_without_its_caller_it_holds_after_the_usual_time(rig, pair):
     caller.stall(0.55)
     state = session[FOLLOWER].newest()
     assert state.mode is Mode.HOLD and Limited.COMMAND_TIMEOUT in state.limited
+    assert not session._runner._loop._controllers[1].coupling.active
     caller.stall(0.2)
     at = np.array(rig.state()["arms"][FOLLOWER]["q"])[:6]
     caller.stall(0.3)
@@ -105,7 +106,8 @@ def test_another_action_ends_it_in_the_same_tick(rig, pair):
     other = before + 0.2
     session[FOLLOWER].write_target(other, 0.5)
     session.clock.sleep(2 * TICK_S)
-    assert not session[FOLLOWER].newest().coupled
+    state = session[FOLLOWER].newest()
+    assert not state.coupled and state.action == pytest.approx([*other, 0.5])
     speed = np.array(rig.truth(FOLLOWER)["dq"][0, :6])
     for _ in range(30):
         session[FOLLOWER].write_target(other, 0.5)

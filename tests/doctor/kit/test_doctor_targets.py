@@ -12,7 +12,8 @@ from lerobot_robot_yam.doctor.check_calibration import check_calibrations
 from lerobot_robot_yam.doctor.kit.findings import Section, Severity
 from lerobot_robot_yam.doctor.kit.targets import ARM_OPTIONS, DEVICE_OPTIONS, calibration_root, from_config, from_option
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, LeaderArmConfig, YamLeaderConfig
+from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, YamLeaderConfig
+from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
 
 
 def test_a_channel_option():

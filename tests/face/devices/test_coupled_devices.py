@@ -17,7 +17,8 @@ from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import channel_key, state_path
 from lerobot_robot_yam.system.runtime_files import LOCK, FileLock, runtime_dir
-from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, LeaderArmConfig, YamLeaderConfig
+from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, YamLeaderConfig
+from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
 from tests.face.devices.test_lerobot_contract import enabled
 from tests.face.devices.test_pairing import follower, leader
 from tests.support.coupled import LEADER, POSE
