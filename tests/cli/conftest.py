@@ -1,5 +1,6 @@
 """LeRobot's own commands, run as a user runs them, against a named rig that the test watches."""
 
+import contextlib
 import os
 import re
 import subprocess
@@ -43,6 +44,7 @@ class Commands:
         self.rig = rig
         self.directory = directory
         self.channels = channels
+        self._started = []
         self._said_before = 0  # characters of output when the last command was started
 
     def start(self, name, *arguments, stdin=subprocess.DEVNULL, cwd=ROOT):
@@ -54,20 +56,29 @@ class Commands:
         if self.rig is not None:
             environment["YAM_RIG"] = self.rig.name
         self._said_before = len(self.output())
-        with open(self.directory / "output.txt", "ab") as output:
+        with open(self.directory / "output.txt", "ab") as output, open(os.devnull) as nothing:
             if _preloaded is not None and not name.startswith("-"):
-                with open(os.devnull) as nothing:
-                    read = nothing.fileno() if stdin == subprocess.DEVNULL else stdin
-                    return _preloaded.start([*program, *arguments], cwd, environment, read, output.fileno())
-            return subprocess.Popen(
-                [*program, *arguments],
-                cwd=cwd,
-                env=environment,
-                stdin=stdin,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-            )
+                read = nothing.fileno() if stdin == subprocess.DEVNULL else stdin
+                process = _preloaded.start([*program, *arguments], cwd, environment, read, output.fileno())
+            else:
+                process = subprocess.Popen(
+                    [*program, *arguments],
+                    cwd=cwd,
+                    env=environment,
+                    stdin=stdin,
+                    stdout=output,
+                    stderr=subprocess.STDOUT,
+                    start_new_session=True,
+                )
+        self._started.append(process)
+        return process
+
+    def close(self):
+        """Kill what a failed test has left running: the next one would have its arms beside it."""
+        for process in self._started:
+            if process.poll() is None:
+                process.kill()
+                process.wait()
 
     def run(self, name, *arguments, timeout_s=150.0):
         """Run a command to its end; returns its exit status."""
@@ -125,19 +136,21 @@ class Commands:
 @pytest.fixture
 def commands(tmp_path):
     """On a rig without operator."""
-    with running_rig() as rig:
-        yield Commands(rig, tmp_path)
+    with running_rig() as rig, contextlib.closing(Commands(rig, tmp_path)) as commands:
+        yield commands
 
 
 @pytest.fixture(scope="module")
 def shared_commands(tmp_path_factory):
     """On a rig with the scripted operator."""
     with running_rig(operator="pick_and_place") as rig:
-        yield Commands(rig, tmp_path_factory.mktemp("cli"))
+        with contextlib.closing(Commands(rig, tmp_path_factory.mktemp("cli"))) as commands:
+            yield commands
 
 
 @pytest.fixture(scope="module")
 def shared_ee_commands(tmp_path_factory):
     """On a rig without operator, for the tests of one module."""
     with running_rig() as rig:
-        yield Commands(rig, tmp_path_factory.mktemp("cli"))
+        with contextlib.closing(Commands(rig, tmp_path_factory.mktemp("cli"))) as commands:
+            yield commands

@@ -1,5 +1,6 @@
 """lerobot-teleoperate with a leader without motors: gate, approach by the follower, and the loss of an encoder."""
 
+import contextlib
 import time
 
 import numpy as np
@@ -17,7 +18,8 @@ HOME, THERE = [0.0] * 6, [0.3, 1.1, 1.0, -0.3, 0.1, 0.2]
 @pytest.fixture
 def commands(tmp_path):
     with running_rig(scene="passive_leaders", arms=[FOLLOWER, LEADER]) as rig:
-        yield Commands(rig, tmp_path, (FOLLOWER,))
+        with contextlib.closing(Commands(rig, tmp_path, (FOLLOWER,))) as commands:
+            yield commands
 
 
 def teleoperate(commands, *more):

@@ -18,6 +18,7 @@ import signal
 import socket
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 # Whatever takes long to load before a LeRobot command begins, of other people's.
@@ -136,6 +137,7 @@ def _become(request: dict, stdin: int, output: int) -> None:
 
 
 if __name__ == "__main__":
+    warnings.simplefilter("ignore", DeprecationWarning)  # of forks beside threads: numpy's, which sleep
     for module in _LOADED:
         importlib.import_module(module)
     _serve(socket.socket(fileno=int(sys.argv[1])))
