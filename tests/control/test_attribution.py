@@ -100,7 +100,7 @@ def test_an_adapter_that_keeps_frames_back(hold, caplog):
         rig.clear_faults(CHANNEL)
         session.stop()
     assert oldest_s == pytest.approx(hold["seconds"] + 0.004, abs=0.006)
-    assert ("an answer up to" in caplog.text) == (hold["seconds"] > 0.02)
+    assert ("an answer took up to" in caplog.text) == (hold["seconds"] > 0.02)
 
 
 def test_states_that_are_older_than_the_limit_are_refused():
