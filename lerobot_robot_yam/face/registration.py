@@ -78,7 +78,8 @@ def register_types(lerobot_module: str) -> None:
         ConfigError: another distribution has put its own files over ours.
     """
     warn_if_newer()
-    refuse_unreadable()
+    if not _registering:  # once: before the first of ours
+        refuse_unreadable()
     logging.getLogger("lerobot.utils.import_utils").addFilter(_shorten)  # adds it once
     for name in REGISTRIES[lerobot_module]:
         _register_types_of(name)

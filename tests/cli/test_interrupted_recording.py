@@ -160,7 +160,9 @@ class Recording:
 
     def last_words(self):
         """The line of the error that ended it."""
-        return self.output().rpartition("\nerror: ")[2]
+        _, found, words = self.output().rpartition("\nerror: ")
+        assert found, self.output()[-4000:]
+        return words
 
 
 @contextmanager

@@ -128,7 +128,7 @@ class RigCamera:
             self._hear()
             raise StaleStateError(
                 f"camera {self.camera}: newest frame is {age * 1e3:.0f} ms old, more than {max_age_s * 1e3:.0f} ms; "
-                f"{_TOO_BUSY}"
+                + _TOO_BUSY
             )
         self._seen = int(record["number"])
         return record["rgb"], float(record["stamp_s"])
