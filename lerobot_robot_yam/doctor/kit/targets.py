@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL, ArmConfig, check_together
+from lerobot_robot_yam.arm.leaders.lead_config import LeadConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.state.records import channel_key
@@ -26,9 +27,11 @@ _CALIBRATED = ("channel", "interface", "can_options", "arm", "gripper", "calibra
 _OF_ALL = {"type", "id", "calibration_dir", "isolation", "use_degrees", "action_space"}
 DEVICE_OPTIONS = {
     "robot": _OF_ALL | {"cameras", "observe_velocity", "observe_torque", "observe_temperature"},
-    "teleop": _OF_ALL,
+    "teleop": _OF_ALL | {"buttons", "auto_episodes"},
 }
-ARM_OPTIONS = {"robot": {"cameras"}, "teleop": {"ee_gripper", "follower_arm"}}
+# Of a leader with a follower; the rest of `LeadConfig` is no option.
+_LEADS = {field.name for field in dataclasses.fields(LeadConfig)} - {"together", "approach_s", "idle_speed_rad_s"}
+ARM_OPTIONS = {"robot": {"cameras"}, "teleop": {"ee_gripper", "follower_arm", "gate_together"} | _LEADS}
 _ARMS_OF_TWO = {"left_arm_config", "right_arm_config"}
 _REAL_CAMERAS = ("opencv", "intelrealsense")
 _DEVICES = {
