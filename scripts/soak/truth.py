@@ -200,6 +200,9 @@ class Truth:
         for channel, (at_s, before) in list(self._cuts.items()):
             if pose["monotonic_s"] <= at_s:
                 continue
+            if self._happened(_PUSHES, channel, before["monotonic_s"], pose["monotonic_s"]):
+                del self._cuts[channel]  # a hand lifts a limp arm as far as it likes
+                continue
             moved, body = _farthest(channel, before, pose)
             q = np.array(before["arms"][channel]["q"])
             off = np.abs(q - self._arms[channel].rest_q)[_CARRYING]

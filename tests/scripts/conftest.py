@@ -9,6 +9,7 @@ from tests.support.paths import SCRIPTS
 def soak(monkeypatch):
     """The soak's modules."""
     monkeypatch.syspath_prepend(str(SCRIPTS))
+    import soak.arm
     import soak.checks
     import soak.context
     import soak.obedience

@@ -9,9 +9,46 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.session.arm_session import ArmSession
 from tests.support.paths import SCRIPTS
 from tests.support.soak_records import CHANNEL, LIMITS, PEER
+
+
+def arms_of(rig, hardware):
+    """The monitor's job for both followers."""
+    return {
+        channel: {
+            "key": f"{rig.name}.{channel}",
+            "role": "follower",
+            "peer": other,
+            "speed_limit": LIMITS.tolist(),
+            "motor_speed_limit": [1.5] * 6 + [16.4],
+            "torque_limit": hardware.torque_limit_nm.tolist(),
+            "kp": hardware.kp.tolist(),
+            "kd": hardware.kd.tolist(),
+            "rest_q": hardware.rest_q.tolist(),
+        }
+        for channel, other in ((CHANNEL, PEER), (PEER, CHANNEL))
+    }
+
+
+@pytest.mark.parametrize("pushed", [False, True])
+def test_a_hand_may_move_an_arm_whose_torque_was_cut(rig, soak, pushed):
+    arm = soak.arm.Arm(CHANNEL, arms_of(rig, ResolvedArm(ArmConfig(channel=CHANNEL, interface="yam_sim")))[CHANNEL])
+    context = soak.context.Context([CHANNEL, PEER], [(CHANNEL, PEER)])
+    truth = soak.truth.Truth(rig, {CHANNEL: arm}, context)
+    rig.set_pose(CHANNEL, [0.0, 1.0, 1.0, 0.0, 0.0, 0.0])  # limp in the air: it falls
+    truth.look()
+    at_s = time.monotonic()
+    truth.take({"kind": "motor_disabled", "channel": CHANNEL, "motor": "joint_2", "monotonic_s": at_s})
+    if pushed:
+        push = {"kind": "injected", "injection": 1, "what": "push", "channel": CHANNEL, "motor": "link4", "value": None}
+        context.take(push | {"seconds": 0.1, "monotonic_s": at_s})
+    time.sleep(0.4)
+    truth.look()
+    found = [finding.invariant for finding in truth.judge()]
+    assert found == ([] if pushed else ["no torque cut above a landed pose"])
 
 
 @pytest.mark.alone
@@ -27,20 +64,7 @@ def test_the_monitor_sees_an_arm_fall(rig):
     )
     session = ArmSession([config])
     hardware = session.hardware("left")
-    arms = {
-        channel: {
-            "key": f"{rig.name}.{channel}",
-            "role": "follower",
-            "peer": other,
-            "speed_limit": LIMITS.tolist(),
-            "motor_speed_limit": [1.5] * 6 + [16.4],
-            "torque_limit": hardware.torque_limit_nm.tolist(),
-            "kp": hardware.kp.tolist(),
-            "kd": hardware.kd.tolist(),
-            "rest_q": hardware.rest_q.tolist(),
-        }
-        for channel, other in ((CHANNEL, PEER), (PEER, CHANNEL))
-    }
+    arms = arms_of(rig, hardware)
     judge = subprocess.Popen(
         [sys.executable, "-m", "soak.monitor"], cwd=SCRIPTS, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
