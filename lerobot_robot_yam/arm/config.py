@@ -12,7 +12,7 @@ from lerobot_robot_yam.arm import config_checks
 from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.leaders.lead_config import LeadConfig
 from lerobot_robot_yam.arm.leaders.passive_config import PassiveConfig
-from lerobot_robot_yam.arm.option import option
+from lerobot_robot_yam.arm.option import from_plain, option
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.runtime_files import rig_name
 
@@ -152,9 +152,9 @@ class LeadArmConfig(ArmConfig):
 
     def __post_init__(self) -> None:
         if isinstance(self.passive, Mapping):
-            self.passive = PassiveConfig.from_mapping(self.passive)
+            self.passive = from_plain(PassiveConfig, self.passive, "passive")
         if isinstance(self.lead, Mapping):  # as it comes out of JSON
-            self.lead = LeadConfig.from_mapping(self.lead)
+            self.lead = from_plain(LeadConfig, self.lead, "lead")
         super().__post_init__()
         if self.lead is not None:
             self.lead.check(self.name)

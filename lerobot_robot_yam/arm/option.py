@@ -1,8 +1,10 @@
-"""A field of a config with the words that `--help` of LeRobot's commands and docs/options.md say of it."""
+"""Fields of configs: their words in `--help` and docs/options.md, and configs that come out of JSON."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
+
+from lerobot_robot_yam.errors import ConfigError
 
 _NEEDED = dataclasses.MISSING
 
@@ -16,6 +18,19 @@ def option(text: str, default: Any = _NEEDED, factory: Callable[[], Any] | Any =
     """
     escaped = text.replace("%", "%%")  # argparse formats it
     return dataclasses.field(default=default, default_factory=factory, metadata={"custom_args": {"help": escaped}})
+
+
+def from_plain[T](kind: type[T], values: Mapping[str, Any], where: str) -> T:
+    """A config from plain values, as `dataclasses.asdict` and JSON give them.
+
+    Raises:
+        ConfigError: an unknown key; begins with `where`.
+    """
+    known = [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]
+    unknown = sorted(set(values) - set(known))
+    if unknown:
+        raise ConfigError(f"{where}: unknown keys {unknown}; known: {known}")
+    return kind(**values)
 
 
 def options_of(kind: type) -> list[tuple[str, Any, str]]:

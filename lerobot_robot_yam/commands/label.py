@@ -10,28 +10,23 @@ are labelled discard, and writes a column of successes. Exit status: 0 done; 1 i
 """
 
 import argparse
-import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 from lerobot_robot_yam.commands.lib.arm_command import run_command, table
+from lerobot_robot_yam.commands.lib.dataset_command import add_paths, bar, paths, say
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.recorder import outcomes
 from lerobot_robot_yam.face.recorder.outcomes import DISCARD, KINDS, Outcome
 from lerobot_robot_yam.face.recorder.record_command import INFO, episodes_in
-from lerobot_robot_yam.system.paths import user_path
 
 _EDIT = re.compile(r"(\d+)(?:-(\d+))?=(\w+)")
 _NONE = "none"
+_SUFFIX = "_labelled"
 _BY = "yam-label"
-
-
-def _say(line: str) -> None:
-    sys.stdout.write(f"{line}\n")
-    sys.stdout.flush()
 
 
 def _edit(text: str) -> tuple[range, str | None]:
@@ -73,10 +68,10 @@ def _show(root: Path, count: int, labels: Mapping[int, Outcome]) -> None:
         label = labels.get(episode)
         told = (label.outcome or "", label.by, label.at[:19]) if label else ("–", "", "")
         rows.append((str(episode), str(lengths.get(episode, "–")), *told))
-    _say(table(("episode", "frames", "outcome", "by", "at"), rows))
+    say(table(("episode", "frames", "outcome", "by", "at"), rows))
     counts = {kind: sum(label.outcome == kind for label in labels.values()) for kind in KINDS}
     named = ", ".join(f"{number} {kind}" for kind, number in counts.items())
-    _say(f"{root}: {count} episodes: {named}, {count - sum(counts.values())} without a label")
+    say(f"{root}: {count} episodes: {named}, {count - sum(counts.values())} without a label")
 
 
 def _lengths(root: Path) -> dict[int, int]:
@@ -94,19 +89,11 @@ def _lengths(root: Path) -> dict[int, int]:
     return lengths
 
 
-def _bar(items: Iterable[Any]) -> Iterable[Any]:
-    """A progress bar, shown on a terminal once it takes longer than a second."""
-    from tqdm import tqdm
-
-    return tqdm(items, "loading episodes", delay=1.0, leave=False, disable=None)
-
-
 def label(
     root: Path,
     edits: Sequence[tuple[range, str | None]],
     rest: str | None,
     target: Path | None,
-    bar: Callable[[Iterable[Any]], Iterable[Any]] = _bar,
 ) -> int:
     """Edit, show, and apply outcomes if there is a `target`; returns the exit status.
 
@@ -128,12 +115,12 @@ def label(
     dropped = [str(episode) for episode, row in labels.items() if row.outcome == DISCARD]
     drops = f"leaves out episodes {', '.join(dropped)}" if dropped else "leaves out no episode"
     if target is None:
-        _say(f"--apply {drops} and writes the outcomes of the others into a copy; nothing was copied")
+        say(f"--apply {drops} and writes the outcomes of the others into a copy; nothing was copied")
         return 0
     from lerobot_robot_yam.face.datasets.labelling import apply
 
-    apply(root, target, labels, bar)
-    _say(f"{target}: written, {drops}; loaded again with LeRobot; {root} is as it was")
+    apply(root, target, labels, partial(bar, what="loading episodes"))
+    say(f"{target}: written, {drops}; loaded again with LeRobot; {root} is as it was")
     return 0
 
 
@@ -142,23 +129,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="yam-label", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("path", type=user_path, help="directory of the data set (--dataset.root of the recording)")
+    add_paths(parser, _SUFFIX)
     parser.add_argument("--set", type=_edit, nargs="+", default=[], metavar="EPISODES=LABEL", help="label episodes")
     parser.add_argument("--rest", choices=KINDS, help="label all episodes that have no label")
     parser.add_argument("--apply", action="store_true", help="write the copy; without it only say what would be done")
-    parser.add_argument("--output", type=user_path, help="directory of the copy (default: PATH_labelled)")
     args = parser.parse_args(arguments)
-    root = args.path.resolve()
-    target = (args.output or root.with_name(f"{root.name}_labelled")).resolve()
-    if not (root / "meta").is_dir():
-        parser.error(f"{args.path} is no LeRobot data set: it has no directory meta")
     if args.output is not None and not args.apply:
         parser.error("--output is where --apply writes; add --apply")
-    if args.apply and target.exists():
-        parser.error(f"{target} exists; choose another directory with --output")
-    if target.is_relative_to(root):
-        parser.error(f"{target} lies in {root}, which is not to be changed; choose another directory with --output")
-    os.environ["HF_HUB_OFFLINE"] = "1"  # LeRobot looks on the Hub for what is missing on disk
+    root, target = paths(parser, args, _SUFFIX, writes=args.apply)
     return run_command("yam-label", lambda: label(root, args.set, args.rest, target if args.apply else None))
 
 

@@ -7,26 +7,15 @@ Exit status: 0 the data set is healthy, or repaired; 1 nothing can be recovered;
 """
 
 import argparse
-import os
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 from lerobot_robot_yam.commands.lib.arm_command import run_command
-from lerobot_robot_yam.system.paths import user_path
+from lerobot_robot_yam.commands.lib.dataset_command import add_paths, bar, paths, say
 
-
-def _say(line: str) -> None:
-    sys.stdout.write(f"{line}\n")
-    sys.stdout.flush()
-
-
-def _bar(what: str) -> Callable[[Iterable[Any]], Iterable[Any]]:
-    """A progress bar around items, shown on a terminal once it takes longer than a second."""
-    from tqdm import tqdm
-
-    return lambda items: tqdm(items, what, delay=1.0, leave=False, disable=None)
+_SUFFIX = "_repaired"
 
 
 def _ranges(numbers: list[int]) -> str:
@@ -49,32 +38,32 @@ def repair(root: Path, target: Path, dry_run: bool = False) -> int:
     from lerobot_robot_yam.face.datasets.repair.inspection import inspect
     from lerobot_robot_yam.face.datasets.repair.rebuild import rebuild, verify
 
-    findings = inspect(root, _bar("looking at episodes"))
+    findings = inspect(root, partial(bar, what="looking at episodes"))
     kept, lost = findings.kept, [episode for episode in findings.episodes if episode.lost]
     problems = [*findings.problems, *findings.leftovers]
     for problem in problems:
-        _say(f"  {problem}")
+        say(f"  {problem}")
     if not problems and not lost:
         if not dry_run:
-            verify(root, _bar("loading episodes"))
-        _say(f"{root}: healthy, {len(kept)} episodes")
+            verify(root, partial(bar, what="loading episodes"))
+        say(f"{root}: healthy, {len(kept)} episodes")
         return 0
     for episode in lost:
-        _say(f"  lost: episode {episode.number}: {episode.lost}")
+        say(f"  lost: episode {episode.number}: {episode.lost}")
     if not kept:
-        _say(f"{root}: no episode can be recovered")
+        say(f"{root}: no episode can be recovered")
         return 1
     numbers = _ranges([episode.number for episode in kept])
     frames = sum(episode.length for episode in kept)
-    _say(f"  can be recovered: {len(kept)} of {len(findings.episodes)} episodes ({numbers}), {frames} frames")
+    say(f"  can be recovered: {len(kept)} of {len(findings.episodes)} episodes ({numbers}), {frames} frames")
     if dry_run:
-        _say(f"{root}: needs repair; nothing was written")
+        say(f"{root}: needs repair; nothing was written")
         return 0
-    rebuild(findings, target, _bar("writing and loading"))
-    _say(f"{target}: written, and loaded again with LeRobot; {root} is as it was")
+    rebuild(findings, target, partial(bar, what="writing and loading"))
+    say(f"{target}: written, and loaded again with LeRobot; {root} is as it was")
     if lost and numbers != _ranges(list(range(len(kept)))):
-        _say("  episodes are numbered anew, from 0, in the order of the numbers above")
-    _say(f"  to record more into it: --resume=true --dataset.root={target}")
+        say("  episodes are numbered anew, from 0, in the order of the numbers above")
+    say(f"  to record more into it: --resume=true --dataset.root={target}")
     return 0
 
 
@@ -84,19 +73,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog="yam-repair-dataset",
         description="Make a LeRobot data set load again whose recording was killed. The original is not changed.",
     )
-    parser.add_argument("path", type=user_path, help="directory of the data set (--dataset.root of the recording)")
+    add_paths(parser, _SUFFIX)
     parser.add_argument("--dry-run", action="store_true", help="say what can be recovered, write nothing")
-    parser.add_argument("--output", type=user_path, help="directory of the repaired copy (default: PATH_repaired)")
     args = parser.parse_args(arguments)
-    root = args.path.resolve()
-    target = (args.output or root.with_name(f"{root.name}_repaired")).resolve()
-    if not (root / "meta").is_dir():
-        parser.error(f"{args.path} is no LeRobot data set: it has no directory meta")
-    if target.exists():
-        parser.error(f"{target} exists; choose another directory with --output")
-    if target.is_relative_to(root):
-        parser.error(f"{target} lies in {root}, which is not to be changed; choose another directory with --output")
-    os.environ["HF_HUB_OFFLINE"] = "1"  # LeRobot looks on the Hub for what is missing on disk
+    root, target = paths(parser, args, _SUFFIX, writes=True)
     return run_command("yam-repair-dataset", lambda: repair(root, target, args.dry_run))
 
 

@@ -6,10 +6,10 @@ The check itself is `collision_guard`. The rig frame is any frame that the arms 
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
-from lerobot_robot_yam.arm.option import option
+from lerobot_robot_yam.arm.option import from_plain, option
 from lerobot_robot_yam.errors import ConfigError
 
 _MOST_MARGIN_M = 0.3  # more than half of the forearm: a mistake in units
@@ -55,8 +55,8 @@ class WorkspaceConfig:
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> "WorkspaceConfig":
         """From plain values, as `dataclasses.asdict` and JSON give them. Raises ConfigError: an unknown key."""
-        boxes = [_make(KeepOut, box, "workspace.keep_out") for box in _boxes(values)]
-        return _make(cls, {**values, "keep_out": boxes}, "workspace")
+        boxes = [from_plain(KeepOut, box, "workspace.keep_out") for box in _boxes(values)]
+        return from_plain(cls, {**values, "keep_out": boxes}, "workspace")
 
     @property
     def limits_anything(self) -> bool:
@@ -91,14 +91,6 @@ def _boxes(values: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
     if not isinstance(boxes, Sequence) or not all(isinstance(box, Mapping) for box in boxes):
         raise ConfigError(f"workspace.keep_out is a list of boxes {{name, center_m, size_m, yaw_rad}}, not {boxes!r}")
     return boxes
-
-
-def _make[T](cls: type[T], values: Mapping[str, Any], where: str) -> T:
-    known = [f.name for f in fields(cls)]  # type: ignore[arg-type]
-    unknown = sorted(set(values) - set(known))
-    if unknown:
-        raise ConfigError(f"{where}: unknown keys {unknown}; known: {known}")
-    return cls(**values)
 
 
 def _numbers(arm: str, what: str, values: Sequence[Any], count: int) -> list[float]:

@@ -5,8 +5,8 @@ Plain values: the dataclass travels as JSON to the control process. docs/teleope
 
 import math
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from lerobot_robot_yam.errors import ConfigError
@@ -119,14 +119,6 @@ class LeadConfig:
         for key in ("gate_button", "fine_button"):
             if getattr(self, key) is not None and not has_handle:
                 raise ConfigError(f"{name}: {key} is a button of the teaching handle, and this arm has none")
-
-    @classmethod
-    def from_mapping(cls, values: Mapping[str, Any]) -> "LeadConfig":
-        """From plain values, as `dataclasses.asdict` and JSON give them. Raises ConfigError: an unknown key."""
-        unknown = sorted(set(values) - {row.name for row in fields(cls)})
-        if unknown:
-            raise ConfigError(f"lead has no {', '.join(unknown)}")
-        return cls(**values)
 
 
 class LeadOptions:

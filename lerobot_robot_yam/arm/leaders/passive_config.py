@@ -5,8 +5,8 @@ Plain values: the dataclass travels as JSON to the process that reads the encode
 
 import math
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from lerobot_robot_yam.errors import ConfigError
@@ -57,14 +57,6 @@ class PassiveConfig:
             check_ranges(f"{name}: leader_range_rad", self.leader_range_rad, joints)
             if self.mapping == "direct":
                 raise ConfigError(f"{name}: leader_range_rad is for mapping: range")
-
-    @classmethod
-    def from_mapping(cls, values: Mapping[str, Any]) -> "PassiveConfig":
-        """From plain values, as JSON gives them. Raises ConfigError: an unknown key."""
-        unknown = sorted(set(values) - {row.name for row in fields(cls)})
-        if unknown:
-            raise ConfigError(f"a passive leader has no {', '.join(unknown)}")
-        return cls(**values)
 
 
 class PassiveOptions:

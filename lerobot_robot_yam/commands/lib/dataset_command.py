@@ -1,0 +1,46 @@
+"""Shared by the commands that write a changed copy of a data set: paths, a line of output, a progress bar."""
+
+import argparse
+import os
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from lerobot_robot_yam.system.paths import user_path
+
+
+def add_paths(parser: argparse.ArgumentParser, suffix: str) -> None:
+    """Where the data set is, and where the copy goes: beside it, with `suffix` added to its name."""
+    parser.add_argument("path", type=user_path, help="directory of the data set (--dataset.root of the recording)")
+    parser.add_argument("--output", type=user_path, help=f"directory of the copy (default: PATH{suffix})")
+
+
+def paths(parser: argparse.ArgumentParser, args: argparse.Namespace, suffix: str, writes: bool) -> tuple[Path, Path]:
+    """The data set and the copy; ends the command when there is no data set, or a copy may not be written there.
+
+    From here on LeRobot does not look on the Hub for what is missing on disk.
+    """
+    root = args.path.resolve()
+    target = (args.output or root.with_name(f"{root.name}{suffix}")).resolve()
+    if not (root / "meta").is_dir():
+        parser.error(f"{args.path} is no LeRobot data set: it has no directory meta")
+    if writes and target.exists():
+        parser.error(f"{target} exists; choose another directory with --output")
+    if target.is_relative_to(root):
+        parser.error(f"{target} lies in {root}, which is not to be changed; choose another directory with --output")
+    os.environ["HF_HUB_OFFLINE"] = "1"
+    return root, target
+
+
+def say(line: str) -> None:
+    """A line of the command's output."""
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
+
+
+def bar(items: Iterable[Any], what: str) -> Iterable[Any]:
+    """Items with a progress bar, shown on a terminal once it takes longer than a second."""
+    from tqdm import tqdm
+
+    return tqdm(items, what, delay=1.0, leave=False, disable=None)
