@@ -63,6 +63,7 @@ class PassiveArm:
             pair.states.publish(state_path(key))
         except (OSError, YamError) as error:
             logger.warning("%s: no other program can watch the arm: %s", arm.name, error)
+        self._lost = ""  # what is wrong with its channel
         self._told: list[str] = []
         self._trigger = HandleEncoder()  # the last device, as a handle
         self._handle = HandleReader(arm.name, self._trigger, TriggerRange())
@@ -75,8 +76,9 @@ class PassiveArm:
         """Take reports until a time of the clock. A channel that is gone makes the state stale, not the loop end."""
         try:
             self._encoders.collect(self.port, until_s)
+            self._lost = ""
         except BusError as error:
-            self._tell(["its channel"], f": {error}")
+            self._lost = f"its channel: {error}"
             self.port.clock.sleep(max(0.0, until_s - self.port.clock.now()) + _AGAIN_S)
 
     @property
@@ -99,7 +101,7 @@ class PassiveArm:
         self._trigger.stamp_s = float(encoders.stamp_s[joints])
         handle = self._handle.read(now)
         record["trigger"], record["buttons"], record["handle_stamp_s"] = handle
-        self._tell(encoders.silent(now - _SILENT_S))
+        self._tell([self._lost] if self._lost else encoders.silent(now - _SILENT_S))
         if self._lead is not None:
             self._lead.advance(now, mode, (q, dq, encoders.stamp_s[j].copy()), handle, np.zeros(joints))
             self._note_action(self._lead)
@@ -112,10 +114,10 @@ class PassiveArm:
         record["action"][:m] = np.nan if lead.action is None else lead.action
         record["action_dq"][:m] = np.nan if lead.action_dq is None else lead.action_dq
 
-    def _tell(self, silent: list[str], why: str = "") -> None:
+    def _tell(self, silent: list[str]) -> None:
         if silent != self._told:
             if silent:
-                logger.warning("%s: nothing is heard of %s%s", self.name, ", ".join(silent), why)
+                logger.warning("%s: nothing is heard of %s", self.name, ", ".join(silent))
             elif self._told:
                 logger.info("%s: all encoders are heard again", self.name)
             self._told = silent

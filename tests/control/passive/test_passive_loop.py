@@ -131,6 +131,25 @@ def test_a_contact_that_bounces_is_one_press(rig):
     assert edges == [True, False]
 
 
+def test_a_channel_that_is_gone_is_told_of_once_and_so_is_its_return(rig, caplog):
+    caplog.set_level("INFO", passive_loop.__name__)
+
+    def script(loop):
+        yield 0.2
+        rig.fault(LEADER, None, "link_down", True)
+        yield 1.0
+        before = loop.ticks[-1]
+        yield 0.2
+        assert loop.ticks[-1].stamp_s == before.stamp_s  # old readings stay old
+        rig.fault(LEADER, None, "link_down", False)
+        yield 0.5
+
+    Running(rig).run(script)
+    told = [record.getMessage() for record in caplog.records if record.name == passive_loop.__name__]
+    assert len(told) == 2
+    assert told[0].startswith(f"{LEADER}: nothing is heard of its channel") and "heard again" in told[1]
+
+
 @pytest.mark.parametrize(
     ("triggers", "stopped"),
     [
