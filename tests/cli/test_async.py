@@ -74,6 +74,7 @@ def asynchronous(commands):
     running.abandon()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "loss",
     [

@@ -94,6 +94,7 @@ def recorded(tmp_path_factory):
         yield truth, log.states, LeRobotDataset("local/coupled", root=root), commands.output()
 
 
+@pytest.mark.long
 def test_the_follower_is_at_its_leader(recorded, monkeypatch):
     monkeypatch.syspath_prepend(str(SCRIPTS))
     (leader, follower), _, _, said = recorded
@@ -107,6 +108,7 @@ def test_the_follower_is_at_its_leader(recorded, monkeypatch):
     assert "gate: approach -> engaged" in said
 
 
+@pytest.mark.long
 def test_every_recorded_action_is_a_target_that_was_executed(recorded):
     _, states, data, _ = recorded
     coupled = [state for state in states if state.coupled]

@@ -53,6 +53,7 @@ def assert_landed(commands, arms):
         assert moved_after_cut_m(commands.rig, channel) < MOST_M, f"{channel} fell"
 
 
+@pytest.mark.long
 def test_episodes_are_paced_and_the_arms_land_in_the_end(commands):
     begin = time.monotonic()
     process = start(commands, 2, "--env.time_limit_s=3", "--eval.n_episodes=2")

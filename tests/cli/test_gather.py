@@ -44,6 +44,7 @@ def test_attempts_that_fail_are_dropped_and_many_in_a_row_are_an_error(tmp_path)
     assert json.loads((root / "meta" / "info.json").read_text())["total_frames"] == 0
 
 
+@pytest.mark.long
 def test_a_run_that_was_killed_while_it_saved_is_mended_before_it_goes_on(tmp_path, monkeypatch):
     """Rows that no metadata count: LeRobot would shift the actions of every episode that follows."""
     env, root = environment(config_path("train/lift_and_place_eval")), tmp_path / "data"

@@ -70,6 +70,7 @@ def record(commands, root):
     return led, before, after
 
 
+@pytest.mark.long
 def test_what_a_hand_has_led_is_recorded_and_replayed(commands):
     rig, root = commands.rig, commands.directory / "data"
     led, before, after = record(commands, root)

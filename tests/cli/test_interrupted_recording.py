@@ -219,6 +219,7 @@ def assert_ended_well(recording, event):
             assert e["monotonic_s"] > faults[0]["monotonic_s"] + 1.0, e
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in SHORT else [pytest.mark.long]) for n in EVENTS])
 def test_a_fault_ends_the_recording_with_the_name_of_the_part(recording, name):
     event = EVENTS[name]
@@ -264,6 +265,7 @@ def test_a_signal_in_the_reset_phase_keeps_the_finished_episode(resetting, numbe
     assert_ended_well(resetting, NOTHING)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["camera dead", pytest.param("motor fault of a leader", marks=pytest.mark.long)])
 def test_an_error_in_the_reset_phase_keeps_the_finished_episode(resetting, name):
     event = EVENTS[name]

@@ -19,6 +19,7 @@ def commands(tmp_path):
         yield Commands(rig, tmp_path, (FOLLOWER,))
 
 
+@pytest.mark.long
 def test_a_teleoperator_of_somebody_else_moves_a_follower(commands):
     process = commands.start(
         "lerobot-teleoperate",

@@ -44,6 +44,7 @@ def wait_near(commands, process, pose, within_rad=0.06, timeout_s=20.0):
         time.sleep(0.05)
 
 
+@pytest.mark.long
 def test_a_lift_engages_and_a_lost_encoder_ends_it(commands):
     rig = commands.rig
     rig.lift(LEADER, HOME, 1.0)

@@ -16,6 +16,7 @@ ARMS = [
 ]
 
 
+@pytest.mark.long
 def test_teleoperate_beside_a_plugin_that_has_taken_our_names(commands, monkeypatch):
     site = commands.directory / "site"
     write_plugin(site, "lerobot_robot_theirs", "1.2", "lerobot_robot_theirs", {"__init__.py": THEIR_TYPES})

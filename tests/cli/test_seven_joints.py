@@ -60,6 +60,7 @@ def recorded(tmp_path_factory):
         yield commands, LeRobotDataset("local/seven", root=folder / "data")
 
 
+@pytest.mark.long
 def test_every_joint_is_recorded(recorded):
     commands, data = recorded
     for feature in ("action", "observation.state"):

@@ -58,6 +58,7 @@ def session(commands):
     session.abandon()
 
 
+@pytest.mark.long
 def test_typed_keys_and_buttons_work_together(session):
     terminal = session.terminal
     assert terminal.echoes == (False, False)

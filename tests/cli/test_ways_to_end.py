@@ -21,7 +21,7 @@ PHASES = {
     "resetting": ("Reset the environment", 1),
     "landing": ("Reset the environment", 1),
 }
-SHORT = [("connecting", signal.SIGHUP), ("landing", signal.SIGINT)]
+SHORT = [("landing", signal.SIGINT)]
 WAYS = [
     pytest.param(phase, number, id=f"{phase}-{number.name}", marks=[] if (phase, number) in SHORT else pytest.mark.long)
     for phase in PHASES

@@ -7,6 +7,7 @@ from lerobot_robot_yam.damiao.tables import MOTOR_TYPES
 from lerobot_robot_yam.errors import StaleStateError
 from lerobot_robot_yam.state.modes import Mode
 from tests.support.rigged import rig_of, session_on, sim_config, track
+from tests.support.tiers import spread
 
 CHANNEL = "follower_left"
 MIDDLE = np.array([0.0, 1.2, 1.2, 0.0, 0.0, 0.0])
@@ -46,7 +47,7 @@ def check_against_truth(rig, session, seconds=2.5):
     return max(now - state.asked_s for now, state in seen)
 
 
-@pytest.mark.parametrize("latency_ms", [0, 1, 5, 20, 40])
+@pytest.mark.parametrize("latency_ms", spread([0, 1, 5, 20, 40], 0, 3))
 def test_an_adapter_that_takes_its_time(latency_ms, caplog):
     with rig_of("lockstep", arms=[CHANNEL], latency_s=latency_ms / 1e3) as rig:
         session = session_on(rig, sim_config(rig, CHANNEL))
@@ -69,7 +70,7 @@ def test_an_adapter_that_becomes_slow():
         session.discard()
 
 
-@pytest.mark.parametrize("latency_s", [0.005, 0.02])
+@pytest.mark.parametrize("latency_s", spread([0.005, 0.02], 0))
 def test_an_adapter_that_becomes_quick_makes_nobody_distrust_a_fast_gripper(latency_s):
     with rig_of("lockstep", arms=[CHANNEL], latency_s=latency_s) as rig:
         session = session_on(rig, sim_config(rig, CHANNEL, gripper_force_limit_n=None))
@@ -88,7 +89,9 @@ def test_an_adapter_that_becomes_quick_makes_nobody_distrust_a_fast_gripper(late
 
 @pytest.mark.parametrize(
     "hold",
-    [{"seconds": 0.03, "every_s": 0.2}, {"seconds": 0.08, "every_s": 0.25}, {"seconds": 0.016, "every_s": 0.017}],
+    spread(
+        [{"seconds": 0.03, "every_s": 0.2}, {"seconds": 0.08, "every_s": 0.25}, {"seconds": 0.016, "every_s": 0.017}], 1
+    ),
 )
 def test_an_adapter_that_keeps_frames_back(hold, caplog):
     with rig_of("lockstep", arms=[CHANNEL]) as rig:

@@ -15,6 +15,7 @@ from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Request
 from tests.support.rigged import STOPS, session_on, sim_config, track
+from tests.support.tiers import spread
 
 LEFT, RIGHT = "follower_left", "follower_right"
 AWAY = [0.2, 1.0, 1.0, -0.3, 0.1, 0.1]
@@ -149,7 +150,7 @@ def test_where_fingers_with_unknown_stops_are_is_not_said_during_an_emergency_st
     assert port.observe().gripper == pytest.approx(rig.state()["arms"][LEFT]["opening"], abs=0.02)
 
 
-@pytest.mark.parametrize("how", ["hold", "float"])
+@pytest.mark.parametrize("how", spread(["hold", "float"], 1))
 def test_holding_or_floating_waits_for_the_end_of_a_search(session, how):
     port = session[LEFT]
     port._request(Request.CALIBRATE_GRIPPER)

@@ -6,6 +6,7 @@ import pytest
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.actuation import gravity_model
 from tests.support.rigged import arm_on, rig_of, session_on, sim_config, track
+from tests.support.tiers import spread
 
 CHANNEL = "follower_left"
 POSE = np.array([0.3, 1.3, 1.1, -0.4, 0.2, 0.1])
@@ -29,7 +30,7 @@ def test_the_model_alone_holds_the_arm():
     assert np.abs(hanging).max() <= NEAR_RAD
 
 
-@pytest.mark.parametrize("joint", [1, 2, 3])
+@pytest.mark.parametrize("joint", spread([1, 2, 3], 1))
 def test_each_joint_has_its_factor_of_gravity(joint):
     factors = [1.0] * 6
     factors[joint] = 0.8
@@ -41,7 +42,7 @@ def test_each_joint_has_its_factor_of_gravity(joint):
 
 
 @pytest.mark.parametrize(
-    "fields", [{"payload_mass_kg": 0.5, "payload_com_m": [0.0, 0.0, 0.02]}, {"ee_inertia": INERTIA}]
+    "fields", spread([{"payload_mass_kg": 0.5, "payload_com_m": [0.0, 0.0, 0.02]}, {"ee_inertia": INERTIA}], 0)
 )
 def test_a_load_that_is_configured_is_carried(fields):
     """Here there is none: the arm is lifted by what the load would weigh."""
@@ -53,6 +54,7 @@ def test_a_load_that_is_configured_is_carried(fields):
     assert np.abs(expected).max() > 2 * NEAR_RAD and hanging == pytest.approx(expected, abs=NEAR_RAD)
 
 
+@pytest.mark.long
 def test_coulomb_friction_that_is_fed_forward_is_made_up_for():
     """A slow sweep, which friction holds back most."""
     lags = {}

@@ -10,6 +10,7 @@ from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
 from tests.support.rigged import lockstep_rig, session_on, sim_config, track
+from tests.support.tiers import spread
 
 LEADER, FOLLOWER = "leader_left", "follower_left"
 FLOAT_RAD_S = 3.0  # default of `float_speed_rad_s`
@@ -48,9 +49,9 @@ def energised(rig, channel):
     "fields",
     [
         {"payload_mass_kg": 0.5},
-        {"payload_mass_kg": 1.0},
+        pytest.param({"payload_mass_kg": 1.0}, marks=pytest.mark.long),
         pytest.param({"payload_mass_kg": 3.0}, marks=pytest.mark.long),
-        {"gravity_factor": [1.5] * 6},
+        pytest.param({"gravity_factor": [1.5] * 6}, marks=pytest.mark.long),
         pytest.param({"base_tilt_rad": [1.57, 0.0]}, marks=pytest.mark.long),
     ],
     ids=str,
@@ -63,7 +64,7 @@ def test_a_leader_whose_weight_is_not_the_models_is_refused_and_landed(rig, star
     assert not energised(rig, LEADER)
 
 
-@pytest.mark.parametrize("fields", [{"payload_mass_kg": 0.3}, {"gravity_factor": [1.3] * 6}], ids=str)
+@pytest.mark.parametrize("fields", spread([{"payload_mass_kg": 0.3}, {"gravity_factor": [1.3] * 6}], 1), ids=str)
 def test_what_passes_and_floats_away_all_the_same_is_slowed_down_and_held(rig, started, fields):
     rig.watch_start(LEADER)
     session = started(LEADER, **fields)

@@ -14,6 +14,7 @@ from lerobot_robot_yam.rig.client.rig_control import RigControl
 from lerobot_robot_yam.state.modes import Mode
 from tests.support.landed import MOST_M
 from tests.support.rigged import arm_on, either_rig, pause, track
+from tests.support.tiers import spread
 
 CHANNEL = "follower_left"
 
@@ -135,7 +136,9 @@ def test_an_arm_lands_whose_base_stands_beyond_its_range(beyond_rad):
 
 
 # From 1.1 the wrist may slip off by itself before it is brought down.
-@pytest.mark.parametrize("shoulder, barred", [(0.5, True), (0.8, True), (0.95, True), (1.0, True), (1.1, False)])
+@pytest.mark.parametrize(
+    "shoulder, barred", spread([(0.5, True), (0.8, True), (0.95, True), (1.0, True), (1.1, False)], 1, 4)
+)
 def test_an_arm_lands_whose_wrist_is_hooked_behind_its_own_shoulder(rig, shoulder, barred, caplog, capfd):
     """The straight way down is barred by the arm itself: it goes round."""
     with arm_on(rig, CHANNEL) as arm:
@@ -150,7 +153,7 @@ def test_an_arm_lands_whose_wrist_is_hooked_behind_its_own_shoulder(rig, shoulde
 
 
 @pytest.mark.parametrize("kind, value", [("nibble", int(Fault.OVER_CURRENT)), ("silent", True)])
-@pytest.mark.parametrize("motor", [f"joint_{number}" for number in range(1, 7)])
+@pytest.mark.parametrize("motor", spread([f"joint_{number}" for number in range(1, 7)], 1, 3))
 def test_an_arm_lands_with_a_motor_out(rig, motor, kind, value):
     """A limp wrist stands in the way of the fold, an arm with a limp shoulder lies on the table: it sinks there."""
     with arm_on(rig, CHANNEL) as arm:
@@ -162,7 +165,7 @@ def test_an_arm_lands_with_a_motor_out(rig, motor, kind, value):
     assert speed <= 2 * LANDING_SPEED_RAD_S
 
 
-@pytest.mark.parametrize("motor", ["joint_2", "joint_3", "joint_4"])
+@pytest.mark.parametrize("motor", spread(["joint_2", "joint_3", "joint_4"], 1))
 def test_a_motor_that_obeys_and_is_not_heard_stays_where_it_was_sent(rig, motor):
     """Where it was heard last is no place to give way to."""
     with arm_on(rig, CHANNEL) as arm:

@@ -76,6 +76,7 @@ def test_an_arm_lands_whose_model_is_wrong(rig, pose, fields, load_kg):
     assert np.median(speeds.max(axis=1)) < LANDING_SPEED_RAD_S
 
 
+@pytest.mark.long
 def test_an_arm_that_stays_obstructed_sinks_where_it_is(rig, caplog):
     """Today's fold, and the way round, are barred for ever: nobody waits for that with the arm in the air."""
     session = session_on(rig, sim_config(rig, CHANNEL))

@@ -56,6 +56,7 @@ def test_one_arm_is_read_and_moved():
     assert numbers(printed[3]) == pytest.approx([0], abs=0.05) and printed[-1] == "landed"
 
 
+@pytest.mark.long
 def test_two_arms_move_in_step():
     with running_rig(arms=["follower_left", "follower_right"]) as rig:
         printed = run("two_arms", rig)
@@ -64,12 +65,14 @@ def test_two_arms_move_in_step():
     assert apart < 0.03 and printed.endswith("landed\n")
 
 
+@pytest.mark.long
 def test_a_block_is_pushed_in_a_scene_of_ones_own():
     assert load_scene(ROOT / "examples" / "push_the_block.yaml").tasks[0].name == "push"
     printed = run("custom_scene")
     assert "\nsuccess after" in printed and printed.endswith("landed\n")
 
 
+@pytest.mark.long
 def test_a_policy_drives_lerobots_robot():
     with running_rig(arms=["follower_left"]) as rig:
         printed = run("policy", rig).splitlines()

@@ -118,6 +118,7 @@ def test_the_doctor_names_the_calibration_of_this_very_robot(config, tmp_path, m
         assert (stored.arm, stored.gripper) == (target.config.arm, target.config.gripper)
 
 
+@pytest.mark.long
 def test_an_evaluation_knows_real_cameras():
     """`lerobot-eval` imports no camera itself."""
     code = "import lerobot_robot_yam, lerobot.envs.configs\nfrom lerobot.cameras.configs import CameraConfig\n"

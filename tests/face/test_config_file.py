@@ -11,6 +11,7 @@ from lerobot_robot_yam.face.config_file import refuse_unreadable
 RECORD = Path(sys.executable).with_name("lerobot-record")
 
 
+@pytest.mark.long
 def test_lerobot_says_where_the_tab_is(tmp_path):
     (tmp_path / "run.yaml").write_text("robot:\n  id: lab\n\ttype: bi_yam_follower\n")
     command = [RECORD, f"--config_path={tmp_path}/run.yaml"]

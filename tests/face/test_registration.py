@@ -68,10 +68,12 @@ def test_importing_us_alone_loads_neither_lerobot_nor_torch(module):
         pytest.param("import lerobot_robot_yam.config_yam_camera", marks=pytest.mark.long),
         pytest.param("import lerobot_robot_yam.config_yam_env", marks=pytest.mark.long),
         pytest.param("import lerobot_robot_yam.face.openpi.configuration_openpi", marks=pytest.mark.long),
-        "import lerobot_teleoperator_yam.config_yam_leader",
+        pytest.param("import lerobot_teleoperator_yam.config_yam_leader", marks=pytest.mark.long),
         pytest.param("from lerobot_robot_yam import BiYamFollower", marks=pytest.mark.long),
         pytest.param("from lerobot_teleoperator_yam import BiYamLeader", marks=pytest.mark.long),
-        "import lerobot.scripts.lerobot_calibrate as c; c.register_third_party_plugins()",
+        pytest.param(
+            "import lerobot.scripts.lerobot_calibrate as c; c.register_third_party_plugins()", marks=pytest.mark.long
+        ),
     ],
 )
 def test_types_are_registered_whoever_comes_first(first):
@@ -165,6 +167,7 @@ def test_any_other_reason_is_shown_in_full(attempt, error):
     assert error in text
 
 
+@pytest.mark.long
 def test_a_command_shows_its_real_error_and_no_page_about_ffmpeg(tmp_path):
     """Replaying what is not there, before anything is energised."""
     command = [Path(sys.executable).parent / "lerobot-replay", f"--config_path={ROOT / 'configs/sim/replay.yaml'}"]

@@ -100,9 +100,8 @@ def test_a_name_that_is_taken_costs_that_name_only(tmp_path):
     assert "'bi_yam_leader'" in said[1] and "use 'bi_i2rt_yam_leader'" in said[1]
 
 
-@pytest.mark.parametrize(
-    "theirs", [{"config_yam_leader.py": THEIR_TYPES}, pytest.param({}, marks=pytest.mark.long)], ids=["other", "none"]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("theirs", [{"config_yam_leader.py": THEIR_TYPES}, {}], ids=["other", "none"])
 def test_another_projects_leaders_over_ours_are_noticed(theirs, tmp_path):
     overlay(tmp_path, "lerobot_teleoperator_yam", {"__init__.py": "", **theirs})
     if not theirs:

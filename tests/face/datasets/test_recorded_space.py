@@ -17,10 +17,12 @@ from lerobot_robot_yam.face.devices.command_check import check_command
 from lerobot_robot_yam.face.devices.feature_names import space_of
 from tests.policy_plugin.checkpoints import save_scripted, statistics
 from tests.support.recordings import KEYS, NOWHERE, POSE_TOOL, error_of, refused, robot, went_on, write_dataset
+from tests.support.tiers import spread
 
 SPACES = ["joint", "ee"]
 NAMES = {"joint": "joint positions", "ee": "tool poses"}
 in_both = pytest.mark.parametrize("space", SPACES, ids=["joint robot", "ee robot"])
+in_poses = pytest.mark.parametrize("space", spread(SPACES, 1), ids=["joint robot", "ee robot"])  # half of them
 of_both = pytest.mark.parametrize("recorded", SPACES, ids=["of joints", "of poses"])
 
 
@@ -75,7 +77,7 @@ def test_replay(command, tmp_path, space, recorded):
     assert fits_or_is_refused(error, space, recorded)
 
 
-@in_both
+@in_poses
 @of_both
 def test_resuming_a_rollout(command, tmp_path, space, recorded):
     path = save_scripted(tmp_path / "p", "nothing", arms=2, action_feature_names=KEYS[space])
@@ -94,7 +96,7 @@ def test_resuming_in_any_of_the_parsers_words(command, tmp_path, resume):
     assert fits_or_is_refused(error, "joint", "ee")
 
 
-@in_both
+@in_poses
 @of_both
 def test_resuming_a_recording(command, tmp_path, space, recorded):
     dataset = {"repo_id": "local/data", "root": str(write_dataset(tmp_path, space=recorded)), "push_to_hub": False}
@@ -128,7 +130,7 @@ def test_another_order_can_be_replayed_but_not_continued(command, tmp_path):
 # checkpoints
 
 
-@in_both
+@in_poses
 @of_both
 def test_rollout_of_a_policy_that_names_its_actions(command, tmp_path, space, recorded):
     path = save_scripted(tmp_path / "p", "nothing", arms=2, stats=of_poses(2), action_feature_names=KEYS[recorded])
@@ -136,7 +138,7 @@ def test_rollout_of_a_policy_that_names_its_actions(command, tmp_path, space, re
     assert fits_or_is_refused(error, space, recorded)
 
 
-@in_both
+@in_poses
 @of_both
 def test_rollout_of_a_policy_whose_training_data_are_at_hand(command, tmp_path, space, recorded):
     path = save_scripted(tmp_path / "p", "nothing", arms=2, stats=of_poses(2))

@@ -20,6 +20,7 @@ from lerobot_teleoperator_yam.config_yam_passive_leader import (
 )
 from lerobot_teleoperator_yam.yam_passive_leader import BiYamPassiveLeader, YamPassiveLeader
 from tests.support.rigged import STOPS
+from tests.support.tiers import spread
 
 LEADER, OTHER, FOLLOWER = "leader_left", "leader_right", "follower_left"
 THERE, FALLEN = [0.3, 1.1, 1.0, -0.3, 0.1, 0.2], [0.3, 0.3, 0.4, -0.3, 0.1, 0.2]
@@ -94,7 +95,7 @@ def test_without_its_trigger_the_arm_goes_on_and_the_gripper_holds(rig, tmp_path
         rig.release(LEADER)
 
 
-@pytest.mark.parametrize("home_rad", [None, [0.0, 0.4, 0.3, 0.0, 0.2, 0.0]])
+@pytest.mark.parametrize("home_rad", spread([None, [0.0, 0.4, 0.3, 0.0, 0.2, 0.0]], 1))
 def test_a_calibration_finds_zeros_ranges_and_the_triggers_travel(rig, tmp_path, monkeypatch, home_rad):
     monkeypatch.setattr(yam_passive_leader, "HOME_S", 1.0)
     monkeypatch.setattr(yam_passive_leader, "MOVE_S", 6.0)
@@ -129,7 +130,7 @@ def test_a_calibration_finds_zeros_ranges_and_the_triggers_travel(rig, tmp_path,
         rig.release(LEADER)
 
 
-@pytest.mark.parametrize("option", [{}, {"follower": FOLLOWER}])
+@pytest.mark.parametrize("option", spread([{}, {"follower": FOLLOWER}], 1))
 def test_a_leader_that_has_fallen_takes_its_follower_along_once_it_is_in_a_hand(rig, tmp_path, option):
     arm = fields(rig, FOLLOWER) | {"gravity_factor": [1.0] * 6, "gripper_stops_rad": STOPS}
     leader, follower = leader_on(rig, tmp_path, **option), YamFollower(YamFollowerConfig(**arm))

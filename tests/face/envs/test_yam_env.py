@@ -17,6 +17,7 @@ from lerobot_robot_yam.config_yam_env import YamEnvConfig
 from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerArmConfig, YamFollowerConfig
 from lerobot_robot_yam.errors import ActionError, ConfigError, MotorError
 from lerobot_robot_yam.yam_env import YamEnv
+from tests.support.tiers import spread
 
 
 def robot(tmp_path, **fields):
@@ -71,6 +72,7 @@ def test_a_demonstration_keeps_what_was_sent_not_what_was_asked_for(tmp_path):
     assert 0.02 < max(far) < 0.031
 
 
+@pytest.mark.long
 def test_a_gripper_that_holds_something_keeps_no_episode_from_beginning(tmp_path):
     pose = [0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0]
     env = YamEnv(YamEnvConfig(robot=robot(tmp_path), lockstep=True, reset_pose=pose))
@@ -86,6 +88,7 @@ def test_a_gripper_that_holds_something_keeps_no_episode_from_beginning(tmp_path
         env.close()
 
 
+@pytest.mark.long
 def test_seeds_differ_and_time_is_up_without_success(tmp_path):
     env = YamEnv(YamEnvConfig(robot=robot(tmp_path), lockstep=True, time_limit_s=0.5, render_camera="overview"))
     try:
@@ -183,7 +186,7 @@ def test_a_robot_that_cannot_be_is_told_while_the_config_is_read(tmp_path):
         draccus.parse(EvalPipelineConfig, path, args=[])
 
 
-@pytest.mark.parametrize("limit_s", [1.0, 16.0])
+@pytest.mark.parametrize("limit_s", spread([1.0, 16.0], 0))
 def test_an_episode_is_as_long_as_configured_whatever_the_task_says(tmp_path, limit_s):
     env = YamEnv(YamEnvConfig(robot=robot(tmp_path, cameras={}), lockstep=True, time_limit_s=limit_s, fps=5))
     try:

@@ -83,6 +83,7 @@ def test_a_judge_may_lie_in_the_working_directory(tmp_path, monkeypatch):
         find_judge("judge_of_this_test:nothing")
 
 
+@pytest.mark.long
 def test_a_virtual_scene_is_laid_out_by_the_rig_whoever_judges(tmp_path, monkeypatch):
     terminal, stdin = pty.openpty()
     with running_rig(scene="lift_and_place", arms=["follower_left"]) as rig, os.fdopen(stdin) as keyboard:

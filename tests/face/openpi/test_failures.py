@@ -125,6 +125,7 @@ with OpenpiServer(wave) as server:
 """
 
 
+@pytest.mark.long
 def test_a_stopped_server_that_does_not_even_read(made):
     """More bytes than the sockets hold: the send itself must come to an end."""
     process = subprocess.Popen(
@@ -239,6 +240,7 @@ def test_wrong_fields_are_named(fields):
         YamOpenpiConfig(**fields).validate_features()
 
 
+@pytest.mark.long
 def test_without_the_extra_it_says_which_one():
     program = """
     import sys

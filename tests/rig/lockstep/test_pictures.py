@@ -68,6 +68,7 @@ def shadow(rig, look, camera):
     return len(found), np.hypot(*(found.mean(axis=0) - expected)) if len(found) else np.inf
 
 
+@pytest.mark.long
 def test_a_things_shadow_lies_where_the_light_throws_it(usual):
     for camera in ("top", "front"):
         count, off = shadow(*usual, camera)
@@ -83,6 +84,7 @@ def test_plain_pictures_have_neither_shadow_nor_grain(usual):
         assert table(look) < 2.0 < table(usual[1])
 
 
+@pytest.mark.long
 def test_the_top_camera_sees_every_place_and_left_is_left(usual):
     rig, look = usual
     for place in rig.scene()["places"].values():
@@ -93,6 +95,7 @@ def test_the_top_camera_sees_every_place_and_left_is_left(usual):
         assert np.sign(SIZE[0] / 2 - column).round() == np.sign(place[1]) or abs(place[1]) < 0.01
 
 
+@pytest.mark.long
 def test_a_wrist_camera_sees_the_cube_and_the_finger_tips(usual):
     """They are what it is for; the gripper's palm would hide the table."""
     rig, look = usual
@@ -125,6 +128,7 @@ def lift_pictures(seeds, **options):
         return found
 
 
+@pytest.mark.long
 def test_a_seed_has_the_same_pictures_again_and_another_seed_others():
     first, second, third = lift_pictures((3, 4, 3), randomise_look=1.0)
     assert np.array_equal(first, third)
@@ -137,6 +141,7 @@ def test_without_the_option_seeds_change_no_look():
     assert np.array_equal(first, second)
 
 
+@pytest.mark.long
 def test_before_any_task_the_rigs_own_seed_draws_the_look():
     def picture(seed):
         with shown(randomise_look=1.0, seed=seed) as (_, look):

@@ -18,6 +18,7 @@ from lerobot_robot_yam.rig.operator.scripts.script import SIDES, Setup, make_set
 from lerobot_robot_yam.rig.scene.scene import Scene, load_scene
 from lerobot_robot_yam.session.arm_session import ArmSession
 from tests.support.stand_in import StandIn, described
+from tests.support.tiers import spread
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +72,8 @@ def test_two_dozen_transfers_without_a_miss(task, world):
 
 
 @pytest.mark.parametrize(
-    ("xy_m", "yaw_rad"), [((0.25, 0.35), 0.3), ((0.38, 0.15), 0.78), ((0.32, 0.05), 1.2), ((0.36, -0.2), 0.5)]
+    ("xy_m", "yaw_rad"),
+    spread([((0.25, 0.35), 0.3), ((0.38, 0.15), 0.78), ((0.32, 0.05), 1.2), ((0.36, -0.2), 0.5)], 0, 3),
 )
 def test_it_takes_the_cube_from_where_it_is(task, world, xy_m, yaw_rad):
     joint = world.world.data.joint("cube")
@@ -111,7 +113,7 @@ def test_a_prop_out_of_reach_is_put_back(task, world):
     [
         pytest.param(0.8, ["transfer", "transfer"], marks=pytest.mark.long),
         (2.5, ["drop", "transfer"]),  # while the fingers close: at rest half closed, they seem to hold something
-        (2.9, ["transfer", "transfer"]),
+        pytest.param(2.9, ["transfer", "transfer"], marks=pytest.mark.long),
     ],
 )
 def test_a_follower_that_stops_following_is_waited_for(task, world, after_s, first):

@@ -8,6 +8,7 @@ import pytest
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from tests.support.rigged import arm_on, either_rig, rig_of
+from tests.support.tiers import spread
 
 LEADER, FOLLOWER = "leader_left", "follower_left"
 RAISED = [0.2, 1.0, 0.9, -0.3, 0.1, 0.2]
@@ -27,7 +28,7 @@ def tool(rig, channel=LEADER):
     return np.array(rig.state()["arms"][channel]["tcp_site"]["pos"])
 
 
-@pytest.mark.parametrize("stiffness", [300.0, 2000.0])
+@pytest.mark.parametrize("stiffness", spread([300.0, 2000.0], 1))
 def test_a_soft_hand_is_a_spring(floating, stiffness):
     rig, arm = floating
     rig.hand(LEADER, [0.1], [RAISED], stiffness_n_m=stiffness, mass_kg=1.0, damping_ratio=1.0)
@@ -55,6 +56,7 @@ def period_and_decay(rig, arm, mass, ratio):
     return times[peaks[1]] - times[peaks[0]], way[peaks[1]] / way[peaks[0]]
 
 
+@pytest.mark.long
 def test_a_heavier_hand_swings_more_slowly_and_damping_calms_it(floating):
     light, _ = period_and_decay(*floating, mass=0.5, ratio=0.05)
     heavy, little = period_and_decay(*floating, mass=2.0, ratio=0.05)
@@ -64,6 +66,7 @@ def test_a_heavier_hand_swings_more_slowly_and_damping_calms_it(floating):
     assert much < little < 0.95  # it feeds no energy in
 
 
+@pytest.mark.long
 def test_a_stiff_and_heavy_hand_with_little_damping_comes_to_rest(floating):
     rig, arm = floating
     rig.hand(LEADER, [0.1], [RAISED], stiffness_n_m=2000.0, mass_kg=2.0, damping_ratio=0.05)

@@ -1,0 +1,16 @@
+"""Which cases of a test are in the default tier: a spread; the others run with `-m long`."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import pytest
+
+
+def spread(cases: Iterable[Any], *short: int) -> list[Any]:
+    """The cases of a `parametrize`; only those of the places `short`, counted from 0, are in the default tier."""
+    return [
+        case
+        if place in short
+        else pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.long)
+        for place, case in enumerate(cases)
+    ]
