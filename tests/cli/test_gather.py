@@ -17,6 +17,7 @@ from tests.cli.conftest import Commands
 from tests.support.paths import ROOT
 
 
+@pytest.mark.long
 def test_demonstrations_are_gathered_and_more_of_them_later(tmp_path):
     commands, root = Commands(None, tmp_path), tmp_path / "data"
     for episodes in (1, 2):

@@ -164,6 +164,7 @@ def test_at_a_terminal_it_wiggles_again_until_the_arm_is_named_and_binds_it(rig,
     assert limp(rig)
 
 
+@pytest.mark.long
 def test_another_arm_than_named_moved_and_nothing_is_bound(rig, tmp_path):
     save_stops("left", tmp_path / "stops.json", "linear_4310", GripperStops(*STOPS))
     ours, theirs = pty.openpty()

@@ -94,6 +94,7 @@ SAY = ("python", "-c", "import torch, torchvision; print(torch.__version__, torc
 without_driver = pytest.mark.skipif(has_nvidia_driver(), reason="this computer has an NVIDIA driver")
 
 
+@pytest.mark.long
 @without_driver
 def test_without_nvidias_driver_the_cpu_build_is_installed_once_and_kept(index, clone):
     index("", "+cpu", "+cu130")
@@ -115,6 +116,7 @@ def test_without_nvidias_driver_the_cpu_build_is_installed_once_and_kept(index, 
     )
 
 
+@pytest.mark.long
 @without_driver
 def test_an_index_without_a_cpu_build_is_spoken_of(index, clone):
     index("")

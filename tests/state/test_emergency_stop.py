@@ -258,6 +258,7 @@ def test_a_button_of_the_handle_latches_it(rig, stop):
         session.stop()
 
 
+@pytest.mark.long
 def test_a_stop_in_mid_landing_throws_no_joint_that_is_not_heard(rig, stop):
     """It obeys, and is far from where it was heard last."""
     session = session_on(rig, sim_config(rig, "follower_left"))

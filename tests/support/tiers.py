@@ -8,9 +8,5 @@ import pytest
 
 def spread(cases: Iterable[Any], *short: int) -> list[Any]:
     """The cases of a `parametrize`; only those of the places `short`, counted from 0, are in the default tier."""
-    return [
-        case
-        if place in short
-        else pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.long)
-        for place, case in enumerate(cases)
-    ]
+    rows = [case if isinstance(case, tuple) else (case,) for case in cases]
+    return [pytest.param(*row, marks=() if place in short else pytest.mark.long) for place, row in enumerate(rows)]

@@ -83,6 +83,7 @@ def test_a_terminal_in_another_mode_stays_in_that(listening, mode):
     assert before == after and mode.split()[0] in before
 
 
+@pytest.mark.long
 def test_a_program_in_the_background_of_a_shell_is_not_stopped(tmp_path):
     program = (
         "import os, time; os.setpgid(0, 0); from lerobot_robot_yam.face.operator_keys.pseudo_terminal import "
@@ -154,7 +155,7 @@ def test_lines_are_read_as_before_while_nobody_listens(tmp_path):
         terminal.close()
 
 
-@pytest.mark.parametrize("given", ["closed", "file", *(pytest.param(g, marks=LONG) for g in ("null", "pipe"))])
+@pytest.mark.parametrize("given", ["closed", *(pytest.param(g, marks=LONG) for g in ("file", "null", "pipe"))])
 def test_without_a_terminal_pressed_keys_arrive_and_nothing_is_read(given, tmp_path):
     program = (
         "import sys, time; from lerobot_robot_yam.face.operator_keys.pseudo_terminal import pseudo_terminal as p;"
