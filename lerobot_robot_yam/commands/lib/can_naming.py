@@ -14,15 +14,14 @@ from lerobot_robot_yam.doctor.kit.can_adapters import Adapter, read_adapters
 from lerobot_robot_yam.errors import ConfigError, SetupError
 from lerobot_robot_yam.setup.adapter_rules import RULES, identify, parse_rules, rules_text, where_they_are, with_adapter
 from lerobot_robot_yam.setup.link_unit import UNIT, UNIT_TEXT
-from lerobot_robot_yam.setup.plug_watch import wait_for_plug
+from lerobot_robot_yam.setup.plug_watch import PlugWatch
 from lerobot_robot_yam.setup.system_files import Change, SystemFiles
 from lerobot_robot_yam.setup.system_tools import SystemTools, check_undriven
 from lerobot_robot_yam.setup.taken_names import check_free
-from lerobot_robot_yam.setup.wrist_watch import wait_for_wrist
+from lerobot_robot_yam.setup.wrist_watch import WristWatch
 
 _PLUG = "plug in its adapter; if it is plugged in, pull it out and plug it in again"
 _WRIST = "turn its wrist by hand, a hand's width to and fro"
-_ELSE = "Or type its present name{names}; Enter skips it, q ends"
 
 
 class Naming:
@@ -129,14 +128,18 @@ class Naming:
     def _found(self, name: str, arms: Callable[[], Mapping[str, ArmConfig]] | None) -> str | None:
         """The interface that the person shows or types, or "q"; None to skip this name."""
         there = ", ".join(adapter.name for adapter in self.adapters)
-        tell(f"\n{name}: {_PLUG if arms is None else _WRIST}.\n{_ELSE.format(names=f' ({there})' if there else '')}.")
+        question = f"\n{name}: {{}}.\nOr type its present name{f' ({there})' if there else ''}; Enter skips it, q ends."
         if arms is not None:
             with _buses(arms()) as buses:
-                channel, line = wait_for_wrist(buses, typed_line, tell)
+                wrists = WristWatch(buses)
+                tell(question.format(_WRIST))
+                channel, line = wrists.wait(typed_line, tell)
             if channel is not None:
                 tell(f"{channel} it is")
             return channel or line or None
-        plugged = wait_for_plug(self.files.root / "sys", typed_line, tell)
+        plugs = PlugWatch(self.files.root / "sys")
+        tell(question.format(_PLUG))
+        plugged = plugs.wait(typed_line, tell)
         if isinstance(plugged, str):
             return plugged or None
         tell(f"found {', '.join(map(_described, plugged))}")
