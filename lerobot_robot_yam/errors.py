@@ -40,6 +40,10 @@ class GripperError(YamError, RuntimeError):
     """Gripper stops are unknown, implausible or do not match the stored ones."""
 
 
+class SetupError(YamError, RuntimeError):
+    """This computer cannot be set up as asked: no rights, no such adapter, a name that is taken."""
+
+
 class RigError(YamError, RuntimeError):
     """The virtual rig could not be started, reached or asked."""
 

@@ -17,12 +17,13 @@ from pathlib import Path
 
 from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL
 from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS
-from lerobot_robot_yam.doctor.check_adapters import RULES_DIRECTORIES, check_adapters, read_adapters, read_rules
+from lerobot_robot_yam.doctor.check_adapters import RULES_DIRECTORIES, check_adapters, read_rules
 from lerobot_robot_yam.doctor.check_calibration import check_calibrations
 from lerobot_robot_yam.doctor.check_cameras import DEV, check_cameras, read_cameras
 from lerobot_robot_yam.doctor.check_channel import examine_channel
 from lerobot_robot_yam.doctor.check_host import check_host
 from lerobot_robot_yam.doctor.check_link import IP_COMMAND, TC_COMMAND, Link, check_links, parse_links, tool_output
+from lerobot_robot_yam.doctor.kit.can_adapters import read_adapters
 from lerobot_robot_yam.doctor.kit.findings import Report, Section, as_json, as_text, empty_report, exit_status
 from lerobot_robot_yam.doctor.kit.targets import Plan, calibration_root, from_config, from_option, undeclared
 from lerobot_robot_yam.doctor.kit.usb import SYSFS

@@ -14,7 +14,7 @@ from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.system.other_plugins import mixture, overwritten
 from lerobot_robot_yam.system.sleep_lock import SWITCH_OFF, SleepLock, can_sleep
 
-_LIMITS_FILE = "/etc/security/limits.d/90-yam.conf"
+_RIGHTS = 'sudo "$(which yam-setup-can)" --rights (then log in again)'
 _CPUS_MIN = 4  # the loop, LeRobot, the video encoder and the system
 # In another process, since what is granted stays granted.
 _ASK = (
@@ -38,17 +38,15 @@ def check_host(sysfs: Path, section: Section) -> None:
         "CPU governor": governor,
     }
     section.rows += [{"what": key, "value": value} for key, value in facts.items()]
-    limits = f"printf '%s - rtprio {RT_PRIORITY}\\n%s - memlock unlimited\\n' $USER $USER | sudo tee {_LIMITS_FILE}"
-    limits += " (then log in again)"
     where = "this computer"
     if granted is None:
-        section.warn(where, "what the kernel grants is unknown: asking for it failed", limits)
+        section.warn(where, "what the kernel grants is unknown: asking for it failed", _RIGHTS)
     elif "SCHED_FIFO" not in granted:
         short = "slices" in granted  # as good as SCHED_FIFO beside one busy process
         what = f"the control loop gets {granted}; SCHED_FIFO is not permitted"
-        (section.note if short else section.warn)(where, what, limits)
+        (section.note if short else section.warn)(where, what, _RIGHTS)
     if granted is not None and "memory not locked" in granted:
-        section.warn(where, "memory cannot be locked: the control loop may wait for the disk", limits)
+        section.warn(where, "memory cannot be locked: the control loop may wait for the disk", _RIGHTS)
     if cpus < _CPUS_MIN:
         what = f"{cpus} CPUs for control loop, LeRobot, video encoder and cameras"
         section.note(where, what, "record fewer or smaller pictures, or use a computer with more CPUs")

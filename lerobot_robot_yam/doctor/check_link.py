@@ -20,7 +20,7 @@ RESTART_MS = 100
 QUEUE_MIN, QUEUE_LENGTH = 32, 100
 # Drivers without a restart handler: newer kernels refuse `restart-ms` (older ones crash when it takes effect:
 # "can: netlink: can_changelink(): fix NULL pointer deref of struct can_priv::do_set_mode", 2025).
-_NO_RESTART = frozenset({"gs_usb"})
+NO_RESTART = frozenset({"gs_usb"})
 # Controller modes that the arms do not want, and `ip`'s names of them; the first two cut the motors off.
 _WRONG_MODES = {"LISTEN-ONLY": "listen-only", "LOOPBACK": "loopback", "FD": "fd", "ONE-SHOT": "one-shot"}
 _DEAF_MODES = {"LISTEN-ONLY", "LOOPBACK"}
@@ -83,7 +83,7 @@ class Link:
             words.append(f"txqueuelen {queue_length}")  # `ip` takes it before the type only
         words.append(f"type can bitrate {BITRATE}")
         words += [f"{option} off" for mode, option in _WRONG_MODES.items() if mode in self.modes]
-        if self.driver is not None and self.driver not in _NO_RESTART:  # refused, it would leave the link down
+        if self.driver is not None and self.driver not in NO_RESTART:  # refused, it would leave the link down
             words.append(f"restart-ms {RESTART_MS}")
         return (f"sudo ip link set {self.name} down && " if self.up else "") + " ".join(words)
 
@@ -175,10 +175,10 @@ def _check(link: Link, section: Section) -> None:
         fd = "CAN FD is on: the motors speak classic CAN, and one FD frame disturbs them all"
         section.problem(name, fd if mode == "FD" else f"the controller is in {mode.lower()} mode", link.repair())
     _check_queue(link, section)
-    if link.restart_ms == 0 and link.driver is not None and link.driver not in _NO_RESTART:
+    if link.restart_ms == 0 and link.driver is not None and link.driver not in NO_RESTART:
         what = "restart-ms is 0: after bus-off the controller stays off until somebody restarts it"
         section.warn(name, what, link.repair())
-    if link.restart_ms and link.driver in _NO_RESTART:
+    if link.restart_ms and link.driver in NO_RESTART:
         what = f"restart-ms is {link.restart_ms}, which {link.driver} cannot do (some kernels crash at bus-off)"
         section.warn(name, what, f"sudo ip link set {name} down && sudo ip link set {name} up type can restart-ms 0")
     if link.bus_offs:

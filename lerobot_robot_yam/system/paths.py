@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import stat
 from pathlib import Path
 
 from lerobot_robot_yam.errors import ConfigError
@@ -22,13 +23,21 @@ def user_path(path: str | Path) -> Path:
 def write_whole(path: Path, text: str) -> None:
     """Write a file, and the directories that it needs, so that a crash in the middle leaves the old one.
 
+    A file that is there keeps its mode and, as far as we may give it away, its owner.
+
     Raises:
         OSError: it cannot be written.
     """
     scratch = path.with_name(f"{path.name}.{os.getpid()}")  # two processes may write at once
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with scratch.open("w") as file:
+        old = path.stat() if path.exists() else None
+        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
+        with os.fdopen(os.open(scratch, flags, 0o600 if old else 0o666), "w") as file:
+            if old is not None:
+                with contextlib.suppress(PermissionError):
+                    os.fchown(file.fileno(), old.st_uid, old.st_gid)
+                os.fchmod(file.fileno(), stat.S_IMODE(old.st_mode))
             file.write(text)
             file.flush()
             os.fsync(file.fileno())

@@ -64,6 +64,7 @@ def ours():
     """(file, command) of each command of this package that a reader can type as it stands."""
     for path in (*PAGES, *sorted(ROOT.glob("configs/*/*.yaml"))):
         text = re.sub(r"\\\n#?\s*", "", path.read_text())
+        text = re.sub(r'sudo "\$\(which (yam-[a-z-]+)\)"', r"\1", text)
         found = re.findall(r"`(yam-[^`\n]*)`", text) + re.findall(
             r"^#?\s*(yam-[a-z-]+(?: [^#\n]*)?)", text, re.MULTILINE
         )

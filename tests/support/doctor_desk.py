@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 from pathlib import Path
 
 import can
@@ -66,14 +67,15 @@ def found(report, severity, where, what=""):
 class Sysfs:
     """A sysfs tree with USB devices, as the kernel lays it out: real directories below devices/, links elsewhere."""
 
-    def __init__(self, root: Path):
+    def __init__(self, root: Path, controller="devices/pci0000:00/0000:00:14.0"):
         self.root = root
+        self.controller = controller
         (root / "class" / "net").mkdir(parents=True)
 
     def usb(self, port, *, speed="480", vendor="1d50", product_id="606f", product="canable gs_usb", serial=None):
         """Directory of the USB device at `port`, such as "1-2.3"."""
         bus = port.partition("-")[0]
-        device = self.root / "devices/pci0000:00/0000:00:14.0" / f"usb{bus}" / port
+        device = self.root / self.controller / f"usb{bus}" / port
         device.mkdir(parents=True, exist_ok=True)
         values = {"busnum": bus, "speed": speed, "idVendor": vendor, "idProduct": product_id, "product": product}
         for name, value in (values | ({"serial": serial} if serial else {})).items():
@@ -84,19 +86,28 @@ class Sysfs:
             (bus_list / port).symlink_to(device)
         return device
 
-    def adapter(self, name, port, *, number="0x0", **usb):
+    def adapter(self, name, port, *, number="0x0", dev_port="0", function="1.0", kernel_driver="gs_usb", **usb):
         """A CAN interface on a USB adapter."""
-        function = self.usb(port, **usb) / f"{port}:1.0"
+        function = self.usb(port, **usb) / f"{port}:{function}"
         interface = function / "net" / name
         interface.mkdir(parents=True)
-        driver = self.root / "bus/usb/drivers/gs_usb"
+        driver = self.root / "bus/usb/drivers" / kernel_driver
         driver.mkdir(parents=True, exist_ok=True)
         if not (function / "driver").exists():
             (function / "driver").symlink_to(driver)
         (interface / "device").symlink_to(function)
         (interface / "type").write_text("280\n")
         (interface / "dev_id").write_text(f"{number}\n")
+        (interface / "dev_port").write_text(f"{dev_port}\n")
         (self.root / "class/net" / name).symlink_to(interface)
+
+    def unplug(self, port):
+        """Take the adapter at a USB port out."""
+        for link in (self.root / "class/net").iterdir():
+            if f"/{port}/" in str(link.resolve()):
+                link.unlink()
+        (self.root / "bus/usb/devices" / port).unlink()
+        shutil.rmtree(self.usb(port))
 
     def camera(self, node, port, name, *, function="1.0", **usb):
         """A video node of a USB camera."""

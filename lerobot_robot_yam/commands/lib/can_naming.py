@@ -1,0 +1,186 @@
+"""Naming CAN adapters with a person at the terminal: which adapter is it, show what changes, ask, change it."""
+
+import contextlib
+import os
+import select
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+import can
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.commands.lib.arm_command import ask, own_bus, table, tell
+from lerobot_robot_yam.doctor.kit.can_adapters import Adapter, read_adapters
+from lerobot_robot_yam.errors import ConfigError, SetupError
+from lerobot_robot_yam.setup.adapter_rules import RULES, identify, parse_rules, rules_text, where_they_are, with_adapter
+from lerobot_robot_yam.setup.link_unit import UNIT, UNIT_TEXT
+from lerobot_robot_yam.setup.plug_watch import PlugWatch
+from lerobot_robot_yam.setup.system_files import Change, SystemFiles
+from lerobot_robot_yam.setup.system_tools import SystemTools, check_undriven
+from lerobot_robot_yam.setup.taken_names import check_free
+from lerobot_robot_yam.setup.wrist_watch import WristWatch
+
+_PLUG = "plug in its adapter; if it is plugged in, pull it out and plug it in again"
+_WRIST = "turn its wrist by hand, a hand's width to and fro"
+
+
+class Naming:
+    """Names adapters of one computer.
+
+    Args:
+        files, tools: of the computer.
+        dry: only show what would change.
+        sure: do not ask.
+    """
+
+    def __init__(self, files: SystemFiles, tools: SystemTools, dry: bool, sure: bool):
+        self.files, self.tools, self.dry, self.sure = files, tools, dry, sure
+        self.named = where_they_are(parse_rules(files.read(RULES)), self.adapters)
+
+    @property
+    def adapters(self) -> list[Adapter]:
+        """What is plugged in now."""
+        return read_adapters(self.files.root / "sys")
+
+    def adapter(self, interface: str) -> Adapter:
+        """The adapter that has this name now.
+
+        Raises:
+            SetupError: there is none.
+        """
+        adapters = {adapter.name: adapter for adapter in self.adapters}
+        if interface not in adapters:
+            there = ", ".join(adapters) or "none; plug one in (`lsusb` lists what is plugged in)"
+            raise SetupError(f"there is no CAN adapter {interface!r}; there are: {there}")
+        return adapters[interface]
+
+    def assign(self, wanted: Mapping[str, str]) -> bool:
+        """Give names to interfaces, after a question; returns whether the person agreed.
+
+        Raises:
+            SetupError: no such adapter, a name that is taken, adapters that cannot be told apart; nothing was changed.
+            ChannelInUseError: a session drives one of them.
+        """
+        named, adapters = self.named, self.adapters
+        for name, interface in wanted.items():
+            new = identify(name, self.adapter(interface), adapters)
+            check_free(self.files.root, new, interface, [entry.name for entry in named])
+            named = with_adapter(named, new)
+        lost = [entry.name for entry in self.named if entry.name not in [kept.name for kept in named]]
+        if lost:
+            tell(f"{', '.join(lost)} will be no name any more: its adapter gets another")
+        changes = self.files.change_to(RULES, rules_text(named, adapters)) + self.files.change_to(UNIT, UNIT_TEXT)
+        touched = {name: interface for name, interface in wanted.items() if changes or interface != name}
+        if not self.dry:
+            check_undriven(list(touched.values()))
+        if not self.make(changes):
+            return False
+        self.named = named
+        for name, interface in touched.items():
+            if not self.tools.rename(interface, name):
+                tell(f"{interface} has not taken its name yet: plug it in again")
+        return True
+
+    def make(self, changes: Sequence[Change]) -> bool:
+        """Show changes, ask, and make them; returns whether the person agreed.
+
+        Raises:
+            SetupError: a file cannot be written.
+        """
+        if not changes:
+            tell("nothing to change")
+            return True
+        for change in changes:
+            tell(change.shown())
+        if self.dry:
+            self.tools.load(changes)
+            return True
+        if not self.sure and ask("Make these changes? [Y/n]").lower() not in ("", "y", "yes"):
+            tell("nothing was changed")
+            return False
+        self.files.apply(changes)
+        self.tools.load(changes)
+        return True
+
+    def guide(self, names: Sequence[str], arms: Callable[[], Mapping[str, ArmConfig]] | None) -> None:
+        """Ask for the adapter of each name, one after another. Each is done before the next is asked for.
+
+        Args:
+            names: to be given.
+            arms: for finding arms by their wrists, the arm of each channel; None: by plugging in.
+
+        Raises:
+            YamError: the terminal has gone, or no arm answers. The names that were given stay.
+        """
+        for name in names:
+            while True:
+                try:
+                    found = self._found(name, arms)
+                    if found is None:
+                        break
+                    if found == "q":
+                        return
+                    if self.assign({name: found}):
+                        break
+                except SetupError as error:
+                    tell(f"{error}")
+
+    def _found(self, name: str, arms: Callable[[], Mapping[str, ArmConfig]] | None) -> str | None:
+        """The interface that the person shows or types, or "q"; None to skip this name."""
+        there = ", ".join(adapter.name for adapter in self.adapters)
+        question = f"\n{name}: {{}}.\nOr type its present name{f' ({there})' if there else ''}; Enter skips it, q ends."
+        if arms is not None:
+            with _buses(arms()) as buses:
+                wrists = WristWatch(buses)
+                tell(question.format(_WRIST))
+                channel, line = wrists.wait(typed_line, tell)
+            if channel is not None:
+                tell(f"{channel} it is")
+            return channel or line or None
+        plugs = PlugWatch(self.files.root / "sys")
+        tell(question.format(_PLUG))
+        plugged = plugs.wait(typed_line, tell)
+        if isinstance(plugged, str):
+            return plugged or None
+        tell(f"found {', '.join(map(_described, plugged))}")
+        if len(plugged) == 1:
+            return plugged[0].name
+        return ask(f"This adapter has {len(plugged)} channels. Which one is for {name}?") or None
+
+    def table(self) -> str:
+        """All names and adapters, with what ties them."""
+        adapters = self.adapters
+        rows = []
+        for adapter in adapters:
+            usb = adapter.usb
+            ours = adapter.name in [entry.name for entry in self.named]
+            marks = (usb and usb.product, usb and usb.serial, adapter.usb_interface, adapter.dev_id)
+            rows.append([adapter.name, *(mark or "-" for mark in marks), "yes" if ours else "no"])
+        present = [adapter.name for adapter in adapters]
+        rows += [[entry.name, "not plugged in", *"---", "yes"] for entry in self.named if entry.name not in present]
+        return table(["name", "product", "serial", "USB port", "channel", "tied"], rows)
+
+
+def typed_line(timeout_s: float) -> str | None:
+    """A line that is typed within a time, None without one.
+
+    Raises:
+        ConfigError: the terminal has gone.
+    """
+    if not select.select([sys.stdin], [], [], timeout_s)[0]:
+        return None
+    line = os.read(sys.stdin.fileno(), 4096)
+    if not line:
+        raise ConfigError("the terminal has gone; the names that were given stay")
+    return line.decode(errors="replace").strip()
+
+
+@contextlib.contextmanager
+def _buses(arms: Mapping[str, ArmConfig]) -> Iterator[dict[str, can.BusABC]]:
+    with contextlib.ExitStack() as stack:
+        yield {channel: stack.enter_context(own_bus(config)) for channel, config in arms.items()}
+
+
+def _described(adapter: Adapter) -> str:
+    usb = adapter.usb
+    return f"{adapter.name} (serial {usb.serial or 'none'}, port {usb.port})" if usb else adapter.name

@@ -1,0 +1,152 @@
+"""Names of CAN adapters as udev rules: each name is tied to one adapter, by serial number or else by USB port.
+
+A rules file, and not a systemd .link file: those cannot tell the channels of an adapter apart, and do not rename where
+predictable names are switched off, as on Raspberry Pi OS.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import PurePosixPath
+
+from lerobot_robot_yam.doctor.kit.can_adapters import CAN_TYPE, KERNEL_NAME, Adapter
+from lerobot_robot_yam.errors import SetupError
+
+RULES = "etc/udev/rules.d/70-yam-can.rules"  # before 80-net-setup-link.rules, which leaves a name that is given
+_HEAD = (
+    "# Written by yam-setup-can; `yam-setup-can --undo` takes it away. Names of the arms' CAN adapters.\n"
+    "# By serial number; by place (the USB port) where adapters share a serial number or have none.\n"
+)
+_ENTRY = re.compile(r"# (\w+): serial (.+), channel (.+), place (/devices/\S+)")
+_NONE = "-"
+_NAME = re.compile(r"[A-Za-z]\w{0,14}", re.ASCII)  # an interface's name has 15 characters at most
+_SAFE_SERIAL = re.compile(r"[\w.:+-][\w .:+-]*", re.ASCII)  # nothing that udev takes for a pattern or a quote
+
+
+@dataclass(frozen=True)
+class NamedAdapter:
+    """A name and the adapter that it is tied to.
+
+    Attributes:
+        serial: None where it has none that can be used.
+        channel: what tells it from the other channels of its adapter: "dev_id 0x1", "dev_port 1", or "function 1.1" of
+            the USB device; None when it has one channel.
+        place: directory of its hardware below sysfs.
+    """
+
+    name: str
+    serial: str | None
+    channel: str | None
+    place: str
+
+    @property
+    def device(self) -> str:
+        """Place of the USB device, of which this is one function; of other hardware, its own."""
+        place = PurePosixPath(self.place)
+        return str(place.parent if ":" in place.name else place)
+
+    def same_hardware(self, other: "NamedAdapter") -> bool:
+        """Whether no rule could tell them apart."""
+        return (self.serial, self.channel, _glob(self.place)) == (other.serial, other.channel, _glob(other.place))
+
+
+def identify(name: str, adapter: Adapter, adapters: Sequence[Adapter]) -> NamedAdapter:
+    """Tie a name to one of the adapters that are plugged in.
+
+    Raises:
+        SetupError: the name is none for an interface, or the kernel does not tell this adapter from another.
+    """
+    if not _NAME.fullmatch(name) or KERNEL_NAME.fullmatch(name):
+        raise SetupError(
+            f"{name!r} is no name for an adapter: take letters, digits and _, at most 15, and not the kernel's own "
+            "(can0), which follow the order of discovery"
+        )
+    if adapter.place is None:
+        raise SetupError(f"{adapter.name} has no hardware behind it (vcan?): it needs no name of yours")
+    serial = adapter.usb.serial if adapter.usb else None
+    if serial is not None and not _SAFE_SERIAL.fullmatch(serial):
+        serial = None
+    named = NamedAdapter(name, serial, None, adapter.place)
+    others = [other for other in adapters if other.name != adapter.name]
+    alike = [other for other in others if other.place == adapter.place]
+    for key in ("dev_id", "dev_port"):
+        value = getattr(adapter, key)
+        if alike and value is not None and all(getattr(other, key) != value for other in alike):
+            return replace(named, channel=f"{key} {value}")
+    if alike:
+        raise SetupError(
+            f"this kernel does not tell {adapter.name} from {', '.join(other.name for other in alike)}, another "
+            "channel of the same adapter: use Linux 6.1 or newer, or an adapter for each arm"
+        )
+    if any(other.usb and adapter.usb and other.usb.port == adapter.usb.port for other in others):
+        return replace(named, channel=f"function {adapter.place.rpartition(':')[2]}")
+    return named
+
+
+def with_adapter(present: Sequence[NamedAdapter], new: NamedAdapter) -> list[NamedAdapter]:
+    """The names with a new one, which replaces that name's adapter and that adapter's name."""
+    kept = [named for named in present if named.name != new.name and not named.same_hardware(new)]
+    return sorted([*kept, new], key=lambda named: named.name)
+
+
+def where_they_are(named: Sequence[NamedAdapter], adapters: Sequence[Adapter]) -> list[NamedAdapter]:
+    """The names with their present places: an adapter that is named by its serial number may have been moved."""
+
+    def moved(entry: NamedAdapter) -> NamedAdapter:
+        places = {a.name: a.place for a in adapters if a.usb and a.place and a.usb.serial == entry.serial}
+        return entry if entry.place in places.values() else replace(entry, place=places.get(entry.name) or entry.place)
+
+    return [moved(entry) for entry in named]
+
+
+def rules_text(named: Sequence[NamedAdapter], adapters: Sequence[Adapter]) -> str | None:
+    """The rules file for these names, given what is plugged in; None when there is no name.
+
+    Raises:
+        SetupError: two names would be tied to one USB port.
+    """
+    if not named:
+        return None
+    seen = {(a.usb.serial, _glob(a.place).rpartition("/")[0]) for a in adapters if a.usb and a.place}
+    seen |= {(entry.serial, _glob(entry.device)) for entry in named}
+    by_place = [n for n in named if n.serial is None or sum(serial == n.serial for serial, _ in seen) > 1]
+    for entry in by_place:
+        rivals = [n.name for n in named if (_glob(n.place), n.channel) == (_glob(entry.place), entry.channel)]
+        if len(rivals) > 1:
+            raise SetupError(
+                f"{' and '.join(rivals)} are in one USB port, and their serial numbers do not tell them apart: give "
+                "each adapter a port for good, then name them again"
+            )
+    return _HEAD + "".join(_lines(entry, entry in by_place) for entry in named)
+
+
+def parse_rules(text: str | None) -> list[NamedAdapter]:
+    """The names in a rules file that `rules_text` has made."""
+    return [
+        NamedAdapter(name, None if serial == _NONE else serial, None if channel == _NONE else channel, place)
+        for name, serial, channel, place in _ENTRY.findall(text or "")
+    ]
+
+
+def _lines(named: NamedAdapter, by_place: bool) -> str:
+    key, _, value = (named.channel or "").partition(" ")
+    match = ['SUBSYSTEM=="net"', 'ACTION!="remove"', f'ATTR{{type}}=="{CAN_TYPE}"']
+    if by_place:
+        match.append(f'DEVPATH=="{_glob(named.place)}/net/*"')
+    else:
+        match.append(f'ATTRS{{serial}}=="{named.serial}"')
+        if key == "function":
+            match.append(f'DEVPATH=="*:{value}/net/*"')
+    if key in ("dev_id", "dev_port"):
+        match.append(f'ATTR{{{key}}}=="{value}"')
+    # udev renames at "add"; systemd looks at the properties of the "move" that follows.
+    # NetworkManager leaves it alone; systemd starts the unit that brings it up.
+    give = [f'NAME="{named.name}"', 'ENV{NM_UNMANAGED}="1"', 'TAG+="systemd"']
+    give.append(f'ENV{{SYSTEMD_WANTS}}+="yam-can@{named.name}.service"')
+    entry = f"# {named.name}: serial {named.serial or _NONE}, channel {named.channel or _NONE}, place {named.place}"
+    return f"\n{entry}\n{', '.join([*match, *give])}\n"
+
+
+def _glob(place: str) -> str:
+    """A place without the numbers that follow the order of discovery: of USB buses, and of controllers (xhci-hcd.1)."""
+    return re.sub(r"(?<=/)\d+(?=-)", "*", re.sub(r"(?<=/usb)\d+|(?<=/xhci-hcd\.)\d+", "*", place))

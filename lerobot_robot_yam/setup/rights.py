@@ -1,0 +1,54 @@
+"""Rights of a user: real-time scheduling and locked memory, cameras, uinput. Raw CAN sockets need none."""
+
+from collections.abc import Mapping
+
+from lerobot_robot_yam.control.process.control_process import RT_PRIORITY
+from lerobot_robot_yam.errors import SetupError
+from lerobot_robot_yam.setup.group_members import Member, groups_of, with_members
+from lerobot_robot_yam.setup.system_files import Change, SystemFiles
+
+LIMITS = "etc/security/limits.d/90-yam.conf"
+RULES_OF_DEVICES = "etc/udev/rules.d/70-yam-devices.rules"
+_DEVICES = """\
+# Written by yam-setup-can; `yam-setup-can --undo` takes it away.
+# RealSense cameras by way of USB, as video devices are: for the group video.
+SUBSYSTEM=="usb", ATTR{idVendor}=="8086", ATTR{product}=="*RealSense*", GROUP="video", MODE="0660"
+# Programs that type keys (foot pedals, buttons of handles): for the group input.
+KERNEL=="uinput", SUBSYSTEM=="misc", GROUP="input", MODE="0660", OPTIONS+="static_node=uinput"
+"""
+_GROUPS = ("video", "input")
+_GROUP, _SHADOW, _USERS = "etc/group", "etc/gshadow", "etc/passwd"
+
+
+def rights_changes(files: SystemFiles, user: str) -> list[Change]:
+    """The changes that give a user the rights.
+
+    Raises:
+        SetupError: there is no such user or group, or a file cannot be read.
+    """
+    if not any(line.startswith(f"{user}:") for line in (files.read(_USERS) or "").splitlines()):
+        raise SetupError(f"there is no user {user!r} in /{_USERS}: say who drives the arms (--user NAME)")
+    groups = files.read(_GROUP) or ""
+    missing = sorted(set(_GROUPS) - groups_of(groups))
+    if missing:
+        raise SetupError(
+            f"there is no group {' and no group '.join(missing)} in /{_GROUP}: make it (sudo groupadd --system "
+            f"{missing[0]}), or give names only (--no-rights)"
+        )
+    before = files.read(LIMITS)
+    lines = (before or "").splitlines()
+    wanted = [f"{user} - rtprio {RT_PRIORITY}", f"{user} - memlock unlimited"]
+    limits = "".join(f"{line}\n" for line in [*lines, *(line for line in wanted if line not in lines)])
+    changes = files.change_to(LIMITS, limits) + files.change_to(RULES_OF_DEVICES, _DEVICES)
+    for path in (_GROUP, _SHADOW):
+        text = files.read(path)
+        new = tuple(m for m in (Member(g, user) for g in _GROUPS) if text is not None and not m.line_in(text))
+        if text is not None and new:
+            changes.append(Change(path, text, with_members(text, new), new))
+    return changes
+
+
+def user_of(environment: Mapping[str, str]) -> str | None:
+    """Who has called sudo, else who is logged in; None for root."""
+    name = environment.get("SUDO_USER") or environment.get("USER") or environment.get("LOGNAME")
+    return None if name in (None, "root") else name

@@ -1,0 +1,80 @@
+"""Making changes take effect with the system's own tools. With another root than "/" they are only told."""
+
+import subprocess
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from lerobot_robot_yam.doctor.kit.can_adapters import Adapter
+from lerobot_robot_yam.errors import ChannelInUseError, SetupError
+from lerobot_robot_yam.setup.adapter_rules import RULES
+from lerobot_robot_yam.setup.link_unit import UNIT, bring_up
+from lerobot_robot_yam.setup.rights import RULES_OF_DEVICES
+from lerobot_robot_yam.setup.system_files import Change, SystemFiles
+from lerobot_robot_yam.state.records import channel_key
+from lerobot_robot_yam.system.runtime_files import runtime_dirs, sessions
+
+_TIMEOUT_S = 30.0
+
+
+class SystemTools:
+    """Runs the system's tools on the computer that `files` belong to.
+
+    Args:
+        tell: takes each command before it is run, as a line of text.
+        dry: only tell them.
+    """
+
+    def __init__(self, files: SystemFiles, tell: Callable[[str], None], dry: bool):
+        self._files = files
+        self._tell = tell
+        self._dry = dry or not files.live
+
+    def load(self, changes: Sequence[Change]) -> None:
+        """Make udev and systemd read what has changed."""
+        paths = {change.path for change in changes}
+        if paths & {RULES, RULES_OF_DEVICES}:
+            self._run("udevadm control --reload".split())
+        if RULES_OF_DEVICES in paths:
+            self._run("udevadm trigger --subsystem-match=usb --subsystem-match=misc".split())
+        if UNIT in paths:
+            self._run("systemctl daemon-reload".split())
+
+    def rename(self, interface: str, name: str) -> bool:
+        """Have a plugged-in adapter named by its rule and brought up; returns whether it is, or would be."""
+        if interface != name:
+            self._run(["ip", "link", "set", interface, "down"])  # an interface that is up keeps its name
+            self._run(["udevadm", "trigger", "--action=add", f"/sys/class/net/{interface}"])
+            self._run(["udevadm", "settle"])
+        if not self._dry and not Path("/sys/class/net", name).exists():
+            return False
+        self._run(["systemctl", "restart", f"yam-can@{name}.service"])
+        return True
+
+    def reset(self, adapter: Adapter) -> None:
+        """Take a link down and bring it up."""
+        for command in bring_up(adapter):
+            self._run(command)
+
+    def _run(self, command: Sequence[str]) -> None:
+        self._tell(f"{'would run' if self._dry else 'runs'}: {' '.join(command)}")
+        if self._dry:
+            return
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False)
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise SetupError(f"{' '.join(command)} failed: {error}") from error
+        if done.returncode != 0:
+            raise SetupError(f"{' '.join(command)} failed: {done.stderr.strip() or done.returncode}")
+
+
+def check_undriven(interfaces: Sequence[str]) -> None:
+    """Refuse to touch the link of an arm that a session of any user drives: the arm would fall.
+
+    Raises:
+        ChannelInUseError: names the channel and the process.
+    """
+    keys = {channel_key("socketcan", name, None) for name in interfaces}
+    for directory in runtime_dirs():
+        for key, process in sessions(directory).items():
+            if key in keys:
+                raise ChannelInUseError(f"{key} is driven by process {process}: end that session, which lands its arm")

@@ -1,0 +1,58 @@
+"""The system's tools are run in their order, and say what went wrong. Recorders stand in PATH for them."""
+
+from pathlib import Path
+
+import pytest
+
+from lerobot_robot_yam.doctor.kit.can_adapters import Adapter
+from lerobot_robot_yam.errors import SetupError
+from lerobot_robot_yam.setup.link_unit import UNIT
+from lerobot_robot_yam.setup.system_files import Change, SystemFiles
+from lerobot_robot_yam.setup.system_tools import SystemTools
+
+ADAPTER = Adapter("can9", "gs_usb", None, None, None, None)
+
+
+@pytest.fixture
+def ran(tmp_path, monkeypatch):
+    """The commands that were run; no other tool can be found."""
+    for tool in ("ip", "udevadm", "systemctl"):
+        (tmp_path / tool).write_text(f'#!/bin/sh\necho "{tool} $*" >> {tmp_path}/ran\n')
+        (tmp_path / tool).chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    (tmp_path / "ran").touch()
+    return lambda: (tmp_path / "ran").read_text().splitlines()
+
+
+@pytest.fixture
+def tools(ran):
+    said = []
+    return SystemTools(SystemFiles(Path("/")), said.append, dry=False)
+
+
+def test_an_adapter_is_renamed_while_its_link_is_down_then_brought_up(tools, ran):
+    assert tools.rename("can9", "lo")  # an interface that is there
+    renamed = [
+        "ip link set can9 down",
+        "udevadm trigger --action=add /sys/class/net/can9",
+        "udevadm settle",
+    ]
+    assert ran() == [*renamed, "systemctl restart yam-can@lo.service"]
+    assert not tools.rename("can9", "can_not_there")  # systemd would wait for it
+    assert ran()[4:] == renamed
+
+
+def test_a_reset_and_a_new_unit(tools, ran):
+    tools.reset(ADAPTER)
+    tools.load([Change(UNIT, None, "x")])
+    up = "ip link set can9 up txqueuelen 100 type can bitrate 1000000"
+    assert ran() == ["ip link set can9 down", up, "systemctl daemon-reload"]
+
+
+def test_a_tool_that_fails_or_is_missing(tools, tmp_path):
+    (tmp_path / "ip").write_text("#!/bin/sh\necho RTNETLINK answers: Operation not permitted >&2\nexit 2\n")
+    with pytest.raises(SetupError, match="ip link set can9 down failed: RTNETLINK answers: Operation not permitted"):
+        tools.reset(ADAPTER)
+    (tmp_path / "ip").unlink()
+    with pytest.raises(SetupError, match="ip link set can9 down failed: .*No such file"):
+        tools.reset(ADAPTER)
