@@ -114,7 +114,7 @@ def test_the_follower_is_at_its_leader(recorded, monkeypatch):
 
 
 def test_every_recorded_action_is_the_target_of_its_tick(recorded):
-    """The data set numbers its frames, and does not say when each was taken: each one's tick is behind the last one's."""
+    """The data set numbers its frames, and does not say when they were taken: each tick is behind the one before."""
     _, states, data, _ = recorded
     coupled = [state for state in states if state.coupled]
     stamps, targets = (np.array(column) for column in zip(*((s.published_s, s.action) for s in coupled), strict=True))
