@@ -14,6 +14,7 @@ from lerobot_robot_yam.arm.config_checks import check_switches
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.devices.arm_device import ArmDevice
+from lerobot_robot_yam.face.devices.gate_voice import GateVoice
 from lerobot_robot_yam.face.operator_keys.operator_keys import OperatorKeys
 from lerobot_robot_yam.face.recorder.record_command import saves_finished_episode
 from lerobot_robot_yam.state.modes import Mode
@@ -55,6 +56,7 @@ class LeaderBase(ArmDevice, Teleoperator):
                 self._lower[side.slice], self._upper[side.slice] = limits.T
         self._speak(options.action_space, followers)
         self._keys = OperatorKeys(meanings_of(options), options.auto_episodes)
+        self._voice = GateVoice(together=all(arm.gate_together for arm in arms.values()))
         self._restart()
 
     def _restart(self) -> None:
@@ -83,6 +85,7 @@ class LeaderBase(ArmDevice, Teleoperator):
         """
         self._restart()
         self._arms.check_followers()
+        self._voice.begin(inspect.currentframe())
         self._arms.start(calibrate, self._space.keys, self._models, self.get_action, self._recognise)
         try:
             self._keys.start(inspect.currentframe(), self._published)
@@ -119,6 +122,7 @@ class LeaderBase(ArmDevice, Teleoperator):
             StaleStateError: an arm has nothing fresh to say.
         """
         states = self._arms.observe()
+        self._voice.tell({side.prefix: state.gate for side, state in zip(self._arms.sides, states, strict=True)})
         self._given = True
         if self._action is not None and any(state.mode is Mode.STOPPED for state in states):
             return dict(self._action)

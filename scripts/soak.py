@@ -38,6 +38,9 @@ def arguments(given: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=1, help="of the schedule")
     parser.add_argument("--pace", type=float, default=1.0, help="so many times as many faults")
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS), help="only these faults")
+    parser.add_argument(
+        "--coupled", action="store_true", help="leaders lead at loop rate, behind a gate, with force feedback"
+    )
     parser.add_argument("--json", type=Path, help="write the figures to this file")
     parser.add_argument("--plot", type=Path, help="save a plot of the run to this file")
     parser.add_argument("--verbose", action="store_true", help="a line for every fault and every recovery")
@@ -115,7 +118,7 @@ def soak(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     from lerobot_robot_yam.rig.client.rig_control import RigControl, wait_ended
 
     rig = RigControl.start(seed=args.seed)
-    robot, leader = make_devices(rig.name, folder)
+    robot, leader = make_devices(rig.name, folder, args.coupled)
     begin_s = time.monotonic()
     judge = Judge({"rig": rig.name, "arms": robot.jobs() | leader.jobs()}, begin_s)
     schedule = make_schedule(args.minutes * 60.0, args.seed, args.pace, args.kinds)
@@ -128,7 +131,7 @@ def soak(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
             assert injector is not None
             judge.add(invariant, time.monotonic(), channel=channel, what=what, after_injection=injector.position)
 
-        operator = Operator(rig, injector, args.seed, violation)
+        operator = Operator(rig, injector, args.seed, violation, args.coupled)
         teleop = Teleoperation(robot, leader, operator, injector, violation)
         try:
             teleop.connect()
@@ -160,6 +163,7 @@ def soak(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
         "minutes": args.minutes,
         "seed": args.seed,
         "pace": args.pace,
+        "coupled": args.coupled,
         "injected": dict(injector.injected),
         "left_over": left_over,
         "judge": judge.summary,

@@ -23,11 +23,12 @@ class Arm:
         channel: its CAN channel.
         job: role; key of its blocks; speed_limit (7,) of the set-point; motor_speed_limit, torque_limit, kp and kd
             (n,) rad/s, Nm, Nm/rad and Nm s/rad at the motors, gripper last; rest_q (6,) rad; peer, channel of the
-            robot's other arm.
+            robot's other arm; leads, channel of the follower that follows this arm at loop rate, None: of none.
     """
 
     def __init__(self, channel: str, job: dict[str, Any]):
         self.channel, self.role, self.peer = channel, job["role"], job["peer"]
+        self.leads: str | None = job.get("leads")
         self.motor_speed_limit = np.array(job["motor_speed_limit"])
         self.torque_limit = np.array(job["torque_limit"])
         self.kp, self.kd = np.array(job["kp"]), np.array(job["kd"])

@@ -25,6 +25,7 @@ from soak.schedule import CAMERA, CHANNELS, FOLLOWERS, LEADERS
 
 TORQUE_LIMIT_NM = [20.0, 24.0, 20.0, 7.0, 7.0, 7.0]  # below the motors' own, or the clip could not be seen
 _HUNG_S = 0.3
+_BILATERAL = 0.15  # usual in labs
 
 
 def keys(rig: str) -> dict[str, str]:
@@ -95,6 +96,7 @@ class Device:
                 "kp": hardware.kp.tolist(),
                 "kd": hardware.kd.tolist(),
                 "rest_q": hardware.rest_q.tolist(),
+                "leads": getattr(config, "follower", None),
             }
         return found
 
@@ -143,8 +145,8 @@ class Device:
             self.device.disable_torque()
 
 
-def make_devices(rig: str, folder: Path) -> tuple[Device, Device]:
-    """Robot and teleoperator, with a camera and a torque clip."""
+def make_devices(rig: str, folder: Path, coupled: bool = False) -> tuple[Device, Device]:
+    """Robot and teleoperator, with a camera and a torque clip; maybe with coupling, gate and force feedback."""
     common: dict[str, Any] = {
         "interface": "yam_sim",
         "gravity_factor": [1.0] * 6,
@@ -162,7 +164,11 @@ def make_devices(rig: str, folder: Path) -> tuple[Device, Device]:
             cameras={CAMERA: camera},
         )
     )
-    first, second = (LeaderArmConfig(channel=channel, **common) for channel in LEADERS)
+    leaders = [LeaderArmConfig(channel=channel, **common) for channel in LEADERS]
+    for arm, follower in zip(leaders, FOLLOWERS, strict=True):
+        if coupled:
+            arm.follower, arm.gate, arm.bilateral = follower, "auto", _BILATERAL
+    first, second = leaders
     leader = BiYamLeader(
         BiYamLeaderConfig(id="soak", calibration_dir=folder / "leader", left_arm_config=first, right_arm_config=second)
     )

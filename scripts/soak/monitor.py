@@ -17,6 +17,7 @@ from lerobot_robot_yam.system.realtime import request_realtime
 from soak.arm import Arm
 from soak.checks import Finding, PolicyCheck
 from soak.context import Context, cpu_times, steal_share
+from soak.coupled import CouplingCheck
 from soak.obedience import ObedienceCheck
 from soak.stalls import ProcessorWatch
 from soak.truth import Truth
@@ -50,6 +51,8 @@ class Monitor:
         self._truth = Truth(self._rig, self._arms, self._context)
         self._policy = PolicyCheck({channel: arm.peer for channel, arm in self._arms.items()})
         self._obedience = {channel: ObedienceCheck(channel) for channel in self._arms}
+        self._leaders = {arm.leads: arm for arm in self._arms.values() if arm.leads is not None}
+        self._coupling = {channel: CouplingCheck(channel) for channel in self._leaders}
         self._stop = EmergencyStop()
         self._stopped_since_s: float | None = None
         self._next_event = 0
@@ -76,7 +79,7 @@ class Monitor:
         self._rig.close()
 
     def _look(self) -> None:
-        records = {channel: arm.read() for channel, arm in self._arms.items()}
+        records = {channel: arm.read() for channel, arm in self._arms.items()}  # of followers before their leaders
         if not self._stop.latched:  # later than what has been read: it was latched then, too
             self._stopped_since_s = None
         elif self._stopped_since_s is None:
@@ -89,6 +92,9 @@ class Monitor:
                 self._report(finding)
             for finding in arm.check.look(record):
                 self._report(finding)
+            if channel in self._coupling:
+                for finding in self._coupling[channel].look(record, self._leaders[channel].record):
+                    self._report(finding)
             findings, news = self._policy.look(channel, record, self._arms[arm.peer].record)
             for finding in findings:
                 self._report(finding)
@@ -157,9 +163,18 @@ class Monitor:
                 "records in an emergency stop": sum(check.stops for check in self._obedience.values()),
                 "records of a silent caller's arm": sum(check.silences for check in self._obedience.values()),
             },
+            "coupled": self._coupled(),
             "limited": dict(sorted(self._policy.limited.items())),
             **self._truth.summary(self._begin_s),
         }
+
+    def _coupled(self) -> dict[str, int]:
+        """What followers that follow at loop rate were seen to do, and the gates that let them."""
+        checks = self._coupling.values()
+        found = {"records of a coupled follower": sum(check.records for check in checks)} if self._coupling else {}
+        for name in sorted({name for check in checks for name in check.gates}):
+            found[f"gate became {name}"] = sum(check.gates[name] for check in checks)
+        return found
 
 
 def main() -> int:

@@ -25,7 +25,8 @@ class ObedienceCheck:
     def look(self, record: Any, stopped_since_s: float | None) -> list[Finding]:
         """Check one record; `stopped_since_s`: since when the emergency stop has been latched, None: it is not."""
         mode, now = mode_of(record), float(record["stamp_s"])
-        if int(record["target_sequence"]) != self._target:
+        if int(record["target_sequence"]) != self._target or record["coupled_to"]:
+            # A coupled follower's targets come from its leader; for how long after the caller's word, `coupled` judges.
             self._target, self._target_s = int(record["target_sequence"]), now
         stopped = stopped_since_s is not None and now > stopped_since_s + _STOP_S
         silent = now > self._target_s + ArmConfig.command_timeout_s + _LATE_S

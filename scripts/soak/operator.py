@@ -13,12 +13,13 @@ from lerobot_robot_yam.rig.client.rig_control import RigControl
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from soak.devices import Device
 from soak.injector import Injector
-from soak.schedule import LEADERS, hand_path
+from soak.schedule import BACK_S, LEADERS, hand_path, lift_and_return
 
 logger = logging.getLogger("soak")
 
 PATIENCE_S = 1.5  # a control process that is silent for longer is ended by connecting anew
 _HAND_S = 40.0
+_LIFTED_S, _HOME_S = (6.0, 20.0), (0.2, 5.0)  # some stays at home are too short to release, or to get there
 _IMPATIENT = 0.25  # how often the operator tries before the fault is gone
 _ATTEMPTS = 3
 _SETTLE_S = 0.6  # the motors' watchdog, and a little
@@ -33,10 +34,19 @@ class Operator:
         injector: keeps quiet while something is connected or re-armed.
         seed: of hands and patience.
         violation: called with invariant, channel or device, and what.
+        coupled: leaders engage when they are lifted: bring them home now and then.
     """
 
-    def __init__(self, rig: RigControl, injector: Injector, seed: int, violation: Callable[[str, str, str], None]):
+    def __init__(
+        self,
+        rig: RigControl,
+        injector: Injector,
+        seed: int,
+        violation: Callable[[str, str, str], None],
+        coupled: bool = False,
+    ):
         self._rig, self._injector, self._violation = rig, injector, violation
+        self._coupled = coupled
         self._chance = random.Random(f"{seed} operator")
         self._stopped_at_end = False
         self._guided_until_s = 0.0  # the hands know where to go until then
@@ -46,7 +56,7 @@ class Operator:
     def see_to(self, device: Device) -> None:
         """Bring a device back that has raised an error. Whoever holds a leader lets go first."""
         begin = time.monotonic()
-        if device.channels == LEADERS:
+        if device.channels == LEADERS or self._coupled:
             self.let_go()
         if self._injector.busy and self._chance.random() < _IMPATIENT:
             self._try_too_early(device)
@@ -147,11 +157,20 @@ class Operator:
         if time.monotonic() < self._guided_until_s:
             return
         arms = self._rig.state()["arms"]
+        lasts_s = _HAND_S - 1.0
+        if self._coupled:
+            lifted_s, home_s = self._chance.uniform(*_LIFTED_S), self._chance.uniform(*_HOME_S)
+            lasts_s = lifted_s + BACK_S + home_s
         for channel in LEADERS:
+            q = arms[channel]["q"]
             if arms[channel]["resists"]:
                 self.counts["a leader had resisted its hand"] += 1
-            self._rig.hand(channel, *hand_path(self._chance, arms[channel]["q"], _HAND_S))
-        self._guided_until_s = time.monotonic() + _HAND_S - 1.0
+            if self._coupled:  # who feels a force does not let go of a leader
+                self._rig.hand(channel, *lift_and_return(self._chance, q, lifted_s, home_s), gives_way=False)
+            else:
+                self._rig.hand(channel, *hand_path(self._chance, q, _HAND_S))
+        self.counts["hands took the leaders"] += 1
+        self._guided_until_s = time.monotonic() + lasts_s
 
     def let_go(self) -> None:
         """Both leaders."""

@@ -27,6 +27,7 @@ def table(report: Report) -> str:
         "obeyed (state records seen)",
         *_counts(judge["obeyed"]),
         "",
+        *(["led at loop rate", *_counts(judge["coupled"]), ""] if judge["coupled"] else []),
         "set-points seeded from the measured pose",
         *_counts(judge["seeds"]),
         "",

@@ -12,6 +12,7 @@ FOLLOWERS = ("follower_left", "follower_right")
 LEADERS = ("leader_left", "leader_right")
 CHANNELS = FOLLOWERS + LEADERS
 CAMERA = "top"
+BACK_S = 2.0  # of a leader's way home
 LOSS_RATE = 0.01  # of all frames to and from all motors, all the time
 NIBBLES = (0x0, 0x8, 0x9, 0xA, 0xB, 0xC, 0xD, 0xE)  # every way in which a motor switches itself off
 _JOINTS = load_arm("yam").joint_count
@@ -175,3 +176,17 @@ def hand_path(
         times.append(t)
         trigger.append(0.5 + 0.5 * swing[6])
     return times, path, trigger
+
+
+def lift_and_return(
+    rng: random.Random, start: Sequence[float], lifted_s: float, home_s: float
+) -> tuple[list[float], list[list[float]], list[float]]:
+    """As `hand_path` for `lifted_s`, then home, where all joints are zero, in `BACK_S`, and there for `home_s`."""
+    times, path, trigger = hand_path(rng, start, lifted_s)
+    last, begin_s, squeeze = path[-1], times[-1], trigger[-1]
+    for step in range(1, round(BACK_S / 0.1) + 1):
+        share = 0.5 + 0.5 * math.cos(math.pi * step * 0.1 / BACK_S)
+        times.append(begin_s + step * 0.1)
+        path.append([share * angle for angle in last])
+        trigger.append(squeeze)
+    return [*times, times[-1] + home_s], [*path, path[-1]], [*trigger, squeeze]

@@ -12,6 +12,7 @@ def soak(monkeypatch):
     import soak.arm
     import soak.checks
     import soak.context
+    import soak.coupled
     import soak.obedience
     import soak.schedule
     import soak.seeds

@@ -129,6 +129,7 @@ def test_a_motor_is_faster_only_where_its_commands_stayed_away(soak, motor, late
 @pytest.mark.alone
 def test_a_short_soak(tmp_path):
     figures, output = run_soak(tmp_path, "--minutes", "0.1", "--pace", "4", "--seed", "3", timeout_s=200)
+    assert figures["judge"]["coupled"] == {}
     assert figures["judge"]["records"] > 1000
     assert figures["caller"]["counts"]["actions sent"] > 20
     assert sum(figures["injected"].values()) > 5
@@ -137,9 +138,20 @@ def test_a_short_soak(tmp_path):
 
 @pytest.mark.long
 @pytest.mark.alone
+def test_a_short_soak_of_coupled_arms(tmp_path):
+    figures, output = run_soak(tmp_path, "--coupled", "--minutes", "0.4", "--seed", "3", timeout_s=300)
+    coupled = figures["judge"]["coupled"]
+    assert coupled["records of a coupled follower"] > 1000
+    assert all(coupled[f"gate became {name}"] for name in ("approach", "engaged", "homing"))
+    assert "led at loop rate" in output and "violations: 0" in output
+
+
+@pytest.mark.long
+@pytest.mark.alone
 @pytest.mark.timeout(2400)
-def test_twenty_minutes(tmp_path):
-    figures, _ = run_soak(tmp_path, "--minutes", "20", "--seed", "1", timeout_s=2300)
+@pytest.mark.parametrize("options", [[], ["--coupled"]], ids=["apart", "coupled"])
+def test_twenty_minutes(tmp_path, options):
+    figures, _ = run_soak(tmp_path, "--minutes", "20", "--seed", "1", *options, timeout_s=2300)
     least = {"motor_fault": 38, "lost_replies": 400, "camera_stall": 25, "caller_stall": 35, "emergency_stop": 10}
     assert {kind: figures["injected"][kind] for kind in least if figures["injected"][kind] < least[kind]} == {}
     assert all(figures["judge"]["obeyed"].values())

@@ -1,4 +1,4 @@
-"""A leader and a follower in lock-step, in one session: one clock, one control loop, no processes."""
+"""Leaders and their followers in lock-step, in one session: one clock, one control loop, no processes."""
 
 import numpy as np
 
@@ -8,6 +8,8 @@ from lerobot_robot_yam.session.arm_session import ArmSession
 from tests.support.rigged import STOPS
 
 LEADER, FOLLOWER = "leader_left", "follower_left"
+PAIR = ((LEADER, FOLLOWER),)
+BOTH = (*PAIR, ("leader_right", "follower_right"))
 POSE = np.array([0.1, 1.0, 1.0, -0.3, 0.1, 0.1])
 
 
@@ -21,10 +23,11 @@ def arm_config(rig, channel, lead=None, **fields):
     return LeadArmConfig(name=channel, channel=channel, can_options={"rig": rig.name}, lead=lead, **given | fields)
 
 
-def coupled_session(rig, follower_fields=None, **lead):
-    """A session of both, not yet started; `lead`: fields of `LeadConfig`."""
-    leader = arm_config(rig, LEADER, LeadConfig(follower=FOLLOWER, **lead))
-    return ArmSession([leader, arm_config(rig, FOLLOWER, **(follower_fields or {}))], isolation="lockstep")
+def coupled_session(rig, follower_fields=None, pairs=PAIR, **lead):
+    """A session of a pair or two, not yet started; `lead`: fields of `LeadConfig`."""
+    leaders = [arm_config(rig, leader, LeadConfig(follower=follower, **lead)) for leader, follower in pairs]
+    followers = [arm_config(rig, follower, **(follower_fields or {})) for _, follower in pairs]
+    return ArmSession([*leaders, *followers], isolation="lockstep")
 
 
 def sweep(rig, seconds, frequency_hz=0.5, rad=0.3):
@@ -45,14 +48,14 @@ def started(rig, follower_fields=None, fps=30, **lead):
 
 
 class Passing:
-    """A caller that passes the leader's action on, `fps` times a second, as LeRobot does.
+    """A caller that passes the leaders' actions on, `fps` times a second, as LeRobot does.
 
     Attributes:
         given: (time, action) as passed on.
     """
 
-    def __init__(self, session, fps=30):
-        self._session, self._period_s = session, 1 / fps
+    def __init__(self, session, fps=30, pairs=PAIR):
+        self._session, self._period_s, self._pairs = session, 1 / fps, pairs
         self._next_s = session.clock.now()
         self.given = []
 
@@ -69,14 +72,14 @@ class Passing:
 
     def pass_on(self):
         session = self._session
-        leader, follower = session[LEADER].newest(), session[FOLLOWER].newest()
-        action = follower.action if follower.coupled else leader.action
-        if action is None:
-            return
-        self.given.append((session.clock.now(), action))
-        permission = session.key(LEADER), 0.1 + self._period_s
-        gripper = action[6] if len(action) > 6 else None
-        session[FOLLOWER].write_target(action[:6], gripper, coupled=permission)
+        for leads, follows in self._pairs:
+            leader, follower = session[leads].newest(), session[follows].newest()
+            action = follower.action if follower.coupled else leader.action
+            if action is None:
+                continue
+            self.given.append((session.clock.now(), action))
+            gripper = action[6] if len(action) > 6 else None
+            session[follows].write_target(action[:6], gripper, coupled=(session.key(leads), 0.1 + self._period_s))
 
     def stall(self, seconds, each_tick=lambda: None):
         """Let time pass, and pass nothing on."""

@@ -59,6 +59,9 @@ class HeldLeader:
         gated: see `BilateralForce`.
         sag_nm: (6,) torque that pulls the follower off its set-point.
         blocked: the follower cannot move.
+
+    Attributes:
+        energies_j: one for each tick.
     """
 
     def __init__(self, q, gain, stiffness_n_m, mass_kg, damping_ratio, gated=True, sag_nm=None, blocked=False):
@@ -83,6 +86,13 @@ class HeldLeader:
         self._published = np.zeros(6), np.zeros(6), 0.0
         self._seen = np.zeros(6), np.zeros(6), 0.0
         self.now = 0.0
+        self.energies_j = []
+
+    @property
+    def energy_j(self):
+        """Of the leader in its hand, and of the spring that pulls it to its follower."""
+        q, dq, error = self.leader.q, self.leader.dq, self.follower.q - self.leader.q
+        return 0.5 * (dq @ self.leader.inertia @ dq + q @ self._hand @ q + self._force.stiffness @ error**2)
 
     def run(self, seconds):
         """(k, 6) speeds of the leader, (k, 6) its positions, and torques on it, one row per tick."""
@@ -91,6 +101,7 @@ class HeldLeader:
             self._tick()
             for _ in range(round(TICK_S / STEP_S)):
                 self._step()
+            self.energies_j.append(self.energy_j)
             rows.append((self.leader.dq.copy(), self.leader.q.copy(), self.tau.copy()))
         return tuple(np.array(column) for column in zip(*rows, strict=True))
 

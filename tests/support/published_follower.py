@@ -26,6 +26,7 @@ class LedPairs:
         setpoints: of each follower (7,).
         behind: of each follower (7,), from its set-point to where it is.
         follower_modes, coupled: of each follower; a coupled one takes its target at once.
+        publishes: of each follower, whether its loop publishes its state.
     """
 
     def __init__(self, sides=("left",), **lead):
@@ -44,6 +45,7 @@ class LedPairs:
         self.behind = [np.zeros(7) for _ in sides]
         self.follower_modes = [Mode.TRACK for _ in sides]
         self.coupled = [True for _ in sides]
+        self.publishes = [True for _ in sides]
         self.now = 1.0
 
     def run(self, seconds=TICK_S):
@@ -52,7 +54,8 @@ class LedPairs:
             for index, lead in enumerate(self.leads):
                 if self.coupled[index] and lead.action is not None:
                     self.setpoints[index] = lead.action.copy()
-                self._publish(index)
+                if self.publishes[index]:
+                    self._publish(index)
                 sample = self.q[index], np.zeros(6), np.full(6, self.now)
                 handle = *self.handles[index], self.now
                 lead.advance(self.now, self.modes[index], sample, handle, np.zeros(6))
@@ -66,6 +69,11 @@ class LedPairs:
         record["q"][:7] = self.setpoints[index] + self.behind[index]
         record["coupled_to"] = coupling_number(self._keys[index]) if self.coupled[index] else 0
         self._blocks[index].write(record)
+
+    def remove_follower(self, index):
+        """Its block goes, as when its process has ended."""
+        self.publishes[index] = False
+        self._blocks[index].close()
 
     def close(self):
         for lead, block in zip(self.leads, self._blocks, strict=True):

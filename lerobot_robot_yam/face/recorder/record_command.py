@@ -53,6 +53,12 @@ def under_a_command(frame: FrameType | None) -> bool:
     return any(caller.f_code.co_filename.startswith(_COMMANDS) for caller in callers(frame))
 
 
+def plays_sounds(frame: FrameType | None) -> bool:
+    """Whether the command that has called down to `frame` says aloud what it does: by its option `play_sounds`."""
+    configs = (c.f_locals.get("cfg") for c in callers(frame) if c.f_code.co_filename.startswith(_COMMANDS))
+    return any(getattr(config, "play_sounds", False) for config in configs)
+
+
 @dataclass(frozen=True)
 class RecordCommand:
     """What the command holds.

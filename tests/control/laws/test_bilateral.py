@@ -77,7 +77,10 @@ def test_a_leader_let_go_comes_to_rest_where_an_ungated_one_wanders_off(gain):
 
 
 def decays(seed):
-    """A pair about a random pose, in a random hand, is jolted; the leader's speed, by windows of 0.4 s."""
+    """A pair about a random pose, in a random hand, is jolted; the largest energy, J, by windows of 0.4 s.
+
+    Speeds of joints pass from one to the other, and a spring gives back what it has taken: only energy tells growth.
+    """
     rng = np.random.default_rng(seed)
     low, high = load_arm("yam").joint_limits_rad.T
     stiffness = 0.0 if rng.random() < 0.2 else rng.uniform(0.0, 2000.0)
@@ -88,14 +91,15 @@ def decays(seed):
     )
     pair.run(0.6)  # until the force has faded in
     pair.leader.dq = rng.uniform(-0.5, 0.5, 6)
-    speeds, _, _ = pair.run(2.4)
-    return np.abs(speeds).reshape(6, -1, 6).max(axis=1)
+    pair.run(2.4)
+    return np.array(pair.energies_j[-600:]).reshape(6, -1).max(axis=1)
 
 
 def check_decays(seed):
-    windows = decays(seed).max(axis=1)
-    assert (windows[1:] <= 1.05 * windows[:-1] + STEADY).all(), windows
-    assert windows[-1] < 0.6 * windows[0] + STEADY, windows
+    """An arm of which nothing but its joints' own damping takes energy away keeps three quarters of it in 2 s."""
+    windows = decays(seed)
+    assert (windows[1:] < windows[:-1] + 1e-3 * windows[0]).all(), windows  # the steps of readings move an arm at rest
+    assert windows[-1] < 0.8 * windows[0], windows
 
 
 @pytest.mark.parametrize("seed", range(8))

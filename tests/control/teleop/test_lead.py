@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.state.modes import Gate, Mode
-from tests.support.published_follower import LedPairs
+from tests.support.published_follower import TICK_S, LedPairs
 
 
 @pytest.fixture
@@ -152,3 +152,53 @@ def test_a_caller_that_changes_actions_moves_the_gripper(pairs):
             pair.setpoints[0][6] = pair.leads[0].action[6]
         pair.run()
     assert pair.setpoints[0][6] == pytest.approx(0.1)
+
+
+LOST = {
+    "its process is gone, and its block": lambda pair: pair.remove_follower(0),
+    "its loop hangs": lambda pair: pair.publishes.__setitem__(0, False),
+    "it has failed": lambda pair: pair.follower_modes.__setitem__(0, Mode.FAULT),
+    "a stand-by lands it": lambda pair: pair.follower_modes.__setitem__(0, Mode.LAND),
+}
+
+
+@pytest.mark.parametrize("how", LOST)
+def test_a_leader_whose_follower_is_lost_floats_without_force_and_its_gate_waits(pairs, caplog, how):
+    pair = engaged(pairs, bilateral=0.4)
+    lead = pair.leads[0]
+    pair.behind[0][:6] = -0.08
+    pair.run(1.0)
+    assert np.abs(lead.assist[0]).max() > 1.0
+    LOST[how](pair)
+    pair.coupled[0] = False
+    for tick in range(250):
+        pair.q[0] += 0.002  # in mid-motion
+        pair.run()
+        assert lead.state is Gate.ENGAGED and lead.action[:6] == pytest.approx(pair.q[0], abs=0.02)
+        assert tick < 10 or lead.assist is None
+    said = [record.message for record in caplog.records if record.levelname == "WARNING"]
+    what = "is silent, or neither holds nor tracks; it floats without force"
+    assert said == [f"leader_left: its follower {pair.name}.follower_left {what}"]
+
+
+def test_a_follower_that_is_armed_again_elsewhere_is_approached_by_no_leap(pairs):
+    pair = pairs(gate="button", gate_button="top", bilateral=0.4)
+    lead = pair.leads[0]
+    pair.run(0.1)
+    pair.handles[0] = 0.0, (True, False)
+    pair.run(0.7)
+    assert lead.state is Gate.ENGAGED
+    pair.follower_modes[0], pair.coupled[0] = Mode.FAULT, False
+    pair.q[0][:] = 0.6
+    pair.run(0.5)
+    pair.follower_modes[0] = Mode.HOLD
+    pair.run()
+    assert lead.state is Gate.APPROACH and np.abs(lead.action[:6]).max() < 0.01
+    pair.follower_modes[0], pair.coupled[0] = Mode.TRACK, True
+    before = lead.action
+    while lead.state is Gate.APPROACH:
+        pair.run()
+        assert lead.assist is None or lead.state is Gate.ENGAGED
+        assert np.abs(lead.action - before)[:6].max() <= 1.01 * TICK_S  # approach_speed_rad_s is 1.0
+        before = lead.action
+    assert lead.state is Gate.ENGAGED and np.abs(lead.assist[0]).max() < 0.05
