@@ -149,6 +149,9 @@ def apply(
         try:
             for can_id, values in new.items():
                 written[can_id] = put(bench.access, can_id, values)
+        except KeyboardInterrupt:
+            tell(f"interrupted{_put_back(bench, written)}")
+            raise
         except MotorError as error:
             raise MotorError(f"{error}{_put_back(bench, written)}") from error
         if store_too:

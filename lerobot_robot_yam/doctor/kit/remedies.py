@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from lerobot_robot_yam.damiao.handle_encoder import ALL_DEVICES, OP_SET_ZERO, REQUEST_ID, encode_report_frequency
+from lerobot_robot_yam.damiao.handle_encoder import REQUEST_ID, encode_report_frequency, encode_zero
 from lerobot_robot_yam.damiao.registers import Register, encode_store, encode_write
 from lerobot_robot_yam.damiao.tables import REGISTER_ID
 from lerobot_robot_yam.doctor.kit.targets import Target
@@ -26,7 +26,7 @@ def report_on_request(target: Target) -> str:
 
 def zero_trigger(target: Target) -> str:
     """Take the trigger's present position as zero."""
-    return _send(target, (REQUEST_ID, bytes((ALL_DEVICES, OP_SET_ZERO))))
+    return _send(target, (REQUEST_ID, encode_zero()))
 
 
 def _send(target: Target, *frames: tuple[int, bytes]) -> str:
