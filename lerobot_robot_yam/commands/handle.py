@@ -9,9 +9,7 @@ yam-handle range --channel can_leader_l --calibration left.json   learn how far 
 
 import argparse
 import json
-import select
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 
 from lerobot_robot_yam.commands.lib.arm_command import (
@@ -23,6 +21,7 @@ from lerobot_robot_yam.commands.lib.arm_command import (
     run_command,
     tell,
 )
+from lerobot_robot_yam.commands.lib.motor.motor_watch import ticks
 from lerobot_robot_yam.control.gripper.trigger_range import learn, load_range, save_range
 from lerobot_robot_yam.damiao.handle_encoder import (
     EEPROM_ZERO_HIGH,
@@ -149,13 +148,7 @@ def _share(args: argparse.Namespace, report: HandleReport) -> float:
 
 def _reports(handle: HandleAccess, seconds: float | None) -> Iterator[HandleReport]:
     """Reports until the time has passed, or Enter is pressed."""
-    end = None if seconds is None else time.monotonic() + seconds
-    while end is None or time.monotonic() < end:
-        yield handle.report()
-        if sys.stdin.isatty() and select.select([sys.stdin], [], [], _LIVE_S)[0]:
-            sys.stdin.readline()
-            return
-        time.sleep(0 if sys.stdin.isatty() else _LIVE_S)
+    return (handle.report() for _ in ticks(seconds, _LIVE_S))
 
 
 if __name__ == "__main__":

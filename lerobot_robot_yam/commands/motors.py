@@ -10,6 +10,8 @@ yam-motors timeout --channel can_follower_l 0.4                      seconds wit
 yam-motors dump --channel can_follower_l left.yaml                   all registers of the arm, into a file
 yam-motors diff --channel can_follower_l left.yaml                   exit status 1 when something differs
 yam-motors restore --channel can_follower_l left.yaml                writes back what differs, and stores it
+yam-motors watch --channel can_follower_l                            a live table of limp motors, until Enter
+yam-motors monitor --channel can_follower_l                          beside a session: latency and lost answers
 """
 
 import argparse
@@ -26,16 +28,18 @@ from lerobot_robot_yam.commands.lib.arm_command import (
     table,
     tell,
 )
-from lerobot_robot_yam.commands.lib.motor_bench import MotorBench, nothing_answers, tell_notes
-from lerobot_robot_yam.commands.lib.motor_changes import (
+from lerobot_robot_yam.commands.lib.motor.motor_bench import MotorBench, nothing_answers, tell_notes
+from lerobot_robot_yam.commands.lib.motor.motor_changes import (
     restore_arm,
     set_timeout,
     show_timeout,
     store_motors,
     write_registers,
 )
-from lerobot_robot_yam.commands.lib.motor_dump import differences, load_dump, save_dump, shown
-from lerobot_robot_yam.commands.lib.motor_ids import set_id
+from lerobot_robot_yam.commands.lib.motor.motor_dump import differences, load_dump, save_dump, shown
+from lerobot_robot_yam.commands.lib.motor.motor_ids import set_id
+from lerobot_robot_yam.commands.lib.motor.motor_monitor import monitor_session
+from lerobot_robot_yam.commands.lib.motor.motor_watch import watch_motors
 from lerobot_robot_yam.damiao.motor_spec import MOTOR_IDS
 from lerobot_robot_yam.damiao.settings.register_ranges import register_named
 from lerobot_robot_yam.errors import ConfigError, MotorError
@@ -83,6 +87,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     dump = action("dump", _dump, "write all registers of an arm into a file; reads only")
     diff = action("diff", _diff, "compare an arm with a file; exit status 1 when something differs", motors=False)
     restore = action("restore", restore_arm, "write back and store what differs from a file", motors=False, asks=True)
+    watch = action("watch", watch_motors, "a live table of an arm's limp motors; reads only")
+    watch.add_argument("--seconds", type=float, help="for how long (default: until Enter or Ctrl-C)")
+    beside = actions.add_parser("monitor", help="beside a session: latency and lost answers; listens only")
+    add_arm_arguments(beside)
+    beside.add_argument("--seconds", type=float, default=10.0, help="how long to listen (default 10)")
+    beside.add_argument("--json", action="store_true", help="print it as JSON")
     for sub in (dump, diff, restore):
         sub.add_argument("file", type=user_path, help="YAML file")
     args = parser.parse_args(arguments)
@@ -90,6 +100,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(args: argparse.Namespace) -> int:
+    if args.action == "monitor":
+        return monitor_session(args)
     config = arm_config(args)
     if args.action != "timeout" or args.seconds is not None:
         need_terminal(args.yes)

@@ -3,9 +3,9 @@
 import argparse
 
 from lerobot_robot_yam.commands.lib.arm_command import tell
-from lerobot_robot_yam.commands.lib.motor_bench import MotorBench
-from lerobot_robot_yam.commands.lib.motor_changes import confirm
-from lerobot_robot_yam.commands.lib.motor_dump import kept_until_stored
+from lerobot_robot_yam.commands.lib.motor.motor_bench import MotorBench
+from lerobot_robot_yam.commands.lib.motor.motor_changes import confirm
+from lerobot_robot_yam.commands.lib.motor.motor_dump import kept_until_stored
 from lerobot_robot_yam.damiao.motor_spec import MOTOR_IDS
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.settings.motor_memory import store

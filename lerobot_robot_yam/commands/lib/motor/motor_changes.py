@@ -7,8 +7,8 @@ import sys
 from collections.abc import Mapping
 
 from lerobot_robot_yam.commands.lib.arm_command import ask, table, tell
-from lerobot_robot_yam.commands.lib.motor_bench import SAFE_COUNTS, MotorBench
-from lerobot_robot_yam.commands.lib.motor_dump import differences, kept_until_stored, load_dump, shown
+from lerobot_robot_yam.commands.lib.motor.motor_bench import SAFE_COUNTS, MotorBench
+from lerobot_robot_yam.commands.lib.motor.motor_dump import differences, kept_until_stored, load_dump, shown
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.settings.motor_memory import Contents, changes, put, store
 from lerobot_robot_yam.damiao.settings.register_ranges import check_value

@@ -67,10 +67,9 @@ class MotorBench:
     """
 
     def __init__(self, config: ArmConfig, bus: can.BusABC):
-        arm = load_arm(config.arm)
-        self.channel = config.channel
+        self.config, self.channel = config, config.channel
         self.access = RegisterAccess(bus, config.channel)
-        self.names = {motor.can_id: motor.name for motor in arm.motors} | {gripper_id(arm): "gripper"}
+        self.names = motor_names(config)
 
     def name(self, can_id: int) -> str:
         """What the profile calls the motor."""
@@ -176,6 +175,12 @@ class MotorBench:
                 ]
             )
         return table(_HEAD, rows)
+
+
+def motor_names(config: ArmConfig) -> dict[int, str]:
+    """Names of an arm's motors by CAN id. Raises ConfigError: there is no such arm."""
+    arm = load_arm(config.arm)
+    return {motor.can_id: motor.name for motor in arm.motors} | {gripper_id(arm): "gripper"}
 
 
 def nothing_answers(channel: str) -> str:
