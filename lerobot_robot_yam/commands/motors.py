@@ -1,5 +1,4 @@
-"""Look at the motors of an arm and set them up: ids, registers, time-out, dumps. Everything but `console` keeps them
-limp.
+"""Look at the motors of an arm and set them up: ids, registers, time-out, dumps. Only `console` energises anything.
 
 yam-motors scan --channel can_follower_l                             who answers: type, firmware, limits, faults, heat
 yam-motors read --channel can_follower_l --motor joint_3 TIMEOUT     registers by name; all of them without a name
@@ -11,6 +10,7 @@ yam-motors dump --channel can_follower_l left.yaml                   all registe
 yam-motors diff --channel can_follower_l left.yaml                   exit status 1 when something differs
 yam-motors restore --channel can_follower_l left.yaml                writes back what differs, and stores it
 yam-motors watch --channel can_follower_l                            a live table of limp motors, until Enter
+yam-motors console --channel can_follower_l --motor joint_6          ENERGISES this motor: it follows the arrow keys
 yam-motors monitor --channel can_follower_l                          beside a session: latency and lost answers
 """
 
@@ -36,8 +36,10 @@ from lerobot_robot_yam.commands.lib.motor.motor_changes import (
     store_motors,
     write_registers,
 )
+from lerobot_robot_yam.commands.lib.motor.motor_console import console
 from lerobot_robot_yam.commands.lib.motor.motor_dump import differences, load_dump, save_dump, shown
 from lerobot_robot_yam.commands.lib.motor.motor_ids import set_id
+from lerobot_robot_yam.commands.lib.motor.motor_knob import MODES
 from lerobot_robot_yam.commands.lib.motor.motor_monitor import monitor_session
 from lerobot_robot_yam.commands.lib.motor.motor_watch import watch_motors
 from lerobot_robot_yam.damiao.motor_spec import MOTOR_IDS
@@ -89,6 +91,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     restore = action("restore", restore_arm, "write back and store what differs from a file", motors=False, asks=True)
     watch = action("watch", watch_motors, "a live table of an arm's limp motors; reads only")
     watch.add_argument("--seconds", type=float, help="for how long (default: until Enter or Ctrl-C)")
+    keys = action("console", console, "ENERGISE one motor, and turn it by the arrow keys")
+    keys.add_argument("--mode", choices=MODES, default="mit", help="how the motor is driven (default mit)")
+    keys.add_argument("--range", type=float, default=0.5, help="how far from where it is, rad (default 0.5)")
+    keys.set_defaults(yes=False)
     beside = actions.add_parser("monitor", help="beside a session: latency and lost answers; listens only")
     add_arm_arguments(beside)
     beside.add_argument("--seconds", type=float, default=10.0, help="how long to listen (default 10)")

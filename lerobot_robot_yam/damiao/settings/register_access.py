@@ -109,11 +109,18 @@ class RegisterAccess:
     def feedback(self, motor_id: int, master_id: int) -> bytes | None:
         """A feedback frame (8 bytes); commands no motion. None when none comes."""
         for _ in range(_ATTEMPTS):
-            self._drain()
-            self._send(REGISTER_ID, encode_refresh(motor_id))
-            for identifier, data in self._frames(_ANSWER_S):
-                if identifier == master_id and len(data) == 8 and data[0] & 0xF == motor_id & 0xF:
-                    return data
+            data = self.exchange(motor_id, master_id, REGISTER_ID, encode_refresh(motor_id), _ANSWER_S)
+            if data is not None:
+                return data
+        return None
+
+    def exchange(self, motor_id: int, master_id: int, identifier: int, data: bytes, timeout_s: float) -> bytes | None:
+        """Send a frame that a motor answers with feedback, and return that; None when none comes in time."""
+        self._drain()
+        self._send(identifier, data)
+        for found, answer in self._frames(timeout_s):
+            if found == master_id and len(answer) == 8 and answer[0] & 0xF == motor_id & 0xF:
+                return answer
         return None
 
     def special(self, motor_id: int, command: SpecialCommand) -> None:

@@ -14,7 +14,9 @@ from lerobot_robot_yam.damiao.settings.motor_memory import Contents, changes, pu
 from lerobot_robot_yam.damiao.settings.register_ranges import check_value
 from lerobot_robot_yam.damiao.tables import TIMEOUT_COUNT_S
 from lerobot_robot_yam.errors import ConfigError, MotorError, YamError
+from lerobot_robot_yam.system.signals import finished_first
 
+WRITING = "registers are being written"
 _NEVER = "never"
 _LEAST_S, _MOST_S = 0.05, 10.0  # a loop sends every 4 ms, but now and then late; beyond, an arm holds on for too long
 _ELSEWHERE = {
@@ -53,7 +55,8 @@ def store_motors(args: argparse.Namespace, bench: MotorBench) -> int:
     bench.require_settable(ids)
     named = ", ".join(map(bench.name, ids))
     confirm(args, "store", f"store what {named} hold; flash bears a limited number of writes")
-    with kept_until_stored(bench.channel, {can_id: bench.contents(can_id) for can_id in ids}):
+    kept = {can_id: bench.contents(can_id) for can_id in ids}
+    with finished_first(WRITING), kept_until_stored(bench.channel, kept):
         _store_each(bench, dict.fromkeys(ids, {}))
     return 0
 
@@ -144,14 +147,12 @@ def apply(
     tell(table(["motor", "register", "from", "to"], rows))
     confirm(args, word, "write this" + (" and store it" if store_too else " to RAM, until the power is switched off"))
     before = {can_id: held[can_id] for can_id in new}
-    with kept_until_stored(bench.channel, before) if store_too else contextlib.nullcontext():
+    kept = kept_until_stored(bench.channel, before) if store_too else contextlib.nullcontext()
+    with finished_first(WRITING), kept:
         written: dict[int, Contents] = {}
         try:
             for can_id, values in new.items():
                 written[can_id] = put(bench.access, can_id, values)
-        except KeyboardInterrupt:
-            tell(f"interrupted{_put_back(bench, written)}")
-            raise
         except MotorError as error:
             raise MotorError(f"{error}{_put_back(bench, written)}") from error
         if store_too:

@@ -4,12 +4,13 @@ import argparse
 
 from lerobot_robot_yam.commands.lib.arm_command import tell
 from lerobot_robot_yam.commands.lib.motor.motor_bench import MotorBench
-from lerobot_robot_yam.commands.lib.motor.motor_changes import confirm
+from lerobot_robot_yam.commands.lib.motor.motor_changes import WRITING, confirm
 from lerobot_robot_yam.commands.lib.motor.motor_dump import kept_until_stored
 from lerobot_robot_yam.damiao.motor_spec import MOTOR_IDS
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.settings.motor_memory import store
 from lerobot_robot_yam.errors import ConfigError, MotorError
+from lerobot_robot_yam.system.signals import finished_first
 
 _ANSWERS_MOST = 0xFF
 _ATTEMPTS = 3
@@ -30,7 +31,7 @@ def set_id(args: argparse.Namespace, bench: MotorBench, old: int, new: int, answ
     confirm(
         args, "set-id", f"give motor {old} (answers as {int(held[Register.MST_ID])}) id {new}, answering as {answers}"
     )
-    with kept_until_stored(bench.channel, {old: held}):
+    with finished_first(WRITING), kept_until_stored(bench.channel, {old: held}):
         _move(bench, old, new, int(held[Register.MST_ID]), answers)
         for name in store(bench.access, new):
             tell(f"note: storing put {name} back; it was written and stored again")
