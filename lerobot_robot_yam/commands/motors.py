@@ -63,7 +63,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         add_arm_arguments(sub)
         sub.set_defaults(work=work, yes=True)
         if motors:
-            sub.add_argument("--motor", nargs="+", metavar="MOTOR", help="names or CAN ids (default: all that answer)")
+            text = "names or CAN ids, with commas (default: all that answer)"
+            sub.add_argument("--motor", type=lambda names: names.split(","), metavar="MOTORS", help=text)
         if asks:
             sub.add_argument("--yes", action="store_true", default=False, help="do not ask")
         return sub

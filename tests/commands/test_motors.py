@@ -105,7 +105,7 @@ def test_a_silent_channel_says_what_to_check(arm, capsys):
 
 
 def test_registers_are_read_by_name_or_number(arm, capsys):
-    assert read(arm, capsys, "timeout", "21", "--motor", "gripper", "1") == {
+    assert read(arm, capsys, "timeout", "21", "--motor", "gripper,1") == {
         "7": {"TIMEOUT": 8000, "PMAX": 12.5},
         "1": {"TIMEOUT": 8000, "PMAX": 12.5},
     }
@@ -146,7 +146,7 @@ def test_firmware_that_reverts_other_registers_is_found_and_corrected(arm, capsy
 def test_a_power_cut_while_storing_is_told_and_can_be_undone(arm, capsys, state_home):
     new = ["OT_VALUE=90", "UV_VALUE=14"]
     arm.fault("only", "joint_2", "storing", "cut")
-    assert run(arm, "write", *new, "--motor", "joint_1", "joint_2", "joint_3", "--store", "--yes") == 1
+    assert run(arm, "write", *new, "--motor", "joint_1,joint_2,joint_3", "--store", "--yes") == 1
     said = capsys.readouterr().err
     assert "motor 2 fell silent while it stored" in said and "Stored before that: joint_1" in said
     assert "The other motors are as before" in said and str(state_home / "only-2.yaml") in said
@@ -225,7 +225,7 @@ def test_motors_that_hold_something_up_are_left_alone(arm, capsys):
         arm.wait_event("motor_enabled", 5.0)
     for action in (
         ["timeout", "0.4"],
-        ["write", "OT_VALUE=90", "--motor", "1", "joint_2"],
+        ["write", "OT_VALUE=90", "--motor", "1,joint_2"],
         ["store"],
         ["set-id", 2, 9],
     ):
@@ -315,7 +315,7 @@ def test_an_arm_is_dumped_compared_and_restored(arm, capsys, tmp_path):
     assert len(yaml.safe_load(path.read_text())["motors"]) == 7
     assert run(arm, "diff", path) == 0
     assert "the motors hold what" in capsys.readouterr().err
-    assert run(arm, "write", "OT_VALUE=90", "--motor", "joint_3", "gripper", "--store", "--yes") == 0
+    assert run(arm, "write", "OT_VALUE=90", "--motor", "joint_3,gripper", "--store", "--yes") == 0
     assert run(arm, "diff", path) == 1
     assert [line.split() for line in capsys.readouterr().out.splitlines()[1:]] == [
         ["joint_3", "OT_VALUE", "100.0", "90.0"],
