@@ -182,6 +182,8 @@ def test_a_power_cut_while_storing_is_told_and_can_be_undone(arm, capsys, state_
         (["timeout", "0.001", "--yes"], "factory value of 8000 is 0.4 s"),
         (["timeout", "nan", "--yes"], "the time-out is nan s"),
         (["set-id", "7", "16", "--yes"], "id 16 cannot be used: feedback tells ids 1 to 15 apart"),
+        (["set-id", "70000", "9", "--yes"], "70000 is no CAN id of a motor"),
+        (["read", "--motor", "70000"], "no motor '70000'"),
         (["set-id", "7", "9", "--answers", "3", "--yes"], "a motor cannot answer as 3"),
         (["set-id", "9", "10", "--yes"], "motor 9 (id 9) does not answer"),
         (["set-id", "7", "3", "--yes"], "another motor has id 3 already; nothing was changed"),
@@ -353,11 +355,12 @@ def test_restore_leaves_ids_and_read_only_registers(arm, capsys, tmp_path):
     path = tmp_path / "left.yaml"
     assert run(arm, "dump", path, "--motor", "joint_1") == 0
     document = yaml.safe_load(path.read_text())
-    document["motors"][1] |= {"MST_ID": 30, "SN": 5, "OT_VALUE": 90}
+    document["motors"][1] |= {"MST_ID": 30, "SN": 5, "OT_VALUE": 90, "TIMEOUT": 0}
     path.write_text(yaml.safe_dump(document))
     assert run(arm, "restore", path, "--yes") == 0
     said = capsys.readouterr().err
     assert "MST_ID differs and stays as it is: change it with yam-motors set-id" in said
+    assert "HAZARD: without a time-out" in said
     assert "SN differs and stays as it is: it is read-only" in said
     with can.Bus(interface="yam_sim", channel="only", rig=arm.name) as bus:
         bus.send(can.Message(arbitration_id=0x7FF, data=encode_read(1, Register.OT_VALUE), is_extended_id=False))

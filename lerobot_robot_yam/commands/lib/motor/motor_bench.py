@@ -21,7 +21,7 @@ from lerobot_robot_yam.damiao.settings.motor_memory import (
     require_limp,
 )
 from lerobot_robot_yam.damiao.settings.register_access import RegisterAccess, Reply
-from lerobot_robot_yam.damiao.tables import TIMEOUT_COUNT_S, fault_text
+from lerobot_robot_yam.damiao.tables import REGISTER_ID, TIMEOUT_COUNT_S, fault_text
 from lerobot_robot_yam.errors import ConfigError, MotorError
 
 SAFE_COUNTS = 8000
@@ -90,7 +90,7 @@ class MotorBench:
         by_name = {name: can_id for can_id, name in self.names.items()}
         found = []
         for word in chosen:
-            if word not in by_name and not word.isdecimal():
+            if word not in by_name and not (word.isdecimal() and int(word) <= REGISTER_ID):
                 raise ConfigError(f"no motor {word!r}; give a CAN id, or one of {', '.join(by_name)}")
             found.append(by_name[word] if word in by_name else int(word))
         return list(dict.fromkeys(found))

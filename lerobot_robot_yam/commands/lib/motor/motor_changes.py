@@ -107,16 +107,9 @@ def set_timeout(args: argparse.Namespace, bench: MotorBench, seconds: float) -> 
     ids = bench.ids(args.motor)
     bench.require_settable(ids)
     counts = round(seconds / TIMEOUT_COUNT_S)
-    word = "timeout"
-    if not counts:
-        word = _NEVER
-        tell(
-            "HAZARD: without a time-out a motor goes on with its last command for ever when its program or cable "
-            "fails: an arm that pushes goes on pushing."
-        )
     if counts != SAFE_COUNTS:
         tell(f"note: sessions refuse an arm whose time-out is not {SAFE_COUNTS * TIMEOUT_COUNT_S:g} s")
-    status = apply(args, bench, {can_id: {Register.TIMEOUT: counts} for can_id in ids}, word, store_too=True)
+    status = apply(args, bench, {can_id: {Register.TIMEOUT: counts} for can_id in ids}, "timeout", store_too=True)
     tell("Switch the arm's power off and on: until then a motor may go by the old value")
     return status
 
@@ -145,6 +138,12 @@ def apply(
         for r, value in values.items()
     ]
     tell(table(["motor", "register", "from", "to"], rows))
+    if any(values.get(Register.TIMEOUT) == 0 for values in new.values()):
+        word = _NEVER
+        tell(
+            "HAZARD: without a time-out a motor goes on with its last command for ever when its program or cable "
+            "fails: an arm that pushes goes on pushing."
+        )
     confirm(args, word, "write this" + (" and store it" if store_too else " to RAM, until the power is switched off"))
     before = {can_id: held[can_id] for can_id in new}
     kept = kept_until_stored(bench.channel, before) if store_too else contextlib.nullcontext()

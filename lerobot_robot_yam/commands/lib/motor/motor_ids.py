@@ -9,6 +9,7 @@ from lerobot_robot_yam.commands.lib.motor.motor_dump import kept_until_stored
 from lerobot_robot_yam.damiao.motor_spec import MOTOR_IDS
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.settings.motor_memory import store
+from lerobot_robot_yam.damiao.tables import REGISTER_ID
 from lerobot_robot_yam.errors import ConfigError, MotorError
 from lerobot_robot_yam.system.signals import finished_first
 
@@ -18,6 +19,8 @@ _ATTEMPTS = 3
 
 def set_id(args: argparse.Namespace, bench: MotorBench, old: int, new: int, answers: int) -> int:
     """`yam-motors set-id`: the only motor with id `old` listens on `new` and answers as `answers`, stored."""
+    if not 0 <= old < REGISTER_ID:
+        raise ConfigError(f"{old} is no CAN id of a motor")
     if new not in MOTOR_IDS:
         raise ConfigError(f"id {new} cannot be used: feedback tells ids 1 to 15 apart")
     if answers and not MOTOR_IDS[-1] < answers <= _ANSWERS_MOST:
