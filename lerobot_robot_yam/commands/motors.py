@@ -28,7 +28,7 @@ from lerobot_robot_yam.commands.lib.arm_command import (
     table,
     tell,
 )
-from lerobot_robot_yam.commands.lib.motor.motor_bench import MotorBench, nothing_answers, tell_notes
+from lerobot_robot_yam.commands.lib.motor.motor_bench import ANSWERS_BEYOND, MotorBench, nothing_answers, tell_notes
 from lerobot_robot_yam.commands.lib.motor.motor_changes import (
     restore_arm,
     set_timeout,
@@ -159,7 +159,7 @@ def _write(args: argparse.Namespace, bench: MotorBench) -> int:
 
 
 def _set_id(args: argparse.Namespace, bench: MotorBench) -> int:
-    return set_id(args, bench, args.old, args.new, args.new + 16 if args.answers is None else args.answers)
+    return set_id(args, bench, args.old, args.new, args.new + ANSWERS_BEYOND if args.answers is None else args.answers)
 
 
 def _timeout(args: argparse.Namespace, bench: MotorBench) -> int:

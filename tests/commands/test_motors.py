@@ -2,6 +2,7 @@
 
 import json
 import os
+import pty
 import sys
 
 import can
@@ -94,7 +95,14 @@ def test_scan_says_what_is_wrong_with_ids(arm, capsys):
     notes = "\n".join(found["notes"])
     assert "2 motors answer to id 2" in notes and "joint_3 answers as 0x25, which is not its MST_ID" in notes
     assert "joint_5 has another time-out" in notes and "no answer from joint_4 (id 4), joint_6 (id 6)" in notes
-    assert "gripper answers as 0, not 23: set-id 7 7" in notes
+    again = f"yam-motors set-id --channel only --rig {arm.name} 7 7"
+    assert f"gripper answers as 0, not 23: {again}" in notes
+
+
+def test_a_leader_has_a_handle_in_the_place_of_a_gripper(rig, capsys):
+    assert main(["scan", "--json", "--channel", "leader_left", "--rig", rig.name]) == 0
+    (note,) = json.loads(capsys.readouterr().out)["notes"]
+    assert "a teaching handle answers instead of a gripper's motor (yam-handle show --channel leader_left" in note
 
 
 def test_a_silent_channel_says_what_to_check(arm, capsys):
@@ -211,6 +219,47 @@ def test_without_a_terminal_or_yes_nothing_is_changed(lasting, capsys, monkeypat
         monkeypatch.setattr(sys, "stdin", nothing)
         for action in (["timeout", "0"], ["set-id", "7", "9"], ["store"], ["write", "OT_VALUE=90", "--motor", "1"]):
             assert "no terminal to confirm at" in refused(lasting, capsys, *action)
+
+
+@pytest.fixture
+def type_in(monkeypatch):
+    """Makes standard input a terminal at which this is typed."""
+    opened = []
+
+    def typed(text):
+        ours, theirs = pty.openpty()
+        opened.append(ours)
+        opened.append(os.fdopen(theirs))
+        monkeypatch.setattr(sys, "stdin", opened[-1])
+        os.write(ours, text)
+
+    yield typed
+    for one in opened:
+        os.close(one) if isinstance(one, int) else one.close()
+
+
+@pytest.mark.parametrize(
+    ("action", "word"),
+    [
+        (["write", "OT_VALUE=90", "--motor", "1"], "write"),
+        (["store", "--motor", "1"], "store"),
+        (["set-id", "7", "9"], "set-id"),
+        (["timeout", "0.3"], "timeout"),
+        (["timeout", "0"], "never"),
+    ],
+)
+def test_anything_but_the_word_changes_nothing(lasting, capsys, type_in, action, word):
+    type_in(b"yes\n")
+    said = refused(lasting, capsys, *action)
+    assert f"Type {word} to " in said and "not confirmed; nothing was changed" in said
+    type_in(b"\x04")
+    assert "the terminal gave no answer" in refused(lasting, capsys, *action)
+
+
+def test_the_word_changes_it(arm, capsys, type_in):
+    type_in(b"write\n")
+    assert run(arm, "write", "OT_VALUE=90", "--motor", "joint_1") == 0
+    assert value(arm, capsys, "joint_1", "OT_VALUE") == 90.0
 
 
 def test_a_channel_in_use_is_left_alone(arm, capsys):

@@ -11,6 +11,7 @@ from lerobot_robot_yam.arm.mounting import gripper_id
 from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.commands.lib.arm_command import table, tell
 from lerobot_robot_yam.control.preflight.fingerprint import MotorPrint
+from lerobot_robot_yam.damiao.handle_check import handle_firmware
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.settings.motor_memory import (
     Contents,
@@ -26,6 +27,9 @@ from lerobot_robot_yam.errors import ConfigError, MotorError
 
 SAFE_COUNTS = 8000
 """TIMEOUT of the maker, 0.4 s; sessions refuse an arm with another."""
+ANSWERS_BEYOND = 16
+"""A motor of an arm answers as its id and this."""
+GRIPPER = "gripper"
 _HEAD = [
     *("motor", "id", "answers", "type", "firmware", "state", "rad", "stage °C", "coil °C"),
     *("limits rad, rad/s, Nm", "off at °C", "time-out s", "supply V"),
@@ -67,7 +71,7 @@ class MotorBench:
     """
 
     def __init__(self, config: ArmConfig, bus: can.BusABC):
-        self.config, self.channel = config, config.channel
+        self.config, self.channel, self.bus = config, config.channel, bus
         self.access = RegisterAccess(bus, config.channel)
         self.names = motor_names(config)
 
@@ -125,18 +129,29 @@ class MotorBench:
 
     def notes(self, found: dict[int, Found]) -> list[str]:
         """What is wrong with what was found, and the command that helps."""
-        lines = []
+        lines, where = [], self.config.on_command_line
         for can_id, motor in found.items():
-            name, held = self.name(can_id), motor.contents
-            if len(motor.replies) > 1:
-                lines.append(f"{len(motor.replies)} motors answer to id {can_id}: unplug all but one, then set-id")
-            elif motor.replies[0].identifier != motor.replies[0].value:
-                lines.append(f"{name} answers as 0x{motor.replies[0].identifier:X}, which is not its MST_ID")
-            elif motor.replies[0].value != can_id + 16:
-                lines.append(f"{name} answers as {motor.replies[0].value}, not {can_id + 16}: set-id {can_id} {can_id}")
-            if held.get(Register.TIMEOUT, SAFE_COUNTS) != SAFE_COUNTS:
-                lines.append(f"{name} has another time-out than sessions ask for: timeout 0.4")
+            name, (first, *more) = self.name(can_id), motor.replies
+            if more:
+                lines.append(
+                    f"{len(motor.replies)} motors answer to id {can_id}: unplug all but one, then give that one its "
+                    f"own id (yam-motors set-id {where} {can_id} NEW)"
+                )
+            elif first.identifier != first.value:
+                lines.append(
+                    f"{name} answers as 0x{first.identifier:X}, which is not its MST_ID: switch the power off and on"
+                )
+            elif first.value != can_id + ANSWERS_BEYOND:
+                wanted = can_id + ANSWERS_BEYOND
+                lines.append(
+                    f"{name} answers as {first.value}, not {wanted}: yam-motors set-id {where} {can_id} {can_id}"
+                )
+            if motor.contents.get(Register.TIMEOUT, SAFE_COUNTS) != SAFE_COUNTS:
+                lines.append(f"{name} has another time-out than sessions ask for: yam-motors timeout {where} 0.4")
         missing = [f"{name} (id {can_id})" for can_id, name in self.names.items() if can_id not in found]
+        if GRIPPER not in map(self.name, found) and handle_firmware(self.bus, self.channel) is not None:
+            missing.pop()
+            lines.append(f"a teaching handle answers instead of a gripper's motor (yam-handle show {where})")
         if missing:
             lines.append(f"no answer from {', '.join(missing)}")
         return lines
@@ -180,7 +195,7 @@ class MotorBench:
 def motor_names(config: ArmConfig) -> dict[int, str]:
     """Names of an arm's motors by CAN id. Raises ConfigError: there is no such arm."""
     arm = load_arm(config.arm)
-    return {motor.can_id: motor.name for motor in arm.motors} | {gripper_id(arm): "gripper"}
+    return {motor.can_id: motor.name for motor in arm.motors} | {gripper_id(arm): GRIPPER}
 
 
 def nothing_answers(channel: str) -> str:

@@ -18,7 +18,7 @@ from lerobot_robot_yam.commands.lib.arm_command import arm_config, ask, tell
 from lerobot_robot_yam.commands.lib.motor.motor_bench import MotorBench
 from lerobot_robot_yam.commands.lib.motor.motor_knob import HELP, MODES, Knob
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
-from lerobot_robot_yam.control.preflight.role import Role, likely_gripper
+from lerobot_robot_yam.control.preflight.role import likely_gripper, probe_role
 from lerobot_robot_yam.damiao.codec import SpecialCommand, encode_mit, ranges_of, unpack_feedback
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.settings.motor_memory import MotorState, read_state
@@ -101,9 +101,8 @@ def _confirm(args: argparse.Namespace, bench: MotorBench, can_id: int) -> None:
 
 def _off_rest(args: argparse.Namespace, bench: MotorBench) -> str:
     """Which joints are not where the arm lies by itself; empty when it lies."""
-    own = gripper_id(load_arm(bench.config.arm))
-    gear = bench.access.read(own, Register.GR)
-    hardware = ResolvedArm(arm_config(args, gripper=likely_gripper(Role(gear is None, gear, own))))
+    role = probe_role(bench.bus, bench.channel, gripper_id(load_arm(bench.config.arm)))
+    hardware = ResolvedArm(arm_config(args, gripper=likely_gripper(role)))
     off = []
     for index, spec in enumerate(hardware.motors[: hardware.joints]):
         state = read_state(bench.access, spec.can_id)
@@ -171,17 +170,17 @@ def _follow_keys(motor: _Motor, knob: Knob, terminal: UserTerminal) -> None:
     Raises:
         MotorError: the motor is silent, or reports a fault.
     """
-    stop, q = EmergencyStop(), knob.start_rad
+    stop, q, stopped = EmergencyStop(), knob.start_rad, False
     heard_s, shown_s = motor.clock.now(), -math.inf
     while not terminal.gone:
-        stopped = stop.latched
+        before, stopped = stopped, stop.latched
         for key in _KEY.findall(terminal.typed(_PERIOD_S).decode(errors="replace")):
             if key in _QUIT:
                 return
             if not stopped:
                 knob.press(key, q)
-        if stopped:
-            knob.press(" ", q)
+        if stopped and not before:
+            knob.stay(q)
         state, now = motor.exchange(*knob.frame(motor.can_id, q, _PERIOD_S)), motor.clock.now()
         if state is None and now - heard_s > _SILENT_S:
             raise MotorError(f"{motor.where} has fallen silent; its time-out lets it go")

@@ -61,7 +61,7 @@ class Knob:
             RIGHT: lambda: self._aim(self.target + self.step),
             UP: lambda: self._stride(1),
             DOWN: lambda: self._stride(-1),
-            " ": lambda: self._aim(0.0 if self.mode == ControlMode.VELOCITY else q),
+            " ": lambda: self.stay(q),
             "k": lambda: self._gains(self.kp / _GAIN_FACTOR, self.kd),
             "K": lambda: self._gains(self.kp * _GAIN_FACTOR, self.kd),
             "d": lambda: self._gains(self.kp, self.kd / _GAIN_FACTOR),
@@ -69,6 +69,11 @@ class Knob:
         }
         if key in actions:
             actions[key]()
+
+    def stay(self, q: float) -> None:
+        """Go nowhere from here. `q`: where the motor is, rad."""
+        places = {ControlMode.VELOCITY: 0.0, ControlMode.MIT: self.setpoint_rad}
+        self._aim(places.get(self.mode, q))
 
     def frame(self, can_id: int, q: float, elapsed_s: float) -> tuple[int, bytes]:
         """The next command: identifier and 8 bytes. `q`: where the motor is, rad; `elapsed_s`: since the last."""
