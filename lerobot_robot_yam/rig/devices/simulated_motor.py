@@ -82,6 +82,7 @@ class SimMotor:
         self._registers = factory_registers(row, serial)
         self.flash = Flash(self._registers)
         self._written: int | None = None  # the register that was written last
+        self._unpowered = False
         self._registers_changed()
 
     @property
@@ -224,6 +225,8 @@ class SimMotor:
 
     def repair(self) -> None:
         """Undo every injected fault; registers, and the fault code that the motor is in, stay."""
+        if self._unpowered:
+            self.power(True)
         self.faults = LinkFaults()
         self.flash.way = "all"
         self.reading = self.twin = None
@@ -261,12 +264,12 @@ class SimMotor:
 
     def power(self, on: bool) -> None:
         """Switch its power: off, it is limp and silent; on again, it has the registers that its flash holds."""
-        if on and self.faults.silent:
+        if on and self._unpowered:
             self._registers = dict(self.flash.held)
             self._registers_changed()
         self.disable()
         self.fault = Fault.DISABLED
-        self.faults.silent = not on
+        self.faults.silent = self._unpowered = not on
 
     def _store(self, data: bytes) -> Frame | None:
         self._registers = self.flash.store(self._registers, self._written)

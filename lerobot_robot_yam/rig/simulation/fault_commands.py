@@ -65,6 +65,7 @@ def clear_faults(device: RigDevice, request: dict[str, Any]) -> None:
             channel.handle.silent_devices = frozenset()
     for motor in channel.motors:
         motor.repair()
+    channel.identifiers_changed()
     device.events.add("faults_cleared", channel=channel.name)
 
 
