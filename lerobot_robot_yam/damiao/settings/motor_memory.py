@@ -170,7 +170,7 @@ def store(access: RegisterAccess, motor_id: int) -> list[str]:
         if not confirmed:
             raise MotorError(
                 f"{access.channel}: motor {motor_id} did not confirm storing its registers; its RAM is as it was. "
-                "Try again"
+                "Store it again (yam-motors store)"
             )
         found = changes(before, after)
         if not found:
