@@ -210,6 +210,20 @@ def pack_feedback(
     return word.to_bytes(8, "big")
 
 
+def encode_position_velocity(position_rad: float, speed_rad_s: float) -> bytes:
+    """Position-velocity command, for identifier `POSITION_VELOCITY_OFFSET` + motor id: where to, and how fast at most.
+
+    Raises:
+        ActionError: a value is NaN or infinite.
+    """
+    return _FLOAT_PAIR.pack(*_finite(position=position_rad, speed=speed_rad_s))
+
+
+def encode_velocity(velocity_rad_s: float) -> bytes:
+    """Velocity command, for identifier `VELOCITY_OFFSET` + motor id. Raises ActionError: it is NaN or infinite."""
+    return _FLOAT_PAIR.pack(*_finite(velocity=velocity_rad_s), 0.0)
+
+
 def decode_position_velocity(data: bytes) -> tuple[float, float]:
     """(position rad, velocity limit rad/s) of a position-velocity command; of a velocity command, (rad/s, 0).
 

@@ -81,11 +81,11 @@ def _frequency(port: BusPort, low: int, high: int, what: str, timeout_s: float) 
 
 def handle_firmware(bus: can.BusABC, channel: str, timeout_s: float = 0.03) -> tuple[int, int, int] | None:
     """Firmware version of the teaching handle, None when no handle answers. Raises BusError: the channel is gone."""
-    return _ask(BusPort(bus, channel), encode_version_request(), decode_version, timeout_s)
+    return ask_handle(BusPort(bus, channel), encode_version_request(), decode_version, timeout_s)
 
 
 def _told[T](port: BusPort, request: bytes, decode: Callable[[bytes], T | None], what: str, timeout_s: float) -> T:
-    answer = _ask(port, request, decode, timeout_s)
+    answer = ask_handle(port, request, decode, timeout_s)
     if answer is None:
         raise MotorError(
             f"{port.channel}: the teaching handle did not tell {what}; check that one is fitted and its cable, "
@@ -94,7 +94,10 @@ def _told[T](port: BusPort, request: bytes, decode: Callable[[bytes], T | None],
     return answer
 
 
-def _ask[T](port: BusPort, request: bytes, decode: Callable[[bytes], T | None], timeout_s: float) -> T | None:
+def ask_handle[T](
+    port: BusPort, request: bytes, decode: Callable[[bytes], T | None], timeout_s: float, identifier: int = REQUEST_ID
+) -> T | None:
+    """The handle's answer, under that identifier, to one of three questions; None without one."""
     for _ in range(_ATTEMPTS):
         while port.recv(0.0) is not None:
             pass  # an earlier answer does not say what it answers, so it must not be left
@@ -102,7 +105,7 @@ def _ask[T](port: BusPort, request: bytes, decode: Callable[[bytes], T | None], 
         deadline = port.clock.now() + timeout_s
         while (remaining := deadline - port.clock.now()) > 0.0:
             message = port.recv(remaining)
-            if message is not None and message.arbitration_id == REQUEST_ID and is_classic_data(message):
+            if message is not None and message.arbitration_id == identifier and is_classic_data(message):
                 answer = decode(bytes(message.data))
                 if answer is not None:
                     return answer

@@ -29,6 +29,8 @@ OP_WRITE_EEPROM = 0x10
 REPLY_FLAG = 0x80  # added to the opcode in configuration replies
 
 EEPROM_ADC_FREQUENCY_LOW = 8
+EEPROM_ZERO_HIGH = 9
+EEPROM_ZERO_LOW = 10
 EEPROM_ADC_FREQUENCY_HIGH = 27
 EEPROM_REPORT_FREQUENCY_LOW = 25
 EEPROM_REPORT_FREQUENCY_HIGH = 28
@@ -66,6 +68,11 @@ def encode_version_request() -> bytes:
 def encode_eeprom_read(offset: int) -> bytes:
     """Ask for one EEPROM byte, offset 0 … 30."""
     return bytes((ALL_DEVICES, OP_READ_EEPROM, offset))
+
+
+def encode_zero() -> bytes:
+    """Take the trigger's present position as zero. Not acknowledged by the device."""
+    return bytes((ALL_DEVICES, OP_SET_ZERO))
 
 
 def encode_report_frequency(hz: int) -> bytes:

@@ -143,7 +143,7 @@ def _doubled(target: Target, spec: MotorSpec, missing: Sequence[MotorSpec], sect
     if len(missing) == 1:
         remedy += f" ({missing[0].name}): {_become(target, spec.can_id, missing[0])}"
     else:
-        remedy += " with the motor vendor's tool"
+        remedy += f" (yam-motors set-id {target.config.on_command_line} {spec.can_id} NEW)"
     what = "answers twice: two motors share this id, or another program asks as well"
     section.problem(_where(target, spec), what, remedy)
 

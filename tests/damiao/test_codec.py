@@ -46,6 +46,7 @@ def test_velocity_commands_match_the_vendor():
         frame = bytes.fromhex(case["frame_hex"])
         assert case["arbitration_id"] == VELOCITY_OFFSET + case["motor_id"]
         assert codec.decode_position_velocity(frame) == (pytest.approx(case["vel"], rel=1e-6), 0.0)
+        assert codec.encode_velocity(case["vel"]) == frame
 
 
 @pytest.mark.parametrize("name", TYPES)
@@ -131,6 +132,9 @@ def test_special_commands_are_told_from_ordinary_ones():
 
 def test_position_velocity_frame():
     assert codec.decode_position_velocity(bytes.fromhex("0000c03f000000c0")) == (1.5, -2.0)
+    assert codec.encode_position_velocity(1.5, -2.0) == bytes.fromhex("0000c03f000000c0")
+    with pytest.raises(ActionError, match="speed of a motor command is nan"):
+        codec.encode_position_velocity(1.5, float("nan"))
 
 
 @pytest.mark.parametrize(

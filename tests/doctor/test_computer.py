@@ -51,7 +51,7 @@ def test_a_computer_with_two_arms(rig, tmp_path, monkeypatch, capsys):
         rig.fault(FOLLOWER, "joint_1", "register", 8000, register=int(Register.TIMEOUT))
     (problem,) = found(report, "problem", "joint_1")
     assert problem["remedy"] == (
-        f"cansend {FOLLOWER} 7FF#01005509401F0000 && sleep 0.1 && cansend {FOLLOWER} 7FF#0100AA0100000000"
+        f"yam-motors timeout --channel {FOLLOWER} --motor 1 0.4"
         " (then switch the arm's power off and on: until then the motor may go by the old value)"
     )
 

@@ -1,12 +1,15 @@
 """Seeded defects of arms: each is found, named, and its remedy said."""
 
+import shlex
+
 import can
 import pytest
 
+from lerobot_robot_yam.commands.motors import main as repair
 from lerobot_robot_yam.damiao import motor_inspection
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand
-from lerobot_robot_yam.damiao.registers import Register, encode_write
+from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import MotorError
 from tests.support.doctor_desk import (
@@ -35,23 +38,23 @@ DEFECTS = {
     ),
     "wrong time-out": (
         lambda rig: rig.fault(FOLLOWER, "joint_1", "register", 20000, register=int(Register.TIMEOUT)),
-        ("joint_1 (id 1)", "TIMEOUT is 20000 instead of 8000", "send 7FF#01005509401F0000, then 7FF#0100AA01"),
+        ("joint_1 (id 1)", "TIMEOUT is 20000 instead of 8000", f"yam-motors timeout --channel {FOLLOWER} --rig "),
     ),
     "time-out off": (
         lambda rig: rig.fault(FOLLOWER, "joint_1", "register", 0, register=int(Register.TIMEOUT)),
-        ("joint_1 (id 1)", "never switches itself off", "send 7FF#01005509401F0000"),
+        ("joint_1 (id 1)", "never switches itself off", "--motor 1 0.4 (then switch the arm's power off and on"),
     ),
     "wrong range": (
         lambda rig: rig.fault(FOLLOWER, "joint_5", "register", 12.566, register=int(Register.PMAX)),
-        ("joint_5 (id 5)", "PMAX is 12.566 instead of 12.5", "send 7FF#0500551500004841"),
+        ("joint_5 (id 5)", "PMAX is 12.566 instead of 12.5", "--motor 5 PMAX=12.5 --store"),
     ),
     "wrong mode": (
         lambda rig: rig.fault(FOLLOWER, "joint_2", "register", 2, register=int(Register.CTRL_MODE)),
-        ("joint_2 (id 2)", "CTRL_MODE is 2 instead of 1", "send 7FF#0200550A01000000"),
+        ("joint_2 (id 2)", "CTRL_MODE is 2 instead of 1", "--motor 2 CTRL_MODE=1 --store"),
     ),
     "wrong answering id": (
         lambda rig: rig.fault(FOLLOWER, "joint_6", "register", 0x40, register=int(Register.MST_ID)),
-        ("joint_6 (id 6)", "MST_ID is 64 instead of 22", "send 7FF#0600550716000000"),
+        ("joint_6 (id 6)", "MST_ID is 64 instead of 22", f"yam-motors set-id --channel {FOLLOWER} --rig "),
     ),
     "another type": (
         lambda rig: rig.fault(FOLLOWER, "gripper", "register", 7, register=int(Register.GR)),
@@ -63,7 +66,7 @@ DEFECTS = {
     ),
     "wrong id": (
         lambda rig: rig.fault(FOLLOWER, "joint_4", "register", 9, register=int(Register.ESC_ID)),
-        ("motor id 9", "the profile does not have", "if it is joint_4: send 7FF#0900550804000000, then 7FF#04005507"),
+        ("motor id 9", "the profile does not have", f"if it is joint_4: yam-motors set-id --channel {FOLLOWER} --rig "),
     ),
     "over-temperature": (
         lambda rig: rig.fault(FOLLOWER, "gripper", "nibble", int(Fault.ROTOR_OVER_TEMPERATURE)),
@@ -87,7 +90,11 @@ DEFECTS = {
     ),
     "squeezed beyond its travel": (
         lambda rig: rig.trigger(LEADER, 1.0),
-        (f"{LEADER} teaching handle", "it is squeezed, or its zero is wrong", "send 50E#FF00"),
+        (
+            f"{LEADER} teaching handle",
+            "it is squeezed, or its zero is wrong",
+            f"yam-handle zero --channel {LEADER}",
+        ),
     ),
 }
 
@@ -115,7 +122,7 @@ def test_a_handle_that_reports_by_itself(sick, capsys):
         status, report = examine(capsys, *virtual(sick, LEADER_ARM))
         assert status == 1
         (problem,) = found(report, "problem", f"{LEADER} teaching handle", "by itself at 100 Hz")
-        assert problem["remedy"] == f"send 50E#FF0100 on {LEADER}"
+        assert problem["remedy"] == f"yam-handle report --channel {LEADER} --rig {sick.name} 0"
         assert report["handles"][0]["report_frequency_hz"] == 100
         while bus.recv(0.0) is not None:
             pass
@@ -187,8 +194,9 @@ WRONG = {
 
 
 @pytest.mark.parametrize("register", WRONG, ids=lambda register: register.name)
-def test_what_a_session_would_refuse_is_found(sick, capsys, register):
-    """The doctor and `bringup.verify` agree on what a motor must hold."""
+def test_what_a_session_would_refuse_is_found_and_repaired(sick, capsys, tmp_path, monkeypatch, register):
+    """The doctor and `motor_inspection.verify` agree on what a motor must hold, and the remedy is one."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     sick.fault(FOLLOWER, "joint_4", "register", WRONG[register], register=int(register))
     with (
         can.Bus(interface="yam_sim", channel=FOLLOWER, rig=sick.name) as bus,
@@ -199,6 +207,7 @@ def test_what_a_session_would_refuse_is_found(sick, capsys, register):
     assert status == 1
     (problem,) = found(report, "problem", "joint_4")
     if register is not Register.GR:  # which is built in
-        value = {Register.MST_ID: 20, Register.TIMEOUT: 8000, Register.CTRL_MODE: 1}.get(register)
-        if value is not None:
-            assert f"7FF#{encode_write(4, register, value).hex().upper()}" in problem["remedy"]
+        program, *arguments = shlex.split(problem["remedy"].partition(" (")[0])
+        assert program == "yam-motors" and repair([*arguments, "--yes"]) == 0
+        with can.Bus(interface="yam_sim", channel=FOLLOWER, rig=sick.name) as bus:
+            motor_inspection.verify(MotorChain(bus, MOTORS, channel=FOLLOWER))

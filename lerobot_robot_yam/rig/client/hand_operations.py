@@ -40,8 +40,9 @@ class HandOperations(ABC):
         Returns:
             sim_s, monotonic_s; arms[channel]: q and dq (n,), opening 0 … 1 or None, trigger, buttons, held,
             resists (the hand has let go of an arm that worked against it), clients,
-            motors[name]: {id, enabled, fault, torque_nm, motor_rad}, second_motors (of fault "second_arm") alike,
-            tcp_site and grasp_site: {pos (3,), mat (9,)}; props[name] and furniture[name]: {pos, quat};
+            motors[name]: {id, enabled, fault, torque_nm, motor_rad, flash_writes},
+            second_motors (of fault "second_arm") alike, tcp_site and grasp_site: {pos (3,), mat (9,)};
+            props[name] and furniture[name]: {pos, quat};
             joints[name], of furniture: m or rad; with `bodies`, bodies[name]: position (3,).
         """
         return self.request("state", bodies=bodies)

@@ -151,6 +151,9 @@ class RigOperations(HandOperations):
 
         Of one motor (name or CAN id) or, with None, of every motor of the channel:
             "silent" (bool): neither obeys nor answers.
+            "power" (bool): False cuts its power; True gives it back, with the registers that its flash holds.
+            "storing" ("reverts" or "cut", or False): what STORE does: other registers become what flash held; or the
+                power goes in the middle.
             "drop_next" (answers), "loss_rate" (0 … 1), "delay_s" (s): answers are lost or late.
             "command_loss_rate" (0 … 1): share of frames that it does not hear.
             "duplicate" (bool, or {"q_rad": rad}): a second motor has its identifiers, see "second_arm".

@@ -52,6 +52,8 @@ class SimHandle:
             self._eeprom[parameters[0] : end] = parameters[1 : end - parameters[0] + 1]
         elif opcode == encoder.OP_SET_ZERO:
             self._zero_rad += self._position_rad()
+            counts = round(self._zero_rad / encoder.RAD_PER_COUNT) & 0xFFFF
+            self._eeprom[encoder.EEPROM_ZERO_HIGH], self._eeprom[encoder.EEPROM_ZERO_LOW] = divmod(counts, 0x100)
         elif opcode == encoder.OP_SET_REPORT_FREQUENCY and parameters:
             self.set_report_frequency(int.from_bytes(parameters[:2], "big"))
         elif opcode == encoder.OP_SET_ADC_FREQUENCY and parameters:

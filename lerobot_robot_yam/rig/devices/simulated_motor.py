@@ -28,6 +28,7 @@ from lerobot_robot_yam.damiao.tables import (
 )
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.devices.factory_registers import factory_registers
+from lerobot_robot_yam.rig.devices.flash import Flash
 from lerobot_robot_yam.rig.devices.motor_faults import FalseReading, LinkFaults
 from lerobot_robot_yam.rig.devices.packets import Frame
 from lerobot_robot_yam.rig.devices.thermometer import Thermometer
@@ -79,6 +80,9 @@ class SimMotor:
         self.goal: tuple[float, float] | None = None  # of a position-velocity move under way: target and speed limit
         self._reference = 0.0
         self._registers = factory_registers(row, serial)
+        self.flash = Flash(self._registers)
+        self._written: int | None = None  # the register that was written last
+        self._unpowered = False
         self._registers_changed()
 
     @property
@@ -133,13 +137,14 @@ class SimMotor:
         if request.opcode == Opcode.REFRESH:
             return self.feedback(at_s)
         if request.opcode == Opcode.STORE:
-            return Frame(0.0, self.master_id, bytes(data).ljust(8, b"\x00"))
+            return self._store(data)
         if request.register not in self._registers:
             return None
         if request.opcode == Opcode.WRITE and registers.REGISTERS[request.register].writable:
             assert request.value is not None
             with contextlib.suppress(ConfigError):  # the answer then shows the value still held
                 self.set_register(request.register, request.value)
+                self._written = request.register
         angle = request.register in (Register.P_M, Register.XOUT)
         value = self.motor_angle_rad if angle else self._registers[request.register]
         # Identifiers may just have changed; the answer still comes from the one that was asked.
@@ -220,7 +225,10 @@ class SimMotor:
 
     def repair(self) -> None:
         """Undo every injected fault; registers, and the fault code that the motor is in, stay."""
+        if self._unpowered:
+            self.power(True)
         self.faults = LinkFaults()
+        self.flash.way = "all"
         self.reading = self.twin = None
         self.sticky_fault = False
         self.thermometer.held = self.thermometer.ramp = None
@@ -253,6 +261,23 @@ class SimMotor:
             raise ConfigError(f"a CAN identifier is at most {REGISTER_ID:#x}, not {value:#x}")
         self._registers[register] = value
         self._registers_changed()
+
+    def power(self, on: bool) -> None:
+        """Switch its power: off, it is limp and silent; on again, it has the registers that its flash holds."""
+        if on and self._unpowered:
+            self._registers = dict(self.flash.held)
+            self._registers_changed()
+        self.disable()
+        self.fault = Fault.DISABLED
+        self.faults.silent = self._unpowered = not on
+
+    def _store(self, data: bytes) -> Frame | None:
+        self._registers = self.flash.store(self._registers, self._written)
+        self._registers_changed()
+        if self.flash.way == "cut":
+            self.power(False)
+            return None
+        return Frame(0.0, self.master_id, bytes(data).ljust(8, b"\x00"))
 
     def _special(self, special: SpecialCommand) -> None:
         if special is SpecialCommand.ENABLE:

@@ -10,6 +10,7 @@ from typing import Any
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.bus.adapter import HoldBack
 from lerobot_robot_yam.rig.bus.channel import PAYLOADS, Channel, ForeignDriver
+from lerobot_robot_yam.rig.devices.flash import WAYS
 from lerobot_robot_yam.rig.devices.motor_faults import FalseReading
 from lerobot_robot_yam.rig.devices.simulated_encoders import SimEncoders
 from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
@@ -64,6 +65,7 @@ def clear_faults(device: RigDevice, request: dict[str, Any]) -> None:
             channel.handle.silent_devices = frozenset()
     for motor in channel.motors:
         motor.repair()
+    channel.identifiers_changed()
     device.events.add("faults_cleared", channel=channel.name)
 
 
@@ -182,6 +184,13 @@ def _temperature_ramp(motor: SimMotor, request: _Request) -> None:
     motor.thermometer.ramp = Ramp(rate, from_c, motor.world.sim_s, part)
 
 
+def _storing(motor: SimMotor, request: _Request) -> None:
+    way = request["value"] or "all"
+    if way not in WAYS:
+        raise ConfigError(f"a motor stores in one of the ways {WAYS}, not {way!r}")
+    motor.flash.way = way
+
+
 def _nibble(motor: SimMotor, request: _Request) -> None:
     code = whole(request["value"], 0, _NIBBLE_MAX)
     motor.sticky_fault = flag(request.get("sticky", False))
@@ -190,6 +199,8 @@ def _nibble(motor: SimMotor, request: _Request) -> None:
 
 _MOTOR_KINDS: dict[str, Callable[[SimMotor, _Request], None]] = {
     "silent": _link_fault("silent", flag),
+    "power": lambda motor, request: motor.power(flag(request["value"])),
+    "storing": _storing,
     "drop_next": _link_fault("drop_next", lambda value: whole(value, 0, _COUNT_MAX)),
     "loss_rate": _link_fault("loss_rate", _share),
     "command_loss_rate": _link_fault("command_loss_rate", _share),

@@ -118,6 +118,7 @@ def _motor(motor: SimMotor) -> dict[str, Any]:
         "fault": int(motor.fault),
         "torque_nm": motor.torque_nm,
         "motor_rad": motor.motor_angle_rad,
+        "flash_writes": motor.flash.writes,
     }
 
 

@@ -124,7 +124,7 @@ def test_a_handle_that_reports_by_itself(desk):
     desk.eeprom[handle_encoder.EEPROM_REPORT_FREQUENCY_LOW] = 100
     desk.eeprom[handle_encoder.EEPROM_REPORT_FREQUENCY_HIGH] = 0xFF
     (problem,) = inspect(desk).findings
-    assert "100 Hz" in problem.what and problem.remedy == "cansend can_x 50E#FF0100"
+    assert "100 Hz" in problem.what and problem.remedy == "yam-handle report --channel can_x 0"
     assert desk.eeprom[handle_encoder.EEPROM_REPORT_FREQUENCY_LOW] == 100  # and is left to
 
 
@@ -133,7 +133,7 @@ def test_a_trigger_with_a_wrong_zero(desk):
     section = inspect(desk)
     (problem,) = section.findings
     assert problem.severity is Severity.PROBLEM and "-2.000 rad" in problem.what
-    assert "cansend can_x 50E#FF00" in problem.remedy
+    assert "yam-handle zero --channel can_x" in problem.remedy
     assert section.rows[0]["buttons"] == [0, 1]
 
 

@@ -24,6 +24,8 @@ from tests.support.frames import float_frame
 
 TICK_S = 0.004
 FAULTS = {  # kind → value and details of its request
+    "power": (False, {}),
+    "storing": ("reverts", {}),
     "silent": (True, {}),
     "drop_next": (3, {}),
     "loss_rate": (0.5, {}),

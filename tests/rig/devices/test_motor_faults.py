@@ -268,6 +268,7 @@ def test_clearing_ends_every_fault_of_its_motors(desk):
         (1, "temperature_ramp", {"rate_c_per_s": 1, "from_c": 1, "part": "lid"}, "part must be one of"),
         (1, "torque_bias_nm", "much", "finite number"),
         (1, "nibble", 16, "from 0 to 15"),
+        (1, "storing", "late", "a motor stores in one of the ways"),
     ],
 )
 def test_a_fault_that_makes_no_sense_is_refused(desk, motor, kind, value, text):

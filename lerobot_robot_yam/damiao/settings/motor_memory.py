@@ -1,0 +1,192 @@
+"""All registers of one motor: read, compared, changed in RAM, and stored so that nothing else changes with them."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from lerobot_robot_yam.damiao.codec import unpack_feedback
+from lerobot_robot_yam.damiao.registers import Register, encode_value
+from lerobot_robot_yam.damiao.settings.register_access import RegisterAccess
+from lerobot_robot_yam.damiao.tables import Fault, fault_text
+from lerobot_robot_yam.errors import MotorError
+
+Contents = dict[Register, float | int]
+"""What a motor's registers hold; those that it does not tell are missing."""
+
+MEASURED = frozenset({Register.VBUS, Register.TPCB, Register.TMTR, Register.P_M, Register.XOUT})
+"""Registers that show a measurement: they change by themselves."""
+_UNUSED_GAINS = (500.0, 5.0)  # feedback has none
+
+
+class MotorState(NamedTuple):
+    """Feedback of a motor: rad, rad/s, Nm, °C."""
+
+    fault: int
+    position_rad: float
+    velocity_rad_s: float
+    torque_nm: float
+    temp_mos_c: int
+    temp_rotor_c: int
+
+
+def read_contents(access: RegisterAccess, motor_id: int) -> Contents:
+    """All registers that the motor tells. Empty: it does not answer."""
+    if not access.replies(motor_id, Register.ESC_ID):
+        return {}
+    told = {register: access.read(motor_id, register) for register in Register}
+    return {register: value for register, value in told.items() if value is not None}
+
+
+def read_state(access: RegisterAccess, motor_id: int) -> MotorState | None:
+    """Its feedback, decoded with the ranges that it is set to; None when it does not give any."""
+    told = [access.read(motor_id, r) for r in (Register.MST_ID, Register.PMAX, Register.VMAX, Register.TMAX)]
+    if None in told:
+        return None
+    master, *ranges = told
+    data = access.feedback(motor_id, int(master or 0))
+    if data is None:
+        return None
+    p_max, v_max, t_max = (float(limit or 0.0) for limit in ranges)
+    return MotorState(*unpack_feedback((p_max, v_max, t_max, *_UNUSED_GAINS), data)[1:])
+
+
+def require_alone(access: RegisterAccess, motor_id: int, name: str) -> None:
+    """Refuse unless exactly one motor has this id, and answers as its registers say.
+
+    Raises:
+        MotorError: none or two have it, or the answers come under another identifier.
+    """
+    found = access.find(motor_id)
+    if not found:
+        raise MotorError(
+            f"{access.channel}: {name} (id {motor_id}) does not answer; check its power and cable, and look for it "
+            "under another id (yam-motors scan)"
+        )
+    if len(found) > 1:
+        raise MotorError(
+            f"{access.channel}: {len(found)} motors answer to id {motor_id}; nothing was changed. Unplug all but one "
+            "of them, and give that one its own id (yam-motors set-id)"
+        )
+    (reply,) = found
+    if reply.identifier != reply.value:
+        raise MotorError(
+            f"{access.channel}: {name} (id {motor_id}) answers as 0x{reply.identifier:X}, but its MST_ID is "
+            f"0x{int(reply.value):X}; nothing was changed. Switch the arm's power off and on, and try again"
+        )
+
+
+def require_limp(access: RegisterAccess, motor_id: int, name: str) -> None:
+    """Refuse to change a motor that holds something up. Raises MotorError: it is energised, or does not say."""
+    state = read_state(access, motor_id)
+    if state is None:
+        raise MotorError(f"{access.channel}: {name} (id {motor_id}) gives no feedback; nothing was changed")
+    if state.fault == Fault.NORMAL:
+        raise MotorError(
+            f"{access.channel}: {name} (id {motor_id}) is energised; nothing was changed. Motors are set up while they "
+            "are limp: end the program that drives the arm, which lands it, or support the arm and switch its power "
+            "off and on"
+        )
+    if state.fault != Fault.DISABLED:
+        raise MotorError(
+            f"{access.channel}: {name} (id {motor_id}) reports {fault_text(state.fault)}; nothing was changed. See to "
+            "the fault, switch the arm's power off and on, and try again"
+        )
+
+
+def equal(register: Register, one: float | int, other: float | int) -> bool:
+    """Whether the register's four bytes would be the same."""
+    return encode_value(register, one) == encode_value(register, other)
+
+
+def changes(
+    before: Mapping[Register, float | int], after: Mapping[Register, float | int]
+) -> dict[Register, tuple[float | int, float | int | None]]:
+    """What differs, but for measurements: value before and after, None where it is not told any more."""
+    found: dict[Register, tuple[float | int, float | int | None]] = {}
+    for register, old in before.items():
+        new = after.get(register)
+        if register not in MEASURED and (new is None or not equal(register, old, new)):
+            found[register] = old, new
+    return found
+
+
+def put(access: RegisterAccess, motor_id: int, wanted: Mapping[Register, float | int]) -> Contents:
+    """Set registers in RAM; those that hold the value already are not written.
+
+    Returns:
+        What those that were written held before.
+
+    Raises:
+        MotorError: one did not take its value. Those written before were put back, or the message names them.
+    """
+    written: Contents = {}
+    try:
+        for register, value in wanted.items():
+            old = access.read(motor_id, register)
+            if old is None:
+                raise MotorError(f"{access.channel}: motor {motor_id} does not tell register {register.name}")
+            if not equal(register, old, value):
+                written[register] = old
+                access.write_and_check(motor_id, register, value)
+    except MotorError as error:
+        raise MotorError(f"{error}; {_put_back(access, motor_id, written)}") from error
+    return written
+
+
+def _put_back(access: RegisterAccess, motor_id: int, written: Contents) -> str:
+    left = []
+    for register, value in written.items():
+        try:
+            access.write_and_check(motor_id, register, value)
+        except MotorError:
+            left.append(f"{register.name} (was {value:g})")
+    if left:
+        return f"NOT PUT BACK: {', '.join(left)}. Nothing was stored: switch its power off and on, which undoes it"
+    return "nothing was changed"
+
+
+def store(access: RegisterAccess, motor_id: int) -> list[str]:
+    """Store RAM to flash, and see to it that every register is afterwards what it was before.
+
+    Some firmware puts other registers back to what flash held when it stores one. Those are written and stored again,
+    as long as fewer of them are lost each time.
+
+    Returns:
+        Names of the registers that had to be stored again.
+
+    Raises:
+        MotorError: the motor fell silent, or registers changed for good; the message names them.
+    """
+    before = read_contents(access, motor_id)
+    again: dict[Register, None] = {}
+    lost: Mapping[Register, object] = before
+    while lost:
+        confirmed = access.store(motor_id)
+        after = read_contents(access, motor_id)
+        if not after:
+            raise MotorError(
+                f"{access.channel}: motor {motor_id} fell silent while it stored its registers; what its flash holds "
+                "is not known. Switch the arm's power off and on, then look at it (yam-motors diff)"
+            )
+        if not confirmed:
+            raise MotorError(
+                f"{access.channel}: motor {motor_id} did not confirm storing its registers; its RAM is as it was. "
+                "Store it again (yam-motors store)"
+            )
+        found = changes(before, after)
+        if not found:
+            return [register.name for register in again]
+        fixed = {register: old for register, (old, _) in found.items() if register.writable}
+        if len(found) >= len(lost) or len(fixed) < len(found):
+            listing = ", ".join(f"{r.name} from {old:g} to {_shown(new)}" for r, (old, new) in found.items())
+            raise MotorError(
+                f"{access.channel}: storing the registers of motor {motor_id} changed others: {listing}; energise "
+                "nothing before they are right again"
+            )
+        lost = found
+        again |= dict.fromkeys(found)
+        put(access, motor_id, fixed)
+    return []
+
+
+def _shown(value: float | int | None) -> str:
+    return "not told" if value is None else f"{value:g}"

@@ -1,0 +1,53 @@
+"""All motors of a command are changed, or none; a motor that does not get its new id has its old one."""
+
+from argparse import Namespace
+
+import pytest
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.commands.lib.motor.motor_bench import MotorBench
+from lerobot_robot_yam.commands.lib.motor.motor_changes import apply
+from lerobot_robot_yam.commands.lib.motor.motor_ids import set_id
+from lerobot_robot_yam.damiao.registers import Register
+from lerobot_robot_yam.errors import MotorError
+from tests.support.stubborn_desk import StubbornDesk
+
+YES = Namespace(yes=True)
+HOT = {Register.OT_VALUE: 90.0}
+
+
+@pytest.fixture
+def desk():
+    with StubbornDesk() as bus:
+        yield bus
+
+
+@pytest.fixture
+def bench(desk, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    return MotorBench(ArmConfig(name="left", channel="desk"), desk)
+
+
+def held(desk, register=Register.OT_VALUE):
+    return [registers[register] for registers in desk.registers.values()]
+
+
+def test_one_motor_that_refuses_leaves_all_as_they_were(desk, bench):
+    desk.stays[5] = {Register.OT_VALUE}
+    with pytest.raises(MotorError, match="motor 5 did not take OT_VALUE.*The other motors are as before.*desk-5.yaml"):
+        apply(YES, bench, dict.fromkeys(range(1, 8), HOT), "write", store_too=True)
+    assert held(desk) == [100.0] * 7 and desk.stored == []
+
+
+def test_one_motor_that_does_not_store_leaves_the_rest_as_they_were(desk, bench):
+    desk.unconfirmed = {3}
+    with pytest.raises(MotorError, match="motor 3 did not confirm .* Stored before that: joint_1, joint_2. The other"):
+        apply(YES, bench, dict.fromkeys(range(1, 8), HOT), "write", store_too=True)
+    assert held(desk) == [90.0] * 3 + [100.0] * 4 and desk.stored == [1, 2, 3]
+
+
+def test_a_motor_that_keeps_its_id_keeps_all_of_them(desk, bench):
+    desk.stays[7] = {Register.ESC_ID}
+    with pytest.raises(MotorError, match="motor 9 answers 0 times, as nothing; it has its old ids again, nothing was"):
+        set_id(YES, bench, 7, 9, 25)
+    assert held(desk, Register.MST_ID) == [17, 18, 19, 20, 21, 22, 23] and desk.stored == []

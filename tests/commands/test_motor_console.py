@@ -1,0 +1,159 @@
+"""yam-motors console and watch at a terminal, on the rig: the only action that energises anything."""
+
+import signal
+import sys
+
+import pytest
+
+from lerobot_robot_yam.commands.motors import main
+from lerobot_robot_yam.damiao.registers import Register
+from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.session.yam_arm import YamArm
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from tests.support.crooked_arm import arguments, config, events, motor_rad, scene
+from tests.support.terminal import Terminal
+
+RIGHT = b"\x1b[C"
+
+
+@pytest.fixture
+def arm(tmp_path):
+    """A rig with one arm at rest."""
+    with running_rig(scene=scene(tmp_path, [0.0] * 7)) as rig:
+        yield rig
+
+
+@pytest.fixture
+def console(arm, tmp_path):
+    """Starts `yam-motors console` for joint 6 in a terminal."""
+    opened = []
+
+    def start(*more):
+        command = [sys.executable, "-m", "lerobot_robot_yam.commands.motors", "console", "--motor", "joint_6"]
+        opened.append(Terminal(tmp_path, *command, *arguments(arm), *more))
+        return opened[0]
+
+    yield start
+    for terminal in opened:
+        terminal.close()
+
+
+def enabled(rig):
+    return [name for name, motor in rig.state()["arms"]["only"]["motors"].items() if motor["enabled"]]
+
+
+@pytest.mark.parametrize("mode", ["mit", pytest.param("position", marks=pytest.mark.long)])
+def test_one_motor_follows_the_arrow_keys_and_is_let_down(arm, console, mode):
+    before = motor_rad(arm)
+    terminal = console("--mode", mode)
+    terminal.wait_shown("Type enable to energise joint_6")
+    assert "HANGS" not in terminal.shown and not events(arm, "motor_enabled")
+    terminal.type(b"enable\n")
+    terminal.wait_shown("target")
+    assert enabled(arm) == ["joint_6"]
+    terminal.type(RIGHT * 4)
+    terminal.wait_shown(f" q {before['joint_6'] + 0.2:+.2f}"[:-1])
+    terminal.type(b"q")
+    terminal.wait_shown("joint_6 is limp")
+    assert terminal.end() == 0 and enabled(arm) == []
+    first, last = terminal.modes()
+    assert first == last
+    assert motor_rad(arm)["joint_6"] - before["joint_6"] == pytest.approx(0.2, abs=0.05)
+    assert main(["read", "CTRL_MODE", *arguments(arm)]) == 0  # nobody holds the channel
+
+
+@pytest.mark.long
+def test_the_velocity_mode_turns_until_it_is_told_to_stay(arm, console):
+    before = motor_rad(arm)["joint_6"]
+    terminal = console("--mode", "velocity")
+    terminal.wait_shown("Type enable")
+    terminal.type(b"enable\n")
+    terminal.wait_shown("target")
+    terminal.type(RIGHT * 6)
+    terminal.wait_shown(" q +0.2")
+    terminal.type(b" ")
+    terminal.type(b"q")
+    assert terminal.end() == 0 and enabled(arm) == []
+    assert motor_rad(arm)["joint_6"] > before + 0.1
+
+
+def test_an_arm_in_the_air_is_said_to_be_and_asked_about(arm, console):
+    arm.set_pose("only", q=[0.0, 1.2, 1.2, 0.0, 0.0, 0.0])
+    terminal = console()
+    terminal.wait_shown("Type in the air to energise joint_6")
+    assert "THE ARM HANGS IN THE AIR OR IS HELD UP: joint_" in terminal.shown
+    terminal.type(b"enable\n")
+    assert terminal.end() == 1
+    assert "not confirmed; nothing was energised" in terminal.shown and not events(arm, "motor_enabled")
+
+
+@pytest.mark.long
+def test_a_motor_that_fails_is_told_and_left_limp(arm, console):
+    terminal = console()
+    terminal.wait_shown("Type enable")
+    terminal.type(b"enable\n")
+    terminal.wait_shown("target")
+    arm.fault("only", "joint_6", "nibble", 0xA)
+    terminal.wait_shown("only: joint_6 has let go: 0xA over-current")
+    assert terminal.end() == 1 and enabled(arm) == []
+
+
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGTERM, marks=pytest.mark.long), signal.SIGKILL])
+def test_a_signal_lets_the_joint_down_and_a_kill_leaves_it_to_its_watchdog(arm, console, number):
+    terminal = console()
+    terminal.wait_shown("Type enable")
+    terminal.type(b"enable\n")
+    terminal.wait_shown("target")
+    terminal.kill(number)
+    terminal.end()
+    if number == signal.SIGKILL:
+        arm.wait_event("motor_fault", 5.0)
+    assert enabled(arm) == []
+    assert main(["read", "CTRL_MODE", *arguments(arm)]) == 0  # nobody holds the channel
+
+
+def refused(rig, capsys, action, *more):
+    capsys.readouterr()
+    assert main([action, *more, *arguments(rig)]) == 1
+    assert not events(rig, "motor_enabled")
+    return capsys.readouterr().err
+
+
+def test_what_speaks_against_energising_is_named(arm, capsys, monkeypatch):
+    assert "no terminal to confirm at" in refused(arm, capsys, "console", "--motor", "joint_6")
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
+    assert "name one motor (--motor joint_6)" in refused(arm, capsys, "console")
+    assert "not by 4" in refused(arm, capsys, "console", "--motor", "joint_6", "--range", "4")
+    EmergencyStop().latch("somebody shouted")
+    assert "the emergency stop is latched: somebody shouted" in refused(arm, capsys, "console", "--motor", "joint_6")
+    EmergencyStop().release()
+    arm.fault("only", "joint_6", "register", 0, register=int(Register.TIMEOUT))
+    assert "joint_6 has no time-out: it would go on for ever" in refused(arm, capsys, "console", "--motor", "joint_6")
+    arm.fault("only", "joint_2", "nibble", 0xC)
+    assert "joint_2 (id 2) reports 0xC" in refused(arm, capsys, "console", "--motor", "joint_6")
+
+
+# watching
+
+
+def test_watch_shows_limp_motors_and_energises_none(arm, capsys):
+    arm.fault("only", "joint_3", "temperatures_c", [44, 55])
+    assert main(["watch", "--seconds", "0.3", *arguments(arm)]) == 0
+    tables = capsys.readouterr().out.split("motor ")[1:]
+    assert len(tables) >= 2
+    (line,) = [line for line in tables[-1].splitlines() if line.startswith("joint_3")]
+    assert line.split()[-4:] == ["44", "55", "0x0", "disabled"]
+    assert not events(arm, "motor_enabled")
+
+
+def test_monitor_listens_beside_a_session(arm, capsys):
+    assert main(["monitor", "--seconds", "0.2", *arguments(arm)]) == 1
+    assert "nothing was heard on channel only within 0.2 s: no session drives it" in capsys.readouterr().err
+    with YamArm(config(arm)):
+        arm.fault("only", "joint_3", "loss_rate", 0.2)
+        arm.trace_start("only")
+        assert main(["monitor", "--seconds", "1.5", *arguments(arm)]) == 0
+        lines = {line.split()[0]: line.split() for line in capsys.readouterr().out.splitlines()}
+        commands, lost, latency_ms = (float(text) for text in lines["joint_3"][1:4])
+        assert 0.1 < lost / commands < 0.3 and 0.2 < latency_ms < 3.0
+        assert lines["joint_1"][2] == "0"

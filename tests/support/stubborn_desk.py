@@ -1,0 +1,42 @@
+"""A desk whose motors do not play along: registers that stay, stores that change others or are not confirmed."""
+
+from lerobot_robot_yam.damiao.registers import Opcode, Register, decode_request
+from tests.support.desk_bus import SPECS, DeskBus
+
+
+class StubbornDesk(DeskBus):
+    """Motors of an arm. Attributes may be changed between frames.
+
+    Attributes:
+        stays: registers that keep their value, by motor.
+        lost_when_stored: what a store changes, by motor: register and value.
+        unconfirmed: motors that do not answer a store.
+        speechless: motors that answer registers and give no feedback.
+    """
+
+    def __init__(self):
+        super().__init__(SPECS, handle=True)
+        self.fault = dict.fromkeys(self.specs, 0)
+        for registers in self.registers.values():
+            registers[Register.OT_VALUE], registers[Register.UV_VALUE] = 100.0, 15.0
+        self.stays: dict[int, set[Register]] = {}
+        self.lost_when_stored: dict[int, dict[Register, float]] = {}
+        self.unconfirmed: set[int] = set()
+        self.speechless: set[int] = set()
+        self.stored: list[int] = []
+
+    def _answer_register(self, data: bytes) -> None:
+        request = decode_request(data)
+        can_id, opcode = request.motor_id, request.opcode
+        if can_id not in self.specs or (opcode == Opcode.REFRESH and can_id in self.speechless):
+            return
+        held = self.registers[can_id]
+        if opcode == Opcode.STORE:
+            self.stored.append(can_id)
+            held |= self.lost_when_stored.get(can_id, {})
+            if can_id in self.unconfirmed:
+                return
+        kept = dict(held)
+        super()._answer_register(data)
+        for register in self.stays.get(can_id, ()):
+            held[register] = kept[register]
