@@ -98,7 +98,8 @@ class LeaderBase(ArmDevice, Teleoperator):
         keys = (self._steps or self._space).keys
         self._arms.start(calibrate, keys, self._models, self.get_action, self._recognise)
         try:
-            self._keys.start(inspect.currentframe(), self._published)
+            if self._steps is None:  # the RL stack asks for events, and hears no keys
+                self._keys.start(inspect.currentframe(), self._published)
         except BaseException:
             self.disconnect()
             raise

@@ -23,7 +23,7 @@ def write(path: Path, arm: str, gripper: str) -> int:
         ConfigError: no such arm or gripper, or the file cannot be written.
     """
     from lerobot_robot_yam.arm.mounting import resolve_profiles
-    from lerobot_robot_yam.arm.urdf import urdf
+    from lerobot_robot_yam.arm.urdf_export import urdf
 
     text = urdf(*resolve_profiles(arm, gripper))
     try:

@@ -33,7 +33,8 @@ def urdf(arm: ArmProfile, gripper: GripperProfile) -> str:
         if 0 <= joint < len(arm.motors):
             element = _add_joint(robot, arm.motors[joint].name, "revolute", parent, name, place)
             ET.SubElement(element, "axis", xyz=_text(model.jnt_axis[joint]))
-            _add_limit(element, *model.jnt_range[joint], arm.torque_limit_nm[joint], arm.speed_limit_rad_s[joint])
+            lower, upper = model.jnt_range[joint]
+            _add_limit(element, lower, upper, arm.torque_limit_nm[joint], arm.speed_limit_rad_s[joint])
         else:  # fingers stay where they are at 0
             _add_joint(robot, f"{name}_mount", "fixed", parent, name, place)
     tool = model.site(TOOL)
