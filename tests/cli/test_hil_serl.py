@@ -123,7 +123,8 @@ def test_actor_and_learner_run_beside_each_other(commands):
     actor = start(commands, "actor", config, *shared, f"--output_dir={output}_actor")
     wait_said(commands, actor, "Policy loop finished")
     said = commands.output()
-    assert f"Global step {STEPS - 1}: Episode reward" in said
+    ends = [int(step) for step in re.findall(r"Global step (\d+): Episode reward", said)]
+    assert len(ends) == 2 and ends[-1] > STEPS - 5 and "Shutting down act_with_policy" not in said
     assert "Load new parameters from Learner" in said and "Optimization frequency loop" in said
     for process in (actor, learner):
         process.send_signal(signal.SIGINT)
