@@ -10,8 +10,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from lerobot_robot_yam.arm.dynamics import GravityModel
+from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.commands.feel import main
+from lerobot_robot_yam.commands.lib.feel_figures import SPEED_RAD_S, effort
 from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.records import STATE_DTYPE
 from tests.face.devices.test_pairing import follower, leader
 from tests.support.coupled import FOLLOWER, LEADER, POSE
 
@@ -67,9 +72,28 @@ def test_a_coupled_pair_is_measured(tmp_path, capsys):
     assert len(moved) == 6 and (moved > 0.4).all()
     assert (lag_ms > 0.0).all() and lag_ms.max() < 20.0 and error_mrad.max() < 8.0 and jerk.max() < 5.0, said
     assert (feedback <= largest).all() and feedback.max() < 0.3, said  # there is none
-    np.testing.assert_allclose(backdrive, FRICTION_NM + 0.5 * np.array(IDLE_KD), atol=0.15, err_msg=said)
+    np.testing.assert_allclose(backdrive, FRICTION_NM + 0.5 * np.array(IDLE_KD), atol=0.06, err_msg=said)
     assert f"{FOLLOWER}: follows at loop rate for 100% of the time" in said
     assert said.count("periods of the loop p50 4.") == 2 and picture.stat().st_size > 10_000
+
+
+def test_drag_and_feedback_are_told_apart():
+    arm, gripper = resolve_profiles("yam", "yam_teaching_handle")
+    times, q = sweep(10.0, 0.004)
+    dq = np.gradient(q, times, axis=0)
+    pull = np.where((times > 6.0) & (times < 6.5), 1.0, 0.0)[:, None]
+    states = np.zeros(len(times), STATE_DTYPE)
+    states["mode"], states["joints"] = Mode.FLOAT, 6
+    states["q"][:, :6], states["dq"][:, :6] = q, dq
+    weight = np.array([GravityModel(arm, gripper).torque(row) for row in q])
+    states["tau"][:, :6] = 1.1 * weight - 0.2 * np.sign(dq) - 0.3 * dq + pull
+    found = effort(states, arm, gripper)
+    np.testing.assert_allclose(found.drag_nm, 0.2 + 0.3 * SPEED_RAD_S, atol=0.1)
+    during = pull[:, 0] > 0.0
+    assert np.abs(found.feedback_nm[during].mean(axis=0) - 1.0).max() < 0.3
+    assert np.abs(found.feedback_nm[~during].mean(axis=0)).max() < 0.1
+    states["tau"] = 0.0  # a leader without motors
+    assert np.isnan(effort(states, arm, gripper).backdrive_nm).all()
 
 
 def write(root, action, state, names, robot_type="yam_follower"):

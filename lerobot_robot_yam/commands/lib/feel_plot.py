@@ -11,7 +11,7 @@ from lerobot_robot_yam.errors import ConfigError
 
 
 def plot(path: Path, motion: Motion, effort: Effort | None, periods_s: Mapping[str, np.ndarray]) -> None:
-    """Save it, as the ending of `path` says: both arms over time, feedback against speed, periods of the loops.
+    """Save it, as the ending of `path` says: both arms and their difference, feedback, periods.
 
     Raises:
         ConfigError: matplotlib is missing, or the file cannot be written.
@@ -19,12 +19,12 @@ def plot(path: Path, motion: Motion, effort: Effort | None, periods_s: Mapping[s
     try:
         import matplotlib
     except ImportError as error:
-        raise ConfigError('--plot needs matplotlib: pip install "matplotlib>=3.9,<4"') from error
+        raise ConfigError('--plot needs matplotlib: pip install -e ".[bench]"') from error
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
     n = len(motion.names)
-    rows = 1 + (effort is not None) + bool(periods_s)
+    rows = 2 + (effort is not None) + bool(periods_s)
     figure = pyplot.figure(figsize=(3.2 * n, 3.2 * rows), layout="constrained")
     grid = figure.add_gridspec(rows, n)
     for joint, name in enumerate(motion.names):
@@ -34,8 +34,11 @@ def plot(path: Path, motion: Motion, effort: Effort | None, periods_s: Mapping[s
         axes.set(title=name, xlabel="s", ylabel="rad" if joint == 0 else "")
         if joint == 0:
             axes.legend(fontsize=8)
+        axes = figure.add_subplot(grid[1, joint])
+        axes.plot(motion.times_s, (motion.follower - motion.leader)[:, joint] * 1e3, linewidth=0.7)
+        axes.set(xlabel="s", ylabel="follower - leader, mrad" if joint == 0 else "")
         if effort is not None:
-            axes = figure.add_subplot(grid[1, joint])
+            axes = figure.add_subplot(grid[2, joint])
             axes.plot(effort.dq[:, joint], effort.feedback_nm[:, joint], ".", markersize=1.5)
             axes.set(xlabel="leader, rad/s", ylabel="feedback, Nm" if joint == 0 else "")
     if periods_s:

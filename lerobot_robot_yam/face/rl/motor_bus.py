@@ -11,7 +11,8 @@ from lerobot_robot_yam.face.devices.arm_group import ArmGroup
 
 _THERE = 2e-3  # rad, of the stroke
 _TICK_S = 0.01
-_MOST_S = 10.0  # for one target: the longest way at half the usual speed limit
+_MOVES = 1e-4  # rad, of the stroke
+_BLOCKED_S = 0.5  # without motion of the set-point: an emergency stop, the workspace
 
 
 class MotorBus:
@@ -52,7 +53,7 @@ class MotorBus:
         return {key.removesuffix(".pos"): value for key, value in values.items()}
 
     def sync_write(self, register: str, values: Mapping[str, Any]) -> None:
-        """Have the arm go to Goal_Position, and wait until its set-point is there, for 10 s at most.
+        """Have the arm go to Goal_Position, and wait until its set-point is there, or something holds it back.
 
         LeRobot writes the way to its reset pose in 0.75 s and then nothing for seconds. An arm that is slower would
         hold halfway.
@@ -63,11 +64,13 @@ class MotorBus:
         """
         self._check(register, "Goal_Position", "it is the only one that can be written")
         action = {f"{name}.pos": float(value) for name, value in values.items()}
-        until_s = time.monotonic() + _MOST_S
-        while time.monotonic() < until_s:
-            sent = self._arms.vector(self._send(action))
-            if np.abs(sent - self._arms.held()).max() < _THERE:
+        before, moved_s = self._arms.held(), time.monotonic()
+        while time.monotonic() - moved_s < _BLOCKED_S:
+            sent, now = self._arms.vector(self._send(action)), self._arms.held()
+            if np.abs(sent - now).max() < _THERE:
                 return
+            if np.abs(now - before).max() > _MOVES:
+                before, moved_s = now, time.monotonic()
             time.sleep(_TICK_S)
 
     def _check(self, register: str, known: str, remedy: str) -> None:
