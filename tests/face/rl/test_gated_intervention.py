@@ -41,6 +41,7 @@ def test_a_gate_takes_over(tmp_path, gate):
                 else:
                     rig.bring_home("leader_left", seconds=1.0)
                 assert intervenes(4.0, lifted)
+                time.sleep(0.2)  # until the button is up again
         finally:
             robot.disconnect()
             teleop.disconnect()
