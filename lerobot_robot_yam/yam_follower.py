@@ -22,6 +22,7 @@ from lerobot_robot_yam.face.devices.hand_guidance import HandGuidance, guidance
 from lerobot_robot_yam.face.devices.images import beside_arms, newest_images
 from lerobot_robot_yam.face.recorder.episode_log import EpisodeLog
 from lerobot_robot_yam.face.recorder.record_command import saves_finished_episode
+from lerobot_robot_yam.face.rl.motor_bus import MotorBus
 from lerobot_robot_yam.state.records import ArmState
 from lerobot_robot_yam.system.clock import Clock
 
@@ -60,6 +61,7 @@ class FollowerBase(ArmDevice, Robot):
         self._coupled_s = -math.inf  # when a leader's action was passed on last
         self._keys = options.state_keys()
         self._extra_keys = self._keys[len(self._space.keys) :]
+        self.bus = MotorBus(self._arms, self.send_action)  # for LeRobot's RL stack
         self._episodes = EpisodeLog(None)
         self._guidance: HandGuidance | None = None
 

@@ -88,10 +88,15 @@ class LeaderOptions(ABC):
     use_degrees: bool = option(
         "joints in degrees in actions and feedback, as the follower's option of this name", False
     )
-    action_space: Literal["joint", "ee"] = option(
+    action_space: Literal["joint", "ee", "delta"] = option(
         "joint: actions and feedback are joint_1.pos …; ee: the pose of the follower's tool; as the follower's "
-        "option of this name",
+        "option of this name; delta: steps of the tool, for LeRobot's RL stack (docs/hil-serl.md)",
         "joint",
+    )
+    step_m: float = option(
+        "longest step of the tool along an axis with action_space: delta, m; end_effector_step_sizes of LeRobot's "
+        "config",
+        0.02,
     )
     isolation: Literal["process", "thread"] = option(
         "process runs the control loop in another process; thread is for debugging", "process"

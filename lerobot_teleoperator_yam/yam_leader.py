@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from lerobot.teleoperators.teleoperator import Teleoperator
+from lerobot.teleoperators.utils import TeleopEvents
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
 
 from lerobot_robot_yam.arm.config_checks import check_switches
@@ -17,6 +18,8 @@ from lerobot_robot_yam.face.devices.arm_device import ArmDevice
 from lerobot_robot_yam.face.devices.gate_voice import GateVoice
 from lerobot_robot_yam.face.operator_keys.operator_keys import OperatorKeys
 from lerobot_robot_yam.face.recorder.record_command import saves_finished_episode
+from lerobot_robot_yam.face.rl.teleop_events import TeleopEventWatch
+from lerobot_robot_yam.face.rl.tool_steps import ToolSteps
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import ArmState, coupling_number
 from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, YamLeaderConfig
@@ -54,9 +57,13 @@ class LeaderBase(ArmDevice, Teleoperator):
                         f"{side.name}: follower_arm {arm.follower_arm!r} has {len(limits)} joints, not {side.joints}"
                     )
                 self._lower[side.slice], self._upper[side.slice] = limits.T
-        self._speak(options.action_space, followers)
+        self._steps: ToolSteps | None = None
+        if options.action_space == "delta":
+            self._steps = ToolSteps(self._arms, followers, options.step_m, self._arms.follower_opening)
+        self._speak("joint" if options.action_space == "delta" else options.action_space, followers)
         self._keys = OperatorKeys(meanings_of(options), options.auto_episodes)
         self._voice = GateVoice(together=all(arm.gate_together for arm in arms.values()))
+        self._events = TeleopEventWatch(meanings_of(options), self._published)
         self._restart()
 
     def _restart(self) -> None:
@@ -71,9 +78,14 @@ class LeaderBase(ArmDevice, Teleoperator):
         self._left_by_feedback: list[float | None] = [None] * sides
 
     @cached_property
-    def feedback_features(self) -> dict[str, type]:
-        """The same as `action_features`: a leader can be led to where its follower is."""
-        return dict(self.action_features)
+    def action_features(self) -> dict[str, Any]:
+        """See `ArmDevice`; with `action_space: delta` as LeRobot's RL stack wants them."""
+        return super().action_features if self._steps is None else self._steps.features
+
+    @cached_property
+    def feedback_features(self) -> dict[str, Any]:
+        """In joints, or poses as the actions: a leader can be led to where its follower is."""
+        return dict.fromkeys(self._space.keys, float)
 
     @check_if_already_connected
     def connect(self, calibrate: bool = True) -> None:
@@ -86,9 +98,11 @@ class LeaderBase(ArmDevice, Teleoperator):
         self._restart()
         self._arms.check_followers()
         self._voice.begin(inspect.currentframe())
-        self._arms.start(calibrate, self._space.keys, self._models, self.get_action, self._recognise)
+        keys = (self._steps or self._space).keys
+        self._arms.start(calibrate, keys, self._models, self.get_action, self._recognise)
         try:
-            self._keys.start(inspect.currentframe(), self._published)
+            if self._steps is None:  # the RL stack asks for events, and hears no keys
+                self._keys.start(inspect.currentframe(), self._published)
         except BaseException:
             self.disconnect()
             raise
@@ -100,6 +114,7 @@ class LeaderBase(ArmDevice, Teleoperator):
     def disconnect(self) -> None:
         """Land the arms, then give the terminal back. Idempotent."""
         self._keys.end()
+        self._events.stop()
         try:
             self._arms.stop()
         finally:
@@ -128,7 +143,7 @@ class LeaderBase(ArmDevice, Teleoperator):
             return dict(self._action)
         values: list[float] = []
         for index, (side, state) in enumerate(zip(self._arms.sides, states, strict=True)):
-            led = None if side.follower_key is None else self._led(side.key, side.follower_key, state)
+            led = None if side.follower_key is None or self._steps else self._led(side.key, side.follower_key, state)
             if led is not None:
                 values += led[: len(side.motors)]
                 continue
@@ -140,8 +155,19 @@ class LeaderBase(ArmDevice, Teleoperator):
                     self._openings[index] = self._pick_up(index, 1.0 - state.trigger)
                 values.append(self._openings[index])
         self._target = np.minimum(np.maximum(values, self._lower), self._upper)
-        self._action = self._space.action(self._target)
+        if self._steps is not None and not self._events.intervenes():
+            self._steps.begin()
+        self._action = (self._steps or self._space).action(self._target)
         return dict(self._action)
+
+    @check_if_not_connected
+    def get_teleop_events(self) -> dict[TeleopEvents, bool]:
+        """What LeRobot's RL stack asks at each step: whether a person drives, and how the episode ends.
+
+        Raises:
+            StaleStateError: an arm is silent.
+        """
+        return self._events.take()
 
     def _led(self, key: str, follower_key: str, state: ArmState) -> tuple[float, ...] | None:
         """Target of an arm's follower: as that one executes it if it is coupled, else as the gate asks for it.

@@ -1,6 +1,5 @@
 """lerobot-record with followers that take their targets from their leaders at loop rate."""
 
-import importlib
 import threading
 import time
 
@@ -8,12 +7,12 @@ import numpy as np
 import pytest
 from lerobot.datasets import LeRobotDataset
 
+from lerobot_robot_yam.commands.lib.likeness import likeness
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState, channel_key, state_path
 from lerobot_robot_yam.system.shared_block import SharedBlock
 from tests.cli.conftest import Commands
 from tests.support.coupled import FOLLOWER, LEADER, POSE, sweep
-from tests.support.paths import SCRIPTS
 from tests.support.spoken import Spoken
 
 pytestmark = pytest.mark.alone
@@ -99,12 +98,11 @@ def recorded(tmp_path_factory):
 
 
 @pytest.mark.long
-def test_the_follower_is_at_its_leader(recorded, monkeypatch):
-    monkeypatch.syspath_prepend(str(SCRIPTS))
+def test_the_follower_is_at_its_leader(recorded):
     (leader, follower), _, _, said = recorded
     first = max(leader["stamp_s"][0], follower["stamp_s"][0])
     pairs = [truth["q"][truth["stamp_s"] >= first][:4000, :6] for truth in (leader, follower)]
-    found = importlib.import_module("bench.lag").likeness(leader["stamp_s"][:4000], *pairs)
+    found = likeness(leader["stamp_s"][:4000], *pairs)
     assert np.ptp(pairs[0], axis=0).min() > 0.5
     assert found.lag_s.max() < 0.02, found
     assert found.error_rad.max() < 0.004, found

@@ -42,6 +42,8 @@ COMMANDS = {
     "dagger": PolicylessRolloutConfig,
     "async": RobotClientConfig,
 }
+RL = "sim/hil_serl"  # of LeRobot's RL stack: tests/cli/test_hil_serl.py
+OF_DEVICES = [name for name in config_names() if not name.startswith("train/") and name != RL]
 TRAINING = {"eval": EvalPipelineConfig, "train": TrainPipelineConfig}  # of one task each, under train/
 
 
@@ -57,7 +59,7 @@ def test_every_command_has_a_config(place, command):
     assert f"{place}/{command}" in config_names()
 
 
-@pytest.mark.parametrize("name", [name for name in config_names() if not name.startswith("train/")])
+@pytest.mark.parametrize("name", OF_DEVICES)
 def test_configs_parse_and_fit_together(name, tmp_path):
     config = parse(name)
     device = config.env.robot if name.endswith("/eval") else config.robot
@@ -80,7 +82,7 @@ def test_what_is_trained_fits_what_is_evaluated():
     assert train.policy.n_action_steps <= train.policy.chunk_size and not train.policy.push_to_hub
 
 
-@pytest.mark.parametrize("name", [name for name in config_names() if name.startswith("sim/")])
+@pytest.mark.parametrize("name", [name for name in OF_DEVICES if name.startswith("sim/")])
 def test_sim_configs_name_what_the_scene_has(name):
     config, scene = parse(name), load_scene()
     devices = [config.robot, *([config.teleop] if getattr(config, "teleop", None) else [])]

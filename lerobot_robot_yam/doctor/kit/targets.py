@@ -27,7 +27,7 @@ _CALIBRATED = ("channel", "interface", "can_options", "arm", "gripper", "calibra
 _OF_ALL = {"type", "id", "calibration_dir", "isolation", "use_degrees", "action_space"}
 DEVICE_OPTIONS = {
     "robot": _OF_ALL | {"cameras", "observe_velocity", "observe_torque", "observe_temperature"},
-    "teleop": _OF_ALL | {"buttons", "auto_episodes"},
+    "teleop": _OF_ALL | {"buttons", "auto_episodes", "step_m"},
 }
 # Of a leader with a follower; the rest of `LeadConfig` is no option.
 _LEADS = {field.name for field in dataclasses.fields(LeadConfig)} - {"together", "approach_s", "idle_speed_rad_s"}

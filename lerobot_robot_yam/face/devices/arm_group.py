@@ -153,20 +153,23 @@ class ArmGroup:
     def _check_pair(self, other: "ArmGroup") -> None:
         """Refuse a leader and a follower whose actions do not fit: their first tick would find out, arms energised."""
         both = f"{self.device} and {other.device}"
+        leaders, followers = (self, other) if self._leads else (other, self)
         spaces = {space_of(group._action_keys) for group in (self, other)}
+        if "delta" in spaces and under_a_command(inspect.currentframe()):
+            raise ConfigError(f"{both}: action_space: delta is for LeRobot's RL stack, not for this command")
         if spaces == {"joint", "ee"}:
             raise ConfigError(f"{both}: one speaks of joints, the other of tool poses; give both the same action_space")
-        if differing := sorted(set(self._action_keys) ^ set(other._action_keys)):
+        if "delta" not in spaces and (differing := sorted(set(self._action_keys) ^ set(other._action_keys))):
             remedy = "drive one arm with one, or two with two"
             if all(key.endswith("gripper.pos") for key in differing):
                 remedy = "set ee_gripper of the leader's arm to the follower's gripper; to lead one, the leader needs "
                 remedy += "a handle or a gripper motor"
             raise ConfigError(f"{both}: only one has {', '.join(differing)}; {remedy}")
-        if other._use_degrees is not self._use_degrees:
+        if "delta" not in spaces and other._use_degrees is not self._use_degrees:
             raise ConfigError(f"{both}: one uses degrees; give both the same use_degrees")
         for (arm, gripper), (other_arm, other_gripper) in zip(self._models, other._models, strict=True):
             same = np.array_equal(arm.joint_limits_rad, other_arm.joint_limits_rad)
-            if "ee" in spaces:
+            if spaces & {"ee", "delta"}:
                 same = (arm.name, gripper.name) == (other_arm.name, other_gripper.name)
             if not same:  # what is recorded would not be what is done
                 raise ConfigError(
@@ -174,7 +177,6 @@ class ArmGroup:
                     f"{other_gripper.name}; set follower_arm and ee_gripper of the leader's arm to what the follower is"
                 )
 
-        leaders, followers = (self, other) if self._leads else (other, self)
         for leader, follower in zip(leaders.sides, followers.sides, strict=True):
             if leader.follower_key not in (None, follower.key):
                 raise ConfigError(
@@ -267,6 +269,12 @@ class ArmGroup:
                     with contextlib.suppress(YamError):
                         return other[side].newest()
         return None
+
+    def follower_opening(self) -> float:
+        """Where the gripper of this process's first follower is asked to be, 0 closed … 1 open; open without one."""
+        states = [other.newest()[0] for other in _running if not other._leads]
+        opening = states[0].gripper_setpoint if states else None
+        return 1.0 if opening is None else opening
 
     def pause_followers(self) -> None:
         """Have the followers of this process brake and hold until a new target comes, not the last one once more.

@@ -9,9 +9,13 @@ from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 TOOL_NUMBERS = ("ee_x", "ee_y", "ee_z", "ee_rx", "ee_ry", "ee_rz")
 """The values of an arm in place of its joints where actions are poses of its tool, see `ee_space`."""
 
+STEPS = ("delta_x", "delta_y", "delta_z")
+"""The values of an action that asks for a step of the tool, see `tool_steps`."""
+
 _SPACES = {
     "joint": re.compile(r"(.+_)?joint_\d+\.pos"),
     "ee": re.compile(rf"(.+_)?({'|'.join(TOOL_NUMBERS)})\.pos"),
+    "delta": re.compile("|".join(STEPS)),
 }
 
 
@@ -38,6 +42,6 @@ def action_keys(arms: Mapping[str, ArmConfig], action_space: str) -> list[str]:
 
 
 def space_of(keys: Iterable[str]) -> str | None:
-    """The `action_space` that keys of an action belong to, "joint" or "ee"; None if they tell of neither or of both."""
+    """The `action_space` that keys of an action belong to: "joint", "ee" or "delta"; None if they do not tell."""
     found = {space for key in keys for space, pattern in _SPACES.items() if pattern.fullmatch(key)}
     return found.pop() if len(found) == 1 else None

@@ -16,14 +16,14 @@ from lerobot_robot_yam.face.operator_keys.meanings import Meaning
 from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import ArmState
 
-_LIFTED = (Gate.APPROACH, Gate.ENGAGED, Gate.FINE, Gate.RECENTRE)
+LIFTED = (Gate.APPROACH, Gate.ENGAGED, Gate.FINE, Gate.RECENTRE)
 _LEAST_FRAMES = 5  # of an episode: a key that came late has ended a shorter one
 _HOME = (Gate.HOMING, Gate.IDLE)
 
 
 def all_lifted(gates: Sequence[Gate]) -> bool | None:
     """Whether all leaders are lifted, or all home; None: neither."""
-    if all(gate in _LIFTED for gate in gates):
+    if all(gate in LIFTED for gate in gates):
         return True
     return False if all(gate in _HOME for gate in gates) else None
 

@@ -2,6 +2,9 @@
 
 from collections.abc import Mapping
 
+from lerobot_robot_yam.face.operator_keys.meanings import BUTTONS
+from lerobot_robot_yam.state.records import ArmState
+
 
 class RisingEdges:
     """Of a set of buttons. One that is down at first, or when its handle is heard again, has to be up before."""
@@ -14,3 +17,12 @@ class RisingEdges:
         edges = [name for name, down in buttons.items() if down and name in self._up]
         self._up = {name for name, down in buttons.items() if down is False}
         return edges
+
+
+def buttons_of(states: Mapping[str, ArmState]) -> dict[str, bool | None]:
+    """Whether each button, such as left_bottom, is down, of arms by prefix; None: its handle is silent."""
+    return {
+        f"{prefix}{name}": None if state.trigger is None else down
+        for prefix, state in states.items()
+        for name, down in zip(BUTTONS, state.buttons, strict=True)
+    }

@@ -9,10 +9,10 @@ from types import FrameType
 from lerobot_robot_yam.errors import ConfigError, YamError
 from lerobot_robot_yam.face.operator_keys import key_plan, running_command
 from lerobot_robot_yam.face.operator_keys.auto_episodes import AutoEpisodes, all_lifted, led_by_hand
-from lerobot_robot_yam.face.operator_keys.edges import RisingEdges
+from lerobot_robot_yam.face.operator_keys.edges import RisingEdges, buttons_of
 from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation
 from lerobot_robot_yam.face.operator_keys.keyboard import Keyboard, keyboard
-from lerobot_robot_yam.face.operator_keys.meanings import BUTTONS, LABELS, Meaning
+from lerobot_robot_yam.face.operator_keys.meanings import LABELS, Meaning
 from lerobot_robot_yam.face.recorder.outcome_book import OutcomeBook
 from lerobot_robot_yam.state.records import ArmState
 
@@ -62,7 +62,7 @@ class OperatorKeys:
         if not (self._meanings or self._automatic):
             return
         if not running_command.hears_keys(frame):
-            logger.info("buttons of handles mean something to lerobot-record and lerobot-rollout only")
+            logger.info("buttons of handles press keys of lerobot-record and lerobot-rollout only")
             return
         self._forget()
         self._ends = threading.Event()  # its own, for the case that an earlier thread hangs
@@ -108,7 +108,7 @@ class OperatorKeys:
                 return
 
     def _tick(self, now_s: float, states: Mapping[str, ArmState]) -> None:
-        pressed = [name for name in self._edges.pressed(_buttons(states)) if name in self._meanings]
+        pressed = [name for name in self._edges.pressed(buttons_of(states)) if name in self._meanings]
         awaits = self._auto is not None or self._goal is not None or self._book.pending
         busy = awaits or now_s - self._pressed_s < _AGAIN_S
         if not pressed and now_s - self._looked_s < (_LOOK_S if busy else _SELDOM_S):
@@ -166,12 +166,3 @@ class OperatorKeys:
         self._last, self._pressed_s = this, now_s
         assert self._keyboard is not None
         self._keyboard.press(key)
-
-
-def _buttons(states: Mapping[str, ArmState]) -> dict[str, bool | None]:
-    """Whether each button is down; None: its handle is silent."""
-    return {
-        f"{prefix}{name}": None if state.trigger is None else down
-        for prefix, state in states.items()
-        for name, down in zip(BUTTONS, state.buttons, strict=True)
-    }

@@ -1,15 +1,13 @@
 """A follower that takes its targets from the leader's state at loop rate, in lock-step."""
 
-import importlib
-
 import numpy as np
 import pytest
 
+from lerobot_robot_yam.commands.lib.likeness import likeness
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import Limited
 from tests.support.coupled import FOLLOWER, LEADER, POSE, started, sweep
-from tests.support.paths import SCRIPTS
 from tests.support.rigged import lockstep_rig
 
 rig = lockstep_rig(LEADER, FOLLOWER)
@@ -28,9 +26,7 @@ def steps(speeds):
     return np.abs(speeds[10:] - speeds[:-10]).max()
 
 
-def test_it_follows_with_little_lag_and_jerk(rig, pair, monkeypatch):
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    likeness = importlib.import_module("bench.lag").likeness
+def test_it_follows_with_little_lag_and_jerk(rig, pair):
     session, caller = pair
     assert session[FOLLOWER].newest().coupled
     assert session[LEADER].newest().gate is Gate.ENGAGED

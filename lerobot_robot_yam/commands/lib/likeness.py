@@ -1,4 +1,4 @@
-"""How a follower's true motion follows its leader's: lag, jerk, and what is left of the difference."""
+"""How a follower's motion follows its leader's: lag, jerk, and what is left of the difference."""
 
 from typing import NamedTuple
 
@@ -6,10 +6,11 @@ import numpy as np
 
 _SMOOTH_S = 0.04  # a mean over this, twice, is differentiated for the jerk: what a hand feels, and a camera sees
 _LAG_MOST_S = 0.15
+_MOVED_RAD = 0.05  # a joint that moves less tells no lag
 
 
 class Likeness(NamedTuple):
-    """Of n joints.
+    """Of n joints. NaN where a joint has not moved.
 
     Attributes:
         lag_s: (n,) of the best fit.
@@ -30,11 +31,14 @@ def likeness(stamps_s: np.ndarray, leader: np.ndarray, follower: np.ndarray) -> 
     joints = range(leader.shape[1])
     lags, errors = zip(*(_lag(step_s, leader[:, joint], follower[:, joint]) for joint in joints), strict=True)
     led, follows = (np.array([_rms(_jerk(q[:, joint], step_s)) for joint in joints]) for q in (leader, follower))
-    return Likeness(np.array(lags), np.array(errors), _rms(follows) / _rms(led), follows / led)
+    still = np.ptp(leader, axis=0) < _MOVED_RAD
+    ratio = np.divide(follows, led, out=np.full(len(led), np.nan), where=~still)
+    total = np.nan if still.all() else _rms(follows) / _rms(led)
+    return Likeness(np.where(still, np.nan, lags), np.array(errors), total, ratio)
 
 
 def _lag(step_s: float, leader: np.ndarray, follower: np.ndarray) -> tuple[float, float]:
-    most = round(_LAG_MOST_S / step_s)
+    most = min(round(_LAG_MOST_S / step_s), len(leader) // 2)
     errors = np.array([_rms(follower[shift:] - leader[: len(leader) - shift]) for shift in range(most)])
     best = int(errors.argmin())
     lag = float(best)

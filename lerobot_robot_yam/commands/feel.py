@@ -1,0 +1,128 @@
+"""Report how a leader and its follower feel: lag, tracking, jerk, feedback, effort of the hand, control loops.
+
+yam-feel --leader can_leader_l --follower can_follower_l               a running session, while you move the leader
+yam-feel --leader leader_left --follower follower_left --rig NAME      the same on a virtual rig
+yam-feel data/NAME --episode 3 --plot feel.png                         an episode of a data set, and a picture
+
+A session is only watched: nothing is written, and nothing is asked on a bus. A data set tells lag, tracking and jerk
+only, at its own rate. Exit status: 0 done; 1 it cannot be done; 2 wrong arguments.
+"""
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL
+from lerobot_robot_yam.arm.mounting import resolve_profiles
+from lerobot_robot_yam.commands.lib.arm_command import run_command, table, tell
+from lerobot_robot_yam.commands.lib.feel_figures import SPEED_RAD_S, Effort, Motion, effort, motion, periods_s
+from lerobot_robot_yam.commands.lib.likeness import likeness
+from lerobot_robot_yam.commands.lib.state_recording import record_states
+from lerobot_robot_yam.state.records import channel_key
+from lerobot_robot_yam.system.paths import user_path
+from lerobot_robot_yam.system.runtime_files import rig_name
+
+_HEAD = ("joint", "moved rad", "lag ms", "tracking mrad", "jerk ratio", "feedback Nm", "largest", "backdrive Nm")
+
+
+def _rows(motion: Motion, effort: Effort | None) -> list[tuple[str, ...]]:
+    found = likeness(motion.times_s, motion.leader, motion.follower)
+    moved = np.ptp(motion.leader, axis=0)
+    columns = [moved, found.lag_s * 1e3, found.error_rad * 1e3, found.joint_jerk_ratio]
+    if effort is not None:
+        feedback = effort.feedback_nm
+        columns += [np.sqrt(np.mean(feedback**2, axis=0)), np.abs(feedback).max(axis=0, initial=0.0)]
+        columns += [effort.backdrive_nm]
+    digits = (2, 1, 1, 2, 2, 2, 2)
+    return [
+        (name, *(_shown(column[joint], places) for column, places in zip(columns, digits, strict=False)))
+        for joint, name in enumerate(motion.names)
+    ]
+
+
+def _shown(value: float, places: int) -> str:
+    return f"{value:.{places}f}" if np.isfinite(value) else "–"
+
+
+def _periods(name: str, periods: np.ndarray, states: np.ndarray) -> str:
+    lost = int((states["lost"][-1] - states["lost"][0]).sum())
+    p50, p99 = np.percentile(periods, (50, 99)) * 1e3
+    most = periods.max() * 1e3
+    return f"{name}: periods of the loop p50 {p50:.2f} ms, p99 {p99:.2f}, max {most:.2f}; lost replies {lost}"
+
+
+def _report(
+    motion: Motion, effort: Effort | None, lines: Sequence[str], plot: Path | None, periods: Mapping[str, np.ndarray]
+) -> int:
+    rows = _rows(motion, effort)
+    said = [table(_HEAD[: len(rows[0])], rows), *lines]
+    if effort is not None:
+        drag = ", ".join(_shown(value, 2) for value in effort.drag_nm)
+        friction = ", ".join(_shown(value, 2) for value in effort.friction_nm)
+        said.append(
+            f"backdrive: drag of the motors at {SPEED_RAD_S:g} rad/s, {drag}, and the profile's friction, {friction}"
+        )
+    sys.stdout.write("\n".join(said) + "\n")
+    if plot is not None:
+        from lerobot_robot_yam.commands.lib.feel_plot import plot as save
+
+        save(plot, motion, effort, periods)
+        sys.stdout.write(f"picture: {plot}\n")
+    return 0
+
+
+def watch(args: argparse.Namespace) -> int:
+    """Report on a session that runs; returns the exit status.
+
+    Raises:
+        YamError: no session drives one of the arms, it ends, or the profile is not the leader's.
+    """
+    arm, gripper = resolve_profiles(args.arm, args.gripper)
+    interface = args.interface or (VIRTUAL if args.rig else SOCKETCAN)
+    rig = rig_name(args.rig)[0] if interface == VIRTUAL else None
+    pair = (args.leader, args.follower)
+    hint = f"move the leader by hand, each joint to and fro, for {args.seconds:g} s …"
+    keys = [(name, channel_key(interface, name, rig)) for name in pair]
+    states = record_states(keys, args.seconds, lambda: tell(hint))
+    periods = {name: periods_s(found) for name, found in zip(pair, states, strict=True)}
+    lines = [_periods(name, periods[name], found) for name, found in zip(pair, states, strict=True)]
+    coupled = float(np.mean(states[1]["coupled_to"] != 0))
+    lines.append(f"{args.follower}: follows at loop rate for {coupled:.0%} of the time")
+    return _report(motion(*states), effort(states[0], arm, gripper), lines, args.plot, periods)
+
+
+def look_back(args: argparse.Namespace) -> int:
+    """Report on an episode of a data set; returns the exit status. Raises ConfigError, see `recorded_motion`."""
+    from lerobot_robot_yam.commands.lib.feel_recording import recorded_motion
+
+    return _report(recorded_motion(args.path, args.episode), None, [], args.plot, {})
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of `yam-feel`; returns the exit status."""
+    parser = argparse.ArgumentParser(
+        prog="yam-feel", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("path", type=user_path, nargs="?", help="directory of a data set, in place of a session")
+    parser.add_argument("--episode", type=int, default=0, help="of the data set (default 0)")
+    parser.add_argument("--leader", help="CAN channel of the leader")
+    parser.add_argument("--follower", help="CAN channel of the follower")
+    parser.add_argument("--interface", help=f"python-can interface (default {SOCKETCAN}, with --rig {VIRTUAL})")
+    parser.add_argument("--rig", help="name of a virtual rig")
+    parser.add_argument("--arm", default="yam", help="profile of the leader (default yam)")
+    parser.add_argument("--gripper", default="yam_teaching_handle", help="its end (default yam_teaching_handle)")
+    parser.add_argument("--seconds", type=float, default=10.0, help="to watch the session (default 10)")
+    parser.add_argument("--plot", type=user_path, help="file for a picture, such as feel.png")
+    args = parser.parse_args(arguments)
+    if (args.path is None) != bool(args.leader and args.follower):
+        parser.error("give --leader and --follower of a running session, or the directory of a data set")
+    if not 2.0 <= args.seconds <= 600.0:
+        parser.error("--seconds takes 2 … 600")
+    return run_command("yam-feel", lambda: watch(args) if args.path is None else look_back(args))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

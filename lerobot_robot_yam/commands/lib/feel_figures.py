@@ -1,0 +1,113 @@
+"""Figures of how a leader and its follower feel, from their states or from a data set. Pure: no files, no clock.
+
+A leader that floats is driven by its motors with τ = k g(q) − a sign(dq) − b dq + r. Fitting k, a and b for each joint
+by least squares tells
+
+- the drag of the motors, a + b |dq|: what a hand has to add to the friction, which no motor feels;
+- the feedback r: what is left, by which the follower pulls at the leader.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from lerobot_robot_yam.arm.dynamics import GravityModel
+from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.state.modes import Mode
+
+_STEP_S = 0.002  # of the common times of two loops
+_LEAST_S = 1.0
+_MOVED_RAD = 0.1  # a joint that a hand has moved less tells no drag
+_MOVES_RAD_S = 0.05
+SPEED_RAD_S = 0.5  # at which the drag is told
+
+
+class Motion(NamedTuple):
+    """Joints of leader and follower at the same times.
+
+    Attributes:
+        names: (n,) of the joints.
+        times_s: (k,) equally spaced.
+        leader, follower: (k, n) rad.
+    """
+
+    names: Sequence[str]
+    times_s: np.ndarray
+    leader: np.ndarray
+    follower: np.ndarray
+
+
+class Effort(NamedTuple):
+    """Torques of a leader's motors while it floats, see above. NaN where a joint was not moved.
+
+    Attributes:
+        dq: (k, n) rad/s.
+        feedback_nm: (k, n) r.
+        drag_nm: (n,) a + b |dq| at `SPEED_RAD_S`; negative: the motors help.
+        friction_nm: (n,) dry friction as the profile has it.
+    """
+
+    dq: np.ndarray
+    feedback_nm: np.ndarray
+    drag_nm: np.ndarray
+    friction_nm: np.ndarray
+
+    @property
+    def backdrive_nm(self) -> np.ndarray:
+        """(n,) what a hand needs to move each joint at `SPEED_RAD_S`, beside the inertia."""
+        return self.drag_nm + self.friction_nm
+
+
+def motion(leader: np.ndarray, follower: np.ndarray) -> Motion:
+    """The joints of two arms at common times, from records of their states.
+
+    Raises:
+        ConfigError: they have different joints, or have hardly any time in common.
+    """
+    counts = [int(states["joints"][-1]) for states in (leader, follower)]
+    if counts[0] != counts[1] or not counts[0]:
+        raise ConfigError(f"leader and follower have {counts[0]} and {counts[1]} joints; give a pair of arms")
+    joints = range(counts[0])
+    stamps = [states["motor_stamp_s"][:, joint] for states in (leader, follower) for joint in joints]
+    begin, end = max(column[0] for column in stamps), min(column[-1] for column in stamps)
+    if not end - begin > _LEAST_S:
+        raise ConfigError(f"the states have less than {_LEAST_S:g} s in common; measure for longer")
+    times = np.arange(begin, end, _STEP_S)
+    columns = [
+        np.stack([np.interp(times, states["motor_stamp_s"][:, j], states["q"][:, j]) for j in joints], axis=1)
+        for states in (leader, follower)
+    ]
+    return Motion([f"joint_{joint + 1}" for joint in joints], times - begin, *columns)
+
+
+def effort(leader: np.ndarray, arm: ArmProfile, gripper: GripperProfile) -> Effort:
+    """Of a leader with motors, from records of its states.
+
+    Raises:
+        ConfigError: the profile has other joints.
+    """
+    n = int(leader["joints"][-1])
+    if n != arm.joint_count:
+        raise ConfigError(f"the leader has {n} joints, the profile {arm.name} {arm.joint_count}; give --arm")
+    floats = leader[leader["mode"] == Mode.FLOAT]
+    q, dq, tau = (floats[field][:, :n] for field in ("q", "dq", "tau"))
+    feedback, drag = np.full(q.shape, np.nan), np.full(n, np.nan)
+    if len(q) and tau.any():  # a leader without motors has none
+        gravity = GravityModel(arm, gripper)
+        weights = np.array([gravity.torque(row) for row in q])
+        for joint in np.flatnonzero(np.ptp(q, axis=0) > _MOVED_RAD):
+            speed = dq[:, joint]
+            sign = np.clip(speed / _MOVES_RAD_S, -1.0, 1.0)
+            terms = np.stack([weights[:, joint], -sign, -speed], axis=1)
+            fit, *_ = np.linalg.lstsq(terms, tau[:, joint], rcond=None)
+            drag[joint] = fit[1] + fit[2] * SPEED_RAD_S
+            feedback[:, joint] = tau[:, joint] - terms @ fit
+    return Effort(dq, feedback, drag, arm.friction_nm)
+
+
+def periods_s(states: np.ndarray) -> np.ndarray:
+    """Times between ticks of a control loop that follow each other, from records of its states."""
+    following = np.diff(states["tick"]) == 1
+    return np.diff(states["stamp_s"])[following]
