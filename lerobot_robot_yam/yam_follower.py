@@ -223,7 +223,7 @@ class FollowerBase(ArmDevice, Robot):
         if guided is not None:
             self._episodes.sent(changed=False)
             return self._space.action(guided)
-        coupling = self._arms.couple(action)
+        coupling = self._arms.couple(action, self._space.vector)
         if coupling is None:
             target = self._space.vector(action)
             sent = self._write_targets(target)

@@ -62,6 +62,11 @@ class LeaderArmConfig(ArmConfig, LeadOptions):
         "0.5, one number or one per joint; usual are 0.1 to 0.2, and 0 is none",
         0.0,
     )
+    mirror: bool = option(
+        "while something else than this leader moves its follower, a policy in a rollout, the leader goes along, "
+        "softly: a take-over begins aligned",
+        False,
+    )
 
     def __post_init__(self) -> None:
         """No checks yet: they come with the other arm's, and know which side this is."""
@@ -78,7 +83,7 @@ class LeaderArmConfig(ArmConfig, LeadOptions):
         return LeadConfig(**taken)
 
 
-_NEED_FOLLOWER = {"gate": "always", "gate_button": None, "fine_button": None, "bilateral": 0.0}
+_NEED_FOLLOWER = {"gate": "always", "gate_button": None, "fine_button": None, "bilateral": 0.0, "mirror": False}
 
 
 @dataclass(kw_only=True)

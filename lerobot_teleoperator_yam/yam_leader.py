@@ -63,7 +63,7 @@ class LeaderBase(ArmDevice, Teleoperator):
         self._speak("joint" if options.action_space == "delta" else options.action_space, followers)
         self._keys = OperatorKeys(meanings_of(options), options.auto_episodes)
         self._voice = GateVoice(together=all(arm.gate_together for arm in arms.values()))
-        self._events = TeleopEventWatch(meanings_of(options), self._published)
+        self._events = TeleopEventWatch(meanings_of(options), self.arm_states)
         self._restart()
 
     def _restart(self) -> None:
@@ -102,13 +102,14 @@ class LeaderBase(ArmDevice, Teleoperator):
         self._arms.start(calibrate, keys, self._models, self.get_action, self._recognise)
         try:
             if self._steps is None:  # the RL stack asks for events, and hears no keys
-                self._keys.start(inspect.currentframe(), self._published)
+                self._keys.start(inspect.currentframe(), self.arm_states)
         except BaseException:
             self.disconnect()
             raise
         logger.info("%s connected", self)
 
-    def _published(self) -> dict[str, ArmState]:
+    def arm_states(self) -> dict[str, ArmState]:
+        """State of each leader as last published, by feature prefix ("", or "left_" and "right_")."""
         return {side.prefix: self._arms[side].published() for side in self._arms.sides}
 
     def disconnect(self) -> None:
@@ -179,18 +180,21 @@ class LeaderBase(ArmDevice, Teleoperator):
             return follower.action
         return state.action or (None if follower is None else follower.setpoints)
 
-    def _recognise(self, action: Mapping[str, Any]) -> np.ndarray | None:
-        """The joints that an action stands for, if it is the one that was given last; once only.
+    def _recognise(self, action: Mapping[str, Any]) -> tuple[np.ndarray, list[bool]] | None:
+        """The joints that were given last, and of each arm whether an action asks for them; once only.
 
-        A caller that repeats it wants the follower there, and not wherever the leader has gone since.
+        A caller that repeats it wants the follower there, and not wherever the leader has gone since. One arm may be
+        the leader's and the other a policy's. None: no arm is the leader's.
         """
         given = self._action
         if given is None or not self._given or given.keys() != action.keys():
             return None
-        if not all(np.array_equal(action[key], given[key]) for key in given):
+        changed = [key for key in given if not np.array_equal(action[key], given[key])]
+        same = [not any(key.startswith(side.prefix) for key in changed) for side in self._arms.sides]
+        if not any(same):
             return None
         self._given = False
-        return self._target
+        return self._target, same
 
     def _pick_up(self, index: int, trigger: float) -> float:
         """Opening of a gripper whose trigger says `trigger`: its own once it has met, or passed, what feedback left."""

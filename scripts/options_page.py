@@ -11,6 +11,7 @@ from lerobot_robot_yam.arm.option import options_of
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
 from lerobot_robot_yam.config_yam_env import YamEnvConfig
 from lerobot_robot_yam.config_yam_follower import FollowerOptions
+from lerobot_strategy_yam.config_yam_dagger import YamDaggerStrategyConfig
 from lerobot_teleoperator_yam.config_yam_hand_guide import (
     BiYamHandGuideConfig,
     HandGuideOptions,
@@ -21,8 +22,8 @@ from lerobot_teleoperator_yam.leader_options import LeaderArmConfig, LeaderOptio
 
 _PAGE = """# Options
 
-Every option of arms, robots, teleoperators, virtual cameras and environments, with its default. `--help` of LeRobot's
-commands says the same, of the type that stands before it: `--robot.type=yam_follower --help`.
+Every option of arms, robots, teleoperators, rollouts, virtual cameras and environments, with its default. `--help` of
+LeRobot's commands says the same, of the type that stands before it: `--robot.type=yam_follower --help`.
 
 This page is written by `python scripts/options_page.py`.
 """
@@ -53,6 +54,11 @@ _SECTIONS = [
         "Options of `yam_passive_leader`, and of each arm of `bi_yam_passive_leader`. See\n"
         "[other leaders](other-leaders.md).",
         PassiveLeaderArmConfig,
+    ),
+    (
+        "A rollout that you share with the policy",
+        "Options of `lerobot-rollout --strategy.type=yam_dagger`. See [rollout](rollout.md#corrections-arm-by-arm).",
+        YamDaggerStrategyConfig,
     ),
     ("A virtual camera", "Options of a camera of type `yam_sim`.", YamSimCameraConfig),
     ("An environment", "Options of `lerobot-eval --env.type=yam`. See [evaluation](evaluation.md).", YamEnvConfig),

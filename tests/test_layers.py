@@ -7,7 +7,7 @@ import pytest
 
 from tests.support.paths import ROOT
 
-PACKAGES = ("lerobot_robot_yam", "lerobot_teleoperator_yam")
+PACKAGES = ("lerobot_robot_yam", "lerobot_strategy_yam", "lerobot_teleoperator_yam")
 STOREYS = (
     "errors",
     "system",

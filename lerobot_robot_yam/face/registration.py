@@ -39,6 +39,7 @@ REGISTRIES = {
     ),
     "lerobot.envs.configs": ("lerobot_robot_yam.config_yam_env",),
     "lerobot.cameras.configs": ("lerobot_robot_yam.config_yam_camera",),
+    "lerobot.rollout.configs": ("lerobot_strategy_yam.config_yam_dagger",),
     "lerobot.configs.policies": ("lerobot_robot_yam.face.openpi.configuration_openpi",),
 }
 

@@ -8,7 +8,7 @@ from tests.support.pages import PAGES, README, prose
 from tests.support.paths import ROOT
 
 INDEX = ROOT / "docs" / "README.md"
-PACKAGES = r"lerobot_(?:robot|teleoperator)_yam"
+PACKAGES = r"lerobot_(?:robot|strategy|teleoperator)_yam"
 LONGEST_LINE = 120
 ELSEWHERE = ("scripts/serve_policy.py",)  # openpi's
 everywhere = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -42,7 +42,8 @@ def resolves(dotted):
 
 def is_file(path):
     """Whether a path of a Python file, from the root, a package, the scripts or the tests on, exists."""
-    return any((ROOT / place / path).is_file() for place in ("", "lerobot_robot_yam", "lerobot_teleoperator_yam"))
+    places = ("", "lerobot_robot_yam", "lerobot_strategy_yam", "lerobot_teleoperator_yam")
+    return any((ROOT / place / path).is_file() for place in places)
 
 
 def test_the_index_has_one_line_for_each_page():

@@ -17,12 +17,14 @@ from lerobot.scripts.lerobot_record import RecordConfig
 from lerobot.utils.constants import CHECKPOINTS_DIR, LAST_CHECKPOINT_LINK, PRETRAINED_MODEL_DIR
 
 from lerobot_robot_yam.doctor.kit.targets import from_config
+from lerobot_strategy_yam.config_yam_dagger import TAKES_PLUGINS
 from tests.docs import test_configs
 from tests.support.pages import PAGES
 from tests.support.paths import ROOT
 
 EVALUATION, TRAINING = "configs/train/lift_and_place_eval.yaml", "configs/train/lift_and_place_train.yaml"
 GATHERING = ("docs/evaluation.md", "lerobot_robot_yam/commands/gather.py")
+NEEDS_PLUGINS = pytest.mark.skipif(not TAKES_PLUGINS, reason="needs a LeRobot with strategies from plugins")
 KINDS = test_configs.COMMANDS | test_configs.TRAINING
 RECORDING, SINGLE_ARM = "docs/recording.md", "configs/real/single_arm_record.yaml"
 
@@ -44,7 +46,8 @@ def written():
         found += re.findall(r"^#?\s*(?:scripts/run )?(lerobot-[a-z]+ .*)", text, re.MULTILINE)
         for command in dict.fromkeys(re.sub(r"\s+", " ", command).strip() for command in found):
             if "… " not in command and re.search(r"--config_path|\.type=", command):
-                yield pytest.param(command, id=f"{path.name} {command[:60]}")
+                marks = [NEEDS_PLUGINS] if "yam_dagger" in command else []
+                yield pytest.param(command, id=f"{path.name} {command[:60]}", marks=marks)
 
 
 @pytest.mark.parametrize("command", list(written()))

@@ -29,6 +29,7 @@ TYPES = {
     "lerobot.cameras": ("CameraConfig", ["yam_sim"]),
     "lerobot.envs": ("EnvConfig", ["yam"]),
     "lerobot.configs": ("PreTrainedConfig", ["yam_openpi"]),
+    "lerobot.rollout": ("RolloutStrategyConfig", ["yam_dagger"]),
 }
 MISSING = "OSError: libavutil.so.{}: cannot open shared object file: No such file or directory"
 BROKEN = "OSError: libtorchcodec_core7.so: undefined symbol: _ZNK3c105Error4whatEv"
@@ -105,6 +106,7 @@ def test_registering_loads_nothing_heavy():
     [
         ("lerobot_robot_yam", ["YamFollower", "BiYamFollower", "YamSimCamera", "YamArm"]),
         ("lerobot_teleoperator_yam", ["YamLeader", "BiYamLeader"]),
+        ("lerobot_strategy_yam", ["YamDaggerStrategy", "YamDaggerStrategyConfig"]),
     ],
 )
 def test_public_names_load_on_first_use(package, names):

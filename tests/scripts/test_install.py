@@ -79,7 +79,7 @@ def clone(tmp_path):
     (root / "scripts").mkdir(parents=True)
     for name in ("run", "install.py", "install_progress.py", "torch_build.py"):
         shutil.copy(ROOT / "scripts" / name, root / "scripts")
-    for package in ("lerobot_robot_yam", "lerobot_teleoperator_yam"):
+    for package in ("lerobot_robot_yam", "lerobot_strategy_yam", "lerobot_teleoperator_yam"):
         (root / package).mkdir()
     (root / "pyproject.toml").write_text(PROJECT)
     (root / "backend.py").write_text(BACKEND)

@@ -61,8 +61,8 @@ def run(site, program):
 
 
 def overlay(site, name, files):
-    """Our two packages as they are installed, with the files of another distribution over those of one of them."""
-    for package in ("lerobot_robot_yam", "lerobot_teleoperator_yam"):
+    """Our packages as they are installed, with the files of another distribution over those of one of them."""
+    for package in ("lerobot_robot_yam", "lerobot_strategy_yam", "lerobot_teleoperator_yam"):
         ignore = shutil.ignore_patterns("__pycache__", "configs")
         shutil.copytree(ROOT / package, site / package, ignore=ignore, copy_function=os.symlink)
     write_plugin(site, name, "0.1.2", name, files)

@@ -40,6 +40,7 @@ class LeadConfig:
         gate_button, fine_button: buttons of the handle that engage and release, and that switch fine mode.
         fine_scale: share of the leader's motion in fine mode.
         bilateral: gain of the force per joint, a share of the leader's position gain; 0: none.
+        mirror: the leader is led to its follower while another drives that: a policy.
     """
 
     follower: str
@@ -61,6 +62,7 @@ class LeadConfig:
     fine_button: Button | None = None
     fine_scale: float = 0.3
     bilateral: list[float] | float = 0.0
+    mirror: bool = False
 
     def check(self, name: str) -> None:
         """Refuse what cannot be.
@@ -99,6 +101,11 @@ class LeadConfig:
             raise ConfigError(f"{name}: gate: button needs a gate_button, top or bottom")
         if self.gate != "button" and self.gate_button is not None:
             raise ConfigError(f"{name}: gate_button is for gate: button; the gate is {self.gate!r}")
+        if self.mirror and self.gate == "auto":
+            raise ConfigError(
+                f"{name}: mirror moves the leader, and gate: auto would take that for a lift; set gate to always or "
+                f"button"
+            )
         gains = self.bilateral if isinstance(self.bilateral, list) else [self.bilateral]
         if not all(0.0 <= _number(gain) <= GAIN_MOST for gain in gains):
             raise _refusal(name, self, "bilateral", f"gains within 0 … {GAIN_MOST:g}, one number or one per joint")

@@ -31,6 +31,7 @@ _LEADS = (Mode.FLOAT, Mode.HOLD, Mode.TRACK)
 _AGE_MOST_S = 0.03  # of a motor's sample
 _HOME_RAD, _LEADER_HOME_RAD = 0.05, 0.1
 _RECENTRED_RAD, _RECENTRE_RAD_S = 0.02, 0.15
+_MIRROR_RAD_S, _MIRROR_RAD_S2 = 2.0, 15.0  # more than a follower does that a policy drives: it is not left behind
 _AGREES_S = 1.0  # in which a gripper comes to what the trigger asks, unless another asks for something else
 _BUTTONS = {"top": 0, "bottom": 1}
 
@@ -114,6 +115,8 @@ class Lead:
         self._trigger = TriggerPickup()
         self._ramp = TargetRamp(config, self._home, self._lower, self._upper)
         self._led = LedHome(arm.kp[: arm.joints], arm.kd[: arm.joints])
+        self._mirror = LedHome(arm.kp[: arm.joints], arm.kd[: arm.joints], _MIRROR_RAD_S2)
+        self._mirrors = False
         gain = np.broadcast_to(np.array(config.bilateral, dtype=float), (arm.joints,))
         self._force = BilateralForce(gain, arm.kp[: arm.joints], arm.torque_limit_nm[: arm.joints])
         self._buttons = _BUTTONS.get(config.gate_button or ""), _BUTTONS.get(config.fine_button or "")
@@ -177,7 +180,7 @@ class Lead:
         """It cannot lead, or one of its motors is not heard: no target and no force come from here."""
         self.action = self.action_dq = self.assist = None
         self.stamp_s = math.nan
-        self._follower.follows = False
+        self._follower.follows = self._mirrors = False
         self._gate.miss(self._index)
         if mode not in _LEADS:
             self.state, self._entered = self._gate.restart(), None
@@ -191,10 +194,16 @@ class Lead:
         agrees = self._trigger.opening is None or abs(opening - self._trigger.opening) < NEAR
         if not self._follower.led_by_another or agrees:
             self._agreed_s = now
-        if mode is not Mode.FLOAT or now - self._agreed_s > _AGREES_S:  # or the leader is led, its follower is not
+        by_another = self._goes_along or now - self._agreed_s > _AGREES_S
+        if mode is not Mode.FLOAT or by_another:  # or the leader is led, its follower is not
             self._trigger.leave(opening, trigger)
         else:
             self._trigger.advance(trigger)
+
+    @property
+    def _goes_along(self) -> bool:
+        """Whether another moves the follower, and this leader is to mirror that."""
+        return self._config.mirror and self._follower.led_by_another
 
     def _opening(self) -> float:
         """Of the follower's gripper; before the trigger's first report it stays as it is."""
@@ -235,9 +244,17 @@ class Lead:
         return follower < _HOME_RAD and _largest(self._motion.q - home) < _LEADER_HOME_RAD
 
     def _assist(self, mode: Mode, now: float, weight_nm: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray] | None:
+        j = slice(self._joints)
+        mirrored, self._mirrors = self._mirrors, False
+        if mode is Mode.FLOAT and self._goes_along:
+            self._mirrors = True
+            if not mirrored:
+                self._mirror.begin(self._motion.q)
+            return self._mirror.advance(self._follower.setpoint[j], _MIRROR_RAD_S, self._motion.q, dt)
         if mode is not Mode.FLOAT or not self._follower.coupled:
             return None
-        j = slice(self._joints)
+        if mirrored:
+            self.assist = None  # it was not this pull
         if self.assist is None:  # at the last tick, or in this state: begin without a jolt
             self._led.begin(self._motion.q)
             self._force.engage()

@@ -1,6 +1,6 @@
-"""The soft pull that leads a leader somewhere while it floats: home, or back to its follower.
+"""The soft pull that leads a leader somewhere while it floats: home, back to its follower, or along with it.
 
-    tau = 0.3 kp (q_ramp − q) + c dq_ramp,  damping c;  the ramp never is farther from the arm than 2 Nm pull
+    tau = 0.3 kp (q_ramp − q) + c dq_ramp, 2 Nm at most,  damping c;  the ramp is never farther away than 2 Nm pull
 
 A hand that holds the leader, or lifts it, feels no more than that.
 """
@@ -16,12 +16,17 @@ _ACCELERATION_RAD_S2 = 2.0
 
 
 class LedHome:
-    """Of one leader. kp, kd: (joints,) its gains."""
+    """Of one leader.
 
-    def __init__(self, kp: np.ndarray, kd: np.ndarray):
+    Args:
+        kp, kd: (joints,) its gains.
+        acceleration_rad_s2: of the ramp.
+    """
+
+    def __init__(self, kp: np.ndarray, kd: np.ndarray, acceleration_rad_s2: float = _ACCELERATION_RAD_S2):
         self._stiffness, self._damping = _STIFFNESS * kp, _DAMPING * kd
         self._reach = _MOST_NM / np.maximum(self._stiffness, _MOST_NM)  # 1 rad at most
-        self._ramp = Glide(np.full(len(kp), _ACCELERATION_RAD_S2))
+        self._ramp = Glide(np.full(len(kp), acceleration_rad_s2))
 
     def begin(self, q: np.ndarray) -> None:
         """Start from where the arm is, q (joints,)."""
@@ -31,4 +36,5 @@ class LedHome:
         """Torque and damping (joints,) of a tick of `dt` s, on the way to goal (joints,)."""
         self._ramp.advance(goal, np.full(len(goal), speed_rad_s), dt)
         self._ramp.keep_near(q, self._reach)
-        return self._stiffness * (self._ramp.q - q) + self._damping * self._ramp.dq, self._damping
+        pull = self._stiffness * (self._ramp.q - q) + self._damping * self._ramp.dq
+        return np.minimum(np.maximum(pull, -_MOST_NM), _MOST_NM), self._damping

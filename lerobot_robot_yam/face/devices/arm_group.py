@@ -28,6 +28,8 @@ logger = logging.getLogger(__name__)
 Models = Sequence[tuple[ArmProfile, GripperProfile]]
 """Of each arm in canonical order: the arm and end effector that actions speak of."""
 
+Recognise = Callable[[Mapping[str, object]], tuple[np.ndarray, list[bool]] | None]
+
 _running: "list[ArmGroup]" = []  # of this process
 
 
@@ -43,6 +45,7 @@ class _Side:
         self.motors = motor_names(prefix, self.joints, self.has_gripper)
         self.slice = slice(start, start + self.joints)
         self.gripper_index = start + self.joints if self.has_gripper else None
+        self.values = slice(start, start + len(self.motors))
         self.key = session.key(config.name)
         lead = lead_of(config)
         rig = hardware.config.can_options.get("rig")
@@ -65,7 +68,8 @@ class ArmGroup:
         is_joint: (n,) which of the values are angles; the others are grippers.
         paused: followers that hold until they get a new target, see `pause_followers`.
         give_action: of connected leaders, their present action; None of followers.
-        recognise: of connected leaders, the joints (n,) that an action stands for if they gave it last, else None.
+        recognise: of connected leaders, the joints (n,) that they gave last, and of each arm whether an action asks
+            for them; None if none does.
     """
 
     def __init__(
@@ -95,7 +99,7 @@ class ArmGroup:
         self._lower, self._upper = (np.concatenate(column) for column in zip(*limits, strict=True))
         self.paused = False
         self.give_action: Callable[[], Mapping[str, float]] | None = None
-        self.recognise: Callable[[Mapping[str, object]], np.ndarray | None] | None = None
+        self.recognise: Recognise | None = None
         self._undo_signals: Callable[[], None] = lambda: None
 
     def __getitem__(self, side: _Side) -> ArmClient:
@@ -121,7 +125,7 @@ class ArmGroup:
         action_keys: Sequence[str],
         models: Models,
         give_action: Callable[[], Mapping[str, float]] | None = None,
-        recognise: Callable[[Mapping[str, object]], np.ndarray | None] | None = None,
+        recognise: Recognise | None = None,
     ) -> None:
         """Energise all arms or none.
 
@@ -246,19 +250,33 @@ class ArmGroup:
         one_pair = len(leaders) == 1 and len(_running) == 2
         return leaders[0] if one_pair and under_a_command(inspect.currentframe()) else None
 
-    def couple(self, action: Mapping[str, object]) -> tuple[np.ndarray, list[str | None]] | None:
-        """Whether a leader of this process has given this action last, for these followers to follow at loop rate.
+    def couple(
+        self, action: Mapping[str, object], joints_of: Callable[[Mapping[str, object]], np.ndarray]
+    ) -> tuple[np.ndarray, list[str | None]] | None:
+        """Whether leaders of this process have given this action last, for these followers to follow at loop rate.
+
+        Args:
+            action: of all arms; one may be a leader's and the other another's.
+            joints_of: finds the joints (n,) of the others.
 
         Returns:
             The joints (n,) that it stands for, and of each arm the channel key of its leader, None where that has no
-            follower; None of any other action.
+            follower or has not given the action; None if no leader has.
         """
         for other in _running:
             if other.recognise is None or not any(side.follower_key for side in other.sides):
                 continue
-            target = other.recognise(action)
-            if target is not None and len(other.sides) == len(self.sides):
-                return target, [side.key if side.follower_key else None for side in other.sides]
+            recognised = other.recognise(action)
+            if recognised is None or len(other.sides) != len(self.sides):
+                continue
+            target, same = recognised
+            if not all(same):
+                given, target = target, joints_of(action)
+                for side, is_given in zip(self.sides, same, strict=True):
+                    if is_given:
+                        target[side.values] = given[side.values]
+            pairs = zip(other.sides, same, strict=True)
+            return target, [side.key if side.follower_key and is_given else None for side, is_given in pairs]
         return None
 
     def follower_state(self, key: str) -> ArmState | None:

@@ -39,6 +39,29 @@ def test_a_follower_that_another_moves_does_not_pull_the_leader(pairs):
         assert lead.assist is None
 
 
+def test_a_mirroring_leader_goes_along_softly_while_another_moves_the_follower(pairs):
+    pair = engaged(pairs, mirror=True, bilateral=0.5)
+    lead = pair.leads[0]
+    pair.coupled[0] = False
+    before = np.zeros(6)
+    for _ in range(250):  # the leader is held by a hand
+        pair.setpoints[0][:6] += 0.002
+        pair.run()
+        tau = lead.assist[0]
+        assert np.abs(tau).max() < 2.0 + 1e-9 and np.abs(tau - before).max() < 0.4
+        before = tau
+    assert np.all(before > 0.5)
+    pair.setpoints[0][6] = 0.4
+    pair.run()
+    pair.coupled[0] = True  # taken over: from here on it feels its follower's force alone, which begins at nothing
+    pair.run()
+    assert np.abs(lead.assist[0]).max() < 0.05
+    assert lead.action[6] == pytest.approx(0.4)  # though the trigger is released
+    pair.coupled[0], pair.follower_modes[0] = False, Mode.HOLD
+    pair.run()
+    assert lead.assist is None  # nobody moves the follower
+
+
 def test_a_follower_that_is_coupled_again_pulls_gently(pairs):
     pair = engaged(pairs, bilateral=0.5)
     pair.behind[0][:6] = -0.08

@@ -17,9 +17,11 @@ from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import channel_key, state_path
 from lerobot_robot_yam.system.runtime_files import LOCK, FileLock, runtime_dir
+from lerobot_robot_yam.yam_follower import BiYamFollower
 from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, YamLeaderConfig
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
-from tests.face.devices.test_lerobot_contract import enabled
+from lerobot_teleoperator_yam.yam_leader import BiYamLeader
+from tests.face.devices.test_lerobot_contract import enabled, follower_config, leader_config
 from tests.face.devices.test_pairing import follower, leader
 from tests.support.coupled import LEADER, POSE
 
@@ -42,6 +44,8 @@ pytestmark = pytest.mark.alone
         ({"follower": "can1", "fine_button": "top", "gripper": "no_gripper"}, "this arm has none"),
         ({"follower": "can1", "fine_scale": float("nan")}, "fine_scale takes"),
         ({"follower": ""}, "follower takes the CAN channel"),
+        ({"mirror": True}, "mirror: set follower"),
+        ({"follower": "can1", "gate": "auto", "mirror": True}, "gate: auto would take that for a lift"),
     ],
 )
 def test_options_that_cannot_be_are_refused(options, says):
@@ -109,6 +113,36 @@ def coupled(rig, directory):
         pass_on(device, robot, 3.0)
         assert state_of(robot).coupled
         yield device, robot
+    finally:
+        device.disconnect()
+        robot.disconnect()
+
+
+@pytest.mark.parametrize("space", ["joint", "ee"])
+def test_one_arm_may_be_the_leaders_and_the_other_a_policys(shared_rig, tmp_path, space):
+    config = leader_config(shared_rig.name, tmp_path, action_space=space)
+    for side in ("left", "right"):
+        getattr(config, f"{side}_arm_config").follower = f"follower_{side}"
+    device = BiYamLeader(config)
+    robot = BiYamFollower(follower_config(shared_rig.name, tmp_path, action_space=space))
+    device.connect()
+    robot.connect()
+    try:
+        for side in ("left", "right"):
+            shared_rig.hand(f"leader_{side}", [1.0], [POSE.tolist()])
+        pass_on(device, robot, 2.0)
+        assert [state.coupled for state in robot._arms.newest()] == [True, True]
+        shared_rig.hand("leader_left", [1.0], [(POSE + 0.2).tolist()])
+        shared_rig.hand("leader_right", [1.0], [(POSE + 0.2).tolist()])
+        policy = robot.action_for(robot.joints())
+        theirs = {key: value for key, value in policy.items() if key.startswith("right_")}
+        pass_on(device, robot, 2.0, lambda action: action | theirs)
+        states = robot._arms.newest()
+        assert [state.coupled for state in states] == [True, False]
+        assert states[0].q == pytest.approx(POSE + 0.2, abs=0.03)
+        assert states[1].q == pytest.approx(POSE, abs=0.08)
+        pass_on(device, robot, 0.3)
+        assert [state.coupled for state in robot._arms.newest()] == [True, True]
     finally:
         device.disconnect()
         robot.disconnect()

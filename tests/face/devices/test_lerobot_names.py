@@ -15,7 +15,7 @@ import pytest
 
 from tests.support.paths import ROOT
 
-SOURCES = ("lerobot_robot_yam", "lerobot_teleoperator_yam", "scripts", "tests")
+SOURCES = ("lerobot_robot_yam", "lerobot_strategy_yam", "lerobot_teleoperator_yam", "scripts", "tests")
 
 
 def names():

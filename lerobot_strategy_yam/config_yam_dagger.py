@@ -1,0 +1,65 @@
+"""Config of the rollout strategy `--strategy.type=yam_dagger`."""
+
+import importlib.metadata
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+from lerobot.rollout.configs import RolloutStrategyConfig
+
+from lerobot_robot_yam.arm.option import option
+from lerobot_robot_yam.face.devices.config_refusal import RefusedConfigError
+from lerobot_robot_yam.face.registration import register_as
+
+TAKES_PLUGINS = hasattr(RolloutStrategyConfig, "dataset_mode")
+"""Whether this LeRobot takes rollout strategies from plugins."""
+
+
+@register_as(RolloutStrategyConfig, "yam_dagger")
+@dataclass(kw_only=True)
+class YamDaggerStrategyConfig(RolloutStrategyConfig):
+    """A policy drives; a person takes over any arm, and gives it back, at any moment. All of it is recorded."""
+
+    # What LeRobot arranges for the strategy.
+    dataset_mode: ClassVar[str] = "required"
+    requires_teleop: ClassVar[bool] = True
+
+    take_over_button: Literal["top", "bottom"] = option(
+        "button of each handle that takes its arm over, and gives it back; a leader whose gate is not always has its "
+        "gate for that",
+        "bottom",
+    )
+    rewind_button: Literal["top", "bottom"] | None = option(
+        "button of any handle that ends the episode and sends the arms back along their way", "top"
+    )
+    rewind_s: float = option("how far back, s", 5.0)
+    hand_back_s: float = option("in which an arm that is given back blends to the policy, s; joints only", 0.5)
+
+    def __post_init__(self) -> None:
+        """Check.
+
+        Raises:
+            RefusedConfigError: this LeRobot takes no strategies from plugins, or a value cannot be.
+        """
+        if not TAKES_PLUGINS:
+            raise RefusedConfigError(
+                f"yam_dagger needs a LeRobot that takes rollout strategies from plugins, as its repository does since "
+                f"September 2026; this is {importlib.metadata.version('lerobot')}. Install a newer one, or use "
+                f"--strategy.type=dagger"
+            )
+        self.check()
+
+    def check(self) -> None:
+        """Raises RefusedConfigError: a value cannot be."""
+        if self.rewind_button == self.take_over_button:
+            raise RefusedConfigError("yam_dagger: take_over_button and rewind_button are the same; give each its own")
+        for name in ("rewind_s", "hand_back_s"):
+            if not 0.0 <= getattr(self, name) <= 60.0:
+                raise RefusedConfigError(f"yam_dagger: {name} takes a time within 0 … 60 s, not {getattr(self, name)}")
+
+    def requires_streaming_encoding(self) -> bool:
+        """Frames are added by the control loop, which must not wait for an encoder."""
+        return True
+
+    def extra_dataset_features(self) -> dict[str, dict[str, Any]]:
+        """A column that says whether a person had taken over an arm, as LeRobot's own `dagger` has it."""
+        return {"intervention": {"dtype": "bool", "shape": (1,), "names": None}}

@@ -1,0 +1,101 @@
+"""What the person asks of the strategy: by buttons and gates of the leaders, and by keys."""
+
+from collections import deque
+from enum import StrEnum
+from typing import Any
+
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.face.operator_keys.meanings import BUTTONS
+from lerobot_robot_yam.state.modes import Gate
+from lerobot_robot_yam.state.records import ArmState
+from lerobot_strategy_yam.config_yam_dagger import YamDaggerStrategyConfig
+from lerobot_teleoperator_yam.yam_leader import LeaderBase
+
+
+class Wish(StrEnum):
+    """Of the person, beside taking arms over."""
+
+    KEEP = "keep"  # end the episode and save it
+    DISCARD = "discard"  # drop the episode
+    REWIND = "rewind"
+    STOP = "stop"
+
+
+_KEYS = {"n": Wish.KEEP, "x": Wish.DISCARD, "b": Wish.REWIND, "esc": Wish.STOP}
+_ARM_KEYS = {"space": ("", "left_", "right_"), "l": ("left_",), "r": ("right_",)}
+HELP = "space=take over or give back all arms, l/r=the left or right one, n=save, x=discard, b=back, ESC=stop"
+_BUTTON_OPTIONS = ("estop_button", "gate_button", "fine_button")
+_OPEN = (Gate.APPROACH, Gate.ENGAGED, Gate.FINE, Gate.RECENTRE)
+
+
+class TakeOverSignals:
+    """Of these leaders. Keys may come from any thread.
+
+    Args:
+        leaders: LeRobot's teleoperator.
+        config: says which button does what.
+
+    Attributes:
+        prefixes: of the arms.
+
+    Raises:
+        ConfigError: the teleoperator is no YAM leader that leads a follower, or a button has two meanings.
+    """
+
+    def __init__(self, leaders: Any, config: YamDaggerStrategyConfig):
+        if not isinstance(leaders, LeaderBase):
+            raise ConfigError(f"yam_dagger needs YAM leaders, not {leaders}; use --strategy.type=dagger")
+        self._leaders, self._config = leaders, config
+        arms = leaders.config.arms()
+        self.prefixes = list(arms)
+        self._gated = {prefix for prefix, arm in arms.items() if arm.gate != "always"}
+        if leaders.config.buttons:
+            raise ConfigError("yam_dagger reads the handles itself; leave the teleoperator's option buttons away")
+        for prefix, arm in arms.items():
+            if arm.follower is None:
+                what = f"{prefix.replace('_', ' ')}leader"
+                raise ConfigError(f"yam_dagger: {what}: set follower to its follower's channel; a take-over would jump")
+            ours = {config.rewind_button, None if prefix in self._gated else config.take_over_button} - {None}
+            for name in _BUTTON_OPTIONS:
+                if (button := getattr(arm, name, None)) in ours:
+                    raise ConfigError(
+                        f"button {prefix}{button} has two meanings: {name}, and yam_dagger's; give it one"
+                    )
+        self._keys: deque[str] = deque()
+        self._down: dict[tuple[str, str], bool] = {}
+        self._toggled, self._opened = set[str](), set[str]()
+
+    def key(self, name: str) -> None:
+        """A key, as LeRobot's listeners call it."""
+        self._keys.append(name)
+
+    def look(self) -> tuple[set[str], set[Wish]]:
+        """Prefixes of the arms that the person wants to drive, and what else was asked for since the last look."""
+        wishes, states = set[Wish](), self._leaders.arm_states()
+        for prefix, state in states.items():
+            if self._pressed(prefix, state, self._config.take_over_button) and prefix not in self._gated:
+                self._toggled ^= {prefix}
+            if self._config.rewind_button and self._pressed(prefix, state, self._config.rewind_button):
+                wishes.add(Wish.REWIND)
+        while self._keys:
+            name = self._keys.popleft()
+            if name in _KEYS:
+                wishes.add(_KEYS[name])
+            arms = set(_ARM_KEYS.get(name, ())) & (states.keys() - self._gated)
+            self._toggled = self._toggled - arms if arms <= self._toggled else self._toggled | arms
+        self._opened = {prefix for prefix in self._gated if states[prefix].gate in _OPEN}
+        return self._toggled | self._opened, wishes
+
+    def give_all_back(self) -> set[str]:
+        """Forget which arms were taken over by button or key; those that a gate has taken over."""
+        self._toggled.clear()
+        return set(self._opened)
+
+    def _pressed(self, prefix: str, state: ArmState, button: str) -> bool:
+        """Whether a button has just gone down; one that was down at the first look has to be let go first."""
+        if state.trigger is None:  # its handle is silent
+            return False
+        down = state.buttons[BUTTONS.index(button)]
+        before = self._down.get((prefix, button), True)
+        self._down[prefix, button] = down
+        return down and not before

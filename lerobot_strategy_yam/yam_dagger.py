@@ -1,0 +1,187 @@
+"""The rollout strategy `yam_dagger`: a policy drives the followers, and a person takes any arm over at any moment.
+
+LeRobot's own `dagger` takes over all arms at once, through a pause that is not recorded. Here each frame is recorded,
+and an arm goes over to its leader, or back to the policy, from one frame to the next. The leaders have to lead their
+followers (option `follower`); with `mirror` they are where the followers are when a take-over begins.
+"""
+
+import logging
+import math
+import time
+from typing import Any
+
+from lerobot.datasets import VideoEncodingManager
+from lerobot.rollout.strategies.core import RolloutStrategy, safe_push_to_hub
+from lerobot.utils.constants import OBS_STR
+from lerobot.utils.feature_utils import build_dataset_frame
+from lerobot.utils.keyboard_input import create_key_listener
+from lerobot.utils.robot_utils import precise_sleep
+from lerobot.utils.utils import log_say
+
+from lerobot_robot_yam.face.devices.feature_names import space_of
+from lerobot_strategy_yam.config_yam_dagger import YamDaggerStrategyConfig
+from lerobot_strategy_yam.episodes import Episodes
+from lerobot_strategy_yam.take_over_signals import HELP, TakeOverSignals, Wish
+from lerobot_strategy_yam.taken_arms import Action, TakenArms, WayBack
+
+logger = logging.getLogger(__name__)
+
+
+class YamDaggerStrategy(RolloutStrategy):
+    """One rollout.
+
+    Args:
+        config: of it.
+    """
+
+    config: YamDaggerStrategyConfig
+
+    def __init__(self, config: YamDaggerStrategyConfig):
+        super().__init__(config)
+        self._listener: Any = None
+
+    def setup(self, ctx: Any) -> None:
+        """Start the policy and listen to leaders and keys.
+
+        Raises:
+            ConfigError: the teleoperator is no YAM leader that leads a follower, or a button has two meanings.
+        """
+        cfg = ctx.runtime.cfg
+        self._signals = TakeOverSignals(ctx.hardware.teleop, self.config)
+        self._init_engine(ctx)
+        self._ctx, self._cfg, self._multiplier = ctx, cfg, self._interpolator.multiplier
+        joints = space_of(ctx.data.ordered_action_keys) == "joint"  # angles of a tool's rotation do not blend
+        self._arms = TakenArms(self._signals.prefixes, self.config.hand_back_s if joints else 0.0)
+        self._way_back = WayBack(round(self.config.rewind_s * cfg.fps * self._multiplier))
+        self._rewinds = self._policy_runs = self._compiled = False
+        longest = max(round(cfg.dataset.episode_time_s * cfg.fps), 1)
+        task = cfg.dataset.single_task or cfg.task
+        self._episodes = Episodes(ctx.data.dataset, ctx.data.dataset_features, task, longest)
+        self._seen: dict[str, Any] = {}
+        self._listener = create_key_listener(self._signals.key, controls_help=HELP)
+        logger.info("yam_dagger is ready: %s", HELP)
+
+    def run(self, ctx: Any) -> None:
+        """Until `--dataset.num_episodes` are saved, `--duration` is over, or somebody stops it."""
+        period_s = 1.0 / (self._cfg.fps * self._multiplier)
+        due_s = begin_s = time.perf_counter()
+        ends_s = begin_s + self._cfg.duration if self._cfg.duration > 0 else math.inf
+        number = 0
+        with VideoEncodingManager(ctx.data.dataset):
+            try:
+                while due_s < ends_s and not ctx.runtime.shutdown_event.is_set() and self._obey():
+                    self._tick(is_frame=number % self._multiplier == 0)
+                    number += 1
+                    due_s = max(due_s + period_s, time.perf_counter())  # after a stall: no burst
+                    precise_sleep(max(due_s - time.perf_counter(), 0.0))
+            finally:
+                self._engine.pause()
+                self._episodes.keep()
+
+    def _obey(self) -> bool:
+        """Do what the person has asked for since the last tick; False: to stop."""
+        wanted, wishes = self._signals.look()
+        if Wish.REWIND in wishes:
+            wanted = self._signals.give_all_back()
+            if wanted:
+                logger.warning("%s: still taken over by its gate; nothing goes back", " and ".join(map(_arm, wanted)))
+            else:
+                logger.info("the arms go back along their way")
+                self._keep()
+                self._rewinds = True
+        if wanted:
+            self._rewinds = False
+        self._share(wanted)
+        if Wish.DISCARD in wishes:
+            self._episodes.discard()
+        elif Wish.KEEP in wishes or self._episodes.full:
+            self._keep()
+        return Wish.STOP not in wishes and self._episodes.saved < self._cfg.dataset.num_episodes
+
+    def _share(self, wanted: set[str]) -> None:
+        """Let the person drive the arms with these prefixes, and the policy the others."""
+        for prefix in sorted(wanted - self._arms.taken):
+            logger.info("%s is taken over", _arm(prefix))
+            self._arms.take(prefix)
+        given_back = sorted(self._arms.taken - wanted)
+        for prefix in given_back:
+            logger.info("%s is given back", _arm(prefix))
+            self._arms.give_back(prefix)
+        runs = not (self._arms.all_taken or self._rewinds)
+        if runs and (given_back or not self._policy_runs):
+            self._restart_policy()
+        elif self._policy_runs and not runs:
+            self._engine.pause()
+        self._policy_runs = runs
+
+    def _keep(self) -> None:
+        if self._episodes.keep():
+            log_say(f"Episode {self._episodes.saved} saved", self._cfg.play_sounds)
+
+    def _restart_policy(self) -> None:
+        """Have it begin anew with what it sees next: what it had planned is for another place."""
+        self._interpolator.reset()
+        self._engine.reset()
+        self._engine.resume()
+
+    def _tick(self, is_frame: bool) -> None:
+        """Look, ask for the next action, record it."""
+        processors, robot = self._ctx.processors, self._ctx.hardware.robot_wrapper
+        observation = robot.get_observation()
+        if is_frame:
+            self._seen = processors.robot_observation_processor(observation)
+            self._engine.notify_observation(self._seen)
+        action = self._next_action(observation)
+        if not action:
+            return
+        robot.send_action(processors.robot_action_processor((action, observation)))
+        if self._rewinds:
+            return
+        self._way_back.went(action)
+        if is_frame:
+            self._episodes.add(self._seen, action, bool(self._arms.taken))
+            self._log_telemetry(self._seen, action, self._ctx.runtime)
+
+    def _next_action(self, observation: dict[str, Any]) -> Action:
+        """Of all arms; empty before the policy has said anything."""
+        if self._rewinds:
+            back = self._way_back.back()
+            if back is not None:
+                self._arms.resume(back)
+                return back
+            self._rewinds = False
+        person = None
+        if self._arms.taken:
+            given = self._ctx.hardware.teleop.get_action()
+            person = self._ctx.processors.teleop_action_processor((given, observation))
+        policy = self._policy_action() if self._policy_runs else None
+        return self._arms.action(time.perf_counter(), policy, person)
+
+    def _policy_action(self) -> Action | None:
+        """The policy's next action; None while it has none."""
+        if self._cfg.use_torch_compile and not self._compiled:
+            if not self._engine.ready:
+                return None
+            self._restart_policy()  # what it said while it was compiled is old
+            self._compiled = True
+        if self._interpolator.needs_new_action():
+            frame = build_dataset_frame(self._ctx.data.dataset_features, self._seen, prefix=OBS_STR)
+            planned = self._engine.get_action(frame)
+            if planned is not None:
+                self._interpolator.add(planned.cpu())
+        row = self._interpolator.get()
+        return None if row is None else dict(zip(self._ctx.data.ordered_action_keys, row.tolist(), strict=True))
+
+    def teardown(self, ctx: Any) -> None:
+        """Finish the data set, and upload it if that was asked for; then the arms go back to their start, and land."""
+        if self._listener is not None:
+            self._listener.stop()
+        options = ctx.runtime.cfg.dataset
+        ctx.data.dataset.finalize()
+        if options.push_to_hub:
+            safe_push_to_hub(ctx.data.dataset, tags=options.tags, private=options.private)
+        self._teardown_hardware(ctx.hardware, return_to_initial_position=ctx.runtime.cfg.return_to_initial_position)
+
+
+def _arm(prefix: str) -> str:
+    return f"the {prefix.replace('_', ' ')}arm"
