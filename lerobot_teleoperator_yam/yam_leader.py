@@ -115,10 +115,10 @@ class LeaderBase(ArmDevice, Teleoperator):
     def disconnect(self) -> None:
         """Land the arms, then give the terminal back. Idempotent."""
         self._keys.end()
-        self._events.stop()
         try:
             self._arms.stop()
         finally:
+            self._events.stop()
             self._keys.stop()
 
     @check_if_not_connected

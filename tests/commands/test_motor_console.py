@@ -51,14 +51,14 @@ def test_one_motor_follows_the_arrow_keys_and_is_let_down(arm, console, mode):
     terminal.type(b"enable\n")
     terminal.wait_shown("target")
     assert enabled(arm) == ["joint_6"]
-    terminal.type(RIGHT * 4)
-    terminal.wait_shown(f" q {before['joint_6'] + 0.2:+.2f}"[:-1])
+    terminal.type(RIGHT * 5)
+    terminal.wait_shown(f" q {before['joint_6'] + 0.2:+.1f}")  # friction keeps it a little short of 0.25
     terminal.type(b"q")
     terminal.wait_shown("joint_6 is limp")
     assert terminal.end() == 0 and enabled(arm) == []
     first, last = terminal.modes()
     assert first == last
-    assert motor_rad(arm)["joint_6"] - before["joint_6"] == pytest.approx(0.2, abs=0.05)
+    assert motor_rad(arm)["joint_6"] - before["joint_6"] == pytest.approx(0.25, abs=0.05)
     assert main(["read", "CTRL_MODE", *arguments(arm)]) == 0  # nobody holds the channel
 
 

@@ -91,7 +91,8 @@ def test_a_leader_lands_before_anything_that_could_hang():
     leader = SimpleNamespace(
         _keys=SimpleNamespace(end=lambda: done.append("no key"), stop=lambda: done.append("terminal")),
         _arms=SimpleNamespace(stop=land),
+        _events=SimpleNamespace(stop=lambda: done.append("no event")),
     )
     with pytest.raises(OSError):
         LeaderBase.disconnect(leader)
-    assert done == ["no key", "land", "terminal"]
+    assert done == ["no key", "land", "no event", "terminal"]
