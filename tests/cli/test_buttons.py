@@ -105,6 +105,7 @@ def handles(commands):
         one.abandon()
 
 
+@pytest.mark.long
 def test_a_session_from_the_handles_alone(handles):
     session = handles(buttons=BUTTONS)
     session.start()

@@ -75,6 +75,7 @@ def shared_config(root, **fields):
     return document
 
 
+@pytest.mark.long
 def test_one_arm_is_taken_over_while_the_policy_drives_the_other(rollout):
     rollout.begin(shared_config(rollout.root), "sines", *CALM, amplitude=0.3)
     rollout.wait_until(lambda: "yam_dagger is ready" in rollout.commands.output(), 200.0)

@@ -38,6 +38,7 @@ def figures(text):
     return np.array([[float("nan") if word == "–" else float(word) for word in row.split()] for row in rows])
 
 
+@pytest.mark.long
 @pytest.mark.alone
 def test_a_coupled_pair_is_measured(tmp_path, capsys):
     picture = tmp_path / "feel.png"

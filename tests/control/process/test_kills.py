@@ -23,6 +23,7 @@ from tests.control.process.test_stand_by import control_pid, faults, last_event,
 from tests.support.landed import MOST_M, moved_after_cut_m
 from tests.support.rigged import sim_config, track
 from tests.support.stillness import Stillness
+from tests.support.tiers import spread
 
 pytestmark = pytest.mark.alone
 
@@ -108,7 +109,7 @@ def killed_caller(rig, channel, rng):
         caller.communicate()
 
 
-@pytest.mark.parametrize("killed", [killed_control_process, killed_caller])
+@pytest.mark.parametrize("killed", spread([killed_control_process, killed_caller], 0))
 def test_killed_with_a_stretched_arm(rig, killed):
     check_landing(killed, measured(killed, rig, 1, np.random.default_rng(1)))
 

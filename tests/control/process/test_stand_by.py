@@ -21,6 +21,7 @@ from lerobot_robot_yam.state.records import STATE_DTYPE, channel_key, lock_path,
 from lerobot_robot_yam.system.shared_block import SharedBlock
 from tests.support.landed import MOST_M, moved_after_cut_m
 from tests.support.rigged import sim_config, track
+from tests.support.tiers import spread
 
 pytestmark = pytest.mark.alone
 
@@ -57,7 +58,7 @@ def last_event(rig):
     return events[-1]["number"] + 1 if events else 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "hung"])
+@pytest.mark.parametrize("number", spread([signal.SIGKILL, signal.SIGSTOP], 0), ids=["killed", "hung"])
 def test_the_stand_by_lands_both_arms(rig, number, caplog):
     channels = ("follower_left", "follower_right")
     session = start(rig, *channels)
@@ -176,8 +177,8 @@ def test_killed_in_the_middle_of_a_write(rig):
     assert not faults(rig, since)
 
 
-@pytest.mark.parametrize("tries", [3, pytest.param(40, marks=pytest.mark.long)])
-def test_killed_while_the_arms_come_up(rig, tries):
+@pytest.mark.long
+def test_killed_while_the_arms_come_up(rig):
     """Those that are up have torque, and nobody else to command them."""
     channels, rng = ("follower_left", "follower_right"), np.random.default_rng(3)
     session = ArmSession([sim_config(rig, channel) for channel in channels])
@@ -191,7 +192,7 @@ def test_killed_while_the_arms_come_up(rig, tries):
         arms = rig.state()["arms"]
         return sum(m["enabled"] for channel in channels for m in arms[channel]["motors"].values())
 
-    for _ in range(tries):
+    for _ in range(40):
         since, deadline = last_event(rig), time.monotonic() + 20.0
         starting = threading.Thread(target=begin)
         starting.start()
