@@ -5,10 +5,10 @@ from enum import StrEnum
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.operator_keys.meanings import BUTTONS
-from lerobot_robot_yam.state.modes import Gate
-from lerobot_robot_yam.state.records import ArmState
+from lerobot_robot_yam.face.operator_keys.auto_episodes import LIFTED
+from lerobot_robot_yam.face.operator_keys.edges import RisingEdges, buttons_of
 from lerobot_strategy_yam.config_yam_dagger import YamDaggerStrategyConfig
+from lerobot_teleoperator_yam.leader_options import BUTTON_OPTIONS
 from lerobot_teleoperator_yam.yam_leader import LeaderBase
 
 
@@ -24,8 +24,6 @@ class Wish(StrEnum):
 _KEYS = {"n": Wish.KEEP, "x": Wish.DISCARD, "b": Wish.REWIND, "esc": Wish.STOP}
 _ARM_KEYS = {"space": ("", "left_", "right_"), "l": ("left_",), "r": ("right_",)}
 HELP = "space=take over or give back all arms, l/r=the left or right one, n=save, x=discard, b=back, ESC=stop"
-_BUTTON_OPTIONS = ("estop_button", "gate_button", "fine_button")
-_OPEN = (Gate.APPROACH, Gate.ENGAGED, Gate.FINE, Gate.RECENTRE)
 
 
 class TakeOverSignals:
@@ -56,13 +54,13 @@ class TakeOverSignals:
                 what = f"{prefix.replace('_', ' ')}leader"
                 raise ConfigError(f"yam_dagger: {what}: set follower to its follower's channel; a take-over would jump")
             ours = {config.rewind_button, None if prefix in self._gated else config.take_over_button} - {None}
-            for name in _BUTTON_OPTIONS:
+            for name in BUTTON_OPTIONS:
                 if (button := getattr(arm, name, None)) in ours:
                     raise ConfigError(
                         f"button {prefix}{button} has two meanings: {name}, and yam_dagger's; give it one"
                     )
         self._keys: deque[str] = deque()
-        self._down: dict[tuple[str, str], bool] = {}
+        self._edges = RisingEdges()
         self._toggled, self._opened = set[str](), set[str]()
 
     def key(self, name: str) -> None:
@@ -72,10 +70,11 @@ class TakeOverSignals:
     def look(self) -> tuple[set[str], set[Wish]]:
         """Prefixes of the arms that the person wants to drive, and what else was asked for since the last look."""
         wishes, states = set[Wish](), self._leaders.arm_states()
-        for prefix, state in states.items():
-            if self._pressed(prefix, state, self._config.take_over_button) and prefix not in self._gated:
+        pressed = self._edges.pressed(buttons_of(states))
+        for prefix in states:
+            if f"{prefix}{self._config.take_over_button}" in pressed and prefix not in self._gated:
                 self._toggled ^= {prefix}
-            if self._config.rewind_button and self._pressed(prefix, state, self._config.rewind_button):
+            if f"{prefix}{self._config.rewind_button}" in pressed:
                 wishes.add(Wish.REWIND)
         while self._keys:
             name = self._keys.popleft()
@@ -83,19 +82,10 @@ class TakeOverSignals:
                 wishes.add(_KEYS[name])
             arms = set(_ARM_KEYS.get(name, ())) & (states.keys() - self._gated)
             self._toggled = self._toggled - arms if arms <= self._toggled else self._toggled | arms
-        self._opened = {prefix for prefix in self._gated if states[prefix].gate in _OPEN}
+        self._opened = {prefix for prefix in self._gated if states[prefix].gate in LIFTED}
         return self._toggled | self._opened, wishes
 
     def give_all_back(self) -> set[str]:
         """Forget which arms were taken over by button or key; those that a gate has taken over."""
         self._toggled.clear()
         return set(self._opened)
-
-    def _pressed(self, prefix: str, state: ArmState, button: str) -> bool:
-        """Whether a button has just gone down; one that was down at the first look has to be let go first."""
-        if state.trigger is None:  # its handle is silent
-            return False
-        down = state.buttons[BUTTONS.index(button)]
-        before = self._down.get((prefix, button), True)
-        self._down[prefix, button] = down
-        return down and not before

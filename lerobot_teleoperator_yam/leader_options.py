@@ -120,7 +120,7 @@ class LeaderOptions(ABC):
         """The arms by feature prefix, in canonical order."""
 
 
-_BUTTON_OPTIONS = ("estop_button", "gate_button", "fine_button")
+BUTTON_OPTIONS = ("estop_button", "gate_button", "fine_button")
 
 
 def meanings_of(options: LeaderOptions) -> dict[str, Meaning]:
@@ -136,7 +136,7 @@ def meanings_of(options: LeaderOptions) -> dict[str, Meaning]:
     taken = {
         f"{prefix}{button}": name
         for prefix, arm in arms.items()
-        for name in _BUTTON_OPTIONS
+        for name in BUTTON_OPTIONS
         if (button := getattr(arm, name)) is not None
     }
     if options.auto_episodes and any(arm.follower is None or arm.gate == "always" for arm in arms.values()):

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from lerobot_robot_yam.arm.config import ArmConfig, lead_of
-from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 from lerobot_robot_yam.errors import ConfigError, YamError
-from lerobot_robot_yam.face.devices.feature_names import motor_names, space_of
+from lerobot_robot_yam.face.devices.feature_names import motor_names
 from lerobot_robot_yam.face.devices.follower_check import check_followers
+from lerobot_robot_yam.face.devices.pair_check import Models, Spoken, check_pair
 from lerobot_robot_yam.face.recorder.record_command import stop_after_saving, tell_what_is_kept, under_a_command
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
@@ -24,9 +24,6 @@ from lerobot_robot_yam.system.clock import Clock
 from lerobot_robot_yam.system.signals import end_session_on_signals, undisturbed
 
 logger = logging.getLogger(__name__)
-
-Models = Sequence[tuple[ArmProfile, GripperProfile]]
-"""Of each arm in canonical order: the arm and end effector that actions speak of."""
 
 Recognise = Callable[[Mapping[str, object]], tuple[np.ndarray, list[bool]] | None]
 
@@ -156,31 +153,9 @@ class ArmGroup:
 
     def _check_pair(self, other: "ArmGroup") -> None:
         """Refuse a leader and a follower whose actions do not fit: their first tick would find out, arms energised."""
+        check_pair(*(Spoken(g.device, g._action_keys, g._use_degrees, g._models) for g in (self, other)))
         both = f"{self.device} and {other.device}"
         leaders, followers = (self, other) if self._leads else (other, self)
-        spaces = {space_of(group._action_keys) for group in (self, other)}
-        if "delta" in spaces and under_a_command(inspect.currentframe()):
-            raise ConfigError(f"{both}: action_space: delta is for LeRobot's RL stack, not for this command")
-        if spaces == {"joint", "ee"}:
-            raise ConfigError(f"{both}: one speaks of joints, the other of tool poses; give both the same action_space")
-        if "delta" not in spaces and (differing := sorted(set(self._action_keys) ^ set(other._action_keys))):
-            remedy = "drive one arm with one, or two with two"
-            if all(key.endswith("gripper.pos") for key in differing):
-                remedy = "set ee_gripper of the leader's arm to the follower's gripper; to lead one, the leader needs "
-                remedy += "a handle or a gripper motor"
-            raise ConfigError(f"{both}: only one has {', '.join(differing)}; {remedy}")
-        if "delta" not in spaces and other._use_degrees is not self._use_degrees:
-            raise ConfigError(f"{both}: one uses degrees; give both the same use_degrees")
-        for (arm, gripper), (other_arm, other_gripper) in zip(self._models, other._models, strict=True):
-            same = np.array_equal(arm.joint_limits_rad, other_arm.joint_limits_rad)
-            if spaces & {"ee", "delta"}:
-                same = (arm.name, gripper.name) == (other_arm.name, other_gripper.name)
-            if not same:  # what is recorded would not be what is done
-                raise ConfigError(
-                    f"{both}: one speaks of {arm.name} with {gripper.name}, the other of {other_arm.name} with "
-                    f"{other_gripper.name}; set follower_arm and ee_gripper of the leader's arm to what the follower is"
-                )
-
         for leader, follower in zip(leaders.sides, followers.sides, strict=True):
             if leader.follower_key not in (None, follower.key):
                 raise ConfigError(

@@ -16,8 +16,9 @@ import numpy as np
 from lerobot_robot_yam.arm.kinematics import IkResult, PoseTracker, YamKinematics, pose_distance_m
 from lerobot_robot_yam.arm.tool_pose import downward, pose_to_vector, vector_to_pose
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.devices.arm_group import ArmGroup, Models
+from lerobot_robot_yam.face.devices.arm_group import ArmGroup
 from lerobot_robot_yam.face.devices.feature_names import TOOL_NUMBERS
+from lerobot_robot_yam.face.devices.pair_check import Models
 from lerobot_robot_yam.session.target_limits import validate_action
 from lerobot_robot_yam.state.modes import Mode
 

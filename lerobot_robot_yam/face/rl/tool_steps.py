@@ -17,8 +17,9 @@ import numpy as np
 
 from lerobot_robot_yam.arm.kinematics import YamKinematics
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.devices.arm_group import ArmGroup, Models
+from lerobot_robot_yam.face.devices.arm_group import ArmGroup
 from lerobot_robot_yam.face.devices.feature_names import STEPS
+from lerobot_robot_yam.face.devices.pair_check import Models
 
 _OPENS, _CLOSES = 0.0, 2.0
 _HALF = 0.5

@@ -78,10 +78,12 @@ def _turn(motor: "_Motor", knob: Knob) -> None:
         tell(HELP)
         _follow_keys(motor, knob, terminal)
     finally:
-        with undisturbed("the joint is being let down"):
-            motor.let_down()
-        terminal.close()
-        undo()
+        try:
+            with undisturbed("the joint is being let down"):
+                motor.let_down()
+        finally:
+            terminal.close()
+            undo()
 
 
 def _confirm(args: argparse.Namespace, bench: MotorBench, can_id: int) -> None:
