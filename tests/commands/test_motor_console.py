@@ -7,20 +7,12 @@ import pytest
 
 from lerobot_robot_yam.commands.motors import main
 from lerobot_robot_yam.damiao.registers import Register
-from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.session.yam_arm import YamArm
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
-from tests.support.crooked_arm import arguments, config, events, motor_rad, scene
+from tests.support.crooked_arm import arguments, config, events, motor_rad
 from tests.support.terminal import Terminal
 
 RIGHT = b"\x1b[C"
-
-
-@pytest.fixture
-def arm(tmp_path):
-    """A rig with one arm at rest."""
-    with running_rig(scene=scene(tmp_path, [0.0] * 7)) as rig:
-        yield rig
 
 
 @pytest.fixture
