@@ -18,7 +18,7 @@ from pathlib import Path
 
 from proof_report import write_report
 
-from lerobot_robot_yam.commands.lib.gathering import damage
+from lerobot_robot_yam.commands.data.gathering import damage
 
 ROOT = Path(__file__).parent.parent
 STEP = Path("training_state", "training_step.json")

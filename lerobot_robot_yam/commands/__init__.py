@@ -1,1 +1,1 @@
-"""The yam-* console commands; `lib` has what several share."""
+"""The yam-* console commands; `data` has those that work on data sets, `lib` what several share."""

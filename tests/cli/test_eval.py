@@ -8,7 +8,7 @@ import pytest
 from lerobot.configs.eval import EvalPipelineConfig
 
 from lerobot_robot_yam.commands.configs import config_path
-from lerobot_robot_yam.commands.lib.gathering import demonstrate
+from lerobot_robot_yam.commands.data.gathering import demonstrate
 from lerobot_robot_yam.rig.scene.tasks import SCRIPTS
 from lerobot_robot_yam.yam_env import YamEnv
 from tests.cli.conftest import Commands

@@ -11,7 +11,7 @@ from lerobot.datasets import video_utils
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 from lerobot_robot_yam.commands.configs import config_path
-from lerobot_robot_yam.commands.lib.gathering import _open, environment, gather
+from lerobot_robot_yam.commands.data.gathering import _open, environment, gather
 from lerobot_robot_yam.errors import ConfigError, RigError
 from tests.cli.conftest import Commands
 from tests.support.paths import ROOT

@@ -15,7 +15,7 @@ import pytest
 import yaml
 from lerobot.datasets import LeRobotDataset
 
-from lerobot_robot_yam.commands.repair_dataset import main as repair
+from lerobot_robot_yam.commands.data.repair_dataset import main as repair
 from tests.cli.conftest import CHANNELS, ROOT
 
 pytestmark = pytest.mark.alone

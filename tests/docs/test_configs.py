@@ -21,7 +21,7 @@ from lerobot.scripts.lerobot_teleoperate import TeleoperateConfig
 from lerobot.teleoperators import make_teleoperator_from_config
 
 from lerobot_robot_yam.commands.configs import config_names, config_path, configs_dir, copy_configs, main
-from lerobot_robot_yam.commands.lib.gathering import features_of
+from lerobot_robot_yam.commands.data.gathering import features_of
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.scene.scene import load_scene
 

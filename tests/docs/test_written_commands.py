@@ -23,7 +23,7 @@ from tests.support.pages import PAGES
 from tests.support.paths import ROOT
 
 EVALUATION, TRAINING = "configs/train/lift_and_place_eval.yaml", "configs/train/lift_and_place_train.yaml"
-GATHERING = ("docs/evaluation.md", "lerobot_robot_yam/commands/gather.py")
+GATHERING = ("docs/evaluation.md", "lerobot_robot_yam/commands/data/gather.py")
 NEEDS_PLUGINS = pytest.mark.skipif(not TAKES_PLUGINS, reason="needs a LeRobot with strategies from plugins")
 KINDS = test_configs.COMMANDS | test_configs.TRAINING
 RECORDING, SINGLE_ARM = "docs/recording.md", "configs/real/single_arm_record.yaml"

@@ -11,7 +11,7 @@ from lerobot.configs.eval import EvalPipelineConfig
 from lerobot.envs.utils import NEW_ROLLOUT_OPTION
 
 from lerobot_robot_yam.commands.configs import config_path
-from lerobot_robot_yam.commands.lib.gathering import demonstrate
+from lerobot_robot_yam.commands.data.gathering import demonstrate
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
 from lerobot_robot_yam.config_yam_env import YamEnvConfig
 from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerArmConfig, YamFollowerConfig

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 from lerobot.datasets import LeRobotDataset
 
-from lerobot_robot_yam.commands.repair_dataset import main
+from lerobot_robot_yam.commands.data.repair_dataset import main
 from lerobot_robot_yam.face.recorder import outcomes
 from lerobot_robot_yam.face.recorder.episode_log import SIDE_CAR
 from tests.support.wrecks import (

@@ -16,8 +16,8 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
+from lerobot_robot_yam.commands.data.dataset_command import add_paths, bar, paths, say
 from lerobot_robot_yam.commands.lib.arm_command import run_command, table
-from lerobot_robot_yam.commands.lib.dataset_command import add_paths, bar, paths, say
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.recorder import outcomes
 from lerobot_robot_yam.face.recorder.outcomes import DISCARD, KINDS, Outcome

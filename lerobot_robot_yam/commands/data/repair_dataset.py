@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+from lerobot_robot_yam.commands.data.dataset_command import add_paths, bar, paths, say
 from lerobot_robot_yam.commands.lib.arm_command import run_command
-from lerobot_robot_yam.commands.lib.dataset_command import add_paths, bar, paths, say
 
 _SUFFIX = "_repaired"
 

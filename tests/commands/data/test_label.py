@@ -8,7 +8,7 @@ import sys
 import pytest
 from lerobot.datasets import LeRobotDataset
 
-from lerobot_robot_yam.commands.label import main
+from lerobot_robot_yam.commands.data.label import main
 from lerobot_robot_yam.face.recorder import outcomes
 from lerobot_robot_yam.face.recorder.episode_log import SIDE_CAR
 from tests.support.wrecks import CAMERAS, LENGTHS, add_frames, create, fingerprint, load
@@ -157,6 +157,6 @@ def test_a_line_that_is_no_outcome_is_named(data, capsys):
 
 
 def test_help_is_quick():
-    program = "import sys; from lerobot_robot_yam.commands.label import main\ntry: main(['--help'])\n"
+    program = "import sys; from lerobot_robot_yam.commands.data.label import main\ntry: main(['--help'])\n"
     program += "except SystemExit: pass\nassert not {'torch', 'lerobot', 'pyarrow'} & sys.modules.keys()"
     subprocess.run([sys.executable, "-c", program], check=True, stdout=subprocess.DEVNULL)

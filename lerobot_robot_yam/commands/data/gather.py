@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     import datasets
     from lerobot.utils.utils import init_logging
 
-    from lerobot_robot_yam.commands.lib.gathering import environment, gather
+    from lerobot_robot_yam.commands.data.gathering import environment, gather
 
     init_logging()
     av.logging.set_libav_level(av.logging.ERROR)  # messages about every episode would tear our progress bar apart
