@@ -1,6 +1,6 @@
 """lerobot-record in a user's terminal while handles press keys too: typing works, and the terminal stays what it was.
 
-The default tier runs a typed key and Ctrl-C, `-m long` the other ways to end.
+The default tier runs a typed key, `-m long` the ways to end.
 """
 
 import os
@@ -75,6 +75,7 @@ def test_typed_keys_and_buttons_work_together(session):
     session.commands.assert_landed()
 
 
+@pytest.mark.long
 def test_ctrl_c_ends_it(session):
     session.terminal.type(b"\x03")
     assert session.terminal.end() == 128 + signal.SIGINT

@@ -64,6 +64,7 @@ def test_a_caller_that_executes_another_program_lands_its_arms():
             caller.communicate()
 
 
+@pytest.mark.long
 @pytest.mark.alone
 def test_a_forked_child_that_ends_its_session_lands_nothing_and_waits_for_nothing():
     with running_rig(arms=[CHANNEL]) as live:

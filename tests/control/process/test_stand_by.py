@@ -90,6 +90,7 @@ def test_the_stand_by_lands_both_arms(rig, number, caplog):
     again.stop()
 
 
+@pytest.mark.long
 def test_a_fault_during_an_emergency_stop_does_not_end_the_landing_for_good(rig):
     """Nobody is left who could ask for it again."""
     channel, stop = "follower_left", EmergencyStop()
@@ -112,6 +113,7 @@ def test_a_fault_during_an_emergency_stop_does_not_end_the_landing_for_good(rig)
     assert not any(motor["enabled"] for motor in rig.state()["arms"][channel]["motors"].values())
 
 
+@pytest.mark.long
 def test_who_takes_over_during_an_emergency_stop_waits_for_its_release(rig, capfd):
     channel, stop = "follower_left", EmergencyStop()
     session = start(rig, channel)
@@ -150,6 +152,7 @@ def block_in(pid, link):
     raise AssertionError("it has no such mapping")
 
 
+@pytest.mark.long
 def test_killed_in_the_middle_of_a_write(rig):
     """The state that it leaves can never be read; nobody waits for it."""
     channel = "follower_left"
@@ -211,6 +214,7 @@ def test_killed_while_the_arms_come_up(rig):
         assert not faults(rig, since)
 
 
+@pytest.mark.long
 def test_killed_after_its_files_were_removed(rig):
     """By systemd's RemoveIPC, when the user of a detached session logs out."""
     channel = "follower_left"

@@ -24,7 +24,6 @@ from lerobot_teleoperator_yam.yam_leader import BiYamLeader
 from tests.face.devices.test_lerobot_contract import enabled, follower_config, leader_config
 from tests.face.devices.test_pairing import follower, leader
 from tests.support.coupled import LEADER, POSE
-from tests.support.tiers import spread
 
 pytestmark = pytest.mark.alone
 
@@ -119,7 +118,8 @@ def coupled(rig, directory):
         robot.disconnect()
 
 
-@pytest.mark.parametrize("space", spread(["joint", "ee"], 0))
+@pytest.mark.long
+@pytest.mark.parametrize("space", ["joint", "ee"])
 def test_one_arm_may_be_the_leaders_and_the_other_a_policys(shared_rig, tmp_path, space):
     config = leader_config(shared_rig.name, tmp_path, action_space=space)
     for side in ("left", "right"):

@@ -306,6 +306,7 @@ def test_feedback_leads_the_leader(leader, shared_rig):
 
 
 @pytest.mark.alone
+@pytest.mark.long
 def test_followers_hold_while_a_leader_is_led_whatever_lerobot_repeats(follower, leader, shared_rig):
     """Inverse kinematics answers the same pose with joints that differ in their last bits."""
     reach(shared_rig, follower, "left", READY)

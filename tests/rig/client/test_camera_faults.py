@@ -108,6 +108,7 @@ def test_a_camera_fault_that_makes_no_sense_is_refused(rig, camera, kind, second
         rig.camera_fault(camera, kind, seconds)
 
 
+@pytest.mark.long
 def test_a_stall_set_before_the_renderer_runs_holds():
     with running_rig() as rig:
         rig.camera_fault("top", "stall")

@@ -171,6 +171,7 @@ def rounds_and_ages(rig: RigControl, cameras: list[RigCamera]) -> tuple[float, l
     return float(np.median(rounds)), [float(np.median(age)) for age in ages]
 
 
+@pytest.mark.long
 def test_a_renderer_that_gets_little_time_draws_every_camera_as_the_world_is_then():
     """If all came from one state, the last would be a whole round old on arrival."""
     with running_rig() as rig, contextlib.ExitStack() as stack:
