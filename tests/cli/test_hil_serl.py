@@ -12,7 +12,7 @@ import pytest
 from lerobot.datasets import LeRobotDataset
 
 from lerobot_robot_yam.arm.kinematics import YamKinematics
-from lerobot_robot_yam.commands.urdf import main as write_urdf
+from lerobot_robot_yam.commands.model_file import main as write_model
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from tests.cli.conftest import ROOT, Commands
 
@@ -34,7 +34,7 @@ STEPS = 200
 def commands(tmp_path):
     with running_rig(arms=[FOLLOWER, LEADER]) as rig:
         commands = Commands(rig, tmp_path, (FOLLOWER, LEADER))
-        assert write_urdf([str(tmp_path / "yam.urdf")]) == 0
+        assert write_model(["--format=urdf", str(tmp_path / "yam.urdf")]) == 0
         yield commands
         commands.close()
 

@@ -1,7 +1,9 @@
-"""An arm with its end effector as a URDF, for software that reads nothing else, such as LeRobot's kinematics (placo).
+"""An arm with its end effector as a file for other software: MJCF for MuJoCo, URDF for everything else.
 
-It has the links, inertias, joints and limits of `model.build_spec`, without shapes. Joints are called `joint_1`,
-`joint_2` … as in LeRobot's features. A further joint `gripper` moves nothing: LeRobot looks for one of each name.
+Both have the links, inertias, joints, limits and sites of `model.build_spec`.
+
+The URDF has no shapes. Its joints are called `joint_1`, `joint_2` … as in LeRobot's features. A further joint
+`gripper` moves nothing: LeRobot looks for one of each name.
 """
 
 import xml.etree.ElementTree as ET
@@ -9,11 +11,23 @@ import xml.etree.ElementTree as ET
 import mujoco
 import numpy as np
 
-from lerobot_robot_yam.arm.model import EE_BODY, build_spec
+from lerobot_robot_yam.arm.model import EE_BODY, Physics, build_spec
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 
-TOOL = "tcp_site"
 _ROOT = "world"
+
+
+def mjcf(arm: ArmProfile, gripper: GripperProfile) -> str:
+    """The text of a file for MuJoCo: the arm of the virtual rig, with its shapes, friction, stops and contacts.
+
+    Nothing drives its joints: it has no actuators. MuJoCo writes six digits, so poses of the tool agree to 1e-6 m.
+
+    Args:
+        arm, gripper: resolved profiles, see `mounting.resolve_profiles`.
+    """
+    spec = build_spec(arm, gripper, physics=Physics())
+    spec.compile()  # MuJoCo writes only what it has compiled
+    return spec.to_xml()
 
 
 def urdf(arm: ArmProfile, gripper: GripperProfile) -> str:
@@ -37,10 +51,10 @@ def urdf(arm: ArmProfile, gripper: GripperProfile) -> str:
             _add_limit(element, lower, upper, arm.torque_limit_nm[joint], arm.speed_limit_rad_s[joint])
         else:  # fingers stay where they are at 0
             _add_joint(robot, f"{name}_mount", "fixed", parent, name, place)
-    tool = model.site(TOOL)
-    ET.SubElement(robot, "link", name=TOOL)
-    owner = model.body(model.site_bodyid[tool.id]).name
-    _add_joint(robot, f"{TOOL}_mount", "fixed", owner, TOOL, _origin(tool.pos, tool.quat))
+    for site in map(model.site, range(model.nsite)):
+        ET.SubElement(robot, "link", name=site.name)
+        owner = model.body(model.site_bodyid[site.id]).name
+        _add_joint(robot, f"{site.name}_mount", "fixed", owner, site.name, _origin(site.pos, site.quat))
     if gripper.motor is not None:
         ET.SubElement(robot, "link", name="gripper_opening")
         element = _add_joint(robot, "gripper", "revolute", EE_BODY, "gripper_opening", _origin(np.zeros(3), _UNIT))
