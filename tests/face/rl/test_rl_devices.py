@@ -10,7 +10,7 @@ from lerobot.processor import TransitionKey
 from lerobot.teleoperators.utils import TeleopEvents
 
 from lerobot_robot_yam.arm.kinematics import YamKinematics
-from lerobot_robot_yam.commands.urdf import main as write_urdf
+from lerobot_robot_yam.commands.model_file import main as write_model
 from lerobot_robot_yam.errors import ActionError, ConfigError
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from tests.face.devices.test_lerobot_contract import BiYamFollower, follower_config
@@ -100,7 +100,7 @@ def test_the_stock_environment_takes_the_policy_and_the_person(pair, shared_rig,
     from lerobot.rl import gym_manipulator as stock
 
     robot, teleop = pair
-    assert write_urdf([str(tmp_path / "yam.urdf")]) == 0
+    assert write_model(["--format=urdf", str(tmp_path / "yam.urdf")]) == 0
     config = draccus.parse(stock.GymManipulatorConfig, ROOT / "configs" / "sim" / "hil_serl.yaml", []).env
     config.processor.inverse_kinematics.urdf_path = str(tmp_path / "yam.urdf")
     env = stock.RobotEnv(robot, use_gripper=True, reset_pose=[*RESET_DEG[:6], 1.0], reset_time_s=0.0)
