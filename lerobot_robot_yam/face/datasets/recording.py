@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 from lerobot.utils.constants import ACTION, HF_LEROBOT_HOME, OBS_STATE
 
+from lerobot_robot_yam.face.datasets.layout import DEGREES_SUFFIX, value_names
+
 logger = logging.getLogger(__name__)
 
-DEGREES_SUFFIX = "_degrees"
 _TOOL_SUFFIX = "_ee"
 _STATISTICS = ("min", "max", "mean", "q01", "q99")  # any of them will do
 _PIPELINES = ("policy_preprocessor.json", "policy_postprocessor.json")
@@ -80,13 +81,13 @@ def of_dataset(repo_id: str, root: str | None) -> Recording:
     except Exception as error:  # whatever is wrong with it: LeRobot, which is about to open it, says what
         logger.debug("%s: %s", what, error)
         return Recording(what)
-    return Recording(what, meta.robot_type or "", _action_names(meta.features), meta.stats or {})
+    return Recording(what, meta.robot_type or "", value_names(meta.features.get(ACTION, {})), meta.stats or {})
 
 
 def of_checkpoint(path: str, revision: str | None) -> Recording:
     """Facts about a checkpoint, a directory or a repository of the hub; empty if it cannot be read."""
     data, config = _trained_on(path, revision), _json(path, "config.json", revision)
-    names = tuple(config.get("action_feature_names") or _action_names(data.get("features", {})))
+    names = tuple(config.get("action_feature_names") or value_names(data.get("features", {}).get(ACTION, {})))
     robot_type = data.get("robot_type") or ""
     return Recording(f"checkpoint {path}", robot_type, names, _statistics(path, revision), config)
 
@@ -96,13 +97,6 @@ def _trained_on(path: str, revision: str | None) -> dict[str, Any]:
     trained = _json(path, "train_config.json", revision).get("dataset") or {}
     root = trained.get("root") or HF_LEROBOT_HOME / (trained.get("repo_id") or "")
     return _json(str(root), "meta/info.json", None) if Path(root).is_dir() else {}
-
-
-def _action_names(features: Mapping[str, Any]) -> tuple[str, ...]:
-    names = features.get(ACTION, {}).get("names")
-    if isinstance(names, Mapping):  # of older data sets: {"motors": […]}
-        names = [name for group in names.values() for name in group]
-    return tuple(names or ())
 
 
 def _statistics(path: str, revision: str | None) -> dict[str, dict[str, np.ndarray]]:

@@ -27,7 +27,8 @@ from lerobot.configs import parser
 
 from lerobot_robot_yam.arm.joint_map import TURN
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.datasets.recording import DEGREES_SUFFIX, Recording, of_checkpoint, of_dataset
+from lerobot_robot_yam.face.datasets.layout import DEGREES_SUFFIX
+from lerobot_robot_yam.face.datasets.recording import Recording, of_checkpoint, of_dataset
 from lerobot_robot_yam.face.devices.command_options import given_options
 from lerobot_robot_yam.face.devices.command_targets import check_cameras, check_channels, check_data_set
 from lerobot_robot_yam.face.devices.feature_names import TOOL_NUMBERS, space_of

@@ -12,8 +12,11 @@ TOOL_NUMBERS = ("ee_x", "ee_y", "ee_z", "ee_rx", "ee_ry", "ee_rz")
 STEPS = ("delta_x", "delta_y", "delta_z")
 """The values of an action that asks for a step of the tool, see `tool_steps`."""
 
+JOINT = re.compile(r"(.+_)?joint_\d+\.pos")
+"""A joint's position; the group is the arm's prefix, such as `left_`."""
+
 _SPACES = {
-    "joint": re.compile(r"(.+_)?joint_\d+\.pos"),
+    "joint": JOINT,
     "ee": re.compile(rf"(.+_)?({'|'.join(TOOL_NUMBERS)})\.pos"),
     "delta": re.compile("|".join(STEPS)),
 }

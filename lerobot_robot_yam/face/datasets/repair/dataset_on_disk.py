@@ -1,9 +1,7 @@
 """A LeRobot data set (format v3) as it lies on disk, in words and numbers."""
 
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import datasets
 import numpy as np
@@ -14,14 +12,6 @@ from lerobot.datasets.utils import DatasetInfo
 
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.face.datasets.repair.parquet_salvage import salvage
-
-Progress = Callable[[Iterable[Any]], Iterable[Any]]
-"""Wraps a loop to show how far it is."""
-
-
-def clip_columns(key: str) -> list[str]:
-    """Names of an episode's metadata about its clip of a camera: chunk, file, begin and end (s) in the file."""
-    return [f"videos/{key}/{name}" for name in ("chunk_index", "file_index", "from_timestamp", "to_timestamp")]
 
 
 class DatasetError(YamError, RuntimeError):

@@ -7,7 +7,6 @@ where an episode lies in its cameras' videos follows from the lengths, since epi
 """
 
 from collections.abc import Iterator
-from contextlib import closing
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -28,14 +27,8 @@ from lerobot.datasets.depth_utils import dequantize_depth
 from lerobot.datasets.io_utils import cast_stats_to_numpy, load_info, load_stats, load_tasks
 from lerobot.datasets.video_utils import decode_video_frames
 
-from lerobot_robot_yam.face.datasets.repair.dataset_on_disk import (
-    Clip,
-    DatasetError,
-    Episode,
-    Findings,
-    Progress,
-    clip_columns,
-)
+from lerobot_robot_yam.face.datasets.layout import Progress, clip_columns, frame_count, is_depth
+from lerobot_robot_yam.face.datasets.repair.dataset_on_disk import Clip, DatasetError, Episode, Findings
 
 _INTERRUPTED = "{}: rows of an episode {} whose saving was interrupted"
 _TOLERANCE_S = 1e-4  # LeRobot's own, between a frame and its time in the video
@@ -160,7 +153,7 @@ def _place(findings: Findings, key: str) -> None:
         if relative in taken:
             continue
         chunk, file = (int(part.rpartition("-")[2]) for part in (path.parent.name, path.stem))
-        frames, here, at = _frame_count(path), [], 0
+        frames, here, at = frame_count(path), [], 0
         while waiting and at + waiting[0].length <= frames:
             here.append(waiting.pop(0))
             here[-1].videos[key] = Clip(chunk, file, at / findings.info.fps)
@@ -174,15 +167,6 @@ def _place(findings: Findings, key: str) -> None:
             return
     for episode in waiting:
         episode.lost = episode.lost or f"no video of {key}: killed while it was being saved, or before it was encoded"
-
-
-def _frame_count(path: Path) -> int:
-    """Frames that a video file says it has; 0 where it cannot be opened."""
-    try:
-        with closing(av.open(str(path))) as video:
-            return sum(stream.frames for stream in video.streams.video[:1])
-    except (av.FFmpegError, OSError):
-        return 0
 
 
 def _check(findings: Findings, episode: Episode) -> None:
@@ -209,7 +193,7 @@ def _check(findings: Findings, episode: Episode) -> None:
         cells = table.column(key).take(chosen)
         pictures[key] = _small(np.stack([_channels_first(datasets.Image().decode_example(c.as_py())) for c in cells]))
     for key, images in pictures.items():
-        scale = 1.0 if _is_depth(features[key]) else 255.0
+        scale = 1.0 if is_depth(features[key]) else 255.0
         raw = get_feature_stats(images, axis=(0, 2, 3), keepdims=True)
         stats[key] = {name: np.squeeze(value / scale, axis=0) for name, value in raw.items() if name != "count"}
         # LeRobot weighs episodes by this: in pixels where it encoded while recording, else in pictures it looked at.
@@ -225,26 +209,22 @@ def _frames(findings: Findings, key: str, clip: Clip, indices: list[int]) -> np.
         DatasetError: they cannot be decoded.
     """
     info = findings.info.features[key].get("info") or {}
-    is_depth, path = _is_depth(findings.info.features[key]), findings.root / findings.video(key, clip)
+    depth, path = is_depth(findings.info.features[key]), findings.root / findings.video(key, clip)
     found = []
     for first in range(0, len(indices), _BATCH):
         exact = np.array(indices[first : first + _BATCH]) / findings.info.fps
         times = [clip.start_s + time for time in exact.astype(np.float32).tolist()]  # as LeRobot stores and asks them
         try:
-            frames = decode_video_frames(path, times, _TOLERANCE_S, "pyav", return_uint8=True, is_depth=is_depth)
+            frames = decode_video_frames(path, times, _TOLERANCE_S, "pyav", return_uint8=True, is_depth=depth)
         except (av.FFmpegError, OSError, ValueError, RuntimeError, IndexError) as error:
             why = str(error).partition("\n")[0][:120]
             raise DatasetError(f"{path.relative_to(findings.root)} cannot be decoded: {why}") from error
-        if is_depth:
+        if depth:
             coding = DepthEncoderConfig.from_video_info(info)
             limits = {name: getattr(coding, name) for name in ("depth_min", "depth_max", "shift", "use_log")}
             frames = dequantize_depth(frames, **limits, output_unit=info.get("depth_unit") or "mm")
         found.append(_small(frames.numpy()))
     return np.concatenate(found)
-
-
-def _is_depth(feature: dict[str, Any]) -> bool:
-    return bool((feature.get("info") or {}).get("is_depth_map"))
 
 
 def _small(images: np.ndarray) -> np.ndarray:

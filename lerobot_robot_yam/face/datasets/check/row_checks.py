@@ -1,0 +1,118 @@
+"""Checks of an episode's rows, time stamps and statistics. Each yields the flags that it finds."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from lerobot_robot_yam.face.datasets.check.flags import Flag, Kind
+from lerobot_robot_yam.face.datasets.check.opened_dataset import ACTION, STATE, OpenedDataset, RecordedEpisode
+
+SHORT_S = 0.5
+PAUSE_S = 0.5  # between two frames
+LATE_PERIODS, LATE_SHARE = 1.5, 0.05
+RATE_TOLERANCE = 0.05
+REPEATED_SHARE = 0.3
+OFF_GRID_FRAMES = 0.5  # a stamp that lies nearer to another frame
+STATISTICS_TOLERANCE = 1e-3  # of the range of a value
+
+
+def check_rows(data: OpenedDataset, episode: RecordedEpisode) -> Iterator[Flag]:
+    """Everything in here, for one episode."""
+    if not episode.length:
+        yield Flag(Kind.NO_ROWS, "its rows are not on disk")
+        return
+    if not episode.metadata:
+        yield Flag(Kind.NO_METADATA, "its metadata are missing")
+    else:
+        yield from _lengths(episode)
+    yield from frame_numbers(episode.rows["frame_index"])
+    yield from _task(data, episode)
+    if episode.length < SHORT_S * data.fps:
+        yield Flag(Kind.SHORT, f"{episode.length} frames, {episode.length / data.fps:.2f} s")
+    yield from stamps(episode.rows["timestamp"], episode.rows["frame_index"], data.fps)
+    yield from real_times(episode.figures, data.fps)
+    for feature in (ACTION, STATE):
+        if feature in episode.rows:
+            yield from statistics(feature, episode.metadata.get("stats", {}).get(feature, {}), episode.rows[feature])
+
+
+def _lengths(episode: RecordedEpisode) -> Iterator[Flag]:
+    said = episode.metadata["length"]
+    if said != episode.length:
+        yield Flag(Kind.LENGTH, f"the metadata say {said} frames, there are {episode.length} rows")
+    first, begin = int(episode.rows["index"][0]), episode.metadata["dataset_from_index"]
+    steps = np.diff(episode.rows["index"])
+    if first != begin:
+        yield Flag(Kind.INDEX, f"its first row has index {first}, the metadata say {begin}")
+    elif (steps != 1).any():
+        at = int(np.argmax(steps != 1))
+        yield Flag(Kind.INDEX, f"index goes from {first + at} to {int(episode.rows['index'][at + 1])}", (at, at + 1))
+
+
+def frame_numbers(frame_index: np.ndarray) -> Iterator[Flag]:
+    """`frame_index` (n,) has to be 0, 1, 2 …."""
+    missing = np.setdiff1d(np.arange(int(frame_index.max()) + 1), frame_index)
+    doubled = len(frame_index) - len(np.unique(frame_index))
+    if len(missing) or doubled:
+        first = int(missing[0]) if len(missing) else int(np.argmax(np.diff(frame_index) <= 0))
+        yield Flag(Kind.FRAMES, f"{len(missing)} frames are dropped, {doubled} are doubled", (first, first))
+    elif (np.diff(frame_index) != 1).any():
+        yield Flag(Kind.FRAMES, "frames are not in their order")
+
+
+def _task(data: OpenedDataset, episode: RecordedEpisode) -> Iterator[Flag]:
+    used = np.unique(episode.rows["task_index"]).tolist()
+    wrong = [number for number in used if not str(data.tasks.get(number) or "").strip()]
+    if wrong:
+        yield Flag(Kind.TASK, f"task {wrong[0]} has no text in meta/tasks.parquet")
+
+
+def stamps(timestamp: np.ndarray, frame_index: np.ndarray, fps: float) -> Iterator[Flag]:
+    """Time stamps (n,) in s have to grow, and to be frame_index / fps."""
+    steps = np.diff(timestamp)
+    if not np.isfinite(timestamp).all() or (steps <= 0).any():
+        at = int(np.argmax(~(steps > 0)))
+        yield Flag(Kind.NOT_MONOTONE, f"the time stamp after frame {at} does not grow", (at, at + 1))
+        return
+    off = np.abs((timestamp - timestamp[0]) * fps - (frame_index - frame_index[0]))
+    if (off > OFF_GRID_FRAMES).any():
+        at = int(np.argmax(off > OFF_GRID_FRAMES))
+        yield Flag(
+            Kind.CADENCE,
+            f"time stamps come at {1 / np.median(steps):.1f} fps, the data set says {fps:g}",
+            (at, len(timestamp) - 1),
+        )
+
+
+def real_times(figures: Mapping[str, Any], fps: float) -> Iterator[Flag]:
+    """What our recorder has measured: the real time of each frame, and repeated images."""
+    times = np.asarray(figures.get("times_s", ()), float)
+    if len(times) < 2:
+        return
+    steps = np.diff(times)
+    rate = len(steps) / (times[-1] - times[0])
+    if abs(rate / fps - 1) > RATE_TOLERANCE:
+        yield Flag(Kind.REAL_RATE, f"recorded at {rate:.1f} fps, stamped with {fps:g}")
+    late = steps > LATE_PERIODS / fps
+    if late.mean() > LATE_SHARE or (steps > PAUSE_S + 1 / fps).any():
+        at = int(np.argmax(steps))
+        yield Flag(Kind.LATE, f"{late.sum()} frames came late, the longest after {steps[at]:.2f} s", (at, at + 1))
+    for camera, count in sorted(figures.get("repeated_images", {}).items()):
+        if count > REPEATED_SHARE * len(times):
+            yield Flag(Kind.CAMERA_SLOW, f"{camera}: {count} of {len(times)} images repeat the one before")
+
+
+def statistics(feature: str, said: Mapping[str, Any], values: np.ndarray) -> Iterator[Flag]:
+    """Minimum, maximum and mean (k,) that LeRobot has written, against the values (n, k)."""
+    if not np.isfinite(values).all():
+        return  # which has a flag of its own
+    low, high = values.min(axis=0), values.max(axis=0)
+    slack = STATISTICS_TOLERANCE * (high - low) + 1e-5 * (1.0 + np.abs(high))
+    for name, real in (("min", low), ("max", high), ("mean", values.mean(axis=0, dtype=np.float64))):
+        if name not in said:
+            continue
+        written = np.ravel(said[name])
+        if written.shape != real.shape or not (np.abs(written - real) <= slack).all():
+            yield Flag(Kind.STATISTICS, f"{name} of {feature} is not that of the rows")
+            return
