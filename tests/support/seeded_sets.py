@@ -41,7 +41,7 @@ def picture(camera, state, sides=SIDES):
     image = np.kron(random.integers(40, 180, (6, 8)), np.ones((8, 8))).astype(np.uint8)
     for place, side in enumerate(sides):
         if camera == "top" or camera.startswith(side):
-            x, y = (int(20 + 40 * (value - BENT[i] - SPREAD[side])) for i, value in enumerate(state[7 * place :][:2]))
+            x, y = (int(20 + 25 * (value - BENT[i] - SPREAD[side])) for i, value in enumerate(state[7 * place :][:2]))
             image[max(y, 0) + 12 * place :, max(x, 0) :][:10, :12] = 240
     return np.repeat(image[..., None], 3, axis=2)
 
@@ -54,8 +54,17 @@ def write(root, motions, cameras=CAMERAS, robot_type="bi_yam_follower", value_na
     for camera in cameras:
         shape = {"dtype": "video", "shape": (*SIZE, 3), "names": ["height", "width", "channels"]}
         features[f"observation.images.{camera}"] = shape
-    options = {"use_videos": bool(cameras), "streaming_encoding": bool(cameras), "rgb_encoder": CODER}
-    data = LeRobotDataset.create("local/set", FPS, features, root=root, robot_type=robot_type, **options)
+    data = LeRobotDataset.create(
+        "local/set",
+        FPS,
+        features,
+        root=root,
+        robot_type=robot_type,
+        use_videos=bool(cameras),
+        streaming_encoding=bool(cameras),
+        encoder_queue_maxsize=FRAMES,  # else LeRobot drops frames on a busy machine, and the check finds it
+        rgb_encoder=CODER,
+    )
     for action, state in motions:
         for given, measured in zip(action, state, strict=True):
             pictures = {f"observation.images.{camera}": picture(camera, see(measured)) for camera in cameras}

@@ -209,7 +209,7 @@ IN_ROWS = {
     Kind.STATISTICS: wrong_statistics,
     Kind.NOT_FINITE: all_of("action", setting((30, 3), np.nan)),
     "infinite": all_of(STATE, setting((30, 3), np.inf)),
-    Kind.UNITS: all_of(STATE, lambda part: np.degrees(part)),
+    Kind.UNITS: all_of(STATE, lambda part: np.where(np.isin(range(14), JOINTS), np.degrees(part), part)),
     Kind.JOINT_LIMITS: all_of(STATE, adding((slice(None), 2), 3.3)),
     Kind.GRIPPER_RANGE: all_of("action", adding((slice(20, 30), 6), 0.8)),
     Kind.ACTION_JUMP: all_of("action", adding((slice(30, None), 1), 0.5)),
@@ -225,6 +225,8 @@ ALSO = {  # what else such a defect is, or looks like
     Kind.FRAMES: {Kind.LENGTH, Kind.INDEX},
     "doubled": {Kind.LENGTH, Kind.INDEX, Kind.NOT_MONOTONE},
     Kind.JOINT_LIMITS: {Kind.FAR_APART},
+    Kind.ACTION_FROZEN: {Kind.ACTION_JUMP},
+    Kind.STATE_FROZEN: {Kind.STATE_JUMP},
     Kind.ACTION_CONSTANT: {Kind.ACTION_FROZEN, Kind.FAR_APART},
 }
 
@@ -290,9 +292,9 @@ def during(episode, frames, image):
     return lambda e, f, seen: image(seen) if e == episode and f in frames else seen
 
 
-def freeze(root, frames=range(10, 45)):
+def freeze(root, first=10, end=45):
     still = seeds.picture("top", seeds.motion(SICK)[1][10])
-    repaint(root, "top", during(SICK, frames, lambda seen: still))
+    repaint(root, "top", during(SICK, range(first, end), lambda seen: still))
 
 
 def swap_pictures(root):
@@ -325,7 +327,7 @@ def test_a_defect_of_pictures_is_found_there_and_only_there(kind, seed, data):
 
 
 def test_a_short_freeze_and_a_black_picture_are_found_where_all_pictures_are_looked_at(data):
-    freeze(data, range(10, 22))
+    freeze(data, 10, 22)
     repaint(data, "right_wrist", during(SICK, [33], lambda seen: 0 * seen))
     assert found(data)[1] == {}
     assert found(data, every_s=0)[1] == {SICK: {Kind.CAMERA_FROZEN, Kind.CAMERA_DARK}}
@@ -369,7 +371,7 @@ def test_what_the_command_says(data, capsys):
     assert main([str(data), "--pictures=none"]) == 1
     said = capsys.readouterr().out
     assert f"{data}: flagged: 1 of 3 episodes" in said
-    assert "episode 1: state_jump: left: joint 4 of the arm jumps by" in said and "(frames 29–30)" in said
+    assert "episode 1: state_jump: left: joint 4 of the arm jumps by" in said and "(frames 29–32)" in said
 
 
 def test_the_report_as_json(data, capsys):

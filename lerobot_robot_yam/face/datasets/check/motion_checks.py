@@ -16,6 +16,7 @@ JUMP_RAD = (0.3, 0.45)  # in one frame, however few or many there are in a secon
 LIMIT_SLACK_RAD = 0.1
 OPENING = (-0.05, 1.05)
 STILL_S = 0.5
+LAG_S = 0.25  # in which a healthy arm has not answered yet
 ACTION_MOVES_RAD, STATE_LEAVES_RAD = 0.1, 0.2
 FAR_RAD, AWAY_RAD = 0.35, 0.3
 LARGEST_RAD = 6.4  # no joint turns that far; in degrees that is nothing
@@ -114,10 +115,10 @@ def jumps(arm: ArmMotion, fps: float) -> Iterator[Flag]:
     for kind, what, q in ((Kind.ACTION_JUMP, "the action", arm.action), (Kind.STATE_JUMP, "the arm", arm.state)):
         steps = np.abs(np.diff(q, axis=0))
         if steps.size and steps.max() > limit:
-            frame, joint = np.unravel_index(int(np.argmax(steps)), steps.shape)
-            count = int((steps.max(axis=1) > limit).sum())
-            text = f"joint {joint + 1} of {what} jumps by {steps.max():.2f} rad"
-            yield Flag(kind, arm.says(f"{text}; {count} jumps in all"), (int(frame), int(frame) + 1))
+            at = np.flatnonzero(steps.max(axis=1) > limit)
+            joint = int(np.argmax(steps.max(axis=0))) + 1
+            text = f"joint {joint} of {what} jumps by {steps.max():.2f} rad; {len(at)} jumps in all"
+            yield Flag(kind, arm.says(text), (int(at[0]), int(at[-1]) + 1))
 
 
 def limits(arm: ArmMotion, limits_rad: np.ndarray | None) -> Iterator[Flag]:
@@ -147,9 +148,9 @@ def constant(action: np.ndarray, fps: float) -> Iterator[Flag]:
 
 def frozen(arm: ArmMotion, fps: float) -> Iterator[Flag]:
     """Stretches in which one of action and state stands still to the last bit, and the other does not."""
-    least = max(STILL_S * fps, 3)
+    least, lag = max(STILL_S * fps, 3), round(LAG_S * fps)
     for start, stop in runs(~np.diff(arm.state, axis=0).any(axis=1), least):
-        moved = float(np.ptp(arm.action[start : stop + 1], axis=0).max())
+        moved = float(np.ptp(arm.action[start : stop + 1 - lag], axis=0).max())
         if moved > ACTION_MOVES_RAD:
             text = f"the state stands still while the action moves by {moved:.2f} rad"
             yield Flag(Kind.STATE_FROZEN, arm.says(text), (start, stop))

@@ -19,7 +19,7 @@ from lerobot_robot_yam.face.datasets.layout import clip_columns
 from lerobot_robot_yam.face.recorder.episode_log import SIDE_CAR
 
 ACTION, STATE = "action", "observation.state"
-_COLUMNS = ("episode_index", "frame_index", "index", "task_index", "timestamp", ACTION, STATE)
+_ALWAYS = ("episode_index", "frame_index", "index", "task_index", "timestamp")
 _FORMAT = "v3."
 
 
@@ -159,10 +159,10 @@ def _is_wanted(name: str) -> bool:
 
 def _rows(data: OpenedDataset) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
     """Columns of each episode, in the order of the files, by number."""
+    names = [*_ALWAYS, *(name for name in (ACTION, STATE) if name in data.features)]
     tables: list[dict[str, np.ndarray]] = []
     for path in sorted((data.root / "data").rglob("*.parquet")):
         try:
-            names = [name for name in _COLUMNS if name in data.features]
             table = pq.ParquetFile(path).read(columns=names)
             tables.append({name: _array(table.column(name)) for name in names})
         except (pa.ArrowException, OSError, ValueError, KeyError) as error:
