@@ -27,8 +27,9 @@ def is_depth(feature: Mapping[str, Any]) -> bool:
 def value_names(feature: Mapping[str, Any]) -> tuple[str, ...]:
     """Names of the values of a feature; empty where it has none."""
     names = feature.get("names")
-    if isinstance(names, Mapping):  # of older data sets: {"motors": […]}
-        names = [name for group in names.values() for name in group]
+    if isinstance(names, Mapping):  # of older data sets {"motors": […]}; of LeRobot's RL stack {"delta_x": 0, …}
+        groups = [value for value in names.values() if isinstance(value, list)]
+        names = [name for group in groups for name in group] if groups else sorted(names, key=names.__getitem__)
     return tuple(names or ())
 
 

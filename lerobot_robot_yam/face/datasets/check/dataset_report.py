@@ -156,7 +156,7 @@ def _motion_flags(
         flags += motion_checks.jumps(arm, data.fps)
         flags += motion_checks.limits(arm, motion_checks.joint_limits(profile, arm.state.shape[1]))
         flags += motion_checks.frozen(arm, data.fps)
-    return flags + list(motion_checks.apart(arms))
+    return flags + list(motion_checks.apart(arms, data.fps))
 
 
 def _video_flags(

@@ -104,7 +104,10 @@ KINDS: dict[Kind, tuple[str, str]] = {
         "swap the columns, or the leaders' channels",
     ),
     Kind.FAR_APART: ("a joint is more than 0.35 rad away from its action most of the time", _RECORD),
-    Kind.APPROACH: ("the first frames show an arm on its way to where the action begins", "cut them off"),
+    Kind.APPROACH: (
+        "for a quarter of a second or longer, the first frames show an arm on its way to its action",
+        "cut them off",
+    ),
     Kind.VIDEO_MISSING: ("a video file, or an episode's place in it, is missing", _REPAIR),
     Kind.VIDEO_SHORT: ("a video has fewer frames than the episode has rows", _REPAIR),
     Kind.VIDEO_BROKEN: ("a video cannot be decoded", _REPAIR),

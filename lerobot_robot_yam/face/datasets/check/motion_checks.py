@@ -18,7 +18,8 @@ OPENING = (-0.05, 1.05)
 STILL_S = 0.5
 LAG_S = 0.25  # in which a healthy arm has not answered yet
 ACTION_MOVES_RAD, STATE_LEAVES_RAD = 0.1, 0.2
-FAR_RAD, AWAY_RAD = 0.35, 0.3
+FAR_RAD = 0.35
+AWAY_RAD, THERE_RAD = 0.3, 0.15
 LARGEST_RAD = 6.4  # no joint turns that far; in degrees that is nothing
 MOVES_RAD = 0.3
 
@@ -164,7 +165,7 @@ def frozen(arm: ArmMotion, fps: float) -> Iterator[Flag]:
             break
 
 
-def apart(arms: Sequence[ArmMotion]) -> Iterator[Flag]:
+def apart(arms: Sequence[ArmMotion], fps: float) -> Iterator[Flag]:
     """State and action that do not belong together: arms swapped, joints far apart, an approach at the start."""
     if len(arms) == 2 and arms[0].action.shape == arms[1].action.shape:
         own = sum(float(np.abs(arm.action - arm.state).mean()) for arm in arms) / 2
@@ -179,7 +180,8 @@ def apart(arms: Sequence[ArmMotion]) -> Iterator[Flag]:
         if usual.max() > FAR_RAD:
             text = f"joint {int(np.argmax(usual)) + 1} is {usual.max():.2f} rad away from its action most of the time"
             yield Flag(Kind.FAR_APART, arm.says(text))
-        elif gap[0].max() > AWAY_RAD:
-            arrived = int(np.argmax(gap.max(axis=1) < AWAY_RAD))
+            continue
+        arrived = int(np.argmax(gap.max(axis=1) < THERE_RAD))
+        if gap[0].max() > AWAY_RAD and arrived > LAG_S * fps:
             text = f"joint {int(np.argmax(gap[0])) + 1} begins {gap[0].max():.2f} rad away from its action"
-            yield Flag(Kind.APPROACH, arm.says(text), (0, max(arrived - 1, 0)))
+            yield Flag(Kind.APPROACH, arm.says(text), (0, arrived - 1))
