@@ -216,6 +216,7 @@ class ArmState:
     stamp_s: float = _slots("motor_stamp_s", "Monotonic time of the oldest of these samples.", make=min)
     asked_s: float = _value("asked_s", "Monotonic time of the oldest command answered here: no sample is older.")
     published_s: float = _value("stamp_s", "Monotonic time at which the control loop has written this state.")
+    tick: int = _value("tick", "Number of the control loop's tick.")
 
     temp_mos_c: np.ndarray = _slots("temp_mos_c", "(n,) °C per motor, power stage.", make=np.array)
     temp_rotor_c: np.ndarray = _slots("temp_rotor_c", "(n,) °C per motor, coil.", make=np.array)
