@@ -53,7 +53,9 @@ def _float(args: argparse.Namespace) -> int:
     if not sys.stdin.isatty():
         raise ConfigError("it is driven by keys, and there is no terminal to type them; nothing was energised")
     loaded = None if args.load is None else load_trajectory(args.load)
-    configs = [with_likely_gripper(arm, calibration_path=arm.calibration) for arm in each_arm(args)]
+    configs = [
+        with_likely_gripper(arm, calibration_path=arm.calibration, track_integral=True) for arm in each_arm(args)
+    ]
     hardware = [ResolvedArm(config) for config in configs]
     if loaded is not None:
         loaded.check(hardware)

@@ -157,7 +157,8 @@ class Actuation:
         fade = None if self.landing is None else self.landing.fade
         learns = self.landing is not None and self.landing.learns
         stopped = status.mode is Mode.STOPPED
-        holding = (stopped or status.mode is Mode.HOLD) and self.all_usable
+        tracks = self.config.track_integral and status.mode is Mode.TRACK
+        holding = (stopped or tracks or status.mode is Mode.HOLD) and self.all_usable
         self._tell(self.impedance.follow(now, dt, q, dq, self.setpoint, gripper, holding, stopped, learns, fade))
         if pressed and self.gripper is not None and not self.gripper.force_limited:
             # The object that it pressed on is gone: it goes on at its own speed, not in one leap after the set-point.
