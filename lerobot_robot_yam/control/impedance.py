@@ -10,6 +10,7 @@ from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.gripper.gripper import Gripper
 from lerobot_robot_yam.control.laws import mit_laws
+from lerobot_robot_yam.control.laws.live_gains import LiveGains
 from lerobot_robot_yam.control.laws.set_point import SetPoint
 from lerobot_robot_yam.state.faults import MOST_RAD_S2
 from lerobot_robot_yam.state.records import Limited
@@ -123,6 +124,7 @@ class Impedance:
         gripper: its gripper's axis, if it has a motor.
 
     Attributes:
+        live: its own gains, which a caller may change.
         weight_nm: (joints,) what the model says that the arm weighs, as of the last commands.
         coupled: it follows a leader at loop rate. Then the friction of soft joints is fed forward, as the profile has
             it, unless the configuration says how much.
@@ -131,8 +133,10 @@ class Impedance:
     def __init__(self, hardware: ResolvedArm, gravity: GravityModel | None, gripper: Gripper | None):
         self._hardware, self._gravity, self._gripper = hardware, gravity, gripper
         self.commands = np.zeros((hardware.n, 5))
+        self.live = LiveGains(hardware.kp, hardware.kd)
         self.kp, self.kd = hardware.kp.copy(), hardware.kd.copy()
-        self.own_gains = True  # and not those of a target
+        self.own_gains = True  # as configured, and not those of a target
+        self._of_target = False
         self._exact = exact = hardware.config.track_integral
         holds = hardware.config.hold_integral or exact
         self._integral = HoldIntegral.for_stiffness(hardware.kp[: hardware.joints], exact) if holds else None
@@ -153,10 +157,11 @@ class Impedance:
         self.float_speed = mit_laws.FloatDamping(hardware.config.float_speed_rad_s, hardware.joints)
 
     def gains(self, kp: np.ndarray | None = None, kd: np.ndarray | None = None) -> None:
-        """Use these gains (n,) from now on; NaN or None means as configured."""
-        hw = self._hardware
-        self.kp = hw.kp if kp is None else np.where(np.isnan(kp), hw.kp, kp)
-        self.kd = hw.kd if kd is None else np.where(np.isnan(kd), hw.kd, kd)
+        """Use these gains (n,) of a target from now on; NaN or None means its own ones."""
+        hw, own = self._hardware, self.live
+        self.kp = own.kp if kp is None else np.where(np.isnan(kp), own.kp, kp)
+        self.kd = own.kd if kd is None else np.where(np.isnan(kd), own.kd, kd)
+        self._of_target = any(given is not None and not np.isnan(given).all() for given in (kp, kd))
         self.own_gains = np.array_equal(self.kp, hw.kp) and np.array_equal(self.kd, hw.kd)
 
     @property
@@ -253,6 +258,8 @@ class Impedance:
         hw, out = self._hardware, self.commands
         j = slice(hw.joints)
         self.float_speed.reset()
+        if self.live.advance(dt) and not self._of_target:
+            self.gains()
         limited = Limited.NOTHING
         tau, held_back = self._feed_forward(q, setpoint, dt)
         if held_back:

@@ -60,7 +60,7 @@ class Playback:
             goal = self.trajectory.positions[-1, columns]
             late = np.abs(np.array(state.setpoints) - np.minimum(np.maximum(goal, hw.lower), hw.upper)) >= _REACHED
             j = slice(hw.joints)
-            late[j] |= far_behind(state.q - goal[j], hw.kp[j], hw.torque_limit_nm[j])
+            late[j] |= far_behind(state.q - goal[j], client.kp, hw.torque_limit_nm[j])
             if late.any():
                 return f"{hw.name}: {hw.motors[int(late.argmax())].name}"
         return ""

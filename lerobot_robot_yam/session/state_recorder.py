@@ -1,17 +1,21 @@
 """Keeps what the control loops of some arms publish, for as long as a recording lasts."""
 
 import io
+import threading
 from array import array
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
 
-from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.errors import ConfigError, YamError
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.trajectory import Trajectory, columns_of
 from lerobot_robot_yam.state.records import ArmState
 from lerobot_robot_yam.system.paths import write_whole
+
+_LOOK_S = 0.001  # a quarter of a tick
 
 
 class StateRecorder:
@@ -86,3 +90,27 @@ def _unpacked(rows: array, n: int) -> dict[str, np.ndarray]:
     names = ("q", "dq", "tau_nm", "temp_mos_c", "temp_rotor_c")
     table = np.array(rows).reshape(-1, 1 + len(names) * n)
     return {"stamp_s": table[:, 0]} | {name: table[:, 1 + i * n : 1 + (i + 1) * n] for i, name in enumerate(names)}
+
+
+@contextmanager
+def recording(clients: Sequence[ArmClient]) -> Iterator[StateRecorder]:
+    """Record, in a thread, while the block runs. An arm that ends meanwhile ends its recording.
+
+    Raises:
+        LifeCycleError: an arm is not connected.
+    """
+    recorder, ended = StateRecorder(clients), threading.Event()
+    recorder.poll()
+
+    def record() -> None:
+        with suppress(YamError):
+            while not ended.wait(_LOOK_S):
+                recorder.poll()
+
+    thread = threading.Thread(target=record, name="yam-recording", daemon=True)
+    thread.start()
+    try:
+        yield recorder
+    finally:
+        ended.set()
+        thread.join()

@@ -15,7 +15,7 @@ import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.session.trajectory import Trajectory
-from lerobot_robot_yam.system.paths import write_whole
+from lerobot_robot_yam.system.paths import user_path, write_whole
 
 FREQUENCY_HZ = 50.0
 """Of the rows that are saved: the vendor's replay gives a row at a time, at most so often."""
@@ -24,12 +24,13 @@ _NUMBERS = "fiu"
 _SAVED_AS = ("trajectory", "timestamps")
 
 
-def save_trajectory(path: Path, trajectory: Trajectory) -> None:
+def save_trajectory(path: str | Path, trajectory: Trajectory) -> None:
     """Write a trajectory with rows at `FREQUENCY_HZ`. The vendor's reader ignores the names of the columns.
 
     Raises:
         ConfigError: the file cannot be written.
     """
+    path = user_path(path)
     times = np.arange(math.ceil(trajectory.seconds * FREQUENCY_HZ) + 1) / FREQUENCY_HZ  # the last row is the end
     columns = trajectory.positions.T
     rows = np.stack([np.interp(times, trajectory.times_s, column) for column in columns], axis=1)
@@ -42,13 +43,14 @@ def save_trajectory(path: Path, trajectory: Trajectory) -> None:
         raise ConfigError(f"{path} cannot be written ({error.strerror})") from error
 
 
-def load_trajectory(path: Path) -> Trajectory:
+def load_trajectory(path: str | Path) -> Trajectory:
     """Read a trajectory of ours or the vendor's; nothing in the file is executed.
 
     Raises:
         ConfigError: it cannot be read, or is no such file.
         ActionError: its numbers are no trajectory, see `Trajectory`.
     """
+    path = user_path(path)
     try:
         with path.open("rb") as file:
             data = file.read(_MOST_BYTES + 1)
