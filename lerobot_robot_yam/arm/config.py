@@ -115,6 +115,11 @@ class ArmConfig:
     hold_integral: bool = option(
         "make up, slowly and within bounds, for the sag that the model of gravity leaves while the arm holds", True
     )
+    track_integral: bool = option(
+        "make up for it also while the arm follows targets, more quickly, and for the friction of soft joints: "
+        "replays come nearer to what was recorded",
+        False,
+    )
     skip_listen: bool = option(
         "true: do not listen for another driver on the channel before the arm is energised", False
     )

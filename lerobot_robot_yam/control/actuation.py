@@ -157,7 +157,8 @@ class Actuation:
         fade = None if self.landing is None else self.landing.fade
         learns = self.landing is not None and self.landing.learns
         stopped = status.mode is Mode.STOPPED
-        holding = (stopped or status.mode is Mode.HOLD) and self.all_usable
+        tracks = self.config.track_integral and status.mode is Mode.TRACK
+        holding = (stopped or tracks or status.mode is Mode.HOLD) and self.all_usable
         self._tell(self.impedance.follow(now, dt, q, dq, self.setpoint, gripper, holding, stopped, learns, fade))
         if pressed and self.gripper is not None and not self.gripper.force_limited:
             # The object that it pressed on is gone: it goes on at its own speed, not in one leap after the set-point.
@@ -193,6 +194,8 @@ class Actuation:
     def enter(self, mode: Mode) -> None:
         """Change the mode; only TRACK keeps the gains of a target. Raises LifeCycleError: not from the present mode."""
         self.status.check(mode)
+        if mode is Mode.LAND:
+            self.impedance.live.reset()  # landings are made for the configured gains
         if mode is not Mode.TRACK:
             self.use_gains()
         self.status.enter(mode)
@@ -206,15 +209,24 @@ class Actuation:
         """
         before = self.impedance.kp
         self.impedance.gains(kp, kd)
+        self._pull_no_harder(before, self.impedance.kp, kp is not None)
+
+    def change_gains(self, kp: np.ndarray, kd: np.ndarray) -> None:
+        """Go over to other gains (n,) of its own, NaN as configured, so that no torque jumps; targets keep theirs."""
+        self._pull_no_harder(self.impedance.kp, np.where(np.isnan(kp), self.hardware.kp, kp), False)
+        self.impedance.live.change(kp, kd)
+
+    def _pull_no_harder(self, before: np.ndarray, now: np.ndarray, target_follows: bool) -> None:
+        """Bring the set-point of a joint back whose stiffness (n,) grows far from it."""
         joints = slice(self.hardware.joints)
-        gap, kp_before, kp_now = (self.setpoint.q - self.here)[joints], before[joints], self.impedance.kp[joints]
+        gap, kp_before, kp_now = (self.setpoint.q - self.here)[joints], before[joints], now[joints]
         lags = self.hardware.kp[joints] * LEFT_BEHIND_RAD
         for joint in np.flatnonzero((kp_now > kp_before) & (kp_now * np.abs(gap) > lags)):
             keeps = float(self.q[joint] + gap[joint] * kp_before[joint] / kp_now[joint])
-            if kp is None:
-                self.setpoint.reseed(int(joint), keeps)
-            else:  # its target follows at once
+            if target_follows:  # at once
                 self.setpoint.shift(int(joint), keeps)
+            else:
+                self.setpoint.reseed(int(joint), keeps)
 
     def seed_joints(self) -> None:
         """Start the joints again from where they are; the gripper's set-point is its grip, and is kept."""

@@ -228,6 +228,10 @@ class ArmController:
             if status.mode is Mode.FAULT and status.stopped:
                 raise LifeCycleError(f"{self.name}: {status.message}; {RELEASE_FIRST}")
             self.landing.land(now)
+        elif request is Request.CUT_TORQUE:
+            arm.enter(Mode.LAND)
+            self.landing.cancel()
+            arm.switch_off()
         elif request is Request.REARM:
             self.faults.rearm()
         elif status.mode is Mode.FAULT:

@@ -10,12 +10,14 @@ from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.gripper.gripper import Gripper
 from lerobot_robot_yam.control.laws import mit_laws
+from lerobot_robot_yam.control.laws.live_gains import LiveGains
 from lerobot_robot_yam.control.laws.set_point import SetPoint
 from lerobot_robot_yam.state.faults import MOST_RAD_S2
 from lerobot_robot_yam.state.records import Limited
 
 # The integral that makes up for sag, per Nm/rad of stiffness, so that every joint behaves alike.
 _SAG_RATE_PER_S = 1.5  # ki / kp: sag shrinks with a time constant of 1 / 1.5 s
+_TRACK_RATES_PER_S = 4.0, 8.0  # the same of stiff and of soft joints that track: stable while kd > rate · inertia
 _SAG_RAD = 0.05  # most sag that is made up for; YAM's joints 3 and 4 settle about 0.03 rad low
 _TOO_FAR_RAD = 0.1  # larger errors are no sag: a hand holds the arm
 # The same while an arm lands.
@@ -23,6 +25,7 @@ _LAND_RATE_PER_S = 2.0
 _LAND_SHARE = 0.4  # of the torque limits: 11 Nm of a DM4340 and 4 of a DM4310: an unknown 3 kg at 0.35 m
 _LAND_TOO_FAR_RAD = 0.35  # of a soft wrist; a stiff joint is stuck before
 _DEADBAND_RAD = 0.002  # several steps of the reading (0.38 mrad)
+_TRACK_DEADBAND_RAD = 0.0015
 _LEAK_S = 0.5  # time constant
 
 _SOFT_NM_RAD, _SOFT_FADE_S = 20.0, 0.3
@@ -40,8 +43,9 @@ class HoldIntegral:
 
         tau += ki e' dt,  |tau| ≤ limit,  e' = the part of e = q_set − q outside the deadband
 
-    It works only while the set-point rests. When the set-point moves, or the arm floats or lands, the torque fades away
-    (`_LEAK_S`): what was missing in one pose is not what is missing in the next, and a sudden end would be a knock.
+    It works only while the set-point rests, unless `track_integral` is set. When the set-point moves, or the arm floats
+    or lands, the torque fades away (`_LEAK_S`): what was missing in one pose is not what is missing in the next, and a
+    sudden end would be a knock.
     While the torque clip acts, or where the error is too large for sag, it does not grow. The deadband keeps it from
     hunting: against dry friction an integral without one creeps to and fro for ever.
 
@@ -49,16 +53,27 @@ class HoldIntegral:
         ki: (n,) Nm/(rad s).
         limit_nm: (n,) bound of the torque.
         too_far_rad: larger errors are not sag.
+        deadband_rad: smaller errors are left.
     """
 
-    def __init__(self, ki: np.ndarray, limit_nm: np.ndarray, too_far_rad: float = _TOO_FAR_RAD):
-        self._ki, self._limit, self._too_far = ki, limit_nm, too_far_rad
+    def __init__(
+        self,
+        ki: np.ndarray,
+        limit_nm: np.ndarray,
+        too_far_rad: float = _TOO_FAR_RAD,
+        deadband_rad: float = _DEADBAND_RAD,
+    ):
+        self._ki, self._limit, self._too_far, self._deadband = ki, limit_nm, too_far_rad, deadband_rad
         self.tau: np.ndarray = np.zeros(len(ki))
 
     @classmethod
-    def for_stiffness(cls, kp: np.ndarray) -> "HoldIntegral":
-        """With ki and limit in proportion to the position gains kp (n,), Nm/rad."""
-        return cls(_SAG_RATE_PER_S * kp, _SAG_RAD * kp)
+    def for_stiffness(cls, kp: np.ndarray, tracks: bool = False) -> "HoldIntegral":
+        """With ki and limit in proportion to the position gains kp (n,), Nm/rad; quicker for an arm that tracks."""
+        if not tracks:
+            return cls(_SAG_RATE_PER_S * kp, _SAG_RAD * kp)
+        stiff, soft = _TRACK_RATES_PER_S
+        rates = np.where(kp < _SOFT_NM_RAD, soft, stiff)
+        return cls(rates * kp, _SAG_RAD * kp, deadband_rad=_TRACK_DEADBAND_RAD)
 
     @classmethod
     def for_landing(cls, kp: np.ndarray, torque_limit_nm: np.ndarray) -> "HoldIntegral":
@@ -77,7 +92,7 @@ class HoldIntegral:
         if not holding:
             self.tau *= max(0.0, 1.0 - dt / _LEAK_S)
             return self.tau
-        beyond = error - np.minimum(np.maximum(error, -_DEADBAND_RAD), _DEADBAND_RAD)
+        beyond = error - np.minimum(np.maximum(error, -self._deadband), self._deadband)
         step = np.where(np.abs(error) < self._too_far, self._ki * beyond * dt, 0.0)
         if clipped:
             step = np.where(step * self.tau > 0.0, 0.0, step)
@@ -109,6 +124,7 @@ class Impedance:
         gripper: its gripper's axis, if it has a motor.
 
     Attributes:
+        live: its own gains, which a caller may change.
         weight_nm: (joints,) what the model says that the arm weighs, as of the last commands.
         coupled: it follows a leader at loop rate. Then the friction of soft joints is fed forward, as the profile has
             it, unless the configuration says how much.
@@ -117,10 +133,13 @@ class Impedance:
     def __init__(self, hardware: ResolvedArm, gravity: GravityModel | None, gripper: Gripper | None):
         self._hardware, self._gravity, self._gripper = hardware, gravity, gripper
         self.commands = np.zeros((hardware.n, 5))
+        self.live = LiveGains(hardware.kp, hardware.kd)
         self.kp, self.kd = hardware.kp.copy(), hardware.kd.copy()
-        self.own_gains = True  # and not those of a target
-        holds = hardware.config.hold_integral
-        self._integral = HoldIntegral.for_stiffness(hardware.kp[: hardware.joints]) if holds else None
+        self.own_gains = True  # as configured, and not those of a target
+        self._of_target = False
+        self._exact = exact = hardware.config.track_integral
+        holds = hardware.config.hold_integral or exact
+        self._integral = HoldIntegral.for_stiffness(hardware.kp[: hardware.joints], exact) if holds else None
         self._landing: HoldIntegral | None = None  # torque that the gravity model misses while landing
         self._rubs = bool(hardware.coulomb_nm.any())
         # Friction takes a soft joint 10 mrad off a target that moves, and makes it stick where that turns.
@@ -138,10 +157,11 @@ class Impedance:
         self.float_speed = mit_laws.FloatDamping(hardware.config.float_speed_rad_s, hardware.joints)
 
     def gains(self, kp: np.ndarray | None = None, kd: np.ndarray | None = None) -> None:
-        """Use these gains (n,) from now on; NaN or None means as configured."""
-        hw = self._hardware
-        self.kp = hw.kp if kp is None else np.where(np.isnan(kp), hw.kp, kp)
-        self.kd = hw.kd if kd is None else np.where(np.isnan(kd), hw.kd, kd)
+        """Use these gains (n,) of a target from now on; NaN or None means its own ones."""
+        hw, own = self._hardware, self.live
+        self.kp = own.kp if kp is None else np.where(np.isnan(kp), own.kp, kp)
+        self.kd = own.kd if kd is None else np.where(np.isnan(kd), own.kd, kd)
+        self._of_target = any(given is not None and not np.isnan(given).all() for given in (kp, kd))
         self.own_gains = np.array_equal(self.kp, hw.kp) and np.array_equal(self.kd, hw.kd)
 
     @property
@@ -229,7 +249,7 @@ class Impedance:
             now, dt: s.
             q, dq: (n,) of the motors, gripper in rad.
             gripper: measured rate and torque of the gripper, strokes/s and Nm.
-            holding: the arm holds, with all its motors; no targets come.
+            holding: the arm holds, with all its motors; no targets come, or `track_integral` is set.
             stopped: the emergency stop is latched: what is made up for sag stays, since more of it would move the arm.
             learns: the arm lands and hangs off its set-point: the model is wrong, and what it misses is learnt.
             fade: (joints,) shares of stiffness with feed-forward, and of the landing's damping, that are left while
@@ -238,17 +258,20 @@ class Impedance:
         hw, out = self._hardware, self.commands
         j = slice(hw.joints)
         self.float_speed.reset()
+        if self.live.advance(dt) and not self._of_target:
+            self.gains()
         limited = Limited.NOTHING
         tau, held_back = self._feed_forward(q, setpoint, dt)
         if held_back:
             limited |= Limited.TORQUE
         q_set, dq_set = setpoint.asked
-        still = holding and bool(np.abs(dq_set[j]).max(initial=0.0) < _STILL_RAD_S)
+        still = holding and (self._exact or bool(np.abs(dq_set[j]).max(initial=0.0) < _STILL_RAD_S))
         error = q_set[j] - q[j]
         beside = self._friction(dq_set[j])
-        if self.coupled or self._soft_share > 0.0:
+        rubs = self.coupled or (self._exact and holding)
+        if rubs or self._soft_share > 0.0:
             way = dt / _SOFT_FADE_S
-            self._soft_share = min(max(self._soft_share + (way if self.coupled else -way), 0.0), 1.0)
+            self._soft_share = min(max(self._soft_share + (way if rubs else -way), 0.0), 1.0)
             beside = beside + self._soft_share * mit_laws.friction(dq_set[j], self._soft_nm)
         if self._integral is not None:
             beside = beside + self._integral.advance(error, 0.0 if stopped else dt, still, self._clipped)

@@ -71,7 +71,11 @@ class ControllerBlocks:
             refused = False
             controller.coupling.end()
             try:
-                controller.request(Request(int(command["request"])), now)
+                request = Request(int(command["request"]))
+                if request is Request.GAINS:
+                    controller.actuation.change_gains(command["own_kp"][self._slots], command["own_kd"][self._slots])
+                else:
+                    controller.request(request, now)
             except YamError as error:
                 refused = True
                 record["refusal"] = str(error).encode()[:400]

@@ -108,7 +108,7 @@ class StopResponse:
         """Reduce what the joints pull with to what carries a load: a person may be in the arm's way."""
         arm = self._actuation
         joints = arm.hardware.joints
-        kp, sag = np.maximum(arm.hardware.kp[:joints], 1.0), arm.impedance.sag_nm
+        kp, sag = np.maximum(arm.impedance.kp[:joints], 1.0), arm.impedance.sag_nm
         here = arm.here
         gap = (arm.setpoint.q - here)[:joints]
         least = np.minimum(np.maximum(gap, (-PRESS_NM - sag) / kp), (PRESS_NM - sag) / kp)

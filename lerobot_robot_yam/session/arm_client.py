@@ -1,5 +1,6 @@
 """The caller's handle on one arm: its state block to read, its command block to write."""
 
+import dataclasses
 import logging
 import math
 from collections.abc import Sequence
@@ -24,7 +25,8 @@ _LET_GO_S = 1.0
 _SEARCH_TIMEOUT_S = 20.0
 _TRIGGER_S, _LOOK_S = 8.0, 0.01
 
-Vector = Sequence[float] | np.ndarray
+Numbers = Sequence[float]
+Vector = Numbers | np.ndarray
 
 logger = logging.getLogger(__name__)
 
@@ -34,6 +36,7 @@ class ArmClient:
 
     Attributes:
         published, await_fresh, newest: of its `StateReader`.
+        kp, kd: (joints,) the arm's own gains, Nm/rad and Nm s/rad.
     """
 
     def __init__(self, hardware: ResolvedArm, clock: Clock = SYSTEM):
@@ -49,6 +52,7 @@ class ArmClient:
             "kd": (0.0, np.array([row.kd_max for row in types])),
         }
         self._limit_log = LimitLog(hardware.name)
+        self.kp, self.kd = hardware.kp[: hardware.joints], hardware.kd[: hardware.joints]
 
     @property
     def descriptors(self) -> Descriptors:
@@ -184,6 +188,34 @@ class ArmClient:
         """
         self._request(Request.LAND)
 
+    def change_gains(self, kp: Vector, kd: Vector) -> None:
+        """Other gains of the joints, for all targets that bring none; the arm goes over to them within half a second.
+
+        It lands with the configured ones.
+
+        Args:
+            kp, kd: (joints,) Nm/rad and Nm s/rad.
+
+        Raises:
+            ActionError: wrong shape or not finite; nothing was sent.
+            ConfigError: what a configuration would be refused for, such as damping that is too weak; nothing was sent.
+            StaleStateError: the control loop does not answer.
+        """
+        hw, name = self.hardware, self.config.name
+        given = [finite_vector(name, what, value, hw.joints) for what, value in (("kp", kp), ("kd", kd))]
+        ResolvedArm(dataclasses.replace(self.config, kp=given[0].tolist(), kd=given[1].tolist()))
+        gripper = [math.nan] * hw.has_gripper
+        self._request(Request.GAINS, [*given[0].tolist(), *gripper, *given[1].tolist(), *gripper])
+        self.kp, self.kd = given
+
+    def cut_torque(self) -> None:
+        """HAZARD: cut torque at once; an arm that does not lie falls. Afterwards it is off.
+
+        Raises:
+            LifeCycleError: not from the present mode.
+        """
+        self._request(Request.CUT_TORQUE)
+
     def rearm(self) -> None:
         """Enable again what has failed, and hold the measured pose; see `await_gripper`. Look at the arm first.
 
@@ -257,15 +289,15 @@ class ArmClient:
             clock.sleep(_LOOK_S)
         save_range(name, Path(path), self.hardware.gripper.name, learn(name, seen))
 
-    def _request(self, request: Request) -> None:
-        number = self._commands.write_request(request)
+    def _request(self, request: Request, own_gains: Numbers = ()) -> None:
+        number = self._commands.write_request(request, own_gains)
         deadline = self._clock.now() + _REQUEST_TIMEOUT_S
         while True:
             state = self.published()
             if state.answered == number:
                 break
             if state.mode is Mode.OFF:
-                if request is Request.LAND:
+                if request in (Request.LAND, Request.CUT_TORQUE):
                     return
                 raise LifeCycleError(f"{self.config.name}: the arm is off; connect again")
             if self._clock.now() > deadline:

@@ -143,6 +143,7 @@ class CommandWriter:
         self._stamp_s, self._number, self._target = 0.0, 0, self._unset
         self._leader, self._coupled_until_s = b"", -math.inf
         self._options = [self._unset] * len(_GRIPPER_OPTIONS)
+        self._own = [*self._unset, *self._unset]
         self._asked, self._requests = Request.NONE, 0
         self._write()
 
@@ -186,8 +187,12 @@ class CommandWriter:
             self._number += 1
             self._write()
 
-    def write_request(self, request: Request) -> int:
+    def write_request(self, request: Request, own_gains: Sequence[float] = ()) -> int:
         """Write a request, and return its number; a target the loop has not looked at yet is void.
+
+        Args:
+            request: what is asked for.
+            own_gains: with GAINS: kp of all motors, and then their kd.
 
         Raises:
             LifeCycleError: the arm is another process's.
@@ -195,6 +200,7 @@ class CommandWriter:
         self._check_process()
         with self._lock:
             self._asked = request
+            self._own = list(own_gains) or self._own
             self._requests += 1
             self._stamp_s = self._coupled_until_s = -math.inf
             self._write()
@@ -213,6 +219,7 @@ class CommandWriter:
             self._number,
             *self._target,
             *(value for row in self._options for value in row),
+            *self._own,
         ]
         values += [self._leader, self._coupled_until_s]
         self._block.write_bytes(self._pack(*values, self._asked, self._requests))

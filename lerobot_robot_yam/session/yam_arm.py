@@ -10,25 +10,32 @@ With `interface="yam_sim", channel="follower_left"` the same lines drive the vir
 """
 
 import dataclasses
-import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD
-from lerobot_robot_yam.arm.validation import finite_vector
-from lerobot_robot_yam.control.safety.progress_monitor import far_behind
+from lerobot_robot_yam.arm.validation import finite_number, finite_vector
+from lerobot_robot_yam.control.actuation import ACCELERATION_LIMIT_RAD_S2
 from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError
-from lerobot_robot_yam.session.arm_client import Vector
+from lerobot_robot_yam.session.arm_client import ArmClient, Vector
+from lerobot_robot_yam.session.arm_info import ArmInfo
 from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
-from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.session.playback import Playback, approach_s, ready, replay
+from lerobot_robot_yam.session.state_recorder import StateRecorder, recording
+from lerobot_robot_yam.session.trajectory import Trajectory, soft_way, soft_way_s
 from lerobot_robot_yam.state.records import ArmState
 from lerobot_robot_yam.system.clock import Clock
+from lerobot_robot_yam.system.paths import user_path
 from lerobot_robot_yam.system.uncopyable import Uncopied
 
 _STREAM_S = 0.02
 _SETTLE_TIMEOUT_S = 2.0
+_LIES_RAD = 0.15  # so near to its rest pose an arm lies, or falls no further than a finger is thick
 
 
 class YamArm(Uncopied):
@@ -78,9 +85,33 @@ class YamArm(Uncopied):
         """The clock by which the arm lives: the computer's, or that of a rig in lock-step."""
         return self._session.clock
 
+    @property
+    def _client(self) -> ArmClient:
+        return self._session[self.config.name]
+
+    def info(self) -> ArmInfo:
+        """What the arm is and how it is set. Raises LifeCycleError: not connected."""
+        return ArmInfo.of(self._client)
+
     def observe(self) -> ArmState:
         """The newest state. Raises StaleStateError, MotorError, LifeCycleError: see `ArmClient.observe`."""
-        return self._session[self.config.name].observe()
+        return self._client.observe()
+
+    @contextmanager
+    def recording(self, path: str | Path | None = None) -> Iterator[StateRecorder]:
+        """Record every state while the block runs; see `StateRecorder` for what there is then.
+
+        Args:
+            path: an .npz file to write at the end, see `StateRecorder.save`; None: write none.
+
+        Raises:
+            LifeCycleError: not connected.
+            ConfigError: the file cannot be written.
+        """
+        with recording([self._client]) as recorder:
+            yield recorder
+        if path is not None:
+            recorder.save(user_path(path))
 
     def command(
         self,
@@ -103,66 +134,131 @@ class YamArm(Uncopied):
             ActionError: wrong shape, not finite, or more than a motor takes; nothing was sent.
             YamError: it floats, has failed or is silent; nothing was sent.
         """
-        return self._session[self.config.name].write_target(q, gripper, dq, kp, kd)[0]
+        return self._client.write_target(q, gripper, dq, kp, kd)[0]
 
     def move_to(self, q: Vector, gripper: float | None = None, speed_rad_s: float = 0.8) -> ArmState:
         """Go to a pose along a straight joint line with half-cosine speed, and wait until it is reached.
 
-        q(t) = q0 + (1 − cos(π t / T)) / 2 · (q1 − q0), peak speed π/2 · |q1 − q0| / T = `speed_rad_s`.
+        Args:
+            q: (n,) rad.
+            gripper: 0 closed … 1 open, None keeps it.
+            speed_rad_s: of the quickest joint, at its peak.
 
         Raises:
             ActionError: wrong shape, not finite, or beyond a joint's range; nothing moves.
             LifeCycleError: the pose was not reached (obstructed, stopped, or limits hold the arm back).
         """
-        port = self._session[self.config.name]
-        state = port.observe()
-        start = state.setpoint_q.copy() if state.mode is not Mode.FLOAT else state.q.copy()
-        goal = finite_vector(self.config.name, "q", q, len(start))
-        hw = port.hardware
-        joints, lower, upper = hw.joints, hw.lower[: hw.joints], hw.upper[: hw.joints]
+        goal = self._goal(q, gripper)
+        hw = self._client.hardware
+        speed = np.concatenate([np.full(hw.joints, speed_rad_s), hw.speed_limit[hw.joints :]])
+        start = ready([self._client])
+        goal = np.where(np.isnan(goal), start, goal)
+        return self._play(Playback([self._client], soft_way(start, goal, approach_s(goal - start, speed))))
+
+    def move_joints(self, q: Vector, time_s: float, gripper: float | None = None) -> ArmState:
+        """Go to a pose in `time_s` seconds along a straight joint line with half-cosine speed; waits until it is there.
+
+        Args:
+            q: (n,) rad.
+            time_s: s.
+            gripper: 0 closed … 1 open, None keeps it.
+
+        Raises:
+            ActionError: as `move_to`, or the time is too short for the limits of speed and acceleration: says how long
+                it takes at least. Nothing moves.
+            LifeCycleError: as `move_to`.
+        """
+        name, hw = self.config.name, self._client.hardware
+        goal, seconds = self._goal(q, gripper), finite_number(name, "time_s", time_s)
+        start = np.array(self._client.observe().setpoints)
+        goal = np.where(np.isnan(goal), start, goal)
+        acceleration = np.concatenate([np.full(hw.joints, ACCELERATION_LIMIT_RAD_S2), [np.inf] * hw.has_gripper])
+        least = max(soft_way_s(goal - start, hw.speed_limit, acceleration), _STREAM_S)
+        if seconds < least:
+            raise ActionError(
+                f"{name}: it takes {least:.2f} s at least, not {seconds:g}: give time_s more; nothing moves"
+            )
+        return self._play(Playback([self._client], soft_way(ready([self._client]), goal, seconds)))
+
+    def replay(self, trajectory: Trajectory) -> ArmState:
+        """Go softly to where the trajectory begins, then along it, and wait until its end is reached.
+
+        It is slower where the trajectory exceeds the speed limits. With `track_integral` it comes nearer. Read and
+        write files with `load_trajectory` and `save_trajectory` of `session/trajectory_file.py`.
+
+        Raises:
+            ActionError: it is of other joints, or beyond a joint's range; nothing moves.
+            LifeCycleError: as `move_to`.
+        """
+        return self._play(replay([self._client], trajectory))
+
+    def _goal(self, q: Vector, gripper: float | None) -> np.ndarray:
+        """Of all motors (n,), NaN for a gripper that stays. Raises ActionError: as `move_to`."""
+        name, hw = self.config.name, self._client.hardware
+        goal = finite_vector(name, "q", q, hw.joints)
+        lower, upper = hw.lower[: hw.joints], hw.upper[: hw.joints]
         beyond = (goal < lower - RANGE_TOLERANCE_RAD) | (goal > upper + RANGE_TOLERANCE_RAD)  # no arm measures so
         if beyond.any():
             joint = int(beyond.argmax())
             reach = f"{lower[joint]:.2f} … {upper[joint]:.2f} rad"
-            name = hw.motors[joint].name
-            raise ActionError(f"{self.config.name}: {name} cannot go to {goal[joint]:.2f} rad, only within {reach}")
-        if state.mode is Mode.FLOAT:
-            port.hold()
-        first_grip = state.gripper_setpoint
-        way_s = float(np.abs(goal - start).max(initial=0.0)) / speed_rad_s
-        if gripper is not None and first_grip is not None:
-            way_s = max(way_s, abs(gripper - first_grip) / hw.speed_limit[-1])
-        reach_s = max(math.pi / 2 * way_s, 0.2)
-        clock = self.clock
-        begin = clock.now()
+            raise ActionError(
+                f"{name}: {hw.joint_names[joint]} cannot go to {goal[joint]:.2f} rad, only within {reach}"
+            )
+        if not hw.has_gripper:
+            return goal
+        grip = np.nan if gripper is None else min(max(finite_number(name, "gripper", gripper), 0.0), 1.0)
+        return np.append(goal, grip)
+
+    def _play(self, playback: Playback) -> ArmState:
+        clock, ended_s = self.clock, None
         while True:
-            elapsed = clock.now() - begin
-            share = 0.5 - 0.5 * math.cos(math.pi * min(elapsed / reach_s, 1.0))
-            grip = None if gripper is None or first_grip is None else first_grip + share * (gripper - first_grip)
-            asked, asked_grip = port.write_target(start + share * (goal - start), grip)
-            state = port.observe()
-            if state.mode not in (Mode.HOLD, Mode.TRACK):
-                mode = state.mode.name.lower()
-                raise LifeCycleError(f"{self.config.name}: pose not reached, the arm is in mode {mode}")
-            behind = np.abs(state.setpoint_q - asked)
-            if asked_grip is not None and state.gripper_setpoint is not None:
-                behind = np.append(behind, abs(state.gripper_setpoint - asked_grip))
-            late = behind >= 1e-3
-            late[:joints] |= far_behind(state.q - goal, hw.kp[:joints], hw.torque_limit_nm[:joints])
-            if elapsed >= reach_s and not late.any():
-                return state
-            if elapsed > reach_s + _SETTLE_TIMEOUT_S:
-                name = hw.motors[int(late.argmax())].name
-                raise LifeCycleError(f"{self.config.name}: pose not reached, {name} is obstructed or held back")
+            if playback.step(clock.now()):
+                late = playback.late()
+                if not late:
+                    return self.observe()
+                ended_s = clock.now() if ended_s is None else ended_s
+                if clock.now() > ended_s + _SETTLE_TIMEOUT_S:
+                    raise LifeCycleError(f"{late}: pose not reached, it is obstructed or held back")
             clock.sleep(_STREAM_S)
 
     def hold(self) -> None:
         """Keep the present pose."""
-        self._session[self.config.name].hold()
+        self._client.hold()
 
     def float(self) -> None:
         """Gravity-compensated: free to be moved by hand."""
-        self._session[self.config.name].float()
+        self._client.float()
+
+    def update_kp_kd(self, kp: Vector, kd: Vector) -> None:
+        """Other gains of the joints from now on; the arm goes over to them within half a second. It lands with the
+        configured ones.
+
+        Args:
+            kp, kd: (n,) Nm/rad and Nm s/rad.
+
+        Raises:
+            ActionError, ConfigError: what a configuration would be refused for; nothing changes.
+        """
+        self._client.change_gains(kp, kd)
+
+    def zero_torque(self, force: bool = False) -> None:
+        """Cut torque, without landing. Afterwards only `close` is possible.
+
+        HAZARD: with `force` an arm in the air falls at once, and whatever it holds.
+
+        Raises:
+            LifeCycleError: it does not lie at rest, and `force` is not set; or it cannot be done in its present mode.
+        """
+        client = self._client
+        if client.off:
+            return
+        hw, q = client.hardware, client.published().q
+        if not force and not (hw.lies_at_rest and bool((np.abs(q - hw.rest_q) < _LIES_RAD).all())):
+            raise LifeCycleError(
+                f"{self.config.name}: it would fall: it does not lie at rest. Land it (`land`), or support it and give "
+                "force=True"
+            )
+        client.cut_torque()
 
     def rearm(self) -> None:
         """After a fault: enable the motors again and hold the measured pose. Look at the arm first.

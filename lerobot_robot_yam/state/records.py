@@ -52,6 +52,8 @@ class Request(IntEnum):
     CALIBRATE_GRIPPER = 4
     REARM = 5
     GUIDE = 6  # float, and let the gripper follow targets
+    GAINS = 7  # use the command's own_kp and own_kd
+    CUT_TORQUE = 8  # at once, wherever the arm is
 
 
 ACTION_SLOTS = MAX_MOTORS + 1  # of a follower with a gripper more than its leader has
@@ -108,6 +110,8 @@ COMMAND_DTYPE = np.dtype(
         ("dq", "f8", MAX_MOTORS),  # NaN: the loop derives it
         ("kp", "f8", MAX_MOTORS),  # NaN: as configured
         ("kd", "f8", MAX_MOTORS),
+        ("own_kp", "f8", MAX_MOTORS),  # of the arm, for targets without gains; NaN: as configured
+        ("own_kd", "f8", MAX_MOTORS),
         ("leader", f"S{KEY_BYTES}"),  # key of the leader whose present action the target is; empty: of none
         ("coupled_until_s", "f8"),  # until then the loop may take the targets of each tick from that leader's state
         ("request", "u1"),
@@ -216,6 +220,7 @@ class ArmState:
     stamp_s: float = _slots("motor_stamp_s", "Monotonic time of the oldest of these samples.", make=min)
     asked_s: float = _value("asked_s", "Monotonic time of the oldest command answered here: no sample is older.")
     published_s: float = _value("stamp_s", "Monotonic time at which the control loop has written this state.")
+    tick: int = _value("tick", "Number of the control loop's tick.")
 
     temp_mos_c: np.ndarray = _slots("temp_mos_c", "(n,) °C per motor, power stage.", make=np.array)
     temp_rotor_c: np.ndarray = _slots("temp_rotor_c", "(n,) °C per motor, coil.", make=np.array)

@@ -20,7 +20,7 @@ def user_path(path: str | Path) -> Path:
         raise ConfigError(f"{path}: {error}; write the path in full") from error
 
 
-def write_whole(path: Path, text: str) -> None:
+def write_whole(path: Path, content: str | bytes) -> None:
     """Write a file, and the directories that it needs, so that a crash in the middle leaves the old one.
 
     A file that is there keeps its mode and, as far as we may give it away, its owner.
@@ -33,12 +33,12 @@ def write_whole(path: Path, text: str) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         old = path.stat() if path.exists() else None
         flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
-        with os.fdopen(os.open(scratch, flags, 0o600 if old else 0o666), "w") as file:
+        with os.fdopen(os.open(scratch, flags, 0o600 if old else 0o666), "wb") as file:
             if old is not None:
                 with contextlib.suppress(PermissionError):
                     os.fchown(file.fileno(), old.st_uid, old.st_gid)
                 os.fchmod(file.fileno(), stat.S_IMODE(old.st_mode))
-            file.write(text)
+            file.write(content.encode() if isinstance(content, str) else content)
             file.flush()
             os.fsync(file.fileno())
         scratch.replace(path)

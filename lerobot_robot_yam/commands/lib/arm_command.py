@@ -10,25 +10,51 @@ from typing import Any
 import can
 
 from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL, ArmConfig
-from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS
+from lerobot_robot_yam.arm.mounting import gripper_id
+from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS, load_arm
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
+from lerobot_robot_yam.control.preflight.role import likely_gripper, probe_role
 from lerobot_robot_yam.damiao.motor_inspection import LISTEN_S, listen
 from lerobot_robot_yam.damiao.motor_spec import MOTOR_IDS
 from lerobot_robot_yam.errors import ConfigError, YamError
 from lerobot_robot_yam.state.records import channel_key, lock_path
 from lerobot_robot_yam.system.runtime_files import FileLock, rig_name
 
+CLEAR_SCREEN = "\x1b[H\x1b[J"
 _INTERRUPTED = 130  # the shell's own status after Ctrl-C
+_PER_ARM = ("channel", "arm", "gripper", "name", "calibration")
 
 
-def add_arm_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which arm: channel, interface, hardware."""
-    parser.add_argument("--channel", required=True, help="CAN channel, such as can_follower_l")
+def add_arm_arguments(parser: argparse.ArgumentParser, several: bool = False) -> None:
+    """Which arm: channel, interface, hardware. `several`: one or two; `each_arm` tells them apart."""
+    more: dict[str, Any] = {"nargs": "+"} if several else {}
+    parser.add_argument("--channel", required=True, **more, help="CAN channel, such as can_follower_l")
     parser.add_argument("--interface", help="python-can interface (default socketcan, with --rig yam_sim)")
     parser.add_argument("--rig", help="name of a virtual rig")
-    parser.add_argument("--arm", default="yam", help=f"profile of the arm (default yam; {', '.join(ARMS)})")
-    parser.add_argument("--gripper", help=f"profile of the gripper (default: what answers; {', '.join(GRIPPERS)})")
-    parser.add_argument("--name", help="what the arm is called (default: its channel)")
+    arm = ["yam"] if several else "yam"
+    parser.add_argument("--arm", default=arm, **more, help=f"profile of the arm (default yam; {', '.join(ARMS)})")
+    grippers = ", ".join(GRIPPERS)
+    parser.add_argument("--gripper", **more, help=f"profile of the gripper (default: what answers; {grippers})")
+    parser.add_argument("--name", **more, help="what the arm is called (default: its channel)")
+
+
+def each_arm(args: argparse.Namespace) -> list[argparse.Namespace]:
+    """The arguments of each arm, of a command that takes several; one profile may stand for all.
+
+    Raises:
+        ConfigError: more than two arms, or a number of values that fits neither.
+    """
+    count = len(args.channel)
+    if count > 2:
+        raise ConfigError(f"--channel takes one or two channels, not {count}")
+    arms = [argparse.Namespace(**vars(args)) for _ in range(count)]
+    for option in _PER_ARM:
+        values = getattr(args, option, None)
+        if values is not None and len(values) not in (1, count):
+            raise ConfigError(f"--{option} takes one value for each of {', '.join(args.channel)}, not {len(values)}")
+        for index, arm in enumerate(arms):
+            setattr(arm, option, None if values is None else values[index if len(values) > 1 else 0])
+    return arms
 
 
 def arm_config(args: argparse.Namespace, **fields: Any) -> ArmConfig:
@@ -44,6 +70,21 @@ def arm_config(args: argparse.Namespace, **fields: Any) -> ArmConfig:
         arm=args.arm,
         **fields,
     )
+
+
+def with_likely_gripper(args: argparse.Namespace, **fields: Any) -> ArmConfig:
+    """As `arm_config`, with the gripper that answers, unless one was given; asks, and energises nothing.
+
+    Raises:
+        BusError: the channel cannot be opened, or another program drives the arm.
+    """
+    config = arm_config(args, **fields)
+    if args.gripper is not None:
+        return config
+    with own_bus(config) as bus:
+        found = probe_role(bus, config.channel, gripper_id(load_arm(config.arm)))
+    tell(f"{config.name}: taking the gripper to be {likely_gripper(found)} (else give --gripper)")
+    return arm_config(args, **fields, gripper=likely_gripper(found))
 
 
 @contextmanager

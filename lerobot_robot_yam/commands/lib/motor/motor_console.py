@@ -5,16 +5,13 @@ While it runs the motor has a watchdog: if this program is killed, the motor let
 
 import argparse
 import math
-import re
-import sys
-import termios
-import tty
 
 from lerobot_robot_yam.arm.joint_map import resolve_turn
 from lerobot_robot_yam.arm.mounting import gripper_id
 from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.commands.lib.arm_command import arm_config, ask, tell
+from lerobot_robot_yam.commands.lib.key_terminal import QUIT, key_terminal, typed_keys
 from lerobot_robot_yam.commands.lib.motor.motor_bench import MotorBench
 from lerobot_robot_yam.commands.lib.motor.motor_knob import HELP, MODES, Knob
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
@@ -26,7 +23,7 @@ from lerobot_robot_yam.damiao.tables import ControlMode, Fault, fault_text, moto
 from lerobot_robot_yam.errors import ConfigError, MotorError
 from lerobot_robot_yam.face.operator_keys.user_terminal import UserTerminal
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
-from lerobot_robot_yam.system.signals import end_session_on_signals, undisturbed
+from lerobot_robot_yam.system.signals import undisturbed
 
 _PERIOD_S = 0.01
 _SHOWN_S = 0.1
@@ -34,8 +31,6 @@ _SILENT_S = 0.2
 _AT_REST_RAD = 0.15
 _TORQUE_SHARE = 0.3  # of the motor's torque that the console asks for at most
 _LET_DOWN_S, _LET_DOWN_KD, _DISABLES = 1.5, 5.0, 3
-_QUIT = ("q", "\x04")
-_KEY = re.compile(r"\x1b\[[A-D]|[^\x1b]")
 
 
 def console(args: argparse.Namespace, bench: MotorBench) -> int:
@@ -68,22 +63,14 @@ def console(args: argparse.Namespace, bench: MotorBench) -> int:
 
 def _turn(motor: "_Motor", knob: Knob) -> None:
     """Energise the motor, turn it by the keys, and let it down however that ends."""
-    undo = end_session_on_signals()
-    terminal = UserTerminal(sys.stdin.fileno())
-    try:
-        motor.enable(knob.mode)
-        mode = termios.tcgetattr(sys.stdin.fileno())
-        tty.cfmakecbreak(mode)
-        terminal.set_mode(mode)
-        tell(HELP)
-        _follow_keys(motor, knob, terminal)
-    finally:
+    with key_terminal() as terminal:
         try:
+            motor.enable(knob.mode)
+            tell(HELP)
+            _follow_keys(motor, knob, terminal)
+        finally:
             with undisturbed("the joint is being let down"):
                 motor.let_down()
-        finally:
-            terminal.close()
-            undo()
 
 
 def _confirm(args: argparse.Namespace, bench: MotorBench, can_id: int) -> None:
@@ -176,8 +163,8 @@ def _follow_keys(motor: _Motor, knob: Knob, terminal: UserTerminal) -> None:
     heard_s, shown_s = motor.clock.now(), -math.inf
     while not terminal.gone:
         before, stopped = stopped, stop.latched
-        for key in _KEY.findall(terminal.typed(_PERIOD_S).decode(errors="replace")):
-            if key in _QUIT:
+        for key in typed_keys(terminal, _PERIOD_S):
+            if key in QUIT:
                 return
             if not stopped:
                 knob.press(key, q)

@@ -6,13 +6,12 @@ import sys
 import time
 from collections.abc import Iterator
 
-from lerobot_robot_yam.commands.lib.arm_command import table
+from lerobot_robot_yam.commands.lib.arm_command import CLEAR_SCREEN, table
 from lerobot_robot_yam.commands.lib.motor.motor_bench import MotorBench
 from lerobot_robot_yam.damiao.settings.motor_memory import MotorState, read_state
 from lerobot_robot_yam.damiao.tables import fault_text
 
 _PERIOD_S = 0.2
-_HOME = "\x1b[H\x1b[J"  # the top of the screen, and clear it
 _HEAD = ["motor", "id", "rad", "rad/s", "Nm", "stage °C", "coil °C", "state"]
 
 
@@ -36,7 +35,7 @@ def watch_motors(args: argparse.Namespace, bench: MotorBench) -> int:
     ids = bench.ids(args.motor)
     for _ in ticks(args.seconds, _PERIOD_S):
         rows = [[bench.name(can_id), str(can_id), *_cells(read_state(bench.access, can_id))] for can_id in ids]
-        sys.stdout.write((_HOME if sys.stdout.isatty() else "") + table(_HEAD, rows) + "\n")
+        sys.stdout.write((CLEAR_SCREEN if sys.stdout.isatty() else "") + table(_HEAD, rows) + "\n")
         sys.stdout.flush()
     return 0
 

@@ -1,0 +1,209 @@
+"""The keys of yam-float: float, hold, land; record what a hand does, save, load and replay it."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from lerobot_robot_yam.commands.lib.arm_command import CLEAR_SCREEN, tell
+from lerobot_robot_yam.commands.lib.floating.float_table import FloatTable
+from lerobot_robot_yam.commands.lib.key_terminal import QUIT, typed_keys
+from lerobot_robot_yam.errors import LifeCycleError, StaleStateError, YamError
+from lerobot_robot_yam.face.operator_keys.user_terminal import UserTerminal
+from lerobot_robot_yam.session.arm_client import ArmClient
+from lerobot_robot_yam.session.arm_session import ArmSession
+from lerobot_robot_yam.session.playback import Playback, replay
+from lerobot_robot_yam.session.state_recorder import StateRecorder
+from lerobot_robot_yam.session.trajectory import Trajectory
+from lerobot_robot_yam.session.trajectory_file import load_trajectory, save_trajectory
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.records import ArmState
+from lerobot_robot_yam.system.paths import user_path
+
+HELP = "f: float  h: hold  d: down, land  r: record  p: replay  s: save  l: load  q: land and quit"
+_LOOK_S = 0.01
+_SHOWN_S = 0.2
+_ENTER, _ESCAPE, _DELETE = ("\r", "\n"), "\x1b", ("\x7f", "\b")
+
+
+class FloatConsole:
+    """Runs arms by keys until somebody quits. Whoever has started the session stops it.
+
+    Args:
+        session: under way; its arms hold.
+        names: of its arms.
+        terminal: gives single keys.
+        output: file to save to.
+        trajectory: that has been loaded already.
+    """
+
+    def __init__(
+        self,
+        session: ArmSession,
+        names: list[str],
+        terminal: UserTerminal,
+        output: Path,
+        trajectory: Trajectory | None = None,
+    ):
+        self._session, self._names, self._terminal, self._output = session, names, terminal, output
+        self._trajectory = trajectory
+        self._recorder: StateRecorder | None = None
+        self._playback: Playback | None = None
+        self._typed: str | None = None  # of a file's name
+        self._said = ""
+        self._keys: dict[str, Callable[[], None]] = {
+            "f": self._float,
+            "h": self._hold,
+            "d": self._land,
+            "r": self._record,
+            "p": self._replay,
+            "s": self._save,
+            "l": self._ask_for_file,
+        }
+        self._meet()
+
+    def _meet(self) -> None:
+        self._clients: list[ArmClient] = [self._session[name] for name in self._names]
+        self._tables = [FloatTable(client) for client in self._clients]
+
+    def run(self) -> None:
+        """Let the arms float, and do as the keys say until `q` is typed or the terminal is closed.
+
+        Raises:
+            StaleStateError: a control loop is silent.
+        """
+        clock = self._session.clock
+        shown_s = clock.now() - _SHOWN_S
+        self._try(self._float)
+        while not self._terminal.gone:
+            for key in typed_keys(self._terminal, _LOOK_S):
+                if self._typed is not None:
+                    self._type(key)
+                elif key in QUIT:
+                    return
+                elif key in self._keys:
+                    self._try(self._keys[key])
+            states = [self._state(client) for client in self._clients]
+            if self._recorder is not None:
+                self._recorder.poll()
+            if self._playback is not None:
+                self._try(self._play)
+            if clock.now() - shown_s >= _SHOWN_S:
+                shown_s = clock.now()
+                self._show(states)
+
+    def _state(self, client: ArmClient) -> ArmState:
+        """Also of an arm that has failed: a person is there. Raises StaleStateError: its loop is silent."""
+        state = client.published()
+        age_s = self._session.clock.now() - state.published_s
+        if state.mode is not Mode.OFF and age_s > client.config.max_state_age_s:
+            raise StaleStateError(f"{client.config.name}: its control loop has been silent for {age_s:.2f} s")
+        return state
+
+    def _try(self, work: Callable[[], None]) -> None:
+        try:
+            self._said = ""
+            work()
+        except StaleStateError:
+            raise
+        except YamError as error:
+            self._playback = None
+            self._said = str(error)
+
+    def _wake(self) -> None:
+        """Bring up arms that have landed, and enable again those that have failed."""
+        self._playback = None
+        modes = [client.mode() for client in self._clients]
+        if all(mode is Mode.OFF for mode in modes):
+            self._session.stop()
+            self._session.start()
+            self._meet()
+        elif Mode.FAULT in modes:
+            self._session.rearm()
+
+    def _float(self) -> None:
+        self._wake()
+        for client in self._clients:
+            if client.mode() is not Mode.FLOAT:
+                client.float()
+
+    def _hold(self) -> None:
+        self._wake()
+        for client in self._clients:
+            client.hold()
+
+    def _land(self) -> None:
+        self._playback = None
+        self._end_recording()
+        for client in self._clients:
+            client.land()
+
+    def _record(self) -> None:
+        if self._recorder is not None:
+            self._end_recording()
+            return
+        self._float()
+        self._recorder = StateRecorder(self._clients)
+
+    def _end_recording(self) -> None:
+        recorder, self._recorder = self._recorder, None
+        if recorder is not None:
+            self._trajectory = recorder.trajectory()
+            self._said = f"recorded {self._trajectory.seconds:.1f} s; p replays it, s saves it"
+
+    def _replay(self) -> None:
+        self._end_recording()
+        if self._trajectory is None:
+            raise LifeCycleError("there is nothing to replay; record it (r) or load it (l)")
+        self._wake()
+        self._playback = replay(self._clients, self._trajectory)
+        self._said = "replaying; h or f ends it"
+
+    def _play(self) -> None:
+        assert self._playback is not None
+        said = self._said
+        if self._playback.step(self._session.clock.now()):
+            self._playback = None
+            for client in self._clients:
+                client.hold()
+            said = "replayed; the arm holds"
+        self._said = said
+
+    def _save(self) -> None:
+        self._end_recording()
+        if self._trajectory is None:
+            raise LifeCycleError("there is nothing to save; record it first (r)")
+        save_trajectory(self._output, self._trajectory)
+        self._said = f"saved to {self._output}"
+
+    def _ask_for_file(self) -> None:
+        self._typed = ""
+
+    def _type(self, key: str) -> None:
+        """One key of a file's name."""
+        assert self._typed is not None
+        if key in _ENTER:
+            name, self._typed = self._typed, None
+            self._try(lambda: self._load(user_path(name) if name else self._output))
+        elif key == _ESCAPE or key in QUIT[1:]:
+            self._typed = None
+        elif key in _DELETE:
+            self._typed = self._typed[:-1]
+        elif key.isprintable():
+            self._typed += key
+        self._show([self._state(client) for client in self._clients])
+
+    def _load(self, path: Path) -> None:
+        trajectory = load_trajectory(path)
+        trajectory.check([client.hardware for client in self._clients])
+        self._trajectory, self._said = trajectory, f"loaded {path}: {trajectory.seconds:.1f} s"
+
+    def _show(self, states: list[ArmState]) -> None:
+        lines = [shown.show(state) for shown, state in zip(self._tables, states, strict=True)]
+        doing = f"trajectory of {self._trajectory.seconds:.1f} s" if self._trajectory else "no trajectory"
+        if self._recorder is not None:
+            doing = "RECORDING"
+        if self._playback is not None:
+            doing = f"REPLAYING {self._playback.elapsed_s:.1f} of {self._playback.trajectory.seconds:.1f} s"
+        lines += [doing, self._said]
+        if self._typed is not None:
+            lines[-1] = f"file to load (Enter alone: {self._output}, Escape: none): {self._typed}"
+        tell(CLEAR_SCREEN + "\n".join([*lines, HELP]))

@@ -1,0 +1,116 @@
+"""Keeps what the control loops of some arms publish, for as long as a recording lasts."""
+
+import io
+import threading
+from array import array
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import numpy as np
+
+from lerobot_robot_yam.errors import ConfigError, YamError
+from lerobot_robot_yam.session.arm_client import ArmClient
+from lerobot_robot_yam.session.trajectory import Trajectory, columns_of
+from lerobot_robot_yam.state.records import ArmState
+from lerobot_robot_yam.system.paths import write_whole
+
+_LOOK_S = 0.001  # a quarter of a tick
+
+
+class StateRecorder:
+    """States of some arms, each tick once. `poll` often: a state that nobody looks at is not kept.
+
+    Args:
+        clients: the arms.
+    """
+
+    def __init__(self, clients: Sequence[ArmClient]):
+        self._clients = clients
+        self._rows = [array("d") for _ in clients]
+        self._stamps_s = [0.0 for _ in clients]
+
+    def poll(self) -> None:
+        """Keep the newest states. Raises LifeCycleError: not connected."""
+        for index, client in enumerate(self._clients):
+            state = client.published()
+            if state.stamp_s > self._stamps_s[index]:
+                self._stamps_s[index] = state.stamp_s
+                self._rows[index].extend(_row(state))
+
+    def states(self) -> list[dict[str, np.ndarray]]:
+        """Of each arm k states; its n motors are the joints and then the gripper, if that has one.
+
+        Returns:
+            stamp_s (k,) monotonic; q (k, n) rad and dq (k, n) rad/s, the gripper 0 … 1 and 1/s; tau_nm (k, n), of
+            the gripper at its motor; temp_mos_c, temp_rotor_c (k, n).
+        """
+        return [_unpacked(rows, client.hardware.n) for rows, client in zip(self._rows, self._clients, strict=True)]
+
+    def trajectory(self) -> Trajectory:
+        """Where the arms were, at the times of the first one's states.
+
+        Raises:
+            ActionError: there are fewer than two states.
+        """
+        states = self.states()
+        times = states[0]["stamp_s"]
+        columns = [np.interp(times, arm["stamp_s"], column) for arm in states for column in arm["q"].T]
+        names = columns_of([client.hardware for client in self._clients])
+        return Trajectory(times, np.stack(columns, axis=1), names, "recording")
+
+    def save(self, path: Path) -> None:
+        """Write the states into an .npz file, as `states` has them; of a second arm the names begin with its own.
+
+        Raises:
+            ConfigError: the file cannot be written.
+        """
+        content: dict[str, np.ndarray] = {}
+        for index, (client, states) in enumerate(zip(self._clients, self.states(), strict=True)):
+            prefix = f"{client.config.name}_" if index else ""
+            content |= {f"{prefix}{name}": values for name, values in states.items()}
+            content[f"{prefix}names"] = np.array(columns_of([client.hardware]))
+        file = io.BytesIO()
+        np.savez(file, **content)  # type: ignore[arg-type]
+        try:
+            write_whole(path, file.getvalue())
+        except OSError as error:
+            raise ConfigError(f"{path} cannot be written ({error.strerror})") from error
+
+
+def _row(state: ArmState) -> list[float]:
+    dq, tau = state.dq.tolist(), state.tau_nm.tolist()
+    if state.gripper is not None:
+        dq.append(state.gripper_rate)
+        tau.append(state.gripper_tau_nm)
+    return [state.stamp_s, *state.positions, *dq, *tau, *state.temp_mos_c.tolist(), *state.temp_rotor_c.tolist()]
+
+
+def _unpacked(rows: array, n: int) -> dict[str, np.ndarray]:
+    names = ("q", "dq", "tau_nm", "temp_mos_c", "temp_rotor_c")
+    table = np.array(rows).reshape(-1, 1 + len(names) * n)
+    return {"stamp_s": table[:, 0]} | {name: table[:, 1 + i * n : 1 + (i + 1) * n] for i, name in enumerate(names)}
+
+
+@contextmanager
+def recording(clients: Sequence[ArmClient]) -> Iterator[StateRecorder]:
+    """Record, in a thread, while the block runs. An arm that ends meanwhile ends its recording.
+
+    Raises:
+        LifeCycleError: an arm is not connected.
+    """
+    recorder, ended = StateRecorder(clients), threading.Event()
+    recorder.poll()
+
+    def record() -> None:
+        with suppress(YamError):
+            while not ended.wait(_LOOK_S):
+                recorder.poll()
+
+    thread = threading.Thread(target=record, name="yam-recording", daemon=True)
+    thread.start()
+    try:
+        yield recorder
+    finally:
+        ended.set()
+        thread.join()
