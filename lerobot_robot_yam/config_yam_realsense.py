@@ -47,18 +47,19 @@ class YamRealsenseCameraConfig(CameraConfig):
             raise RefusedConfigError(f"camera {self.serial_number_or_name}: set use_rgb or use_depth")
         given = [value is not None for value in (self.fps, self.width, self.height)]
         if any(given) and not all(given):
-            raise RefusedConfigError(f"camera {self.serial_number_or_name}: give fps, width and height, or none of them")
+            raise RefusedConfigError(
+                f"camera {self.serial_number_or_name}: give fps, width and height, or none of them"
+            )
         if Path(*sys.argv[:1]).stem.startswith("lerobot"):
             self._find()
 
     def _find(self) -> None:
         from lerobot_robot_yam.cameras.opening import find_camera
+        from lerobot_robot_yam.cameras.picture_source import no_depth
 
         try:
-            device, _ = find_camera(self.serial_number_or_name, user_path(self.root))
-            if device is None and self.use_depth:
-                from lerobot_robot_yam.cameras.realsense_source import library
-
-                library()
+            camera = find_camera(self.serial_number_or_name, user_path(self.root))
+            if self.use_depth and camera.device is None:
+                raise no_depth(str(camera))
         except YamError as error:
             raise RefusedConfigError(str(error)) from error

@@ -5,6 +5,8 @@ from typing import Protocol
 
 import numpy as np
 
+from lerobot_robot_yam.errors import ConfigError
+
 
 @dataclass(frozen=True)
 class Wanted:
@@ -56,6 +58,13 @@ class Limits:
 
     minimum: int
     maximum: int
+
+
+def no_depth(camera: str) -> ConfigError:
+    """Of a camera that librealsense does not read."""
+    return ConfigError(
+        f"{camera}: depth takes librealsense: pip install 'lerobot_robot_yam[realsense]', or set use_depth to false"
+    )
 
 
 class PictureSource(Protocol):

@@ -8,7 +8,7 @@ import cv2
 
 from lerobot_robot_yam.cameras import v4l2
 from lerobot_robot_yam.cameras.holders import check_rights, in_use
-from lerobot_robot_yam.cameras.picture_source import Limits, Picture, Wanted
+from lerobot_robot_yam.cameras.picture_source import Limits, Picture, Wanted, no_depth
 from lerobot_robot_yam.cameras.video_devices import VideoDevice
 from lerobot_robot_yam.errors import CameraError, ConfigError
 
@@ -34,10 +34,7 @@ class UvcSource:
 
     def __init__(self, device: VideoDevice, wanted: Wanted):
         if wanted.depth or not wanted.colour:
-            raise ConfigError(
-                f"{device}: depth takes librealsense: pip install 'lerobot_robot_yam[realsense]', or set use_depth to "
-                "false"
-            )
+            raise no_depth(str(device))
         self._device = device
         self._node, modes = _colour_node(device)
         mode = _mode(device, modes, wanted)

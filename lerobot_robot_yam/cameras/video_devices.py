@@ -12,7 +12,6 @@ from pathlib import Path
 
 from lerobot_robot_yam.doctor.check_cameras import read_cameras
 from lerobot_robot_yam.doctor.kit.usb import text_of
-from lerobot_robot_yam.errors import CameraError
 
 ROOT = Path("/")
 _LINKS = ("by-id", "by-path")
@@ -43,8 +42,12 @@ class VideoDevice:
     usb_node: Path | None = None
 
     def __str__(self) -> str:
-        where = self.port and f"USB {self.port}" or ", ".join(map(str, self.nodes))
-        return f"{self.model} {self.serial or 'without serial number'} ({where})"
+        return f"{self.model} {self.serial or 'without serial number'} ({self.place})"
+
+    @property
+    def place(self) -> str:
+        """Where it is: the USB port, else its nodes."""
+        return f"USB {self.port}" if self.port else ", ".join(map(str, self.nodes))
 
     @property
     def stereo_colour(self) -> bool:
@@ -84,26 +87,3 @@ def _usb_node(root: Path, port: str) -> Path | None:
     device = root / "sys/bus/usb/devices" / port
     bus, number = text_of(device / "busnum"), text_of(device / "devnum")
     return root / f"dev/bus/usb/{int(bus):03d}/{int(number):03d}" if bus and number else None
-
-
-def with_serial(devices: Sequence[VideoDevice], wanted: str) -> VideoDevice | None:
-    """The camera with this serial number or model, None without one.
-
-    Raises:
-        CameraError: there are several.
-    """
-    found = [d for d in devices if wanted in (d.serial, d.model)]
-    if len(found) > 1:
-        shared = "serial number" if wanted == found[0].serial else "model"
-        remedy = (
-            "unplug all but one, or use LeRobot's type opencv with a path of /dev/v4l/by-path"
-            if shared == "serial number"
-            else "give a serial number"
-        )
-        raise CameraError(f"{len(found)} cameras have the {shared} {wanted}: {', '.join(map(str, found))}; {remedy}")
-    return found[0] if found else None
-
-
-def listed(devices: Sequence[VideoDevice]) -> str:
-    """What is plugged in, for a message."""
-    return ", ".join(map(str, devices)) or "none"
