@@ -26,8 +26,8 @@ class Brightness:
         return f"brightness {self.mean:.2f}, {self.clipped:.1%} clipped"
 
     def bad(self, target: float) -> float:
-        """How far from what is wanted, 0 when it is met."""
-        return abs(self.mean - target) + max(0.0, self.clipped - MOST_CLIPPED)
+        """How far from what is wanted, 0 when it is met. 1 % too much that is clipped counts as 0.1 of brightness."""
+        return abs(self.mean - target) + 10.0 * max(0.0, self.clipped - MOST_CLIPPED)
 
 
 def brightness_of(colour: np.ndarray) -> Brightness:
@@ -43,7 +43,7 @@ def find_exposure(
     Args:
         measure: sets an exposure and measures what comes of it.
         limits: of the camera.
-        target: mean brightness, 0 to 1. Clipping counts first: a lamp in the picture makes it darker than that.
+        target: mean brightness, 0 to 1. A window or a lamp in the picture makes it darker than that, at most by half.
 
     Returns:
         Each exposure that was tried, at most `MOST_TRIES`, the best last.
@@ -55,7 +55,7 @@ def find_exposure(
         if exposure in tried:
             break
         seen = tried[exposure] = measure(exposure)
-        too_bright = seen.clipped > MOST_CLIPPED or seen.mean > target
+        too_bright = seen.mean > target or (seen.clipped > MOST_CLIPPED and seen.mean > target / 2)
         if seen.clipped <= MOST_CLIPPED and abs(seen.mean - target) <= CLOSE:
             break
         low, high = (low, exposure) if too_bright else (exposure, high)

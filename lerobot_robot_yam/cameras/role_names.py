@@ -61,17 +61,26 @@ def _with_camera(text: str, role: str, fields: Mapping[str, Any]) -> str:
     old = named_cameras(text).get(role, {})
     camera = {**(old if old.get("type") == fields.get("type") else {}), **fields}
     changed = _edited(text, [*place, role], camera)
-    group = config
-    for key in place:
-        group[key] = group.get(key) or {}
-        group = group[key]
-    group[role] = camera
-    if _loaded(changed) != config:
+    if not _holds(changed, _put(config, [*place, role], camera)):
         raise ConfigError(
             f"the file writes {'.'.join([*place, role])} in a way that cannot be changed here (an anchor?): write by "
             f"hand {role}: {_flow(camera)}"
         )
     return changed
+
+
+def _holds(text: str, config: Any) -> bool:
+    try:
+        return _loaded(text) == config
+    except ConfigError:
+        return False
+
+
+def _put(group: Any, path: list[str], value: Any) -> dict[str, Any]:
+    """The same with a value at this place; what shares an anchor with it stays."""
+    key, *rest = path
+    group = group or {}
+    return {**group, key: _put(group.get(key), rest, value) if rest else value}
 
 
 def _place(config: Any) -> list[str]:
