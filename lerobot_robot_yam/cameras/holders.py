@@ -26,7 +26,7 @@ def in_use(paths: Sequence[Path]) -> str:
     """Who has the files open, and what to do, for a message."""
     who = [f"process {pid} ({name})" for pid, name in holders(paths)]
     if not who:
-        return "no process of yours has it open; `sudo fuser -v /dev/video*` shows those of others"
+        return "no process of yours has it open; `sudo fuser -v /dev/video*` shows others. Else plug it in again"
     return f"{' and '.join(who)} {'has' if len(who) == 1 else 'have'} it open: end that program first"
 
 

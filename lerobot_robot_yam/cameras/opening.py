@@ -8,7 +8,7 @@ from typing import Any
 from lerobot_robot_yam.cameras import v4l2
 from lerobot_robot_yam.cameras.picture_source import PictureSource, Wanted
 from lerobot_robot_yam.cameras.realsense_source import RealSenseSource, info, library, modes_of, plugged_in, serials
-from lerobot_robot_yam.cameras.video_devices import ROOT, VideoDevice, video_devices
+from lerobot_robot_yam.cameras.video_devices import ROOT, VideoDevice, model_of, video_devices
 from lerobot_robot_yam.errors import CameraError
 
 
@@ -25,8 +25,8 @@ class Plugged:
 
     @property
     def model(self) -> str:
-        """ "D405" of a RealSense, else the name that the maker gave it."""
-        return self.seen.model if self.seen else info(self.device, "name") or "camera"
+        """D405 of a RealSense, else the name that the maker gave it."""
+        return self.seen.model if self.seen else model_of(info(self.device, "name") or "camera")
 
     @property
     def serial(self) -> str | None:
@@ -36,7 +36,7 @@ class Plugged:
 
     def is_called(self, name: str) -> bool:
         """Whether it has this serial number, of label or USB device, or is this model."""
-        names = {self.seen.serial, self.seen.model} if self.seen else set()
+        names = {self.model, *([self.seen.serial] if self.seen else [])}
         if self.device is not None:
             names |= {*serials(self.device), info(self.device, "name")}
         return name in names

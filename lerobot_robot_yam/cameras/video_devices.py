@@ -15,7 +15,7 @@ from lerobot_robot_yam.doctor.kit.usb import text_of
 
 ROOT = Path("/")
 _LINKS = ("by-id", "by-path")
-_REALSENSE = re.compile(r"\bD?(4\d\d[a-z]?)\b")
+_REALSENSE = re.compile(r"RealSense.*\bD?(4\d\d[a-z]?)\b", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -62,10 +62,9 @@ def video_devices(root: Path = ROOT) -> list[VideoDevice]:
         usb = camera.usb
         nodes = tuple(root / "dev" / node for node in camera.nodes)
         name = usb.product if usb and usb.product else camera.name or "camera"
-        number = _REALSENSE.search(name) if camera.realsense else None
         found.append(
             VideoDevice(
-                model=f"D{number[1]}" if number else name,
+                model=model_of(name),
                 serial=usb.serial if usb else None,
                 port=usb.port if usb else None,
                 speed_mbit=usb.speed_mbit if usb else None,
@@ -76,6 +75,12 @@ def video_devices(root: Path = ROOT) -> list[VideoDevice]:
             )
         )
     return found
+
+
+def model_of(name: str) -> str:
+    """D435i for the name that a RealSense has on the USB bus or in librealsense; other names as they are."""
+    number = _REALSENSE.search(name)
+    return f"D{number[1].lower()}" if number else name
 
 
 def _links(root: Path, nodes: Sequence[str]) -> tuple[Path, ...]:

@@ -19,6 +19,7 @@ from typing import Any
 
 from lerobot_robot_yam.cameras.opening import Plugged, find_camera, plugged_cameras
 from lerobot_robot_yam.cameras.role_names import ROLES, named_cameras, read_config, with_cameras
+from lerobot_robot_yam.cameras.video_devices import ROOT
 from lerobot_robot_yam.commands.lib.arm_command import ask, need_terminal, run_command, table, tell
 from lerobot_robot_yam.commands.lib.camera_bench import Bench
 from lerobot_robot_yam.errors import CameraError, ConfigError, SetupError
@@ -59,7 +60,7 @@ def _parser() -> argparse.ArgumentParser:
         work.add_argument("--dry-run", action="store_true", help="show what would change in the config, change nothing")
         work.add_argument("--yes", action="store_true", help="do not ask before the config is changed")
     for work in (shows, preview, tune, name):
-        work.add_argument("--root", type=user_path, default=Path("/"), help="another computer's files: sys, dev")
+        work.add_argument("--root", type=user_path, default=ROOT, help="another computer's files: sys, dev")
     return parser
 
 
@@ -158,7 +159,8 @@ def _fields(camera: Plugged, args: argparse.Namespace) -> dict[str, Any]:
     size = {"width": args.width, "height": args.height, "fps": args.fps}
     same = [other for other in plugged_cameras(args.root) if other.serial == camera.serial]
     if camera.serial and len(same) == 1:
-        return {"type": "yam_realsense", "serial_number_or_name": camera.serial, **size}
+        elsewhere = {} if args.root == ROOT else {"root": str(args.root)}
+        return {"type": "yam_realsense", "serial_number_or_name": camera.serial, **size, **elsewhere}
     paths = [link for link in camera.seen.links if link.parent.name == "by-path"] if camera.seen else []
     if not paths:
         raise CameraError(f"{camera}: nothing tells it from another camera; plug it into a USB port of its own")
