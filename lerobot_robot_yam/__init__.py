@@ -14,10 +14,12 @@ if TYPE_CHECKING:
     from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig as YamSimCameraConfig
     from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig as BiYamFollowerConfig
     from lerobot_robot_yam.config_yam_follower import YamFollowerConfig as YamFollowerConfig
+    from lerobot_robot_yam.config_yam_realsense import YamRealsenseCameraConfig as YamRealsenseCameraConfig
     from lerobot_robot_yam.session.yam_arm import YamArm as YamArm
     from lerobot_robot_yam.yam_camera import YamSimCamera as YamSimCamera
     from lerobot_robot_yam.yam_follower import BiYamFollower as BiYamFollower
     from lerobot_robot_yam.yam_follower import YamFollower as YamFollower
+    from lerobot_robot_yam.yam_realsense import YamRealsenseCamera as YamRealsenseCamera
 
 _MODULES = {
     "YamArm": "session.yam_arm",
@@ -28,6 +30,8 @@ _MODULES = {
     "BiYamFollowerConfig": "config_yam_follower",
     "YamSimCamera": "yam_camera",
     "YamSimCameraConfig": "config_yam_camera",
+    "YamRealsenseCamera": "yam_realsense",
+    "YamRealsenseCameraConfig": "config_yam_realsense",
 }
 __all__ = list(_MODULES)
 

@@ -19,7 +19,7 @@ class FollowerOptions(ABC):
     """Options of the robot as a whole."""
 
     cameras: dict[str, CameraConfig] = option(
-        "LeRobot cameras of any type (opencv, intelrealsense, yam_sim, …); those of one arm get left_ or right_ "
+        "LeRobot cameras of any type (opencv, yam_realsense, yam_sim, …); those of one arm get left_ or right_ "
         "in front",
         factory=dict,
     )
@@ -90,7 +90,7 @@ class FollowerArmConfig(ArmConfig):
     """One side of two: every field of `ArmConfig`, and cameras whose names get the side's prefix."""
 
     cameras: dict[str, CameraConfig] = option(
-        "LeRobot cameras of any type (opencv, intelrealsense, yam_sim, …); those of one arm get left_ or right_ "
+        "LeRobot cameras of any type (opencv, yam_realsense, yam_sim, …); those of one arm get left_ or right_ "
         "in front",
         factory=dict,
     )

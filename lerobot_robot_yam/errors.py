@@ -32,6 +32,10 @@ class StaleStateError(YamError, TimeoutError):
     """The newest state of an arm, motor or camera is too old to be returned as fresh."""
 
 
+class CameraError(YamError, ConnectionError):
+    """A camera cannot be found, opened, set up or read."""
+
+
 class LifeCycleError(YamError, RuntimeError):
     """The request is not allowed in the arm's present state."""
 

@@ -4,6 +4,7 @@ python scripts/options_page.py > docs/options.md
 """
 
 import dataclasses
+import enum
 
 from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.config import ArmConfig
@@ -11,6 +12,7 @@ from lerobot_robot_yam.arm.option import options_of
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
 from lerobot_robot_yam.config_yam_env import YamEnvConfig
 from lerobot_robot_yam.config_yam_follower import FollowerOptions
+from lerobot_robot_yam.config_yam_realsense import YamRealsenseCameraConfig
 from lerobot_strategy_yam.config_yam_dagger import YamDaggerStrategyConfig
 from lerobot_teleoperator_yam.config_yam_hand_guide import (
     BiYamHandGuideConfig,
@@ -22,7 +24,7 @@ from lerobot_teleoperator_yam.leader_options import LeaderArmConfig, LeaderOptio
 
 _PAGE = """# Options
 
-Every option of arms, robots, teleoperators, rollouts, virtual cameras and environments, with its default. `--help` of
+Every option of arms, robots, teleoperators, rollouts, cameras and environments, with its default. `--help` of
 LeRobot's commands says the same, of the type that stands before it: `--robot.type=yam_follower --help`.
 
 This page is written by `python scripts/options_page.py`.
@@ -61,6 +63,11 @@ _SECTIONS = [
         YamDaggerStrategyConfig,
     ),
     ("A virtual camera", "Options of a camera of type `yam_sim`.", YamSimCameraConfig),
+    (
+        "A real camera",
+        "Options of a camera of type `yam_realsense`. See [cameras](cameras.md).",
+        YamRealsenseCameraConfig,
+    ),
     ("An environment", "Options of `lerobot-eval --env.type=yam`. See [evaluation](evaluation.md).", YamEnvConfig),
 ]
 
@@ -77,6 +84,7 @@ def _shown(default: object) -> str:
         return "–"
     if default is None or isinstance(default, WorkspaceConfig) or default in ({}, []):
         return "none"
+    default = default.value if isinstance(default, enum.Enum) else default
     return f"`{str(default).lower() if isinstance(default, bool) else default}`"
 
 

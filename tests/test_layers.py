@@ -18,6 +18,7 @@ STOREYS = (
     "control",
     "session",
     "doctor",
+    "cameras",
     "setup",
     "face",
     "plugin",  # the packages' own modules, which LeRobot finds by their names

@@ -99,6 +99,11 @@ def _check_configured(
         what = "the package that LeRobot reads a RealSense with (pyrealsense2) is not installed"
         section.problem(f"cameras {', '.join(wanted)}", what, 'pip install "lerobot[intelrealsense]"')
     for name, camera in configured.items():
+        serial = camera.get("serial_number_or_name")
+        known = {c.usb.serial for c in cameras if c.usb}  # on its label, a RealSense has another number
+        if camera.get("type") == "yam_realsense" and str(serial) not in known and not present:
+            remedy = "plug it in, or correct the serial number (yam-cameras list)"
+            section.problem(f"camera {name}", f"there is no camera {serial}", remedy)
         index = camera.get("index_or_path")
         if camera.get("type") != "opencv" or index is None:
             continue

@@ -38,7 +38,7 @@ REGISTRIES = {
         "lerobot_teleoperator_yam.config_yam_passive_leader",
     ),
     "lerobot.envs.configs": ("lerobot_robot_yam.config_yam_env",),
-    "lerobot.cameras.configs": ("lerobot_robot_yam.config_yam_camera",),
+    "lerobot.cameras.configs": ("lerobot_robot_yam.config_yam_camera", "lerobot_robot_yam.config_yam_realsense"),
     "lerobot.rollout.configs": ("lerobot_strategy_yam.config_yam_dagger",),
     "lerobot.configs.policies": ("lerobot_robot_yam.face.openpi.configuration_openpi",),
 }

@@ -96,6 +96,18 @@ def test_configured_cameras(sysfs, tmp_path):
     assert len(by_place) == 3
 
 
+def test_a_yam_realsense(sysfs):
+    configured = {"top": {"type": "yam_realsense", "serial_number_or_name": "1"}}
+    sysfs.camera("video0", "1-3", "C270", serial="2", **WEBCAM)
+    (problem,) = check(sysfs, configured).findings
+    assert problem.where == "camera top" and "no camera 1" in problem.what and "yam-cameras list" in problem.remedy
+    configured["top"]["serial_number_or_name"] = "2"
+    assert check(sysfs, configured).findings == []
+    sysfs.realsense("video2", "2-1", "5000")
+    configured["top"]["serial_number_or_name"] = "the number on its label"
+    assert check(sysfs, configured).findings == []
+
+
 def test_a_camera_that_is_not_usb(sysfs):
     node = sysfs.root / "class/video4linux/video0"
     node.mkdir(parents=True)

@@ -33,7 +33,7 @@ DEVICE_OPTIONS = {
 _LEADS = {field.name for field in dataclasses.fields(LeadConfig)} - {"together", "approach_s", "idle_speed_rad_s"}
 ARM_OPTIONS = {"robot": {"cameras"}, "teleop": {"ee_gripper", "follower_arm", "gate_together"} | _LEADS}
 _ARMS_OF_TWO = {"left_arm_config", "right_arm_config"}
-_REAL_CAMERAS = ("opencv", "intelrealsense")
+_REAL_CAMERAS = ("opencv", "intelrealsense", "yam_realsense")
 _DEVICES = {
     "robot": ("robots", ("yam_follower", "bi_yam_follower", "i2rt_yam_follower", "bi_i2rt_yam_follower")),
     "teleop": ("teleoperators", ("yam_leader", "bi_yam_leader", "i2rt_yam_leader", "bi_i2rt_yam_leader")),

@@ -1,0 +1,137 @@
+"""The newest picture of a camera, read in a thread. A camera that drops out is opened again as soon as it is back."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+
+from lerobot_robot_yam.cameras.picture_source import Picture, PictureSource
+from lerobot_robot_yam.errors import CameraError, StaleStateError, YamError
+
+logger = logging.getLogger(__name__)
+
+_RETRY_S = 0.05  # between two looks for a camera that is gone
+_JOIN_S = 2.0
+
+
+class CameraFeed:
+    """Reads a camera from `start` to `stop`.
+
+    Args:
+        name: for messages.
+        open_source: finds and opens the camera; raises a YamError if it cannot.
+        finish: makes of each picture what the caller wants, in the reading thread.
+    """
+
+    def __init__(self, name: str, open_source: Callable[[], PictureSource], finish: Callable[[Picture], Picture]):
+        self._name, self._open, self._finish = name, open_source, finish
+        self._news = threading.Condition()
+        self._picture: Picture | None = None
+        self._number = 0  # of pictures until now
+        self._trouble = ""
+        self._ended = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def running(self) -> bool:
+        return self._thread is not None
+
+    def start(self) -> None:
+        """Open the camera and wait for its first picture.
+
+        Raises:
+            YamError: as `open_source` and the camera say.
+        """
+        source = self._open()
+        try:
+            self._publish(source.read())
+        except BaseException:
+            source.close()
+            raise
+        self._ended.clear()
+        self._thread = threading.Thread(target=self._run, args=(source,), name=f"camera {self._name}", daemon=True)
+        self._thread.start()
+
+    def latest(self, max_age_s: float) -> Picture:
+        """The newest picture, at once.
+
+        Raises:
+            StaleStateError: it is older than max_age_s; says what is wrong with the camera.
+        """
+        picture = self._picture
+        assert picture is not None, "start() has published one"
+        age_s = time.monotonic() - picture.stamp_s
+        if age_s > max_age_s:
+            raise StaleStateError(
+                f"{self._name}: newest picture is {age_s * 1e3:.0f} ms old, more than {max_age_s * 1e3:.0f} ms; "
+                + (self._trouble or "the camera, its USB bus or this machine is too slow")
+            )
+        return picture
+
+    def wait_new(self, after: int, timeout_s: float) -> tuple[Picture, int]:
+        """A picture that came after number `after`, with its number.
+
+        Raises:
+            StaleStateError: none within timeout_s.
+        """
+        with self._news:
+            if not self._news.wait_for(lambda: self._number > after, timeout_s):
+                raise StaleStateError(
+                    f"{self._name}: no new picture within {timeout_s * 1e3:.0f} ms; "
+                    + (self._trouble or "the camera, its USB bus or this machine is too slow")
+                )
+            assert self._picture is not None
+            return self._picture, self._number
+
+    @property
+    def number(self) -> int:
+        """How many pictures have come."""
+        return self._number
+
+    def stop(self) -> None:
+        """Release the camera. Idempotent."""
+        thread, self._thread = self._thread, None
+        if thread is None:
+            return
+        self._ended.set()
+        thread.join(_JOIN_S)
+        if thread.is_alive():
+            logger.warning("%s: is still waiting for a picture; it is released when one comes", self._name)
+
+    def _run(self, source: PictureSource | None) -> None:
+        while source is not None:
+            try:
+                while not self._ended.is_set():
+                    self._publish(source.read())
+            except CameraError as error:
+                self._trouble = f"{error}; it is waited for"
+                logger.warning("%s: %s", self._name, self._trouble)
+            finally:
+                source.close()
+            source = self._opened_again()
+
+    def _opened_again(self) -> PictureSource | None:
+        """The camera once it is back and has given a picture; None when it is stopped first."""
+        since_s = time.monotonic()
+        while not self._ended.wait(_RETRY_S):
+            try:
+                source = self._open()
+                try:
+                    self._publish(source.read())
+                except CameraError:
+                    source.close()
+                    raise
+            except YamError as error:
+                self._trouble = f"{error}; it is waited for"
+                continue
+            self._trouble = ""
+            logger.warning("%s: is back after %.2f s", self._name, time.monotonic() - since_s)
+            return source
+        return None
+
+    def _publish(self, picture: Picture) -> None:
+        finished = self._finish(picture)
+        with self._news:
+            self._picture = finished
+            self._number += 1
+            self._news.notify_all()

@@ -1,0 +1,129 @@
+"""Finding a camera by its serial number, and opening it: with librealsense where that sees it, else as UVC."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lerobot_robot_yam.cameras import v4l2
+from lerobot_robot_yam.cameras.picture_source import PictureSource, Wanted
+from lerobot_robot_yam.cameras.realsense_source import RealSenseSource, info, library, modes_of, plugged_in, serials
+from lerobot_robot_yam.cameras.video_devices import ROOT, VideoDevice, model_of, video_devices
+from lerobot_robot_yam.errors import CameraError
+
+
+@dataclass(frozen=True)
+class Plugged:
+    """A camera that is plugged in: as sysfs shows it, as librealsense does, or both."""
+
+    seen: VideoDevice | None
+    device: Any | None = None
+
+    def __str__(self) -> str:
+        where = f" ({self.seen.place})" if self.seen else ""
+        return f"{self.model} {self.serial or 'without serial number'}{where}"
+
+    @property
+    def model(self) -> str:
+        """D405 of a RealSense, else the name that the maker gave it."""
+        return self.seen.model if self.seen else model_of(info(self.device, "name") or "camera")
+
+    @property
+    def serial(self) -> str | None:
+        """The number on a RealSense's label if librealsense tells it, else that of the USB device."""
+        label = serials(self.device)[0] if self.device is not None else None
+        return label or (self.seen.serial if self.seen else None)
+
+    def is_called(self, name: str) -> bool:
+        """Whether it has this serial number, of label or USB device, or is this model."""
+        names = {self.model, *([self.seen.serial] if self.seen else [])}
+        if self.device is not None:
+            names |= {*serials(self.device), info(self.device, "name")}
+        return name in names
+
+    def modes(self) -> list[str]:
+        """Its colour formats; none where it does not tell.
+
+        Raises:
+            CameraError: it cannot be opened.
+        """
+        if self.device is not None:
+            sizes = modes_of(self.device, library().stream.color)
+            return [f"{width}x{height} at {fps} fps" for width, height, fps in sizes]
+        nodes = self.seen.nodes if self.seen else ()
+        return [str(mode) for node in nodes for mode in v4l2.modes(node)]
+
+    def open(self, wanted: Wanted) -> PictureSource:
+        """Open it.
+
+        Raises:
+            CameraError: no rights, in use; says what to do.
+            ConfigError: it does not offer what is wanted; says what it offers.
+        """
+        if self.device is not None:
+            return RealSenseSource(self.device, wanted, self.seen)
+        from lerobot_robot_yam.cameras.uvc_source import UvcSource  # with OpenCV, which takes long to load
+
+        assert self.seen is not None
+        return UvcSource(self.seen, wanted)
+
+
+def plugged_cameras(root: Path = ROOT) -> list[Plugged]:
+    """Every camera that is plugged in.
+
+    Args:
+        root: of the computer's files. librealsense looks at this very computer, so that it is asked for "/" only.
+    """
+    seen = video_devices(root)
+    found = []
+    for device in plugged_in() if root == ROOT else []:
+        beside = next((d for d in seen if d.serial and d.serial in serials(device)), None)
+        found.append(Plugged(beside, device))
+    known = [camera.seen for camera in found]
+    return found + [Plugged(device) for device in seen if device not in known]
+
+
+def find_camera(name: str, root: Path = ROOT) -> Plugged:
+    """The camera with this serial number, or the one of this model.
+
+    Raises:
+        CameraError: there is none, which says what there is; or there are two.
+    """
+    cameras = plugged_cameras(root)
+    found = [camera for camera in cameras if camera.is_called(name)]
+    if len(found) == 1:
+        return found[0]
+    if found and any(camera.model != name for camera in found):
+        raise CameraError(
+            f"{len(found)} cameras have the serial number {name}: {listed(found)}; unplug all but one, or use "
+            "LeRobot's type opencv with a path of /dev/v4l/by-path"
+        )
+    if found:
+        raise CameraError(f"there are {len(found)} of {name}: {listed(found)}; give the serial number of one")
+    remedy = "plug it in, or correct the serial number (`yam-cameras list`)"
+    if any(camera.seen and camera.seen.realsense and camera.device is None for camera in cameras) and root == ROOT:
+        remedy += ". " + _why_no_label()
+    raise CameraError(f"there is no camera {name}; there are: {listed(cameras)}; {remedy}")
+
+
+def open_camera(wanted: Wanted, root: Path = ROOT) -> PictureSource:
+    """Find a camera and open it.
+
+    Raises:
+        CameraError, ConfigError: as `find_camera` and `Plugged.open` say.
+    """
+    return find_camera(wanted.serial, root).open(wanted)
+
+
+def listed(cameras: Sequence[Plugged]) -> str:
+    """What is plugged in, for a message."""
+    return ", ".join(map(str, cameras)) or "none"
+
+
+def _why_no_label() -> str:
+    """Why the number on a RealSense's label is not known: librealsense alone tells it."""
+    try:
+        library()
+    except CameraError as error:
+        return f"The number on a RealSense's label is not known, because {error}"
+    return 'librealsense has no right to read it: `sudo "$(which yam-setup-can)" --rights`, then log in again'

@@ -1,0 +1,95 @@
+"""What reads pictures from a camera: one class for UVC, one for librealsense; and what a person asks of it."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from lerobot_robot_yam.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is asked of a camera. None leaves a value as the camera has it.
+
+    Attributes:
+        serial: number, or the model where there is one of it.
+        width, height: of the pictures as the camera takes them, pixels.
+        fps: pictures per second.
+        exposure: manual; in µs where the colour comes from the stereo module (D405), else in 100 µs.
+        gain: manual, in the camera's own unit.
+        white_balance: manual, K.
+    """
+
+    serial: str
+    width: int | None = None
+    height: int | None = None
+    fps: int | None = None
+    colour: bool = True
+    depth: bool = False
+    exposure: int | None = None
+    gain: int | None = None
+    white_balance: int | None = None
+
+    @property
+    def size(self) -> str:
+        """Size and rate, for messages."""
+        return f"{self.width}x{self.height} at {self.fps} fps"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What a camera saw at one moment.
+
+    Attributes:
+        stamp_s: when, in monotonic time.
+        colour: (height, width, 3) uint8 RGB.
+        depth: (height, width, 1) uint16, mm.
+    """
+
+    stamp_s: float
+    colour: np.ndarray | None = None
+    depth: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Range of an exposure, in the unit of `Wanted.exposure`."""
+
+    minimum: int
+    maximum: int
+
+
+def no_depth(camera: str) -> ConfigError:
+    """Of a camera that librealsense does not read."""
+    return ConfigError(
+        f"{camera}: depth takes librealsense: pip install 'lerobot_robot_yam[realsense]', or set use_depth to false"
+    )
+
+
+class PictureSource(Protocol):
+    """An open camera."""
+
+    def read(self) -> Picture:
+        """Wait for the next picture.
+
+        Raises:
+            CameraError: the camera is gone, or gives none. Close it then.
+        """
+
+    def exposure_limits(self) -> Limits:
+        """What may be set.
+
+        Raises:
+            CameraError: no exposure can be set.
+        """
+
+    def set_exposure(self, exposure: int) -> None:
+        """Set a manual exposure.
+
+        Raises:
+            CameraError: the camera does not take it.
+        """
+
+    def close(self) -> None:
+        """Release the camera. Idempotent."""

@@ -1,0 +1,194 @@
+"""A RealSense read through its maker's library, colour and depth. On a D405 the colour comes from the stereo module."""
+
+import time
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from lerobot_robot_yam.cameras.holders import in_use
+from lerobot_robot_yam.cameras.picture_source import Limits, Picture, Wanted
+from lerobot_robot_yam.cameras.video_devices import VideoDevice
+from lerobot_robot_yam.errors import CameraError, ConfigError
+
+_POLL_MS = 200
+_SILENT_S = 1.0  # a camera that is plugged in and gives nothing for so long is started again
+_MM = 1e-3  # m
+_BUSY = ("busy", "power state", "errno=16")  # words of librealsense when another program has the camera
+
+
+def library() -> ModuleType:
+    """The module pyrealsense2.
+
+    Raises:
+        CameraError: it is not installed, or lacks a library of the system.
+    """
+    try:
+        import pyrealsense2
+    except ModuleNotFoundError as error:
+        raise CameraError(
+            "pyrealsense2, the maker's library, is not installed: pip install 'lerobot_robot_yam[realsense]'"
+        ) from error
+    except ImportError as error:  # of its own libraries
+        raise CameraError(f"pyrealsense2 cannot be loaded ({error}): sudo apt install libusb-1.0-0") from error
+    return pyrealsense2
+
+
+def plugged_in() -> list[Any]:
+    """librealsense's devices; none without the library."""
+    try:
+        rs = library()
+    except CameraError:
+        return []
+    try:
+        return list(rs.context().query_devices())
+    except RuntimeError as error:
+        raise CameraError(f"librealsense finds no cameras: {error}") from error
+
+
+def info(device: Any, name: str) -> str | None:
+    """What a device says of itself, such as "serial_number", None if it does not."""
+    key = getattr(library().camera_info, name)
+    return device.get_info(key) if device.supports(key) else None
+
+
+def serials(device: Any) -> tuple[str | None, str | None]:
+    """The number on the label, and that of the USB device."""
+    return info(device, "serial_number"), info(device, "asic_serial_number")
+
+
+def modes_of(device: Any, kind: Any) -> list[tuple[int, int, int]]:
+    """Width, height and rate of each picture of a kind (`stream.color`, `stream.depth`), small to large."""
+    profiles = [p for sensor in device.query_sensors() for p in sensor.get_stream_profiles() if p.stream_type() == kind]
+    videos = [p.as_video_stream_profile() for p in profiles]
+    return sorted({(v.width(), v.height(), v.fps()) for v in videos})
+
+
+class RealSenseSource:
+    """An open RealSense.
+
+    Args:
+        device: of `plugged_in`.
+        wanted: streams, size, rate and controls.
+        seen: the same camera in sysfs, None if it is not there.
+
+    Raises:
+        ConfigError: a size, rate or value that it does not offer; says which it does.
+        CameraError: no rights, in use.
+    """
+
+    def __init__(self, device: Any, wanted: Wanted, seen: VideoDevice | None = None):
+        self._rs, self._device, self._wanted = library(), device, wanted
+        self._name = f"{info(device, 'name')} {info(device, 'serial_number')}"
+        rs = self._rs
+        kinds = [(rs.stream.color, rs.format.rgb8)] if wanted.colour else []
+        kinds += [(rs.stream.depth, rs.format.z16)] if wanted.depth else []
+        streams = rs.config()
+        for kind, form in kinds:
+            if wanted.width is None:
+                streams.enable_stream(kind)
+                continue
+            if (wanted.width, wanted.height, wanted.fps) not in (offered := modes_of(device, kind)):
+                which = ", ".join(f"{width}x{height} at {fps}" for width, height, fps in offered)
+                raise ConfigError(f"{self._name} does not offer {kind.name} {wanted.size}; it offers {which} fps")
+            streams.enable_stream(kind, wanted.width, wanted.height, form, wanted.fps)
+        self._set_controls()
+        self._pipeline = rs.pipeline()
+        self._pipeline.set_device(device)
+        try:
+            self._pipeline.start(streams)
+        except RuntimeError as error:
+            raise CameraError(self._why(error, seen)) from error
+        self._running = True
+
+    def read(self) -> Picture:
+        """The next picture: colour and depth of one moment.
+
+        Raises:
+            CameraError: the camera is gone, or gives none.
+        """
+        begin_s = time.monotonic()
+        try:
+            while True:
+                there, frames = self._pipeline.try_wait_for_frames(_POLL_MS)
+                if there:
+                    return self._picture(frames)
+                if not self._device.is_connected():
+                    raise CameraError(f"{self._name} is gone: unplugged, or without power")
+                if time.monotonic() - begin_s > _SILENT_S:
+                    raise CameraError(f"{self._name} gives no picture")
+        except RuntimeError as error:
+            raise CameraError(f"{self._name}: {error}") from error
+
+    def exposure_limits(self) -> Limits:
+        """What the sensor of the colour takes.
+
+        Raises:
+            CameraError: no exposure can be set.
+        """
+        span = self._sensor(self._rs.option.exposure, "exposure").get_option_range(self._rs.option.exposure)
+        return Limits(int(span.min), int(span.max))
+
+    def set_exposure(self, exposure: int) -> None:
+        """Set a manual exposure.
+
+        Raises:
+            ConfigError: it is out of range.
+            CameraError: no exposure can be set.
+        """
+        option = self._rs.option
+        self._set(option.exposure, "exposure", exposure, option.enable_auto_exposure)
+
+    def close(self) -> None:
+        """Release the camera. Idempotent."""
+        if self._running:
+            self._running = False
+            self._pipeline.stop()
+
+    def _picture(self, frames: Any) -> Picture:
+        stamp_s, colour, depth = time.monotonic(), None, None
+        if self._wanted.colour:
+            colour = np.array(frames.get_color_frame().get_data())
+        if self._wanted.depth:
+            frame = frames.get_depth_frame()
+            depth, unit = np.array(frame.get_data())[..., np.newaxis], frame.get_units()
+            if not np.isclose(unit, _MM):  # a D405 counts in 0.1 mm
+                depth = np.round(depth * (unit / _MM)).astype(np.uint16)
+        return Picture(stamp_s, colour, depth)
+
+    def _set_controls(self) -> None:
+        option, wanted = self._rs.option, self._wanted
+        rows = [
+            (option.exposure, "exposure", wanted.exposure, option.enable_auto_exposure),
+            (option.gain, "gain", wanted.gain, option.enable_auto_exposure),
+            (option.white_balance, "white_balance", wanted.white_balance, option.enable_auto_white_balance),
+        ]
+        for number, name, value, automatic in rows:
+            if value is not None:
+                self._set(number, name, value, automatic)
+
+    def _sensor(self, number: Any, name: str) -> Any:
+        """The module that gives colour, if it has this option."""
+        colour = self._rs.stream.color
+        for sensor in self._device.query_sensors():
+            if any(p.stream_type() == colour for p in sensor.get_stream_profiles()) and sensor.supports(number):
+                return sensor
+        raise CameraError(f"{self._name} takes no {name} for its colour: leave {name} out")
+
+    def _set(self, number: Any, name: str, value: int, automatic: Any) -> None:
+        sensor = self._sensor(number, name)
+        span = sensor.get_option_range(number)
+        if not span.min <= value <= span.max:
+            raise ConfigError(f"{self._name}: {name} {value} is out of range; it takes {span.min:g} to {span.max:g}")
+        try:
+            if sensor.supports(automatic):
+                sensor.set_option(automatic, 0)
+            sensor.set_option(number, value)
+        except RuntimeError as error:
+            raise CameraError(f"{self._name} does not take {name} {value}: {error}") from error
+
+    def _why(self, error: RuntimeError, seen: VideoDevice | None) -> str:
+        if any(word in str(error).lower() for word in _BUSY):
+            nodes = [*seen.nodes, *([seen.usb_node] if seen.usb_node else [])] if seen else []
+            return f"{self._name} is in use ({error}): {in_use(nodes)}"
+        return f"{self._name} does not start: {error}; plug it in again, or into another USB 3 port"

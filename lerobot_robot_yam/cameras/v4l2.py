@@ -1,0 +1,147 @@
+"""What a V4L2 node offers: picture formats, sizes, rates and controls, asked with the ioctls of linux/videodev2.h.
+
+OpenCV reads pictures, but tells neither formats nor the ranges of controls.
+"""
+
+import errno
+import fcntl
+import os
+import struct
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+from lerobot_robot_yam.errors import CameraError
+
+# Request numbers and structs as linux/videodev2.h has them on 64-bit computers, native byte order.
+ENUM_FMT, FMT = 0xC0405602, struct.Struct("=III32sI16x")  # index, type, flags, description, fourcc
+ENUM_FRAMESIZES, SIZE = 0xC02C564A, struct.Struct("=IIIII16x8x")  # index, fourcc, type, width, height
+ENUM_FRAMEINTERVALS, INTERVAL = 0xC034564B, struct.Struct("=IIIIIII16x8x")  # …, width, height, type, rate
+QUERYCTRL, QUERY = 0xC0445624, struct.Struct("=II32siiiiI8x")  # id, type, name, min, max, step, default, flags
+G_CTRL, S_CTRL, CONTROL = 0xC008561B, 0xC008561C, struct.Struct("=Ii")
+_CAPTURE, _DISCRETE = 1, 1  # V4L2_BUF_TYPE_VIDEO_CAPTURE, V4L2_FRMSIZE_TYPE_DISCRETE
+_DISABLED = 0x1
+
+# V4L2's numbers of the controls that have names here; exposure is in 100 µs.
+EXPOSURE, GAIN, WHITE_BALANCE = 0x9A0902, 0x980913, 0x98091A
+AUTO_EXPOSURE, AUTO_WHITE_BALANCE = 0x9A0901, 0x98090C
+MANUAL, OFF = 1, 0  # values of these two
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A picture format at a size: `fourcc` such as "YUYV", pixels, and pictures per second."""
+
+    fourcc: str
+    width: int
+    height: int
+    rates: tuple[float, ...]
+
+    def __str__(self) -> str:
+        return f"{self.fourcc} {self.width}x{self.height} at {'/'.join(f'{rate:g}' for rate in self.rates)} fps"
+
+
+@dataclass(frozen=True)
+class Control:
+    """Range of a control, in its own unit."""
+
+    minimum: int
+    maximum: int
+    step: int
+    default: int
+
+
+def modes(node: Path) -> list[Mode]:
+    """What a node offers of discrete sizes; nothing where it is no V4L2 capture node (one of metadata, a file).
+
+    Raises:
+        CameraError: it cannot be opened.
+    """
+    with _opened(node) as device:
+        return [
+            Mode(fourcc.to_bytes(4, "little").decode("ascii", "replace"), width, height, _rates(device, *size))
+            for _, _, _, _, fourcc in _enumerated(device, ENUM_FMT, FMT, lambda i: (i, _CAPTURE, 0, b"", 0))
+            for size in _sizes(device, fourcc)
+            for _, width, height in [size]
+        ]
+
+
+def control(node: Path, number: int) -> Control | None:
+    """Range of a control of a node, None where it has none.
+
+    Raises:
+        CameraError: the node cannot be opened.
+    """
+    with _opened(node) as device:
+        answer = _ask(device, QUERYCTRL, QUERY, (number, 0, b"", 0, 0, 0, 0, 0))
+        return None if answer is None or answer[-1] & _DISABLED else Control(*answer[3:7])
+
+
+def set_control(node: Path, number: int, value: int) -> None:
+    """Give a control a value.
+
+    Raises:
+        CameraError: the camera does not take it.
+    """
+    with _opened(node) as device:
+        if _ask(device, S_CTRL, CONTROL, (number, value)) is None:
+            raise CameraError(f"{node} does not take {value} for its control {number:#x}")
+
+
+def get_control(node: Path, number: int) -> int | None:
+    """Value of a control, None where the node has none.
+
+    Raises:
+        CameraError: the node cannot be opened.
+    """
+    with _opened(node) as device:
+        answer = _ask(device, G_CTRL, CONTROL, (number, 0))
+        return None if answer is None else int(answer[1])
+
+
+def _sizes(device: int, fourcc: int) -> list[tuple[int, int, int]]:
+    answers = _enumerated(device, ENUM_FRAMESIZES, SIZE, lambda i: (i, fourcc, 0, 0, 0))
+    return [(fourcc, width, height) for _, _, kind, width, height in answers if kind == _DISCRETE]
+
+
+def _rates(device: int, fourcc: int, width: int, height: int) -> tuple[float, ...]:
+    answers = _enumerated(device, ENUM_FRAMEINTERVALS, INTERVAL, lambda i: (i, fourcc, width, height, 0, 0, 0))
+    found = [(above, below) for *_, kind, above, below in answers if kind == _DISCRETE and above]
+    return tuple(sorted(round(below / above, 2) for above, below in found))
+
+
+def _enumerated(
+    device: int, request: int, form: struct.Struct, question: Callable[[int], tuple[Any, ...]]
+) -> Iterator[tuple[Any, ...]]:
+    for index in count():
+        answer = _ask(device, request, form, question(index))
+        if answer is None:
+            return
+        yield answer
+
+
+def _ask(device: int, request: int, form: struct.Struct, values: tuple[Any, ...]) -> tuple[Any, ...] | None:
+    """The answer of an ioctl; None where the device does not know it, or nothing more."""
+    buffer = bytearray(form.pack(*values))
+    try:
+        fcntl.ioctl(device, request, buffer)
+    except OSError as error:
+        if error.errno in (errno.EINVAL, errno.ENOTTY, errno.ERANGE, errno.EACCES, errno.EBUSY):
+            return None
+        raise CameraError(f"the camera does not answer: {error.strerror}") from error
+    return form.unpack(buffer)
+
+
+@contextmanager
+def _opened(node: Path) -> Iterator[int]:
+    try:
+        device = os.open(node, os.O_RDWR | os.O_NONBLOCK)
+    except OSError as error:
+        raise CameraError(f"{node} cannot be opened: {error.strerror}") from error
+    try:
+        yield device
+    finally:
+        os.close(device)

@@ -1,0 +1,199 @@
+"""Find the cameras, look through them, set their exposure, and name them by their roles in a run config.
+
+yam-cameras list                                          what is plugged in: serial numbers, links, formats
+yam-cameras preview sheet.png                             a picture of each camera on one sheet
+yam-cameras tune 841113021535                             finds the exposure of one camera, by measured brightness
+yam-cameras tune 841113021535 --config=rig.yaml           writes it down, too
+yam-cameras name --config=rig.yaml                        asks for the role of each camera, and writes it
+yam-cameras name --config=rig.yaml top=841113021535       writes this one
+
+The rest of the config stays as it is. Exit status: 0 done; 1 it cannot be done; 2 wrong arguments; 130 interrupted.
+"""
+
+import argparse
+import difflib
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from lerobot_robot_yam.cameras.opening import Plugged, find_camera, plugged_cameras
+from lerobot_robot_yam.cameras.role_names import ROLES, named_cameras, read_config, with_cameras
+from lerobot_robot_yam.cameras.video_devices import ROOT
+from lerobot_robot_yam.commands.lib.arm_command import ask, need_terminal, run_command, table, tell
+from lerobot_robot_yam.commands.lib.camera_bench import Bench
+from lerobot_robot_yam.errors import CameraError, ConfigError, SetupError
+from lerobot_robot_yam.system.paths import user_path, write_whole
+
+_USB3_MBIT = 5000.0
+_SKIP = ""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of `yam-cameras`; returns the exit status."""
+    args = _parser().parse_args(arguments)
+    works = {"list": _list, "preview": _preview, "tune": _tune, "name": _name}
+    return run_command("yam-cameras", lambda: works[args.work](args))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="yam-cameras", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    works = parser.add_subparsers(dest="work", required=True)
+    shows = works.add_parser("list", help="show what is plugged in")
+    shows.add_argument("--formats", action="store_true", help="all formats of each camera")
+    preview = works.add_parser("preview", help="write a picture of each camera on one sheet")
+    preview.add_argument("sheet", type=user_path, metavar="FILE.png")
+    tune = works.add_parser("tune", help="find the exposure of one camera")
+    tune.add_argument("serial", help="serial number or model")
+    tune.add_argument("--target", type=float, default=0.45, help="mean brightness, 0 to 1 (default 0.45)")
+    tune.add_argument("--sheet", type=user_path, metavar="FILE.png", help="write pictures of before and after")
+    name = works.add_parser("name", help="write cameras by their roles into a config")
+    name.add_argument("pairs", nargs="*", metavar="ROLE=SERIAL", help=f"without any, it asks ({', '.join(ROLES)}, …)")
+    for work in (preview, tune, name):
+        work.add_argument("--config", type=user_path, required=work is name, help="run config with roles")
+        work.add_argument("--width", type=int, default=640, help="pixels (default 640)")
+        work.add_argument("--height", type=int, default=480, help="pixels (default 480)")
+        work.add_argument("--fps", type=int, default=30, help="pictures per second (default 30)")
+    for work in (tune, name):
+        work.add_argument("--dry-run", action="store_true", help="show what would change in the config, change nothing")
+        work.add_argument("--yes", action="store_true", help="do not ask before the config is changed")
+    for work in (shows, preview, tune, name):
+        work.add_argument("--root", type=user_path, default=ROOT, help="another computer's files: sys, dev")
+    return parser
+
+
+def _list(args: argparse.Namespace) -> int:
+    cameras = plugged_cameras(args.root)
+    rows = []
+    for camera in cameras:
+        seen = camera.seen
+        link = f"USB {3 if seen.speed_mbit >= _USB3_MBIT else 2}" if seen and seen.speed_mbit else "-"
+        nodes = ", ".join(node.name for node in seen.nodes) if seen else "-"
+        rows.append([camera.serial or "-", camera.model, (seen and seen.port) or "-", link, nodes or "-"])
+    sys.stdout.write(table(["serial", "model", "USB port", "link", "nodes"], rows) + "\n")
+    if not cameras:
+        tell("there is no camera; plug one in (`lsusb` lists what is plugged in)")
+    for camera in cameras:
+        if args.formats:
+            sys.stdout.write(f"{camera}: {', '.join(camera.modes()) or 'tells no formats'}\n")
+        seen = camera.seen
+        if seen and seen.realsense and seen.speed_mbit and seen.speed_mbit < _USB3_MBIT:
+            tell(f"{camera}: USB 2 is too slow for a RealSense; use a USB 3 port (blue) with a USB 3 cable")
+    return 0
+
+
+def _preview(args: argparse.Namespace) -> int:
+    cameras = plugged_cameras(args.root)
+    if not cameras:
+        raise CameraError("there is no camera; plug one in (`lsusb` lists what is plugged in)")
+    roles = _roles(args.config)
+    bench, failed = Bench(args.width, args.height, args.fps), False
+    for camera in cameras:
+        title = f"{roles.get(camera.serial or '', '')} {camera.model} {camera.serial or ''}".strip()
+        try:
+            seen = bench.look(camera, title)
+            tell(f"{title}: {seen}")
+        except (CameraError, ConfigError) as error:
+            tell(f"{title}: {error}")
+            bench.miss(title)
+            failed = True
+    bench.write(args.sheet)
+    tell(f"written: {args.sheet}")
+    return 1 if failed else 0
+
+
+def _tune(args: argparse.Namespace) -> int:
+    if not 0.0 < args.target < 1.0:
+        raise ConfigError(f"--target {args.target:g} is out of range; brightness is between 0 and 1")
+    camera = find_camera(args.serial, args.root)
+    bench = Bench(args.width, args.height, args.fps)
+    before, exposure, after = bench.tune(camera, args.target, tell)
+    tell(f"before: {before}\nafter: {after}")
+    sys.stdout.write(f"exposure: {exposure}\n")
+    if args.sheet:
+        bench.write(args.sheet)
+    if args.config:
+        roles = {serial: role for serial, role in _roles(args.config).items() if camera.is_called(serial)}
+        if not roles:
+            raise ConfigError(f"{args.config} names no camera {camera.serial}: `yam-cameras name` writes it there")
+        fields = {"type": "yam_realsense", "exposure": exposure}
+        _write(args, dict.fromkeys(roles.values(), fields))
+    return 0
+
+
+def _name(args: argparse.Namespace) -> int:
+    pairs = dict(pair.partition("=")[::2] for pair in args.pairs)
+    for role, serial in pairs.items():
+        if not role.isidentifier() or not serial:
+            raise ConfigError(f"{role}={serial}: give a role of letters, digits and _, then = and a serial number")
+    found = {role: find_camera(serial, args.root) for role, serial in pairs.items()} or _asked(args)
+    if found:
+        _write(args, {role: _fields(camera, args) for role, camera in found.items()})
+    return 0
+
+
+def _asked(args: argparse.Namespace) -> dict[str, Plugged]:
+    """The camera of each role, as the person says."""
+    cameras = plugged_cameras(args.root)
+    if not cameras:
+        raise CameraError("there is no camera; plug one in (`lsusb` lists what is plugged in)")
+    need_terminal(False)
+    found: dict[str, Plugged] = {}
+    tell(f"Which camera is it ({', '.join(ROLES)}, or a name of yours)? `yam-cameras preview` shows what each sees.")
+    for camera in cameras:
+        while (role := ask(f"{camera} (Enter skips it):")) != _SKIP and (not role.isidentifier() or role in found):
+            tell("that is taken" if role in found else "take letters, digits and _")
+        if role != _SKIP:
+            found[role] = camera
+    return found
+
+
+def _fields(camera: Plugged, args: argparse.Namespace) -> dict[str, Any]:
+    """The config of a camera. A webcam without a serial number of its own goes by its USB port.
+
+    Raises:
+        CameraError: nothing tells it from another.
+    """
+    size = {"width": args.width, "height": args.height, "fps": args.fps}
+    same = [other for other in plugged_cameras(args.root) if other.serial == camera.serial]
+    if camera.serial and len(same) == 1:
+        elsewhere = {} if args.root == ROOT else {"root": str(args.root)}
+        return {"type": "yam_realsense", "serial_number_or_name": camera.serial, **size, **elsewhere}
+    paths = [link for link in camera.seen.links if link.parent.name == "by-path"] if camera.seen else []
+    if not paths:
+        raise CameraError(f"{camera}: nothing tells it from another camera; plug it into a USB port of its own")
+    return {"type": "opencv", "index_or_path": str(paths[0]), **size}
+
+
+def _roles(config: Path | None) -> dict[str, str]:
+    """Role of each serial number in a config."""
+    cameras = named_cameras(read_config(config)) if config else {}
+    return {str(fields.get("serial_number_or_name")): role for role, fields in cameras.items()}
+
+
+def _write(args: argparse.Namespace, cameras: Mapping[str, Mapping[str, Any]]) -> None:
+    """Show what changes in the config, ask, and change it."""
+    before = read_config(args.config)
+    after = with_cameras(before, cameras)
+    if after == before:
+        tell(f"{args.config}: nothing to change")
+        return
+    lines = difflib.unified_diff(before.splitlines(), after.splitlines(), n=0, lineterm="")
+    tell("\n".join([f"{args.config}:", *(line for line in list(lines)[2:] if not line.startswith("@@"))]))
+    if args.dry_run:
+        return
+    if not args.yes:
+        need_terminal(False)
+        if ask("Make this change? [Y/n]").lower() not in ("", "y", "yes"):
+            tell("nothing was changed")
+            return
+    try:
+        write_whole(args.config, after)
+    except OSError as error:
+        raise SetupError(f"{args.config} cannot be written: {error}") from error
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,145 @@
+"""A RealSense as a LeRobot camera: with librealsense or as UVC, by serial number, and back after it dropped out."""
+
+import time
+from typing import Any
+
+import cv2
+import numpy as np
+from lerobot.cameras.camera import Camera
+from lerobot.cameras.configs import ColorMode, Cv2Rotation
+from lerobot.cameras.utils import get_cv2_rotation
+from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
+
+from lerobot_robot_yam.cameras.camera_feed import CameraFeed
+from lerobot_robot_yam.cameras.opening import open_camera
+from lerobot_robot_yam.cameras.picture_source import Picture, Wanted
+from lerobot_robot_yam.cameras.video_devices import video_devices
+from lerobot_robot_yam.config_yam_realsense import YamRealsenseCameraConfig
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.system.paths import user_path
+
+_READ_S = 10.0  # LeRobot's own time-out of read()
+_SIDEWAYS = (Cv2Rotation.ROTATE_90, Cv2Rotation.ROTATE_270)
+
+
+class YamRealsenseCamera(Camera):
+    """Images (height, width, 3) uint8, and depth (height, width, 1) uint16 in mm, as the config asks for them."""
+
+    def __init__(self, config: YamRealsenseCameraConfig):
+        super().__init__(config)
+        self.config = config
+        self._rotation = get_cv2_rotation(config.rotation)
+        width, height = config.width, config.height
+        if config.rotation in _SIDEWAYS:
+            width, height = height, width
+        self._wanted = Wanted(
+            serial=config.serial_number_or_name,
+            width=width,
+            height=height,
+            fps=config.fps,
+            colour=config.use_rgb,
+            depth=config.use_depth,
+            exposure=config.exposure,
+            gain=config.gain,
+            white_balance=config.white_balance,
+        )
+        self._feed = CameraFeed(str(self), lambda: open_camera(self._wanted, user_path(config.root)), self._finished)
+        self._seen = {"colour": 0, "depth": 0}  # numbers of the pictures that async_read has returned
+
+    def __str__(self) -> str:
+        return f"YamRealsenseCamera({self.config.serial_number_or_name})"
+
+    @property
+    def is_connected(self) -> bool:
+        return self._feed.running
+
+    @staticmethod
+    def find_cameras() -> list[dict[str, Any]]:
+        """The cameras that are plugged in, by the serial numbers of their USB devices."""
+        return [{"name": d.model, "type": "yam_realsense", "id": d.serial} for d in video_devices() if d.serial]
+
+    @check_if_already_connected
+    def connect(self, warmup: bool = True) -> None:
+        """Open the camera and wait for the first image.
+
+        Args:
+            warmup: wait until exposure and white balance have settled, `warmup_s` of the config.
+
+        Raises:
+            CameraError: it is not there, in use, no rights; says what to do.
+            ConfigError: it does not offer what the config asks for; says what it offers.
+        """
+        self._feed.start()
+        self._seen = dict.fromkeys(self._seen, 0)
+        if warmup:
+            time.sleep(self.config.warmup_s)
+        picture = self._feed.latest(float("inf"))
+        image = picture.colour if picture.colour is not None else picture.depth
+        assert image is not None, "the config asks for one of the two"
+        self.height, self.width = image.shape[:2]
+
+    @check_if_not_connected
+    def read(self) -> np.ndarray:
+        """An image that comes after this call.
+
+        Raises:
+            StaleStateError: none within 10 s; it is a TimeoutError.
+        """
+        return self._of(self._feed.wait_new(self._feed.number, _READ_S)[0], "colour")
+
+    @check_if_not_connected
+    def read_depth(self) -> np.ndarray:
+        """As `read`, depth."""
+        return self._of(self._feed.wait_new(self._feed.number, _READ_S)[0], "depth")
+
+    @check_if_not_connected
+    def async_read(self, timeout_ms: float = 200) -> np.ndarray:
+        """The newest image, if this has not returned it yet, else the next.
+
+        Raises:
+            StaleStateError: none within timeout_ms; it is a TimeoutError.
+        """
+        return self._unseen("colour", timeout_ms)
+
+    @check_if_not_connected
+    def async_read_depth(self, timeout_ms: float = 200) -> np.ndarray:
+        """As `async_read`, depth."""
+        return self._unseen("depth", timeout_ms)
+
+    @check_if_not_connected
+    def read_latest(self, max_age_ms: int = 500) -> np.ndarray:
+        """The newest image, at once.
+
+        Raises:
+            StaleStateError: it is older than max_age_ms, and why; it is a TimeoutError.
+        """
+        return self._of(self._feed.latest(max_age_ms / 1e3), "colour")
+
+    @check_if_not_connected
+    def read_latest_depth(self, max_age_ms: int = 500) -> np.ndarray:
+        """As `read_latest`, depth."""
+        return self._of(self._feed.latest(max_age_ms / 1e3), "depth")
+
+    def disconnect(self) -> None:
+        """Release the camera. Idempotent."""
+        self._feed.stop()
+
+    def _unseen(self, kind: str, timeout_ms: float) -> np.ndarray:
+        picture, self._seen[kind] = self._feed.wait_new(self._seen[kind], timeout_ms / 1e3)
+        return self._of(picture, kind)
+
+    def _of(self, picture: Picture, kind: str) -> np.ndarray:
+        image = getattr(picture, kind)
+        if image is None:
+            switch = "use_rgb" if kind == "colour" else "use_depth"
+            raise ConfigError(f"{self} gives no {kind}: set {switch} to true")
+        return image
+
+    def _finished(self, picture: Picture) -> Picture:
+        colour, depth = picture.colour, picture.depth
+        if colour is not None and self.config.color_mode is ColorMode.BGR:
+            colour = cv2.cvtColor(colour, cv2.COLOR_RGB2BGR)
+        if self._rotation is not None:
+            colour = None if colour is None else cv2.rotate(colour, self._rotation)
+            depth = None if depth is None else cv2.rotate(depth, self._rotation)[..., np.newaxis]
+        return Picture(picture.stamp_s, colour, depth)
