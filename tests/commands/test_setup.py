@@ -3,6 +3,7 @@
 import os
 import sys
 
+import can
 import pytest
 import yaml
 
@@ -12,8 +13,10 @@ from lerobot_robot_yam.damiao.handle_encoder import REQUEST_ID
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import REGISTER_ID
 from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.client.sim_bus import YamSimBus
 from lerobot_robot_yam.state.records import channel_key, lock_path
 from lerobot_robot_yam.system.runtime_files import FileLock
+from tests.support.doctor_desk import Sysfs
 from tests.support.terminal import Terminal
 from tests.support.unnamed_rig import write_scene
 
@@ -143,6 +146,44 @@ def test_what_is_wrong_is_named_and_what_we_can_repair_is_repaired(desk, tmp_pat
     assert "TIMEOUT" not in capfd.readouterr().err
     desk.trigger("leader_left", 0.0)
     assert set_handle(["zero", "--channel=leader_left", f"--rig={desk.name}", "--yes"]) == 0
+
+
+def test_on_a_computer_adapters_and_cameras_are_those_of_the_kernel(tmp_path, monkeypatch, capsys):
+    """The rig stands behind the interfaces that sysfs shows. The names of two say left and right, of two nothing."""
+    sysfs = Sysfs(tmp_path / "sys")
+    for port, channel in enumerate(("can_follower_l", "can_follower_r", "can_a", "can_b"), 1):
+        sysfs.adapter(channel, f"1-{port}", serial=f"000{port}")
+    sysfs.camera("video0", "2-1", "C920", vendor="046d", serial="A1")
+    sysfs.camera("video1", "2-1", "C920", function="1.1", vendor="046d", serial="A1")
+    sysfs.realsense("video2", "2-2", "5000")
+    links = tmp_path / "dev/v4l/by-path"
+    links.mkdir(parents=True)
+    (links / "pci-0000:00:14.0-usb-0:1:1.0-video-index0").symlink_to("../../video0")
+    monkeypatch.setitem(can.interfaces.BACKENDS, "socketcan", (YamSimBus.__module__, YamSimBus.__name__))
+    names = dict(zip(CHANNELS, ("can_follower_l", "can_follower_r", "can_a", "can_b"), strict=True))
+    path = tmp_path / "rig.yaml"
+    with running_rig(scene=write_scene(tmp_path / "scene.yaml", names)) as rig:
+        monkeypatch.setenv("YAM_RIG", rig.name)
+        assert main([str(path), "--yes", f"--root={tmp_path}"]) == 0
+    assert "can_a is the left leader, can_b the right one" in capsys.readouterr().err
+    document = yaml.safe_load(path.read_text())
+    assert document["robot"]["left_arm_config"] == {"channel": "can_follower_l", "arm": "yam", "gripper": "linear_4310"}
+    cameras = document["robot"]["cameras"].values()
+    assert [camera["type"] for camera in cameras] == ["opencv", "intelrealsense"]
+    assert [camera.get("index_or_path", camera.get("serial_number_or_name")) for camera in cameras] == [
+        "/dev/v4l/by-path/pci-0000:00:14.0-usb-0:1:1.0-video-index0",
+        "123422070577",
+    ]
+
+
+def test_without_an_adapter_or_a_terminal_it_says_so(tmp_path, capsys, monkeypatch):
+    (tmp_path / "sys/class/net").mkdir(parents=True)
+    assert main([str(tmp_path / "rig.yaml"), "--yes", f"--root={tmp_path}"]) == 1
+    assert "there is no CAN adapter; plug one in" in capsys.readouterr().err
+    with open(os.devnull) as nothing:
+        monkeypatch.setattr(sys, "stdin", nothing)
+        assert main([str(tmp_path / "rig.yaml")]) == 1
+    assert "no terminal" in capsys.readouterr().err
 
 
 def test_leaders_without_motors_are_found(tmp_path, capsys):

@@ -8,6 +8,7 @@ import re
 import shlex
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from tests.support.unnamed_rig import SHUFFLED, write_scene
 PAGE = "docs/first-hour.md"
 RULES = "etc/udev/rules.d/70-yam-can.rules"
 NAMES = {arm: f"can_{arm.replace('left', 'l').replace('right', 'r')}" for arm in SHUFFLED}
+SVG = "{http://www.w3.org/2000/svg}"
 SIDES = ("left", "right")
 UNZEROED = 0.3  # share of its travel at which a released trigger of the factory is taken to be
 FIRST = "yam-setup-can"
@@ -64,6 +66,21 @@ def plug_in_again(tree):
 def test_it_is_few_commands_and_each_is_told_of_in_docs():
     programs = [command.replace('sudo "$(which ', "").split()[0].rstrip(')"') for command in commands_of(PAGE)]
     assert len(programs) <= 10 and programs[0] == FIRST and programs[-1] == "lerobot-record"
+
+
+def test_the_drawing_has_the_names_and_nothing_lies_outside():
+    root = ElementTree.parse(ROOT / "docs/wiring.svg").getroot()
+    _, _, width, height = map(float, root.attrib["viewBox"].split())
+    texts = root.findall(".//{*}text")
+    assert set(NAMES.values()) <= {text.text for text in texts}
+    assert all(0 < float(t.attrib["x"]) < width and 12 < float(t.attrib["y"]) < height for t in texts)
+    boxes = [
+        [float(box.attrib.get(key, 0)) for key in ("x", "y", "width", "height")] for box in root.iter(f"{SVG}rect")
+    ]
+    assert all(x + w <= width and y + h <= height for x, y, w, h in boxes)
+    for index, (x, y, w, h) in enumerate(boxes[1:], 1):  # the first is the paper
+        for x2, y2, w2, h2 in boxes[index + 1 :]:
+            assert x + w <= x2 or x2 + w2 <= x or y + h <= y2 or y2 + h2 <= y
 
 
 @pytest.mark.long

@@ -19,7 +19,8 @@ _ANSWER = re.compile(r"«(.*)»$")
 
 def lines_of(page):
     """Lines of all transcripts of a page, in order."""
-    return [line for code in blocks((ROOT / page).read_text(), "console") for line in code.splitlines() if line.strip()]
+    text = re.sub(r" \\\n *", " ", (ROOT / page).read_text())
+    return [line for code in blocks(text, "console") for line in code.splitlines() if line.strip()]
 
 
 def commands_of(page):
