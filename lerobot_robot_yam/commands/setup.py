@@ -24,6 +24,7 @@ from lerobot_robot_yam.commands.lib.new_rig.rig_document import difference, rig_
 from lerobot_robot_yam.commands.lib.new_rig.rig_drawing import draw_rig
 from lerobot_robot_yam.commands.lib.new_rig.rig_plan import RigPlan, plan_rig
 from lerobot_robot_yam.commands.lib.new_rig.rig_repairs import inspect_rig, repairs_of, run_repair
+from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import user_path
 
 FILE = "rig.yaml"  # which the run configs of configs/rig name
@@ -51,8 +52,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _check(args: argparse.Namespace) -> int:
     from lerobot_robot_yam.commands.lib.new_rig.rig_check import check_rig  # imports LeRobot, which takes seconds
 
-    for line in check_rig(args.file):
-        sys.stdout.write(line + "\n")
+    try:
+        lines = check_rig(args.file)
+    except ConfigError as error:
+        message = str(error)
+        raise ConfigError(message if str(args.file) in message else f"{args.file}: {message}") from error
+    sys.stdout.write("\n".join(lines) + "\n")
     return 0
 
 

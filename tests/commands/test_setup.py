@@ -148,6 +148,7 @@ def test_what_is_wrong_is_named_and_what_we_can_repair_is_repaired(desk, tmp_pat
     assert set_handle(["zero", "--channel=leader_left", f"--rig={desk.name}", "--yes"]) == 0
 
 
+@pytest.mark.long
 def test_on_a_computer_adapters_and_cameras_are_those_of_the_kernel(tmp_path, monkeypatch, capsys):
     """The rig stands behind the interfaces that sysfs shows. The names of two say left and right, of two nothing."""
     sysfs = Sysfs(tmp_path / "sys")
@@ -186,6 +187,7 @@ def test_without_an_adapter_or_a_terminal_it_says_so(tmp_path, capsys, monkeypat
     assert "no terminal" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_leaders_without_motors_are_found(tmp_path, capsys):
     path = tmp_path / "rig.yaml"
     with running_rig(scene="passive_leaders") as rig:
@@ -195,6 +197,7 @@ def test_leaders_without_motors_are_found(tmp_path, capsys):
     assert "| desk station, follower yam |" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_the_left_arms_are_shown_by_their_wrists_and_an_interrupted_set_up_goes_on(tmp_path):
     path = tmp_path / "rig.yaml"
     with running_rig(scene=write_scene(tmp_path / "scene.yaml")) as rig:

@@ -82,7 +82,7 @@ def test_options_are_laid_over_the_file(write, rig, arm):
         ({"teleop": TWO["teleop"]}, "rig.yaml has no robot: run yam-setup with the followers plugged in"),
         ({"robot": NAMES_IT["robot"]}, "rig.yaml, robot: a rig's file holds the arms themselves"),
         ({"robot": {**ONE["robot"], "chanel": "x"}}, "rig.yaml, robot: The fields `chanel` are not valid"),
-        ({"robot": {**ONE["robot"], "kp": [1]}}, "rig.yaml, robot: yam_follower"),
+        ({"robot": {**ONE["robot"], "kp": [1]}}, "rig.yaml, robot: follower: kp takes 6 numbers"),
         ({"robot": {**ONE["robot"], "type": "yam_folower"}}, "rig.yaml, robot: Couldn't find a choice class for"),
         ("robot", "rig.yaml holds no YAML mapping"),
     ],

@@ -10,8 +10,10 @@ from lerobot.robots.config import RobotConfig
 from lerobot.teleoperators import make_teleoperator_from_config
 from lerobot.teleoperators.config import TeleoperatorConfig
 
+from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.doctor.kit.targets import from_config
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.face.devices.pair_check import Spoken, check_pair
 from lerobot_robot_yam.face.devices.rig_device import rig_device
 from lerobot_robot_yam.system.strict_yaml import read_yaml
 
@@ -37,11 +39,11 @@ def check_rig(path: Path) -> list[str]:
     from_config(path, None)  # options and values
     configs = {section: rig_device(_REGISTRIES[section], section, {"file": str(path)}) for section in document}
     _check_channels(path, configs)
-    # Made, not connected: two devices of one process check that they fit together. Cameras are yam-doctor's business.
-    bare = rig_device(RobotConfig, "robot", {"file": str(path), "cameras": False})
-    make_robot_from_config(bare)
-    if "teleop" in configs:
-        make_teleoperator_from_config(configs["teleop"])
+    bare = rig_device(RobotConfig, "robot", {"file": str(path), "cameras": False})  # those are yam-doctor's business
+    spoken = [_spoken(make_robot_from_config(bare), bare)]
+    if "teleop" in configs and hasattr(configs["teleop"], "arms"):
+        spoken.append(_spoken(make_teleoperator_from_config(configs["teleop"]), configs["teleop"]))
+        check_pair(*spoken)
     lines = [f"{section}: {config.type}, {', '.join(_channels(config))}" for section, config in configs.items()]
     cameras: Any = getattr(configs["robot"], "all_cameras", dict)()
     return [*lines, f"cameras: {', '.join(cameras) or 'none'}", f"{path} has no mistakes; yam-doctor looks at the arms"]
@@ -53,8 +55,17 @@ def _known(what: str, name: str, known: Any) -> None:
         raise ConfigError(f"{what} {name!r}" + (f"; {near[0]!r}?" if near else f"; there are {', '.join(known)}"))
 
 
+def _spoken(device: Any, config: Any) -> Spoken:
+    """How a device would speak, which is not connected."""
+    models = [
+        (load_arm(getattr(arm, "follower_arm", None) or arm.arm), load_gripper(getattr(arm, "ee_gripper", arm.gripper)))
+        for arm in config.arms().values()
+    ]
+    return Spoken(device.name, list(device.action_features), config.use_degrees, models)
+
+
 def _channels(config: Any) -> list[str]:
-    return [arm.channel for arm in config.arms().values()]
+    return [arm.channel for arm in config.arms().values()] if hasattr(config, "arms") else []
 
 
 def _check_channels(path: Path, configs: Mapping[str, Any]) -> None:
