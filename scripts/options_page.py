@@ -13,6 +13,7 @@ from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
 from lerobot_robot_yam.config_yam_env import YamEnvConfig
 from lerobot_robot_yam.config_yam_follower import FollowerOptions
 from lerobot_robot_yam.config_yam_realsense import YamRealsenseCameraConfig
+from lerobot_robot_yam.config_yam_rig import YamRigConfig
 from lerobot_strategy_yam.config_yam_dagger import YamDaggerStrategyConfig
 from lerobot_teleoperator_yam.config_yam_hand_guide import (
     BiYamHandGuideConfig,
@@ -61,6 +62,12 @@ _SECTIONS = [
         "A rollout that you share with the policy",
         "Options of `lerobot-rollout --strategy.type=yam_dagger`. See [rollout](rollout.md#corrections-arm-by-arm).",
         YamDaggerStrategyConfig,
+    ),
+    (
+        "A rig's file",
+        "Options of the robot `yam_rig`; the teleoperator of this type has them, too, but for `cameras`. See\n"
+        "[setup](setup.md).",
+        YamRigConfig,
     ),
     ("A virtual camera", "Options of a camera of type `yam_sim`.", YamSimCameraConfig),
     (

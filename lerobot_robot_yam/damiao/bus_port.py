@@ -11,6 +11,9 @@ import can
 from lerobot_robot_yam.errors import BusError
 from lerobot_robot_yam.system.clock import clock_of
 
+RESET_LINK = 'sudo "$(which yam-setup-can)" --reset'
+"""Command that takes a link down and up as the arms need it; the channel's name follows."""
+
 _STAMP_TRUST_S = 1.0  # a bus's own stamp is used when it lies at most this far in the past
 _EPOCH_S = 1e9  # stamps above are seconds since 1970, python-can's custom; below, seconds of the monotonic clock
 
@@ -115,11 +118,11 @@ class BusPort:
             number = errno.ENOBUFS
         if number == errno.ENOBUFS:
             advice = (
-                "frames wait, and no motor takes them: check the motors' power and the cable; or too few may wait "
-                f"(sudo ip link set {self.channel} txqueuelen 100)"
+                "frames wait, and no motor takes them: check the motors' power and the cable; or too few may wait: "
+                f"{RESET_LINK} {self.channel}"
             )
         else:
-            advice = f"check that the adapter is plugged in and the link is up (ip -details link show {self.channel})"
+            advice = f"check that the adapter is plugged in (yam-setup-can --list), then: {RESET_LINK} {self.channel}"
         found = BusError(f"CAN channel {self.channel}: {verb} failed ({error}); {advice}")
         found.errno = number
         return found

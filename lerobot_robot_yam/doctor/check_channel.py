@@ -1,7 +1,6 @@
 """One channel: is it free? Then ask what is on it; otherwise watch the session that drives it."""
 
 import dataclasses
-import errno
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,13 +10,13 @@ from lerobot_robot_yam.control.preflight.open_bus import open_bus
 from lerobot_robot_yam.damiao.motor_inspection import listen
 from lerobot_robot_yam.doctor.check_handle import handle_firmware, inspect_handle
 from lerobot_robot_yam.doctor.check_latency import measure_latency
-from lerobot_robot_yam.doctor.check_link import QUEUE_LENGTH, Link
+from lerobot_robot_yam.doctor.check_link import Link
 from lerobot_robot_yam.doctor.check_motors import inspect_motors
 from lerobot_robot_yam.doctor.check_session import driver_of, watch_session
 from lerobot_robot_yam.doctor.kit.findings import Report
 from lerobot_robot_yam.doctor.kit.questions import Questions
 from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Target
-from lerobot_robot_yam.errors import BusError, ChannelInUseError, YamError
+from lerobot_robot_yam.errors import ChannelInUseError, YamError
 from lerobot_robot_yam.state.records import lock_path
 from lerobot_robot_yam.system.runtime_files import FileLock
 
@@ -58,7 +57,7 @@ def examine_channel(
         report["channels"].problem(target.channel, str(error), "stop the program that drives this bus")
     except YamError as error:
         row["examined"] = "failed"
-        report["channels"].problem(target.channel, str(error), _bus_remedy(target, link, error))
+        report["channels"].problem(target.channel, str(error), _bus_remedy(target, link))
     finally:
         lock.release()
 
@@ -90,11 +89,8 @@ def _ask(bus: can.BusABC, target: Target, samples: int, report: Report, say: Cal
     return target
 
 
-def _bus_remedy(target: Target, link: Link | None, error: Exception) -> str:
+def _bus_remedy(target: Target, link: Link | None) -> str:
     """The remedy for a channel that failed while it was asked."""
     if not target.real:
         return "check the names of channel and rig"
-    link = link or Link(name=target.channel, up=True)
-    if isinstance(error, BusError) and error.errno == errno.ENOBUFS:
-        return link.repair(QUEUE_LENGTH)
-    return link.repair()
+    return (link or Link(name=target.channel, up=True)).repair()

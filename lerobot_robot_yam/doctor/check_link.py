@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from lerobot_robot_yam.damiao.bus_port import RESET_LINK
 from lerobot_robot_yam.damiao.tables import BITRATE
 from lerobot_robot_yam.doctor.kit.findings import Section
 
@@ -76,16 +77,15 @@ class Link:
         """Whether the transmit queue is full: another frame would get "No buffer space available"."""
         return bool(self.queue_length) and (self.waiting or 0) >= (self.queue_length or 0)
 
-    def repair(self, queue_length: int | None = None) -> str:
+    def repair(self) -> str:
         """The command that puts the interface (back) into the state that the arms need."""
-        words = ["sudo ip link set", self.name, "up"]
-        if queue_length is not None:
-            words.append(f"txqueuelen {queue_length}")  # `ip` takes it before the type only
-        words.append(f"type can bitrate {BITRATE}")
-        words += [f"{option} off" for mode, option in _WRONG_MODES.items() if mode in self.modes]
+        wrong = [f"{option} off" for mode, option in _WRONG_MODES.items() if mode in self.modes]
+        if not wrong:
+            return f"{RESET_LINK} {self.name}"
+        up = f"sudo ip link set {self.name} up txqueuelen {QUEUE_LENGTH} type can bitrate {BITRATE}"  # in this order
         if self.driver is not None and self.driver not in NO_RESTART:  # refused, it would leave the link down
-            words.append(f"restart-ms {RESTART_MS}")
-        return (f"sudo ip link set {self.name} down && " if self.up else "") + " ".join(words)
+            wrong.append(f"restart-ms {RESTART_MS}")
+        return " ".join([f"sudo ip link set {self.name} down &&", up, *wrong])
 
 
 def tool_output(command: Sequence[str]) -> tuple[str | None, str]:
@@ -154,9 +154,7 @@ def check_links(links: Sequence[Link], wanted: Sequence[str], section: Section) 
 def _check(link: Link, section: Section) -> None:
     name = link.name
     if not link.up:
-        short = (link.queue_length or QUEUE_LENGTH) < QUEUE_MIN  # of which nothing is said until it is up
-        repair = link.repair(QUEUE_LENGTH if short else None)
-        section.problem(name, "the interface is down (arms look unpowered)", repair)
+        section.problem(name, "the interface is down (arms look unpowered)", link.repair())
         return
     if link.state in _STOPPED:
         what = _BUS_OFF if link.state == "BUS-OFF" else f"the controller is {link.state.lower()}"
@@ -194,7 +192,7 @@ def _check_queue(link: Link, section: Section) -> None:
     if length is not None and link.full:
         what = f"no buffer space: {link.waiting} frames wait in a queue of {length} and none gets through, since "
         what += "nobody acknowledges them (arm without power, cable out) or the adapter hangs"
-        section.problem(name, what, link.repair(max(length, QUEUE_LENGTH)))
+        section.problem(name, what, link.repair())
     elif length is not None and length < QUEUE_MIN:
         what = f"the transmit queue holds only {length} frames (txqueuelen): a late tick gets 'No buffer space'"
         section.warn(name, what, f"sudo ip link set {name} txqueuelen {QUEUE_LENGTH}")

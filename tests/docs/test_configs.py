@@ -47,13 +47,24 @@ OF_DEVICES = [name for name in config_names() if not name.startswith("train/") a
 TRAINING = {"eval": EvalPipelineConfig, "train": TrainPipelineConfig}  # of one task each, under train/
 
 
+RIG_FILE = "rig.yaml"  # that the configs below rig/ name
+
+
+@pytest.fixture(autouse=True)
+def a_rig(tmp_path, monkeypatch):
+    """A rig's file where commands are run: the arms of the virtual rig."""
+    document = yaml.safe_load(config_path("sim/record").read_text())
+    (tmp_path / RIG_FILE).write_text(yaml.safe_dump({part: document[part] for part in ("robot", "teleop")}))
+    monkeypatch.chdir(tmp_path)
+
+
 def parse(name, *arguments):
     return draccus.parse(
         (COMMANDS | TRAINING)[name.rpartition("/")[2].rpartition("_")[2]], config_path(name), arguments
     )
 
 
-@pytest.mark.parametrize("place", ["sim", "real"])
+@pytest.mark.parametrize("place", ["sim", "real", "rig"])
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_has_a_config(place, command):
     assert f"{place}/{command}" in config_names()
@@ -107,7 +118,7 @@ def test_real_configs_use_four_named_channels():
 def test_recording_needs_no_account_and_speaks_to_people_at_real_arms(name):
     config = parse(name)
     assert not config.dataset.push_to_hub and config.dataset.streaming_encoding
-    assert config.play_sounds is name.startswith("real")
+    assert config.play_sounds is name.startswith(("real", "rig"))
 
 
 @pytest.mark.parametrize(
@@ -122,7 +133,7 @@ def test_ten_seconds_of_pictures_may_wait_for_the_encoder(name):
 def test_configs_are_commented(name):
     text = config_path(name).read_text()
     assert text.startswith("# ") and f"configs/{name}.yaml" in text.split("\n\n")[0]
-    if name.startswith("real/"):
+    if name.startswith(("real/", "rig/")):
         assert "HAZARD" in text or "Nothing may be between them" in text
 
 

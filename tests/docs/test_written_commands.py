@@ -50,6 +50,9 @@ def written():
                 yield pytest.param(command, id=f"{path.name} {command[:60]}", marks=marks)
 
 
+a_rig = test_configs.a_rig  # the rig.yaml that commands are given
+
+
 @pytest.mark.parametrize("command", list(written()))
 def test_lerobot_takes_what_is_written(command):
     program, *arguments = shlex.split(command)

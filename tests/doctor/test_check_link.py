@@ -1,6 +1,7 @@
 """Interface states, on the recorded output of the system's own tools (see recorded/README.md)."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -8,24 +9,22 @@ from lerobot_robot_yam.doctor.check_link import IP_COMMAND, check_links, parse_l
 from lerobot_robot_yam.doctor.kit.findings import Section, Severity
 from tests.support.doctor_desk import RECORDED, recorded
 
-UP = "sudo ip link set can_follower_l up type can bitrate 1000000"
-AGAIN = f"sudo ip link set can_follower_l down && {UP}"
+RESET = 'sudo "$(which yam-setup-can)" --reset can_follower_l'
+AGAIN = (
+    "sudo ip link set can_follower_l down && sudo ip link set can_follower_l up txqueuelen 100 type can bitrate 1000000"
+)
 PROBLEMS = {
-    "down": ("down", UP.replace("up type", "up txqueuelen 100 type")),
-    "bus_off": ("bus-off", f"{AGAIN} restart-ms 100"),
+    "down": ("down", RESET),
+    "bus_off": ("bus-off", RESET),
     "error_passive": ("transmit errors 128", "switch the arm's power on"),
-    "bitrate": ("500000 instead of 1000000", AGAIN),
-    "fixed_bitrate": ("500000 instead of 1000000", AGAIN),
+    "bitrate": ("500000 instead of 1000000", RESET),
+    "fixed_bitrate": ("500000 instead of 1000000", RESET),
     "can_fd": ("CAN FD is on", f"{AGAIN} fd off restart-ms 100"),
     "listen_only": ("listen-only", f"{AGAIN} listen-only off"),
-    "no_buffer": (
-        "no buffer space: 10 frames wait",
-        "sudo ip link set can_follower_l down && "
-        "sudo ip link set can_follower_l up txqueuelen 100 type can bitrate 1000000",
-    ),
+    "no_buffer": ("no buffer space: 10 frames wait", RESET),
 }
 WARNINGS = {
-    "bus_off": ("restart-ms is 0", f"{AGAIN} restart-ms 100"),
+    "bus_off": ("restart-ms is 0", RESET),
     "error_warning": ("error-warning", "terminators"),
     "no_buffer": ("4211 refused by a full queue", "power"),
     "generic_names": ("holds only 10 frames", "sudo ip link set can1 txqueuelen 100"),
@@ -73,7 +72,8 @@ def test_no_gs_usb_adapter_is_told_to_restart_by_itself():
     """Its driver cannot: the kernel would refuse the whole command, or crash at bus-off."""
     for path in RECORDED.glob("*.ip.json"):
         for link in parse_links(path.read_text()):
-            assert ("restart-ms" in link.repair()) == (link.driver in ("mcp251xfd", "peak_canfd"))
+            command = replace(link, modes=("FD",)).repair()
+            assert ("restart-ms" in command) == (link.driver in ("mcp251xfd", "peak_canfd"))
 
 
 def test_only_wanted_interfaces_have_findings():

@@ -7,14 +7,16 @@ from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.rig.client.sim_bus import YamSimBus
 from tests.support.doctor_desk import FOLLOWER, LEADER, LEADER_ARM, Sysfs, examine, found, replay_tools
 
+RESET = 'sudo "$(which yam-setup-can)" --reset can_follower_l'
+
 
 @pytest.mark.parametrize(
     "name, what, remedy",
     [
-        ("down", "interface is down", "sudo ip link set can_follower_l up txqueuelen 100 type can bitrate 1000000"),
-        ("bus_off", "bus-off", "sudo ip link set can_follower_l down && "),
-        ("bitrate", "500000", "sudo ip link set can_follower_l down && "),
-        ("no_buffer", "no buffer space", "up txqueuelen 100 type can bitrate 1000000"),
+        ("down", "interface is down", RESET),
+        ("bus_off", "bus-off", RESET),
+        ("bitrate", "500000", RESET),
+        ("no_buffer", "no buffer space", RESET),
     ],
 )
 def test_an_interface_in_a_bad_state_is_not_asked(tmp_path, monkeypatch, capsys, name, what, remedy):

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import can
 
 from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL, ArmConfig
+from lerobot_robot_yam.damiao.bus_port import RESET_LINK
 from lerobot_robot_yam.damiao.tables import BITRATE
 from lerobot_robot_yam.errors import BusError, YamError
 from lerobot_robot_yam.system.sleep_lock import kept_awake
@@ -50,8 +51,8 @@ def open_bus(config: ArmConfig, only: Sequence[int] | None = None) -> can.BusABC
             advice = f"take {SOCKETCAN}, or {VIRTUAL} for the virtual rig"
         elif config.interface == SOCKETCAN:
             advice = (
-                "is the adapter plugged in and the link up? "
-                f"(sudo ip link set {config.channel} up txqueuelen 100 type can bitrate {BITRATE})"
+                "is the adapter plugged in (yam-setup-can --list), and the link up? "
+                f"{RESET_LINK} {config.channel} brings it up"
             )
         else:
             advice = "is the adapter plugged in, and is that what the interface calls it?"

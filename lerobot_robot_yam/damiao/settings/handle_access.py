@@ -63,14 +63,18 @@ class HandleAccess:
                 f"{self.channel}: no teaching handle answers; check that this is a leader, its power and the handle's "
                 "cable (yam-identify tells what is on the channel)"
             )
-        self._send(encode_version_request())
-        devices = sorted({data[0] for data in self._frames(REQUEST_ID, _ANSWER_S) if decode_version(data)})
+        devices = self.devices()
         if len(devices) > 1:
             raise MotorError(
                 f"{self.channel}: {len(devices)} encoders answer ({', '.join(map(str, devices))}): this is a leader "
                 "without motors, or two handles share the bus; nothing was changed"
             )
         return version
+
+    def devices(self) -> list[int]:
+        """Numbers of the encoders that answer: one of a handle; of a leader without motors, one per joint and more."""
+        self._send(encode_version_request())
+        return sorted({data[0] for data in self._frames(REQUEST_ID, _ANSWER_S) if decode_version(data)})
 
     def report(self) -> HandleReport:
         """Trigger and buttons as they are. Raises MotorError: it does not say."""

@@ -17,6 +17,7 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.state.records import channel_key
 from lerobot_robot_yam.system.paths import user_path
+from lerobot_robot_yam.system.rig_file import ARMS_OF_TWO, device_of
 from lerobot_robot_yam.system.runtime_files import rig_name
 from lerobot_robot_yam.system.strict_yaml import read_yaml
 
@@ -32,7 +33,6 @@ DEVICE_OPTIONS = {
 # Of a leader with a follower; the rest of `LeadConfig` is no option.
 _LEADS = {field.name for field in dataclasses.fields(LeadConfig)} - {"together", "approach_s", "idle_speed_rad_s"}
 ARM_OPTIONS = {"robot": {"cameras"}, "teleop": {"ee_gripper", "follower_arm", "gate_together"} | _LEADS}
-_ARMS_OF_TWO = {"left_arm_config", "right_arm_config"}
 _REAL_CAMERAS = ("opencv", "intelrealsense", "yam_realsense")
 _DEVICES = {
     "robot": ("robots", ("yam_follower", "bi_yam_follower", "i2rt_yam_follower", "bi_i2rt_yam_follower")),
@@ -130,6 +130,8 @@ def from_config(path: Path, rig: str | None) -> Plan:
     environment = document.get("env")  # of an evaluation
     for section, (folder, types) in _DEVICES.items():
         device = document.get(section) or (environment.get(section) if isinstance(environment, Mapping) else None)
+        if isinstance(device, Mapping):
+            device = device_of(section, device)
         if not isinstance(device, Mapping) or device.get("type") not in types:
             continue
         cameras.update(_cameras(device))
@@ -177,7 +179,7 @@ def _arms(device: Mapping[str, Any], where: str) -> dict[str, Mapping[str, Any]]
 def _check_options(section: str, device: Mapping[str, Any], arms: Mapping[str, Mapping[str, Any]], where: str) -> None:
     """Refuse options that LeRobot would not know."""
     of_arm: Set[str] = _FIELDS | ARM_OPTIONS[section]
-    of_device: Set[str] = DEVICE_OPTIONS[section] | (of_arm if "" in arms else _ARMS_OF_TWO)
+    of_device: Set[str] = DEVICE_OPTIONS[section] | (of_arm if "" in arms else set(ARMS_OF_TWO))
     places: list[tuple[str, Mapping[str, Any], Set[str]]] = [(where, device, of_device)]
     places += [(f"{where}, {prefix}arm_config", arm, of_arm) for prefix, arm in arms.items() if prefix]
     for place, options, known in places:

@@ -13,6 +13,9 @@ from draccus.argparsing import ArgumentParser
 from draccus.utils import DraccusException, flatten
 from lerobot.configs import parser
 
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.system.rig_file import device_of
+
 # All that draccus raises: some errors of YAML, of files and of values in wrong places come through as they are.
 _NOT_PARSED = (argparse.ArgumentError, DraccusException, yaml.YAMLError, OSError, TypeError, ValueError)
 
@@ -66,7 +69,8 @@ def channels_of(device: str) -> dict[str, str]:
     path = parser.parse_arg("config_path")
     try:
         file = yaml.safe_load(Path(path).read_text()) if path is not None and Path(path).is_file() else {}
-    except (yaml.YAMLError, OSError):
+        file = {**file, device: device_of(device, file.get(device) or {})}
+    except (yaml.YAMLError, OSError, AttributeError, TypeError, ConfigError):  # LeRobot's parser says what is wrong
         file = {}
     found = {}
     for arm in ("", "left_arm_config.", "right_arm_config."):

@@ -45,5 +45,5 @@ def check_followers(leaders: Sequence[ArmConfig], driven: Collection[str]) -> No
         if config.interface == SOCKETCAN and not (_INTERFACES / lead.follower).exists():
             raise ConfigError(
                 f"{config.name}: its follower's channel {lead.follower} is no CAN interface of this computer "
-                "(ip link); is the adapter plugged in?"
+                "(yam-setup-can --list shows them); is the adapter plugged in?"
             )

@@ -19,7 +19,10 @@ class RigOperations(HandOperations):
     # reading
 
     def scene(self) -> dict[str, Any]:
-        """Arms with their placement, places, homes, seed, props, furniture and tasks; fields as in scene files."""
+        """Arms with their placement, places, homes, seed, props, furniture and tasks; fields as in scene files.
+
+        And the names of its cameras.
+        """
         return self.request("scene")
 
     def forces(self, channel: str) -> dict[str, Any]:

@@ -65,6 +65,7 @@ def _scene(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
         "props": [asdict(thing) for thing in scene.props],
         "furniture": [asdict(thing) for thing in scene.furniture],
         "tasks": [asdict(task) for task in scene.tasks],
+        "cameras": [camera.name for camera in scene.cameras],
     }
 
 

@@ -160,9 +160,7 @@ def test_no_buffer_space_while_asking(monkeypatch):
     examine_channel(from_option("can_x", "socketcan", None), link, 1, report, lambda text: None)
     (problem,) = report["channels"].findings
     assert "No buffer space" in problem.what
-    assert problem.remedy == (
-        "sudo ip link set can_x down && sudo ip link set can_x up txqueuelen 100 type can bitrate 1000000"
-    )
+    assert problem.remedy == 'sudo "$(which yam-setup-can)" --reset can_x'
 
 
 def test_histogram():

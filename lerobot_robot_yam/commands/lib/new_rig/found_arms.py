@@ -1,0 +1,153 @@
+"""What is on each CAN channel: a follower, a leader, a leader without motors, or nothing. Asks only; energises nothing.
+
+Registers of motors and the versions of handles tell it, as in `yam-identify`.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL, ArmConfig
+from lerobot_robot_yam.arm.mounting import arm_ids, gripper_id
+from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS, load_arm, load_gripper
+from lerobot_robot_yam.commands.lib.arm_command import own_bus
+from lerobot_robot_yam.control.preflight.fingerprint import Fingerprint, read_fingerprint
+from lerobot_robot_yam.control.preflight.role import Role, likely_gripper
+from lerobot_robot_yam.damiao.settings.handle_access import HandleAccess
+from lerobot_robot_yam.doctor.check_session import driver_of
+from lerobot_robot_yam.doctor.kit.can_adapters import read_adapters
+from lerobot_robot_yam.doctor.kit.targets import Target
+from lerobot_robot_yam.errors import ChannelInUseError, SetupError, YamError
+from lerobot_robot_yam.rig.client.rig_control import RigControl
+from lerobot_robot_yam.system.runtime_files import rig_name
+
+FOLLOWER, LEADER, PASSIVE = "follower", "leader", "leader without motors"
+HANDLE = "yam_teaching_handle"
+_IDS = sorted({can_id for name in ARMS for can_id in arm_ids(load_arm(name))})
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the arms are.
+
+    Attributes:
+        interface: python-can interface.
+        rig: name of the virtual rig, if that is where.
+        root: whose sysfs lists adapters and cameras; None: this computer's, and of a virtual rig its own channels.
+    """
+
+    interface: str
+    rig: str | None
+    root: Path | None
+
+    @classmethod
+    def of(cls, interface: str | None, rig: str | None, root: Path | None) -> "Place":
+        """As the options of a command say."""
+        interface = interface or (VIRTUAL if rig else SOCKETCAN)
+        return cls(interface, rig_name(rig)[0] if interface == VIRTUAL else None, root)
+
+    @property
+    def sysfs(self) -> Path:
+        """Root of sysfs."""
+        return (self.root or Path("/")) / "sys"
+
+    def channels(self) -> list[str]:
+        """Channels that there are.
+
+        Raises:
+            SetupError: none.
+            RigError: the rig cannot be reached.
+        """
+        if self.rig is not None and self.root is None:
+            with RigControl(self.rig, hold=False) as rig:
+                return [arm["channel"] for arm in rig.scene()["arms"]]
+        found = [adapter.name for adapter in read_adapters(self.sysfs)]
+        if not found:
+            raise SetupError("there is no CAN adapter; plug one in (`lsusb` lists what is plugged in)")
+        return found
+
+    def config(self, channel: str) -> ArmConfig:
+        """The arm on a channel, as far as nobody has been asked."""
+        return ArmConfig(name=channel, channel=channel, interface=self.interface, can_options=self.can_options)
+
+    @property
+    def can_options(self) -> dict[str, str]:
+        """Options of the channel's bus."""
+        return {} if self.rig is None else {"rig": self.rig}
+
+
+@dataclass(frozen=True)
+class FoundArm:
+    """One arm.
+
+    Attributes:
+        channel: CAN channel.
+        role: FOLLOWER, LEADER or PASSIVE.
+        arms, grippers: profiles that fit what answers, the likeliest first.
+        mark: firmware of the handle, or type of the gripper's motor, for the drawing.
+    """
+
+    channel: str
+    role: str
+    arms: tuple[str, ...]
+    grippers: tuple[str, ...]
+    mark: str
+
+
+def find_arms(place: Place, channels: Sequence[str], tell: Callable[[str], None]) -> list[FoundArm]:
+    """The arms on these channels; of a channel that has none, `tell` gets the reason.
+
+    Raises:
+        SetupError: none has.
+    """
+    found = []
+    for channel in channels:
+        try:
+            arm = _find(place.config(channel))
+        except ChannelInUseError as error:
+            tell(f"{channel}: left out: {error} ({driver_of(Target(place.config(channel)))}). End that session first")
+        except YamError as error:
+            tell(f"{channel}: left out: {error}")
+        else:
+            if arm is None:
+                tell(f"{channel}: nothing answers; check the arm's power, its emergency stop and the CAN cable")
+            else:
+                tell(f"{channel}: a {arm.role} ({arm.mark})")
+                found.append(arm)
+    if not found:
+        raise SetupError("no arm was found; yam-doctor says what is wrong")
+    return found
+
+
+def _find(config: ArmConfig) -> FoundArm | None:
+    with own_bus(config) as bus:
+        found = read_fingerprint(bus, config.channel, config.interface, _IDS)
+        devices = HandleAccess(bus, config.channel).devices() if found.handle_firmware else []
+    arms = tuple(name for name in ARMS if found.motors and _fits(name, found))
+    if len(devices) > 1:
+        return FoundArm(config.channel, PASSIVE, arms or ARMS, (HANDLE,), f"{len(devices)} encoders")
+    if not arms:
+        if found.motors:
+            kinds = ", ".join(f"{can_id}: {motor.kind}" for can_id, motor in sorted(found.motors.items()))
+            raise SetupError(f"motors answer that no arm has ({kinds}); yam-motors scan {config.on_command_line}")
+        return None
+    if found.handle_firmware is not None:
+        version = ".".join(map(str, found.handle_firmware))
+        return FoundArm(config.channel, LEADER, arms, (HANDLE,), f"handle {version}")
+    can_id = gripper_id(load_arm(arms[0]))
+    motor = found.motors.get(can_id)
+    likely = likely_gripper(Role(False, motor.gear_ratio if motor else None, can_id))
+    fitting = [name for name in GRIPPERS if motor and _gripper_motor(name) == motor.kind]
+    grippers = (likely, *(name for name in fitting if name != likely))
+    return FoundArm(config.channel, FOLLOWER, arms, grippers, f"gripper {motor.kind}" if motor else "no gripper motor")
+
+
+def _fits(name: str, found: Fingerprint) -> bool:
+    """Whether all of this arm's motors that answer are of its types; a missing one is the doctor's business."""
+    there = [motor for motor in load_arm(name).motors if motor.can_id in found.motors]
+    return bool(there) and all(motor.type == found.motors[motor.can_id].kind for motor in there)
+
+
+def _gripper_motor(name: str) -> str | None:
+    motor = load_gripper(name).motor
+    return None if motor is None else motor.type

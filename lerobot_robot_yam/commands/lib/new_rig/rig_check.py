@@ -1,0 +1,75 @@
+"""Mistakes in a rig's file, found by what yam-doctor and LeRobot's parser know. No arm is asked."""
+
+import difflib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from lerobot.robots import make_robot_from_config
+from lerobot.robots.config import RobotConfig
+from lerobot.teleoperators import make_teleoperator_from_config
+from lerobot.teleoperators.config import TeleoperatorConfig
+
+from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
+from lerobot_robot_yam.doctor.kit.targets import from_config
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.face.devices.pair_check import Spoken, check_pair
+from lerobot_robot_yam.face.devices.rig_device import rig_device
+from lerobot_robot_yam.system.strict_yaml import read_yaml
+
+_REGISTRIES: dict[str, Any] = {"robot": RobotConfig, "teleop": TeleoperatorConfig}
+
+
+def check_rig(path: Path) -> list[str]:
+    """What the file describes, in words.
+
+    Raises:
+        ConfigError: the first mistake; says where it is and, if something like it exists, what.
+    """
+    document = read_yaml(path)
+    for section in document:
+        _known(f"{path}: there is no part", str(section), _REGISTRIES)
+    if "robot" not in document:
+        raise ConfigError(f"{path} has no robot: the followers are missing")
+    for section, device in document.items():
+        if not isinstance(device, Mapping) or "type" not in device:
+            raise ConfigError(f"{path}, {section}: it has no type, such as bi_yam_follower")
+        ours = [name for name in _REGISTRIES[section].get_known_choices() if "yam" in name]
+        _known(f"{path}, {section}: there is no type", str(device["type"]), ours)
+    from_config(path, None)  # options and values
+    configs = {section: rig_device(_REGISTRIES[section], section, {"file": str(path)}) for section in document}
+    _check_channels(path, configs)
+    bare = rig_device(RobotConfig, "robot", {"file": str(path), "cameras": False})  # those are yam-doctor's business
+    spoken = [_spoken(make_robot_from_config(bare), bare)]
+    if "teleop" in configs and hasattr(configs["teleop"], "arms"):
+        spoken.append(_spoken(make_teleoperator_from_config(configs["teleop"]), configs["teleop"]))
+        check_pair(*spoken)
+    lines = [f"{section}: {config.type}, {', '.join(_channels(config))}" for section, config in configs.items()]
+    cameras: Any = getattr(configs["robot"], "all_cameras", dict)()
+    return [*lines, f"cameras: {', '.join(cameras) or 'none'}", f"{path} has no mistakes; yam-doctor looks at the arms"]
+
+
+def _known(what: str, name: str, known: Any) -> None:
+    if name not in known:
+        near = difflib.get_close_matches(name, known, 1)
+        raise ConfigError(f"{what} {name!r}" + (f"; {near[0]!r}?" if near else f"; there are {', '.join(known)}"))
+
+
+def _spoken(device: Any, config: Any) -> Spoken:
+    """How a device would speak, which is not connected."""
+    models = [
+        (load_arm(getattr(arm, "follower_arm", None) or arm.arm), load_gripper(getattr(arm, "ee_gripper", arm.gripper)))
+        for arm in config.arms().values()
+    ]
+    return Spoken(device.name, list(device.action_features), config.use_degrees, models)
+
+
+def _channels(config: Any) -> list[str]:
+    return [arm.channel for arm in config.arms().values()] if hasattr(config, "arms") else []
+
+
+def _check_channels(path: Path, configs: Mapping[str, Any]) -> None:
+    channels = [channel for config in configs.values() for channel in _channels(config)]
+    twice = {channel for channel in channels if channels.count(channel) > 1}
+    if twice:
+        raise ConfigError(f"{path}: channel {', '.join(twice)} is named twice; each arm has a channel of its own")

@@ -1,0 +1,88 @@
+"""The rig's file: what it says, and how it replaces an earlier one."""
+
+import difflib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from lerobot_robot_yam.commands.lib.new_rig.rig_plan import PlannedArm, RigPlan
+from lerobot_robot_yam.errors import SetupError
+from lerobot_robot_yam.system.paths import write_whole
+from lerobot_robot_yam.system.strict_yaml import merge
+
+_HEAD = """\
+# The rig "{ident}", written by yam-setup. lerobot-record and lerobot-teleoperate take this file itself. Configs of all
+# commands name it: robot: {{type: yam_rig, file: {name}}}. docs/setup.md says how; docs/options.md lists what can stand
+# here. yam-setup keeps the options that you add, but not your comments. yam-setup --check {name} looks for mistakes.
+#
+# HAZARD: the arms have no brakes. Keep people and things out of their reach, and two stops within yours.
+
+"""
+_CAMERAS = "cameras"
+
+
+def rig_document(plan: RigPlan) -> dict[str, Any]:
+    """What the file holds, for LeRobot's parser."""
+    document = {"robot": _device(plan.ident, "yam_follower", plan.followers) | {_CAMERAS: plan.cameras}}
+    if plan.leaders:
+        kind = "yam_passive_leader" if plan.passive else "yam_leader"
+        document["teleop"] = _device(plan.ident, kind, plan.leaders)
+    return document
+
+
+def _device(ident: str, kind: str, arms: Mapping[str, PlannedArm]) -> dict[str, Any]:
+    if "" in arms:
+        return {"type": kind, "id": ident, **arms[""].options}
+    return {"type": f"bi_{kind}", "id": ident} | {f"{side}_arm_config": arm.options for side, arm in arms.items()}
+
+
+def laid_over(earlier: Mapping[str, Any], document: Mapping[str, Any]) -> dict[str, Any]:
+    """The new document with the options that somebody has added to the earlier file."""
+    merged = {}
+    for section, device in document.items():
+        old = earlier.get(section)
+        if not isinstance(old, Mapping) or old.get("type") != device["type"]:
+            merged[section] = device
+            continue
+        merged[section] = merge(old, device)
+        if _CAMERAS in device:
+            merged[section][_CAMERAS] = _cameras(old.get(_CAMERAS) or {}, device[_CAMERAS])
+    return merged
+
+
+def _cameras(earlier: Mapping[str, Any], cameras: Mapping[str, Any]) -> dict[str, Any]:
+    """The new cameras only, with what was added to those that were there under the same name and of the same type."""
+    same = {name: earlier.get(name) or {} for name in cameras}
+    return {
+        name: merge(same[name], camera) if same[name].get("type") == camera["type"] else camera
+        for name, camera in cameras.items()
+    }
+
+
+def rig_text(path: Path, plan: RigPlan) -> str:
+    """The text of the file at `path`. Of an earlier file that YAML can read, added options stay."""
+    document: Mapping[str, Any] = rig_document(plan)
+    try:
+        earlier = yaml.safe_load(path.read_text()) if path.exists() else None
+    except (OSError, ValueError, yaml.YAMLError):
+        earlier = None  # the difference shows what goes
+    if isinstance(earlier, Mapping):
+        document = laid_over(earlier, document)
+    body = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True)
+    return _HEAD.format(ident=plan.ident, name=path.name) + body
+
+
+def difference(path: Path, text: str) -> str:
+    """What would change in the file, as a diff; empty when nothing would."""
+    before = path.read_text(errors="replace").splitlines() if path.exists() else []
+    return "\n".join(difflib.unified_diff(before, text.splitlines(), str(path), "new", lineterm=""))
+
+
+def write_rig(path: Path, text: str) -> None:
+    """Write the file whole. Raises SetupError: it cannot be written; an earlier one is as it was."""
+    try:
+        write_whole(path, text)
+    except OSError as error:
+        raise SetupError(f"{path} cannot be written: {error}; nothing was changed") from error

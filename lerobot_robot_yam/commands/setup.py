@@ -1,0 +1,115 @@
+"""Find the arms and cameras of a rig, ask what cannot be found out, and write one file that describes the rig.
+
+yam-setup                       writes rig.yaml here
+yam-setup lab.yaml              another file
+yam-setup --dry-run             shows what it finds, and writes nothing
+yam-setup --check lab.yaml      looks for mistakes in a file
+yam-setup --rig NAME            a virtual rig
+
+lerobot-record and lerobot-teleoperate take the file itself; the configs of all commands name it. Energises nothing.
+An earlier file is replaced only after its differences were shown. Exit status: 0 done; 1 it cannot be done, or the
+file has mistakes; 2 wrong arguments; 130 interrupted: run it again, it goes on.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from lerobot_robot_yam.commands.lib.arm_command import ask, need_terminal, run_command, tell
+from lerobot_robot_yam.commands.lib.new_rig.answers import Answers
+from lerobot_robot_yam.commands.lib.new_rig.found_arms import Place, find_arms
+from lerobot_robot_yam.commands.lib.new_rig.found_cameras import find_cameras
+from lerobot_robot_yam.commands.lib.new_rig.rig_document import difference, rig_text, write_rig
+from lerobot_robot_yam.commands.lib.new_rig.rig_drawing import draw_rig
+from lerobot_robot_yam.commands.lib.new_rig.rig_plan import RigPlan, plan_rig
+from lerobot_robot_yam.commands.lib.new_rig.rig_repairs import inspect_rig, repairs_of, run_repair
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.system.paths import user_path
+
+FILE = "rig.yaml"  # which the run configs of configs/rig name
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of `yam-setup`; returns the exit status."""
+    parser = argparse.ArgumentParser(
+        prog="yam-setup", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("file", nargs="?", type=user_path, default=Path(FILE), help=f"the rig's file (default {FILE})")
+    parser.add_argument("--check", action="store_true", help="look for mistakes in the file, and change nothing")
+    parser.add_argument("--dry-run", action="store_true", help="show what is found, and change nothing")
+    parser.add_argument("--yes", action="store_true", help="do not ask: take the usual answers, and make all changes")
+    parser.add_argument(
+        "--channel", action="append", metavar="NAME", help="an arm's channel, repeatable (default: all)"
+    )
+    parser.add_argument("--interface", help="python-can interface (default socketcan, with --rig yam_sim)")
+    parser.add_argument("--rig", help="name of a virtual rig")
+    parser.add_argument("--root", type=user_path, help="whose sys and dev list adapters and cameras (default /)")
+    args = parser.parse_args(arguments)
+    return run_command("yam-setup", lambda: _check(args) if args.check else _set_up(args))
+
+
+def _check(args: argparse.Namespace) -> int:
+    from lerobot_robot_yam.commands.lib.new_rig.rig_check import check_rig  # imports LeRobot, which takes seconds
+
+    try:
+        lines = check_rig(args.file)
+    except ConfigError as error:
+        message = str(error)
+        raise ConfigError(message if str(args.file) in message else f"{args.file}: {message}") from error
+    sys.stdout.write("\n".join(lines) + "\n")
+    return 0
+
+
+def _set_up(args: argparse.Namespace) -> int:
+    sure = args.yes or args.dry_run
+    need_terminal(sure)
+    place = Place.of(args.interface, args.rig, args.root)
+    arms = find_arms(place, args.channel or place.channels(), tell)
+    answers = Answers(args.file.with_name(args.file.name + ".answers"), sure)
+    plan = plan_rig(place, arms, find_cameras(place), answers)
+    sys.stdout.write(draw_rig(plan) + "\n")
+    sys.stdout.flush()
+    _repair(plan, args)
+    text = rig_text(args.file, plan)
+    changes = difference(args.file, text)
+    if not changes:
+        tell(f"{args.file} says so already")
+    elif args.dry_run:
+        sys.stdout.write(changes + "\n")
+    elif not _agreed(args, changes):
+        tell("nothing was written; run it again, it goes on")
+        return 1
+    else:
+        write_rig(args.file, text)
+        tell(f"{args.file} is written")
+    if not args.dry_run:
+        answers.forget()
+        tell(f"Now: yam-doctor --config_path={args.file}, then lerobot-calibrate (docs/setup.md)")
+    return 0
+
+
+def _agreed(args: argparse.Namespace, changes: str) -> bool:
+    """Whether an earlier file may be replaced; a new one may be written without a question."""
+    if not args.file.exists() or args.yes:
+        return True
+    tell(changes)
+    return ask(f"Make these changes in {args.file}? [Y/n]").lower() in ("", "y", "yes")
+
+
+def _repair(plan: RigPlan, args: argparse.Namespace) -> None:
+    findings = inspect_rig(plan, lambda text: tell(f"{text} …"))
+    commands = repairs_of(findings)
+    repaired = [finding for some in commands.values() for finding in some]
+    for finding in findings:
+        if finding not in repaired:
+            tell(f"{finding.severity}: {finding.where}: {finding.what}\n  -> {finding.remedy}")
+    for command, some in commands.items():
+        more = f", and {len(some) - 1} more like it" if len(some) > 1 else ""
+        tell(f"\n{some[0].severity}: {some[0].where}: {some[0].what}{more}\n  -> {command}")
+        if not args.dry_run and not run_repair(command, args.yes):
+            tell("that was left as it is; yam-doctor will name it again")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

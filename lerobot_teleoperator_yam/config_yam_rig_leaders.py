@@ -1,0 +1,25 @@
+"""LeRobot config of the leaders that a rig's file describes (`--teleop.type=yam_rig --teleop.file=rig.yaml`)."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from lerobot.teleoperators.config import TeleoperatorConfig
+
+from lerobot_robot_yam.arm.option import option
+from lerobot_robot_yam.face.registration import register_as
+from lerobot_robot_yam.system.rig_file import RIG_TYPE
+
+
+@register_as(TeleoperatorConfig, RIG_TYPE)
+@dataclass(kw_only=True)
+class YamRigLeadersConfig(TeleoperatorConfig):
+    """Making one gives the config that the file describes, of its own type."""
+
+    file: str = option("the rig's file, as yam-setup writes it; its `teleop` is taken")
+    options: dict[str, Any] = option("options laid over the file's, such as {buttons: record}", factory=dict)
+    arm_options: dict[str, Any] = option("options laid over those of each arm, such as {gate: auto}", factory=dict)
+
+    def __new__(cls, **given: Any) -> TeleoperatorConfig:  # of the type that the file says
+        from lerobot_robot_yam.face.devices.rig_device import rig_device  # LeRobot's start must not wait for it
+
+        return rig_device(TeleoperatorConfig, "teleop", given)
