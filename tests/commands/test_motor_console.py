@@ -2,9 +2,11 @@
 
 import signal
 import sys
+import time
 
 import pytest
 
+from lerobot_robot_yam.commands.lib.motor.motor_knob import SPEED_RAD_S
 from lerobot_robot_yam.commands.motors import main
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.session.yam_arm import YamArm
@@ -12,7 +14,7 @@ from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from tests.support.crooked_arm import arguments, config, events, motor_rad
 from tests.support.terminal import Terminal
 
-RIGHT = b"\x1b[C"
+UP, RIGHT = b"\x1b[A", b"\x1b[C"
 
 
 @pytest.fixture
@@ -52,6 +54,23 @@ def test_one_motor_follows_the_arrow_keys_and_is_let_down(arm, console, mode):
     assert first == last
     assert motor_rad(arm)["joint_6"] - before["joint_6"] == pytest.approx(0.25, abs=0.05)
     assert main(["read", "CTRL_MODE", *arguments(arm)]) == 0  # nobody holds the channel
+
+
+def test_keys_that_come_fast_do_not_make_the_motor_fast(arm, console):
+    """A key that is held down, or a text that is pasted: each key wakes the loop."""
+    terminal = console("--range", "1.5")
+    terminal.wait_shown("Type enable")
+    terminal.type(b"enable\n")
+    terminal.wait_shown("target")
+    terminal.type(UP * 2 + RIGHT * 6)
+    before, begin_s = motor_rad(arm)["joint_6"], time.monotonic()
+    while time.monotonic() - begin_s < 1.0:
+        terminal.type(b"x")
+        time.sleep(0.001)
+    moved, seconds = motor_rad(arm)["joint_6"] - before, time.monotonic() - begin_s
+    assert moved < 1.1 * SPEED_RAD_S * seconds + 0.1
+    terminal.type(b"q")
+    assert terminal.end() == 0
 
 
 @pytest.mark.long

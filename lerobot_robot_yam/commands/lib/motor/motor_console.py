@@ -29,6 +29,7 @@ from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.system.signals import end_session_on_signals, undisturbed
 
 _PERIOD_S = 0.01
+_LONGEST_S = 0.03  # of a period that the set-point makes up for
 _SHOWN_S = 0.1
 _SILENT_S = 0.2
 _AT_REST_RAD = 0.15
@@ -173,7 +174,8 @@ def _follow_keys(motor: _Motor, knob: Knob, terminal: UserTerminal) -> None:
         MotorError: the motor is silent, or reports a fault.
     """
     stop, q, stopped = EmergencyStop(), knob.start_rad, False
-    heard_s, shown_s = motor.clock.now(), -math.inf
+    heard_s = sent_s = motor.clock.now()
+    shown_s = -math.inf
     while not terminal.gone:
         before, stopped = stopped, stop.latched
         for key in _KEY.findall(terminal.typed(_PERIOD_S).decode(errors="replace")):
@@ -183,7 +185,9 @@ def _follow_keys(motor: _Motor, knob: Knob, terminal: UserTerminal) -> None:
                 knob.press(key, q)
         if stopped and not before:
             knob.stay(q)
-        state, now = motor.exchange(*knob.frame(motor.can_id, q, _PERIOD_S)), motor.clock.now()
+        last_s, sent_s = sent_s, motor.clock.now()  # keys that come fast make the loop fast
+        state = motor.exchange(*knob.frame(motor.can_id, q, min(sent_s - last_s, _LONGEST_S)))
+        now = motor.clock.now()
         if state is None and now - heard_s > _SILENT_S:
             raise MotorError(f"{motor.where} has fallen silent; its time-out lets it go")
         if state is None:
