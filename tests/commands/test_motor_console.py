@@ -98,6 +98,16 @@ def test_an_arm_in_the_air_is_said_to_be_and_asked_about(arm, console):
     assert "not confirmed; nothing was energised" in terminal.shown and not events(arm, "motor_enabled")
 
 
+def test_what_happens_while_the_question_waits_counts(arm, console):
+    terminal = console()
+    terminal.wait_shown("Type enable")
+    EmergencyStop().latch("somebody shouted")
+    terminal.type(b"enable\n")
+    assert terminal.end() == 1
+    EmergencyStop().release()
+    assert "the emergency stop is latched: somebody shouted" in terminal.shown and not events(arm, "motor_enabled")
+
+
 @pytest.mark.long
 def test_a_motor_that_fails_is_told_and_left_limp(arm, console):
     terminal = console()
@@ -138,8 +148,10 @@ def test_what_speaks_against_energising_is_named(arm, capsys, monkeypatch):
     EmergencyStop().latch("somebody shouted")
     assert "the emergency stop is latched: somebody shouted" in refused(arm, capsys, "console", "--motor", "joint_6")
     EmergencyStop().release()
-    arm.fault("only", "joint_6", "register", 0, register=int(Register.TIMEOUT))
-    assert "joint_6 has no time-out: it would go on for ever" in refused(arm, capsys, "console", "--motor", "joint_6")
+    for counts, lasts in ((0, "for ever"), (200_000, "for 10 s"), (2**32 - 1, "for 214748 s")):
+        arm.fault("only", "joint_6", "register", counts, register=int(Register.TIMEOUT))
+        said = refused(arm, capsys, "console", "--motor", "joint_6")
+        assert f"joint_6 goes on {lasts} if this program dies; set its time-out first" in said
     arm.fault("only", "joint_2", "nibble", 0xC)
     assert "joint_2 (id 2) reports 0xC" in refused(arm, capsys, "console", "--motor", "joint_6")
 

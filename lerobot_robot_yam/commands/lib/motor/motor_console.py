@@ -15,14 +15,14 @@ from lerobot_robot_yam.arm.mounting import gripper_id
 from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.commands.lib.arm_command import arm_config, ask, tell
-from lerobot_robot_yam.commands.lib.motor.motor_bench import MotorBench
+from lerobot_robot_yam.commands.lib.motor.motor_bench import SAFE_COUNTS, MotorBench
 from lerobot_robot_yam.commands.lib.motor.motor_knob import HELP, MODES, Knob
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
 from lerobot_robot_yam.control.preflight.role import likely_gripper, probe_role
 from lerobot_robot_yam.damiao.codec import SpecialCommand, encode_mit, ranges_of, unpack_feedback
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.settings.motor_memory import MotorState, read_state
-from lerobot_robot_yam.damiao.tables import ControlMode, Fault, fault_text, motor_type
+from lerobot_robot_yam.damiao.tables import TIMEOUT_COUNT_S, ControlMode, Fault, fault_text, motor_type
 from lerobot_robot_yam.errors import ConfigError, MotorError
 from lerobot_robot_yam.face.operator_keys.user_terminal import UserTerminal
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
@@ -50,14 +50,12 @@ def console(args: argparse.Namespace, bench: MotorBench) -> int:
     refuse_stopped(name, EmergencyStop())
     others = [other for other in bench.names if other != can_id and bench.access.replies(other, Register.ESC_ID)]
     bench.require_settable([can_id, *others])
-    if not bench.access.read(can_id, Register.TIMEOUT):
-        raise MotorError(
-            f"{bench.channel}: {name} has no time-out: it would go on for ever if this program died; set it first "
-            "(yam-motors timeout 0.4)"
-        )
+    _require_watchdog(bench, can_id)
     kind = bench.scan([can_id])[can_id].kind
     most_nm = _TORQUE_SHARE * motor_type(kind).torque_max_nm  # an unknown type is refused
     _confirm(args, bench, can_id)
+    refuse_stopped(name, EmergencyStop())  # again: the person may have taken their time
+    bench.require_settable([can_id, *others])
     state = read_state(bench.access, can_id)
     if state is None:
         raise MotorError(f"{bench.channel}: {name} gives no feedback; nothing was energised")
@@ -65,6 +63,17 @@ def console(args: argparse.Namespace, bench: MotorBench) -> int:
     _turn(_Motor(bench, can_id, kind), knob)
     tell(f"\n{name} is limp")
     return 0
+
+
+def _require_watchdog(bench: MotorBench, can_id: int) -> None:
+    """Refuse a motor that goes on for longer than an arm's motors do when this program dies. Raises MotorError."""
+    counts = bench.access.read(can_id, Register.TIMEOUT)
+    if counts is None or not 0 < counts <= SAFE_COUNTS:
+        lasts = f"for {counts * TIMEOUT_COUNT_S:g} s" if counts else "for ever"
+        raise MotorError(
+            f"{bench.channel}: {bench.name(can_id)} goes on {lasts} if this program dies; set its time-out first "
+            f"(yam-motors timeout {bench.config.on_command_line} 0.4)"
+        )
 
 
 def _turn(motor: "_Motor", knob: Knob) -> None:
