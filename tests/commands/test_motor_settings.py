@@ -57,6 +57,16 @@ def test_ids_that_were_half_stored_when_the_power_went_are_set_again(arm, capsys
     assert not list(state_home.iterdir())
 
 
+def test_two_motors_with_one_id_are_not_taken_for_one(arm, capsys, tmp_path):
+    path = tmp_path / "left.yaml"
+    assert run(arm, "dump", path) == 0
+    arm.fault("only", "joint_2", "duplicate")
+    for action in (["read"], ["dump", tmp_path / "mixed.yaml"], ["diff", path], ["timeout"]):
+        assert "2 motors answer to id 2" in refused(arm, capsys, *action)
+    assert not (tmp_path / "mixed.yaml").exists()
+    assert len(read(arm, capsys, "--motor", "joint_1")) == 1  # the others can be looked at
+
+
 # time-outs
 
 

@@ -29,8 +29,14 @@ class MotorState(NamedTuple):
 
 
 def read_contents(access: RegisterAccess, motor_id: int) -> Contents:
-    """All registers that the motor tells. Empty: it does not answer."""
-    if not access.replies(motor_id, Register.ESC_ID):
+    """All registers that the motor tells. Empty: it does not answer.
+
+    Raises:
+        MotorError: two have this id, and nobody knows which of them says what.
+    """
+    found = access.replies(motor_id, Register.ESC_ID)
+    _require_one(access, motor_id, len(found))
+    if not found:
         return {}
     told = {register: access.read(motor_id, register) for register in Register}
     return {register: value for register, value in told.items() if value is not None}
@@ -61,16 +67,20 @@ def require_alone(access: RegisterAccess, motor_id: int, name: str) -> None:
             f"{access.channel}: {name} (id {motor_id}) does not answer; check its power and cable, and look for it "
             "under another id (yam-motors scan)"
         )
-    if len(found) > 1:
-        raise MotorError(
-            f"{access.channel}: {len(found)} motors answer to id {motor_id}; nothing was changed. Unplug all but one "
-            "of them, and give that one its own id (yam-motors set-id)"
-        )
+    _require_one(access, motor_id, len(found))
     (reply,) = found
     if reply.identifier != reply.value:
         raise MotorError(
             f"{access.channel}: {name} (id {motor_id}) answers as 0x{reply.identifier:X}, but its MST_ID is "
             f"0x{int(reply.value):X}; nothing was changed. Switch the arm's power off and on, and try again"
+        )
+
+
+def _require_one(access: RegisterAccess, motor_id: int, answered: int) -> None:
+    if answered > 1:
+        raise MotorError(
+            f"{access.channel}: {answered} motors answer to id {motor_id}; nothing was changed. Unplug all but one of "
+            "them, and give that one its own id (yam-motors set-id)"
         )
 
 
