@@ -4,7 +4,7 @@ import argparse
 import contextlib
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from lerobot_robot_yam.commands.lib.arm_command import ask, table, tell
 from lerobot_robot_yam.commands.lib.motor.motor_bench import SAFE_COUNTS, MotorBench
@@ -28,10 +28,18 @@ _ELSEWHERE = {
 _SCALES = frozenset({Register.PMAX, Register.VMAX, Register.TMAX, Register.CTRL_MODE})
 
 
-def confirm(args: argparse.Namespace, word: str, question: str) -> None:
-    """Go on only if the word is typed, or with --yes. Raises ConfigError: another one is."""
-    if not args.yes and ask(f"Type {word} to {question}:") != word:
+def confirm(args: argparse.Namespace, bench: MotorBench, ids: Sequence[int], word: str, question: str) -> None:
+    """Go on only if the word is typed, or with --yes.
+
+    Raises:
+        ConfigError: another word is typed.
+        MotorError: one of these motors has been energised, or joined by another, while the question waited.
+    """
+    if args.yes:
+        return
+    if ask(f"Type {word} to {question}:") != word:
         raise ConfigError("not confirmed; nothing was changed")
+    bench.require_settable(ids)
 
 
 def write_registers(args: argparse.Namespace, bench: MotorBench, settings: Contents) -> int:
@@ -54,7 +62,7 @@ def store_motors(args: argparse.Namespace, bench: MotorBench) -> int:
     ids = bench.ids(args.motor)
     bench.require_settable(ids)
     named = ", ".join(map(bench.name, ids))
-    confirm(args, "store", f"store what {named} hold; flash bears a limited number of writes")
+    confirm(args, bench, ids, "store", f"store what {named} hold; flash bears a limited number of writes")
     kept = {can_id: bench.contents(can_id) for can_id in ids}
     with finished_first(WRITING), kept_until_stored(bench.channel, kept):
         _store_each(bench, dict.fromkeys(ids, {}))
@@ -144,7 +152,8 @@ def apply(
             "HAZARD: without a time-out a motor goes on with its last command for ever when its program or cable "
             "fails: an arm that pushes goes on pushing."
         )
-    confirm(args, word, "write this" + (" and store it" if store_too else " to RAM, until the power is switched off"))
+    question = "write this" + (" and store it" if store_too else " to RAM, until the power is switched off")
+    confirm(args, bench, list(new), word, question)
     before = {can_id: held[can_id] for can_id in new}
     kept = kept_until_stored(bench.channel, before) if store_too else contextlib.nullcontext()
     with finished_first(WRITING), kept:

@@ -31,9 +31,8 @@ def set_id(args: argparse.Namespace, bench: MotorBench, old: int, new: int, answ
         tell("the motor has these ids already; nothing was written")
         return 0
     _require_free(bench, old, new, answers)
-    confirm(
-        args, "set-id", f"give motor {old} (answers as {int(held[Register.MST_ID])}) id {new}, answering as {answers}"
-    )
+    question = f"give motor {old} (answers as {int(held[Register.MST_ID])}) id {new}, answering as {answers}"
+    confirm(args, bench, [old], "set-id", question)
     with finished_first(WRITING), kept_until_stored(bench.channel, {old: held}):
         _move(bench, old, new, int(held[Register.MST_ID]), answers)
         for name in store(bench.access, new):

@@ -1,14 +1,16 @@
 """All motors of a command are changed, or none; a motor that does not get its new id has its old one."""
 
+import io
 from argparse import Namespace
 
 import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.commands.lib.motor.motor_bench import MotorBench
-from lerobot_robot_yam.commands.lib.motor.motor_changes import apply
+from lerobot_robot_yam.commands.lib.motor.motor_changes import apply, store_motors
 from lerobot_robot_yam.commands.lib.motor.motor_ids import set_id
 from lerobot_robot_yam.damiao.registers import Register
+from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import MotorError
 from tests.support.stubborn_desk import StubbornDesk
 
@@ -26,6 +28,18 @@ def desk():
 def bench(desk, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     return MotorBench(ArmConfig(name="left", channel="desk"), desk)
+
+
+@pytest.fixture
+def energised_meanwhile(desk, monkeypatch):
+    """A person who energises motor 3 by another program before they answer."""
+
+    class Person(io.StringIO):
+        def readline(self):
+            desk.fault[3] = Fault.NORMAL
+            return super().readline()
+
+    return lambda word: monkeypatch.setattr("sys.stdin", Person(f"{word}\n"))
 
 
 def held(desk, register=Register.OT_VALUE):
@@ -51,3 +65,17 @@ def test_a_motor_that_keeps_its_id_keeps_all_of_them(desk, bench):
     with pytest.raises(MotorError, match="motor 9 answers 0 times, as nothing; it has its old ids again, nothing was"):
         set_id(YES, bench, 7, 9, 25)
     assert held(desk, Register.MST_ID) == [17, 18, 19, 20, 21, 22, 23] and desk.stored == []
+
+
+def test_a_motor_that_is_energised_while_the_question_waits_is_left_alone(desk, bench, energised_meanwhile):
+    asks = Namespace(yes=False, motor=["3"])
+    for word, change in (
+        ("write", lambda: apply(asks, bench, {3: HOT}, "write", store_too=True)),
+        ("store", lambda: store_motors(asks, bench)),
+        ("set-id", lambda: set_id(asks, bench, 3, 9, 25)),
+    ):
+        desk.fault[3] = Fault.DISABLED
+        energised_meanwhile(word)
+        with pytest.raises(MotorError, match="joint_3 .* is energised; nothing was changed"):
+            change()
+    assert held(desk) == [100.0] * 7 and desk.stored == [] and held(desk, Register.ESC_ID)[2] == 3
