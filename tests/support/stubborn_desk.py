@@ -1,5 +1,9 @@
 """A desk whose motors do not play along: registers that stay, stores that change others or are not confirmed."""
 
+import errno
+
+import can
+
 from lerobot_robot_yam.damiao.registers import Opcode, Register, decode_request
 from tests.support.desk_bus import SPECS, DeskBus
 
@@ -12,6 +16,7 @@ class StubbornDesk(DeskBus):
         lost_when_stored: what a store changes, by motor: register and value.
         unconfirmed: motors that do not answer a store.
         speechless: motors that answer registers and give no feedback.
+        unplugged_by: the motor after whose next setting the adapter is gone.
     """
 
     def __init__(self):
@@ -24,6 +29,17 @@ class StubbornDesk(DeskBus):
         self.unconfirmed: set[int] = set()
         self.speechless: set[int] = set()
         self.stored: list[int] = []
+        self.unplugged_by: int | None = None
+        self._unplugged = False
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        if self._unplugged:
+            raise can.CanOperationError("no such device", errno.ENODEV)
+        super().send(msg, timeout)
+        request = decode_request(bytes(msg.data))
+        self._unplugged = (
+            request is not None and request.opcode == Opcode.WRITE and request.motor_id == self.unplugged_by
+        )
 
     def _answer_register(self, data: bytes) -> None:
         request = decode_request(data)

@@ -7,7 +7,7 @@ from lerobot_robot_yam.damiao.codec import unpack_feedback
 from lerobot_robot_yam.damiao.registers import Register, encode_value
 from lerobot_robot_yam.damiao.settings.register_access import RegisterAccess
 from lerobot_robot_yam.damiao.tables import Fault, fault_text
-from lerobot_robot_yam.errors import MotorError
+from lerobot_robot_yam.errors import BusError, MotorError
 
 Contents = dict[Register, float | int]
 """What a motor's registers hold; those that it does not tell are missing."""
@@ -126,7 +126,7 @@ def put(access: RegisterAccess, motor_id: int, wanted: Mapping[Register, float |
         What those that were written held before.
 
     Raises:
-        MotorError: one did not take its value. Those written before were put back, or the message names them.
+        MotorError, BusError: one did not take its value. Those written before were put back, or the message names them.
     """
     written: Contents = {}
     try:
@@ -137,8 +137,8 @@ def put(access: RegisterAccess, motor_id: int, wanted: Mapping[Register, float |
             if not equal(register, old, value):
                 written[register] = old
                 access.write_and_check(motor_id, register, value)
-    except MotorError as error:
-        raise MotorError(f"{error}; {_put_back(access, motor_id, written)}") from error
+    except (MotorError, BusError) as error:
+        raise type(error)(f"{error}; {_put_back(access, motor_id, written)}") from error
     return written
 
 
@@ -147,7 +147,7 @@ def _put_back(access: RegisterAccess, motor_id: int, written: Contents) -> str:
     for register, value in written.items():
         try:
             access.write_and_check(motor_id, register, value)
-        except MotorError:
+        except (MotorError, BusError):
             left.append(f"{register.name} (was {value:g})")
     if left:
         return f"NOT PUT BACK: {', '.join(left)}. Nothing was stored: switch its power off and on, which undoes it"

@@ -13,7 +13,7 @@ from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.settings.motor_memory import Contents, changes, put, store
 from lerobot_robot_yam.damiao.settings.register_ranges import check_value
 from lerobot_robot_yam.damiao.tables import TIMEOUT_COUNT_S
-from lerobot_robot_yam.errors import ConfigError, MotorError, YamError
+from lerobot_robot_yam.errors import BusError, ConfigError, MotorError, YamError
 from lerobot_robot_yam.system.signals import finished_first
 
 WRITING = "registers are being written"
@@ -129,7 +129,8 @@ def apply(
 
     Raises:
         ConfigError: not confirmed.
-        MotorError: a motor did not take it. Those that had not been stored by then were put back.
+        MotorError, BusError: a motor did not take it. Those that had not been stored by then were put back, or the
+            message names them.
     """
     held = {can_id: bench.contents(can_id) for can_id in wanted}
     new = {
@@ -161,8 +162,8 @@ def apply(
         try:
             for can_id, values in new.items():
                 written[can_id] = put(bench.access, can_id, values)
-        except MotorError as error:
-            raise MotorError(f"{error}{_put_back(bench, written)}") from error
+        except (MotorError, BusError) as error:
+            raise type(error)(f"{error}{_put_back(bench, written)}") from error
         if store_too:
             _store_each(bench, written)
     differing = differences(bench.names, new, {can_id: bench.contents(can_id) for can_id in new})

@@ -11,7 +11,7 @@ from lerobot_robot_yam.commands.lib.motor.motor_changes import apply, store_moto
 from lerobot_robot_yam.commands.lib.motor.motor_ids import set_id
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import Fault
-from lerobot_robot_yam.errors import MotorError
+from lerobot_robot_yam.errors import BusError, MotorError
 from tests.support.stubborn_desk import StubbornDesk
 
 YES = Namespace(yes=True)
@@ -58,6 +58,13 @@ def test_one_motor_that_does_not_store_leaves_the_rest_as_they_were(desk, bench)
     with pytest.raises(MotorError, match="motor 3 did not confirm .* Stored before that: joint_1, joint_2. The other"):
         apply(YES, bench, dict.fromkeys(range(1, 8), HOT), "write", store_too=True)
     assert held(desk) == [90.0] * 3 + [100.0] * 4 and desk.stored == [1, 2, 3]
+
+
+def test_an_adapter_that_goes_leaves_the_person_knowing_which_motors_were_changed(desk, bench):
+    desk.unplugged_by = 3
+    with pytest.raises(BusError, match=r"NOT PUT BACK: OT_VALUE \(was 100\).*NOT PUT BACK: joint_1, joint_2; switch"):
+        apply(YES, bench, dict.fromkeys(range(1, 8), HOT), "write", store_too=False)
+    assert held(desk) == [90.0] * 3 + [100.0] * 4
 
 
 def test_a_motor_that_keeps_its_id_keeps_all_of_them(desk, bench):
