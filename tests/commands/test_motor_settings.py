@@ -123,6 +123,7 @@ def test_a_dump_of_another_arm_or_a_broken_one_is_not_restored(arm, capsys, tmp_
     assert "ESC_ID: it is not 1; change ids with yam-motors set-id" in with_changes(1, ESC_ID=2)
     assert "motor 11 (id 11) does not answer" in with_changes(11, OT_VALUE=90)
     assert "OT_VALUE takes values from 80" in with_changes(1, OT_VALUE=20)
+    assert "the time-out is 214748 s: give seconds, 0.05 to 10" in with_changes(1, TIMEOUT=2**32 - 1)
     path.write_text("version: 9\n")
     assert "is no dump of motors of version 1" in refused(arm, capsys, "restore", path, "--yes")
 

@@ -89,6 +89,8 @@ def restore_arm(args: argparse.Namespace, bench: MotorBench) -> int:
                 tell(f"note: {bench.name(can_id)}: {register.name} differs and stays as it is: {where}")
                 continue
             check_value(register, value)
+            if register is Register.TIMEOUT:
+                _check_seconds(value * TIMEOUT_COUNT_S)
             wanted.setdefault(can_id, {})[register] = value
     bench.require_settable(list(stored))
     return apply(args, bench, wanted, "restore", store_too=True)
@@ -107,11 +109,7 @@ def show_timeout(args: argparse.Namespace, bench: MotorBench) -> int:
 
 def set_timeout(args: argparse.Namespace, bench: MotorBench, seconds: float) -> int:
     """`yam-motors timeout SECONDS`: in RAM and flash, read back."""
-    if seconds and not _LEAST_S <= seconds <= _MOST_S:  # not a number, too
-        raise ConfigError(
-            f"the time-out is {seconds:g} s: give seconds, {_LEAST_S:g} to {_MOST_S:g}, or 0 for never. The register "
-            f"counts 50 µs: its factory value of {SAFE_COUNTS} is {SAFE_COUNTS * TIMEOUT_COUNT_S:g} s"
-        )
+    _check_seconds(seconds)
     ids = bench.ids(args.motor)
     bench.require_settable(ids)
     counts = round(seconds / TIMEOUT_COUNT_S)
@@ -120,6 +118,14 @@ def set_timeout(args: argparse.Namespace, bench: MotorBench, seconds: float) -> 
     status = apply(args, bench, {can_id: {Register.TIMEOUT: counts} for can_id in ids}, "timeout", store_too=True)
     tell("Switch the arm's power off and on: until then a motor may go by the old value")
     return status
+
+
+def _check_seconds(seconds: float) -> None:
+    if seconds and not _LEAST_S <= seconds <= _MOST_S:  # not a number, too
+        raise ConfigError(
+            f"the time-out is {seconds:g} s: give seconds, {_LEAST_S:g} to {_MOST_S:g}, or 0 for never. The register "
+            f"counts 50 µs: its factory value of {SAFE_COUNTS} is {SAFE_COUNTS * TIMEOUT_COUNT_S:g} s"
+        )
 
 
 def apply(
