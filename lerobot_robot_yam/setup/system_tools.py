@@ -2,9 +2,9 @@
 
 import subprocess
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 from lerobot_robot_yam.doctor.kit.can_adapters import Adapter
+from lerobot_robot_yam.doctor.kit.usb import text_of
 from lerobot_robot_yam.errors import ChannelInUseError, SetupError
 from lerobot_robot_yam.setup.adapter_rules import RULES
 from lerobot_robot_yam.setup.link_unit import UNIT, bring_up
@@ -40,15 +40,23 @@ class SystemTools:
             self._run("systemctl daemon-reload".split())
 
     def rename(self, interface: str, name: str) -> bool:
-        """Have a plugged-in adapter named by its rule and brought up; returns whether it is, or would be."""
+        """Have a plugged-in adapter named by its rule and brought up; returns whether it is, or would be.
+
+        It is not while another adapter has the name, such as when two swap theirs.
+        """
+        index = self._index(interface)
         if interface != name:
             self._run(["ip", "link", "set", interface, "down"])  # an interface that is up keeps its name
             self._run(["udevadm", "trigger", "--action=add", f"/sys/class/net/{interface}"])
             self._run(["udevadm", "settle"])
-        if not self._dry and not Path("/sys/class/net", name).exists():
+        if not self._dry and (index is None or self._index(name) != index):
             return False
         self._run(["systemctl", "restart", f"yam-can@{name}.service"])
         return True
+
+    def _index(self, interface: str) -> str | None:
+        """The kernel's number of an interface, which a renaming leaves; None when there is none."""
+        return text_of(self._files.root / "sys/class/net" / interface / "ifindex")
 
     def reset(self, adapter: Adapter) -> None:
         """Take a link down and bring it up."""
