@@ -11,7 +11,7 @@ from lerobot_robot_yam.setup.link_unit import UNIT, bring_up
 from lerobot_robot_yam.setup.rights import RULES_OF_DEVICES
 from lerobot_robot_yam.setup.system_files import Change, SystemFiles
 from lerobot_robot_yam.state.records import channel_key
-from lerobot_robot_yam.system.runtime_files import runtime_dirs, sessions
+from lerobot_robot_yam.system.runtime_files import lock_holders, runtime_dirs
 
 _TIMEOUT_S = 30.0
 
@@ -76,13 +76,13 @@ class SystemTools:
 
 
 def check_undriven(interfaces: Sequence[str]) -> None:
-    """Refuse to touch the link of an arm that a session of any user drives: the arm would fall.
+    """Refuse to touch a link that a program of any user holds: its arm would fall, or a motor be left half set up.
 
     Raises:
         ChannelInUseError: names the channel and the process.
     """
     keys = {channel_key("socketcan", name, None) for name in interfaces}
     for directory in runtime_dirs():
-        for key, process in sessions(directory).items():
+        for key, process in lock_holders(directory).items():
             if key in keys:
-                raise ChannelInUseError(f"{key} is driven by process {process}: end that session, which lands its arm")
+                raise ChannelInUseError(f"{key} is used by process {process}: end it, which lands its arm")
