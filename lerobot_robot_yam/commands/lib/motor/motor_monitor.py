@@ -37,7 +37,11 @@ def monitor_session(args: argparse.Namespace) -> int:
         facts = {"channel": config.channel, "load": load, "error_frames": traffic.error_frames, "others": others}
         sys.stdout.write(json.dumps({**facts, "motors": {str(i): row for i, row in figures.items()}}) + "\n")
         return 0
-    rows = [[names.get(i, f"motor {i}"), *(f"{value:g}" for value in row.values())] for i, row in figures.items()]
+    rows = [[names.get(i, f"motor {i}"), *map(_text, row.values())] for i, row in figures.items()]
     sys.stdout.write(table(_HEAD, rows) + "\n")
     tell(f"the wire was busy for {load:.0%} of the time; {traffic.error_frames} error frames")
     return 0
+
+
+def _text(value: float | None) -> str:
+    return "–" if value is None else f"{value:g}"
