@@ -2,6 +2,7 @@
 
 import argparse
 import logging
+import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -29,6 +30,14 @@ def add_arm_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--arm", default="yam", help=f"profile of the arm (default yam; {', '.join(ARMS)})")
     parser.add_argument("--gripper", help=f"profile of the gripper (default: what answers; {', '.join(GRIPPERS)})")
     parser.add_argument("--name", help="what the arm is called (default: its channel)")
+
+
+def seconds(text: str) -> float:
+    """A time on the command line. Raises argparse.ArgumentTypeError: none that passes."""
+    found = float(text)
+    if not 0.0 < found < math.inf:  # not a number, too
+        raise argparse.ArgumentTypeError(f"give a number of seconds above 0, not {text}")
+    return found
 
 
 def arm_config(args: argparse.Namespace, **fields: Any) -> ArmConfig:

@@ -2,22 +2,19 @@
 
 import argparse
 import json
-import math
 import sys
 
 from lerobot_robot_yam.commands.lib.arm_command import arm_config, table, tell
 from lerobot_robot_yam.commands.lib.motor.motor_bench import motor_names
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
 from lerobot_robot_yam.damiao.settings.traffic import Traffic
-from lerobot_robot_yam.errors import ConfigError, MotorError
+from lerobot_robot_yam.errors import MotorError
 
 _HEAD = ["motor", "commands", "lost", "p50 ms", "p99 ms", "max ms", "period p50 ms", "p99 ms", "max ms"]
 
 
 def monitor_session(args: argparse.Namespace) -> int:
     """`yam-motors monitor`."""
-    if not 0.0 < args.seconds < math.inf:
-        raise ConfigError(f"listen for some seconds, not {args.seconds:g}")
     config, traffic = arm_config(args), Traffic()
     names = motor_names(config)
     bus = open_bus(config)
