@@ -91,6 +91,10 @@ def test_an_arm_is_dumped_compared_and_restored(arm, capsys, tmp_path):
     path = tmp_path / "left.yaml"
     assert run(arm, "dump", path) == 0
     assert len(yaml.safe_load(path.read_text())["motors"]) == 7
+    arm.fault("only", "joint_4", "silent")
+    assert run(arm, "dump", tmp_path / "six.yaml") == 0
+    assert "note: without joint_4: no answer" in capsys.readouterr().err
+    arm.fault("only", "joint_4", "silent", False)
     assert run(arm, "diff", path) == 0
     assert "the motors hold what" in capsys.readouterr().err
     assert run(arm, "write", "OT_VALUE=90", "--motor", "joint_3,gripper", "--store", "--yes") == 0

@@ -92,6 +92,7 @@ def test_a_write_lasts_until_the_power_goes_and_a_stored_one_longer(arm, capsys)
     assert writes(arm)["joint_3"] == sum(writes(arm).values()) == 1
     assert run(arm, "write", "UV_VALUE=14", "--motor", "joint_3", "--yes") == 0
     assert run(arm, "store", "--motor", "joint_3", "--yes") == 0
+    assert "stored, and read back: joint_3" in capsys.readouterr().err
     cycle(arm, "joint_3")
     assert value(arm, capsys, "joint_3", "UV_VALUE") == 14.0
 

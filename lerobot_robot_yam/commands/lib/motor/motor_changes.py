@@ -66,6 +66,7 @@ def store_motors(args: argparse.Namespace, bench: MotorBench) -> int:
     kept = {can_id: bench.contents(can_id) for can_id in ids}
     with finished_first(WRITING), kept_until_stored(bench.channel, kept):
         _store_each(bench, dict.fromkeys(ids, {}))
+    tell(f"stored, and read back: {named}")
     return 0
 
 
