@@ -35,7 +35,8 @@ _SILENT_S = 0.2
 _AT_REST_RAD = 0.15
 _TORQUE_SHARE = 0.3  # of the motor's torque that the console asks for at most
 _LET_DOWN_S, _LET_DOWN_KD, _DISABLES = 1.5, 5.0, 3
-_QUIT = ("q", "\x04")
+_QUIT = ("q", "\x04", "\x1a")  # Ctrl-D and Ctrl-Z, too
+_CC = 6  # the characters, among what tcgetattr returns
 _KEY = re.compile(r"\x1b\[[A-D]|[^\x1b]")
 
 
@@ -84,6 +85,7 @@ def _turn(motor: "_Motor", knob: Knob) -> None:
         motor.enable(knob.mode)
         mode = termios.tcgetattr(sys.stdin.fileno())
         tty.cfmakecbreak(mode)
+        mode[_CC][termios.VSUSP] = b"\0"  # a program that is stopped by Ctrl-Z lets the joint fall
         terminal.set_mode(mode)
         tell(HELP)
         _follow_keys(motor, knob, terminal)
@@ -160,9 +162,11 @@ class _Motor:
             MotorError: it is still energised.
         """
         access, damping = self.bench.access, encode_mit(self._kind, 0.0, 0.0, 0.0, _LET_DOWN_KD, 0.0)
-        access.write(self.can_id, Register.CTRL_MODE, ControlMode.MIT)
-        deadline = self.clock.now() + _LET_DOWN_S
+        mode, deadline = None, self.clock.now() + _LET_DOWN_S
         while self.clock.now() < deadline:
+            if mode != ControlMode.MIT:  # in another one it goes on with its last command, and heeds no damping
+                access.write(self.can_id, Register.CTRL_MODE, ControlMode.MIT)
+                mode = access.read(self.can_id, Register.CTRL_MODE)
             state = self.exchange(self.can_id, damping)
             if state is not None and state.fault != Fault.NORMAL:
                 break
