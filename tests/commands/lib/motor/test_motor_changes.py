@@ -8,6 +8,7 @@ import pytest
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.commands.lib.motor.motor_bench import MotorBench
 from lerobot_robot_yam.commands.lib.motor.motor_changes import apply, store_motors
+from lerobot_robot_yam.commands.lib.motor.motor_dump import load_dump
 from lerobot_robot_yam.commands.lib.motor.motor_ids import set_id
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import Fault
@@ -58,6 +59,19 @@ def test_one_motor_that_does_not_store_leaves_the_rest_as_they_were(desk, bench)
     with pytest.raises(MotorError, match="motor 3 did not confirm .* Stored before that: joint_1, joint_2. The other"):
         apply(YES, bench, dict.fromkeys(range(1, 8), HOT), "write", store_too=True)
     assert held(desk) == [90.0] * 3 + [100.0] * 4 and desk.stored == [1, 2, 3]
+
+
+def test_what_is_kept_of_one_motor_is_not_taken_for_another_with_its_id(desk, bench, tmp_path):
+    desk.unconfirmed = {3}
+    for serial, file in ((1, "desk-3.yaml"), (2, "desk-3-no2.yaml"), (3, "desk-3-no3.yaml"), (2, "desk-3-no2.yaml")):
+        desk.registers[3] |= {Register.SN: serial, Register.OT_VALUE: 100.0}
+        with pytest.raises(MotorError, match=file):
+            apply(YES, bench, {3: HOT}, "write", store_too=True)
+        assert load_dump(tmp_path / "yam-motors" / file)[3][Register.SN] == serial
+    desk.unconfirmed = set()
+    desk.registers[3][Register.OT_VALUE] = 100.0
+    apply(YES, bench, {3: HOT}, "write", store_too=True)
+    assert sorted(path.name for path in (tmp_path / "yam-motors").iterdir()) == ["desk-3-no3.yaml", "desk-3.yaml"]
 
 
 def test_an_adapter_that_goes_leaves_the_person_knowing_which_motors_were_changed(desk, bench):
