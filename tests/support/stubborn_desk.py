@@ -14,6 +14,7 @@ class StubbornDesk(DeskBus):
     Attributes:
         stays: registers that keep their value, by motor.
         lost_when_stored: what a store changes, by motor: register and value.
+        reverts: the same, once.
         unconfirmed: motors that do not answer a store.
         speechless: motors that answer registers and give no feedback.
         unplugged_by: the motor after whose next setting the adapter is gone.
@@ -26,6 +27,7 @@ class StubbornDesk(DeskBus):
             registers[Register.OT_VALUE], registers[Register.UV_VALUE] = 100.0, 15.0
         self.stays: dict[int, set[Register]] = {}
         self.lost_when_stored: dict[int, dict[Register, float]] = {}
+        self.reverts: dict[int, dict[Register, float]] = {}
         self.unconfirmed: set[int] = set()
         self.speechless: set[int] = set()
         self.stored: list[int] = []
@@ -49,7 +51,7 @@ class StubbornDesk(DeskBus):
         held = self.registers[can_id]
         if opcode == Opcode.STORE:
             self.stored.append(can_id)
-            held |= self.lost_when_stored.get(can_id, {})
+            held |= self.lost_when_stored.get(can_id, {}) | self.reverts.pop(can_id, {})
             if can_id in self.unconfirmed:
                 return
         kept = dict(held)

@@ -182,15 +182,15 @@ def apply(
 
 def _store_each(bench: MotorBench, written: Mapping[int, Contents]) -> None:
     """Store motor by motor; `written` is what each held before, to put back where it does not come to that."""
-    done: list[int] = []
+    done: dict[int, list[str]] = {}
     for can_id in written:
         try:
-            again = store(bench.access, can_id)
+            done[can_id] = store(bench.access, can_id)
         except YamError as error:
             rest = {other: old for other, old in written.items() if other not in (*done, can_id)}
             stored = f". Stored before that: {', '.join(map(bench.name, done))}" if done else ""
             raise MotorError(f"{error}{stored}{_put_back(bench, rest)}") from error
-        done.append(can_id)
+    for can_id, again in done.items():  # not before all are stored: the terminal may have gone
         if again:
             tell(
                 f"note: storing put other registers of {bench.name(can_id)} back; {', '.join(again)} was written and "

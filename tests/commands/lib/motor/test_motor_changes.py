@@ -1,5 +1,7 @@
 """All motors of a command are changed, or none; a motor that does not get its new id has its old one."""
 
+import contextlib
+import errno
 import io
 from argparse import Namespace
 
@@ -59,6 +61,22 @@ def test_one_motor_that_does_not_store_leaves_the_rest_as_they_were(desk, bench)
     with pytest.raises(MotorError, match="motor 3 did not confirm .* Stored before that: joint_1, joint_2. The other"):
         apply(YES, bench, dict.fromkeys(range(1, 8), HOT), "write", store_too=True)
     assert held(desk) == [90.0] * 3 + [100.0] * 4 and desk.stored == [1, 2, 3]
+
+
+def test_a_terminal_that_is_closed_meanwhile_stops_nothing_half_way(desk, bench, monkeypatch):
+    """SIGHUP waits until all is stored, but what is said then goes nowhere."""
+
+    class Closed(io.StringIO):
+        def write(self, text):
+            if desk.stored:
+                raise OSError(errno.EIO, "Input/output error")
+            return super().write(text)
+
+    desk.reverts = {1: {Register.UV_VALUE: 20.0}}
+    monkeypatch.setattr("sys.stderr", Closed())
+    with contextlib.suppress(OSError):
+        apply(YES, bench, dict.fromkeys(range(1, 8), HOT), "write", store_too=True)
+    assert set(desk.stored) == set(range(1, 8))
 
 
 def test_what_is_kept_of_one_motor_is_not_taken_for_another_with_its_id(desk, bench, tmp_path):
