@@ -1,6 +1,7 @@
 """A desk whose motors do not play along: registers that stay, stores that change others or are not confirmed."""
 
 import errno
+import signal
 
 import can
 
@@ -17,6 +18,7 @@ class StubbornDesk(DeskBus):
         reverts: the same, once.
         unconfirmed: motors that do not answer a store.
         speechless: motors that answer registers and give no feedback.
+        interrupts: the person types Ctrl-C at the next store.
         unplugged_by: the motor after whose next setting the adapter is gone.
     """
 
@@ -31,6 +33,7 @@ class StubbornDesk(DeskBus):
         self.unconfirmed: set[int] = set()
         self.speechless: set[int] = set()
         self.stored: list[int] = []
+        self.interrupts = False
         self.unplugged_by: int | None = None
         self._unplugged = False
 
@@ -51,6 +54,9 @@ class StubbornDesk(DeskBus):
         held = self.registers[can_id]
         if opcode == Opcode.STORE:
             self.stored.append(can_id)
+            if self.interrupts:
+                self.interrupts = False
+                signal.raise_signal(signal.SIGINT)
             held |= self.lost_when_stored.get(can_id, {}) | self.reverts.pop(can_id, {})
             if can_id in self.unconfirmed:
                 return

@@ -64,9 +64,10 @@ def store_motors(args: argparse.Namespace, bench: MotorBench) -> int:
     named = ", ".join(map(bench.name, ids))
     confirm(args, bench, ids, "store", f"store what {named} hold; flash bears a limited number of writes")
     kept = {can_id: bench.contents(can_id) for can_id in ids}
-    with finished_first(WRITING), kept_until_stored(bench.channel, kept):
-        _store_each(bench, dict.fromkeys(ids, {}))
-    tell(f"stored, and read back: {named}")
+    with finished_first(WRITING):
+        with kept_until_stored(bench.channel, kept):
+            _store_each(bench, dict.fromkeys(ids, {}))
+        tell(f"stored, and read back: {named}")
     return 0
 
 
@@ -164,19 +165,20 @@ def apply(
     confirm(args, bench, list(new), word, question)
     before = {can_id: held[can_id] for can_id in new}
     kept = kept_until_stored(bench.channel, before) if store_too else contextlib.nullcontext()
-    with finished_first(WRITING), kept:
-        written: dict[int, Contents] = {}
-        try:
-            for can_id, values in new.items():
-                written[can_id] = put(bench.access, can_id, values)
-        except (MotorError, BusError) as error:
-            raise type(error)(f"{error}{_put_back(bench, written)}") from error
-        if store_too:
-            _store_each(bench, written)
-    differing = differences(bench.names, new, {can_id: bench.contents(can_id) for can_id in new})
-    if differing:
-        raise MotorError(f"{bench.channel}: read back, but not as written: {differing}")
-    tell("written, " + ("stored " if store_too else "") + "and read back")
+    with finished_first(WRITING):
+        with kept:
+            written: dict[int, Contents] = {}
+            try:
+                for can_id, values in new.items():
+                    written[can_id] = put(bench.access, can_id, values)
+            except (MotorError, BusError) as error:
+                raise type(error)(f"{error}{_put_back(bench, written)}") from error
+            if store_too:
+                _store_each(bench, written)
+        differing = differences(bench.names, new, {can_id: bench.contents(can_id) for can_id in new})
+        if differing:
+            raise MotorError(f"{bench.channel}: read back, but not as written: {differing}")
+        tell("written, " + ("stored " if store_too else "") + "and read back")
     return 0
 
 

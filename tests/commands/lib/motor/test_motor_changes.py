@@ -63,6 +63,17 @@ def test_one_motor_that_does_not_store_leaves_the_rest_as_they_were(desk, bench)
     assert held(desk) == [90.0] * 3 + [100.0] * 4 and desk.stored == [1, 2, 3]
 
 
+def test_ctrl_c_waits_for_the_end_and_the_end_is_told(desk, bench, capsys):
+    desk.interrupts = True
+    with pytest.raises(KeyboardInterrupt):
+        apply(YES, bench, dict.fromkeys(range(1, 8), HOT), "write", store_too=True)
+    assert held(desk) == [90.0] * 7 and "written, stored and read back" in capsys.readouterr().err
+    desk.interrupts = True
+    with pytest.raises(KeyboardInterrupt):
+        set_id(YES, bench, 7, 7, 30)
+    assert "motor 7 is now motor 7 and answers as 30; stored and read back" in capsys.readouterr().err
+
+
 def test_a_terminal_that_is_closed_meanwhile_stops_nothing_half_way(desk, bench, monkeypatch):
     """SIGHUP waits until all is stored, but what is said then goes nowhere."""
 
