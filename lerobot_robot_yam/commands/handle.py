@@ -1,7 +1,7 @@
 """Look at a leader's teaching handle and set it up. Energises nothing.
 
 yam-handle show --channel can_leader_l                          firmware, report mode, trigger, buttons
-yam-handle live --channel can_leader_l                          trigger and buttons live, until Ctrl-C
+yam-handle live --channel can_leader_l                          trigger and buttons live, until Enter
 yam-handle report --channel can_leader_l 0                      reports only when it is asked, as sessions need it
 yam-handle zero --channel can_leader_l                          the released trigger reads 0 from now on
 yam-handle range --channel can_leader_l --calibration left.json   learn how far this trigger goes
@@ -19,6 +19,7 @@ from lerobot_robot_yam.commands.lib.arm_command import (
     need_terminal,
     own_bus,
     run_command,
+    seconds,
     tell,
 )
 from lerobot_robot_yam.commands.lib.motor.motor_watch import ticks
@@ -56,13 +57,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     show = action("show", _show, "show firmware, report mode, trigger and buttons; reads only")
     show.add_argument("--json", action="store_true", help="print it as JSON")
     live = action("live", _live, "show trigger and buttons live; reads only")
-    live.add_argument("--seconds", type=float, help="for how long (default: until Ctrl-C)")
+    live.add_argument("--seconds", type=seconds, help="for how long (default: until Enter)")
     report = action("report", _report, "set how often it reports without being asked")
     report.add_argument("hz", type=int, help="0: only when asked, as sessions need it; at most 600")
     zero = action("zero", _zero, "make the released trigger read 0")
     zero.add_argument("--yes", action="store_true", default=False, help="do not ask; the trigger is released")
     learnt = action("range", _range, "learn how far this trigger goes, and keep it in a file")
-    learnt.add_argument("--seconds", type=float, default=_LEARN_S, help="how long to squeeze and let go (default 8)")
+    learnt.add_argument("--seconds", type=seconds, default=_LEARN_S, help="how long to squeeze and let go (default 8)")
     for sub, needed in ((learnt, True), (live, False), (show, False)):
         text = "file with the trigger's range: `calibration_path` of the leader"
         sub.add_argument("--calibration", type=user_path, required=needed, metavar="PATH", help=text)

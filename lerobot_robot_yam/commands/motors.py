@@ -25,6 +25,7 @@ from lerobot_robot_yam.commands.lib.arm_command import (
     need_terminal,
     own_bus,
     run_command,
+    seconds,
     table,
     tell,
 )
@@ -91,14 +92,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     diff = action("diff", _diff, "compare an arm with a file; exit status 1 when something differs", motors=False)
     restore = action("restore", restore_arm, "write back and store what differs from a file", motors=False, asks=True)
     watch = action("watch", watch_motors, "a live table of an arm's limp motors; reads only")
-    watch.add_argument("--seconds", type=float, help="for how long (default: until Enter or Ctrl-C)")
+    watch.add_argument("--seconds", type=seconds, help="for how long (default: until Enter or Ctrl-C)")
     keys = action("console", console, "ENERGISE one motor, and turn it by the arrow keys")
     keys.add_argument("--mode", choices=MODES, default="mit", help="how the motor is driven (default mit)")
     keys.add_argument("--range", type=float, default=0.5, help="how far from where it is, rad (default 0.5)")
     keys.set_defaults(yes=False)
     beside = actions.add_parser("monitor", help="beside a session: latency and lost answers; listens only")
     add_arm_arguments(beside)
-    beside.add_argument("--seconds", type=float, default=10.0, help="how long to listen (default 10)")
+    beside.add_argument("--seconds", type=seconds, default=10.0, help="how long to listen (default 10)")
     beside.add_argument("--json", action="store_true", help="print it as JSON")
     for sub in (dump, diff, restore):
         sub.add_argument("file", type=user_path, help="YAML file")

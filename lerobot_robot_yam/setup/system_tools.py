@@ -2,16 +2,16 @@
 
 import subprocess
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 from lerobot_robot_yam.doctor.kit.can_adapters import Adapter
+from lerobot_robot_yam.doctor.kit.usb import text_of
 from lerobot_robot_yam.errors import ChannelInUseError, SetupError
 from lerobot_robot_yam.setup.adapter_rules import RULES
 from lerobot_robot_yam.setup.link_unit import UNIT, bring_up
 from lerobot_robot_yam.setup.rights import RULES_OF_DEVICES
 from lerobot_robot_yam.setup.system_files import Change, SystemFiles
 from lerobot_robot_yam.state.records import channel_key
-from lerobot_robot_yam.system.runtime_files import runtime_dirs, sessions
+from lerobot_robot_yam.system.runtime_files import lock_holders, runtime_dirs
 
 _TIMEOUT_S = 30.0
 
@@ -40,15 +40,23 @@ class SystemTools:
             self._run("systemctl daemon-reload".split())
 
     def rename(self, interface: str, name: str) -> bool:
-        """Have a plugged-in adapter named by its rule and brought up; returns whether it is, or would be."""
+        """Have a plugged-in adapter named by its rule and brought up; returns whether it is, or would be.
+
+        It is not while another adapter has the name, such as when two swap theirs.
+        """
+        index = self._index(interface)
         if interface != name:
             self._run(["ip", "link", "set", interface, "down"])  # an interface that is up keeps its name
             self._run(["udevadm", "trigger", "--action=add", f"/sys/class/net/{interface}"])
             self._run(["udevadm", "settle"])
-        if not self._dry and not Path("/sys/class/net", name).exists():
+        if not self._dry and (index is None or self._index(name) != index):
             return False
         self._run(["systemctl", "restart", f"yam-can@{name}.service"])
         return True
+
+    def _index(self, interface: str) -> str | None:
+        """The kernel's number of an interface, which a renaming leaves; None when there is none."""
+        return text_of(self._files.root / "sys/class/net" / interface / "ifindex")
 
     def reset(self, adapter: Adapter) -> None:
         """Take a link down and bring it up."""
@@ -68,13 +76,13 @@ class SystemTools:
 
 
 def check_undriven(interfaces: Sequence[str]) -> None:
-    """Refuse to touch the link of an arm that a session of any user drives: the arm would fall.
+    """Refuse to touch a link that a program of any user holds: its arm would fall, or a motor be left half set up.
 
     Raises:
         ChannelInUseError: names the channel and the process.
     """
     keys = {channel_key("socketcan", name, None) for name in interfaces}
     for directory in runtime_dirs():
-        for key, process in sessions(directory).items():
+        for key, process in lock_holders(directory).items():
             if key in keys:
-                raise ChannelInUseError(f"{key} is driven by process {process}: end that session, which lands its arm")
+                raise ChannelInUseError(f"{key} is used by process {process}: end it, which lands its arm")

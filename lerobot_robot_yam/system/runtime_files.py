@@ -181,15 +181,17 @@ class FileLock:
 def sessions(directory: Path) -> dict[str, str]:
     """Processes that drive arms, by the channel's key, as the locks and states in a runtime directory say.
 
-    A session holds its channel's lock and publishes a state; a program that only asks the motors holds the lock alone.
+    A session holds its channel's lock and publishes a state; a program that sets motors up holds the lock alone.
     """
-    found = {}
-    for lock in sorted(directory.glob(f"{LOCK}*")):
-        key = lock.name.removeprefix(LOCK)
-        holder = _lock_holder(lock)
-        if holder is not None and os.path.lexists(directory / f"{STATE}{key}"):  # a link that a container cannot follow
-            found[key] = holder
-    return found
+    holders = lock_holders(directory).items()
+    # lexists: a state may be a link that a container cannot follow
+    return {key: holder for key, holder in holders if os.path.lexists(directory / f"{STATE}{key}")}
+
+
+def lock_holders(directory: Path) -> dict[str, str]:
+    """Processes that hold a channel, by its key, whatever they do with it: sessions, and programs that ask motors."""
+    locks = {lock.name.removeprefix(LOCK): _lock_holder(lock) for lock in sorted(directory.glob(f"{LOCK}*"))}
+    return {key: holder for key, holder in locks.items() if holder is not None}
 
 
 def _lock_holder(path: Path) -> str | None:

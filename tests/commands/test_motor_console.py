@@ -2,9 +2,11 @@
 
 import signal
 import sys
+import time
 
 import pytest
 
+from lerobot_robot_yam.commands.lib.motor.motor_knob import SPEED_RAD_S
 from lerobot_robot_yam.commands.motors import main
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.session.yam_arm import YamArm
@@ -12,7 +14,7 @@ from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from tests.support.crooked_arm import arguments, config, events, motor_rad
 from tests.support.terminal import Terminal
 
-RIGHT = b"\x1b[C"
+UP, RIGHT = b"\x1b[A", b"\x1b[C"
 
 
 @pytest.fixture
@@ -54,6 +56,41 @@ def test_one_motor_follows_the_arrow_keys_and_is_let_down(arm, console, mode):
     assert main(["read", "CTRL_MODE", *arguments(arm)]) == 0  # nobody holds the channel
 
 
+def test_keys_that_come_fast_do_not_make_the_motor_fast(arm, console):
+    """A key that is held down, or a text that is pasted: each key wakes the loop."""
+    terminal = console("--range", "1.5")
+    terminal.wait_shown("Type enable")
+    terminal.type(b"enable\n")
+    terminal.wait_shown("target")
+    terminal.type(UP * 2 + RIGHT * 6)
+    before, begin_s = motor_rad(arm)["joint_6"], time.monotonic()
+    while time.monotonic() - begin_s < 1.0:
+        terminal.type(b"x")
+        time.sleep(0.001)
+    moved, seconds = motor_rad(arm)["joint_6"] - before, time.monotonic() - begin_s
+    assert moved < 1.1 * SPEED_RAD_S * seconds + 0.1
+    terminal.type(b"q")
+    assert terminal.end() == 0
+
+
+@pytest.mark.long
+def test_a_motor_that_misses_its_end_is_told_again(arm, console):
+    """In the velocity mode it goes on turning, and heeds no damping, until it has heard that it is in the mode mit."""
+    terminal = console("--mode", "velocity", "--range", "3")
+    terminal.wait_shown("Type enable")
+    terminal.type(b"enable\n")
+    terminal.wait_shown("target")
+    terminal.type(RIGHT * 6)
+    terminal.wait_shown(" q +0.2")
+    arm.fault("only", "joint_6", "command_loss_rate", 1.0)
+    terminal.type(b"\x1a")  # Ctrl-Z would stop the program, so that the joint would fall: it quits
+    time.sleep(0.2)
+    arm.fault("only", "joint_6", "command_loss_rate", 0.0)
+    before = motor_rad(arm)["joint_6"]
+    assert terminal.end() == 0 and enabled(arm) == []
+    assert motor_rad(arm)["joint_6"] - before < 0.3
+
+
 @pytest.mark.long
 def test_the_velocity_mode_turns_until_it_is_told_to_stay(arm, console):
     before = motor_rad(arm)["joint_6"]
@@ -77,6 +114,16 @@ def test_an_arm_in_the_air_is_said_to_be_and_asked_about(arm, console):
     terminal.type(b"enable\n")
     assert terminal.end() == 1
     assert "not confirmed; nothing was energised" in terminal.shown and not events(arm, "motor_enabled")
+
+
+def test_what_happens_while_the_question_waits_counts(arm, console):
+    terminal = console()
+    terminal.wait_shown("Type enable")
+    EmergencyStop().latch("somebody shouted")
+    terminal.type(b"enable\n")
+    assert terminal.end() == 1
+    EmergencyStop().release()
+    assert "the emergency stop is latched: somebody shouted" in terminal.shown and not events(arm, "motor_enabled")
 
 
 @pytest.mark.long
@@ -119,8 +166,10 @@ def test_what_speaks_against_energising_is_named(arm, capsys, monkeypatch):
     EmergencyStop().latch("somebody shouted")
     assert "the emergency stop is latched: somebody shouted" in refused(arm, capsys, "console", "--motor", "joint_6")
     EmergencyStop().release()
-    arm.fault("only", "joint_6", "register", 0, register=int(Register.TIMEOUT))
-    assert "joint_6 has no time-out: it would go on for ever" in refused(arm, capsys, "console", "--motor", "joint_6")
+    for counts, lasts in ((0, "for ever"), (200_000, "for 10 s"), (2**32 - 1, "for 214748 s")):
+        arm.fault("only", "joint_6", "register", counts, register=int(Register.TIMEOUT))
+        said = refused(arm, capsys, "console", "--motor", "joint_6")
+        assert f"joint_6 goes on {lasts} if this program dies; set its time-out first" in said
     arm.fault("only", "joint_2", "nibble", 0xC)
     assert "joint_2 (id 2) reports 0xC" in refused(arm, capsys, "console", "--motor", "joint_6")
 

@@ -57,6 +57,16 @@ def test_ids_that_were_half_stored_when_the_power_went_are_set_again(arm, capsys
     assert not list(state_home.iterdir())
 
 
+def test_two_motors_with_one_id_are_not_taken_for_one(arm, capsys, tmp_path):
+    path = tmp_path / "left.yaml"
+    assert run(arm, "dump", path) == 0
+    arm.fault("only", "joint_2", "duplicate")
+    for action in (["read"], ["dump", tmp_path / "mixed.yaml"], ["diff", path], ["timeout"]):
+        assert "2 motors answer to id 2" in refused(arm, capsys, *action)
+    assert not (tmp_path / "mixed.yaml").exists()
+    assert len(read(arm, capsys, "--motor", "joint_1")) == 1  # the others can be looked at
+
+
 # time-outs
 
 
@@ -81,6 +91,10 @@ def test_an_arm_is_dumped_compared_and_restored(arm, capsys, tmp_path):
     path = tmp_path / "left.yaml"
     assert run(arm, "dump", path) == 0
     assert len(yaml.safe_load(path.read_text())["motors"]) == 7
+    arm.fault("only", "joint_4", "silent")
+    assert run(arm, "dump", tmp_path / "six.yaml") == 0
+    assert "note: without joint_4: no answer" in capsys.readouterr().err
+    arm.fault("only", "joint_4", "silent", False)
     assert run(arm, "diff", path) == 0
     assert "the motors hold what" in capsys.readouterr().err
     assert run(arm, "write", "OT_VALUE=90", "--motor", "joint_3,gripper", "--store", "--yes") == 0
@@ -113,6 +127,7 @@ def test_a_dump_of_another_arm_or_a_broken_one_is_not_restored(arm, capsys, tmp_
     assert "ESC_ID: it is not 1; change ids with yam-motors set-id" in with_changes(1, ESC_ID=2)
     assert "motor 11 (id 11) does not answer" in with_changes(11, OT_VALUE=90)
     assert "OT_VALUE takes values from 80" in with_changes(1, OT_VALUE=20)
+    assert "the time-out is 214748 s: give seconds, 0.05 to 10" in with_changes(1, TIMEOUT=2**32 - 1)
     path.write_text("version: 9\n")
     assert "is no dump of motors of version 1" in refused(arm, capsys, "restore", path, "--yes")
 

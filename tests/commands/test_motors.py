@@ -92,6 +92,7 @@ def test_a_write_lasts_until_the_power_goes_and_a_stored_one_longer(arm, capsys)
     assert writes(arm)["joint_3"] == sum(writes(arm).values()) == 1
     assert run(arm, "write", "UV_VALUE=14", "--motor", "joint_3", "--yes") == 0
     assert run(arm, "store", "--motor", "joint_3", "--yes") == 0
+    assert "stored, and read back: joint_3" in capsys.readouterr().err
     cycle(arm, "joint_3")
     assert value(arm, capsys, "joint_3", "UV_VALUE") == 14.0
 
@@ -164,6 +165,14 @@ def lasting(tmp_path_factory):
     """A rig with one arm, for what changes nothing."""
     with running_rig(scene=scene(tmp_path_factory.mktemp("scene"), [0.0] * 7)) as rig:
         yield rig
+
+
+@pytest.mark.parametrize("action", ["watch", "monitor"])
+@pytest.mark.parametrize("seconds", ["nan", "inf", "0", "-1", "long"])
+def test_a_time_that_does_not_pass_is_refused(capsys, action, seconds):
+    with pytest.raises(SystemExit):
+        main([action, "--channel", "nowhere", "--seconds", seconds])
+    assert "argument --seconds: " in capsys.readouterr().err
 
 
 # what speaks against a change

@@ -2,6 +2,7 @@
 
 import argparse
 import logging
+import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -55,6 +56,14 @@ def each_arm(args: argparse.Namespace) -> list[argparse.Namespace]:
         for index, arm in enumerate(arms):
             setattr(arm, option, None if values is None else values[index if len(values) > 1 else 0])
     return arms
+
+
+def seconds(text: str) -> float:
+    """A time on the command line. Raises argparse.ArgumentTypeError: none that passes."""
+    found = float(text)
+    if not 0.0 < found < math.inf:  # not a number, too
+        raise argparse.ArgumentTypeError(f"give a number of seconds above 0, not {text}")
+    return found
 
 
 def arm_config(args: argparse.Namespace, **fields: Any) -> ArmConfig:

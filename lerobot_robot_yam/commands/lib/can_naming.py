@@ -78,7 +78,7 @@ class Naming:
         self.named = named
         for name, interface in touched.items():
             if not self.tools.rename(interface, name):
-                tell(f"{interface} has not taken its name yet: plug it in again")
+                tell(f"{interface} is NOT {name} yet: unplug all adapters and plug them in again, or restart")
         return True
 
     def make(self, changes: Sequence[Change]) -> bool:

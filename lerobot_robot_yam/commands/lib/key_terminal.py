@@ -10,7 +10,8 @@ from contextlib import contextmanager
 from lerobot_robot_yam.face.operator_keys.user_terminal import UserTerminal
 from lerobot_robot_yam.system.signals import end_session_on_signals
 
-QUIT = ("q", "\x04")  # and Ctrl-D
+QUIT = ("q", "\x04", "\x1a")  # Ctrl-D and Ctrl-Z, too
+_CC = 6  # the characters, among what tcgetattr returns
 _KEY = re.compile(r"\x1b\[[A-D]|[^\x1b]")
 
 
@@ -25,6 +26,7 @@ def key_terminal() -> Iterator[UserTerminal]:
     try:
         mode = termios.tcgetattr(sys.stdin.fileno())
         tty.cfmakecbreak(mode)
+        mode[_CC][termios.VSUSP] = b"\0"  # a program that is stopped by Ctrl-Z lets the arm fall
         terminal.set_mode(mode)
         yield terminal
     finally:

@@ -7,7 +7,7 @@ from lerobot_robot_yam.damiao.codec import unpack_feedback
 from lerobot_robot_yam.damiao.registers import Register, encode_value
 from lerobot_robot_yam.damiao.settings.register_access import RegisterAccess
 from lerobot_robot_yam.damiao.tables import Fault, fault_text
-from lerobot_robot_yam.errors import MotorError
+from lerobot_robot_yam.errors import BusError, MotorError
 
 Contents = dict[Register, float | int]
 """What a motor's registers hold; those that it does not tell are missing."""
@@ -29,8 +29,14 @@ class MotorState(NamedTuple):
 
 
 def read_contents(access: RegisterAccess, motor_id: int) -> Contents:
-    """All registers that the motor tells. Empty: it does not answer."""
-    if not access.replies(motor_id, Register.ESC_ID):
+    """All registers that the motor tells. Empty: it does not answer.
+
+    Raises:
+        MotorError: two have this id, and nobody knows which of them says what.
+    """
+    found = access.replies(motor_id, Register.ESC_ID)
+    _require_one(access, motor_id, len(found))
+    if not found:
         return {}
     told = {register: access.read(motor_id, register) for register in Register}
     return {register: value for register, value in told.items() if value is not None}
@@ -61,16 +67,20 @@ def require_alone(access: RegisterAccess, motor_id: int, name: str) -> None:
             f"{access.channel}: {name} (id {motor_id}) does not answer; check its power and cable, and look for it "
             "under another id (yam-motors scan)"
         )
-    if len(found) > 1:
-        raise MotorError(
-            f"{access.channel}: {len(found)} motors answer to id {motor_id}; nothing was changed. Unplug all but one "
-            "of them, and give that one its own id (yam-motors set-id)"
-        )
+    _require_one(access, motor_id, len(found))
     (reply,) = found
     if reply.identifier != reply.value:
         raise MotorError(
             f"{access.channel}: {name} (id {motor_id}) answers as 0x{reply.identifier:X}, but its MST_ID is "
             f"0x{int(reply.value):X}; nothing was changed. Switch the arm's power off and on, and try again"
+        )
+
+
+def _require_one(access: RegisterAccess, motor_id: int, answered: int) -> None:
+    if answered > 1:
+        raise MotorError(
+            f"{access.channel}: {answered} motors answer to id {motor_id}; nothing was changed. Unplug all but one of "
+            "them, and give that one its own id (yam-motors set-id)"
         )
 
 
@@ -116,7 +126,7 @@ def put(access: RegisterAccess, motor_id: int, wanted: Mapping[Register, float |
         What those that were written held before.
 
     Raises:
-        MotorError: one did not take its value. Those written before were put back, or the message names them.
+        MotorError, BusError: one did not take its value. Those written before were put back, or the message names them.
     """
     written: Contents = {}
     try:
@@ -127,8 +137,8 @@ def put(access: RegisterAccess, motor_id: int, wanted: Mapping[Register, float |
             if not equal(register, old, value):
                 written[register] = old
                 access.write_and_check(motor_id, register, value)
-    except MotorError as error:
-        raise MotorError(f"{error}; {_put_back(access, motor_id, written)}") from error
+    except (MotorError, BusError) as error:
+        raise type(error)(f"{error}; {_put_back(access, motor_id, written)}") from error
     return written
 
 
@@ -137,7 +147,7 @@ def _put_back(access: RegisterAccess, motor_id: int, written: Contents) -> str:
     for register, value in written.items():
         try:
             access.write_and_check(motor_id, register, value)
-        except MotorError:
+        except (MotorError, BusError):
             left.append(f"{register.name} (was {value:g})")
     if left:
         return f"NOT PUT BACK: {', '.join(left)}. Nothing was stored: switch its power off and on, which undoes it"

@@ -49,12 +49,12 @@ class Heard:
             self.latency_s.append(at_s - self._asked_s)
         self._open = False
 
-    def figures(self) -> dict[str, float]:
-        """Commands, lost answers, and p50, p99 and maximum in ms."""
-        found: dict[str, float] = {"commands": self.commands, "lost": self.lost}
+    def figures(self) -> dict[str, float | None]:
+        """Commands, lost answers, and p50, p99 and maximum in ms; None where nothing was heard to tell them."""
+        found: dict[str, float | None] = {"commands": self.commands, "lost": self.lost}
         for name, seconds in (("latency_ms", self.latency_s), ("period_ms", self.period_s)):
-            values = np.percentile(seconds, (50, 99, 100)) * 1e3 if seconds else np.zeros(3)
-            found |= {f"{name}_{q}": round(float(v), 3) for q, v in zip(("p50", "p99", "max"), values, strict=True)}
+            values = (np.percentile(seconds, (50, 99, 100)) * 1e3).round(3).tolist() if seconds else [None] * 3
+            found |= {f"{name}_{q}": value for q, value in zip(("p50", "p99", "max"), values, strict=True)}
         return found
 
 

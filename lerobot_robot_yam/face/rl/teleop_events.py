@@ -1,7 +1,9 @@
 """What a person at the leaders tells LeRobot's RL stack: who drives, and how an episode ends."""
 
 import logging
+import math
 import threading
+import time
 from collections.abc import Callable, Mapping
 
 from lerobot.teleoperators.utils import TeleopEvents
@@ -16,6 +18,7 @@ from lerobot_robot_yam.state.records import ArmState
 logger = logging.getLogger(__name__)
 
 _PERIOD_S = 0.005  # of the look at the handles; LeRobot looks ten times a second
+_RESET_S = 0.5  # without a question: LeRobot has reset the arm meanwhile
 _END_S = 1.0
 
 _EVENTS = {
@@ -46,6 +49,7 @@ class TeleopEventWatch:
         self._ends = threading.Event()
         self._corrects = False
         self._came: set[TeleopEvents] = set()
+        self._asked_s = -math.inf
 
     def intervenes(self) -> bool:
         """Whether a person drives. Raises YamError: an arm is silent."""
@@ -57,10 +61,20 @@ class TeleopEventWatch:
         return self._corrects or bool(gates) and all(gate in LIFTED for gate in gates)
 
     def take(self) -> dict[TeleopEvents, bool]:
-        """The events since the last call, each told once, and whether a person drives. Raises YamError, see above."""
-        intervenes = self.intervenes()
+        """The events since the last call, each told once, and whether a person drives.
+
+        What came while nobody asked for half a second was meant for an episode that has ended, and is dropped.
+
+        Raises:
+            YamError: see `intervenes`.
+        """
+        intervenes, now_s = self.intervenes(), time.monotonic()
         with self._lock:
             came, self._came = self._came, set()
+        asked_s, self._asked_s = self._asked_s, now_s
+        if came and now_s - asked_s > _RESET_S:
+            logger.info("what was pressed while the arm was reset counts for nothing")
+            came = set()
         return {TeleopEvents.IS_INTERVENTION: intervenes, **{event: event in came for event in _ENDINGS}}
 
     def stop(self) -> None:

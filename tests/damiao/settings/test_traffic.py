@@ -34,4 +34,12 @@ def test_commands_of_every_mode_count_and_other_frames_do_not():
 def test_answers_to_nothing_are_no_latency():
     traffic = Traffic()
     traffic.take(frame(19, 1.0))
-    assert traffic.motors[3].figures()["latency_ms_max"] == 0.0
+    assert traffic.motors[3].figures()["latency_ms_max"] is None
+
+
+def test_a_motor_that_never_answers_has_no_latency_rather_than_a_perfect_one():
+    traffic = Traffic()
+    for tick in range(3):
+        traffic.take(frame(3, tick * 0.004))
+    figures = traffic.motors[3].figures()
+    assert (figures["lost"], figures["latency_ms_p99"]) == (2, None) and figures["period_ms_max"] == 4.0

@@ -90,6 +90,9 @@ class MotorBench:
             present = [can_id for can_id in self.names if self.access.replies(can_id, Register.ESC_ID)]
             if not present:
                 raise MotorError(nothing_answers(self.channel))
+            missing = [name for can_id, name in self.names.items() if can_id not in present and name != GRIPPER]
+            if missing:  # a leader has no gripper
+                tell(f"note: without {', '.join(missing)}: no answer")
             return present
         by_name = {name: can_id for can_id, name in self.names.items()}
         found = []

@@ -4,7 +4,7 @@ import argparse
 import contextlib
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from lerobot_robot_yam.commands.lib.arm_command import ask, table, tell
 from lerobot_robot_yam.commands.lib.motor.motor_bench import SAFE_COUNTS, MotorBench
@@ -13,7 +13,7 @@ from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.settings.motor_memory import Contents, changes, put, store
 from lerobot_robot_yam.damiao.settings.register_ranges import check_value
 from lerobot_robot_yam.damiao.tables import TIMEOUT_COUNT_S
-from lerobot_robot_yam.errors import ConfigError, MotorError, YamError
+from lerobot_robot_yam.errors import BusError, ConfigError, MotorError, YamError
 from lerobot_robot_yam.system.signals import finished_first
 
 WRITING = "registers are being written"
@@ -28,10 +28,18 @@ _ELSEWHERE = {
 _SCALES = frozenset({Register.PMAX, Register.VMAX, Register.TMAX, Register.CTRL_MODE})
 
 
-def confirm(args: argparse.Namespace, word: str, question: str) -> None:
-    """Go on only if the word is typed, or with --yes. Raises ConfigError: another one is."""
-    if not args.yes and ask(f"Type {word} to {question}:") != word:
+def confirm(args: argparse.Namespace, bench: MotorBench, ids: Sequence[int], word: str, question: str) -> None:
+    """Go on only if the word is typed, or with --yes.
+
+    Raises:
+        ConfigError: another word is typed.
+        MotorError: one of these motors has been energised, or joined by another, while the question waited.
+    """
+    if args.yes:
+        return
+    if ask(f"Type {word} to {question}:") != word:
         raise ConfigError("not confirmed; nothing was changed")
+    bench.require_settable(ids)
 
 
 def write_registers(args: argparse.Namespace, bench: MotorBench, settings: Contents) -> int:
@@ -54,10 +62,12 @@ def store_motors(args: argparse.Namespace, bench: MotorBench) -> int:
     ids = bench.ids(args.motor)
     bench.require_settable(ids)
     named = ", ".join(map(bench.name, ids))
-    confirm(args, "store", f"store what {named} hold; flash bears a limited number of writes")
+    confirm(args, bench, ids, "store", f"store what {named} hold; flash bears a limited number of writes")
     kept = {can_id: bench.contents(can_id) for can_id in ids}
-    with finished_first(WRITING), kept_until_stored(bench.channel, kept):
-        _store_each(bench, dict.fromkeys(ids, {}))
+    with finished_first(WRITING):
+        with kept_until_stored(bench.channel, kept):
+            _store_each(bench, dict.fromkeys(ids, {}))
+        tell(f"stored, and read back: {named}")
     return 0
 
 
@@ -81,6 +91,8 @@ def restore_arm(args: argparse.Namespace, bench: MotorBench) -> int:
                 tell(f"note: {bench.name(can_id)}: {register.name} differs and stays as it is: {where}")
                 continue
             check_value(register, value)
+            if register is Register.TIMEOUT:
+                _check_seconds(value * TIMEOUT_COUNT_S)
             wanted.setdefault(can_id, {})[register] = value
     bench.require_settable(list(stored))
     return apply(args, bench, wanted, "restore", store_too=True)
@@ -99,11 +111,7 @@ def show_timeout(args: argparse.Namespace, bench: MotorBench) -> int:
 
 def set_timeout(args: argparse.Namespace, bench: MotorBench, seconds: float) -> int:
     """`yam-motors timeout SECONDS`: in RAM and flash, read back."""
-    if seconds and not _LEAST_S <= seconds <= _MOST_S:  # not a number, too
-        raise ConfigError(
-            f"the time-out is {seconds:g} s: give seconds, {_LEAST_S:g} to {_MOST_S:g}, or 0 for never. The register "
-            f"counts 50 µs: its factory value of {SAFE_COUNTS} is {SAFE_COUNTS * TIMEOUT_COUNT_S:g} s"
-        )
+    _check_seconds(seconds)
     ids = bench.ids(args.motor)
     bench.require_settable(ids)
     counts = round(seconds / TIMEOUT_COUNT_S)
@@ -114,6 +122,14 @@ def set_timeout(args: argparse.Namespace, bench: MotorBench, seconds: float) -> 
     return status
 
 
+def _check_seconds(seconds: float) -> None:
+    if seconds and not _LEAST_S <= seconds <= _MOST_S:  # not a number, too
+        raise ConfigError(
+            f"the time-out is {seconds:g} s: give seconds, {_LEAST_S:g} to {_MOST_S:g}, or 0 for never. The register "
+            f"counts 50 µs: its factory value of {SAFE_COUNTS} is {SAFE_COUNTS * TIMEOUT_COUNT_S:g} s"
+        )
+
+
 def apply(
     args: argparse.Namespace, bench: MotorBench, wanted: Mapping[int, Contents], word: str, *, store_too: bool
 ) -> int:
@@ -121,7 +137,8 @@ def apply(
 
     Raises:
         ConfigError: not confirmed.
-        MotorError: a motor did not take it. Those that had not been stored by then were put back.
+        MotorError, BusError: a motor did not take it. Those that had not been stored by then were put back, or the
+            message names them.
     """
     held = {can_id: bench.contents(can_id) for can_id in wanted}
     new = {
@@ -144,36 +161,38 @@ def apply(
             "HAZARD: without a time-out a motor goes on with its last command for ever when its program or cable "
             "fails: an arm that pushes goes on pushing."
         )
-    confirm(args, word, "write this" + (" and store it" if store_too else " to RAM, until the power is switched off"))
+    question = "write this" + (" and store it" if store_too else " to RAM, until the power is switched off")
+    confirm(args, bench, list(new), word, question)
     before = {can_id: held[can_id] for can_id in new}
     kept = kept_until_stored(bench.channel, before) if store_too else contextlib.nullcontext()
-    with finished_first(WRITING), kept:
-        written: dict[int, Contents] = {}
-        try:
-            for can_id, values in new.items():
-                written[can_id] = put(bench.access, can_id, values)
-        except MotorError as error:
-            raise MotorError(f"{error}{_put_back(bench, written)}") from error
-        if store_too:
-            _store_each(bench, written)
-    differing = differences(bench.names, new, {can_id: bench.contents(can_id) for can_id in new})
-    if differing:
-        raise MotorError(f"{bench.channel}: read back, but not as written: {differing}")
-    tell("written, " + ("stored " if store_too else "") + "and read back")
+    with finished_first(WRITING):
+        with kept:
+            written: dict[int, Contents] = {}
+            try:
+                for can_id, values in new.items():
+                    written[can_id] = put(bench.access, can_id, values)
+            except (MotorError, BusError) as error:
+                raise type(error)(f"{error}{_put_back(bench, written)}") from error
+            if store_too:
+                _store_each(bench, written)
+        differing = differences(bench.names, new, {can_id: bench.contents(can_id) for can_id in new})
+        if differing:
+            raise MotorError(f"{bench.channel}: read back, but not as written: {differing}")
+        tell("written, " + ("stored " if store_too else "") + "and read back")
     return 0
 
 
 def _store_each(bench: MotorBench, written: Mapping[int, Contents]) -> None:
     """Store motor by motor; `written` is what each held before, to put back where it does not come to that."""
-    done: list[int] = []
+    done: dict[int, list[str]] = {}
     for can_id in written:
         try:
-            again = store(bench.access, can_id)
+            done[can_id] = store(bench.access, can_id)
         except YamError as error:
             rest = {other: old for other, old in written.items() if other not in (*done, can_id)}
             stored = f". Stored before that: {', '.join(map(bench.name, done))}" if done else ""
             raise MotorError(f"{error}{stored}{_put_back(bench, rest)}") from error
-        done.append(can_id)
+    for can_id, again in done.items():  # not before all are stored: the terminal may have gone
         if again:
             tell(
                 f"note: storing put other registers of {bench.name(can_id)} back; {', '.join(again)} was written and "

@@ -12,20 +12,21 @@ from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.commands.lib.arm_command import arm_config, ask, tell
 from lerobot_robot_yam.commands.lib.key_terminal import QUIT, key_terminal, typed_keys
-from lerobot_robot_yam.commands.lib.motor.motor_bench import MotorBench
+from lerobot_robot_yam.commands.lib.motor.motor_bench import SAFE_COUNTS, MotorBench
 from lerobot_robot_yam.commands.lib.motor.motor_knob import HELP, MODES, Knob
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
 from lerobot_robot_yam.control.preflight.role import likely_gripper, probe_role
 from lerobot_robot_yam.damiao.codec import SpecialCommand, encode_mit, ranges_of, unpack_feedback
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.settings.motor_memory import MotorState, read_state
-from lerobot_robot_yam.damiao.tables import ControlMode, Fault, fault_text, motor_type
+from lerobot_robot_yam.damiao.tables import TIMEOUT_COUNT_S, ControlMode, Fault, fault_text, motor_type
 from lerobot_robot_yam.errors import ConfigError, MotorError
 from lerobot_robot_yam.face.operator_keys.user_terminal import UserTerminal
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.system.signals import undisturbed
 
 _PERIOD_S = 0.01
+_LONGEST_S = 0.03  # of a period that the set-point makes up for
 _SHOWN_S = 0.1
 _SILENT_S = 0.2
 _AT_REST_RAD = 0.15
@@ -44,14 +45,12 @@ def console(args: argparse.Namespace, bench: MotorBench) -> int:
     refuse_stopped(name, EmergencyStop())
     others = [other for other in bench.names if other != can_id and bench.access.replies(other, Register.ESC_ID)]
     bench.require_settable([can_id, *others])
-    if not bench.access.read(can_id, Register.TIMEOUT):
-        raise MotorError(
-            f"{bench.channel}: {name} has no time-out: it would go on for ever if this program died; set it first "
-            "(yam-motors timeout 0.4)"
-        )
+    _require_watchdog(bench, can_id)
     kind = bench.scan([can_id])[can_id].kind
     most_nm = _TORQUE_SHARE * motor_type(kind).torque_max_nm  # an unknown type is refused
     _confirm(args, bench, can_id)
+    refuse_stopped(name, EmergencyStop())  # again: the person may have taken their time
+    bench.require_settable([can_id, *others])
     state = read_state(bench.access, can_id)
     if state is None:
         raise MotorError(f"{bench.channel}: {name} gives no feedback; nothing was energised")
@@ -59,6 +58,17 @@ def console(args: argparse.Namespace, bench: MotorBench) -> int:
     _turn(_Motor(bench, can_id, kind), knob)
     tell(f"\n{name} is limp")
     return 0
+
+
+def _require_watchdog(bench: MotorBench, can_id: int) -> None:
+    """Refuse a motor that goes on for longer than an arm's motors do when this program dies. Raises MotorError."""
+    counts = bench.access.read(can_id, Register.TIMEOUT)
+    if counts is None or not 0 < counts <= SAFE_COUNTS:
+        lasts = f"for {counts * TIMEOUT_COUNT_S:g} s" if counts else "for ever"
+        raise MotorError(
+            f"{bench.channel}: {bench.name(can_id)} goes on {lasts} if this program dies; set its time-out first "
+            f"(yam-motors timeout {bench.config.on_command_line} 0.4)"
+        )
 
 
 def _turn(motor: "_Motor", knob: Knob) -> None:
@@ -137,9 +147,11 @@ class _Motor:
             MotorError: it is still energised.
         """
         access, damping = self.bench.access, encode_mit(self._kind, 0.0, 0.0, 0.0, _LET_DOWN_KD, 0.0)
-        access.write(self.can_id, Register.CTRL_MODE, ControlMode.MIT)
-        deadline = self.clock.now() + _LET_DOWN_S
+        mode, deadline = None, self.clock.now() + _LET_DOWN_S
         while self.clock.now() < deadline:
+            if mode != ControlMode.MIT:  # in another one it goes on with its last command, and heeds no damping
+                access.write(self.can_id, Register.CTRL_MODE, ControlMode.MIT)
+                mode = access.read(self.can_id, Register.CTRL_MODE)
             state = self.exchange(self.can_id, damping)
             if state is not None and state.fault != Fault.NORMAL:
                 break
@@ -160,7 +172,8 @@ def _follow_keys(motor: _Motor, knob: Knob, terminal: UserTerminal) -> None:
         MotorError: the motor is silent, or reports a fault.
     """
     stop, q, stopped = EmergencyStop(), knob.start_rad, False
-    heard_s, shown_s = motor.clock.now(), -math.inf
+    heard_s = sent_s = motor.clock.now()
+    shown_s = -math.inf
     while not terminal.gone:
         before, stopped = stopped, stop.latched
         for key in typed_keys(terminal, _PERIOD_S):
@@ -170,7 +183,9 @@ def _follow_keys(motor: _Motor, knob: Knob, terminal: UserTerminal) -> None:
                 knob.press(key, q)
         if stopped and not before:
             knob.stay(q)
-        state, now = motor.exchange(*knob.frame(motor.can_id, q, _PERIOD_S)), motor.clock.now()
+        last_s, sent_s = sent_s, motor.clock.now()  # keys that come fast make the loop fast
+        state = motor.exchange(*knob.frame(motor.can_id, q, min(sent_s - last_s, _LONGEST_S)))
+        now = motor.clock.now()
         if state is None and now - heard_s > _SILENT_S:
             raise MotorError(f"{motor.where} has fallen silent; its time-out lets it go")
         if state is None:

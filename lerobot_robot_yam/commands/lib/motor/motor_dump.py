@@ -1,6 +1,7 @@
 """The file that holds the registers of an arm's motors, for people to read and for `yam-motors restore`."""
 
 import contextlib
+import itertools
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -83,13 +84,15 @@ def _said(register: Register, value: float | int | None) -> str:
 def kept_until_stored(channel: str, motors: Mapping[int, Contents]) -> Iterator[None]:
     """A file for each motor with its registers before they are changed, which stays if that fails half way.
 
-    One that an earlier failure has left is older, and is kept until it has gone well.
+    One that an earlier failure of the same motor has left is older, and is kept until it has gone well.
 
     Raises:
         YamError: what the block raised, with the files' paths; ConfigError: they cannot be written.
     """
     home = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "yam-motors"
-    paths = {can_id: home / f"{slug(channel)}-{can_id}.yaml" for can_id in motors}
+    paths = {
+        can_id: _kept_path(home / f"{slug(channel)}-{can_id}.yaml", can_id, held) for can_id, held in motors.items()
+    }
     for can_id, path in paths.items():
         if not path.exists():
             save_dump(path, channel, {can_id: motors[can_id]})
@@ -100,3 +103,13 @@ def kept_until_stored(channel: str, motors: Mapping[int, Contents]) -> Iterator[
         raise type(error)(f"{error}. The registers as they were before are in {where} (yam-motors restore)") from error
     for path in paths.values():
         path.unlink(missing_ok=True)
+
+
+def _kept_path(path: Path, can_id: int, held: Contents) -> Path:
+    """The path, or one beside it where an earlier failure has left a file of another motor with this id there."""
+    paths = itertools.chain([path], (path.with_stem(f"{path.stem}-no{number}") for number in itertools.count(2)))
+    return next(
+        free
+        for free in paths
+        if not free.exists() or all(register.writable for register in changes(load_dump(free)[can_id], held))
+    )

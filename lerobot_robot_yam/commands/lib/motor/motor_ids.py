@@ -31,16 +31,17 @@ def set_id(args: argparse.Namespace, bench: MotorBench, old: int, new: int, answ
         tell("the motor has these ids already; nothing was written")
         return 0
     _require_free(bench, old, new, answers)
-    confirm(
-        args, "set-id", f"give motor {old} (answers as {int(held[Register.MST_ID])}) id {new}, answering as {answers}"
-    )
-    with finished_first(WRITING), kept_until_stored(bench.channel, {old: held}):
-        _move(bench, old, new, int(held[Register.MST_ID]), answers)
-        for name in store(bench.access, new):
+    question = f"give motor {old} (answers as {int(held[Register.MST_ID])}) id {new}, answering as {answers}"
+    confirm(args, bench, [old], "set-id", question)
+    with finished_first(WRITING):
+        with kept_until_stored(bench.channel, {old: held}):
+            _move(bench, old, new, int(held[Register.MST_ID]), answers)
+            again = store(bench.access, new)
+            _verify(bench, new, answers)
+        for name in again:
             tell(f"note: storing put {name} back; it was written and stored again")
-        _verify(bench, new, answers)
-    tell(f"motor {old} is now motor {new} and answers as {answers}; stored and read back")
-    tell("Switch the arm's power off and on, and run yam-motors scan: it shows whether the motor has kept it")
+        tell(f"motor {old} is now motor {new} and answers as {answers}; stored and read back")
+        tell("Switch the arm's power off and on, and run yam-motors scan: it shows whether the motor has kept it")
     return 0
 
 
