@@ -23,7 +23,7 @@ def with_cameras(text: str, cameras: Mapping[str, Mapping[str, Any]]) -> str:
     Raises:
         ConfigError: the text is no YAML, or written in a way that this cannot change.
     """
-    for role, fields in reversed(cameras.items()):  # each new one comes before those that are there
+    for role, fields in reversed(list(cameras.items())):  # each new one comes before those that are there
         text = _with_camera(text, role, fields)
     return text
 

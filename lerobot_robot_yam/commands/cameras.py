@@ -3,7 +3,7 @@
 yam-cameras list                                          what is plugged in: serial numbers, links, formats
 yam-cameras preview sheet.png                             a picture of each camera on one sheet
 yam-cameras tune 841113021535                             finds the exposure of one camera, by measured brightness
-yam-cameras tune 841113021535 --config=rig.yaml           writes it down, too
+yam-cameras tune top --config=rig.yaml                    the camera of a role; writes the exposure down, too
 yam-cameras name --config=rig.yaml                        asks for the role of each camera, and writes it
 yam-cameras name --config=rig.yaml top=841113021535       writes this one
 
@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from lerobot_robot_yam.cameras.opening import Plugged, find_camera, plugged_cameras
+from lerobot_robot_yam.cameras.opening import Plugged, find_camera, listed, plugged_cameras
 from lerobot_robot_yam.cameras.role_names import ROLES, named_cameras, read_config, with_cameras
 from lerobot_robot_yam.cameras.video_devices import ROOT
 from lerobot_robot_yam.commands.lib.arm_command import ask, need_terminal, run_command, table, tell
@@ -46,13 +46,16 @@ def _parser() -> argparse.ArgumentParser:
     preview = works.add_parser("preview", help="write a picture of each camera on one sheet")
     preview.add_argument("sheet", type=user_path, metavar="FILE.png")
     tune = works.add_parser("tune", help="find the exposure of one camera")
-    tune.add_argument("serial", help="serial number or model")
+    tune.add_argument("camera", nargs="?", help="serial number, model, or role in the config; the only camera without")
     tune.add_argument("--target", type=float, default=0.45, help="mean brightness, 0 to 1 (default 0.45)")
     tune.add_argument("--sheet", type=user_path, metavar="FILE.png", help="write pictures of before and after")
     name = works.add_parser("name", help="write cameras by their roles into a config")
     name.add_argument("pairs", nargs="*", metavar="ROLE=SERIAL", help=f"without any, it asks ({', '.join(ROLES)}, …)")
     for work in (preview, tune, name):
-        work.add_argument("--config", type=user_path, required=work is name, help="run config with roles")
+        default = Path("cameras.yaml") if work is name else None
+        work.add_argument(
+            "--config", type=user_path, default=default, help="run config with roles (name: cameras.yaml)"
+        )
         work.add_argument("--width", type=int, default=640, help="pixels (default 640)")
         work.add_argument("--height", type=int, default=480, help="pixels (default 480)")
         work.add_argument("--fps", type=int, default=30, help="pictures per second (default 30)")
@@ -107,7 +110,7 @@ def _preview(args: argparse.Namespace) -> int:
 def _tune(args: argparse.Namespace) -> int:
     if not 0.0 < args.target < 1.0:
         raise ConfigError(f"--target {args.target:g} is out of range; brightness is between 0 and 1")
-    camera = find_camera(args.serial, args.root)
+    camera = _chosen(args)
     bench = Bench(args.width, args.height, args.fps)
     before, exposure, after = bench.tune(camera, args.target, tell)
     tell(f"before: {before}\nafter: {after}")
@@ -121,6 +124,21 @@ def _tune(args: argparse.Namespace) -> int:
         fields = {"type": "yam_realsense", "exposure": exposure}
         _write(args, dict.fromkeys(roles.values(), fields))
     return 0
+
+
+def _chosen(args: argparse.Namespace) -> Plugged:
+    """The camera to tune.
+
+    Raises:
+        CameraError: it is not there, or there are several and none was named.
+    """
+    if args.camera is not None:
+        roles = named_cameras(read_config(args.config)) if args.config else {}
+        return find_camera(str(roles.get(args.camera, {}).get("serial_number_or_name", args.camera)), args.root)
+    cameras = plugged_cameras(args.root)
+    if len(cameras) != 1:
+        raise CameraError(f"say which camera, by its serial number; there are: {listed(cameras)}")
+    return cameras[0]
 
 
 def _name(args: argparse.Namespace) -> int:

@@ -116,7 +116,7 @@ def test_preview_without_cameras(capsys, tree, tmp_path):
 def test_tune_finds_the_exposure_and_writes_it(capsys, realsense, tmp_path, config):
     sheet = tmp_path / "before_after.png"
     assert run(capsys, "name", f"top={LABEL}", f"--config={config}", "--yes", *SIZE)[0] == 0
-    status, out, err = run(capsys, "tune", LABEL, f"--sheet={sheet}", f"--config={config}", "--yes", *SIZE)
+    status, out, err = run(capsys, "tune", "top", f"--sheet={sheet}", f"--config={config}", "--yes", *SIZE)
     assert status == 0, err
     exposure = int(out.removeprefix("exposure: "))
     assert 0.41 * 4000 / 0.75 < exposure < 0.49 * 4000 / 0.75  # it gives 0.75 of full brightness at 4000 µs
@@ -131,6 +131,7 @@ def test_tune_says_what_it_cannot(capsys, tree, realsense, config):
     status, _, err = run(capsys, "tune", LABEL, f"--config={config}", *SIZE)
     assert status == 1 and f"names no camera {LABEL}: `yam-cameras name` writes it there" in err
     assert run(capsys, "tune", LABEL, "--target=2")[0] == 1
+    assert "say which camera, by its serial number; there are: none" in run(capsys, "tune", "--root", tree.root)[2]
     assert f"does not offer color 640x480 at 30 fps; it offers {WIDTH}x{HEIGHT}" in run(capsys, "tune", LABEL)[2]
     tree.realsense("video0", "2-1")
     put_video(tree.root / "dev/video0", 128)

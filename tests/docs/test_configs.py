@@ -75,7 +75,6 @@ def test_configs_parse_and_fit_together(name, tmp_path):
     config = parse(name)
     device = config.env.robot if name.endswith("/eval") else config.robot
     device.calibration_dir = tmp_path
-    device.cameras = {k: c for k, c in device.cameras.items() if c.type != "intelrealsense"}
     robot = make_robot_from_config(device)
     assert len(robot.action_features) == (7 if robot.name == "yam_follower" else 14)
     teleop = getattr(config, "teleop", None)
@@ -111,7 +110,7 @@ def test_real_configs_use_four_named_channels():
     config = parse("real/record")
     channels = [arm.channel for device in (config.robot, config.teleop) for arm in device.arms().values()]
     assert channels == ["can_follower_l", "can_follower_r", "can_leader_l", "can_leader_r"]
-    assert {camera.type for camera in config.robot.cameras.values()} == {"intelrealsense", "opencv"}
+    assert {camera.type for camera in config.robot.cameras.values()} == {"yam_realsense", "opencv"}
 
 
 @pytest.mark.parametrize("name", [name for name in config_names() if name.endswith("record")])

@@ -129,7 +129,7 @@ def test_the_doctor_names_the_calibration_of_this_very_robot(config, tmp_path, m
 def test_an_evaluation_knows_real_cameras():
     """`lerobot-eval` imports no camera itself."""
     code = "import lerobot_robot_yam, lerobot.envs.configs\nfrom lerobot.cameras.configs import CameraConfig\n"
-    code += "assert {'opencv', 'intelrealsense', 'yam_sim'} <= set(CameraConfig.get_known_choices())"
+    code += "assert {'opencv', 'intelrealsense', 'yam_realsense', 'yam_sim'} <= set(CameraConfig.get_known_choices())"
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
 
 
