@@ -60,21 +60,31 @@ class Grip(Protocol):
 
 
 class FirmGrip:
-    """A stiff spring at each joint, integrated with the physics."""
+    """A stiff and damped spring at each joint, integrated with the physics.
+
+    MuJoCo integrates damping implicitly, but not that of an actuator whose force is at its limit. There a damper that
+    turns a speed round within one step goes on doing so for ever, at half the rate of the steps. Energy decays in every
+    pose, whatever else moves, as long as
+
+        kd < 2 I / dt,   I the joint's rotor inertia, which is a lower bound of what its shaft moves.
+    """
 
     def __init__(self, world: World, channel: str):
         self._world = world
         count = world.profiles[channel][0].joint_count
         self._drives = [Drive(world, channel, f"hand_{i + 1}", (f"joint{i + 1}",), 0.0, 1.0) for i in range(count)]
         self.actuators = [drive.actuator for drive in self._drives]
+        inertia = world.model.dof_armature[world.joint_dofs(channel)]
+        self._kd = np.minimum(HAND_KD, inertia / world.timestep_s).tolist()
 
     def take_hold(self) -> None:
         """Begin to act."""
-        for drive in self._drives:
-            drive.set_gains(HAND_KP, HAND_KD)
+        for drive, kd in zip(self._drives, self._kd, strict=True):
+            drive.set_gains(HAND_KP, kd)
 
     def aim(self, q_rad: list[float], rates_rad_s: list[float]) -> None:
-        pull = [HAND_KP * target + HAND_KD * rate for target, rate in zip(q_rad, rates_rad_s, strict=True)]
+        moves = zip(q_rad, rates_rad_s, self._kd, strict=True)
+        pull = [HAND_KP * target + kd * rate for target, rate, kd in moves]
         self._world.data.ctrl[self.actuators] = pull
 
     def step(self) -> None:
