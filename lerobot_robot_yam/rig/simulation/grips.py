@@ -10,7 +10,7 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.world.mechanics import Ballast, Drive
 from lerobot_robot_yam.rig.world.outer_forces import OuterForces
 from lerobot_robot_yam.rig.world.world import World
-from lerobot_robot_yam.rig.world.world_model import HAND_KD, HAND_KP
+from lerobot_robot_yam.rig.world.world_model import HAND_KD, HAND_KP, HAND_TORQUE_NM
 
 _RESIST_NM = 2.5  # a leader that floats takes less than 1 Nm at any joint
 _RESIST_N = 25.0  # the same at the tool
@@ -63,10 +63,10 @@ class FirmGrip:
     """A stiff and damped spring at each joint, integrated with the physics.
 
     MuJoCo integrates damping implicitly, but not that of an actuator whose force is at its limit. There a damper that
-    turns a speed round within one step goes on doing so for ever, at half the rate of the steps. Energy decays in every
-    pose, whatever else moves, as long as
+    turns a light joint's speed round within one step goes on doing so for ever, at half the rate of the steps. So a
+    joint at its limit has a weaker one, with which energy decays in every pose, whatever else moves:
 
-        kd < 2 I / dt,   I the joint's rotor inertia, which is a lower bound of what its shaft moves.
+        kd < 2 I / dt,   I the joint's rotor inertia, a lower bound of what it moves
     """
 
     def __init__(self, world: World, channel: str):
@@ -75,17 +75,18 @@ class FirmGrip:
         self._drives = [Drive(world, channel, f"hand_{i + 1}", (f"joint{i + 1}",), 0.0, 1.0) for i in range(count)]
         self.actuators = [drive.actuator for drive in self._drives]
         inertia = world.model.dof_armature[world.joint_dofs(channel)]
-        self._kd = np.minimum(HAND_KD, inertia / world.timestep_s).tolist()
+        self._kd_at_limit = np.minimum(HAND_KD, inertia / world.timestep_s).tolist()
 
     def take_hold(self) -> None:
         """Begin to act."""
-        for drive, kd in zip(self._drives, self._kd, strict=True):
-            drive.set_gains(HAND_KP, kd)
+        for drive in self._drives:
+            drive.set_gains(HAND_KP, HAND_KD)
 
     def aim(self, q_rad: list[float], rates_rad_s: list[float]) -> None:
-        moves = zip(q_rad, rates_rad_s, self._kd, strict=True)
-        pull = [HAND_KP * target + kd * rate for target, rate, kd in moves]
-        self._world.data.ctrl[self.actuators] = pull
+        for drive, target, rate, kd_at_limit in zip(self._drives, q_rad, rates_rad_s, self._kd_at_limit, strict=True):
+            asked = HAND_KP * (target - drive.angle()) + HAND_KD * (rate - drive.velocity())
+            kd = HAND_KD if abs(asked) < HAND_TORQUE_NM else kd_at_limit
+            drive.command(target, rate, HAND_KP, kd, 0.0)
 
     def step(self) -> None:
         """Nothing: the physics does it."""
