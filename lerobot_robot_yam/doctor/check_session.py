@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from lerobot_robot_yam.arm.config import passive_of
 from lerobot_robot_yam.damiao.tables import Fault, fault_text
 from lerobot_robot_yam.doctor.kit.findings import Section
 from lerobot_robot_yam.doctor.kit.targets import Target
@@ -18,6 +19,7 @@ from lerobot_robot_yam.system.shared_block import SharedBlock
 
 _WATCH_S = 0.5
 _LOST_MAX = 0.01  # share of lost replies
+_ENCODER_SILENT_MS = 100.0  # 20 reports
 _LATE_SHARE = 0.9  # of the configured rate
 _REARM = "remove the cause, then re-arm the session or connect again"
 
@@ -81,8 +83,12 @@ def _report(target: Target, driver: str, first: np.ndarray, record: np.ndarray, 
     }
     lost_before = first["lost"][hardware.slots].tolist()
     for row, before in zip(_motor_rows(target, record, now), lost_before, strict=True):
+        if passive_of(target.config) is not None:  # joints with encoders alone
+            row["state"] = row["fault"] = None
+            _check_encoder(channel, row, section)
+        else:
+            _check_motor(channel, row, state.mode, row["lost"] - before, ticks, section)
         section.rows.append({**head, **row})
-        _check_motor(channel, row, state.mode, row["lost"] - before, ticks, section)
     what = f"is driven by {driver}: watched, nothing was asked"
     section.note(channel, what, "end that session to have registers and latencies read")
     if state.mode is not Mode.OFF and age > target.config.max_state_age_s:
@@ -118,6 +124,13 @@ def _motor_rows(target: Target, record: np.ndarray, now: float) -> list[dict[str
         }
         for spec, stamp, fault, lost, mos, rotor in zip(*columns, strict=True)
     ]
+
+
+def _check_encoder(channel: str, row: dict[str, Any], section: Section) -> None:
+    age_ms = row["motor_age_ms"]
+    if age_ms is None or age_ms > _ENCODER_SILENT_MS:
+        what = "its encoder has not been heard" + ("" if age_ms is None else f" for {age_ms / 1e3:.1f} s")
+        section.problem(f"{channel} {row['name']}", what, "check power and cable of the passive leader")
 
 
 def _check_motor(channel: str, row: dict[str, Any], mode: Mode, lost: int, ticks: int, section: Section) -> None:

@@ -97,6 +97,17 @@ def recorded(tmp_path_factory):
         yield truth, log.states, LeRobotDataset("local/coupled", root=root), said
 
 
+def typical_jerk_ratio(stamps_s, leader, follower):
+    """Of spans of half a second the middle one.
+
+    Where a loop ticks late, because others have the processor, the follower stands still and catches up. Two such
+    moments of 10 ms in 4 s make 7.5 of a ratio of 1.1 over all of it, and 1.15 of the middle one. What is the
+    coupling's is in every span: the corners of a target at 30 fps make 4.0 of the one and 4.4 of the other.
+    """
+    spans = [slice(begin, begin + 500) for begin in range(0, len(stamps_s) - 499, 500)]
+    return np.median([likeness(stamps_s[span], leader[span], follower[span]).jerk_ratio for span in spans])
+
+
 @pytest.mark.long
 def test_the_follower_is_at_its_leader(recorded):
     (leader, follower), _, _, said = recorded
@@ -106,7 +117,7 @@ def test_the_follower_is_at_its_leader(recorded):
     assert np.ptp(pairs[0], axis=0).min() > 0.5
     assert found.lag_s.max() < 0.02, found
     assert found.error_rad.max() < 0.004, found
-    assert found.jerk_ratio < 1.5, found
+    assert typical_jerk_ratio(leader["stamp_s"][:4000], *pairs) < 1.5, found
     output, aloud = said
     assert output.count("gate: approach -> engaged") == 1
     assert "Recording episode 0" in aloud and aloud.count("engaged") == 1

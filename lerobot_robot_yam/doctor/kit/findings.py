@@ -53,6 +53,10 @@ _TABLES = {
         "Teaching handles",
         "channel, firmware, report_frequency_hz=reports by itself at Hz, trigger, trigger_rad=rad, buttons",
     ),
+    "passive_leaders": (
+        "Passive leaders",
+        "channel, silent, quiet=report when asked, q_rad=joints rad, trigger, buttons",
+    ),
     "sessions": (
         "Live sessions (watched, not asked)",
         "channel, driver=driven by, mode, rate_hz=Hz, age_ms=age ms, name=motor, state, motor_age_ms=reply ms ago, "

@@ -12,6 +12,7 @@ import can
 
 from lerobot_robot_yam.damiao import handle_encoder
 from lerobot_robot_yam.damiao.bus_port import BusPort, data_message
+from lerobot_robot_yam.damiao.passive_encoders import PassiveEncoders
 from lerobot_robot_yam.damiao.registers import Opcode, decode_reply, encode_read, encode_refresh
 from lerobot_robot_yam.damiao.tables import REGISTER_ID
 from lerobot_robot_yam.errors import LifeCycleError
@@ -100,6 +101,18 @@ class Questions:
                 if message.arbitration_id == identifier and (answer := decode(bytes(message.data))) is not None:
                     return answer
         return None
+
+    def encoders(self, joints: int) -> tuple[PassiveEncoders, list[str]]:
+        """A passive leader's reports, and the names of devices that report only when they are asked, or not at all."""
+        self._drain()
+        found = PassiveEncoders(joints)
+        for message in self._frames(_HANDLE_TIMEOUT_S):
+            found.accept(message, self._port.arrival_s(message))
+        if quiet := found.silent(0.0):
+            self._send(handle_encoder.REQUEST_ID, handle_encoder.encode_report_request())
+            for message in self._frames(_HANDLE_TIMEOUT_S):
+                found.accept(message, self._port.arrival_s(message))
+        return found, quiet
 
     def _send(self, identifier: int, data: bytes) -> None:
         if not harmless(identifier, data):

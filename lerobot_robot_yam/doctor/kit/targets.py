@@ -1,43 +1,35 @@
 """The arms that the doctor looks at: named on the command line, read from a LeRobot run config, or all of them."""
 
 import dataclasses
-import difflib
 import json
 import os
 import shlex
-from collections.abc import Mapping, Set
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL, ArmConfig, check_together
-from lerobot_robot_yam.arm.leaders.lead_config import LeadConfig
+from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL, ArmConfig, LeadArmConfig, check_together
+from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS, PassiveConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.doctor.kit.known_options import ARM_FIELDS, OPTIONS, check_options, is_one_of, of_one_arm
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.state.records import channel_key
 from lerobot_robot_yam.system.paths import user_path
-from lerobot_robot_yam.system.rig_file import ARMS_OF_TWO, device_of
+from lerobot_robot_yam.system.rig_file import device_of
 from lerobot_robot_yam.system.runtime_files import rig_name
 from lerobot_robot_yam.system.strict_yaml import read_yaml
 
 LEADER_GRIPPER = "yam_teaching_handle"
-_FIELDS = frozenset(field.name for field in dataclasses.fields(ArmConfig))
+# What `lerobot-calibrate` has to know of an arm.
 _CALIBRATED = ("channel", "interface", "can_options", "arm", "gripper", "calibration_path", "identity_path")
-# What LeRobot's configs add to it, per device and per arm of two.
-_OF_ALL = {"type", "id", "calibration_dir", "isolation", "use_degrees", "action_space"}
-DEVICE_OPTIONS = {
-    "robot": _OF_ALL | {"cameras", "observe_velocity", "observe_torque", "observe_temperature"},
-    "teleop": _OF_ALL | {"buttons", "auto_episodes", "step_m"},
-}
-# Of a leader with a follower; the rest of `LeadConfig` is no option.
-_LEADS = {field.name for field in dataclasses.fields(LeadConfig)} - {"together", "approach_s", "idle_speed_rad_s"}
-ARM_OPTIONS = {"robot": {"cameras"}, "teleop": {"ee_gripper", "follower_arm", "gate_together"} | _LEADS}
+_CALIBRATED_PASSIVE = ("kind", "joint_sign", "home_rad", "passive_calibration_path")
+_OF_GUIDES = {"arm": "yam", "gripper": "linear_4310", "action_space": "joint"}  # and what they are unless it is said
 _REAL_CAMERAS = ("opencv", "intelrealsense", "yam_realsense")
-_DEVICES = {
-    "robot": ("robots", ("yam_follower", "bi_yam_follower", "i2rt_yam_follower", "bi_i2rt_yam_follower")),
-    "teleop": ("teleoperators", ("yam_leader", "bi_yam_leader", "i2rt_yam_leader", "bi_i2rt_yam_leader")),
-}
+_PASSIVE, _GUIDE = "yam_passive_leader", "yam_hand_guide"
+# LeRobot's folder of calibration files, and the types of ours with one arm.
+_DEVICES = {"robot": ("robots", ("yam_follower",)), "teleop": ("teleoperators", ("yam_leader", _PASSIVE, _GUIDE))}
 
 
 @dataclass(frozen=True)
@@ -128,31 +120,42 @@ def from_config(path: Path, rig: str | None) -> Plan:
     targets: list[Target] = []
     cameras: dict[str, Mapping[str, Any]] = {}
     environment = document.get("env")  # of an evaluation
-    for section, (folder, types) in _DEVICES.items():
+    robot: Mapping[str, Any] = {}
+    for section, (folder, kinds) in _DEVICES.items():
         device = document.get(section) or (environment.get(section) if isinstance(environment, Mapping) else None)
         if isinstance(device, Mapping):
             device = device_of(section, device)
-        if not isinstance(device, Mapping) or device.get("type") not in types:
+        if not isinstance(device, Mapping) or not is_one_of(device.get("type"), kinds):
             continue
+        where = f"{path}, {section}"
+        kind = of_one_arm(device["type"])
+        arms = {} if kind == _GUIDE else _arms(device, where)
+        check_options(device, arms, where)
         cameras.update(_cameras(device))
+        if section == "robot":
+            robot = device
+        elif kind == _GUIDE:
+            _check_guide(device, robot, where)
         directory = Path(
             device.get("calibration_dir") or calibration_root() / folder / device["type"].replace("i2rt_", "")
         )
-        arms = _arms(device, f"{path}, {section}")
-        _check_options(section, device, arms, f"{path}, {section}")
         calibrate = _calibrate(section, device, arms)
         first = len(targets)
         for prefix, arm in arms.items():
-            values = {"gripper": LEADER_GRIPPER, **arm} if section == "teleop" else dict(arm)
-            ident = f"{prefix}{device['id']}" if device.get("id") else values.get("channel")
-            target = _target(values, f"{prefix}{section}", rig)
-            file = Path(target.config.calibration_path or directory / "yam" / f"{ident}_gripper.json")
-            targets.append(dataclasses.replace(target, calibration=file, calibrate=calibrate))
+            ident = f"{prefix}{device['id']}" if device.get("id") else arm.get("channel")
+            if kind == _PASSIVE:
+                target = _passive_target(arm, f"{prefix}{section}", rig, directory / "yam" / f"{ident}_passive.json")
+            else:
+                values = {"gripper": LEADER_GRIPPER, **arm} if section == "teleop" else dict(arm)
+                target = _target(values, f"{prefix}{section}", rig)
+                file = Path(target.config.calibration_path or directory / "yam" / f"{ident}_gripper.json")
+                target = dataclasses.replace(target, calibration=file)
+            targets.append(dataclasses.replace(target, calibrate=calibrate))
             cameras.update({f"{prefix}{name}": camera for name, camera in _cameras(arm).items() if prefix})
-        check_together([target.config for target in targets[first:]])
+        if arms:  # a hand guide has none
+            check_together([target.config for target in targets[first:]])
     if not targets:
-        known = ", ".join(name for _, types in _DEVICES.values() for name in types)
-        raise ConfigError(f"{path} has no robot or teleoperator of type {known}")
+        raise ConfigError(f"{path} has no robot or teleoperator of type {', '.join(OPTIONS)}, or of one with two arms")
     return Plan(tuple(targets), cameras)
 
 
@@ -176,25 +179,27 @@ def _arms(device: Mapping[str, Any], where: str) -> dict[str, Mapping[str, Any]]
     return arms
 
 
-def _check_options(section: str, device: Mapping[str, Any], arms: Mapping[str, Mapping[str, Any]], where: str) -> None:
-    """Refuse options that LeRobot would not know."""
-    of_arm: Set[str] = _FIELDS | ARM_OPTIONS[section]
-    of_device: Set[str] = DEVICE_OPTIONS[section] | (of_arm if "" in arms else set(ARMS_OF_TWO))
-    places: list[tuple[str, Mapping[str, Any], Set[str]]] = [(where, device, of_device)]
-    places += [(f"{where}, {prefix}arm_config", arm, of_arm) for prefix, arm in arms.items() if prefix]
-    for place, options, known in places:
-        for name in map(str, options):
-            if name not in known:
-                near = difflib.get_close_matches(name, known, 1)
-                raise ConfigError(f"{place}: there is no option {name!r}" + (f"; {near[0]!r}?" if near else ""))
+def _check_guide(guide: Mapping[str, Any], robot: Mapping[str, Any], where: str) -> None:
+    """Refuse a hand guide that speaks of another follower than the config's: it would end at its first action."""
+    if not robot or str(guide["type"]).startswith("bi_") != str(robot["type"]).startswith("bi_"):
+        raise ConfigError(
+            f"{where}: a hand guides a yam_follower, two hands guide a bi_yam_follower: name that as robot"
+        )
+    for arm in _arms(robot, where).values():
+        for name, usual in _OF_GUIDES.items():
+            own = guide.get(name, usual)
+            follower = (robot if name == "action_space" else arm).get(name, usual)
+            if own != follower:
+                raise ConfigError(f"{where}: {name} is {own}, the follower's is {follower}: give both the same")
 
 
 def _calibrate(section: str, device: Mapping[str, Any], arms: Mapping[str, Mapping[str, Any]]) -> str:
     """LeRobot's command for this very device: its files are found by type and id."""
     given = {name: device[name] for name in ("type", "id", "calibration_dir") if device.get(name) is not None}
+    names = (*_CALIBRATED, *_CALIBRATED_PASSIVE) if of_one_arm(device["type"]) == _PASSIVE else _CALIBRATED
     for prefix, arm in arms.items():
         place = f"{prefix}arm_config." if prefix else ""
-        given |= {f"{place}{name}": arm[name] for name in _CALIBRATED if arm.get(name) is not None}
+        given |= {f"{place}{name}": arm[name] for name in names if arm.get(name) is not None}
     values = {name: value if isinstance(value, str) else json.dumps(value) for name, value in given.items()}
     options = [shlex.quote(f"--{section}.{name}={value}") for name, value in values.items()]
     return " ".join(["lerobot-calibrate", *options])
@@ -207,8 +212,26 @@ def _cameras(options: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     return {str(name): camera for name, camera in cameras.items() if isinstance(camera, Mapping)}
 
 
+def _passive_target(arm: Mapping[str, Any], name: str, rig: str | None, calibration: Path) -> Target:
+    """A leader without motors. `calibration`: where its zeros are, unless its options say so."""
+    target = _target({**arm, "gripper": LEADER_GRIPPER}, name, rig)
+    kind = arm.get("kind", "desk")
+    if kind not in JOINT_SIGNS:
+        raise ConfigError(f"{target.config.name}: kind takes one of {', '.join(JOINT_SIGNS)}; got {kind!r}")
+    passive = PassiveConfig(
+        joint_sign=arm.get("joint_sign") or JOINT_SIGNS[kind],
+        mapping=arm.get("mapping", "direct"),
+        leader_range_rad=arm.get("leader_range_rad"),
+        calibration_path=arm.get("passive_calibration_path") or str(calibration),
+        home_rad=arm.get("home_rad"),
+    )
+    passive.check(target.config.name, target.hardware.joints)
+    values = {field.name: getattr(target.config, field.name) for field in dataclasses.fields(ArmConfig)}
+    return dataclasses.replace(target, config=LeadArmConfig(**values, passive=passive))
+
+
 def _target(values: Mapping[str, Any], name: str, rig: str | None) -> Target:
-    known = {key: value for key, value in values.items() if key in _FIELDS}
+    known = {key: value for key, value in values.items() if key in ARM_FIELDS}
     options = dict(known.pop("can_options", None) or {})
     if known.get("interface") == VIRTUAL:
         options.pop("operator", None)  # no leader may move while the doctor looks

@@ -35,6 +35,7 @@ class Situation:
         turn: tells one run of its loop from another.
         drops: the episode before is dropped, not saved, when the reset ends.
         left_s: until the phase ends by itself.
+        flags: of a command that records episode by episode, LeRobot's own, which its keys set.
     """
 
     command: str = ""
@@ -44,6 +45,7 @@ class Situation:
     turn: float = 0.0
     drops: bool = False
     left_s: float = math.inf
+    flags: dict[str, Any] = field(default_factory=dict)
 
     @property
     def frames(self) -> int:
@@ -102,9 +104,8 @@ def single_key(meaning: Meaning, now: Situation) -> str | None:
         late = now.ends_by_itself and key == now.keys[Meaning.NEXT]
         return key if now.frames and not late else None
     if now.phase is Phase.RESETTING:
-        late = now.ends_by_itself and meaning is not Meaning.STOP
-        return None if meaning in LABELS or late else key
-    return key if meaning is Meaning.STOP else None
+        return None if meaning in LABELS or now.ends_by_itself else key
+    return None
 
 
 def frames_to_label(now: Situation, automatic: bool) -> int | None:

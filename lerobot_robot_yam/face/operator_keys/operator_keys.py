@@ -13,6 +13,7 @@ from lerobot_robot_yam.face.operator_keys.edges import RisingEdges, buttons_of
 from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation
 from lerobot_robot_yam.face.operator_keys.keyboard import Keyboard, keyboard
 from lerobot_robot_yam.face.operator_keys.meanings import LABELS, Meaning
+from lerobot_robot_yam.face.operator_keys.stop_request import StopRequest
 from lerobot_robot_yam.face.recorder.outcome_book import OutcomeBook
 from lerobot_robot_yam.state.records import ArmState
 
@@ -46,6 +47,7 @@ class OperatorKeys:
         self._edges, self._book = RisingEdges(), OutcomeBook()
         self._auto = AutoEpisodes() if self._automatic else None
         self._goal: Phase | None = None
+        self._stop: StopRequest | None = None
         self._goal_until_s = self._looked_s = self._pressed_s = 0.0
         self._last: tuple[str, Phase, float] | None = None
 
@@ -109,12 +111,14 @@ class OperatorKeys:
 
     def _tick(self, now_s: float, states: Mapping[str, ArmState]) -> None:
         pressed = [name for name in self._edges.pressed(buttons_of(states)) if name in self._meanings]
-        awaits = self._auto is not None or self._goal is not None or self._book.pending
+        awaits = any((self._auto, self._goal, self._stop, self._book.pending))
         busy = awaits or now_s - self._pressed_s < _AGAIN_S
         if not pressed and now_s - self._looked_s < (_LOOK_S if busy else _SELDOM_S):
             return
         self._looked_s, now = now_s, running_command.look()
         self._book.open(now.dataset)
+        if self._stop is not None and self._stop.advance(now):
+            self._stop = None
         for button in pressed:
             self._answer(button, self._meanings[button], now, now_s)
         if self._goal is not None:
@@ -139,7 +143,9 @@ class OperatorKeys:
                 logger.warning("button %s (%s): %s", button, meaning, why)
                 return
         goal, key = key_plan.wanted(meaning, now), key_plan.single_key(meaning, now)
-        if goal is not None:
+        if meaning is Meaning.STOP and now.flags:
+            self._stop = StopRequest(now)
+        elif goal is not None:
             self._goal, self._goal_until_s, self._last = goal, now_s + _GOAL_S, None
         elif key is not None:
             self._press(key, now, now_s)

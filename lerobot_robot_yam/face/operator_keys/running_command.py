@@ -1,6 +1,6 @@
 """The LeRobot command that runs in this process and listens to keys: what it does at the moment, and its keys.
 
-Like `record_command`, this reads LeRobot's own variables from the stack of the main thread, and changes none.
+Like `record_command`, this reads LeRobot's own variables from the stack of the main thread.
 """
 
 import math
@@ -12,12 +12,12 @@ from typing import Any
 
 from lerobot_robot_yam.face.operator_keys.key_plan import RECORD, Phase, Situation
 from lerobot_robot_yam.face.operator_keys.meanings import Meaning
-from lerobot_robot_yam.face.recorder.record_command import PACKAGE, callers, running_record
+from lerobot_robot_yam.face.recorder.record_command import AGAIN, PACKAGE, callers, running_record
 
 _LISTENING = tuple(str(PACKAGE / "scripts" / f"lerobot_{name}.py") for name in ("record", "rollout"))
 _STRATEGIES = f"{PACKAGE / 'rollout' / 'strategies'}/"
 _RUN = "run"  # the method of a strategy in which it runs
-_EPISODE_KEYS = {Meaning.NEXT: "right", Meaning.RERECORD: "left", Meaning.STOP: "esc"}
+_EPISODE_KEYS = {Meaning.NEXT: "right", Meaning.RERECORD: "left"}
 _EPISODE_LOOPS = {"_policy_loop": Phase.RECORDING, "_reset_loop": Phase.RESETTING}
 
 
@@ -37,7 +37,7 @@ def look() -> Situation:
         phase = Phase.RECORDING if command.records else Phase.RESETTING
     keys = _EPISODE_KEYS if command.events else {}  # before, it does not listen yet
     left_s = command.ends - time.perf_counter()
-    return Situation(RECORD, phase, keys, command.dataset, command.loop or 0.0, command.drops, left_s)
+    return Situation(RECORD, phase, keys, command.dataset, command.loop or 0.0, command.drops, left_s, command.events)
 
 
 def _rollout(frame: FrameType | None) -> Situation:
@@ -59,8 +59,8 @@ def _strategy(strategy: Any, dataset: Any, loop: Phase, turn: float, left_s: flo
     kind, options = strategy.config.type, strategy.config
     command = f"the {kind} strategy of lerobot-rollout"
     if kind == "episodic":
-        drops = bool(strategy._events.get("rerecord_episode"))
-        return Situation(command, loop, _EPISODE_KEYS, dataset, turn, drops, left_s)
+        flags = strategy._events
+        return Situation(command, loop, _EPISODE_KEYS, dataset, turn, bool(flags.get(AGAIN)), left_s, flags)
     if kind == "dagger" and options.input_device == "keyboard":
         named = options.keyboard
         keys = {Meaning.PAUSE: named.pause_resume, Meaning.CORRECT: named.correction, Meaning.UPLOAD: named.upload}

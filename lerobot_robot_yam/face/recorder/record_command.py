@@ -25,7 +25,7 @@ if TYPE_CHECKING:  # the command has loaded it, other commands need not
 logger = logging.getLogger(__name__)
 
 _COMMAND, _LOOP = "record", "record_loop"  # functions of lerobot_record.py
-_STOP, _LEAVE_LOOP, _AGAIN = "stop_recording", "exit_early", "rerecord_episode"  # its flags, which its keys set
+STOP, LEAVE_LOOP, AGAIN = "stop_recording", "exit_early", "rerecord_episode"  # its flags, which its keys set
 INFO = Path("meta", "info.json")
 _RECORDED = ("*.parquet", "*.mp4", "*.png")
 _told_of: "LeRobotDataset | None" = None
@@ -83,16 +83,16 @@ class RecordCommand:
 
     def stop(self) -> None:
         """End it as its stop key does: an episode that is being recorded, or was, is saved."""
-        self.events[_STOP] = self.events[_LEAVE_LOOP] = True
+        self.events[STOP] = self.events[LEAVE_LOOP] = True
 
     @property
     def drops(self) -> bool:
         """The episode that was recorded last is dropped when the reset ends."""
-        return bool(self.events.get(_AGAIN))
+        return bool(self.events.get(AGAIN))
 
     def discard(self) -> None:
         """Drop the episode that is being recorded, as its re-record key does."""
-        self.events[_AGAIN] = self.events[_LEAVE_LOOP] = True
+        self.events[AGAIN] = self.events[LEAVE_LOOP] = True
 
 
 def running_record(frame: FrameType | None) -> RecordCommand | None:
@@ -151,8 +151,8 @@ def stop_after_saving(frame: FrameType | None, why: str) -> bool:
     ends_already = sys.exception() is not None  # LeRobot closes the data set: it saves no more
     if command is None or command.records or ends_already or not _unsaved(command.dataset):
         return False
-    command.events[_STOP], command.events[_LEAVE_LOOP] = _SaveThenStop(command.dataset, why), True
-    first = "drops the episode" if command.events.get(_AGAIN) else "saves the finished episode"
+    command.events[STOP], command.events[LEAVE_LOOP] = _SaveThenStop(command.dataset, why), True
+    first = "drops the episode" if command.events.get(AGAIN) else "saves the finished episode"
     logger.info("%s: %s first; once more ends it at once", why, first)
     return True
 

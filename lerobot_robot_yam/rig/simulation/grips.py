@@ -10,7 +10,7 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.world.mechanics import Ballast, Drive
 from lerobot_robot_yam.rig.world.outer_forces import OuterForces
 from lerobot_robot_yam.rig.world.world import World
-from lerobot_robot_yam.rig.world.world_model import HAND_KD, HAND_KP
+from lerobot_robot_yam.rig.world.world_model import HAND_KD, HAND_KP, HAND_TORQUE_NM
 
 _RESIST_NM = 2.5  # a leader that floats takes less than 1 Nm at any joint
 _RESIST_N = 25.0  # the same at the tool
@@ -60,13 +60,22 @@ class Grip(Protocol):
 
 
 class FirmGrip:
-    """A stiff spring at each joint, integrated with the physics."""
+    """A stiff and damped spring at each joint, integrated with the physics.
+
+    MuJoCo integrates damping implicitly, but not that of an actuator whose force is at its limit. There a damper that
+    turns a light joint's speed round within one step goes on doing so for ever, at half the rate of the steps. So a
+    joint at its limit has a weaker one, with which energy decays in every pose, whatever else moves:
+
+        kd < 2 I / dt,   I the joint's rotor inertia, a lower bound of what it moves
+    """
 
     def __init__(self, world: World, channel: str):
         self._world = world
         count = world.profiles[channel][0].joint_count
         self._drives = [Drive(world, channel, f"hand_{i + 1}", (f"joint{i + 1}",), 0.0, 1.0) for i in range(count)]
         self.actuators = [drive.actuator for drive in self._drives]
+        inertia = world.model.dof_armature[world.joint_dofs(channel)]
+        self._kd_at_limit = np.minimum(HAND_KD, inertia / world.timestep_s).tolist()
 
     def take_hold(self) -> None:
         """Begin to act."""
@@ -74,8 +83,10 @@ class FirmGrip:
             drive.set_gains(HAND_KP, HAND_KD)
 
     def aim(self, q_rad: list[float], rates_rad_s: list[float]) -> None:
-        pull = [HAND_KP * target + HAND_KD * rate for target, rate in zip(q_rad, rates_rad_s, strict=True)]
-        self._world.data.ctrl[self.actuators] = pull
+        for drive, target, rate, kd_at_limit in zip(self._drives, q_rad, rates_rad_s, self._kd_at_limit, strict=True):
+            asked = HAND_KP * (target - drive.angle()) + HAND_KD * (rate - drive.velocity())
+            kd = HAND_KD if abs(asked) < HAND_TORQUE_NM else kd_at_limit
+            drive.command(target, rate, HAND_KP, kd, 0.0)
 
     def step(self) -> None:
         """Nothing: the physics does it."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.state.modes import Gate
-from tests.support.coupled import FOLLOWER, LEADER, Passing, coupled_session, started
+from tests.support.coupled import FOLLOWER, LEADER, POSE, Passing, coupled_session, started
 from tests.support.rigged import lockstep_rig
 
 rig = lockstep_rig(LEADER, FOLLOWER)
@@ -70,4 +70,19 @@ def test_engaging_from_any_pose_is_gentle(rig):
         assert np.max(taus) > 0.8  # it is the bound that holds it back
         rig.press(LEADER, "sync")
         caller.run(0.2, note)
+    session.discard()
+
+
+def test_a_firm_hand_that_trembled_is_still_again(rig):
+    session, caller = started(rig, bilateral=0.2)
+    rng = np.random.default_rng(0)
+    times = np.arange(0.02, 2.0, 0.02)
+    trembling = POSE + rng.normal(0.0, 3e-3, (len(times), 6))
+    rig.hand(LEADER, times.tolist(), trembling.tolist(), gives_way=False)
+    caller.run(1.0)
+    rig.hand(LEADER, [0.3], [POSE.tolist()], gives_way=False)
+    caller.run(0.6)
+    rig.truth_start(LEADER, 1.0)
+    caller.run(0.3)
+    assert np.abs(rig.truth(LEADER)["dq"]).max() < 0.01
     session.discard()

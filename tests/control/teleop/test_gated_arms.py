@@ -173,30 +173,3 @@ def test_an_approach_is_smooth_and_aims_at_the_live_leader(rig, started):
     assert np.abs(dq).max() < SPEED * 1.1
     assert np.abs(dq[10:] - dq[:-10]).max() < 0.4
     assert np.abs(pose(rig, FOLLOWER) - pose(rig, LEADER)).max() < 0.02
-
-
-def go(rig, arms, rng, q, seconds, stays_s):
-    """Have a hand that is not quite calm bring the leader to q, and keep it there."""
-    start = pose(rig, LEADER)
-    times = np.arange(0.02, seconds + stays_s, 0.02)
-    share = 0.5 - 0.5 * np.cos(np.pi * np.clip(times / seconds, 0.0, 1.0))[:, None]
-    path = start + share * (np.array(q) - start) + rng.normal(0.0, 5e-4, (len(times), 6))
-    rig.hand(LEADER, times.tolist(), path.tolist(), gives_way=False)
-    seen = len(arms.gates)
-    arms.run(seconds + stays_s)
-    return arms.gates[seen:]
-
-
-def test_lifts_and_returns_of_a_hand_that_is_not_calm(rig, started):
-    rng = np.random.default_rng(0)
-    session, arms = started(gate="auto", bilateral=0.15)
-    arms.run(2.0)
-    assert arms.gates == [Gate.HOMING, Gate.IDLE]
-    lifted = rng.uniform([-0.3, 0.7, 0.5, -0.4, -0.3, -0.3], [0.3, 1.1, 1.1, 0.4, 0.3, 0.3])
-    low = np.append([rng.uniform(-0.1, 0.1), rng.uniform(0.1, 0.2), rng.uniform(0.1, 0.2)], np.zeros(3))
-    assert go(rig, arms, rng, lifted, 0.8, 2.8) == [Gate.APPROACH, Gate.ENGAGED]
-    assert go(rig, arms, rng, low, 0.5, 0.02) == []  # too short
-    assert go(rig, arms, rng, lifted, 0.4, 0.6) == []
-    assert go(rig, arms, rng, low, 0.8, 0.8) == [Gate.HOMING]
-    assert go(rig, arms, rng, lifted, 0.8, 2.8) == [Gate.APPROACH, Gate.ENGAGED]  # which breaks the way home off
-    assert arms.fastest() <= SPEED * 1.001

@@ -5,14 +5,22 @@ from pathlib import Path
 
 import pytest
 
-from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.config import passive_of
+from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS
 from lerobot_robot_yam.commands.configs import config_path
 from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerArmConfig, YamFollowerConfig
 from lerobot_robot_yam.doctor.check_calibration import check_calibrations
 from lerobot_robot_yam.doctor.kit.findings import Section, Severity
-from lerobot_robot_yam.doctor.kit.targets import ARM_OPTIONS, DEVICE_OPTIONS, calibration_root, from_config, from_option
+from lerobot_robot_yam.doctor.kit.known_options import OPTIONS
+from lerobot_robot_yam.doctor.kit.targets import calibration_root, from_config, from_option
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_teleoperator_yam.config_yam_hand_guide import BiYamHandGuideConfig, YamHandGuideConfig
 from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, YamLeaderConfig
+from lerobot_teleoperator_yam.config_yam_passive_leader import (
+    BiYamPassiveLeaderConfig,
+    PassiveLeaderArmConfig,
+    YamPassiveLeaderConfig,
+)
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
 
 
@@ -96,19 +104,67 @@ def test_the_robot_of_an_evaluation(name, arms):
 
 
 @pytest.mark.parametrize(
-    ("section", "one", "two", "arm"),
+    ("kind", "one", "two", "arm"),
     [
-        ("robot", YamFollowerConfig, BiYamFollowerConfig, FollowerArmConfig),
-        ("teleop", YamLeaderConfig, BiYamLeaderConfig, LeaderArmConfig),
+        ("yam_follower", YamFollowerConfig, BiYamFollowerConfig, FollowerArmConfig),
+        ("yam_leader", YamLeaderConfig, BiYamLeaderConfig, LeaderArmConfig),
+        ("yam_passive_leader", YamPassiveLeaderConfig, BiYamPassiveLeaderConfig, PassiveLeaderArmConfig),
+        ("yam_hand_guide", YamHandGuideConfig, BiYamHandGuideConfig, None),
     ],
 )
-def test_the_options_that_it_knows_are_those_of_the_configs(section, one, two, arm):
-    of_arm, of_one, of_two, of_its_arms = (
-        {field.name for field in dataclasses.fields(config)} for config in (ArmConfig, one, two, arm)
+def test_the_options_that_it_knows_are_those_of_the_configs(kind, one, two, arm):
+    of_one, of_two, of_arm = (
+        {field.name for field in dataclasses.fields(config)} if config else set() for config in (one, two, arm)
     )
-    assert of_one | {"type"} == of_arm | DEVICE_OPTIONS[section] | (ARM_OPTIONS[section] - {"cameras"})
-    assert of_two - {"left_arm_config", "right_arm_config"} | {"type"} == DEVICE_OPTIONS[section]
-    assert of_its_arms == of_arm | ARM_OPTIONS[section]
+    known = OPTIONS[kind]
+    assert known.arm == of_arm
+    assert known.device | known.arm | known.one == of_one | {"type"}
+    assert known.device | known.two == of_two | {"type"}
+
+
+def test_leaders_without_motors():
+    left, right = from_config(config_path("sim/passive_teleoperate"), "shared").targets[2:]
+    assert (left.channel, right.channel) == ("leader_left", "leader_right")
+    passive = passive_of(left.config)
+    assert passive.joint_sign == JOINT_SIGNS["desk"] and left.calibration is None
+    expected = calibration_root() / "teleoperators/bi_yam_passive_leader/yam/left_sim_passive.json"
+    assert passive.calibration_path == str(expected)
+    assert "lerobot-calibrate --teleop.type=bi_yam_passive_leader --teleop.id=sim" in left.calibrate
+
+
+def test_a_hand_guide_has_no_hardware_of_its_own():
+    assert [target.channel for target in from_config(config_path("sim/hand_guide_record"), None).targets] == [
+        "follower_left"
+    ]
+
+
+FOLLOWER = "{type: yam_follower, channel: can_x}"
+TWO = "{type: bi_yam_follower, left_arm_config: {channel: can_l}, right_arm_config: {channel: can_r}}"
+
+
+@pytest.mark.parametrize(
+    ("robot", "teleop", "text"),
+    [
+        (
+            FOLLOWER,
+            "{type: yam_hand_guide, gripper: crank_4310}",
+            "gripper is crank_4310, the follower's is linear",
+        ),
+        (FOLLOWER, "{type: yam_hand_guide, action_space: ee}", "action_space is ee, the follower's is joint"),
+        (FOLLOWER, "{type: yam_hand_guide, griper_key: g}", "no option 'griper_key'; 'gripper_key'"),
+        (FOLLOWER, "{type: bi_yam_hand_guide}", "two hands guide a bi_yam_follower"),
+        (TWO, "{type: bi_yam_hand_guide, arm: big_yam}", "arm is big_yam, the follower's is yam"),
+        ("{type: so101_follower}", "{type: yam_hand_guide}", "a hand guides a yam_follower"),
+        (FOLLOWER, "{type: yam_passive_leader, channel: can_y, kind: table}", "kind takes one of desk"),
+        (FOLLOWER, "{type: yam_passive_leader, channel: can_y, joint_sign: [1]}", "joint_sign takes 1 or -1"),
+        (FOLLOWER, "{type: yam_passive_leader, channel: can_y, bilateral: 0.1}", "no option 'bilateral'"),
+    ],
+)
+def test_a_teleoperator_of_which_no_session_would_come(tmp_path, robot, teleop, text):
+    path = tmp_path / "run.yaml"
+    path.write_text(f"robot: {robot}\nteleop: {teleop}\n")
+    with pytest.raises(ConfigError, match=text):
+        from_config(path, None)
 
 
 def test_calibration_files_lie_where_lerobot_keeps_them(monkeypatch):

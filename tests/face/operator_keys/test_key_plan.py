@@ -16,7 +16,7 @@ from lerobot_robot_yam.face.operator_keys.key_plan import (
 )
 from lerobot_robot_yam.face.operator_keys.meanings import LABELS, Meaning
 
-EPISODES = {Meaning.NEXT: "right", Meaning.RERECORD: "left", Meaning.STOP: "esc"}
+EPISODES = {Meaning.NEXT: "right", Meaning.RERECORD: "left"}
 DAGGER = {Meaning.PAUSE: "space", Meaning.CORRECT: "tab", Meaning.UPLOAD: "enter", Meaning.STOP: "esc"}
 HIGHLIGHT = {Meaning.SAVE: "s", Meaning.UPLOAD: "h", Meaning.STOP: "esc"}
 POLICY_PHASES = (Phase.AUTONOMOUS, Phase.PAUSED, Phase.CORRECTING)
@@ -36,14 +36,12 @@ def situation(phase, keys=EPISODES, frames=9, **more):
 ROWS = [
     (Phase.RECORDING, Meaning.NEXT, "right"),
     (Phase.RECORDING, Meaning.RERECORD, "left"),
-    (Phase.RECORDING, Meaning.STOP, "esc"),
     (Phase.RECORDING, Meaning.FAILURE, "right"),
     (Phase.RESETTING, Meaning.NEXT, "right"),
     (Phase.RESETTING, Meaning.RERECORD, "left"),
     (Phase.RESETTING, Meaning.SUCCESS, None),
     (Phase.BETWEEN, Meaning.NEXT, None),
     (Phase.BETWEEN, Meaning.RERECORD, None),
-    (Phase.BETWEEN, Meaning.STOP, "esc"),
     (Phase.RECORDING, Meaning.SAVE, None),
 ]
 
@@ -54,7 +52,7 @@ def test_a_recording(phase, meaning, key):
     assert wanted(meaning, situation(phase)) is None
 
 
-@pytest.mark.parametrize("meaning", [Meaning.NEXT, Meaning.STOP, Meaning.DISCARD])
+@pytest.mark.parametrize("meaning", [Meaning.NEXT, Meaning.DISCARD])
 def test_an_episode_without_a_frame_is_not_ended(meaning):
     """LeRobot would end the whole recording with an error."""
     assert single_key(meaning, situation(Phase.RECORDING, frames=0)) is None
@@ -64,10 +62,8 @@ LATE_ROWS = [
     (Phase.RECORDING, Meaning.NEXT, None),
     (Phase.RECORDING, Meaning.FAILURE, None),
     (Phase.RECORDING, Meaning.RERECORD, "left"),
-    (Phase.RECORDING, Meaning.STOP, "esc"),
     (Phase.RESETTING, Meaning.NEXT, None),
     (Phase.RESETTING, Meaning.RERECORD, None),
-    (Phase.RESETTING, Meaning.STOP, "esc"),
 ]
 
 

@@ -1,4 +1,4 @@
-"""The operator's hand on a leader joins a path that begins elsewhere without a snatch."""
+"""The operator's hand on a leader joins a path that begins elsewhere without a snatch, and calms what it holds."""
 
 import numpy as np
 import pytest
@@ -60,3 +60,15 @@ def test_a_hand_that_takes_hold_of_a_resting_arm_does_not_push(desk):
     hand.advance(energised=True)
     pulls = desk.device.world.data.ctrl[hand._firm.actuators]
     np.testing.assert_allclose(pulls, HAND_KP * here, atol=0.1)  # where it is, at rest
+
+
+@pytest.mark.parametrize("blow_rad_s", [1.7, 2.6])
+def test_a_blow_that_takes_all_of_the_hands_force_dies_away(desk, blow_rad_s):
+    """A damper at its limit of force must not throw a light wrist to and fro with each step of the physics."""
+    here, world = joints(desk), desk.device.world
+    desk.device.hands[LEADER].move([0.0, 1.0], [here, here], 0.0)
+    desk.run(0.1)
+    world.data.qvel[world.joint_dofs(LEADER)] = blow_rad_s * np.array([0, 0, 0, 0, 1, 1])
+    desk.run(0.5)
+    assert fastest(desk, 0.1) < 0.01
+    np.testing.assert_allclose(joints(desk), here, atol=0.05)
