@@ -42,6 +42,7 @@ def decode(path: Path, start_s: float, length: int, fps: float, step: int) -> Th
         wanted = range(1) if step == 1 else sorted({*range(0, length, step), length - 1})
         if step > 1:
             stream.codec_context.skip_frame = "NONKEY"
+            stream.codec_context.thread_count = 1  # more would wait for pictures that nobody wants
         for target in wanted:
             video.seek(round((start_s + (target + 0.5) / fps) / stream.time_base), stream=stream)
             pictures = _pictures(video, stream, start_s, fps)
