@@ -8,18 +8,26 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from lerobot.datasets import LeRobotDataset
 
-from tests.support.wrecks import CODER
+from lerobot_robot_yam.face.datasets.check.dataset_report import check_dataset
+from tests.support.wrecks import CODER, fingerprint
 
 FPS, FRAMES, EPISODES, SIZE = 20, 60, 3, (48, 64)
 SIDES = ("left_", "right_")
 CAMERAS = ("top", "left_wrist", "right_wrist")
+SICK = 1  # the episode with the defect
+ROWS = slice(SICK * FRAMES, (SICK + 1) * FRAMES)
+STATE = "observation.state"
 BENT = np.array([0.3, 1.2, 1.1, -0.5, 0.2, 0.3])
 SPREAD = {"left_": 0.0, "right_": 0.4}  # the arms stand differently
+LEFT, RIGHT = slice(0, 7), slice(7, 14)
 LAG = 2  # frames that a follower is behind
 
 
 def names(sides=SIDES):
     return [f"{side}{motor}.pos" for side in sides for motor in (*(f"joint_{i}" for i in range(1, 7)), "gripper")]
+
+
+JOINTS = [i for i, name in enumerate(names()) if "joint" in name]
 
 
 def motion(episode, sides=SIDES, frames=FRAMES):
@@ -118,3 +126,12 @@ def repaint(root, camera, paint):
             if image is not None:
                 target.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")))
         target.mux(stream.encode())
+
+
+def found(root, **options):
+    """(kinds of the files' flags, kinds by episode); the data set must be as it was."""
+    before = fingerprint(root)
+    report = check_dataset(root, **options)
+    assert fingerprint(root) == before
+    episodes = {episode.number: {flag.kind for flag in episode.flags} for episode in report.episodes if episode.flags}
+    return {flag.kind for flag in report.flags}, episodes

@@ -87,6 +87,11 @@ def runs(mask: np.ndarray, shortest: float) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= shortest]
 
 
+def _still(values: np.ndarray) -> np.ndarray:
+    """(n - 1,) whether a row of values (n, k) is the next one too, to the last bit."""
+    return np.asarray((np.diff(values, axis=0) == 0).all(axis=1))
+
+
 def finite(feature: str, values: np.ndarray) -> Iterator[Flag]:
     """NaN or infinity in values (n, k)."""
     bad = ~np.isfinite(values).all(axis=1)
@@ -150,14 +155,14 @@ def constant(action: np.ndarray, fps: float) -> Iterator[Flag]:
 def frozen(arm: ArmMotion, fps: float) -> Iterator[Flag]:
     """Stretches in which one of action and state stands still to the last bit, and the other does not."""
     least, lag = max(STILL_S * fps, 3), round(LAG_S * fps)
-    for start, stop in runs(~np.diff(arm.state, axis=0).any(axis=1), least):
+    for start, stop in runs(_still(arm.state), least):
         moved = float(np.ptp(arm.action[start : stop + 1 - lag], axis=0).max())
         if moved > ACTION_MOVES_RAD:
             text = f"the state stands still while the action moves by {moved:.2f} rad"
             yield Flag(Kind.STATE_FROZEN, arm.says(text), (start, stop))
             break
     gap = np.abs(arm.state - arm.action)
-    for start, stop in runs(~np.diff(arm.action, axis=0).any(axis=1), least):
+    for start, stop in runs(_still(arm.action), least):
         left = float((gap[stop] - gap[start]).max())
         if left > STATE_LEAVES_RAD:
             text = f"the action stands still while the arm moves {left:.2f} rad away from it"

@@ -6,10 +6,11 @@ from itertools import combinations
 import numpy as np
 
 from lerobot_robot_yam.face.datasets.check.flags import Flag, Kind
-from lerobot_robot_yam.face.datasets.check.motion_checks import STILL_S, ArmMotion, runs
+from lerobot_robot_yam.face.datasets.check.motion_checks import STILL_S, ArmMotion
 from lerobot_robot_yam.face.datasets.check.thumbnails import Thumbnails
 
-SAME_LEVELS = 2  # in any pixel: what coding makes of the same picture
+SAME_LEVELS = 4  # in any pixel: what coding makes of the same picture
+REPEATED_LEVELS = 2  # less: from one frame to the next little moves
 MOVES_RAD = 0.2  # of a joint, that a camera has to show
 MOVES_IN_A_FRAME_RAD = 0.03
 REPEATED_SHARE, FEWEST_MOVING = 0.3, 10
@@ -47,8 +48,7 @@ def repeated(camera: str, thumbnails: Thumbnails, arms: Sequence[ArmMotion], fps
     if len(frames) < 2 or not joints:
         return
     state = np.concatenate(joints, axis=1)
-    same = np.abs(np.diff(images, axis=0)).max(axis=(1, 2)) <= SAME_LEVELS
-    for start, stop in runs(same, 1):
+    for start, stop in _stills(images):
         first, last = int(frames[start]), int(frames[stop])
         moved = float(np.ptp(state[first : last + 1], axis=0).max())
         if last - first >= STILL_S * fps and moved > MOVES_RAD:
@@ -57,9 +57,19 @@ def repeated(camera: str, thumbnails: Thumbnails, arms: Sequence[ArmMotion], fps
             return
     adjacent = np.diff(frames) == 1
     moving = adjacent & (np.abs(state[frames[1:]] - state[frames[:-1]]).max(axis=1) > MOVES_IN_A_FRAME_RAD)
+    same = np.abs(np.diff(images, axis=0)).max(axis=(1, 2)) <= REPEATED_LEVELS
     if moving.sum() >= FEWEST_MOVING and same[moving].mean() > REPEATED_SHARE:
         text = f"{camera}: {same[moving].sum()} of {moving.sum()} pictures of a moving arm repeat the one before"
         yield Flag(Kind.CAMERA_SLOW, text)
+
+
+def _stills(images: np.ndarray) -> Iterator[tuple[int, int]]:
+    """(first, last) of each stretch of pictures that are the same as its first one."""
+    start = 0
+    for place in range(1, len(images) + 1):
+        if place == len(images) or np.abs(images[place] - images[start]).max() > SAME_LEVELS:
+            yield start, place - 1
+            start = place
 
 
 def alike(pictures: Mapping[str, Thumbnails]) -> Iterator[Flag]:

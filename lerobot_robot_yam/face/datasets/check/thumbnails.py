@@ -38,10 +38,13 @@ def decode(path: Path, start_s: float, length: int, fps: float, step: int) -> Th
         if not video.streams.video:
             raise EOFError("there are no pictures in it")
         stream = video.streams.video[0]
+        if stream.time_base is None:
+            raise EOFError("it has no times")
         found: dict[int, np.ndarray] = {}
         wanted = range(1) if step == 1 else sorted({*range(0, length, step), length - 1})
         if step > 1:
             stream.codec_context.skip_frame = "NONKEY"
+            stream.codec_context.thread_count = 1  # more would wait for pictures that nobody wants
         for target in wanted:
             video.seek(round((start_s + (target + 0.5) / fps) / stream.time_base), stream=stream)
             pictures = _pictures(video, stream, start_s, fps)
