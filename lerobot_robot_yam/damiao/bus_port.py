@@ -122,7 +122,8 @@ class BusPort:
                 f"{RESET_LINK} {self.channel}"
             )
         else:
-            advice = f"check that the adapter is plugged in (yam-setup-can --list), then: {RESET_LINK} {self.channel}"
+            advice = "check that the adapter is plugged in and the link is up (yam-setup-can --list); to bring it up: "
+            advice += f"{RESET_LINK} {self.channel}"
         found = BusError(f"CAN channel {self.channel}: {verb} failed ({error}); {advice}")
         found.errno = number
         return found

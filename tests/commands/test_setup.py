@@ -75,16 +75,16 @@ rig lab
 
 
 def test_an_earlier_file_keeps_what_was_added_and_goes_only_after_a_question(desk, tmp_path, capsys):
-    path = tmp_path / "rig.yaml"
-    assert run(desk, path) == 0
+    path, one = tmp_path / "rig.yaml", "--channel=follower_left"
+    assert run(desk, path, one) == 0
     document = yaml.safe_load(path.read_text())
-    document["robot"]["left_arm_config"] |= {"gripper": "crank_4310", "workspace": {"floor_z_m": 0.0}}
+    document["robot"] |= {"gripper": "crank_4310", "workspace": {"floor_z_m": 0.0}}
     document["robot"]["cameras"] = {"old": {"type": "yam_sim", "camera": "top"}}
     by_hand = yaml.safe_dump(document, sort_keys=False, default_flow_style=None)
     path.write_text(by_hand)
-    assert run(desk, path, "--dry-run") == 0
-    assert "-    gripper: crank_4310" in capsys.readouterr().out and path.read_text() == by_hand
-    program = (sys.executable, "-m", "lerobot_robot_yam.commands.setup", str(path), f"--rig={desk.name}")
+    assert run(desk, path, one, "--dry-run") == 0
+    assert "-  gripper: crank_4310" in capsys.readouterr().out and path.read_text() == by_hand
+    program = (sys.executable, "-m", "lerobot_robot_yam.commands.setup", str(path), one, f"--rig={desk.name}")
     terminal = Terminal(tmp_path, *program)
     try:
         terminal.wait_shown("[lab]:")
@@ -92,15 +92,15 @@ def test_an_earlier_file_keeps_what_was_added_and_goes_only_after_a_question(des
         terminal.wait_shown("'no name' is no name")
         terminal.type(b"\n" * 20)
         terminal.wait_shown("[Y/n]")
-        assert "-    workspace" not in terminal.shown
+        assert "-  workspace" not in terminal.shown
         terminal.type(b"n\n")
         assert terminal.end() in (0, 1)
     finally:
         terminal.close()
-    assert run(desk, path) == 0
+    assert run(desk, path, one) == 0
     robot = yaml.safe_load(path.read_text())["robot"]
-    assert robot["left_arm_config"]["gripper"] == "linear_4310" and "old" not in robot["cameras"]
-    assert robot["left_arm_config"]["workspace"] == {"floor_z_m": 0.0}
+    assert robot["gripper"] == "linear_4310" and "old" not in robot["cameras"]
+    assert robot["workspace"] == {"floor_z_m": 0.0}
 
 
 def test_a_channel_in_use_is_told_with_its_process_and_too_few_arms_are_no_rig(desk, tmp_path, capsys):

@@ -45,7 +45,7 @@ def test_filters_count_and_a_filtered_frame_ends_no_wait():
 @pytest.mark.parametrize(
     ("error", "number", "advice"),
     [  # as python-can's socketcan raises them
-        (can.CanOperationError("Transmit buffer full"), errno.ENOBUFS, "frames wait.*txqueuelen 100"),
+        (can.CanOperationError("Transmit buffer full"), errno.ENOBUFS, "frames wait.*yam-setup-can.*--reset desk"),
         (can.CanOperationError("Failed to transmit: No buffer space available", errno.ENOBUFS), errno.ENOBUFS, "wait"),
         (can.CanOperationError("Failed to transmit: Network is down", errno.ENETDOWN), errno.ENETDOWN, "link is up"),
         (OSError(errno.ENODEV, "No such device"), errno.ENODEV, "plugged in"),

@@ -59,7 +59,8 @@ def test_lerobot_takes_what_is_written(command):
     options = [option for option in arguments if not option.startswith(("--config_path=", "--policy.path="))]
     (config,) = [option.partition("=")[2] for option in arguments if option.startswith("--config_path=")] or [None]
     kind = program.removeprefix("lerobot-")
-    parsed = draccus.parse(KINDS[kind], config and ROOT / config, options)
+    path = config and (Path(config) if Path(config).is_file() else ROOT / config)  # the rig's is where commands are run
+    parsed = draccus.parse(KINDS[kind], path, options)
     dataset = getattr(parsed, "dataset", None)
     for name in ("repo_id", "root"):
         given = [option.partition("=")[2] for option in options if option.startswith(f"--dataset.{name}=")]
