@@ -155,7 +155,7 @@ def test_two_arms_are_recorded_and_replayed_together(console, tmp_path):
     channels = ["follower_left", "leader_left"]
     with running_rig() as rig:
         command = ["--channel", *channels, "--rig", rig.name, "--gripper", "linear_4310", "yam_teaching_handle"]
-        terminal = console(*command)
+        terminal = console(*command, "--calibration", "stops.json", "handle.json")
         terminal.type(b"r")
         terminal.wait_shown("RECORDING")
         for channel in channels:
