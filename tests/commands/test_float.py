@@ -163,12 +163,13 @@ def test_two_arms_are_recorded_and_replayed_together(console, tmp_path):
         time.sleep(1.5)
         terminal.type(b"s")
         terminal.wait_shown("saved to trajectory.npy")
-        assert len(load_trajectory(tmp_path / "trajectory.npy").columns) == 13
-        held = [rig.state()["arms"][channel]["q"][:6] for channel in channels]
+        trajectory = load_trajectory(tmp_path / "trajectory.npy")
+        assert len(trajectory.columns) == 13
+        ends = trajectory.positions[-1, :6], trajectory.positions[-1, 7:]
         terminal.type(b"p")
         terminal.wait_shown("replayed; the arm holds")
         time.sleep(1.0)
-        for channel, q in zip(channels, held, strict=True):
+        for channel, q in zip(channels, ends, strict=True):
             np.testing.assert_allclose(rig.state()["arms"][channel]["q"][:6], q, atol=2 * MOST_RAD)
         terminal.type(b"q")
         assert terminal.end() == 0
