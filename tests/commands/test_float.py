@@ -159,12 +159,14 @@ def test_two_arms_are_recorded_and_replayed_together(console, tmp_path):
         terminal.type(b"r")
         terminal.wait_shown("RECORDING")
         for channel in channels:
-            rig.lift(channel, WAVED, 1.0, then_release=True)
-        time.sleep(1.5)
+            rig.lift(channel, WAVED, 1.0)
+        time.sleep(1.8)
         terminal.type(b"s")
         terminal.wait_shown("saved to trajectory.npy")
         trajectory = load_trajectory(tmp_path / "trajectory.npy")
         assert len(trajectory.columns) == 13
+        for channel in channels:
+            rig.release(channel)
         ends = trajectory.positions[-1, :6], trajectory.positions[-1, 7:]
         terminal.type(b"p")
         terminal.wait_shown("replayed; the arm holds")
