@@ -155,20 +155,23 @@ def test_two_arms_are_recorded_and_replayed_together(console, tmp_path):
     channels = ["follower_left", "leader_left"]
     with running_rig() as rig:
         command = ["--channel", *channels, "--rig", rig.name, "--gripper", "linear_4310", "yam_teaching_handle"]
-        terminal = console(*command)
+        terminal = console(*command, "--calibration", "stops.json", "handle.json")
         terminal.type(b"r")
         terminal.wait_shown("RECORDING")
         for channel in channels:
-            rig.lift(channel, WAVED, 1.0, then_release=True)
-        time.sleep(1.5)
+            rig.lift(channel, WAVED, 1.0)
+        time.sleep(1.8)
         terminal.type(b"s")
         terminal.wait_shown("saved to trajectory.npy")
-        assert len(load_trajectory(tmp_path / "trajectory.npy").columns) == 13
-        held = [rig.state()["arms"][channel]["q"][:6] for channel in channels]
+        trajectory = load_trajectory(tmp_path / "trajectory.npy")
+        assert len(trajectory.columns) == 13
+        for channel in channels:
+            rig.release(channel)
+        ends = trajectory.positions[-1, :6], trajectory.positions[-1, 7:]
         terminal.type(b"p")
         terminal.wait_shown("replayed; the arm holds")
         time.sleep(1.0)
-        for channel, q in zip(channels, held, strict=True):
+        for channel, q in zip(channels, ends, strict=True):
             np.testing.assert_allclose(rig.state()["arms"][channel]["q"][:6], q, atol=2 * MOST_RAD)
         terminal.type(b"q")
         assert terminal.end() == 0
