@@ -77,9 +77,9 @@ class Tuning:
         links, moments = [body.name for body in arm.bodies if body.joint], list(self.moment_kg_m)
         last = {EE_BODY: moments.pop()}
         shifts = dict(zip(links, moments, strict=False))
-        own = {"gravity_factor": np.ones(arm.joint_count), "coulomb_friction_nm": self.coulomb_nm}
+        tuned = replace(arm, bodies=_shifted(arm.bodies, shifts), coulomb_friction_nm=self.coulomb_nm)
         return (
-            replace(arm, bodies=_shifted(arm.bodies, shifts), **own),
+            replace(tuned, gravity_factor=np.ones(arm.joint_count)),
             replace(gripper, bodies=_shifted(gripper.bodies, last)),
         )
 

@@ -59,9 +59,7 @@ class Deviation:
         )
 
 
-def _changed(
-    bodies: Collection[Body], mass: Mapping[str, float], centre: Mapping[str, np.ndarray]
-) -> tuple[Body, ...]:
+def _changed(bodies: Collection[Body], mass: Mapping[str, float], centre: Mapping[str, np.ndarray]) -> tuple[Body, ...]:
     found = []
     for body in bodies:
         own, factor = body.inertial, mass.get(body.name, 1.0)

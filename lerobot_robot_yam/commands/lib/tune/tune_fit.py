@@ -53,6 +53,7 @@ class Fit(NamedTuple):
         solution: their values.
         tuning: the arm with them.
         unknown: parameters that the samples do not tell.
+        samples: they.
         missed_nm: (k, n) what the profile misses of the weight; rest_nm: (k, n) what the tuning does. NaN where a joint
             does not turn.
     """
@@ -61,6 +62,7 @@ class Fit(NamedTuple):
     solution: Solution
     tuning: Tuning
     unknown: list[Name]
+    samples: Samples
     missed_nm: np.ndarray
     rest_nm: np.ndarray
 
@@ -113,7 +115,7 @@ def fit(hardware: ResolvedArm, samples: Samples, bare: Tuning | None = None) -> 
     plain = GravityTerms(*profiles, load=hardware.load, tilt_rad=tilt)
     missed = rest + [terms.torque(q) - factor * plain.torque(q) for q in samples.q]
     missed += columns[..., :weights] @ found.values[:weights]
-    return Fit(names, found, tuning, _unknown(hardware, terms, names, found), missed, rest)
+    return Fit(names, found, tuning, _unknown(hardware, terms, names, found), samples, missed, rest)
 
 
 def _columns(terms: GravityTerms, samples: Samples, payload: bool) -> np.ndarray:

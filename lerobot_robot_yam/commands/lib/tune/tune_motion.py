@@ -5,13 +5,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.arm.tuning.gravity_terms import GravityTerms
 from lerobot_robot_yam.commands.lib.tune.tune_plan import RAMP_S, WAIT_S, way_s
+from lerobot_robot_yam.damiao.codec import torque_step_nm
 from lerobot_robot_yam.errors import LifeCycleError
 from lerobot_robot_yam.session.yam_arm import YamArm
 from lerobot_robot_yam.state.modes import Mode
 
 _PERIOD_S = 0.02
 _SETTLE_S = 0.15  # after which the joints move as steadily as they are told to
+_EXPECTED_STEPS = 20  # of a way
 _BIN_S = 0.1  # what is averaged: the torques that are fed back have steps, see `damiao.codec`
 
 
@@ -85,3 +89,18 @@ def _ramped(now: float, seconds: float) -> tuple[float, float]:
     if left < RAMP_S:
         return 1.0 - 0.5 * top * left**2 / RAMP_S, top * left / RAMP_S
     return top * (now - 0.5 * RAMP_S), top
+
+
+def expected(hardware: ResolvedArm, terms: GravityTerms, poses: np.ndarray) -> Samples:
+    """What a sweep through poses (k, n) rad would bring of an arm like its profile, which rubs not at all.
+
+    Its torques err by a step of the motors' feedback, so that a fit shows what the sweep would leave unknown.
+    """
+    shares = np.arange(_EXPECTED_STEPS)[:, None] / _EXPECTED_STEPS
+    there = list(zip(poses, poses[1:], strict=False))
+    ways = there + [(end, start) for start, end in there]
+    q = np.concatenate([start + shares * (end - start) for start, end in ways])
+    dq = np.concatenate([np.tile((end - start) / way_s(start, end), (_EXPECTED_STEPS, 1)) for start, end in ways])
+    steps = np.array([torque_step_nm(motor.type) for motor in hardware.motors[: hardware.joints]])
+    noise = np.random.default_rng(0).normal(size=q.shape) * steps
+    return Samples(q, dq, np.zeros_like(q), np.array([terms.torque(row) for row in q]) + noise)

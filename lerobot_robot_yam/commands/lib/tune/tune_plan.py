@@ -5,7 +5,6 @@ growth of the determinant of the information (D-optimal design), per second of t
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,7 +17,6 @@ from lerobot_robot_yam.errors import ConfigError
 
 SPEED_RAD_S = 0.55  # the most of any joint; slow, so that inertia hardly counts, and friction is more than the noise
 MARGIN_M = 0.03  # from the table and from itself: as much as the tool sags while the weight is unknown
-LEGS = 12  # ways, each gone there and back: 80 s
 RAMP_S = 0.3  # from rest to full speed
 WAIT_S = 0.5  # at each pose
 _TURN_RAD = 0.6  # of the base to either side, from where it stands
@@ -29,13 +27,6 @@ _TRIES = 30  # sets of candidates until a way is clear
 _LOOKS = 200  # along a way
 _POINTS = np.linspace(0.1, 0.9, 5)  # of a way, at which its information is judged
 _WEAK = 1e-3  # information, (kg m)⁻² and the like, to begin with
-
-
-class Plan(NamedTuple):
-    """Poses (k, n) rad, to be gone along in straight lines, and back again; and the time that it takes, s."""
-
-    poses: np.ndarray
-    seconds: float
 
 
 class Route:
@@ -85,8 +76,10 @@ def information(terms: GravityTerms, way: np.ndarray, steps_nm: np.ndarray) -> n
     return np.sum([row.T @ row for row in rows], axis=0)
 
 
-def plan(hardware: ResolvedArm, terms: GravityTerms, route: Route, start: np.ndarray, steps_nm: np.ndarray) -> Plan:
-    """A way for an arm that lies or stands at `start` (n,) rad.
+def plan(
+    hardware: ResolvedArm, terms: GravityTerms, route: Route, start: np.ndarray, steps_nm: np.ndarray, legs: int
+) -> np.ndarray:
+    """Poses (legs + 1, n) rad of a way for an arm that lies or stands at `start` (n,) rad.
 
     Raises:
         ConfigError: no way is clear.
@@ -97,32 +90,34 @@ def plan(hardware: ResolvedArm, terms: GravityTerms, route: Route, start: np.nda
     if base is not None:
         low[base], high[base] = max(low[base], start[base] - _TURN_RAD), min(high[base], start[base] + _TURN_RAD)
     known = _WEAK * np.eye(len(terms.terms))
-    poses, here, seconds = [], start, 0.0
-    while len(poses) < LEGS + 1:
-        there, told = _next(random.uniform(low, high, (_TRIES, _CANDIDATES, len(low))), here, terms, route, steps_nm, known)
-        if there is None:
+    poses = [start]
+    while len(poses) < legs + 2:
+        for _ in range(_TRIES):
+            candidates = random.uniform(low, high, (_CANDIDATES, len(low)))
+            if (found := _best(candidates, poses[-1], terms, route, steps_nm, known)) is not None:
+                break
+        else:
             raise ConfigError(
-                f"{hardware.name}: no pose can be reached from {shown(here)} without coming within "
-                f"{MARGIN_M * 1e3:.0f} mm of the table or of itself; begin with the arm elsewhere"
+                f"{hardware.name}: no pose can be reached from {shown(poses[-1])} without coming within "
+                f"{MARGIN_M * 1e3:.0f} mm of the table or of the arm itself; begin with the arm elsewhere"
             )
-        known = known + told
-        seconds += (2.0 if poses else 1.0) * (way_s(here, there) + WAIT_S)
-        poses.append(there)
-        here = there
-    return Plan(np.array(poses), seconds)
+        poses.append(found[0])
+        known = known + found[1]
+    return np.array(poses[1:])
 
 
-def _next(candidates, here, terms, route, steps_nm, known):
+def _best(
+    candidates: np.ndarray, here: np.ndarray, terms: GravityTerms, route: Route, steps_nm: np.ndarray, known: np.ndarray
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """The one of the candidates (c, n) rad with a clear way that tells most, and what it tells; None: no way is."""
     least = np.linalg.slogdet(known)[1]
-    for poses in candidates:
-        scored = []
-        for there in poses:
-            if np.abs(there - here).min() < _MOVED_RAD:
-                continue
+    scored = []
+    for there in candidates:
+        if np.abs(there - here).min() >= _MOVED_RAD:
             told = information(terms, here + _POINTS[:, None] * (there - here), steps_nm)
             gain = (np.linalg.slogdet(known + told)[1] - least) / (way_s(here, there) + WAIT_S)
             scored.append((gain, there, told))
-        for _, there, told in sorted(scored, key=lambda row: -row[0]):
-            if route.conflict(here, there) is None:
-                return there, told
-    return None, known
+    for _, there, told in sorted(scored, key=lambda row: -row[0]):
+        if route.conflict(here, there) is None:
+            return there, told
+    return None
