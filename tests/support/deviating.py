@@ -13,9 +13,9 @@ VISCOUS_NM_S = [0.2, 0.2, 0.2, 0.05, 0.05, 0.05]
 STOPS = [3.25, -3.3]
 
 
-def deviation(seed, payload_kg=0.3):
+def deviation(seed, payload_kg=0.3, arm="yam", gripper="linear_4310"):
     """Its row in a scene."""
-    arm, gripper = resolve_profiles("yam", "linear_4310")
+    arm, gripper = resolve_profiles(arm, gripper)
     links = [body.name for body in (*arm.bodies, *gripper.bodies)]
     rng = np.random.default_rng(seed)
 
@@ -25,7 +25,7 @@ def deviation(seed, payload_kg=0.3):
     return {
         "mass": {link: factor() for link in links},
         "centre": {link: factor(3) for link in links},
-        "friction": factor(6),
+        "friction": factor(arm.joint_count),
         "viscous_nm_s": VISCOUS_NM_S,
         "payload_mass_kg": payload_kg,
         "payload_com_m": rng.uniform(-0.05, 0.05, 3).tolist(),

@@ -4,6 +4,7 @@ It holds for the arm and the end effector that it names, and says by how much th
 `*_95` is half the width of a 95 % confidence interval.
 """
 
+import contextlib
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, is_dataclass, replace
@@ -113,7 +114,8 @@ def save_tuning(path: Path, tuning: Tuning) -> None:
         aside.write_text(_HEAD + text, encoding="utf-8")
         aside.replace(path)
     except OSError as error:
-        aside.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            aside.unlink()
         raise ConfigError(f"{path} cannot be written: {error}") from error
 
 

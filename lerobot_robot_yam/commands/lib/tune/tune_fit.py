@@ -23,6 +23,7 @@ from lerobot_robot_yam.arm.tuning.tuning import Payload, Tuning
 from lerobot_robot_yam.commands.lib.tune.least_squares import Solution, solve
 from lerobot_robot_yam.commands.lib.tune.tune_motion import Samples
 from lerobot_robot_yam.damiao.codec import torque_step_nm
+from lerobot_robot_yam.errors import ConfigError
 
 LEAST_RAD_S = 0.03  # a joint that is slower may stick
 _PASSES = 3
@@ -45,6 +46,22 @@ class Name(NamedTuple):
     what: str
 
 
+class NotToldError(ConfigError):
+    """Samples do not tell some parameters of an arm.
+
+    Attributes:
+        joints: (from 0) whose.
+    """
+
+    def __init__(self, hardware: ResolvedArm, names: Sequence[Name]):
+        self.joints = sorted({name.joint for name in names})
+        told = [
+            f"{hardware.joint_names[j]} ({', '.join(name.what for name in names if name.joint == j)})"
+            for j in self.joints
+        ]
+        super().__init__(f"{hardware.name}: the data do not tell {', '.join(told)}")
+
+
 class Fit(NamedTuple):
     """What the samples say. p parameters, k samples, n joints.
 
@@ -52,8 +69,7 @@ class Fit(NamedTuple):
         names: (p,) weights first, then friction.
         solution: their values.
         tuning: the arm with them.
-        unknown: parameters that the samples do not tell.
-        samples: they.
+        samples: which.
         missed_nm: (k, n) what the profile misses of the weight; rest_nm: (k, n) what the tuning does. NaN where a joint
             does not turn.
     """
@@ -61,7 +77,6 @@ class Fit(NamedTuple):
     names: list[Name]
     solution: Solution
     tuning: Tuning
-    unknown: list[Name]
     samples: Samples
     missed_nm: np.ndarray
     rest_nm: np.ndarray
@@ -79,6 +94,9 @@ def fit(hardware: ResolvedArm, samples: Samples, bare: Tuning | None = None) -> 
         hardware: the arm, without a tuning.
         samples: of ways there and back.
         bare: tuning of the same arm without a payload: then a payload is fitted on top of it.
+
+    Raises:
+        NotToldError: the samples leave parameters unknown.
     """
     n, tilt = hardware.joints, hardware.tilt_rad
     profiles = hardware.arm, hardware.gripper
@@ -106,16 +124,17 @@ def fit(hardware: ResolvedArm, samples: Samples, bare: Tuning | None = None) -> 
             left[used] / scale,
         )
         rest = np.where(used, left - columns @ found.values, np.nan)
-        noise = np.maximum(np.sqrt(np.nan_to_num(np.nanmean(rest**2, axis=0))), 0.25 * torque_steps(hardware))
+        found = _widened(found, rest / noise)
+        if unknown := _unknown(hardware, terms, names, found):
+            raise NotToldError(hardware, unknown)
+        noise = np.maximum(np.sqrt(np.nanmean(rest**2, axis=0)), 0.25 * torque_steps(hardware))
         tuning = _tuning(hardware, terms, names, found, bare)
         model = GravityModel(*tuning.tuned(*profiles), load=tuning.load, tilt_rad=tilt)
-    found = _widened(found, rest / noise)
-    tuning = _tuning(hardware, terms, names, found, bare)
     factor = hardware.arm.gravity_factor
     plain = GravityTerms(*profiles, load=hardware.load, tilt_rad=tilt)
     missed = rest + [terms.torque(q) - factor * plain.torque(q) for q in samples.q]
     missed += columns[..., :weights] @ found.values[:weights]
-    return Fit(names, found, tuning, _unknown(hardware, terms, names, found), samples, missed, rest)
+    return Fit(names, found, tuning, samples, missed, rest)
 
 
 def _columns(terms: GravityTerms, samples: Samples, payload: bool) -> np.ndarray:
@@ -172,8 +191,7 @@ def _poses(hardware: ResolvedArm) -> np.ndarray:
 def _tuning(
     hardware: ResolvedArm, terms: GravityTerms, names: Sequence[Name], found: Solution, bare: Tuning | None
 ) -> Tuning:
-    n, values = hardware.joints, found.values
-    half = np.where(np.isfinite(found.half_95), found.half_95, 0.0)
+    n, values, half = hardware.joints, found.values, found.half_95
     of = [np.array([name.what == what for name in names]) for what in ("Coulomb friction", "viscous friction")]
     rubs = {
         "coulomb_nm": values[of[0]],

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.arm.tuning.gravity_terms import GravityTerms
 from lerobot_robot_yam.commands.lib.tune.tune_plan import RAMP_S, WAIT_S, way_s
 from lerobot_robot_yam.damiao.codec import torque_step_nm
 from lerobot_robot_yam.errors import LifeCycleError
@@ -91,8 +91,8 @@ def _ramped(now: float, seconds: float) -> tuple[float, float]:
     return top * (now - 0.5 * RAMP_S), top
 
 
-def expected(hardware: ResolvedArm, terms: GravityTerms, poses: np.ndarray) -> Samples:
-    """What a sweep through poses (k, n) rad would bring of an arm like its profile, which rubs not at all.
+def expected(hardware: ResolvedArm, model: GravityModel, poses: np.ndarray) -> Samples:
+    """What a sweep through poses (k, n) rad would bring of an arm as the model has it, without friction.
 
     Its torques err by a step of the motors' feedback, so that a fit shows what the sweep would leave unknown.
     """
@@ -103,4 +103,6 @@ def expected(hardware: ResolvedArm, terms: GravityTerms, poses: np.ndarray) -> S
     dq = np.concatenate([np.tile((end - start) / way_s(start, end), (_EXPECTED_STEPS, 1)) for start, end in ways])
     steps = np.array([torque_step_nm(motor.type) for motor in hardware.motors[: hardware.joints]])
     noise = np.random.default_rng(0).normal(size=q.shape) * steps
-    return Samples(q, dq, np.zeros_like(q), np.array([terms.torque(row) for row in q]) + noise)
+    still = np.zeros_like(q)
+    tau = [np.add(*model.torques(*row)[:2]) for row in zip(q, dq, still, strict=True)]
+    return Samples(q, dq, still, np.array(tau) + noise)

@@ -11,8 +11,8 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.arm.tuning.gravity_terms import GravityTerms
 from lerobot_robot_yam.arm.tuning.tuning import Tuning
 from lerobot_robot_yam.commands.lib.arm_command import ask, tell
-from lerobot_robot_yam.commands.lib.tune.tune_fit import Fit, fit, torque_steps
-from lerobot_robot_yam.commands.lib.tune.tune_motion import Holds, expected, sweep
+from lerobot_robot_yam.commands.lib.tune.tune_fit import Fit, NotToldError, fit, torque_steps
+from lerobot_robot_yam.commands.lib.tune.tune_motion import Holds, Samples, expected, sweep
 from lerobot_robot_yam.commands.lib.tune.tune_plan import SPEED_RAD_S, Route, plan, shown
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.session.arm_session import Isolation
@@ -64,14 +64,12 @@ class Tuner:
                 poses = np.array(_led_poses(arm))
                 here = arm.observe().setpoint_q
                 self._route.check([here, poses[0], *poses[1:]])
-                self._require(fit(self.hardware, expected(self.hardware, self._terms, poses)), poses)
+                self._fit(expected(self.hardware, self._terms, poses), poses)
             else:
                 poses = self._plan(start, self._legs)
             arm.move_to(poses[0], speed_rad_s=SPEED_RAD_S)
             samples, holds = sweep(arm, poses, _progress("measuring"))
-        found = fit(self.hardware, samples, self._bare)
-        self._require(found, poses)
-        return found, holds, poses
+        return self._fit(samples, poses), holds, poses
 
     def hold(self, tuning: Path, poses: np.ndarray) -> Holds:
         """How the arm holds with a tuning, at some of those poses."""
@@ -83,19 +81,18 @@ class Tuner:
     def _plan(self, start: np.ndarray, legs: int) -> np.ndarray:
         return plan(self.hardware, self._terms, self._route, start, torque_steps(self.hardware), legs)
 
-    def _require(self, found: Fit, poses: np.ndarray) -> None:
-        if not found.unknown:
-            return
-        names, moved = self.hardware.joint_names, np.ptp(poses, axis=0)
-        joints = sorted({name.joint for name in found.unknown})
-        told = [f"{names[j]} ({', '.join(name.what for name in found.unknown if name.joint == j)})" for j in joints]
-        still = [f"{names[j]} by {moved[j]:.2f} rad" for j in joints if moved[j] < _LEAST_MOVED_RAD]
-        more = " → ".join(map(shown, self._plan(poses[-1], _REMEDY_LEGS)))
-        raise ConfigError(
-            f"{self.hardware.name}: the data do not tell {', '.join(told)}"
-            + (f"; the poses move only {', '.join(still)}" if still else "")
-            + f". Poses that would, in rad: {more}. Nothing was written"
-        )
+    def _fit(self, samples: Samples, poses: np.ndarray) -> Fit:
+        """Raises ConfigError: the samples do not tell all; says which poses would."""
+        try:
+            return fit(self.hardware, samples, self._bare)
+        except NotToldError as error:
+            moved, names = np.ptp(poses, axis=0), self.hardware.joint_names
+            still = [f"{names[j]} by {moved[j]:.2f} rad" for j in error.joints if moved[j] < _LEAST_MOVED_RAD]
+            more = " → ".join(map(shown, self._plan(poses[-1], _REMEDY_LEGS)))
+            raise ConfigError(
+                f"{error}{'; the poses move only ' * bool(still)}{', '.join(still)}. Poses that would, in rad: {more}. "
+                "Nothing was written"
+            ) from error
 
 
 def _progress(doing: str) -> Callable[[float], None]:
