@@ -58,6 +58,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--tilt", type=float, nargs=2, default=(0.0, 0.0), metavar="RAD", help="roll and pitch of the base (default 0)"
     )
+    parser.add_argument(
+        "--gravity-factor", type=float, nargs="+", metavar="F", help="per joint, as in the arm's config until now"
+    )
     parser.add_argument("--calibration", metavar="PATH", help="the gripper's stored stops; they are not searched then")
     parser.add_argument("--plot", type=user_path, metavar="PATH", help="file for a picture, such as tuning.png")
     parser.add_argument("--yes", action="store_true", help="do not ask")
@@ -71,7 +74,11 @@ def _tune(args: argparse.Namespace) -> int:
     need_terminal(args.yes)
     if any(args.tilt) and args.floor_z is None:
         raise ConfigError("with --tilt say where the table is: --floor-z, its height above the foot of the base, m")
-    fields = {"base_tilt_rad": list(args.tilt), "calibration_path": args.calibration}
+    fields = {
+        "base_tilt_rad": list(args.tilt),
+        "calibration_path": args.calibration,
+        "gravity_factor": args.gravity_factor,
+    }
     config = arm_config(args, **fields)
     if args.gripper is None:
         with own_bus(config) as bus:

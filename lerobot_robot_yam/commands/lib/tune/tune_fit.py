@@ -107,6 +107,8 @@ def fit(hardware: ResolvedArm, samples: Samples, bare: Tuning | None = None) -> 
     weights = len(names)
     names += [Name(j, what) for what in ("Coulomb friction", "viscous friction") for j in range(n)]
     used = np.abs(samples.dq) > LEAST_RAD_S
+    if not used.any():
+        raise NotToldError(hardware, names)
     columns = _columns(terms, samples, bare is not None)
     tau = _mean_torque(hardware, samples)
     carries = np.array([terms.torque(q) for q in samples.q])

@@ -74,7 +74,8 @@ class Tuner:
     def hold(self, tuning: Path, poses: np.ndarray) -> Holds:
         """How the arm holds with a tuning, at some of those poses."""
         few = poses[:_HOLD_POSES]
-        with YamArm(self._config, isolation=self._isolation, start="hold", tuning=str(tuning)) as arm:
+        tuned = {"tuning": str(tuning), "gravity_factor": None}
+        with YamArm(self._config, isolation=self._isolation, start="hold", **tuned) as arm:
             arm.move_to(few[0], speed_rad_s=SPEED_RAD_S)
             return sweep(arm, few, _progress("trying"))[1]
 
