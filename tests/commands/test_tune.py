@@ -102,6 +102,7 @@ def test_an_arm_is_tuned(made, tmp_path, capsys):
 
 
 @pytest.mark.long
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("seed", range(20))
 def test_twenty_arms_hold_as_they_should(made, tmp_path, seed):
     row = deviation(seed)
@@ -130,6 +131,7 @@ def test_twenty_arms_hold_as_they_should(made, tmp_path, seed):
 
 
 @pytest.mark.long
+@pytest.mark.timeout(900)
 def test_a_payload_is_found_on_an_arm_that_was_tuned_bare(made, tmp_path, capsys):
     rig, _ = made(deviation(1, payload_kg=0.0))
     config = sim_config(rig, CHANNEL)

@@ -38,7 +38,7 @@ def save_plot(path: Path, hardware: ResolvedArm, found: Fit, before: Holds, afte
         axes = figure.add_subplot(grid[0, joint])
         for values, label in ((found.missed_nm, "profile"), (found.rest_nm, "tuned")):
             axes.plot(found.samples.q[:, joint], values[:, joint], ".", markersize=2, label=label)
-        axes.set(title=name, xlabel="q, rad", ylabel="measured - modelled weight, Nm" if joint == 0 else "")
+        axes.set(title=name, xlabel="q, rad", ylabel="missed weight, Nm" if joint == 0 else "")
         axes = figure.add_subplot(grid[1, joint])
         speed = found.samples.dq[:, joint]
         rubs = tuned.coulomb_nm[joint] * np.sign(speed) + tuned.viscous_nm_s[joint] * speed
