@@ -18,7 +18,7 @@ from pathlib import Path
 from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.mounting import gripper_id
-from lerobot_robot_yam.arm.profile_files import load_arm
+from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.arm.tuning.tuning import load_tuning, save_tuning
 from lerobot_robot_yam.commands.lib.arm_command import (
     add_arm_arguments,
@@ -94,11 +94,15 @@ def _tune(args: argparse.Namespace) -> int:
 def hazard(config: ArmConfig, guided: bool) -> str:
     """What will happen, for the person who has to confirm it."""
     first = "floats so that you can lead it by hand, then goes" if guided else "goes"
+    path = config.calibration_path
+    searches = ""
+    if load_gripper(config.gripper).motor is not None and (path is None or not Path(path).exists()):
+        searches = " Its gripper closes and opens fully to find its stops (--calibration avoids that)."
     return (
         f"HAZARD: this energises the arm on channel {config.channel}, which {first} through poses all over its range, "
         f"at up to {SPEED_RAD_S} rad/s, for 2 minutes, lands, rises once more and lands. It keeps {MARGIN_M * 1e3:.0f} "
         "mm from the table and from itself; it knows of nothing else in its way. Keep hands off all arms and the "
-        "emergency stop within reach."
+        f"emergency stop within reach.{searches}"
     )
 
 

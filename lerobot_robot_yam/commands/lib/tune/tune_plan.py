@@ -34,7 +34,7 @@ class Route:
 
     Args:
         hardware: the arm.
-        workspace: floor, boxes and margin that it keeps; without a margin `MARGIN_M` of its own parts.
+        workspace: floor, boxes and margin that it keeps.
     """
 
     def __init__(self, hardware: ResolvedArm, workspace: WorkspaceConfig):
