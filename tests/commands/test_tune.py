@@ -37,7 +37,7 @@ HOLD_RAD = 0.003
 RUB_NM = 0.1  # of every joint, in the profile
 SETTLE_S = 5.0  # of the integral
 MOST_S = 180.0
-FEW, POSES = 4, 200
+FEW, POSES = 3, 200
 HIGH, LOW = [0.0, 1.2, 1.2, -0.5, 0.0, 0.0], [0.0, 1.85, 1.2, -1.2, 0.0, 0.0]  # 20 mm above the table
 
 
@@ -117,7 +117,7 @@ def test_twenty_arms_hold_as_they_should(made, tmp_path, seed):
     assert (missed <= may_miss).all(), (missed / may_miss).max(axis=0)
     rubs = RUB_NM * np.array(row["friction"])
     np.testing.assert_allclose(found.tuning.coulomb_nm, rubs, atol=0.03)
-    np.testing.assert_allclose(found.tuning.viscous_nm_s, VISCOUS_NM_S, atol=0.1)
+    np.testing.assert_allclose(found.tuning.viscous_nm_s, VISCOUS_NM_S, atol=0.15)
     stuck = rubs / tuner.hardware.kp[:6]
     allowed = np.where(stuck < 0.5 * HOLD_RAD, HOLD_RAD, stuck + HOLD_RAD)
     assert (np.abs(after.error_rad) <= allowed).all(), np.abs(after.error_rad).max(axis=0)
