@@ -53,6 +53,9 @@ class ArmConfig:
     gravity_factor: list[float] | None = option(
         "per joint, factor on the modelled weight, 0 to 2; by default the profile's", None
     )
+    tuning: str | None = option(
+        "file of yam-tune with what this arm weighs and how it rubs; by default what the profile says", None
+    )
     coulomb_friction_nm: list[float] | None = option(
         "per joint, friction torque that is fed forward, Nm; by default none", None
     )
@@ -187,7 +190,7 @@ def check_together(configs: Sequence[ArmConfig]) -> None:
         raise ConfigError(f"arms of one robot need different names and channels, got {names} on {channels}")
     if len({config.rate_hz for config in configs}) > 1:
         raise ConfigError("arms of one robot tick together: give them the same rate_hz")
-    for field_name in ("calibration_path", "identity_path"):
+    for field_name in ("calibration_path", "identity_path", "tuning"):
         paths = [path for config in configs if (path := getattr(config, field_name)) is not None]
         if len(set(paths)) < len(paths):
             raise ConfigError(

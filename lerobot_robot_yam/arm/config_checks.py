@@ -16,7 +16,7 @@ import numpy as np
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import user_path
 
-_PATHS = ("calibration_path", "identity_path")
+_PATHS = ("calibration_path", "identity_path", "tuning")
 _TEXT_MAX = 100  # bytes of a channel's name, which becomes part of file names
 GRAVITY_FACTOR_MOST = 2.0  # the vendor's are 1.0 to 1.2; a model that is further off is another arm's
 PAYLOAD_MOST_KG = 3.0  # outstretched, joint 2 of a YAM carries 2.1 kg, joint 3 of a big one 3.8

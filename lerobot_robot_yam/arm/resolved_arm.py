@@ -11,6 +11,7 @@ from lerobot_robot_yam.arm.model import Load
 from lerobot_robot_yam.arm.mounting import mounted
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
+from lerobot_robot_yam.arm.tuning.tuning import Tuning, load_tuning
 from lerobot_robot_yam.damiao.motor_spec import MAX_MOTORS, MotorSpec, check_specs
 from lerobot_robot_yam.errors import ConfigError
 
@@ -62,6 +63,7 @@ class ResolvedArm:
             if of_motor and gripper.motor is not None:
                 gripper = load_gripper(config.gripper, {"motor": of_motor})
             self.gripper: GripperProfile = mounted(gripper, self.arm)
+            tuning = None if config.tuning is None else self._use(load_tuning(config.tuning))
         except ConfigError as error:
             raise ConfigError(f"{config.name}: {error}") from error
         if config.estop_button is not None and not self.gripper.handle_encoder:
@@ -107,6 +109,22 @@ class ResolvedArm:
             payload_com_m=(x, y, z),
             ee_inertia=None if config.ee_inertia is None else tuple(config.ee_inertia),
         )
+        if tuning is not None and tuning.payload.mass_kg:
+            self.load = tuning.load
+
+    def _use(self, tuning: Tuning) -> Tuning:
+        """Take over what it says; gravity factors of the configuration still count."""
+        if self.config.ee_inertia is not None:
+            raise ConfigError("tuning and ee_inertia both say what the end effector weighs; leave one of them out")
+        if self.config.payload_mass_kg and tuning.payload.mass_kg:
+            raise ConfigError(
+                f"tuning has a payload of {tuning.payload.mass_kg:.3g} kg, and payload_mass_kg is "
+                f"{self.config.payload_mass_kg:g}; leave one of them out"
+            )
+        arm, self.gripper = tuning.tuned(self.arm, self.gripper)
+        factor = self.arm.gravity_factor if self.config.gravity_factor is not None else arm.gravity_factor
+        self.arm = dataclasses.replace(arm, gravity_factor=factor)
+        return tuning
 
     def _rest_q(self, given: list[float] | None) -> np.ndarray:
         if given is None or not self.joints:

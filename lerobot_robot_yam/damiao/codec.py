@@ -176,6 +176,11 @@ def ranges_of(motor_type: str) -> Ranges:
     return _ROWS[tables.motor_type(motor_type).name]
 
 
+def torque_step_nm(motor_type: str) -> float:
+    """Step in which motors of this type tell their torque, Nm; they round down. Raises ConfigError: unknown type."""
+    return 2.0 * ranges_of(motor_type)[2] / _MAX12
+
+
 def unpack_feedback(ranges: Ranges, data: bytes) -> tuple[int, int, float, float, float, int, int]:
     """`decode_feedback` of 8 bytes, for the loop: the fields in the same order, with nothing checked."""
     p_max, v_max, t_max, _, _ = ranges

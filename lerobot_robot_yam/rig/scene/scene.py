@@ -15,6 +15,7 @@ import numpy as np
 from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS
 from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.rig.scene.deviation import Deviation
 from lerobot_robot_yam.rig.scene.props import Thing, check_things
 from lerobot_robot_yam.rig.scene.tasks import PICK_AND_PLACE, SCRIPTS, Task, check_tasks
 from lerobot_robot_yam.system.paths import user_path
@@ -41,7 +42,8 @@ class ArmPlacement:
     q_rad: start pose (n,), default the rest pose. stops_rad: gripper stops [closed, open] in joint space (motor
     angle * direction), default the profile's. zero_offset_rad: motor angle at joint value 0, per motor (gripper
     last), default 0. passive: of a leader without motors, the kind of station that it is from (`passive_config`);
-    encoders tell its joints. number: 1 for the scene's first arm, whichever are selected; filled in by `load_scene`.
+    encoders tell its joints. deviation: how the arm differs from its profiles. number: 1 for the scene's first arm,
+    whichever are selected; filled in by `load_scene`.
     """
 
     channel: str
@@ -55,6 +57,7 @@ class ArmPlacement:
     stops_rad: np.ndarray | None = array_field(2, default=None)
     zero_offset_rad: np.ndarray | None = array_field(-1, default=None)
     passive: str | None = None
+    deviation: Deviation | None = None
     number: int = 0
 
 
@@ -232,6 +235,8 @@ def _check_placement(row: ArmPlacement) -> None:
             raise ConfigError(f"{row.channel}: {key} takes {n} numbers, not {len(value)}")
     if row.stops_rad is not None and row.stops_rad[0] == row.stops_rad[1]:
         raise ConfigError(f"{row.channel}: stops_rad are [closed, open], two different angles")
+    if row.deviation is not None:
+        row.deviation.check(arm, gripper, row.channel)
 
 
 def _selected(scene: Scene) -> Scene:

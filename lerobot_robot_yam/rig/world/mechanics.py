@@ -7,9 +7,9 @@ import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.world.world import World
+from lerobot_robot_yam.rig.world.world_model import FIRM_FRICTION
 
 _CONTROL_MAX = 1e9  # MuJoCo drops all controls of the world when one exceeds 1e10; forces are limited far below
-_STIFF = 0.999  # impedance under which a shaft that friction holds creeps by 5 mrad/s; by default it is 0.5 rad/s
 _JAMMED = 1e5  # Nm s/rad: 10 Nm turn a jammed shaft by 0.1 mrad/s
 _INERTIA_KG_M2 = 0.05  # of a loose shaft, between an arm's shoulder (0.2) and its wrist (0.005); our choice
 _DAMPING_NM_S_RAD = 0.2  # of its gear and bearings; our choice
@@ -86,7 +86,7 @@ class Drive:
         """Add dry friction to that of the profile, from now on."""
         model = self._world.model
         model.dof_frictionloss[self.v] = self._friction + abs(self.coefficient) * friction_nm
-        model.dof_solimp[self.v, :2] = _STIFF if friction_nm else self._impedance
+        model.dof_solimp[self.v, :2] = FIRM_FRICTION if friction_nm else self._impedance
 
 
 class LooseShaft:

@@ -16,12 +16,14 @@ from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.profile import GripperProfile
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.rig.scene.deviation import Deviation
 from lerobot_robot_yam.rig.scene.props import Part, Thing
 from lerobot_robot_yam.rig.scene.scene import ArmPlacement, Camera, Scene
 from lerobot_robot_yam.rig.world.scenery import add_scenery, add_shaded_surfaces
 
 HAND_KP, HAND_KD = 200.0, 20.0  # Nm/rad, Nm s/rad: a firm grip on the leader's joints
 HAND_TORQUE_NM = 12.0  # the most that the operator's pull does at a joint
+FIRM_FRICTION = 0.999  # impedance: a shaft that friction holds creeps by 5 mrad/s; by default it is 0.5 rad/s
 _SHAPES = {"box": mujoco.mjtGeom.mjGEOM_BOX, "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER}
 _JOINTS = {"slide": mujoco.mjtJoint.mjJNT_SLIDE, "hinge": mujoco.mjtJoint.mjJNT_HINGE}
 
@@ -122,7 +124,13 @@ def _attach_arm(spec: mujoco.MjSpec, row: ArmPlacement, scene: Scene) -> None:
     physics = Physics(friction_scale=scene.options.friction, armature_scale=scene.options.armature)
     arm, gripper = resolve_profiles(row.arm, row.gripper)
     frame = spec.worldbody.add_frame(pos=row.position_m, quat=base_quat(row.yaw_rad, row.tilt_rad.tolist()))
-    spec.attach(build_spec(arm, gripper, physics=physics), prefix=f"{row.channel}/", frame=frame)
+    built, load = (arm, gripper), None
+    if row.deviation is not None:
+        built, load = row.deviation.apply(arm, gripper), row.deviation.load
+    own = build_spec(*built, load=load, physics=physics)
+    if row.deviation is not None:
+        _add_rubbing(own, row.deviation, arm.joint_count)
+    spec.attach(own, prefix=f"{row.channel}/", frame=frame)
     for i, motor in enumerate(arm.motors):
         target = f"{row.channel}/joint{i + 1}"
         limit = motor_type(motor.type).torque_max_nm
@@ -136,6 +144,15 @@ def _attach_arm(spec: mujoco.MjSpec, row: ArmPlacement, scene: Scene) -> None:
             tendon.wrap_joint(f"{row.channel}/{finger}", coefficient)
         limit = motor_type(gripper.motor.type).torque_max_nm
         _add_servo(spec, f"{row.channel}/{gripper.motor.name}", target, mujoco.mjtTrn.mjTRN_TENDON, limit)
+
+
+def _add_rubbing(spec: mujoco.MjSpec, deviation: Deviation, joints: int) -> None:
+    for i in range(joints):
+        joint = spec.joint(f"joint{i + 1}")
+        if deviation.friction is not None:
+            joint.solimp_friction[:2] = FIRM_FRICTION
+        if deviation.viscous_nm_s is not None:
+            joint.damping = [deviation.viscous_nm_s[i], 0.0, 0.0]
 
 
 def _add_servo(spec: mujoco.MjSpec, name: str, target: str, kind: mujoco.mjtTrn, limit_nm: float) -> None:

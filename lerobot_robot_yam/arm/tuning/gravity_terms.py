@@ -1,0 +1,97 @@
+"""The torque that holds an arm as a linear function of what its links weigh.
+
+With h_i the first moment (mass times centre, kg m) of what joint i carries, in the frame of link i, and R_i the turn of
+that link, the potential energy is −Σ gᵀ R_i h_i but for constants, and
+
+    ∂τ_j / ∂h_i = −gᵀ (z_j × R_i ·)        for links i that joint j moves, z_j its axis
+
+A mass further out is a moment of each link on the way to it, and a moment along the joint's own axis one of the link
+before. So two numbers per link, the components across its joint's axis, stand for every change of masses and centres,
+and of what the tool carries (base parameters: Gautier and Khalil, "Direct calculation of minimum set of inertial
+parameters of serial robots", IEEE Trans. Robotics and Automation, 1990).
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from lerobot_robot_yam.arm.dynamics import GravityModel
+from lerobot_robot_yam.arm.model import Load
+from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
+
+PAYLOAD_TERMS = ("mass", "moment x", "moment y", "moment z")
+LEAST_LINK_KG = 0.05  # a lighter link, such as a bare wrist, has no moment worth a number
+_SAMPLES = 200
+_FELT_M_S2 = 0.05  # Nm per kg m: of 9.81 where gravity is felt at all
+
+
+class Term(NamedTuple):
+    """A moment of a link: of the one that joint `joint` (from 0) moves, along `axis` (3,) in its frame."""
+
+    joint: int
+    axis: np.ndarray
+
+
+class GravityTerms(GravityModel):
+    """Derivatives of the torque that holds an arm of n joints.
+
+    Attributes:
+        terms: the p moments that gravity shows in this mounting, from the base on.
+    """
+
+    def __init__(
+        self,
+        arm: ArmProfile,
+        gripper: GripperProfile,
+        *,
+        load: Load | None = None,
+        tilt_rad: Sequence[float] = (0.0, 0.0),
+    ):
+        super().__init__(arm, gripper, load=load, tilt_rad=tilt_rad)
+        model, n = self.model, self.joint_count
+        self._bodies = model.jnt_bodyid[:n].copy()
+        weighs = [own.inertial.mass_kg >= LEAST_LINK_KG for own in arm.bodies if own.joint]
+        weighs[-1] |= gripper.bodies[0].inertial.mass_kg >= LEAST_LINK_KG
+        every = [Term(i, axis) for i in range(n) if weighs[i] for axis in _across(model.jnt_axis[i])]
+        self._use(every)
+        felt = np.abs([self.moments(q) for q in _poses(arm)]).max(axis=(0, 1))
+        self._use([term for term, most in zip(every, felt, strict=True) if most > _FELT_M_S2])
+
+    def moments(self, q: np.ndarray) -> np.ndarray:
+        """(n, p) Nm per kg m of each term at q (n,) rad."""
+        self._move(q)
+        turns = self._data.xmat[self._bodies[self._joints]].reshape(-1, 3, 3)
+        return self._columns(np.einsum("pij,pj->pi", turns, self._axes), self._joints)
+
+    def payload(self, q: np.ndarray) -> np.ndarray:
+        """(n, 4) Nm per kg of a mass at the tcp, and per kg m of its moments in the frame of the tcp, at q (n,) rad."""
+        at_tcp = self.torque_per_kg(q)
+        turn = self._data.site_xmat[self._tcp].reshape(3, 3)
+        last = np.full(3, self.joint_count - 1)
+        return np.column_stack([at_tcp, self._columns(turn.T, last)])
+
+    def _use(self, terms: Sequence[Term]) -> None:
+        self.terms = list(terms)
+        self._joints = np.array([term.joint for term in terms], dtype=int)
+        self._axes = np.array([term.axis for term in terms]).reshape(-1, 3)
+
+    def _columns(self, moments: np.ndarray, links: np.ndarray) -> np.ndarray:
+        """(n, p) torques of unit moments (p, 3) in world axes, each moved by the joints up to a link (p,)."""
+        axes = self._data.xaxis[: self.joint_count]
+        # −gᵀ (z × h) = z · (g × h)
+        columns: np.ndarray = axes @ np.cross(self.model.opt.gravity, moments).T
+        return np.where(np.arange(self.joint_count)[:, None] <= links, columns, 0.0)
+
+
+def _across(axis: np.ndarray) -> list[np.ndarray]:
+    """Two directions (3,) across an axis (3,), along axes of the link's frame where that is possible."""
+    first = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    first = first - axis * (first @ axis)
+    first /= np.linalg.norm(first)
+    return [first, np.cross(axis, first)]
+
+
+def _poses(arm: ArmProfile) -> np.ndarray:
+    low, high = arm.joint_limits_rad.T
+    return np.random.default_rng(0).uniform(low, high, size=(_SAMPLES, arm.joint_count))
