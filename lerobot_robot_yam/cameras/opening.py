@@ -115,6 +115,22 @@ def open_camera(wanted: Wanted, root: Path = ROOT) -> PictureSource:
     return find_camera(wanted.serial, root).open(wanted)
 
 
+def config_of(camera: Plugged, root: Path = ROOT) -> dict[str, Any]:
+    """What a config says to find a camera again. A webcam without a serial number of its own goes by its USB port.
+
+    Raises:
+        CameraError: nothing tells it from another.
+    """
+    same = [other for other in plugged_cameras(root) if other.serial == camera.serial]
+    if camera.serial and len(same) == 1:
+        elsewhere = {} if root == ROOT else {"root": str(root)}
+        return {"type": "yam_realsense", "serial_number_or_name": camera.serial, **elsewhere}
+    paths = [link for link in camera.seen.links if link.parent.name == "by-path"] if camera.seen else []
+    if not paths:
+        raise CameraError(f"{camera}: nothing tells it from another camera; plug it into a USB port of its own")
+    return {"type": "opencv", "index_or_path": str(paths[0])}
+
+
 def listed(cameras: Sequence[Plugged]) -> str:
     """What is plugged in, for a message."""
     return ", ".join(map(str, cameras)) or "none"

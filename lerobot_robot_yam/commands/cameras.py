@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from lerobot_robot_yam.cameras.opening import Plugged, find_camera, listed, plugged_cameras
+from lerobot_robot_yam.cameras.opening import Plugged, config_of, find_camera, listed, plugged_cameras
 from lerobot_robot_yam.cameras.role_names import ROLES, named_cameras, read_config, with_cameras
 from lerobot_robot_yam.cameras.video_devices import ROOT
 from lerobot_robot_yam.commands.lib.arm_command import ask, need_terminal, run_command, table, tell
@@ -148,7 +148,8 @@ def _name(args: argparse.Namespace) -> int:
             raise ConfigError(f"{role}={serial}: give a role of letters, digits and _, then = and a serial number")
     found = {role: find_camera(serial, args.root) for role, serial in pairs.items()} or _asked(args)
     if found:
-        _write(args, {role: _fields(camera, args) for role, camera in found.items()})
+        size = {"width": args.width, "height": args.height, "fps": args.fps}
+        _write(args, {role: config_of(camera, args.root) | size for role, camera in found.items()})
     return 0
 
 
@@ -166,23 +167,6 @@ def _asked(args: argparse.Namespace) -> dict[str, Plugged]:
         if role != _SKIP:
             found[role] = camera
     return found
-
-
-def _fields(camera: Plugged, args: argparse.Namespace) -> dict[str, Any]:
-    """The config of a camera. A webcam without a serial number of its own goes by its USB port.
-
-    Raises:
-        CameraError: nothing tells it from another.
-    """
-    size = {"width": args.width, "height": args.height, "fps": args.fps}
-    same = [other for other in plugged_cameras(args.root) if other.serial == camera.serial]
-    if camera.serial and len(same) == 1:
-        elsewhere = {} if args.root == ROOT else {"root": str(args.root)}
-        return {"type": "yam_realsense", "serial_number_or_name": camera.serial, **size, **elsewhere}
-    paths = [link for link in camera.seen.links if link.parent.name == "by-path"] if camera.seen else []
-    if not paths:
-        raise CameraError(f"{camera}: nothing tells it from another camera; plug it into a USB port of its own")
-    return {"type": "opencv", "index_or_path": str(paths[0]), **size}
 
 
 def _roles(config: Path | None) -> dict[str, str]:

@@ -149,8 +149,8 @@ def test_name_writes_roles_and_keeps_the_file(capsys, tree, config):
     assert status == 0 and "+    wrist_left: {type: yam_realsense" in err and config.read_text() == before
     assert run(capsys, "name", *pair, "--yes")[0] == 0
     text = config.read_text()
-    added = f"wrist_left: {{type: yam_realsense, serial_number_or_name: '{SERIAL}', width: 640, height: 480, fps: 30, "
-    assert text.replace(f"{added}root: {tree.root}}}\n    ", "") == before
+    added = f"wrist_left: {{type: yam_realsense, serial_number_or_name: '{SERIAL}', root: {tree.root}, "
+    assert text.replace(f"{added}width: 640, height: 480, fps: 30}}\n    ", "") == before
     status, _, err = run(capsys, "name", *pair, "--yes")
     assert status == 0 and "nothing to change" in err and config.read_text() == text
     status, _, err = run(capsys, "name", "top=200901010001", f"--config={config}", "--root", tree.root)

@@ -154,8 +154,8 @@ def test_on_a_computer_adapters_and_cameras_are_those_of_the_kernel(tmp_path, mo
     sysfs = Sysfs(tmp_path / "sys")
     for port, channel in enumerate(("can_follower_l", "can_follower_r", "can_a", "can_b"), 1):
         sysfs.adapter(channel, f"1-{port}", serial=f"000{port}")
-    sysfs.camera("video0", "2-1", "C920", vendor="046d", serial="A1")
-    sysfs.camera("video1", "2-1", "C920", function="1.1", vendor="046d", serial="A1")
+    sysfs.camera("video0", "2-1", "C920", vendor="046d")
+    sysfs.camera("video1", "2-1", "C920", function="1.1", vendor="046d")
     sysfs.realsense("video2", "2-2", "5000")
     links = tmp_path / "dev/v4l/by-path"
     links.mkdir(parents=True)
@@ -170,9 +170,9 @@ def test_on_a_computer_adapters_and_cameras_are_those_of_the_kernel(tmp_path, mo
     document = yaml.safe_load(path.read_text())
     assert document["robot"]["left_arm_config"] == {"channel": "can_follower_l", "arm": "yam", "gripper": "linear_4310"}
     cameras = document["robot"]["cameras"].values()
-    assert [camera["type"] for camera in cameras] == ["opencv", "intelrealsense"]
+    assert [camera["type"] for camera in cameras] == ["opencv", "yam_realsense"]
     assert [camera.get("index_or_path", camera.get("serial_number_or_name")) for camera in cameras] == [
-        "/dev/v4l/by-path/pci-0000:00:14.0-usb-0:1:1.0-video-index0",
+        f"{tmp_path}/dev/v4l/by-path/pci-0000:00:14.0-usb-0:1:1.0-video-index0",
         "123422070577",
     ]
 
