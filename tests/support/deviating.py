@@ -6,6 +6,7 @@ import yaml
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.rig.scene.scene import load_scene
+from lerobot_robot_yam.rig.world.world_model import carried
 
 CHANNEL = "only"
 SHARE = 0.2
@@ -46,4 +47,4 @@ def true_gravity(path):
     """Model of the arm of such a scene as it is."""
     (row,) = load_scene(path).arms
     profiles = resolve_profiles(row.arm, row.gripper)
-    return GravityModel(*row.deviation.apply(*profiles), load=row.deviation.load)
+    return GravityModel(*row.deviation.apply(*profiles), load=carried(row.deviation))

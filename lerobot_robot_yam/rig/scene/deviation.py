@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lerobot_robot_yam.arm.model import Load
 from lerobot_robot_yam.arm.profile import ArmProfile, Body, GripperProfile
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.strict_yaml import array_field
@@ -29,12 +28,6 @@ class Deviation:
     viscous_nm_s: np.ndarray | None = array_field(-1, default=None)
     payload_mass_kg: float = 0.0
     payload_com_m: np.ndarray = array_field(3, default=(0, 0, 0))
-
-    @property
-    def load(self) -> Load:
-        """What the tool carries."""
-        x, y, z = self.payload_com_m.tolist()
-        return Load(payload_mass_kg=self.payload_mass_kg, payload_com_m=(x, y, z))
 
     def check(self, arm: ArmProfile, gripper: GripperProfile, where: str) -> None:
         """Refuse what does not fit the arm. Raises ConfigError: says what."""

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from lerobot_robot_yam.arm.model import Physics, base_quat, build_spec
+from lerobot_robot_yam.arm.model import Load, Physics, base_quat, build_spec
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.profile import GripperProfile
 from lerobot_robot_yam.damiao.tables import motor_type
@@ -120,13 +120,19 @@ def _add_camera(spec: mujoco.MjSpec, camera: Camera) -> None:
     body.add_camera(name=camera.name, pos=camera.position_m, quat=quat, fovy=camera.fovy_deg)
 
 
+def carried(deviation: Deviation) -> Load:
+    """What the tool of an arm carries that its profile knows nothing of."""
+    x, y, z = deviation.payload_com_m.tolist()
+    return Load(payload_mass_kg=deviation.payload_mass_kg, payload_com_m=(x, y, z))
+
+
 def _attach_arm(spec: mujoco.MjSpec, row: ArmPlacement, scene: Scene) -> None:
     physics = Physics(friction_scale=scene.options.friction, armature_scale=scene.options.armature)
     arm, gripper = resolve_profiles(row.arm, row.gripper)
     frame = spec.worldbody.add_frame(pos=row.position_m, quat=base_quat(row.yaw_rad, row.tilt_rad.tolist()))
     built, load = (arm, gripper), None
     if row.deviation is not None:
-        built, load = row.deviation.apply(arm, gripper), row.deviation.load
+        built, load = row.deviation.apply(arm, gripper), carried(row.deviation)
     own = build_spec(*built, load=load, physics=physics)
     if row.deviation is not None:
         _add_rubbing(own, row.deviation, arm.joint_count)
