@@ -8,7 +8,6 @@ from lerobot.cameras.configs import CameraConfig, ColorMode, Cv2Rotation
 
 from lerobot_robot_yam.arm.option import option
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.face.devices.config_refusal import RefusedConfigError
 from lerobot_robot_yam.face.registration import register_as
 from lerobot_robot_yam.system.paths import user_path
 
@@ -42,6 +41,8 @@ class YamRealsenseCameraConfig(CameraConfig):
         Raises:
             RefusedConfigError: says what to do.
         """
+        from lerobot_robot_yam.face.devices.config_refusal import RefusedConfigError  # LeRobot's start must not wait
+
         self.color_mode, self.rotation = ColorMode(self.color_mode), Cv2Rotation(self.rotation)
         if not self.use_rgb and not self.use_depth:
             raise RefusedConfigError(f"camera {self.serial_number_or_name}: set use_rgb or use_depth")
@@ -56,6 +57,7 @@ class YamRealsenseCameraConfig(CameraConfig):
     def _find(self) -> None:
         from lerobot_robot_yam.cameras.opening import find_camera
         from lerobot_robot_yam.cameras.picture_source import no_depth
+        from lerobot_robot_yam.face.devices.config_refusal import RefusedConfigError
 
         try:
             camera = find_camera(self.serial_number_or_name, user_path(self.root))

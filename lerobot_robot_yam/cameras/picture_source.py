@@ -63,7 +63,7 @@ class Limits:
 def no_depth(camera: str) -> ConfigError:
     """Of a camera that librealsense does not read."""
     return ConfigError(
-        f"{camera}: depth takes librealsense: pip install 'lerobot_robot_yam[realsense]', or set use_depth to false"
+        f"{camera}: depth takes librealsense: pip install '.[realsense]' in the clone, or set use_depth to false"
     )
 
 

@@ -27,7 +27,7 @@ def library() -> ModuleType:
         import pyrealsense2
     except ModuleNotFoundError as error:
         raise CameraError(
-            "pyrealsense2, the maker's library, is not installed: pip install 'lerobot_robot_yam[realsense]'"
+            "pyrealsense2, the maker's library, is not installed: pip install '.[realsense]' in the clone"
         ) from error
     except ImportError as error:  # of its own libraries
         raise CameraError(f"pyrealsense2 cannot be loaded ({error}): sudo apt install libusb-1.0-0") from error

@@ -113,7 +113,7 @@ class UvcSource:
                 return node, control
         raise CameraError(
             f"{self._device} offers no {name} over UVC: leave {name} out, or read it with librealsense (pip install "
-            "'lerobot_robot_yam[realsense]')"
+            "'.[realsense]' in the clone)"
         )
 
     def _set(self, number: int, name: str, value: int, unit: int, automatic: int, off: int) -> None:

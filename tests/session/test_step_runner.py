@@ -80,7 +80,7 @@ def test_a_transmit_queue_that_is_full_for_a_moment_ends_no_session(rig):
     assert state.mode is Mode.TRACK and min(state.lost) > 5
     rig.fault(CHANNELS[0], None, "bus_off")
     session.clock.sleep(0.09)  # before it counts as silence
-    with pytest.raises(MotorError, match=r"frames wait.*txqueuelen"):
+    with pytest.raises(MotorError, match=r"frames wait.*yam-setup-can"):
         port.observe()
     session.discard()
 

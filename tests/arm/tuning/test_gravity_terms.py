@@ -8,6 +8,7 @@ from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.profile_files import ARMS
 from lerobot_robot_yam.arm.tuning.gravity_terms import GravityTerms
 from lerobot_robot_yam.rig.scene.deviation import Deviation
+from lerobot_robot_yam.rig.world.world_model import carried
 from tests.support.deviating import deviation
 
 NEAR_NM = 1e-4
@@ -27,7 +28,7 @@ def changed(arm, gripper, seed):
         payload_mass_kg=PAYLOAD_KG,
         payload_com_m=np.array(AT_M),
     )
-    return made.apply(arm, gripper), made.load
+    return made.apply(arm, gripper), carried(made)
 
 
 @pytest.mark.parametrize("tilt", [(0.0, 0.0), (1.57, 0.3)], ids=["upright", "on a wall"])
