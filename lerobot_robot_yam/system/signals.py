@@ -7,6 +7,7 @@ Handlers are process-wide, so they are shared by all devices of the process, set
 default handlers, and put back when the last device disconnects.
 """
 
+import importlib.util
 import logging
 import math
 import signal
@@ -28,6 +29,9 @@ _DEFAULTS = {
     signal.SIGHUP: signal.SIG_DFL,
 }
 _WHY = "ended by "
+# torch makes a table at exit, where tabulate is installed. What is evaluated while that is loaded makes Python forget
+# that an interrupt ends the process, and then the exit status is 1. So it is loaded before.
+_LOADED_AT_EXIT = "tabulate"
 _TWICE_S = 1.0  # a closed terminal sends two at once, which are one wish
 _users = 0
 _waits = False  # the session will end by itself
@@ -76,6 +80,8 @@ def end_session_on_signals(instead: Instead = lambda frame, why: False, ctrl_c: 
     global _users, _first_s, _waits, _report, _under_a_command
     _users += 1
     _under_a_command |= ctrl_c
+    if ctrl_c and importlib.util.find_spec(_LOADED_AT_EXIT):
+        importlib.import_module(_LOADED_AT_EXIT)
     _instead.append(instead)
     if _users == 1:
         _first_s, _waits = -math.inf, False
