@@ -1,5 +1,6 @@
 """Finding an arm's adapter by moving its wrist by hand: the motors are asked where they are, and nothing else."""
 
+import time
 from collections.abc import Callable, Mapping
 
 import can
@@ -12,10 +13,14 @@ from lerobot_robot_yam.errors import MotorError
 MOVED_RAD = 0.3  # on purpose; less than half of it may be a table that shakes
 _WRIST_IDS, _WRIST_MOTOR = (4, 5, 6), "DM4310"
 _POLL_S, _ANSWER_S = 0.05, 0.02
+_RESTS_S, _RESTS_RAD = 0.3, 0.02
+_RESTLESS_S = 10.0  # an arm that hangs may sway for long; its wrist hardly does
 
 
 class WristWatch:
     """Arms whose wrists are moved after this was made. Make it before the person is asked to. Energises nothing.
+
+    It waits for the hand that still moves the arm before this one: that would be taken for an answer.
 
     Args:
         buses: open, by channel; nobody else drives them.
@@ -28,7 +33,7 @@ class WristWatch:
     def __init__(self, buses: Mapping[str, can.BusABC]):
         self._questions = {channel: Questions(bus, channel) for channel, bus in buses.items()}
         self._start: dict[tuple[str, int], float] = {}
-        self._moved_rad()
+        self._await_rest()
         if not self._start:
             raise MotorError(f"no arm answers on {', '.join(buses)}: switch the arms' power on, check the CAN cables")
 
@@ -50,8 +55,18 @@ class WristWatch:
                 if not also:
                     return furthest, None
                 tell(f"several arms move ({', '.join([furthest, *also])}): move one alone")
-                self._start.clear()
+                self._await_rest()
         return None, line
+
+    def _await_rest(self) -> None:
+        """Wait until no wrist moves, and begin from there."""
+        until_s = time.monotonic() + _RESTLESS_S
+        while True:
+            self._start.clear()
+            self._moved_rad()
+            time.sleep(_RESTS_S)
+            if max(self._moved_rad().values()) < _RESTS_RAD or time.monotonic() > until_s:
+                return
 
     def _moved_rad(self) -> dict[str, float]:
         """How far any joint of each wrist is from where it was first."""

@@ -49,6 +49,18 @@ def test_several_wrists_are_told_and_then_the_one_that_moves_alone_is_found(arms
     assert WristWatch(buses).wait(lambda _: "typed", said.append) == (None, "typed")
 
 
+def test_the_hand_that_still_moves_the_arm_before_is_no_answer(arms):
+    rig, buses = arms
+    turned(rig, "leader_left", -0.8)
+    watch, typed = WristWatch(buses), iter([None] * 20)
+
+    def answer(seconds):
+        time.sleep(seconds)
+        return next(typed, "typed")
+
+    assert watch.wait(answer, lambda text: None) == (None, "typed")
+
+
 def test_an_energised_arm_is_refused(arms):
     _, buses = arms
     chain = MotorChain(buses["leader_left"], ARM, channel="leader_left")
