@@ -17,24 +17,21 @@ from pathlib import Path
 
 from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.arm.mounting import gripper_id
-from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
+from lerobot_robot_yam.arm.profile_files import load_gripper
 from lerobot_robot_yam.arm.tuning.tuning import load_tuning, save_tuning
 from lerobot_robot_yam.commands.lib.arm_command import (
     add_arm_arguments,
-    arm_config,
     ask,
     need_terminal,
-    own_bus,
     run_command,
     tell,
+    with_likely_gripper,
 )
 from lerobot_robot_yam.commands.lib.tune.least_squares import require_engine
 from lerobot_robot_yam.commands.lib.tune.tune_plan import MARGIN_M, SPEED_RAD_S
 from lerobot_robot_yam.commands.lib.tune.tune_plot import require_plot, save_plot
 from lerobot_robot_yam.commands.lib.tune.tune_report import report
 from lerobot_robot_yam.commands.lib.tune.tune_run import LEGS, Tuner
-from lerobot_robot_yam.control.preflight.role import likely_gripper, probe_role
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.session.arm_session import Isolation
 from lerobot_robot_yam.system.paths import user_path
@@ -79,12 +76,7 @@ def _tune(args: argparse.Namespace) -> int:
         "calibration_path": args.calibration,
         "gravity_factor": args.gravity_factor,
     }
-    config = arm_config(args, **fields)
-    if args.gripper is None:
-        with own_bus(config) as bus:
-            gripper = likely_gripper(probe_role(bus, config.channel, gripper_id(load_arm(config.arm))))
-        config = arm_config(args, gripper=gripper, **fields)
-        tell(f"taking the gripper to be {gripper} (else give --gripper)")
+    config = with_likely_gripper(args, **fields)
     tell(hazard(config, args.guided))
     if not args.yes and ask(f"Clear the space around the arm, then type {_WORD} to go on:") != _WORD:
         raise ConfigError("not confirmed; nothing was energised")

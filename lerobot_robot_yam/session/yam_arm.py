@@ -248,12 +248,13 @@ class YamArm(Uncopied):
 
         Raises:
             LifeCycleError: it does not lie at rest, and `force` is not set; or it cannot be done in its present mode.
+            YamError: it has failed or is silent, so that nobody knows where it is, and `force` is not set.
         """
         client = self._client
         if client.off:
             return
-        hw, q = client.hardware, client.published().q
-        if not force and not (hw.lies_at_rest and bool((np.abs(q - hw.rest_q) < _LIES_RAD).all())):
+        hw = client.hardware
+        if not force and not (hw.lies_at_rest and bool((np.abs(self.observe().q - hw.rest_q) < _LIES_RAD).all())):
             raise LifeCycleError(
                 f"{self.config.name}: it would fall: it does not lie at rest. Land it (`land`), or support it and give "
                 "force=True"

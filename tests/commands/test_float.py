@@ -115,6 +115,24 @@ def test_keys_hold_land_bring_up_again_and_say_what_cannot_be(arm, console, tmp_
 
 
 @pytest.mark.long
+def test_a_replay_ends_when_keys_begin_to_spell_a_name(arm, console, tmp_path):
+    np.save(tmp_path / "trajectory.npy", {"trajectory": np.array([ROW, RAISED + [0.5]]), "timestamps": [0.0, 9.0]})
+    terminal = console(*arguments(arm))
+    terminal.type(b"l\n")
+    terminal.wait_shown("loaded trajectory.npy")
+    terminal.type(b"p")
+    terminal.wait_shown("REPLAYING")
+    terminal.type(b"lh")
+    terminal.wait_shown("file to load (Enter alone: trajectory.npy, Escape: none): h")
+    time.sleep(0.5)
+    before = np.array(arm.state()["arms"]["only"]["q"])
+    time.sleep(1.0)
+    np.testing.assert_allclose(arm.state()["arms"]["only"]["q"], before, atol=0.02)
+    terminal.type(b"\x1bq")
+    assert terminal.end() == 0 and not enabled(arm)
+
+
+@pytest.mark.long
 def test_an_emergency_stop_ends_a_replay(arm, console, tmp_path):
     np.save(tmp_path / "trajectory.npy", {"trajectory": np.array([ROW, RAISED + [0.5]]), "timestamps": [0.0, 9.0]})
     terminal = console(*arguments(arm))

@@ -7,7 +7,7 @@ import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError
+from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError, YamError
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.state_recorder import StateRecorder
 from lerobot_robot_yam.session.trajectory import Trajectory
@@ -130,6 +130,15 @@ def test_torque_is_cut_in_the_air_only_by_force(rig, arm):
     motors = rig.state()["arms"][FOLLOWER]["motors"].values()
     assert not any(motor["enabled"] for motor in motors)
     arm.zero_torque()  # it is off
+
+
+def test_an_arm_that_does_not_answer_is_not_taken_to_lie(rig):
+    with arm_on(rig, FOLLOWER) as arm:
+        rig.fault(FOLLOWER, "joint_2", "silent")
+        arm.clock.sleep(0.5)
+        with pytest.raises(YamError, match="joint_2"):
+            arm.zero_torque()
+        assert arm._client.published().mode is Mode.FAULT
 
 
 def test_an_arm_that_lies_at_rest_may_be_made_limp(rig):

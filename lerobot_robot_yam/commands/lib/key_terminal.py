@@ -12,7 +12,7 @@ from lerobot_robot_yam.system.signals import end_session_on_signals
 
 QUIT = ("q", "\x04", "\x1a")  # Ctrl-D and Ctrl-Z, too
 _CC = 6  # the characters, among what tcgetattr returns
-_KEY = re.compile(r"\x1b\[[A-D]|[^\x1b]")
+_KEY = re.compile(r"\x1b\[[A-D]|[\s\S]")  # an arrow, or one character, Escape too
 
 
 @contextmanager

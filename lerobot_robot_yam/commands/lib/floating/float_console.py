@@ -175,6 +175,8 @@ class FloatConsole:
         self._said = f"saved to {self._output}"
 
     def _ask_for_file(self) -> None:
+        if self._playback is not None:  # from now on keys spell a name, and could not end the replay
+            self._hold()
         self._typed = ""
 
     def _type(self, key: str) -> None:
