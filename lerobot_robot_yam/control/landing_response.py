@@ -57,13 +57,18 @@ class LandingResponse:
         """Land no more."""
         self._actuation.landing = None
 
+    def _obeys_unbelieved(self) -> bool:
+        """Whether a motor answers, though its readings are not used: it has its torque, and must be brought down."""
+        chain = self._actuation.chain
+        return bool((chain.distrusted & (chain.missed == 0)).any())
+
     def advance(self, now: float) -> None:
         """Move the set-point of a landing on; cut torque once that moves nothing."""
         arm, status, landing = self._actuation, self._status, self._actuation.landing
         if landing is None:
             return
         joints = slice(arm.hardware.joints)
-        if arm.bus_loss.lost or not arm.usable.any():
+        if arm.bus_loss.lost or not (arm.usable.any() or self._obeys_unbelieved()):
             self._unreachable_since = self._unreachable_since or now
             if now - self._unreachable_since > _UNREACHABLE_S:
                 status.message = status.message or "nothing reaches the arm; its motors have let go by themselves"

@@ -177,6 +177,22 @@ def test_a_motor_that_obeys_and_is_not_heard_stays_where_it_was_sent(rig, motor)
     assert speed <= 2 * LANDING_SPEED_RAD_S
 
 
+@pytest.mark.parametrize("then", ["the cable is mended", "it goes on"])
+def test_an_arm_lands_of_which_no_reading_is_believed(rig, then):
+    """Its motors obey all the same: without commands they would let go, with the arm in the air."""
+    with arm_on(rig, CHANNEL) as arm:
+        arm.move_to([0.1, 0.9, 0.9, -0.3, 0.1, 0.1], speed_rad_s=1.4)
+        rig.fault(CHANNEL, None, "corrupt_rate", 0.4, all_bytes=True)
+        arm.clock.sleep(3.0)
+        if then == "the cable is mended":
+            rig.clear_faults(CHANNEL)
+        arm.clock.sleep(0.5)
+        assert arm._session[CHANNEL].mode() is Mode.FAULT
+        moved, speed = land_and_watch(rig, arm, CHANNEL)
+    assert moved <= MOST_M
+    assert speed <= 2 * LANDING_SPEED_RAD_S
+
+
 def test_an_obstructed_landing_keeps_holding_and_says_so(rig, caplog, capfd):
     with arm_on(rig, CHANNEL) as arm:
         arm.move_to([0.0, 1.2, 1.0, 0, 0, 0], speed_rad_s=1.4)
