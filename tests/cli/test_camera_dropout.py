@@ -49,6 +49,7 @@ def recording(commands, camera):
     commands.assert_landed()
 
 
+@pytest.mark.long
 def test_a_camera_that_comes_back_in_time_is_recorded_on(commands, camera):
     with recording(commands, camera) as process:
         camera.pull_out()

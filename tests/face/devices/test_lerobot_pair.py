@@ -12,6 +12,7 @@ from lerobot_robot_yam.errors import ActionError
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from tests.face.devices.test_lerobot_contract import BI_KEYS, connected_pair, enabled, settle
+from tests.support.tiers import spread
 
 pytestmark = pytest.mark.alone
 
@@ -200,7 +201,7 @@ def test_a_correction_without_a_handover_goes_by_the_trigger(leader, shared_rig)
     assert settle(lambda _: leader.get_action(), None, 0.3)["left_gripper.pos"] == 1.0
 
 
-@pytest.mark.parametrize("led", [True, False])
+@pytest.mark.parametrize("led", spread([True, False], 0))
 def test_a_trigger_that_is_let_go_of_while_the_leader_holds_opens_nothing(leader, shared_rig, led):
     def opening(trigger):
         shared_rig.trigger("leader_left", trigger)

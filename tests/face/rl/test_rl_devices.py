@@ -16,6 +16,7 @@ from lerobot_robot_yam.rig.client.rig_control import running_rig
 from tests.face.devices.test_lerobot_contract import BiYamFollower, follower_config
 from tests.face.devices.test_pairing import follower, leader
 from tests.support.paths import ROOT
+from tests.support.tiers import spread
 
 pytestmark = pytest.mark.alone
 
@@ -137,7 +138,7 @@ def test_the_stock_environment_takes_the_policy_and_the_person(pair, shared_rig,
     assert last[TransitionKey.REWARD] == 1.0
 
 
-@pytest.mark.parametrize("options", [{}, {"action_space": "ee", "use_degrees": True}])
+@pytest.mark.parametrize("options", spread([{}, {"action_space": "ee", "use_degrees": True}], 0))
 def test_followers_that_the_stack_would_misread_are_refused(shared_rig, tmp_path, options):
     with pytest.raises(ConfigError, match="computes in degrees; set use_degrees"):
         follower(shared_rig, tmp_path, **options).bus.motors  # noqa: B018

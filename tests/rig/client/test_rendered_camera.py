@@ -14,6 +14,7 @@ from lerobot_robot_yam.errors import ConfigError, RigError, StaleStateError
 from lerobot_robot_yam.rig.client.rendered_camera import RigCamera
 from lerobot_robot_yam.rig.client.rig_control import RigControl, running_rig, runs
 from lerobot_robot_yam.system.runtime_files import runtime_dir
+from tests.support.tiers import spread
 
 pytestmark = pytest.mark.alone
 
@@ -219,7 +220,7 @@ def test_nothing_is_left_when_the_rig_is_killed():
         path.unlink()
 
 
-@pytest.mark.parametrize("closed", [False, True])
+@pytest.mark.parametrize("closed", spread([False, True], 0))
 def test_nothing_is_left_of_a_renderer_that_hangs(closed):
     with running_rig() as rig, RigCamera("top", 64, 48, 30, rig=rig.name) as camera:
         (pid,) = renderer_pids(rig)
