@@ -21,6 +21,10 @@ _EXPLAINS: dict[str, frozenset[Trouble]] = {
     # Its motors are limp, and say so in the name of ours.
     "second_arm": frozenset({Trouble.IMPLAUSIBLE, Trouble.DUPLICATE_ID, FAULT_TROUBLE[Fault.DISABLED]}),
 }
+# A destroyed answer makes those that follow count for older ones, until a loss is told from a delay. Held back as well,
+# they are older than a silence may be.
+_SILENCING = frozenset({"held_back", "garbled"})
+_SILENCES = (Trouble.BUS_SILENT, Trouble.MOTOR_SILENT)
 TROUBLING = _CUTS | _DEATHS | {"motor_fault", "motor_hot"}
 _AFTER_S = 3.0  # so long after its end something may still be the cause of trouble
 _COMMUNICATION_LOST = 0xD
@@ -147,11 +151,10 @@ class Context:
         arm = self.arms[channel]
         if trouble in FAULT_TROUBLE.values() and any(since_s <= at_s for since_s in arm.faulty.values()):
             return True
-        return any(
-            (cause.kind in TROUBLING or trouble in _EXPLAINS.get(cause.kind, ()))
-            and cause.start_s <= at_s <= cause.end_s + within_s
-            for cause in arm.causes
-        )
+        acting = {cause.kind for cause in arm.causes if cause.start_s <= at_s <= cause.end_s + within_s}
+        if trouble in _SILENCES and acting >= _SILENCING:
+            return True
+        return any(kind in TROUBLING or trouble in _EXPLAINS.get(kind, ()) for kind in acting)
 
     def undisturbed(self, channel: str, since_s: float, until_s: float, kinds: frozenset[str]) -> bool:
         """Whether every motor of the arm had torque all the time, and nothing of `kinds` was going on."""

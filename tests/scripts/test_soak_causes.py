@@ -89,6 +89,14 @@ def test_what_lies_explains_only_that_it_is_not_believed(soak, what, trouble, ex
     assert context.explained(CHANNEL, trouble, 10.1) is explained
 
 
+def test_answers_held_back_and_destroyed_at_once_explain_a_silence(soak):
+    context = soak.context.Context([CHANNEL, PEER], [(CHANNEL, PEER)])
+    context.take(injected(0, "held_back", 10.0))
+    context.take(injected(1, "garbled", 10.5))
+    assert context.explained(CHANNEL, Trouble.BUS_SILENT, 10.6)
+    assert not context.explained(PEER, Trouble.BUS_SILENT, 10.6)
+
+
 @pytest.mark.parametrize(
     ("mode", "stopped_s", "wrong"),
     [(Mode.STOPPED, 101.0, ""), (Mode.HOLD, 101.0, "stops"), (Mode.HOLD, None, ""), (Mode.TRACK, None, "silent")],
