@@ -168,22 +168,25 @@ class JointInterface:
             self.read()
             try:
                 self._resolve([i for i in off if i < self._hardware.joints])  # without power it forgets its turn
-                kept = [i for i in heard if i not in off and i < self._hardware.joints]  # with power it does not
-                self._compare(kept, believed_rad)
+                self._compare([i for i in heard if i not in off], believed_rad)  # with power it does not
             except YamError:
                 chain.special(SpecialCommand.DISABLE, _ANSWER_S, off)
                 raise
             self.read()
             return heard
 
-    def _compare(self, joints: Sequence[int], believed_rad: np.ndarray) -> None:
+    def _compare(self, motors: Sequence[int], believed_rad: np.ndarray) -> None:
         """
         Raises:
             MotorError: some say to be where they cannot have got from where they were sent last. They are not believed,
                 but taken to be at `believed_rad`, (n,) motor coordinates.
         """
-        gap = np.abs(self.motor_q - self.sent[:, mit_laws.Q])
-        lying = [index for index in joints if gap[index] > _PUSHED_RAD]
+        low = high = self.sent[:, mit_laws.Q]
+        if self.gripper is not None:  # what it presses on may have kept it from where it was sent
+            low, high, believed = low.copy(), high.copy(), float(self._map.position(believed_rad)[-1])
+            low[-1], high[-1] = min(low[-1], believed), max(high[-1], believed)
+        gap = np.maximum(low - self.motor_q, self.motor_q - high)
+        lying = [index for index in motors if gap[index] > _PUSHED_RAD]
         if not lying:
             return
         told = "; ".join(

@@ -174,6 +174,24 @@ def test_a_motor_that_goes_on_lying_is_not_believed_again(rig, held):
     judge.check("re-armed")
 
 
+def test_a_gripper_that_goes_on_lying_is_not_believed_again(rig, held):
+    """It would leap to where its set-point seems to be, with more torque than its clip."""
+    rig.fault(CHANNEL, "gripper", "reading", {"position_rad": -0.99})
+    held.clock.sleep(0.1)
+    rig.truth_start(CHANNEL)
+    begun_s = held.clock.now()
+    for _ in range(2):
+        with pytest.raises(LifeCycleError, match="gripper .*still reads"):
+            held[CHANNEL].rearm()
+        held.clock.sleep(0.2)
+    rig.clear_faults(CHANNEL)
+    held[CHANNEL].rearm()
+    held.clock.sleep(0.2)
+    truth = rig.truth(CHANNEL, begun_s)
+    assert np.abs(truth["asked_nm"][1:, 6]).max() <= ResolvedArm(sim_config(rig, CHANNEL)).torque_limit_nm[6]
+    assert np.abs(truth["dq"][:, 6]).max() < 12.0
+
+
 def test_a_refused_reading_is_not_published(rig, held):
     rig.fault(CHANNEL, "joint_2", "reading", {"position_rad": 6.283})
     held.clock.sleep(0.1)
