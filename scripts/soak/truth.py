@@ -14,6 +14,7 @@ from lerobot_robot_yam.state.faults import STALE_OVERSHOOT_RAD_S, stale_overshoo
 from soak.arm import Arm
 from soak.checks import GRIPPER, READY, Finding, mode_of
 from soak.context import Context
+from soak.schedule import LEADERS
 from soak.seeds import judge_seed
 
 _SETTLE_S = 1.0  # an arm that was pushed, struck something, lost or got back a motor, moves by itself for so long
@@ -38,6 +39,8 @@ _KEPT_S = 2.0  # of the true samples; longer than between two looks
 _SLOW_ADAPTERS = frozenset({"slow_adapter", "held_back"})
 _SLOW_S = 0.12  # how much older a state may be by them when a command rests on it
 _PUSHES = frozenset({"push"})
+_LYING = frozenset({"reading_lies", "garbled", "second_arm"})
+_REARMED_S = 2.0  # so long after it somebody has re-armed the arm
 _STALE_COMMANDS = frozenset(  # motors go on acting on the last command
     {
         "cable_out_briefly",
@@ -148,7 +151,10 @@ class Truth:
                     found.append(Finding("joint speed", seen["max_speed_at_s"][i], channel, what))
             pushed = self._happened(_PUSHES, channel, since_s - _SETTLE_S, until_s)
             struck = not self._context.undisturbed(channel, since_s - _SETTLE_S, until_s, _PUSHES)  # by what went limp
-            if not (pushed or struck or self._happened(_STALE_COMMANDS, channel, since_s - 0.1, until_s)):
+            # A leader's joint whose readings are refused is held where it was sent, however far its hand pushes it.
+            blind = channel in LEADERS and self._happened(_LYING, channel, since_s - _REARMED_S, until_s)
+            stale = self._happened(_STALE_COMMANDS, channel, since_s - 0.1, until_s)
+            if not (pushed or struck or blind or stale):
                 allowed = _TORQUE_FACTOR * arm.torque_limit + _TORQUE_SLACK_NM
                 allowed[:GRIPPER] += arm.kp[:GRIPPER] * arm.motor_speed_limit[:GRIPPER] * late_s
                 ratio = self._asked(channel, seen, allowed, late_s) / allowed
