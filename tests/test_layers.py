@@ -22,6 +22,7 @@ STOREYS = (
     "setup",
     "face",
     "plugin",  # the packages' own modules, which LeRobot finds by their names
+    "viewer",
     "commands",
 )
 RIG_ROOMS = (

@@ -8,6 +8,7 @@ import numpy as np
 from lerobot_robot_yam.control.arm_controller import ArmController
 from lerobot_robot_yam.control.gripper.homing import GripperStops
 from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.state.about import forget_about, tell_about
 from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import OWNER, STATE_DTYPE, BlockPair, Request, state_path
@@ -30,12 +31,13 @@ class ControllerBlocks:
     """
 
     def __init__(self, controller: ArmController, key: str, pair: BlockPair, adopt: np.ndarray | None = None):
-        self._controller = controller
+        self._controller, self._key = controller, key
         self._states, self._commands = pair
         try:
             self._states.publish(state_path(key))
         except (OSError, YamError) as error:  # a full disk, a log-out that had the user's files removed
             logger.warning("%s: no other program can watch the arm: %s", controller.name, error)
+        tell_about(key, controller.config)
         self._record = np.zeros((), STATE_DTYPE)
         for field in (*_MEASURED, "gripper_stops_rad", *_ACTION):
             self._record[field] = np.nan
@@ -178,4 +180,6 @@ class ControllerBlocks:
             self._controller.lead.close()
         self._controller.coupling.close()
         self._states.close(remove)
+        if remove:
+            forget_about(self._key)
         self._commands.close()

@@ -12,6 +12,7 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError, YamError
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.runners import LAND_TIMEOUT_S, ProcessRunner, Runner, StepRunner, ThreadRunner
+from lerobot_robot_yam.state.about import forget_about
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import channel_key, lock_path, state_path
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
@@ -213,4 +214,5 @@ def _bury(config: ArmConfig, key: str) -> None:
         lock = FileLock(lock_path(key), config.channel)
         lock.acquire()
         state_path(key).unlink(missing_ok=True)
+        forget_about(key)
         lock.release()

@@ -15,7 +15,8 @@ from lerobot_robot_yam.errors import BusError, ChannelInUseError, ConfigError
 ENV_RUNTIME_DIR = "YAM_RUNTIME_DIR"
 ENV_RIG = "YAM_RIG"
 AUTO_RIG = "auto-"
-LOCK, STATE = "lock-", "state-"  # with a channel's key: its driver, and the state of its arm
+# With a channel's key: its driver, the state of its arm, and what arm that is.
+LOCK, STATE, ABOUT = "lock-", "state-", "about-"
 _SHARED = (Path("/dev/shm"), Path("/tmp"))  # the same for every shell, unlike XDG_RUNTIME_DIR and TMPDIR
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 _RIG_NAME_MAX = 64  # it is part of a socket's path, which may have 108 bytes in all

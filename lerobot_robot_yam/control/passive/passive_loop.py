@@ -21,6 +21,7 @@ from lerobot_robot_yam.damiao.bus_port import BusPort
 from lerobot_robot_yam.damiao.handle_encoder import HandleEncoder, HandleReport
 from lerobot_robot_yam.damiao.passive_encoders import PassiveEncoders
 from lerobot_robot_yam.errors import BusError, YamError
+from lerobot_robot_yam.state.about import forget_about, tell_about
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE, BlockPair, state_path
@@ -63,6 +64,8 @@ class PassiveArm:
             pair.states.publish(state_path(key))
         except (OSError, YamError) as error:
             logger.warning("%s: no other program can watch the arm: %s", arm.name, error)
+        self._key = key
+        tell_about(key, arm.config)
         self._lost = ""  # what is wrong with its channel
         self._told: list[str] = []
         self._trigger = HandleEncoder()  # the last device, as a handle
@@ -129,6 +132,7 @@ class PassiveArm:
         if self._lead is not None:
             self._lead.close()
         self._states.close(remove=True)
+        forget_about(self._key)
 
 
 def run(

@@ -26,7 +26,8 @@ try:
     import msgpack
     from websockets.exceptions import ConnectionClosed, InvalidStatus, InvalidURI, WebSocketException
     from websockets.frames import CloseCode
-    from websockets.sync.client import ClientConnection, connect
+    from websockets.sync.client import connect
+    from websockets.sync.connection import Connection
 except ImportError as error:
     raise ConfigError(
         f"policies on an openpi server need websockets, msgpack and pillow ({error}): pip install '.[openpi]' in the "
@@ -63,7 +64,7 @@ class ServerConnection:
         self._next_timeout_s = config.first_response_timeout_s
         self._overdue = False  # it is there, but has not answered in time: waiting longer would not help
         self._stack = contextlib.ExitStack()
-        self._connection: ClientConnection | None = None
+        self._connection: Connection | None = None
 
     def open(self) -> None:
         """Connect, waiting for a server that is still starting.

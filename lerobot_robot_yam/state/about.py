@@ -1,0 +1,49 @@
+"""What an arm that runs is, for others who watch it: its configuration, in a file beside the link to its state."""
+
+import contextlib
+import dataclasses
+import json
+import logging
+import os
+from pathlib import Path
+from typing import Any
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.system.runtime_files import ABOUT, runtime_dir
+
+logger = logging.getLogger(__name__)
+
+_MOST_BYTES = 1 << 20
+
+
+def about_path(key: str) -> Path:
+    """The file of the arm on the channel with this key."""
+    return runtime_dir() / f"{ABOUT}{key}"
+
+
+def tell_about(key: str, config: ArmConfig) -> None:
+    """Write it; says so and goes on where it cannot be written."""
+    try:
+        path = about_path(key)
+        aside = path.with_name(f".{path.name}.{os.getpid()}")
+        aside.write_text(json.dumps(dataclasses.asdict(config)))
+        aside.replace(path)
+    except (OSError, YamError) as error:
+        logger.warning("%s: no other program can know what arm this is: %s", config.name, error)
+
+
+def forget_about(key: str) -> None:
+    """Remove it. Idempotent."""
+    with contextlib.suppress(OSError, YamError):
+        about_path(key).unlink()
+
+
+def read_about(directory: Path, key: str) -> dict[str, Any] | None:
+    """Fields of the configuration of the arm with this key in a runtime directory; None: they are not known."""
+    try:
+        with open(directory / f"{ABOUT}{key}", "rb") as file:
+            found = json.loads(file.read(_MOST_BYTES))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return found if isinstance(found, dict) else None

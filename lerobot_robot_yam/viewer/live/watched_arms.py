@@ -1,0 +1,115 @@
+"""The arms that run on this computer, found and read through their state blocks. Nothing is written, nothing asked."""
+
+import contextlib
+import dataclasses
+import logging
+from pathlib import Path
+from typing import Any
+
+from lerobot_robot_yam.arm.config import ArmConfig, LeadArmConfig
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.errors import StaleStateError, YamError
+from lerobot_robot_yam.state.about import read_about
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState
+from lerobot_robot_yam.system.runtime_files import STATE, runtime_dir, sessions
+from lerobot_robot_yam.system.shared_block import SharedBlock
+
+logger = logging.getLogger(__name__)
+
+_LOOK_S = 0.5
+_AGE_S = 0.25  # of an arm that does not say how old its state may be
+_FIELDS = {field.name for field in dataclasses.fields(LeadArmConfig)}
+
+
+class WatchedArm:
+    """One arm of somebody's session.
+
+    Attributes:
+        key: of its channel.
+        process: that drives it.
+        hardware: profiles and limits; None: its session does not say what arm it is.
+        state: as read last; None before the first.
+        age_s: of that state when it was read.
+    """
+
+    def __init__(self, directory: Path, key: str, process: str):
+        self.key, self.process = key, process
+        self.hardware = _hardware(read_about(directory, key))
+        self.state: ArmState | None = None
+        self.age_s = 0.0
+        self._block = SharedBlock(directory / f"{STATE}{key}", STATE_DTYPE, create=False)
+
+    @property
+    def name(self) -> str:
+        """What messages call it, with its channel."""
+        return self.key if self.hardware is None else f"{self.hardware.name} ({self.key})"
+
+    @property
+    def current(self) -> bool:
+        """False once its session has ended, or another has begun on its channel."""
+        return self._block.current
+
+    @property
+    def stale(self) -> bool:
+        """Whether its control loop is silent."""
+        limit_s = _AGE_S if self.hardware is None else self.hardware.config.max_state_age_s
+        return self.state is not None and self.state.mode is not Mode.OFF and self.age_s > limit_s
+
+    def read(self, now_s: float) -> None:
+        """Take the newest state, and note its age. `now_s`: of the monotonic clock."""
+        payload = self._block.glance_bytes()
+        if payload is not None:
+            self.state = ArmState(payload)
+        if self.state is not None:
+            self.age_s = now_s - self.state.published_s
+
+    def close(self) -> None:
+        """Let go of the block. Idempotent."""
+        self._block.close(remove=False)
+
+
+class WatchedArms:
+    """All of them, by key. `update` once per round."""
+
+    def __init__(self) -> None:
+        self.arms: dict[str, WatchedArm] = {}
+        self._looked_s = -_LOOK_S
+
+    def update(self, now_s: float) -> None:
+        """Look for sessions that have begun or ended, now and then, and read every state."""
+        if now_s - self._looked_s >= _LOOK_S:
+            self._looked_s = now_s
+            self._look()
+        for arm in self.arms.values():
+            arm.read(now_s)
+
+    def _look(self) -> None:
+        directory = runtime_dir()
+        running = sessions(directory)
+        for key, arm in list(self.arms.items()):
+            if running.get(key) != arm.process or not arm.current:
+                arm.close()
+                del self.arms[key]
+        for key, process in running.items():
+            if key not in self.arms:
+                with contextlib.suppress(FileNotFoundError, StaleStateError):  # it begins or ends just now
+                    self.arms[key] = WatchedArm(directory, key, process)
+
+    def close(self) -> None:
+        """Let go of all. Idempotent."""
+        for arm in self.arms.values():
+            arm.close()
+        self.arms.clear()
+
+
+def _hardware(about: dict[str, Any] | None) -> ResolvedArm | None:
+    if about is None:
+        return None
+    leads = about.get("lead") is not None or about.get("passive") is not None
+    fields = {key: value for key, value in about.items() if key in _FIELDS and (leads or value is not None)}
+    try:
+        return ResolvedArm((LeadArmConfig if leads else ArmConfig)(**fields))
+    except (YamError, TypeError, OSError) as error:
+        logger.warning("%s is shown without its shape: %s", about.get("name"), error)
+        return None
