@@ -2,15 +2,30 @@
 
 yam-view                    watch every session; it can neither slow nor stop one
 yam-view --host 0.0.0.0     for browsers of other computers, too, which need the token in the address that it prints
+yam-view --token            ask for a token on this computer, too, where other people have accounts
+yam-view --desktop          MuJoCo's own viewer instead of a browser
+yam-view --desktop --channel can_follower_l    the same, and drag the tool of an arm: SPACE watches or controls
 
 The page has an emergency stop. Ctrl-C ends the page; sessions go on.
+
+HAZARD: --channel ENERGISES that arm, and it lands however the window ends.
 """
 
 import argparse
 import sys
 from collections.abc import Sequence
 
-from lerobot_robot_yam.commands.lib.arm_command import run_command, tell
+from lerobot_robot_yam.commands.lib.arm_command import (
+    add_arm_arguments,
+    ask,
+    need_terminal,
+    run_command,
+    tell,
+    with_likely_gripper,
+)
+from lerobot_robot_yam.errors import ConfigError
+
+_WORD = "drive"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -20,19 +35,57 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default 127.0.0.1: this computer)")
     parser.add_argument("--port", type=int, default=8080, help="port, or the next free one (default 8080)")
+    parser.add_argument("--token", action="store_true", help="ask for a token on this computer, too")
+    parser.add_argument("--desktop", action="store_true", help="a window of MuJoCo's viewer; no browser, no server")
+    add_arm_arguments(parser, required=False)
+    parser.add_argument("--calibration", metavar="PATH", help="the gripper's stored stops; else it seeks its stops")
+    parser.add_argument("--yes", action="store_true", help="do not ask before an arm is energised")
     args = parser.parse_args(arguments)
     return run_command("yam-view", lambda: _view(args))
 
 
 def _view(args: argparse.Namespace) -> int:
+    try:
+        import viser  # noqa: F401  --help does without
+    except ImportError as error:
+        raise ConfigError(f'yam-view needs viser: pip install "lerobot_robot_yam[view]" ({error})') from error
+    if args.desktop:
+        return _desktop(args)
     from lerobot_robot_yam.viewer.live.live import Live
-    from lerobot_robot_yam.viewer.serving.page import Page, served  # viser: --help does without
+    from lerobot_robot_yam.viewer.serving.page import Page, served
 
-    page = Page(args.host, args.port)
+    page = Page(args.host, args.port, args.token)
     parts = [Live(page.server)]
     with served(page, parts):
         tell(f"open {page.url} in a browser; Ctrl-C ends the page, sessions go on")
         page.run(parts)
+    return 0
+
+
+def _desktop(args: argparse.Namespace) -> int:
+    from lerobot_robot_yam.session.arm_session import ArmSession
+    from lerobot_robot_yam.viewer.desktop.desktop import need_display, run_desktop
+    from lerobot_robot_yam.viewer.desktop.drag_control import DragControl
+
+    need_display()
+    if args.channel is None:
+        run_desktop()
+        return 0
+    need_terminal(args.yes)
+    config = with_likely_gripper(args, calibration_path=args.calibration)
+    tell(
+        f"HAZARD: this energises the arm on {config.channel}. It holds; after SPACE its tool goes where you drag it. "
+        "Keep clear of its way, and the emergency stop within reach. A gripper may close and open to find its stops."
+    )
+    if not args.yes and ask(f"Type {_WORD} to go on:") != _WORD:
+        raise ConfigError("not confirmed; nothing was energised")
+    session = ArmSession([config])
+    try:
+        session.start()
+        run_desktop(DragControl(session, [config.name]))
+    finally:
+        session.stop()
+    tell("the arm has landed")
     return 0
 
 

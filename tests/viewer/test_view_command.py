@@ -1,0 +1,31 @@
+"""yam-view on the command line: without viser, and what it says of itself."""
+
+import subprocess
+import sys
+
+WITHOUT_VISER = """
+import sys
+
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in ("viser", "websockets"):
+            raise ModuleNotFoundError(f"No module named {name!r}")
+
+sys.meta_path.insert(0, Absent())
+from lerobot_robot_yam.commands.view import main
+try:
+    main(["--help"])
+except SystemExit as ended:
+    assert ended.code == 0
+assert not {"viser", "torch", "lerobot"} & set(sys.modules)
+for arguments in ([], ["--desktop"]):
+    assert main(arguments) == 1
+"""
+
+
+def test_without_viser():
+    """It says what to install; its help needs none of it."""
+    ended = subprocess.run([sys.executable, "-c", WITHOUT_VISER], capture_output=True, text=True, timeout=120)
+    assert ended.returncode == 0, ended.stderr
+    assert "--host" in ended.stdout and "Traceback" not in ended.stderr
+    assert ended.stderr.count('pip install "lerobot_robot_yam[view]"') == 2
