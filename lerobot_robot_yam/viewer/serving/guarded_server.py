@@ -33,6 +33,7 @@ _MOST_PAGES = 32
 _MOST_CONNECTIONS = 128  # of TCP; a browser opens a handful for a moment, and one that stays
 _OPENING_S, _CLOSING_S = 5.0, 1.0
 _SAID_EVERY_S = 5.0
+_NO_REQUEST = "opening handshake failed"  # websockets says so of every connection that a browser opens in advance
 _POLICY_VIOLATION = 1008  # RFC 6455, section 7.4.1
 _starting = threading.Lock()
 
@@ -46,6 +47,8 @@ class Seldom(logging.Filter):
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Whether to say it."""
+        if record.msg == _NO_REQUEST:
+            return False
         now_s = time.monotonic()
         if now_s - self._said_s < _SAID_EVERY_S:
             self._left_out += 1

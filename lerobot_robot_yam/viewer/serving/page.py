@@ -20,7 +20,7 @@ logger = logging.getLogger(__name__)
 
 _PERIOD_S = 0.05
 _PORTS_TRIED = 100
-_EVERYWHERE = ("0.0.0.0", "::")
+_EVERYWHERE = ("", "0.0.0.0", "::")
 
 
 class Part(Protocol):

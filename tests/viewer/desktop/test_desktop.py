@@ -1,5 +1,6 @@
 """The desktop window without a window: its model, its poses, its key, and an arm that is dragged by its tool."""
 
+import contextlib
 import time
 
 import numpy as np
@@ -11,13 +12,14 @@ from lerobot_robot_yam.arm.kinematics import YamKinematics, pose_errors
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.commands.view import main
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.viewer.desktop.desktop import Desktop, need_display
 from lerobot_robot_yam.viewer.desktop.desktop_scene import DesktopScene
 from lerobot_robot_yam.viewer.desktop.drag_control import DragControl
-from tests.support.rigged import LIVE, lockstep_rig, session_on, sim_config
+from tests.support.rigged import lockstep_rig, session_on, sim_config
 
 FOLLOWER = "follower_left"
 Q = np.array([0.3, 0.9, 0.8, -0.3, 0.2, 0.4])
@@ -155,38 +157,57 @@ def test_the_emergency_stop_ends_control_and_says_so(dragged):
     assert control.on and not control.said
 
 
-@pytest.mark.parametrize("kind", [LIVE])
-def test_arms_of_others_come_and_go(kind, request):
-    desktop = Desktop()
-    try:
+@pytest.mark.long
+@pytest.mark.alone
+def test_arms_of_others_come_and_go():
+    with running_rig(arms=[FOLLOWER]) as rig, contextlib.closing(Desktop()) as desktop:
         assert desktop.texts() == ("watching", "no arm runs on this computer") and desktop.scene.model.nq == 0
-        rig = request.getfixturevalue("live_rig")
         session = ArmSession([sim_config(rig, FOLLOWER)])
         session.start()
         try:
             time.sleep(0.6)
             assert desktop.look() and not desktop.look()
-            desktop.type(SPACE)
+            desktop.type(SPACE)  # which it may not heed: the arm is somebody else's
             desktop.update()
             (key,) = desktop._shown
-            state = session[FOLLOWER].observe()
-            fk = YamKinematics(session.hardware(FOLLOWER).arm, session.hardware(FOLLOWER).gripper).fk(state.q)
+            fk = YamKinematics("yam", "linear_4310").fk(session[FOLLOWER].observe().q)
             assert pose_errors(desktop.scene.tool(key), fk)[0] < 0.01
-            assert desktop.texts() == ("watching", "")
+            assert desktop.texts() == ("watching", "") and session[FOLLOWER].mode() is Mode.HOLD
         finally:
             session.stop()
         time.sleep(0.6)
         assert desktop.look() and desktop.scene.model.nq == 0
-    finally:
-        desktop.close()
 
 
-@pytest.fixture
-def live_rig():
-    from lerobot_robot_yam.rig.client.rig_control import running_rig
-
+@pytest.mark.long
+@pytest.mark.alone
+def test_space_drives_an_arm_of_its_own():
     with running_rig(arms=[FOLLOWER]) as rig:
-        yield rig
+        session = ArmSession([sim_config(rig, FOLLOWER)])
+        session.start()
+        try:
+            control = DragControl(session, [FOLLOWER])
+            with contextlib.closing(Desktop(control)) as desktop:
+                (key,) = desktop._shown
+                desktop.update()
+                desktop.type(SPACE)
+                start = desktop.scene.grip(key)
+                for _ in range(50):
+                    desktop.update()
+                    assert control.on, control.said
+                    pose = desktop.scene.grip(key)
+                    pose[2, 3] = min(pose[2, 3] + 0.002, start[2, 3] + 0.03)
+                    desktop.scene.put_grip(key, pose)
+                    desktop.look()
+                    time.sleep(0.02)
+                assert desktop.texts()[0] == "CONTROL" and session[FOLLOWER].mode() is Mode.TRACK
+                assert desktop.scene.tool(key)[2, 3] - start[2, 3] > 0.015
+                desktop.type(SPACE)
+                desktop.update()
+                time.sleep(0.1)
+                assert session[FOLLOWER].mode() is Mode.HOLD and desktop.texts()[0] == "watching"
+        finally:
+            session.stop()
 
 
 def test_without_a_display(monkeypatch, capsys):

@@ -69,6 +69,12 @@ def test_the_page_and_pages_of_elsewhere():
             while not EmergencyStop().latched and time.monotonic() < deadline:
                 time.sleep(0.02)
             assert EmergencyStop().latched
+            live.update(time.monotonic())
+            tab.get_by_role("button", name="release the emergency stop").click()
+            tab.get_by_role("button", name="release", exact=True).click()
+            while EmergencyStop().latched and time.monotonic() < deadline:
+                time.sleep(0.02)
+            assert not EmergencyStop().latched
         finally:
             EmergencyStop().release()
         assert not [text for text in said if "WebGL" not in text and "GPU" not in text], said
