@@ -4,17 +4,20 @@ yam-view                    watch every session; it can neither slow nor stop on
 yam-view --host 0.0.0.0     for browsers of other computers, too, which need the token in the address that it prints
 yam-view --token            ask for a token on this computer, too, where other people have accounts
 yam-view --desktop          MuJoCo's own viewer instead of a browser
-yam-view --desktop --channel can_follower_l    the same, and drag the tool of an arm: SPACE watches or controls
+yam-view --desktop --channel can_follower_l         the same, and drag the tool of an arm: SPACE watches or controls
+yam-view --desktop --config_path configs/real/record.yaml    the same with the followers of a run config
 
 The page has an emergency stop. Ctrl-C ends the page; sessions go on.
 
-HAZARD: --channel ENERGISES that arm, and it lands however the window ends.
+HAZARD: --channel and --config_path ENERGISE arms; they land however the window ends.
 """
 
 import argparse
+import dataclasses
 import sys
 from collections.abc import Sequence
 
+from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.commands.lib.arm_command import (
     add_arm_arguments,
     ask,
@@ -23,7 +26,9 @@ from lerobot_robot_yam.commands.lib.arm_command import (
     tell,
     with_likely_gripper,
 )
+from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, from_config
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.system.paths import user_path
 
 _WORD = "drive"
 
@@ -37,6 +42,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--port", type=int, default=8080, help="port, or the next free one (default 8080)")
     parser.add_argument("--token", action="store_true", help="ask for a token on this computer, too")
     parser.add_argument("--desktop", action="store_true", help="a window of MuJoCo's viewer; no browser, no server")
+    parser.add_argument(
+        "--config_path", type=user_path, metavar="PATH", help="LeRobot run config with the arms to drive"
+    )
     add_arm_arguments(parser, required=False)
     parser.add_argument("--calibration", metavar="PATH", help="the gripper's stored stops; else it seeks its stops")
     parser.add_argument("--yes", action="store_true", help="do not ask before an arm is energised")
@@ -68,25 +76,42 @@ def _desktop(args: argparse.Namespace) -> int:
     from lerobot_robot_yam.viewer.desktop.drag_control import DragControl
 
     need_display()
-    if args.channel is None:
+    if args.channel is None and args.config_path is None:
         run_desktop()
         return 0
     need_terminal(args.yes)
-    config = with_likely_gripper(args, calibration_path=args.calibration)
+    configs = driven(args)
+    channels = " and ".join(config.channel for config in configs)
     tell(
-        f"HAZARD: this energises the arm on {config.channel}. It holds; after SPACE its tool goes where you drag it. "
-        "Keep clear of its way, and the emergency stop within reach. A gripper may close and open to find its stops."
+        f"HAZARD: this energises the arms on {channels}. They hold; after SPACE their tools go where you drag them. Keep "
+        "clear of their way, and the emergency stop within reach. A gripper may close and open to find its stops."
     )
     if not args.yes and ask(f"Type {_WORD} to go on:") != _WORD:
         raise ConfigError("not confirmed; nothing was energised")
-    session = ArmSession([config])
+    session = ArmSession(configs)
     try:
         session.start()
-        run_desktop(DragControl(session, [config.name]))
+        run_desktop(DragControl(session, [config.name for config in configs]))
     finally:
         session.stop()
-    tell("the arm has landed")
+    tell("the arms have landed")
     return 0
+
+
+def driven(args: argparse.Namespace) -> list[ArmConfig]:
+    """The arms that the arguments name: one by its channel, or the followers of a run config.
+
+    Raises:
+        ConfigError: the config cannot be used, or has no followers.
+        BusError: the channel cannot be opened.
+    """
+    if args.config_path is None:
+        return [with_likely_gripper(args, calibration_path=args.calibration)]
+    targets = from_config(args.config_path, args.rig).targets
+    followers = [target for target in targets if target.config.gripper != LEADER_GRIPPER]
+    if not followers:
+        raise ConfigError(f"{args.config_path} has no follower")
+    return [dataclasses.replace(target.config, calibration_path=str(target.calibration)) for target in followers]
 
 
 if __name__ == "__main__":

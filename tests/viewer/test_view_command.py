@@ -1,7 +1,14 @@
 """yam-view on the command line: without viser, and what it says of itself."""
 
+import argparse
 import subprocess
 import sys
+
+import pytest
+
+from lerobot_robot_yam.commands.view import driven
+from lerobot_robot_yam.errors import ConfigError
+from tests.support.paths import ROOT
 
 WITHOUT_VISER = """
 import sys
@@ -29,3 +36,17 @@ def test_without_viser():
     assert ended.returncode == 0, ended.stderr
     assert "--host" in ended.stdout and "Traceback" not in ended.stderr
     assert ended.stderr.count('pip install "lerobot_robot_yam[view]"') == 2
+
+
+def named_by(config):
+    return driven(argparse.Namespace(config_path=ROOT / "configs" / config, rig=None))
+
+
+def test_followers_of_a_run_config_are_driven_and_nothing_else(tmp_path):
+    found = named_by("real/teleoperate.yaml")
+    assert [config.channel for config in found] == ["can_follower_l", "can_follower_r"]
+    assert all(config.calibration_path and "robots" in config.calibration_path for config in found)
+    alone = tmp_path / "leaders.yaml"
+    alone.write_text("teleop: {type: yam_leader, channel: can_leader_l, id: left}\n")
+    with pytest.raises(ConfigError, match="no follower"):
+        driven(argparse.Namespace(config_path=alone, rig=None))

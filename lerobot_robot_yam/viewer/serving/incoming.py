@@ -82,7 +82,7 @@ def passes(raw: bytes | str, control: Callable[[str], Any]) -> bool:
 
 def settable(control: Any, value: Any) -> bool:
     """Whether a person could set a control (a handle of viser's) to a value: it can be seen and used, and it fits."""
-    if not control.visible or getattr(control, "disabled", True):  # a bar of progress takes no input at all
+    if not _seen(control) or getattr(control, "disabled", True):  # a bar of progress takes no input at all
         return False
     if isinstance(control, _SWITCHES):
         return isinstance(value, bool)
@@ -98,6 +98,16 @@ def settable(control: Any, value: Any) -> bool:
     low, high = (0, 255) if isinstance(control, _COLOURS) else (control.min, control.max)
     lows, highs = (limit if isinstance(limit, tuple) else (limit,) * count for limit in (low, high))
     return len(value) == count and all(map(within, value, lows, highs))
+
+
+def _seen(control: Any) -> bool:
+    """Whether a control is shown, and the folders that hold it."""
+    while control is not None:
+        if not getattr(control, "visible", True):
+            return False
+        impl = getattr(control, "_impl", None)  # neither the root nor a modal has one
+        control = impl and impl.gui_api._container_handle_from_uuid.get(impl.parent_container_id)
+    return True
 
 
 def within(value: Any, low: float | None, high: float | None) -> bool:

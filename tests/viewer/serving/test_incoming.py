@@ -124,6 +124,17 @@ def test_values_of_controls(controls, name, value, fits):
     assert settable(controls.by_name[name], value) == fits
 
 
+def test_a_control_in_a_hidden_folder(controls):
+    gui = controls.page.server.gui
+    with gui.add_folder("outer") as outer, gui.add_folder("inner"):
+        button = gui.add_button("within")
+    assert settable(button, True)
+    outer.visible = False
+    assert not settable(button, True)
+    outer.visible = True
+    assert settable(button, True)
+
+
 def update(control, **updates):
     return {"type": "GuiUpdateMessage", "uuid": control._impl.uuid, "updates": updates}
 
