@@ -11,6 +11,7 @@ nothing but its own origin, and no query but the token's is served.
 import hashlib
 import hmac
 import ipaddress
+import re
 from http import HTTPStatus
 from urllib.parse import parse_qs, urlsplit
 
@@ -20,10 +21,13 @@ from websockets.http11 import Request, Response
 from lerobot_robot_yam.errors import ConfigError
 
 _LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")
+_HOST = re.compile(r"[\w.:\[\]-]+", re.ASCII)
+# viser's page is one file with its scripts and workers inside
+_POLICY = (
+    "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; connect-src 'self' data: blob: {lines}; "
+    "object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
 _HEADERS = {
-    # viser's page is one file with its scripts and workers inside
-    "Content-Security-Policy": "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; object-src 'none'; "
-    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     "X-Frame-Options": "DENY",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
@@ -69,7 +73,7 @@ class Access:
     def _refusal(self, request: Request) -> str:
         host = request.headers.get("Host", "").lower()
         name = urlsplit(f"//{host}").hostname
-        if not name or (self._local and name not in _LOCAL_NAMES):
+        if not _HOST.fullmatch(host) or (self._local and name not in _LOCAL_NAMES):
             return "this page is served under the names of this computer only"
         origin = request.headers.get("Origin")
         if origin is not None and urlsplit(origin.lower()).netloc != host:
@@ -97,8 +101,11 @@ def plain_response(status: HTTPStatus, text: str) -> Response:
     return Response(status, status.phrase, headers, body)
 
 
-def shield(response: Response) -> Response:
+def shield(request: Request, response: Response) -> Response:
     """The response, with what keeps a browser from lending the page to others."""
+    hosts = [host for host in request.headers.get_all("Host") if _HOST.fullmatch(host)]
+    lines = " ".join(f"ws://{host} wss://{host}" for host in hosts)  # not every browser takes 'self' for WebSockets
+    response.headers["Content-Security-Policy"] = _POLICY.format(lines=lines)
     for name, value in _HEADERS.items():
         response.headers[name] = value
     return response

@@ -98,7 +98,7 @@ class Gate:
                 response = serve(connection, request)
             except (OSError, ValueError):  # of a path that no file can have
                 response = plain_response(HTTPStatus.NOT_FOUND, "not found")
-        return None if response is None else shield(response)
+        return None if response is None else shield(request, response)
 
     def control(self, uuid: str) -> Any:
         """The handle of a control, of the page of all or of one browser; None: there is none."""

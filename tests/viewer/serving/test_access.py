@@ -30,6 +30,9 @@ def cookie_of(access):
         ([("Host", "evil.example:8080")], False),  # a name that was made to lead here
         ([("Host", "127.0.0.1.evil.example")], False),
         ([("Host", "")], False),
+        ([("Host", "me@localhost")], False),
+        ([("Host", "localhost/there")], False),
+        ([("Host", "localhost; script-src *")], False),
         ([], False),
         ([("Host", "[::1")], False),
         ([("Host", "127.0.0.1"), ("Host", "localhost")], False),
