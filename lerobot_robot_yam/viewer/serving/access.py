@@ -3,28 +3,36 @@
 A browser sends any page's WebSocket to any address, and a name can be made to lead to 127.0.0.1. So the page that
 opens one, its `Origin`, must be ours, and on a loopback address the `Host` must be a name of this computer.
 
-viser (1.1) has no hook for this. While its server starts, `websockets.asyncio.server.serve` is ours, which adds the
-check before viser's own answer. `guarded` fails if viser did not use it.
+A page of elsewhere could also show ours in a frame and lead the clicks of a person onto it, or open it with viser's own
+`?websocket=` and `?playbackPath=`, which make our page obey another server. So no frame may hold it, it may connect to
+nothing but its own origin, and no query but the token's is served.
 """
 
-import contextlib
+import hashlib
 import hmac
 import ipaddress
-import threading
-from collections.abc import Callable, Iterator
+import re
 from http import HTTPStatus
-from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
-import websockets.asyncio.server
-from websockets.datastructures import Headers
+from websockets.datastructures import Headers, MultipleValuesError
 from websockets.http11 import Request, Response
 
 from lerobot_robot_yam.errors import ConfigError
 
-_COOKIE = "yam_view"
 _LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")
-_starting = threading.Lock()
+_HOST = re.compile(r"[\w.:\[\]-]+", re.ASCII)
+# viser's page is one file with its scripts and workers inside
+_POLICY = (
+    "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; connect-src 'self' data: blob: {lines}; "
+    "object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+_HEADERS = {
+    "X-Frame-Options": "DENY",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
 
 
 class Access:
@@ -43,35 +51,64 @@ class Access:
         self._local = is_loopback(host)
         if not self._local and not token:
             raise ConfigError(f"{host} can be reached by others: it needs a token")
-        self._token = token
+        self._token = token or ""
+        # cookies do not tell ports apart: each server has a name of its own
+        self._cookie = f"yam_view_{hashlib.sha256(self._token.encode()).hexdigest()[:8]}"
 
-    def refusal(self, request: Request) -> str:
-        """Why a request is refused; empty: it is not."""
-        host = request.headers.get("Host", "")
-        if self._local and urlsplit(f"//{host}").hostname not in _LOCAL_NAMES:
+    def answer(self, request: Request) -> Response | None:
+        """A refusal, or the way on for who brings the token in the URL; None: the request is served."""
+        try:
+            why = self._refusal(request)
+        except (ValueError, MultipleValuesError):  # neither host nor origin, or two of them
+            why = "this request cannot be understood"
+        if why:
+            return plain_response(HTTPStatus.FORBIDDEN, why)
+        if self._token and "?" in request.path and not _upgrades(request):
+            way_on = plain_response(HTTPStatus.SEE_OTHER, "welcome")  # keeps the token out of the address bar
+            way_on.headers["Location"] = "/"
+            way_on.headers["Set-Cookie"] = f"{self._cookie}={self._token}; HttpOnly; SameSite=Lax; Path=/"
+            return way_on
+        return None
+
+    def _refusal(self, request: Request) -> str:
+        host = request.headers.get("Host", "").lower()
+        name = urlsplit(f"//{host}").hostname
+        if not _HOST.fullmatch(host) or (self._local and name not in _LOCAL_NAMES):
             return "this page is served under the names of this computer only"
         origin = request.headers.get("Origin")
-        if origin is not None and urlsplit(origin).netloc != host:
+        if origin is not None and urlsplit(origin.lower()).netloc != host:
             return "a page of another origin may not use this one"
-        if self._token is not None and not (self._in_url(request) or self._in_cookie(request)):
+        query = parse_qs(urlsplit(request.path).query, keep_blank_values=True)
+        if set(query) - {"token"}:
+            return "this page takes no options in its address"
+        if self._token and not any(self._is_token(given) for given in (*query.get("token", ()), *self._kept(request))):
             return "the token is missing or wrong: open the address that yam-view has printed"
         return ""
 
-    def _in_url(self, request: Request) -> bool:
-        return any(self._same(given) for given in parse_qs(urlsplit(request.path).query).get("token", ()))
+    def _kept(self, request: Request) -> list[str]:
+        """What the cookies of ours hold."""
+        pairs = [pair.strip().partition("=") for line in request.headers.get_all("Cookie") for pair in line.split(";")]
+        return [value for name, _, value in pairs if name == self._cookie]
 
-    def _in_cookie(self, request: Request) -> bool:
-        pairs = (pair.strip().partition("=") for line in request.headers.get_all("Cookie") for pair in line.split(";"))
-        return any(name == _COOKIE and self._same(value) for name, _, value in pairs)
+    def _is_token(self, given: str) -> bool:
+        return hmac.compare_digest(given.encode(errors="replace"), self._token.encode())
 
-    def _same(self, given: str) -> bool:
-        return hmac.compare_digest(given.encode(), (self._token or "").encode())
 
-    def admit(self, request: Request, response: Response | None) -> Response | None:
-        """The answer to a request that is not refused; with the cookie, if it brings the token in its URL."""
-        if response is not None and self._token is not None and self._in_url(request):
-            response.headers["Set-Cookie"] = f"{_COOKIE}={self._token}; HttpOnly; SameSite=Strict; Path=/"
-        return response
+def plain_response(status: HTTPStatus, text: str) -> Response:
+    """A line of text for a browser."""
+    body = f"{text}\n".encode()
+    headers = Headers({"Content-Type": "text/plain; charset=utf-8", "Content-Length": str(len(body))})
+    return Response(status, status.phrase, headers, body)
+
+
+def shield(request: Request, response: Response) -> Response:
+    """The response, with what keeps a browser from lending the page to others."""
+    hosts = [host for host in request.headers.get_all("Host") if _HOST.fullmatch(host)]
+    lines = " ".join(f"ws://{host} wss://{host}" for host in hosts)  # not every browser takes 'self' for WebSockets
+    response.headers["Content-Security-Policy"] = _POLICY.format(lines=lines)
+    for name, value in _HEADERS.items():
+        response.headers[name] = value
+    return response
 
 
 def is_loopback(host: str) -> bool:
@@ -84,35 +121,5 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-@contextlib.contextmanager
-def guarded(access: Access) -> Iterator[None]:
-    """Inside the block one viser server is started; its requests are judged first.
-
-    Raises:
-        ConfigError: viser has started without it: this version does not fit.
-    """
-    module = websockets.asyncio.server
-    asked: list[bool] = []
-    with _starting:
-        plain = module.serve
-
-        def serve(*arguments: Any, process_request: Callable[..., Any] | None = None, **options: Any) -> Any:
-            asked.append(True)
-
-            def process(connection: Any, request: Request) -> Response | None:
-                why = access.refusal(request)
-                if why:
-                    text = f"{why}\n".encode()
-                    headers = Headers({"Content-Type": "text/plain; charset=utf-8", "Content-Length": str(len(text))})
-                    return Response(HTTPStatus.FORBIDDEN, "Forbidden", headers, text)
-                return access.admit(request, process_request(connection, request) if process_request else None)
-
-            return plain(*arguments, process_request=process, **options)
-
-        module.serve = serve  # type: ignore[assignment, misc]
-        try:
-            yield
-        finally:
-            module.serve = plain  # type: ignore[misc]
-    if not asked:
-        raise ConfigError("this version of viser cannot be guarded; install viser 1.1")
+def _upgrades(request: Request) -> bool:
+    return "Upgrade" in request.headers

@@ -1,27 +1,26 @@
-"""The server of the page: viser behind its access check, and the loop that brings every part of the page up to date."""
+"""The server of the page: viser behind its gate, and the loop that brings every part of the page up to date."""
 
 import contextlib
+import errno
 import io
 import logging
 import secrets
+import socket
 import time
 from collections.abc import Iterator, Sequence
 from typing import Protocol
 
+import viser
+
 from lerobot_robot_yam.errors import ConfigError
-
-try:
-    import viser
-    import viser._messages
-
-    from lerobot_robot_yam.viewer.serving.access import Access, guarded, is_loopback
-except ImportError as error:
-    raise ConfigError('yam-view needs viser: pip install "lerobot_robot_yam[view]"') from error
+from lerobot_robot_yam.viewer.serving.access import Access, is_loopback
+from lerobot_robot_yam.viewer.serving.guarded_server import Gate, guarded
 
 logger = logging.getLogger(__name__)
 
 _PERIOD_S = 0.05
-_NEVER = (viser._messages.ShareUrlRequest, viser._messages.ShareUrlDisconnect)  # would show the arms to the world
+_PORTS_TRIED = 100
+_EVERYWHERE = ("", "0.0.0.0", "::")
 
 
 class Part(Protocol):
@@ -39,25 +38,27 @@ class Page:
 
     Args:
         host, port: where it listens; a port that is taken is followed by the next free one.
+        with_token: ask for a token on this computer's own addresses, too; on all others it is always asked for.
 
     Attributes:
         server: viser's.
         url: for a browser; with the token, if one is needed.
 
     Raises:
-        ConfigError: viser is missing or does not fit.
+        ConfigError: viser does not fit; nobody can listen there.
     """
 
-    def __init__(self, host: str = "127.0.0.1", port: int = 8080):
-        token = None if is_loopback(host) else secrets.token_urlsafe(24)
-        with guarded(Access(host, token)), contextlib.redirect_stdout(io.StringIO()):  # viser prints a box of its own
+    def __init__(self, host: str = "127.0.0.1", port: int = 8080, with_token: bool = False):
+        token = secrets.token_urlsafe(24) if with_token or not is_loopback(host) else None
+        gate = Gate(Access(host, token))
+        port = _free_port(host, port)
+        with guarded(gate), contextlib.redirect_stdout(io.StringIO()):  # viser prints a box of its own
             self.server = viser.ViserServer(host=host, port=port, label="yam-view", verbose=False)
-        for message in _NEVER:
-            self.server._websock_server.unregister_handler(message)
+        gate.server = self.server
         self.server.gui.configure_theme(control_width="large", show_share_button=False, brand_color=(240, 120, 20))
-        name = "127.0.0.1" if host in ("0.0.0.0", "::") else host
+        name = socket.gethostname() if host in _EVERYWHERE else host
         query = "" if token is None else f"/?token={token}"
-        self.url = f"http://{name}:{self.server.get_port()}{query}"
+        self.url = f"http://{f'[{name}]' if ':' in name else name}:{self.server.get_port()}{query}"
 
     def run(self, parts: Sequence[Part]) -> None:
         """Update the parts, until this is interrupted."""
@@ -88,3 +89,25 @@ def served(page: Page, parts: Sequence[Part]) -> Iterator[None]:
             except Exception:
                 logger.exception("a part of the page did not close")
         page.close()
+
+
+def _free_port(host: str, port: int) -> int:
+    """The first port from this one on where a server can listen; viser would wait for ever where none can.
+
+    Raises:
+        ConfigError: there is none, or the address is not of this computer.
+    """
+    why = "there is no such port"
+    for candidate in range(max(port, 0), min(port + _PORTS_TRIED, 1 << 16)):
+        try:
+            socket.create_server((host, candidate), family=_family(host)).close()
+            return candidate
+        except OSError as error:
+            why = str(error)
+            if error.errno != errno.EADDRINUSE:
+                break
+    raise ConfigError(f"yam-view cannot listen on {host} port {port}: {why}")
+
+
+def _family(host: str) -> socket.AddressFamily:
+    return socket.AF_INET6 if ":" in host else socket.AF_INET

@@ -1,0 +1,139 @@
+"""Which messages of a browser reach viser, and with what in them.
+
+viser (1.1) sets whatever field of a control a message names, its callbacks and `removed` too, and casts what it gets:
+the text "nan" becomes the value of a slider, whose limits it does not ask. It also takes files of any size, opens a
+tunnel to the world when asked, and keeps marks of forms for ever. So only what our parts need goes through: with
+the fields that viser declares, with finite numbers, and to a control only what a person could set it to.
+
+A part that needs another kind of message (uploads, `get_render`) adds it to `_KINDS`, and bounds it here.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import viser
+import viser._messages as messages
+from viser.infra._messages import wire_field_names
+
+from lerobot_robot_yam.errors import YamError
+
+_KINDS = {
+    kind.__name__: kind
+    for kind in (
+        messages.ViewerCameraMessage,
+        messages.GuiUpdateMessage,
+        messages.GuiButtonHoldMessage,
+        messages.CommandTriggerMessage,
+        messages.ScenePointerMessage,
+        messages.SceneNodeClickMessage,
+        messages.SceneNodeDragMessage,
+        messages.TransformControlsUpdateMessage,
+        messages.TransformControlsDragStartMessage,
+        messages.TransformControlsDragEndMessage,
+    )
+}
+_OTHER_KINDS = {kind.__name__ for kind in messages.Message.get_subclasses()} - set(_KINDS)
+_LARGEST = 1e9  # of any number in a scene or of a camera
+_UNIT = 0.01  # how far the length of a quaternion may be from 1
+_ROUNDING = 1e-6  # of a slider's range: browsers add up its steps
+
+_SWITCHES = (viser.GuiButtonHandle, viser.GuiCheckboxHandle)
+_CHOICES = (viser.GuiDropdownHandle, viser.GuiButtonGroupHandle)
+_NUMBERS = (viser.GuiNumberHandle, viser.GuiSliderHandle)
+_ROWS = (viser.GuiMultiSliderHandle, viser.GuiVector2Handle, viser.GuiVector3Handle)
+_COLOURS = (viser.GuiRgbHandle, viser.GuiRgbaHandle)
+
+
+class MalformedError(YamError):
+    """What no page of viser would send."""
+
+
+def passes(raw: bytes | str, control: Callable[[str], Any]) -> bool:
+    """Whether viser may see a message; otherwise it is dropped: well-formed, but not for us, or not possible (now).
+
+    Args:
+        raw: as it came.
+        control: finds the handle of a control by its id; None: there is none.
+
+    Raises:
+        MalformedError: it is no message of viser's, and its sender no page of viser's.
+    """
+    name, fields = _decoded(raw)
+    if name in _OTHER_KINDS:
+        return False
+    kind = _KINDS.get(name)
+    if kind is None or not set(fields) <= set(wire_field_names(kind)):
+        raise MalformedError(f"no message of viser's: {name[:40]!r}")
+    try:
+        message: Any = msgspec.convert(fields, kind)
+    except (msgspec.ValidationError, TypeError, ValueError, OverflowError) as error:
+        raise MalformedError(f"{name}: {error}") from None
+    if isinstance(message, messages.GuiUpdateMessage):
+        handle = control(message.uuid)
+        return handle is not None and set(message.updates) == {"value"} and settable(handle, message.updates["value"])
+    if isinstance(message, messages.GuiButtonHoldMessage):
+        handle = control(message.uuid)
+        return handle is not None and settable(handle, True) and math.isfinite(message.frequency)
+    turn = getattr(message, "wxyz", None)
+    return _finite(list(fields.values())) and (turn is None or abs(math.hypot(*turn) - 1.0) <= _UNIT)
+
+
+def settable(control: Any, value: Any) -> bool:
+    """Whether a person could set a control (a handle of viser's) to a value: it can be seen and used, and it fits."""
+    if not _seen(control) or getattr(control, "disabled", True):  # a bar of progress takes no input at all
+        return False
+    if isinstance(control, _SWITCHES):
+        return isinstance(value, bool)
+    if isinstance(control, viser.GuiTextHandle):
+        return isinstance(value, str)
+    if isinstance(control, _CHOICES):
+        return isinstance(value, str) and value in control.options
+    if isinstance(control, _NUMBERS):
+        return within(value, control.min, control.max)
+    if not isinstance(control, (*_ROWS, *_COLOURS)) or not isinstance(value, (list, tuple)):
+        return False
+    count = len(control.value)
+    low, high = (0, 255) if isinstance(control, _COLOURS) else (control.min, control.max)
+    lows, highs = (limit if isinstance(limit, tuple) else (limit,) * count for limit in (low, high))
+    return len(value) == count and all(map(within, value, lows, highs))
+
+
+def _seen(control: Any) -> bool:
+    """Whether a control is shown, and the folders that hold it."""
+    while control is not None:
+        if not getattr(control, "visible", True):
+            return False
+        impl = getattr(control, "_impl", None)  # neither the root nor a modal has one
+        control = impl and impl.gui_api._container_handle_from_uuid.get(impl.parent_container_id)
+    return True
+
+
+def within(value: Any, low: float | None, high: float | None) -> bool:
+    """Whether a value is a finite number within limits; None: no limit."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        return False
+    slack = 0.0 if low is None or high is None else (high - low) * _ROUNDING
+    return (low is None or value >= low - slack) and (high is None or value <= high + slack)
+
+
+def _decoded(raw: bytes | str) -> tuple[str, dict[str, Any]]:
+    """Name and fields of a message."""
+    try:
+        fields = msgspec.msgpack.decode(raw) if isinstance(raw, bytes) else None
+    except (msgspec.DecodeError, RecursionError, ValueError, TypeError) as error:
+        raise MalformedError(f"no message: {error}") from None
+    if not isinstance(fields, dict) or not all(isinstance(key, str) for key in fields):
+        raise MalformedError("no message: it has no fields")
+    name = fields.pop("type", None)
+    if not isinstance(name, str):
+        raise MalformedError("no message: it has no type")
+    return name, fields
+
+
+def _finite(value: Any) -> bool:
+    """Whether all numbers in (lists of) lists are of a size that a scene can have."""
+    if isinstance(value, (list, tuple)):
+        return all(map(_finite, value))
+    return not isinstance(value, (int, float)) or abs(value) <= _LARGEST  # NaN compares as false

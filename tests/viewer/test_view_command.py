@@ -1,0 +1,58 @@
+"""yam-view on the command line: without viser, and what it says of itself."""
+
+import argparse
+import subprocess
+import sys
+
+import pytest
+
+from lerobot_robot_yam.commands.lib.desktop_command import driven
+from lerobot_robot_yam.commands.view import main
+from lerobot_robot_yam.errors import ConfigError
+from tests.support.paths import ROOT
+
+WITHOUT_VISER = """
+import sys
+
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in ("viser", "websockets"):
+            raise ModuleNotFoundError(f"No module named {name!r}")
+
+sys.meta_path.insert(0, Absent())
+from lerobot_robot_yam.commands.view import main
+try:
+    main(["--help"])
+except SystemExit as ended:
+    assert ended.code == 0
+assert not {"viser", "torch", "lerobot"} & set(sys.modules)
+for arguments in ([], ["--desktop"]):
+    assert main(arguments) == 1
+"""
+
+
+def test_without_viser():
+    """It says what to install; its help needs none of it."""
+    ended = subprocess.run([sys.executable, "-c", WITHOUT_VISER], capture_output=True, text=True, timeout=120)
+    assert ended.returncode == 0, ended.stderr
+    assert "--host" in ended.stdout and "Traceback" not in ended.stderr
+    assert ended.stderr.count('pip install "lerobot_robot_yam[view]"') == 2
+
+
+def named_by(config):
+    return driven(argparse.Namespace(config_path=ROOT / "configs" / config, rig=None))
+
+
+def test_followers_of_a_run_config_are_driven_and_nothing_else(tmp_path):
+    found = named_by("real/teleoperate.yaml")
+    assert [config.channel for config in found] == ["can_follower_l", "can_follower_r"]
+    assert all(config.calibration_path and "robots" in config.calibration_path for config in found)
+    alone = tmp_path / "leaders.yaml"
+    alone.write_text("teleop: {type: yam_leader, channel: can_leader_l, id: left}\n")
+    with pytest.raises(ConfigError, match="no follower"):
+        driven(argparse.Namespace(config_path=alone, rig=None))
+
+
+def test_the_page_drives_no_arm(capsys):
+    assert main(["--channel", "can_follower_l"]) == main(["--config_path", "configs/real/record.yaml"]) == 1
+    assert capsys.readouterr().err.count("need --desktop") == 2
