@@ -26,10 +26,10 @@ _INTERRUPTED = 130  # the shell's own status after Ctrl-C
 _PER_ARM = ("channel", "arm", "gripper", "name", "calibration")
 
 
-def add_arm_arguments(parser: argparse.ArgumentParser, several: bool = False) -> None:
+def add_arm_arguments(parser: argparse.ArgumentParser, several: bool = False, required: bool = True) -> None:
     """Which arm: channel, interface, hardware. `several`: one or two; `each_arm` tells them apart."""
     more: dict[str, Any] = {"nargs": "+"} if several else {}
-    parser.add_argument("--channel", required=True, **more, help="CAN channel, such as can_follower_l")
+    parser.add_argument("--channel", required=required, **more, help="CAN channel, such as can_follower_l")
     parser.add_argument("--interface", help="python-can interface (default socketcan, with --rig yam_sim)")
     parser.add_argument("--rig", help="name of a virtual rig")
     arm = ["yam"] if several else "yam"
