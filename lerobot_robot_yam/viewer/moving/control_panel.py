@@ -74,7 +74,7 @@ class ControlPanel:
 
         def connect(_: viser.GuiEvent) -> None:
             question.close()
-            self._driver.ask_freely(browser, lambda: self._driver.connect(browser))
+            self._driver.ask_freely(browser, self._driver.connect)
 
         yes.on_click(connect)
         no.on_click(lambda _: question.close())

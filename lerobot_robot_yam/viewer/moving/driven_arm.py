@@ -26,11 +26,13 @@ class DrivenArm:
 
     Attributes:
         goal: (n,) of all motors, rad and 0 … 1, while it is on its way; None: it stays.
+        shown: (n,) where it goes, or is asked to be; any thread may read it.
     """
 
     def __init__(self, client: ArmClient):
         self.client, self.hardware = client, client.hardware
         self.goal: np.ndarray | None = None
+        self.shown = np.array(client.published().setpoints)
         self._least, self._since_s = np.inf, 0.0
         self._playback: Playback | None = None
         self._tracker: PoseTracker | None = None
@@ -104,6 +106,7 @@ class DrivenArm:
         Raises:
             YamError: the arm takes no targets any more.
         """
+        self.shown = np.array(self.client.published().setpoints) if self.goal is None else self.goal
         if self._playback is not None and self._playback.step(now):
             self._set(self._playback.trajectory.positions[-1], now)  # until it is there
         if self.goal is None:

@@ -100,7 +100,7 @@ class Driver:
 
     # what can be asked for
 
-    def connect(self, browser: int) -> None:
+    def connect(self) -> None:
         """Energise the arms, which hold where they are. A person has confirmed it. Raises YamError: what failed."""
         self.desk.begin()
         try:

@@ -84,9 +84,7 @@ class JointSliders:
         arm, now = self._driver.arms.get(self._hardware.name), time.monotonic()
         if arm is None:
             return
-        goal = arm.goal
-        values = np.array(arm.client.published().setpoints) if goal is None else goal
-        for slider, value, touched_s in zip(self._sliders, values.tolist(), self._touched_s, strict=True):
+        for slider, value, touched_s in zip(self._sliders, arm.shown.tolist(), self._touched_s, strict=True):
             if now - touched_s > _TOUCHED_S and not abs(slider.value - value) <= _SHOWN:
                 show_value(slider, min(max(value, slider.min), slider.max))
 

@@ -72,7 +72,7 @@ class Moving:
         @server.on_client_connect
         def _(client: viser.ClientHandle) -> None:
             with folder:
-                client.gui.add_markdown(f"This is browser {client.client_id}.")
+                client.gui.add_markdown(f"This is browser {client.client_id}.", order=0.0)
 
         @server.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:

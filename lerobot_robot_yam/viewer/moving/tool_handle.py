@@ -56,9 +56,7 @@ class ToolHandle:
         self._show(self._base, *place)
         if self._dragging is not None and self._dragging == self._driver.desk.holder:
             return
-        goal = arm.goal
-        q = arm.client.published().setpoint_q if goal is None else goal[: self._hardware.joints]
-        pose, quat = self._kinematics.fk(q), np.empty(4)
+        pose, quat = self._kinematics.fk(arm.shown[: self._hardware.joints]), np.empty(4)
         mujoco.mju_mat2Quat(quat, pose[:3, :3].ravel())
         self._show(self._handle, pose[:3, 3], quat)
 
