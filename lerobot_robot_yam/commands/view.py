@@ -49,9 +49,8 @@ def _view(args: argparse.Namespace) -> int:
         if plan is not None:
             parts.append(moving := Moving(page.server, plan, live.place_of))
             moving.driver.start()
-        tell(
-            f"open {page.url} in a browser; Ctrl-C ends the page, {'lands its arms, ' * bool(plan)}other sessions go on"
-        )
+        ends = "ends the page" if plan is None else "ends the page and lands its arms"
+        tell(f"open {page.url} in a browser; Ctrl-C {ends}, other sessions go on")
         page.run(parts)
     return 0
 

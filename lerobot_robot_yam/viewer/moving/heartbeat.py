@@ -44,20 +44,19 @@ class Heartbeat:
         while not self._ended.wait(_ASKED_S):
             holder = self._holder()
             client = None if holder is None else self._server.get_clients().get(holder)
-            if client is not None and _answers(client):
+            if client is not None and self._answers(client):
                 self.begin(client.client_id)
+
+    def _answers(self, client: viser.ClientHandle) -> bool:
+        try:
+            client.local_storage.get_item(_ITEM, timeout=SILENT_S)
+        except TimeoutError:
+            return False
+        except RuntimeError:  # it has gone; or its browser refuses to look, which is an answer
+            return client.client_id in self._server.get_clients()
+        return True
 
     def close(self) -> None:
         """Ask no more. Idempotent."""
         self._ended.set()
         self._thread.join()
-
-
-def _answers(client: viser.ClientHandle) -> bool:
-    try:
-        client.local_storage.get_item(_ITEM, timeout=SILENT_S)
-    except TimeoutError:
-        return False
-    except RuntimeError as error:  # gone; or a browser without storage, which has answered
-        return "disconnected" not in str(error)
-    return True

@@ -1,14 +1,13 @@
 """Sliders for the joints and the gripper of one arm, and its gains. They show where it goes, or where it is."""
 
 import time
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import viser
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.viewer.moving.driver import Driver
+from lerobot_robot_yam.viewer.moving.page_controls import pressed, show_value
 
 _STEP_RAD, _STEP_OPENING = 0.001, 0.01
 _SHOWN = 0.002  # rad, or of the stroke: smaller changes are not shown
@@ -57,20 +56,20 @@ class JointSliders:
 
     def _add_gains(self, gui: viser.GuiApi) -> None:
         hw, name = self._hardware, self._hardware.name
+        kp, kd = hw.kp[: hw.joints], hw.kd[: hw.joints]
         rows = [
             [
                 gui.add_number(f"{what} {joint}", float(value), min=0.0, step=_GAIN_STEP)
-                for joint, value in zip(hw.joint_names, values, strict=False)
+                for joint, value in zip(hw.joint_names, values, strict=True)
             ]
-            for what, values in (("kp", hw.kp), ("kd", hw.kd))
+            for what, values in (("kp", kp), ("kd", kd))
         ]
 
         def change() -> None:
-            kp, kd = (np.array([number.value for number in row]) for row in rows)
-            self._driver.change_gains(name, kp, kd)
+            given = [np.array([number.value for number in row]) for row in rows]
+            self._driver.change_gains(name, *given)
 
         def reset() -> None:
-            kp, kd = hw.kp[: hw.joints], hw.kd[: hw.joints]
             self._driver.change_gains(name, kp, kd)
             for row, values in zip(rows, (kp, kd), strict=True):
                 for number, value in zip(row, values.tolist(), strict=True):
@@ -84,22 +83,7 @@ class JointSliders:
         arm, now = self._driver.arms.get(self._hardware.name), time.monotonic()
         if arm is None:
             return
-        for slider, value, touched_s in zip(self._sliders, arm.shown.tolist(), self._touched_s, strict=True):
-            if now - touched_s > _TOUCHED_S and not abs(slider.value - value) <= _SHOWN:
-                show_value(slider, min(max(value, slider.min), slider.max))
-
-
-def pressed(button: viser.GuiButtonHandle, work: Callable[[int], None]) -> viser.GuiButtonHandle:
-    """Do this with the number of the browser that presses the button; returns the button."""
-
-    @button.on_click
-    async def _(event: viser.GuiEvent) -> None:
-        if event.client_id is not None:
-            work(event.client_id)
-
-    return button
-
-
-def show_value(handle: Any, value: Any) -> None:
-    """Set what a control of the page shows; viser's types say that it cannot be set."""
-    handle.value = value
+        shown = np.clip(arm.shown, self._hardware.lower, self._hardware.upper)
+        for slider, value, touched_s in zip(self._sliders, shown.tolist(), self._touched_s, strict=True):
+            if now - touched_s > _TOUCHED_S and not abs(slider.value - value) <= _SHOWN:  # nor if that is no number
+                show_value(slider, value)

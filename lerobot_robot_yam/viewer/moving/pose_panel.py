@@ -5,7 +5,7 @@ import viser
 
 from lerobot_robot_yam.errors import LifeCycleError
 from lerobot_robot_yam.viewer.moving.driver import Driver
-from lerobot_robot_yam.viewer.moving.joint_sliders import pressed, show_value
+from lerobot_robot_yam.viewer.moving.page_controls import pressed, show_value
 from lerobot_robot_yam.viewer.moving.saved_poses import SavedPoses
 
 _NONE = "(no pose is saved)"

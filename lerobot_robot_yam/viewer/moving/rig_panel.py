@@ -8,7 +8,7 @@ import viser
 from lerobot_robot_yam.errors import ActionError
 from lerobot_robot_yam.rig.client.rig_operations import RigOperations
 from lerobot_robot_yam.viewer.moving.driver import Driver
-from lerobot_robot_yam.viewer.moving.joint_sliders import pressed, show_value
+from lerobot_robot_yam.viewer.moving.page_controls import pressed, show_value
 
 _CHANNEL = "the whole channel"
 _FAULTS: dict[str, tuple[str, Any, bool]] = {  # by label: kind, value, of a motor (else of the channel)

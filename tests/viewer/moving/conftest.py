@@ -17,10 +17,14 @@ _PATIENCE_S = 15.0
 
 
 class Station:
-    """A page that drives an arm on a rig in lock-step, and browsers on it. The test makes its rounds."""
+    """A page that drives an arm on a rig in lock-step, and browsers on it. The test makes its rounds.
+
+    Attributes:
+        pace_s: real time that a round takes at least. Browsers answer in real time.
+    """
 
     def __init__(self, rig, tmp_path):
-        self.rig, self._browsers = rig, []
+        self.rig, self._browsers, self.pace_s = rig, [], 0.002
         self.page = Page(port=_PORT)
         plan = plan_of([sim_config(rig, ARM)], tmp_path / "poses.json")
         self.moving = Moving(self.page.server, plan, lambda key: _PLACE, "lockstep")
@@ -32,12 +36,12 @@ class Station:
         return self._browsers[-1]
 
     def round(self):
-        """What the page does 50 times a second, in real time: browsers answer in real time, too."""
+        """What the page does 50 times a second."""
         begin_s = time.monotonic()
         self.driver.round()
         self.moving.update(begin_s)
         (self.driver.session.clock if self.driver.session.running else self.rig).sleep(0.02)
-        time.sleep(max(0.0, begin_s + 0.02 - time.monotonic()))
+        time.sleep(max(0.001, begin_s + self.pace_s - time.monotonic()))
 
     def run(self, until):
         """Rounds, until this is so."""

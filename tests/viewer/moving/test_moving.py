@@ -15,6 +15,7 @@ from lerobot_robot_yam.viewer.moving.control_desk import Stage
 from tests.viewer.moving.conftest import ARM
 
 JOINT = "joint_1, rad"
+ROUND_S = 0.02
 
 
 def enabled(rig):
@@ -92,10 +93,10 @@ def test_control_is_handed_over(station, controlling):
 
 
 @pytest.mark.parametrize("end", ["closed", "frozen"])
-def test_the_arm_holds_when_the_browser_that_controls_it_is_lost(station, controlling, end):
-    other = station.browser()
-    controlling.set(JOINT, 2.5)
-    station.run(lambda: station.state.q[0] > 0.1)
+def test_the_arm_holds_when_the_browser_that_controls_it_is_lost_and_no_sooner(station, controlling, end):
+    other, station.pace_s = station.browser(), ROUND_S
+    controlling.set(JOINT, 3.0)
+    station.run(lambda: station.state.q[0] > 0.9)
     if end == "closed":
         controlling.close()
     else:
@@ -103,17 +104,12 @@ def test_the_arm_holds_when_the_browser_that_controls_it_is_lost(station, contro
     station.run(lambda: other.was_told("is lost: they hold"))
     assert station.state.mode is Mode.HOLD
     stopped = station.state.setpoint_q[0]
-    assert stopped < 1.5
+    assert stopped < 2.3
     station.take_control(other)
     np.testing.assert_allclose(station.state.setpoint_q[0], stopped, atol=0.1)
 
 
-def test_a_browser_that_answers_keeps_control(station, controlling):
-    for _ in range(60):
-        station.round()
-    assert station.driver.desk.holder == 0
-
-
+@pytest.mark.long
 def test_an_arm_that_floats_holds_when_its_browser_is_lost(station, controlling):
     controlling.press("float")
     station.run(lambda: station.state.mode is Mode.FLOAT)
@@ -121,31 +117,28 @@ def test_an_arm_that_floats_holds_when_its_browser_is_lost(station, controlling)
     station.run(lambda: station.state.mode is Mode.HOLD)
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, 9.0, -9.0])
-def test_a_value_that_cannot_be_is_refused_and_nothing_moves(station, controlling, value):
+def test_what_cannot_be_is_refused_and_nothing_moves(station, controlling):
     before = station.state.setpoint_q
-    controlling.set(JOINT, value)
-    station.run(lambda: controlling.was_told("joint_1"))
-    assert station.state.mode is Mode.HOLD
-    np.testing.assert_array_equal(station.state.setpoint_q, before)
-    station.run(lambda: abs(controlling.value(JOINT) - before[0]) < 0.01)
-
-
-@pytest.mark.parametrize(
-    "position, quat",
-    [([math.nan, 0, 0], [1, 0, 0, 0]), ([0.3, 0, 0.3], [0, 0, 0, 0]), ([0.3, 0, 0.3], [1, 0, math.inf, 0])],
-)
-def test_a_pose_that_is_none_is_refused(station, controlling, position, quat):
-    controlling.drag_tool(ARM, position, quat)
-    station.run(lambda: controlling.was_told("no pose of a tool"))
-    assert station.state.mode is Mode.HOLD
-
-
-def test_an_unknown_motor_is_refused(station, controlling):
+    for value in (math.nan, math.inf, 9.0, -9.0):
+        controlling.notices.clear()
+        controlling.set(JOINT, value)
+        station.run(lambda: controlling.was_told("joint_1"))
+        station.run(lambda: abs(controlling.value(JOINT) - before[0]) < 0.01)
+    for position, quat in (
+        ([math.nan, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]),
+        ([0.3, 0.0, 0.3], [0.0, 0.0, 0.0, 0.0]),
+        ([0.3, 0.0, 0.3], [1.0, 0.0, math.inf, 0.0]),
+    ):
+        controlling.notices.clear()
+        controlling.drag_tool(ARM, position, quat)
+        station.run(lambda: controlling.was_told("no pose of a tool"))
     with pytest.raises(ActionError, match="no motor 7"):
         station.driver.move(ARM, 7, 0.0)
+    assert station.state.mode is Mode.HOLD
+    np.testing.assert_array_equal(station.state.setpoint_q, before)
 
 
+@pytest.mark.long
 def test_what_has_waited_too_long_is_not_done(station, controlling):
     controlling.set(JOINT, 0.5)
     time.sleep(0.6)  # the driver's thread is busy
@@ -153,6 +146,7 @@ def test_what_has_waited_too_long_is_not_done(station, controlling):
     assert station.driver.arms[ARM].goal is None
 
 
+@pytest.mark.long
 def test_an_emergency_stop_ends_the_way_to_a_goal_for_good(station, controlling):
     controlling.set(JOINT, 2.0)
     station.run(lambda: station.state.q[0] > 0.1)
@@ -165,6 +159,7 @@ def test_an_emergency_stop_ends_the_way_to_a_goal_for_good(station, controlling)
     assert station.state.q[0] < 1.0 and station.state.mode is Mode.HOLD
 
 
+@pytest.mark.long
 def test_gains_are_changed_and_reset(station, controlling):
     client = station.driver.arms[ARM].client
     configured = client.kp.copy()
@@ -192,6 +187,7 @@ def test_a_pose_is_saved_and_gone_to_softly(station, controlling):
     station.run(lambda: controlling.value("pose") == "(no pose is saved)")
 
 
+@pytest.mark.long
 def test_a_fault_is_shown_and_the_arm_is_rearmed(station, controlling, rig):
     controlling.set("motor", "joint_2")
     controlling.set("fault", "over-current (0xA)")
@@ -203,6 +199,7 @@ def test_a_fault_is_shown_and_the_arm_is_rearmed(station, controlling, rig):
     station.run(lambda: station.state.mode is Mode.HOLD)
 
 
+@pytest.mark.long
 def test_things_of_the_virtual_rig_are_put_elsewhere(station, rig):
     browser = station.browser()
     browser.set("position, m", [0.4, 0.1, 0.03])
