@@ -69,7 +69,7 @@ class DrivenArm:
             if not hw.joints:
                 raise ConfigError(f"{hw.name} has no joints to move its tool with")
             self._tracker = PoseTracker(YamKinematics(hw.arm, hw.gripper), goal[: hw.joints])
-        if self.goal is None:
+        if not np.array_equal(self._tracker.q, goal[: hw.joints]):  # something else has moved it since
             self._tracker.restart(goal[: hw.joints])
         result = self._tracker.solve(pose)
         goal[: hw.joints] = result.q

@@ -13,7 +13,7 @@ ARM = "follower_left"
 RAISED = [0.0, 0.5, 0.5, 0.0, 0.0, 0.0]
 _PORT = 18480
 _PLACE = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
-_PATIENCE_S = 15.0
+_PATIENCE_S = 60.0
 
 
 class Station:

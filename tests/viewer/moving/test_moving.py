@@ -207,6 +207,7 @@ def test_things_of_the_virtual_rig_are_put_elsewhere(station, rig):
     station.run(lambda: abs(rig.state()["props"]["cube"]["pos"][0] - 0.4) < 0.01)
 
 
+@pytest.mark.long
 def test_the_arm_lands_when_it_is_told_to_and_can_be_connected_again(station, controlling, rig):
     controlling.press("land")
     station.run(lambda: controlling.was_told("the arms have landed"))
