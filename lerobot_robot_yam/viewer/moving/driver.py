@@ -15,6 +15,7 @@ import numpy as np
 import viser
 
 from lerobot_robot_yam.errors import LifeCycleError, YamError
+from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
@@ -28,6 +29,7 @@ logger = logging.getLogger(__name__)
 
 _PERIOD_S = 0.02
 _OLD_S = 0.5  # what has waited for longer is not done any more: the person has seen nothing happen
+_MOST_ORDERS = 50  # in a round: a page that sends more has them grow old
 _MOST_NOTICES = 50
 _REPEATED_S = 2.0  # the same notice is not given again before
 
@@ -105,10 +107,11 @@ class Driver:
         self.desk.begin()
         try:
             self.session.start()
+            self.arms = {config.name: DrivenArm(self.session[config.name]) for config in self.plan.configs}
         except BaseException:
+            self.session.stop()
             self.desk.end()
             raise
-        self.arms = {config.name: DrivenArm(self.session[config.name]) for config in self.plan.configs}
         self.desk.enable()
         self.say(None, "the arms hold where they are; `take control` to move them")
 
@@ -140,14 +143,12 @@ class Driver:
     def hold(self) -> None:
         """Every arm keeps its set-point, or its pose when it floats."""
         self._stay()
-        for arm in self.arms.values():
-            arm.client.hold()
+        self._each(ArmClient.hold)
 
     def let_float(self) -> None:
         """Every arm is free to be moved by hand."""
         self._stay()
-        for arm in self.arms.values():
-            arm.client.float()
+        self._each(ArmClient.float)
 
     def rearm(self) -> None:
         """Enable again what has failed. Raises YamError: it still fails."""
@@ -157,8 +158,18 @@ class Driver:
     def land(self) -> None:
         """Every arm begins to land. Raises YamError: one does not."""
         self._stay()
+        self._each(ArmClient.land)
+
+    def _each(self, work: Callable[[ArmClient], None]) -> None:
+        """Of every arm, whatever becomes of the others. Raises YamError: the first of the failures."""
+        failures: list[YamError] = []
         for arm in self.arms.values():
-            arm.client.land()
+            try:
+                work(arm.client)
+            except YamError as error:
+                failures.append(error)
+        if failures:
+            raise failures[0]
 
     def move(self, name: str, motor: int, value: float) -> None:
         """One joint or gripper of an arm, see `DrivenArm.move`."""
@@ -203,7 +214,7 @@ class Driver:
         """What is due: lost browsers, orders, targets."""
         if self.desk.holder is not None and self._heartbeat.lost():
             self.leave(self.desk.holder)
-        while self._orders:
+        for _ in range(min(len(self._orders), _MOST_ORDERS)):
             self._carry_out(self._orders.popleft())
         if self.desk.stage in (Stage.ENABLED, Stage.CONTROL):
             self._drive()
@@ -217,6 +228,9 @@ class Driver:
             order.work()
         except YamError as error:
             self.say(order.browser, str(error))
+        except Exception:  # a defect, or a message that no page of ours sends
+            logger.exception("a command of browser %d failed", order.browser)
+            self.say(order.browser, "the command failed: see the terminal of yam-view")
 
     def _drive(self) -> None:
         if all(arm.client.off for arm in self.arms.values()):

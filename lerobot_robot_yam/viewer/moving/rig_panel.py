@@ -5,6 +5,7 @@ from typing import Any
 
 import viser
 
+from lerobot_robot_yam.arm.validation import finite_vector
 from lerobot_robot_yam.errors import ActionError
 from lerobot_robot_yam.rig.client.rig_operations import RigOperations
 from lerobot_robot_yam.viewer.moving.driver import Driver
@@ -63,7 +64,8 @@ class RigPanel:
         pressed(gui.add_button(label), asked)
 
     def _place(self) -> None:
-        self._rig.place(self._prop.value, list(self._where.value))
+        place = finite_vector(self._prop.value, "position", self._where.value, 3)
+        self._rig.place(self._prop.value, place.tolist())
 
     def _look(self) -> None:
         show_value(self._where, tuple(self._rig.state()["props"][self._prop.value]["pos"]))
