@@ -1,24 +1,32 @@
 """Show the arms that run on this computer in a browser: where they are, what they are doing, what is wrong.
 
-yam-view                    watch every session; it can neither slow nor stop one
-yam-view --host 0.0.0.0     for browsers of other computers, too, which need the token in the address that it prints
-yam-view --token            ask for a token on this computer, too, where other people have accounts
-yam-view --desktop          MuJoCo's own viewer instead of a browser
-yam-view --desktop --channel can_follower_l         the same, and drag the tool of an arm: SPACE watches or controls
-yam-view --desktop --config_path configs/real/record.yaml    the same with the followers of a run config
+yam-view                           watch every session; it can neither slow nor stop one
+yam-view --config_path=rig.yaml    drive the followers of a rig's file or run config from the page, too
+yam-view --channel can_follower_l  drive one arm
+yam-view --dataset data/NAME       a LeRobot data set: check it, play it in 3-D; with --config_path send it to the arms
+yam-view --host 0.0.0.0            for browsers of other computers, too, which need the token in the address it prints
+yam-view --token                   ask for a token on this computer, too, where other people have accounts
+yam-view --desktop                 MuJoCo's own viewer instead of a browser; it drives arms as above, by the mouse
 
-The page has an emergency stop. Ctrl-C ends the page; sessions go on.
+The page has an emergency stop. Ctrl-C ends the page; other sessions go on.
 
-HAZARD: --channel and --config_path ENERGISE arms; they land however the window ends.
+HAZARD: with --config_path or --channel a person at the page can ENERGISE the arms. However the page ends, they land.
 """
 
 import argparse
 import sys
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from lerobot_robot_yam.commands.lib.arm_command import run_command, tell
+from lerobot_robot_yam.commands.lib.arm_command import run_command, tell, with_likely_gripper
 from lerobot_robot_yam.commands.lib.desktop_command import add_desktop_arguments, run_desktop_command
 from lerobot_robot_yam.errors import ConfigError
+
+if TYPE_CHECKING:
+    from lerobot_robot_yam.viewer.moving.driving_plan import DrivingPlan
+    from lerobot_robot_yam.viewer.serving.page import Page, Part
+
+_GRIPPER = "linear_4310"  # of a data set whose arms nobody names
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -29,6 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default 127.0.0.1: this computer)")
     parser.add_argument("--port", type=int, default=8080, help="port, or the next free one (default 8080)")
     parser.add_argument("--token", action="store_true", help="ask for a token on this computer, too")
+    parser.add_argument("--dataset", metavar="PATH_OR_REPO_ID", help="LeRobot data set to look at")
     add_desktop_arguments(parser)
     args = parser.parse_args(arguments)
     return run_command("yam-view", lambda: _view(args))
@@ -39,19 +48,63 @@ def _view(args: argparse.Namespace) -> int:
         import viser  # noqa: F401  --help does without
     except ImportError as error:
         raise ConfigError(f'yam-view needs viser: pip install "lerobot_robot_yam[view]" ({error})') from error
+    if args.config_path is not None and args.channel is not None:
+        raise ConfigError("give --config_path or --channel, not both")
     if args.desktop:
         return run_desktop_command(args)
-    if args.channel is not None or args.config_path is not None:
-        raise ConfigError("--channel and --config_path need --desktop: the page itself drives no arm")
+    from lerobot_robot_yam.viewer.desk.session_desks import SessionDesks
     from lerobot_robot_yam.viewer.live.live import Live
-    from lerobot_robot_yam.viewer.serving.page import Page, served
+    from lerobot_robot_yam.viewer.moving.moving import Moving
+    from lerobot_robot_yam.viewer.serving.page import Page, Part, served
 
+    plan = None if args.dataset is not None else _plan(args)
     page = Page(args.host, args.port, args.token)
-    parts = [Live(page.server)]
+    live = Live(page.server)
+    parts: list[Part] = [live, SessionDesks(page.server)]
     with served(page, parts):
-        tell(f"open {page.url} in a browser; Ctrl-C ends the page, sessions go on")
+        if args.dataset is not None:
+            parts.append(_data(page, args))
+        if plan is not None:
+            parts.append(moving := Moving(page.server, plan, live.place_of))
+            moving.driver.start()
+        drives = args.config_path is not None or args.channel is not None
+        ends = "ends the page and lands its arms" if drives else "ends the page"
+        tell(f"open {page.url} in a browser; Ctrl-C {ends}, other sessions go on")
         page.run(parts)
     return 0
+
+
+def _plan(args: argparse.Namespace) -> "DrivingPlan | None":
+    """The arms to drive; None: none."""
+    from lerobot_robot_yam.viewer.moving.driving_plan import plan_of_arm, plan_of_file
+
+    if args.config_path is not None:
+        return plan_of_file(args.config_path, args.rig)
+    if args.channel is not None:
+        return plan_of_arm(with_likely_gripper(args, calibration_path=args.calibration))
+    return None
+
+
+def _data(page: "Page", args: argparse.Namespace) -> "Part":
+    from lerobot_robot_yam.doctor.kit.targets import Plan, from_config
+    from lerobot_robot_yam.face.datasets.located import locate
+    from lerobot_robot_yam.viewer.data.data_part import DataPart
+    from lerobot_robot_yam.viewer.data.recorded_arms import followers
+    from lerobot_robot_yam.viewer.data.session_driver import SessionDriver
+
+    if args.channel is not None:
+        raise ConfigError("a data set is sent to the arms of a config: give --config_path, not --channel")
+    plan = Plan() if args.config_path is None else from_config(args.config_path, args.rig)
+    known = followers(plan.targets)
+    return DataPart(
+        page.server,
+        locate(args.dataset),
+        known=known,
+        cameras=plan.cameras,
+        arm=args.arm,
+        gripper=args.gripper or _GRIPPER,
+        driver=SessionDriver(known) if known else None,
+    )
 
 
 if __name__ == "__main__":

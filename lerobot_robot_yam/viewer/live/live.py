@@ -23,6 +23,7 @@ class _Shown:
         self.panel = ArmPanel(server.gui, arm)
         self._figure = self._ghost = None
         self._drawn: tuple[float, ...] = ()
+        self.place: tuple[np.ndarray, np.ndarray] | None = None
         if arm.hardware is not None:
             self._figure = Figure(server.scene, f"/arms/{arm.key}", arm.hardware)
             self._ghost = Figure(server.scene, f"/setpoints/{arm.key}", arm.hardware, ghost=True)
@@ -32,7 +33,7 @@ class _Shown:
         """Put it where its config says, else beside the others."""
         if self._figure is None or self._ghost is None or self.arm.hardware is None:
             return
-        position, quat = base_of(self.arm.hardware, place)
+        self.place = position, quat = base_of(self.arm.hardware, place)
         self._figure.stand(position, quat)
         self._ghost.stand(position, quat)
 
@@ -81,6 +82,11 @@ class Live:
     def arms(self) -> dict[str, WatchedArm]:
         """The arms that run, by key."""
         return self._watched.arms
+
+    def place_of(self, key: str) -> tuple[np.ndarray, np.ndarray] | None:
+        """Where the base of the arm with this key is drawn: position (3,) m, w x y z (4,); None: it is not."""
+        shown = self._shown.get(key)
+        return None if shown is None else shown.place
 
     def update(self, now_s: float) -> None:
         """Read, and draw what has changed."""

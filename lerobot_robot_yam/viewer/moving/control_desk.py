@@ -1,0 +1,108 @@
+"""Who may drive the arms, and when: nobody before a person has confirmed, then one browser at a time.
+
+    watching ──connect──▶ connecting ──arms hold──▶ enabled ──take──▶ control
+        ▲                                              ▲  ◀──give, lost──┘
+        └──────────────── landed ──────────────────────┘
+
+A browser is known by the number of its connection. One that is lost comes back as another.
+"""
+
+from enum import Enum
+
+from lerobot_robot_yam.errors import LifeCycleError
+
+
+class Stage(Enum):
+    """How far the page has come."""
+
+    WATCHING = "watching"  # nothing is energised by this page
+    CONNECTING = "connecting"
+    ENABLED = "enabled"  # the arms hold, nobody controls them
+    CONTROL = "control"
+
+
+_REFUSED = {
+    Stage.WATCHING: "the arms are not connected: press `connect …` and confirm it",
+    Stage.CONNECTING: "the arms are being connected: wait",
+    Stage.ENABLED: "nobody controls the arms: press `take control`",
+}
+
+
+class ControlDesk:
+    """Stage and holder of the control. One thread changes it.
+
+    Attributes:
+        stage: as it is.
+        holder: the browser that controls the arms; None: nobody.
+        asker: the browser that asks the holder for it; None: nobody.
+    """
+
+    def __init__(self) -> None:
+        self.stage = Stage.WATCHING
+        self.holder: int | None = None
+        self.asker: int | None = None
+
+    def begin(self) -> None:
+        """A person has confirmed. Raises LifeCycleError: the arms are connected, or being connected."""
+        if self.stage is not Stage.WATCHING:
+            raise LifeCycleError("the arms are connected already")
+        self.stage = Stage.CONNECTING
+
+    def enable(self) -> None:
+        """The arms hold."""
+        self.stage = Stage.ENABLED
+
+    def end(self) -> None:
+        """They have landed, or did not come up."""
+        self.stage, self.holder, self.asker = Stage.WATCHING, None, None
+
+    def take(self, browser: int) -> bool:
+        """Give it control, if nobody has it; else it asks the holder. True: it has control.
+
+        Raises:
+            LifeCycleError: the arms are not connected.
+        """
+        if self.stage in (Stage.WATCHING, Stage.CONNECTING):
+            raise LifeCycleError(_REFUSED[self.stage])
+        if self.holder not in (None, browser):
+            self.asker = browser
+            return False
+        self._hand_to(browser)
+        return True
+
+    def give(self, browser: int) -> int | None:
+        """The holder gives control to the one that asks, else to nobody; returns the new holder.
+
+        Raises:
+            LifeCycleError: this browser does not have it.
+        """
+        self.check(browser)
+        self._hand_to(self.asker)
+        return self.holder
+
+    def lost(self, browser: int) -> bool:
+        """This browser has gone. True: it had control."""
+        if self.asker == browser:
+            self.asker = None
+        if self.holder != browser:
+            return False
+        self._hand_to(None)
+        return True
+
+    def check(self, browser: int) -> None:
+        """Raises LifeCycleError: this browser may not command the arms; says why and what to do."""
+        if self.stage is not Stage.CONTROL:
+            raise LifeCycleError(f"nothing was done: {_REFUSED[self.stage]}")
+        if browser != self.holder:
+            raise LifeCycleError(f"nothing was done: browser {self.holder} controls the arms; press `take control`")
+
+    def check_unheld(self, browser: int) -> None:
+        """Raises LifeCycleError: another browser controls the arms."""
+        if self.holder not in (None, browser):
+            self.check(browser)
+
+    def _hand_to(self, browser: int | None) -> None:
+        self.holder = browser
+        self.stage = Stage.ENABLED if browser is None else Stage.CONTROL
+        if browser is None or self.asker == browser:
+            self.asker = None

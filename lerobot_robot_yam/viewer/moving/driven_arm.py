@@ -1,0 +1,138 @@
+"""One arm on its way to a goal that a person changes while it moves. Its speed limits are the control loop's."""
+
+import numpy as np
+
+from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD
+from lerobot_robot_yam.arm.kinematics import PoseTracker, YamKinematics
+from lerobot_robot_yam.arm.validation import finite_number
+from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError
+from lerobot_robot_yam.session.arm_client import ArmClient
+from lerobot_robot_yam.session.playback import APPROACH_RAD_S, Playback, approach_s, ready
+from lerobot_robot_yam.session.trajectory import soft_way
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.records import Limited
+
+_REACHED = 1e-3  # rad, or of the gripper's stroke
+_PROGRESS = 5e-3  # that an arm comes nearer to its goal, at least,
+_STUCK_S = 1.0  # within this time; else it holds where it is
+_OFF_M = 0.03  # a tool that ends farther from where it was dragged to is out of reach
+
+
+class DrivenArm:
+    """Gives the targets of one arm. One thread uses it.
+
+    Args:
+        client: the arm.
+
+    Attributes:
+        goal: (n,) of all motors, rad and 0 … 1, while it is on its way; None: it stays.
+        shown: (n,) where it goes, or is asked to be; any thread may read it.
+    """
+
+    def __init__(self, client: ArmClient):
+        self.client, self.hardware = client, client.hardware
+        self.goal: np.ndarray | None = None
+        self.shown = np.array(client.published().setpoints)
+        self._least, self._since_s = np.inf, 0.0
+        self._playback: Playback | None = None
+        self._tracker: PoseTracker | None = None
+
+    def move(self, motor: int, value: float, now: float) -> None:
+        """One joint to an angle, rad, or the gripper, 0 … 1; the others stay, or go on to where they were going.
+
+        Raises:
+            ActionError: there is no such motor, or the value is not finite or beyond its limits; nothing changes.
+            YamError: the arm takes no targets.
+        """
+        hw = self.hardware
+        if not 0 <= motor < hw.n:
+            raise ActionError(f"{hw.name} has no motor {motor}; it has {hw.n}")
+        what = hw.motors[motor].name
+        number = finite_number(hw.name, what, value)
+        if not hw.lower[motor] - RANGE_TOLERANCE_RAD <= number <= hw.upper[motor] + RANGE_TOLERANCE_RAD:
+            reach = f"{hw.lower[motor]:.2f} … {hw.upper[motor]:.2f}"
+            raise ActionError(f"{hw.name}: {what} cannot go to {number:.2f}, only within {reach}; nothing moves")
+        goal = self._present()
+        goal[motor] = number
+        self._set(goal, now)
+
+    def drag(self, pose: np.ndarray, now: float) -> str:
+        """The tool to a pose (4, 4) in the frame of the base; what there is to say about it, empty: nothing.
+
+        Raises:
+            ActionError: no pose; nothing changes.
+            ConfigError: this arm has no kinematics.
+            YamError: the arm takes no targets.
+        """
+        hw, goal = self.hardware, self._present()
+        if self._tracker is None:
+            if not hw.joints:
+                raise ConfigError(f"{hw.name} has no joints to move its tool with")
+            self._tracker = PoseTracker(YamKinematics(hw.arm, hw.gripper), goal[: hw.joints])
+        if not np.array_equal(self._tracker.q, goal[: hw.joints]):  # something else has moved it since
+            self._tracker.restart(goal[: hw.joints])
+        result = self._tracker.solve(pose)
+        goal[: hw.joints] = result.q
+        self._set(goal, now)
+        if result.error_m > _OFF_M:
+            return f"{hw.name}: the tool cannot get there; it goes as near as {result.error_m * 100:.0f} cm"
+        return ""
+
+    def glide(self, goal: np.ndarray) -> None:
+        """Softly along a straight joint line to a pose (n,). Raises YamError: the arm takes no targets."""
+        self.stay()
+        start = ready([self.client])
+        speed = np.minimum(self.hardware.speed_limit, APPROACH_RAD_S)
+        self._playback = Playback([self.client], soft_way(start, goal, approach_s(goal - start, speed)))
+
+    def stay(self) -> None:
+        """Give no more targets."""
+        self.goal = self._playback = None
+
+    def _present(self) -> np.ndarray:
+        """(n,) where it goes, or is asked to be. Raises YamError: it takes no targets."""
+        state = self.client.newest()
+        check_takes_targets(self.client)
+        return np.array(state.setpoints) if self.goal is None else self.goal.copy()
+
+    def _set(self, goal: np.ndarray, now: float) -> None:
+        self._playback = None
+        self.goal = np.clip(goal, self.hardware.lower, self.hardware.upper)
+        self._least, self._since_s = np.inf, now
+
+    def step(self, now: float) -> bool:
+        """Give the target of this moment. False: it comes no nearer to its goal, and holds from now on.
+
+        Raises:
+            YamError: the arm takes no targets any more.
+        """
+        self.shown = np.array(self.client.published().setpoints) if self.goal is None else self.goal
+        if self._playback is not None and self._playback.step(now):
+            self._set(self._playback.trajectory.positions[-1], now)  # until it is there
+        if self.goal is None:
+            return True
+        check_takes_targets(self.client)
+        joints = self.hardware.joints
+        gripper = float(self.goal[-1]) if self.hardware.has_gripper else None
+        self.client.write_target(self.goal[:joints], gripper)
+        gap = float(np.abs(np.array(self.client.newest().setpoints) - self.goal).max())
+        if gap < self._least - _PROGRESS:
+            self._least, self._since_s = gap, now
+        stuck = now - self._since_s > _STUCK_S
+        if gap <= _REACHED or stuck:
+            self.goal = None
+            self.client.hold()
+        return gap <= _REACHED or not stuck
+
+
+def check_takes_targets(client: ArmClient) -> None:
+    """Raises LifeCycleError: this arm takes no targets now; says why."""
+    state = client.newest()
+    if Limited.PEER in state.limited:
+        raise LifeCycleError(f"{client.config.name}: it holds, because the other arm is in trouble; nothing moves")
+    if state.mode is Mode.STOPPED:
+        raise LifeCycleError(f"{client.config.name}: the emergency stop is latched; nothing moves")
+    if state.mode not in (Mode.HOLD, Mode.TRACK):
+        raise LifeCycleError(
+            f"{client.config.name}: it takes no targets in mode {state.mode.name.lower()}; let it hold first"
+        )

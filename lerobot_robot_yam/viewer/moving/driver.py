@@ -1,0 +1,293 @@
+"""The one thread that drives the arms: it carries out what browsers ask for, and streams the targets.
+
+Everything that a browser asks for goes through `ask`, and is done here or refused with a notice. When the browser that
+controls the arms is lost, they hold. When the page ends, they land.
+"""
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+import viser
+
+from lerobot_robot_yam.errors import LifeCycleError, YamError
+from lerobot_robot_yam.session.arm_client import ArmClient
+from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.records import Limited
+from lerobot_robot_yam.viewer.moving.control_desk import ControlDesk, Stage
+from lerobot_robot_yam.viewer.moving.driven_arm import DrivenArm
+from lerobot_robot_yam.viewer.moving.driving_plan import DrivingPlan
+from lerobot_robot_yam.viewer.moving.heartbeat import Heartbeat
+from lerobot_robot_yam.viewer.moving.held_back import HeldBack
+
+logger = logging.getLogger(__name__)
+
+_PERIOD_S = 0.02
+_OLD_S = 0.5  # what has waited for longer is not done any more: the person has seen nothing happen
+_MOST_ORDERS = 50  # in a round: a page that sends more has them grow old
+_MOST_NOTICES = 50
+_REPEATED_S = 2.0  # the same notice is not given again before
+
+
+class _Order(NamedTuple):
+    browser: int
+    work: Callable[[], object]
+    controls: bool
+    given_s: float
+
+
+class Notice(NamedTuple):
+    """Words for one browser; None: for all."""
+
+    browser: int | None
+    text: str
+
+
+class Driver:
+    """Drives the arms of a plan.
+
+    Args:
+        plan: the arms.
+        server: viser's.
+        isolation: see `ArmSession`.
+
+    Attributes:
+        desk: who may do what; read only elsewhere.
+        arms: those that are connected, by name.
+        notices: to show; whoever shows them takes them out.
+        held_back: by name of an arm, the parts that it would bring too near.
+
+    Raises:
+        ConfigError: the arms cannot be used together.
+    """
+
+    def __init__(self, plan: DrivingPlan, server: viser.ViserServer, isolation: Isolation = "process"):
+        self.plan = plan
+        self.session = ArmSession(plan.configs, isolation)
+        self.desk = ControlDesk()
+        self.arms: dict[str, DrivenArm] = {}
+        self.notices: deque[Notice] = deque(maxlen=_MOST_NOTICES)
+        self.held_back: dict[str, str] = {}
+        self._guard = HeldBack([self.session.hardware(config.name) for config in plan.configs])
+        self._orders: deque[_Order] = deque()
+        self._said: dict[Notice, float] = {}
+        self._heartbeat = Heartbeat(server, lambda: self.desk.holder)
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="yam-view-driver", daemon=True)
+
+    def start(self) -> None:
+        """Begin to do as browsers ask. Nothing is energised."""
+        self._thread.start()
+
+    def ask(self, browser: int, work: Callable[[], object]) -> None:
+        """Have a command of the browser that controls the arms carried out; any thread may ask."""
+        self._orders.append(_Order(browser, work, True, time.monotonic()))
+
+    def ask_freely(self, browser: int, work: Callable[[], object]) -> None:
+        """The same for what needs no control."""
+        self._orders.append(_Order(browser, work, False, time.monotonic()))
+
+    def say(self, browser: int | None, text: str) -> None:
+        """Give a notice, unless it was given just now."""
+        notice, now = Notice(browser, text), time.monotonic()
+        if now - self._said.get(notice, -np.inf) < _REPEATED_S:
+            return
+        self._said = {told: when for told, when in self._said.items() if now - when < _REPEATED_S} | {notice: now}
+        self.notices.append(notice)
+
+    # what can be asked for
+
+    def connect(self) -> None:
+        """Energise the arms, which hold where they are. A person has confirmed it. Raises YamError: what failed."""
+        self.desk.begin()
+        try:
+            self.session.start()
+            self.arms = {config.name: DrivenArm(self.session[config.name]) for config in self.plan.configs}
+        except BaseException:
+            self.session.stop()
+            self.desk.end()
+            raise
+        self.desk.enable()
+        self.say(None, "the arms hold where they are; `take control` to move them")
+
+    def take(self, browser: int) -> None:
+        """This browser gets control, or asks for it. Raises LifeCycleError: the arms are not connected."""
+        if self.desk.take(browser):
+            self._hand_to(browser)
+        else:
+            self.say(self.desk.holder, f"browser {browser} asks for control: `give control` hands it over")
+            self.say(browser, f"browser {self.desk.holder} has been asked for control")
+
+    def give(self, browser: int) -> None:
+        """This browser gives control to the one that asks, or to nobody; then the arms hold."""
+        holder = self.desk.give(browser)
+        self._freeze()
+        if holder is not None:
+            self._hand_to(holder)
+
+    def _hand_to(self, browser: int) -> None:
+        self._heartbeat.begin(browser)
+        self.say(None, f"browser {browser} controls the arms")
+
+    def leave(self, browser: int) -> None:
+        """This browser has gone: the arms hold, if it controlled them."""
+        if self.desk.lost(browser):
+            self._freeze()
+            self.say(None, f"browser {browser}, which controlled the arms, is lost: they hold")
+
+    def hold(self) -> None:
+        """Every arm keeps its set-point, or its pose when it floats."""
+        self._stay()
+        self._each(ArmClient.hold)
+
+    def let_float(self) -> None:
+        """Every arm is free to be moved by hand."""
+        self._stay()
+        self._each(ArmClient.float)
+
+    def rearm(self) -> None:
+        """Enable again what has failed. Raises YamError: it still fails."""
+        self._stay()
+        self.session.rearm()
+
+    def land(self) -> None:
+        """Every arm begins to land. Raises YamError: one does not."""
+        self._stay()
+        self._each(ArmClient.land)
+
+    def _each(self, work: Callable[[ArmClient], None]) -> None:
+        """Of every arm, whatever becomes of the others. Raises YamError: the first of the failures."""
+        failures: list[YamError] = []
+        for arm in self.arms.values():
+            try:
+                work(arm.client)
+            except YamError as error:
+                failures.append(error)
+        if failures:
+            raise failures[0]
+
+    def move(self, name: str, motor: int, value: float) -> None:
+        """One joint or gripper of an arm, see `DrivenArm.move`."""
+        self._arm(name).move(motor, value, self.session.clock.now())
+
+    def drag(self, browser: int, name: str, pose: np.ndarray) -> None:
+        """The tool of an arm, see `DrivenArm.drag`."""
+        said = self._arm(name).drag(pose, self.session.clock.now())
+        if said:
+            self.say(browser, said)
+
+    def glide(self, goals: Mapping[str, np.ndarray]) -> None:
+        """Arms, by name, softly to a pose (n,) each. Raises YamError: one takes no targets; nothing moves."""
+        arms = [(self._arm(name), goal) for name, goal in goals.items()]
+        self._stay()
+        for arm, _ in arms:
+            arm.client.observe()
+        for arm, goal in arms:
+            arm.glide(goal)
+
+    def change_gains(self, name: str, kp: np.ndarray, kd: np.ndarray) -> None:
+        """Gains of an arm, (joints,) each. Raises YamError: what a configuration would be refused for."""
+        self._arm(name).client.change_gains(kp, kd)
+
+    def _arm(self, name: str) -> DrivenArm:
+        if name not in self.arms:
+            raise LifeCycleError(f"{name}: not connected")
+        return self.arms[name]
+
+    # the thread
+
+    def _run(self) -> None:
+        while not self._ended.is_set():
+            try:
+                self.round()
+            except Exception:  # a defect: the arms hold, as targets have ceased, and the page goes on
+                logger.exception("the driver's round failed")
+                self._stay()
+            self.session.clock.sleep(_PERIOD_S)
+
+    def round(self) -> None:
+        """What is due: lost browsers, orders, targets."""
+        if self.desk.holder is not None and self._heartbeat.lost():
+            self.leave(self.desk.holder)
+        for _ in range(min(len(self._orders), _MOST_ORDERS)):
+            self._carry_out(self._orders.popleft())
+        if self.desk.stage in (Stage.ENABLED, Stage.CONTROL):
+            self._drive()
+
+    def _carry_out(self, order: _Order) -> None:
+        try:
+            if order.controls:
+                self.desk.check(order.browser)
+            if time.monotonic() - order.given_s > _OLD_S:
+                raise LifeCycleError("nothing was done: the page was busy, and the command is old; give it again")
+            order.work()
+        except YamError as error:
+            self.say(order.browser, str(error))
+        except Exception:  # a defect, or a message that no page of ours sends
+            logger.exception("a command of browser %d failed", order.browser)
+            self.say(order.browser, "the command failed: see the terminal of yam-view")
+
+    def _drive(self) -> None:
+        if all(arm.client.off for arm in self.arms.values()):
+            self._finish()
+            return
+        now = self.session.clock.now()
+        for name, arm in self.arms.items():
+            try:
+                self._note_held_back(name)
+                if not arm.step(now):
+                    why = self.held_back.get(name) or "something is in its way"
+                    self.say(None, f"{name}: held back, and holds now: {why}")
+            except YamError as error:
+                arm.stay()
+                self.say(None, str(error))
+
+    def _note_held_back(self, name: str) -> None:
+        """Find out, once, what the control loop's guard holds this arm back from."""
+        states = [arm.client.published() for arm in self.arms.values()]
+        index = list(self.arms).index(name)
+        if Limited.WORKSPACE not in states[index].limited:
+            self.held_back.pop(name, None)
+        elif name not in self.held_back:
+            setpoints = [np.array(state.setpoints) for state in states]
+            goals = [np.array(state.action or state.setpoints) for state in states]
+            openings = [1.0 if state.gripper is None else state.gripper for state in states]
+            if why := self._guard.reason(index, setpoints, goals, openings):
+                self.held_back[name] = why
+                self.say(None, f"{name}: held back: {why}")
+
+    def _finish(self) -> None:
+        """They have landed."""
+        self._stay()
+        self.session.stop()
+        self.arms = {}
+        self.desk.end()
+        self.say(None, "the arms have landed; torque is off")
+
+    def _stay(self) -> None:
+        """Give no more targets."""
+        for arm in self.arms.values():
+            arm.stay()
+
+    def _freeze(self) -> None:
+        """Whatever moves or floats holds; a landing goes on."""
+        self._stay()
+        for arm in self.arms.values():
+            try:
+                if arm.client.mode() in (Mode.TRACK, Mode.FLOAT):
+                    arm.client.hold()
+            except YamError as error:
+                self.say(None, str(error))
+
+    def close(self) -> None:
+        """Land the arms, and wait for that. Idempotent."""
+        self._ended.set()
+        self._heartbeat.close()
+        if self._thread.ident is not None:
+            self._thread.join()
+        self.session.stop()

@@ -1,0 +1,83 @@
+"""Which arms the page drives, and how: from a config, or from the options of one arm."""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from lerobot_robot_yam.arm.config import ArmConfig, check_together, passive_of
+from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Target, calibration_root, from_config
+from lerobot_robot_yam.errors import ConfigError
+
+MARGIN_M = 0.02  # between the parts of an arm whose config does not say: what docs/workspace.md shows
+_APART_M = 2.0  # of arms whose config does not say where they stand: out of each other's reach
+
+
+@dataclass(frozen=True)
+class DrivingPlan:
+    """What is driven.
+
+    Attributes:
+        configs: the arms.
+        poses: file of saved poses.
+        notes: what differs from the config, for the person who has to confirm it.
+    """
+
+    configs: tuple[ArmConfig, ...]
+    poses: Path
+    notes: tuple[str, ...] = ()
+
+
+def plan_of_file(path: Path, rig: str | None) -> DrivingPlan:
+    """The followers of a rig's file or run config; its leaders if it has no follower.
+
+    Raises:
+        ConfigError: unreadable, it has no arm with motors, or what no session would start with.
+    """
+    targets = [target for target in from_config(path, rig).targets if passive_of(target.config) is None]
+    followers = [target for target in targets if target.config.gripper != LEADER_GRIPPER]
+    configs = [_with_calibration(target) for target in followers or targets]
+    if not configs:
+        raise ConfigError(f"{path} has no arm with motors")
+    return plan_of(configs, path.with_name(f"{path.stem}.poses.json"))
+
+
+def plan_of_arm(config: ArmConfig) -> DrivingPlan:
+    """One arm. Raises ConfigError: what no session would start with."""
+    return plan_of([config], calibration_root() / "yam" / f"{config.channel}.poses.json")
+
+
+def plan_of(configs: Sequence[ArmConfig], poses: Path) -> DrivingPlan:
+    """These arms, which hold when they are energised, and keep clear of themselves.
+
+    Raises:
+        ConfigError: they cannot be used together.
+    """
+    notes: list[str] = []
+    if not any(config.workspace.collision_margin_m is not None for config in configs):
+        places = [tuple(config.workspace.base_position_m) for config in configs]
+        unplaced = len(set(places)) < len(places)
+        if unplaced and any(config.workspace.keep_out for config in configs):
+            notes.append("NO COLLISION CHECKING: the config does not say where the arms stand (base_position_m).")
+        else:
+            notes.append(f"The config sets no collision margin. The page sets {MARGIN_M * 1000:.0f} mm.")
+            if unplaced:
+                notes.append("The config does not say where the arms stand: each arm is kept clear of itself only.")
+            apart_m = _APART_M if unplaced else 0.0
+            configs = [_guarded(config, apart_m * number) for number, config in enumerate(configs)]
+    configs = [dataclasses.replace(config, start="hold") for config in configs]
+    check_together(configs)
+    return DrivingPlan(tuple(configs), poses, tuple(notes))
+
+
+def _guarded(config: ArmConfig, aside_m: float) -> ArmConfig:
+    x, y, z = config.workspace.base_position_m
+    workspace = dataclasses.replace(config.workspace, collision_margin_m=MARGIN_M, base_position_m=[x, y - aside_m, z])
+    return dataclasses.replace(config, workspace=workspace)
+
+
+def _with_calibration(target: Target) -> ArmConfig:
+    config = target.config
+    if config.calibration_path is None and target.calibration is not None:
+        return dataclasses.replace(config, calibration_path=str(target.calibration))
+    return config
