@@ -25,11 +25,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _view(args: argparse.Namespace) -> int:
+    from lerobot_robot_yam.viewer.desk.session_desks import SessionDesks
     from lerobot_robot_yam.viewer.live.live import Live
-    from lerobot_robot_yam.viewer.serving.page import Page, served  # viser: --help does without
+    from lerobot_robot_yam.viewer.serving.page import Page, Part, served  # viser: --help does without
 
     page = Page(args.host, args.port)
-    parts = [Live(page.server)]
+    parts: list[Part] = [Live(page.server), SessionDesks(page.server)]
     with served(page, parts):
         tell(f"open {page.url} in a browser; Ctrl-C ends the page, sessions go on")
         page.run(parts)
