@@ -10,11 +10,12 @@ _WARNED_S = 600.0
 
 
 class DiskLeft:
-    """Counts time while it is recorded, and bytes always: images are encoded, and removed, in between."""
+    """Counts bytes from the beginnings of recordings on: in between LeRobot encodes images, and removes them."""
 
     def __init__(self) -> None:
-        self._samples = deque[tuple[float, int]]()  # seconds of recording until then, free bytes
-        self._recorded_s, self._looked_s = 0.0, 0.0
+        self._begun = deque[tuple[float, int]]()  # of each recording: seconds recorded until then, free bytes
+        self._recorded_s = self._looked_s = 0.0
+        self._records = False
 
     def left_s(self, now_s: float, free: int, recording: bool) -> float | None:
         """Seconds of recording until no more is free than `EpisodeLog` leaves; None: it does not fill, or not yet.
@@ -22,15 +23,16 @@ class DiskLeft:
         Args:
             now_s: monotonic; ascends from call to call.
             free: bytes.
-            recording: since the last call.
+            recording: at the moment.
         """
-        if recording and self._samples:
+        if recording and self._records:
             self._recorded_s += now_s - self._looked_s
-        self._looked_s = now_s
-        self._samples.append((self._recorded_s, free))
-        while self._recorded_s - self._samples[0][0] > _WINDOW_S:
-            self._samples.popleft()
-        begun_s, before = self._samples[0]
+        elif recording:
+            self._begun.append((self._recorded_s, free))
+            while len(self._begun) > 1 and self._recorded_s - self._begun[1][0] > _WINDOW_S:
+                self._begun.popleft()
+        self._looked_s, self._records = now_s, recording
+        begun_s, before = self._begun[0] if self._begun else (0.0, free)
         if self._recorded_s - begun_s < _LEAST_S or free >= before:
             return None
         return max(free - LEFT_FREE, 0) * (self._recorded_s - begun_s) / (before - free)

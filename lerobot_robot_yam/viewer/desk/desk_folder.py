@@ -70,7 +70,7 @@ class DeskFolder:
                 button.visible = meaning in offered
         if "root" in status and self._rate is None:
             self._rate = SuccessRate(Path(status["root"]), status.get("first", 0))
-        content = _lines(status, self._rate)
+        content = describe(status, self._rate)
         if content != self._text.content:
             self._text.content = content
 
@@ -79,7 +79,8 @@ class DeskFolder:
         self._folder.remove()
 
 
-def _lines(status: dict[str, Any], rate: SuccessRate | None) -> str:
+def describe(status: dict[str, Any], rate: SuccessRate | None) -> str:
+    """The folder's HTML. rate: of the data set; None: there is none."""
     red = [status["disk_warning"]] if "disk_warning" in status else []
     if status["age_s"] > _SILENT_S:
         red.append(f"has said nothing for {status['age_s']:.0f} s")

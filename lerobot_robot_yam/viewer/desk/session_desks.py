@@ -31,8 +31,12 @@ class SessionDesks:
 
     def _on_key(self, meaning: str, label: str, key: HotkeyKey) -> viser.CommandHandle:
         command = self._gui.add_command(f"session: {label}", hotkey=key)
-        command.on_trigger(lambda _: self._keys.append(meaning))
+        command.on_trigger(lambda _: self.press(meaning))
         return command
+
+    def press(self, meaning: str) -> None:
+        """As the key of this meaning. Any thread may call it; `update` does it."""
+        self._keys.append(meaning)
 
     def update(self, now_s: float) -> None:
         """Pass on what was asked, and look for what has changed."""
