@@ -9,9 +9,8 @@ from types import FrameType
 from typing import Any
 
 from lerobot_robot_yam.face.desk.disk_left import DiskLeft, disk_warning
-from lerobot_robot_yam.face.desk.key_words import offers
 from lerobot_robot_yam.face.desk.tick_pace import TickPace
-from lerobot_robot_yam.face.operator_keys import operator_keys, running_command
+from lerobot_robot_yam.face.operator_keys import requests, running_command
 from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation
 from lerobot_robot_yam.face.recorder.record_command import PACKAGE, callers
 
@@ -59,7 +58,7 @@ class CommandFacts:
             "command": self.name,
             "strategy": getattr(getattr(config, "strategy", None), "type", None),
             "task": getattr(dataset, "single_task", None) or getattr(config, "task", None),
-            "phase": now.phase.value,
+            "phase": now.phase.value if now.command else None,
             "turn": now.turn,
             "drops": now.drops or None,
             "episodes": dataset.num_episodes if by_episodes else None,
@@ -68,7 +67,7 @@ class CommandFacts:
             "fps": rate,
             "fps_asked": fps,
             "late": late,
-            "offers": offers(now, self._first or 0, operator_keys.automatic()),
+            "offers": requests.offers(now, self._first or 0),
         }
 
     def _data(self, now: Situation) -> dict[str, Any]:
@@ -95,6 +94,7 @@ class CommandFacts:
             "task": getattr(config.env, "description", None) or config.env.task,
             "phase": Phase.AUTONOMOUS.value if "step" in values else Phase.BETWEEN.value,
             "episodes": values.get("n_episodes"),
+            "offers": requests.offers(Situation(), 0),
         }
         done = values.get("all_successes")
         if done is not None:

@@ -12,9 +12,10 @@ from types import FrameType
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.face.desk.command_facts import CommandFacts, command_of
 from lerobot_robot_yam.face.desk.tick_pace import TickPace
-from lerobot_robot_yam.face.operator_keys import operator_keys
+from lerobot_robot_yam.face.operator_keys import requests
 from lerobot_robot_yam.face.operator_keys.meanings import Meaning
-from lerobot_robot_yam.face.operator_keys.operator_keys import OperatorKeys, Press
+from lerobot_robot_yam.face.operator_keys.operator_keys import OperatorKeys
+from lerobot_robot_yam.face.operator_keys.requests import Press
 from lerobot_robot_yam.state.desk_post import Asked, DeskPost
 from lerobot_robot_yam.system.runtime_files import runtime_dir
 
@@ -100,7 +101,7 @@ class SessionDesk:
             press = Press(asked.by, Meaning(asked.meaning), asked.turn)
         except ValueError:
             return False
-        if not operator_keys.ask(press):
+        if not requests.ask(press):
             logger.warning("%s (%s): this command can be asked for nothing", press.by, press.meaning)
         return True
 

@@ -7,15 +7,15 @@ import time
 from collections.abc import Callable, Mapping
 from queue import Empty, SimpleQueue
 from types import FrameType
-from typing import NamedTuple
 
 from lerobot_robot_yam.errors import ConfigError, YamError
-from lerobot_robot_yam.face.operator_keys import key_plan, running_command
+from lerobot_robot_yam.face.operator_keys import key_plan, key_words, requests, running_command
 from lerobot_robot_yam.face.operator_keys.auto_episodes import AutoEpisodes, all_lifted, led_by_hand
 from lerobot_robot_yam.face.operator_keys.edges import RisingEdges, buttons_of
 from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation
 from lerobot_robot_yam.face.operator_keys.keyboard import Keyboard, keyboard
 from lerobot_robot_yam.face.operator_keys.meanings import LABELS, Meaning
+from lerobot_robot_yam.face.operator_keys.requests import Press
 from lerobot_robot_yam.face.operator_keys.stop_request import StopRequest
 from lerobot_robot_yam.face.recorder.outcome_book import OutcomeBook
 from lerobot_robot_yam.state.records import ArmState
@@ -29,20 +29,6 @@ _SELDOM_S = 0.5  # and while there is none: its data set may be new
 _AGAIN_S = 2.0  # a key that nobody has asked for by a button, and that has no answer for so long, is pressed again
 _END_S = 1.0  # a key takes 0.06 s at most, but the display of an ssh connection that is dead answers never
 _GOAL_S = 60.0  # LeRobot aligns leaders for 2 s, and saves for as long as it takes
-
-
-class Press(NamedTuple):
-    """Of a button, or a request as if it were one.
-
-    Attributes:
-        by: the button, or who asks.
-        meaning: of it.
-        turn: the run of the command's loop that it is for; None: whichever.
-    """
-
-    by: str
-    meaning: Meaning
-    turn: float | None = None
 
 
 class OperatorKeys:
@@ -94,15 +80,14 @@ class OperatorKeys:
                 self._keyboard.take()
         except OSError as error:
             raise ConfigError(f"buttons: no pseudo-terminal can be had: {error.strerror}") from error
-        _listening.append(self)
+        requests.join(self, first=not self._by_request)  # those of a leader know whether episodes are automatic
         self._thread = threading.Thread(target=self._run, args=(read, self._ends), name="operator keys", daemon=True)
         self._thread.start()
 
     def end(self) -> None:
         """Press no key any more. Waits for nothing."""
         self._ends.set()
-        if self in _listening:
-            _listening.remove(self)
+        requests.leave(self)
 
     def stop(self) -> None:
         """End, and leave the terminal as it was. Idempotent."""
@@ -163,6 +148,10 @@ class OperatorKeys:
         """As if a button had been pressed. Any thread may ask."""
         self._asked.put(press)
 
+    def offers(self, now: Situation, first: int) -> dict[str, str]:
+        """See `Doer`."""
+        return key_words.offers(now, first, self._automatic)
+
     def _answer(self, press: Press, now: Situation, now_s: float) -> None:
         button, meaning = press.by, press.meaning
         if press.turn is not None and press.turn != now.turn:
@@ -210,22 +199,3 @@ class OperatorKeys:
             now.do(key)
         else:
             self._keyboard.press(key)
-
-
-_listening: list[OperatorKeys] = []  # of this process
-
-
-def ask(press: Press) -> bool:
-    """Have something done as if a button of a handle had been pressed; False: the command can be asked for nothing.
-
-    Those of a leader are asked first: they know whether episodes are automatic.
-    """
-    for keys in sorted(_listening, key=lambda keys: keys._by_request):
-        keys.ask(press)
-        return True
-    return False
-
-
-def automatic() -> bool:
-    """Whether episodes begin and end with the leaders' lifts."""
-    return any(keys._automatic for keys in _listening)

@@ -5,8 +5,8 @@ import math
 
 import pytest
 
-from lerobot_robot_yam.face.desk.key_words import offers
 from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation, single_key, step, wanted
+from lerobot_robot_yam.face.operator_keys.key_words import offers
 from lerobot_robot_yam.face.operator_keys.meanings import LABELS, Meaning
 from tests.face.operator_keys.test_key_plan import DAGGER, EPISODES, HIGHLIGHT, Dataset
 
