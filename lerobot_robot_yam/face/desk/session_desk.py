@@ -4,6 +4,7 @@ All work is done by a thread of its own, a few times a second. So requests are t
 not done later, in another phase.
 """
 
+import contextlib
 import logging
 import threading
 import time
@@ -90,7 +91,8 @@ class SessionDesk:
                     self._ends.wait(_PAUSE_S)
                 if time.monotonic() - told_s >= _TOLD_S:
                     told_s = time.monotonic()
-                    post.tell(facts.look())
+                    with contextlib.suppress(OSError):  # a full disk; the page says how old the status is
+                        post.tell(facts.look())
         except Exception as error:
             logger.warning("no page shows this command from now on: %r", error)
         finally:
