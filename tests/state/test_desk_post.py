@@ -12,6 +12,7 @@ import pytest
 
 from lerobot_robot_yam.state import desk_post
 from lerobot_robot_yam.state.desk_post import Asked, DeskPost, ask, forget_the_dead, running_desks
+from lerobot_robot_yam.system.runtime_files import runtime_dir
 from tests.support.paths import ROOT
 
 OURS = os.getpid()
@@ -140,3 +141,14 @@ def test_a_directory_whose_name_is_too_long_is_told(tmp_path):
     with pytest.raises(OSError):
         DeskPost(deep)
     assert desk_post.running_desks(deep) == {}
+
+
+def test_a_program_does_as_the_docs_say():
+    post = DeskPost(runtime_dir())
+    try:
+        post.tell({"turn": 2.5})
+        code = (ROOT / "docs" / "view_desk.md").read_text().partition("```python\n")[2].partition("```")[0]
+        exec(code, {})
+        assert post.asked(1.0) == ([Asked("success", "my program", 2.5)], 0)
+    finally:
+        post.close()

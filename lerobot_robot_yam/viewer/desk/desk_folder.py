@@ -26,6 +26,7 @@ BUTTONS: dict[str, tuple[str, tuple[int, int, int] | None, HotkeyKey]] = {
     "go_on": ("go on", None, "G"),
     "save": ("save", None, "K"),
 }
+_BANNER = "background:#c00;color:#fff;padding:0.5em;font-weight:bold"
 _SILENT_S = 3.0  # LeRobot may hold Python up while it saves
 _DAY_S = 86_400.0
 
@@ -41,7 +42,7 @@ class DeskFolder:
 
     def __init__(self, gui: viser.GuiApi, number: int, send: Callable[[Asked], None]):
         self._folder = gui.add_folder(f"session {number}")
-        self.status: dict[str, Any] = {}
+        self.status: dict[str, Any] = {"offers": {}}
         self._rate: SuccessRate | None = None
         self._buttons: dict[str, viser.GuiButtonHandle] = {}
         self._send = send
@@ -58,19 +59,21 @@ class DeskFolder:
     def press(self, meaning: str) -> None:
         """Ask for what a button stands for, if the command can be asked for it; for the phase that is shown."""
         status = self.status
-        if meaning in status.get("offers", {}):
+        if meaning in status["offers"]:
             self._send(Asked(meaning, BY, status.get("turn")))
 
     def show(self, status: dict[str, Any]) -> None:
-        """Show a new status."""
-        self.status = status
-        offered = status.get("offers", {})
+        """Show a new status; of another version it may not be understood, which is shown."""
+        try:
+            if "root" in status and self._rate is None:
+                self._rate = SuccessRate(Path(status["root"]), status.get("first", 0))
+            content, offered = describe(status, self._rate), dict(status.get("offers", {}))
+        except (TypeError, ValueError, AttributeError, LookupError) as error:
+            content, offered = f"its status is not understood: {html.escape(repr(error))}", {}
+        self.status = {**status, "offers": offered}
         for meaning, button in self._buttons.items():
             if button.visible != (meaning in offered):
                 button.visible = meaning in offered
-        if "root" in status and self._rate is None:
-            self._rate = SuccessRate(Path(status["root"]), status.get("first", 0))
-        content = describe(status, self._rate)
         if content != self._text.content:
             self._text.content = content
 
@@ -84,7 +87,7 @@ def describe(status: dict[str, Any], rate: SuccessRate | None) -> str:
     red = [status["disk_warning"]] if "disk_warning" in status else []
     if status["age_s"] > _SILENT_S:
         red.append(f"has said nothing for {status['age_s']:.0f} s")
-    lines = [f"<b style='color:#c00'>{html.escape(line)}</b>" for line in red]
+    lines = [f"<div style='{_BANNER}'>{html.escape(line)}</div>" for line in red]
     lines += [html.escape(line) for line in (*_doing(status), *_rates(status)) if line]
     if rate is not None and "saved" in status:
         lines.append(html.escape(rate.words(status["saved"])))

@@ -3,6 +3,8 @@
 import json
 import os
 import re
+import subprocess
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 
@@ -10,12 +12,14 @@ import pytest
 from lerobot.datasets import LeRobotDataset
 
 from lerobot_robot_yam.face.recorder import outcomes
-from lerobot_robot_yam.state.desk_post import Asked, ask, running_desks
+from lerobot_robot_yam.state.desk_post import Asked, DeskPost, ask, running_desks
 from lerobot_robot_yam.system.runtime_files import runtime_dir
 from lerobot_robot_yam.viewer.desk.desk_folder import BUTTONS
 from lerobot_robot_yam.viewer.desk.session_desks import SessionDesks
 from lerobot_robot_yam.viewer.serving.page import Page
+from tests.state.test_desk_post import STAY
 from tests.support.armless import TASK, record
+from tests.support.paths import ROOT
 
 FPS, WAIT_S = 30, 30.0
 LABELS = ["success", "failure", "discard", "success"]
@@ -34,7 +38,9 @@ class Operator:
 
     @property
     def folder(self):
-        return next(iter(self.desks._folders.values()), None)
+        """Of this process, else of any."""
+        folders = self.desks._folders
+        return folders.get(os.getpid()) or next(iter(folders.values()), None)
 
     @property
     def text(self):
@@ -124,6 +130,38 @@ def test_again_and_stop_and_what_nobody_can_mean(operator, tmp_path, caplog):
     assert data.num_episodes == 1 and outcomes.read(data.root) == {}
     assert "stop): came too late, lerobot-record has gone on" in caplog.text
     assert 1 <= caplog.text.count("that nobody understands") <= 2
+
+
+@pytest.mark.parametrize("status", [{"offers": 3}, {"disk_left_s": "x"}, {"root": 7}, {"late": 1, "fps": []}], ids=str)
+def test_a_status_of_another_version_ends_no_page(operator, status):
+    post = DeskPost(runtime_dir())
+    try:
+        post.tell(status | {"disk_free_bytes": 10**9})
+        operator.wait("is not understood")
+        assert operator.buttons() == set()
+    finally:
+        post.close()
+    operator.wait_gone()
+
+
+def test_keys_do_nothing_while_two_commands_run(operator, tmp_path):
+    """Nobody knows which of them is meant; a button is of one."""
+    other = subprocess.Popen([sys.executable, "-c", STAY, runtime_dir()], stdout=subprocess.PIPE, cwd=ROOT)
+    post = DeskPost(runtime_dir())
+    with other:
+        assert other.stdout.readline() == b"there\n"
+        post.tell({"offers": {"next": "ends it"}, "turn": 2.5})
+        operator.wait("ends it")
+        assert len(operator.desks._folders) == 2
+        operator.desks.press("next")
+        operator.desks.update(time.monotonic())
+        assert post.asked(0.0) == ([], 0)
+        operator.desks._folders[os.getpid()].press("next")
+        operator.desks.update(time.monotonic())
+        assert post.asked(0.0) == ([Asked("next", "yam-view", 2.5)], 0)
+        other.kill()
+    post.close()
+    operator.wait_gone()
 
 
 def test_every_button_has_a_key_of_its_own():
