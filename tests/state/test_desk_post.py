@@ -13,6 +13,7 @@ import pytest
 from lerobot_robot_yam.state import desk_post
 from lerobot_robot_yam.state.desk_post import Asked, DeskPost, ask, forget_the_dead, running_desks
 from lerobot_robot_yam.system.runtime_files import runtime_dir
+from tests.support.pages import block
 from tests.support.paths import ROOT
 
 OURS = os.getpid()
@@ -147,8 +148,7 @@ def test_a_program_does_as_the_docs_say():
     post = DeskPost(runtime_dir())
     try:
         post.tell({"turn": 2.5})
-        code = (ROOT / "docs" / "view_desk.md").read_text().partition("```python\n")[2].partition("```")[0]
-        exec(code, {})
+        exec(block("docs/view_desk.md", "python", "running_desks("), {})
         assert post.asked(1.0) == ([Asked("success", "my program", 2.5)], 0)
     finally:
         post.close()

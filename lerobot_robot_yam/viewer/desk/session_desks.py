@@ -45,7 +45,10 @@ class SessionDesks:
             if len(self._folders) == 1:  # else nobody knows which is meant: there are buttons
                 next(iter(self._folders.values())).press(meaning)
         while self._wishes:
-            ask(runtime_dir(), *self._wishes.popleft())
+            number, asked = self._wishes[0]
+            if number in self._folders and not ask(runtime_dir(), number, asked):
+                break  # it is flooded: once more the next time
+            self._wishes.popleft()
         if now_s - self._looked_s >= _LOOK_S:
             self._looked_s = now_s
             self._look()
