@@ -39,7 +39,7 @@ class Desk:
     def wait(self, seconds=0.0, **wanted):
         """Until the command says this, and has been in this phase for so long."""
         deadline = time.monotonic() + WAIT_S
-        while wanted.items() - self.look().items() or self.status.get("elapsed_s", 0.0) < seconds:
+        while wanted != {name: self.look().get(name) for name in wanted} or self.status.get("elapsed_s", 0.0) < seconds:
             assert self.process is None or self.process.poll() is None, self.status
             assert time.monotonic() < deadline, self.status
             time.sleep(0.05)
