@@ -17,6 +17,7 @@ from lerobot_robot_yam.arm.config_checks import check_switches
 from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerOptions, YamFollowerConfig
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.face.datasets.recording import recorded_name
+from lerobot_robot_yam.face.desk.session_desk import SessionDesk
 from lerobot_robot_yam.face.devices.arm_device import ArmDevice
 from lerobot_robot_yam.face.devices.hand_guidance import HandGuidance, guidance
 from lerobot_robot_yam.face.devices.images import beside_arms, newest_images
@@ -62,7 +63,7 @@ class FollowerBase(ArmDevice, Robot):
         self._keys = options.state_keys()
         self._extra_keys = self._keys[len(self._space.keys) :]
         self.bus = MotorBus(self._arms, self.send_action)  # for LeRobot's RL stack
-        self._episodes = EpisodeLog(None)
+        self._episodes, self._desk = EpisodeLog(None), SessionDesk()
         self._guidance: HandGuidance | None = None
 
     @cached_property
@@ -96,6 +97,7 @@ class FollowerBase(ArmDevice, Robot):
             Exception: a camera cannot be opened, as its class says.
         """
         self._episodes = EpisodeLog(inspect.currentframe())
+        self._desk.begin(inspect.currentframe())
         try:
             self._guidance = guidance()
             if self._guidance is not None:
@@ -107,6 +109,7 @@ class FollowerBase(ArmDevice, Robot):
         except BaseException:
             self._close_cameras()
             self._episodes.end()
+            self._desk.end()
             raise
         logger.info("%s connected", self)
         try:
@@ -150,6 +153,7 @@ class FollowerBase(ArmDevice, Robot):
             self._guidance.detach(self._arms)
         self._arms.discard()
         self._close_cameras()
+        self._desk.end()
 
     def disconnect(self) -> None:
         """Land the arms, then close the cameras. Idempotent; no camera can keep the arms from landing."""
@@ -160,6 +164,7 @@ class FollowerBase(ArmDevice, Robot):
         finally:
             self._close_cameras()
             self._episodes.end()
+            self._desk.end()
 
     def _close_cameras(self) -> None:
         for name, camera in self.cameras.items():
@@ -187,6 +192,7 @@ class FollowerBase(ArmDevice, Robot):
             observation.update(zip(self._extra_keys, self._extras(states), strict=True))
         observation.update(images)
         self._episodes.observed(inspect.currentframe(), states, images)
+        self._desk.observed()
         return observation
 
     def _extras(self, states: list[ArmState]) -> list[float]:

@@ -7,6 +7,9 @@ from typing import Any
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.operator_keys.auto_episodes import LIFTED
 from lerobot_robot_yam.face.operator_keys.edges import RisingEdges, buttons_of
+from lerobot_robot_yam.face.operator_keys.key_plan import Situation
+from lerobot_robot_yam.face.operator_keys.meanings import Meaning
+from lerobot_robot_yam.face.operator_keys.requests import Press
 from lerobot_strategy_yam.config_yam_dagger import YamDaggerStrategyConfig
 from lerobot_teleoperator_yam.leader_options import BUTTON_OPTIONS
 from lerobot_teleoperator_yam.yam_leader import LeaderBase
@@ -23,6 +26,12 @@ class Wish(StrEnum):
 
 _KEYS = {"n": Wish.KEEP, "x": Wish.DISCARD, "b": Wish.REWIND, "esc": Wish.STOP}
 _ARM_KEYS = {"space": ("", "left_", "right_"), "l": ("left_",), "r": ("right_",)}
+_ASKED = {  # by a page: the key, and what it does
+    Meaning.CORRECT: ("space", "takes all arms over, or gives them back"),
+    Meaning.NEXT: ("n", "ends the episode, and saves it"),
+    Meaning.DISCARD: ("x", "drops the episode"),
+    Meaning.STOP: ("esc", "ends the command"),
+}
 HELP = "space=take over or give back all arms, l/r=the left or right one, n=save, x=discard, b=back, ESC=stop"
 
 
@@ -66,6 +75,15 @@ class TakeOverSignals:
     def key(self, name: str) -> None:
         """A key, as LeRobot's listeners call it."""
         self._keys.append(name)
+
+    def ask(self, press: Press) -> None:
+        """See `requests.Doer`."""
+        if press.meaning in _ASKED:
+            self.key(_ASKED[press.meaning][0])
+
+    def offers(self, now: Situation, first: int) -> dict[str, str]:
+        """See `requests.Doer`."""
+        return {meaning.value: words for meaning, (_, words) in _ASKED.items()}
 
     def look(self) -> tuple[set[str], set[Wish]]:
         """Prefixes of the arms that the person wants to drive, and what else was asked for since the last look."""

@@ -19,6 +19,7 @@ from lerobot.utils.robot_utils import precise_sleep
 from lerobot.utils.utils import log_say
 
 from lerobot_robot_yam.face.devices.feature_names import space_of
+from lerobot_robot_yam.face.operator_keys import requests
 from lerobot_strategy_yam.config_yam_dagger import YamDaggerStrategyConfig
 from lerobot_strategy_yam.episodes import Episodes
 from lerobot_strategy_yam.take_over_signals import HELP, TakeOverSignals, Wish
@@ -59,6 +60,7 @@ class YamDaggerStrategy(RolloutStrategy):
         self._episodes = Episodes(ctx.data.dataset, ctx.data.dataset_features, task, longest)
         self._seen: dict[str, Any] = {}
         self._listener = create_key_listener(self._signals.key, controls_help=HELP)
+        requests.join(self._signals, first=True)
         logger.info("yam_dagger is ready: %s", HELP)
 
     def run(self, ctx: Any) -> None:
@@ -174,6 +176,7 @@ class YamDaggerStrategy(RolloutStrategy):
 
     def teardown(self, ctx: Any) -> None:
         """Finish the data set, and upload it if that was asked for; then the arms go back to their start, and land."""
+        requests.leave(self._signals)
         if self._listener is not None:
             self._listener.stop()
         options = ctx.runtime.cfg.dataset

@@ -17,6 +17,7 @@ ENV_RIG = "YAM_RIG"
 AUTO_RIG = "auto-"
 # With a channel's key: its driver, the state of its arm, and what arm that is.
 LOCK, STATE, ABOUT = "lock-", "state-", "about-"
+DESK = "desk-"  # with the number of a process: the LeRobot command in it
 _SHARED = (Path("/dev/shm"), Path("/tmp"))  # the same for every shell, unlike XDG_RUNTIME_DIR and TMPDIR
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 _RIG_NAME_MAX = 64  # it is part of a socket's path, which may have 108 bytes in all

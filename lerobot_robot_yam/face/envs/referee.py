@@ -13,6 +13,10 @@ import numpy as np
 from lerobot.utils.keyboard_input import create_key_listener
 
 from lerobot_robot_yam.errors import ConfigError, RigError
+from lerobot_robot_yam.face.operator_keys import requests
+from lerobot_robot_yam.face.operator_keys.key_plan import Situation
+from lerobot_robot_yam.face.operator_keys.meanings import Meaning
+from lerobot_robot_yam.face.operator_keys.requests import Press
 from lerobot_robot_yam.rig.client.rig_operations import RigOperations
 
 logger = logging.getLogger(__name__)
@@ -70,8 +74,11 @@ class RigReferee(Referee):
         return Verdict(success, success or bool(state["failed"]))
 
 
+_KEYS = {Meaning.NEXT: "space", Meaning.SUCCESS: "s", Meaning.FAILURE: "f"}  # of what a page asks for
+
+
 class OperatorReferee(Referee):
-    """A person lays the scene out and judges, by keys: space goes on, s is success, f failure.
+    """A person lays the scene out and judges, by keys or at a page: space goes on, s is success, f failure.
 
     Raises:
         ConfigError: there is no keyboard to listen to.
@@ -82,11 +89,24 @@ class OperatorReferee(Referee):
         self._scene = scene
         self._key = ""
         self._pressed = threading.Event()
+        self._arranges = False
         self._listener = create_key_listener(self._press, controls_help="space go on, s success, f failure")
         if self._listener is None:
             raise ConfigError(
                 "env.success=operator needs a keyboard: run in a terminal, or let a callable judge (module:function)"
             )
+        requests.join(self, first=True)
+
+    def ask(self, press: Press) -> None:
+        """See `requests.Doer`."""
+        if press.meaning in self.offers(Situation(), 0):
+            self._press(_KEYS[press.meaning])
+
+    def offers(self, now: Situation, first: int) -> dict[str, str]:
+        """See `requests.Doer`."""
+        if self._arranges:
+            return {Meaning.NEXT.value: "the scene is laid out: begins the episode"}
+        return {label.value: f"the episode is a {label}, and ends" for label in (Meaning.SUCCESS, Meaning.FAILURE)}
 
     def _press(self, key: str) -> None:
         if key in ("space", "s", "f"):
@@ -100,9 +120,11 @@ class OperatorReferee(Referee):
             logger.info("lay out the scene of '%s' (seed %s), then press space", self._task, seed)
             since_s = time.monotonic()
             self._pressed.clear()
+            self._arranges = True
             while not self._pressed.wait(_REMIND_S) or self._key != "space":
                 logger.info("waiting for space, since %.0f s; the arms hold", time.monotonic() - since_s)
                 self._pressed.clear()
+            self._arranges = False
         self._key = ""
 
     def verdict(self, observation: Mapping[str, Any]) -> Verdict:
@@ -110,6 +132,7 @@ class OperatorReferee(Referee):
         return Verdict(key == "s", key in ("s", "f"))
 
     def close(self) -> None:
+        requests.leave(self)
         if self._listener is not None:
             self._listener.stop()
             self._listener = None

@@ -1,7 +1,7 @@
 """Which of LeRobot's keys brings a command closer to what a button means. Pure: no clock, no keyboard."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
@@ -36,6 +36,8 @@ class Situation:
         drops: the episode before is dropped, not saved, when the reset ends.
         left_s: until the phase ends by itself.
         flags: of a command that records episode by episode, LeRobot's own, which its keys set.
+        do: what LeRobot's listener does at one of these keys.
+        listens: False: it has no listener; its keys are ours, and `do` is the only way.
     """
 
     command: str = ""
@@ -46,6 +48,8 @@ class Situation:
     drops: bool = False
     left_s: float = math.inf
     flags: dict[str, Any] = field(default_factory=dict)
+    do: Callable[[str], None] = lambda key: None
+    listens: bool = True
 
     @property
     def frames(self) -> int:

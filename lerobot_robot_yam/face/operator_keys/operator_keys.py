@@ -1,18 +1,21 @@
-"""A thread that watches the handles of a leader device, and presses LeRobot's keys."""
+"""A thread that watches the handles of a leader device, and presses LeRobot's keys; or does what a page asks for."""
 
+import contextlib
 import logging
 import threading
 import time
 from collections.abc import Callable, Mapping
+from queue import Empty, SimpleQueue
 from types import FrameType
 
 from lerobot_robot_yam.errors import ConfigError, YamError
-from lerobot_robot_yam.face.operator_keys import key_plan, running_command
+from lerobot_robot_yam.face.operator_keys import key_plan, key_words, requests, running_command
 from lerobot_robot_yam.face.operator_keys.auto_episodes import AutoEpisodes, all_lifted, led_by_hand
 from lerobot_robot_yam.face.operator_keys.edges import RisingEdges, buttons_of
 from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation
 from lerobot_robot_yam.face.operator_keys.keyboard import Keyboard, keyboard
 from lerobot_robot_yam.face.operator_keys.meanings import LABELS, Meaning
+from lerobot_robot_yam.face.operator_keys.requests import Press
 from lerobot_robot_yam.face.operator_keys.stop_request import StopRequest
 from lerobot_robot_yam.face.recorder.outcome_book import OutcomeBook
 from lerobot_robot_yam.state.records import ArmState
@@ -20,6 +23,7 @@ from lerobot_robot_yam.state.records import ArmState
 logger = logging.getLogger(__name__)
 
 _PERIOD_S = 0.005  # of the look at the handles
+_ASKED_PERIOD_S = 0.05  # and at what was asked for, where there are none
 _LOOK_S = 0.02  # of the look at the command, while there is a reason to
 _SELDOM_S = 0.5  # and while there is none: its data set may be new
 _AGAIN_S = 2.0  # a key that nobody has asked for by a button, and that has no answer for so long, is pressed again
@@ -28,15 +32,16 @@ _GOAL_S = 60.0  # LeRobot aligns leaders for 2 s, and saves for as long as it ta
 
 
 class OperatorKeys:
-    """Of one leader device, from its connect to its disconnect.
+    """Of one leader device, from its connect to its disconnect; or of a follower, for requests alone.
 
     Args:
         meanings: of buttons, such as left_bottom; empty: none has any.
         auto: episodes begin when all leaders are lifted and end when they are home.
+        by_request: there are no handles. What is asked for is done as LeRobot's listener does it, without a keyboard.
     """
 
-    def __init__(self, meanings: Mapping[str, Meaning], auto: bool):
-        self._meanings, self._automatic = meanings, auto
+    def __init__(self, meanings: Mapping[str, Meaning], auto: bool, by_request: bool = False):
+        self._meanings, self._automatic, self._by_request = meanings, auto, by_request
         self._keyboard: Keyboard | None = None
         self._thread: threading.Thread | None = None
         self._ends = threading.Event()
@@ -44,7 +49,7 @@ class OperatorKeys:
 
     def _forget(self) -> None:
         """A session begins: what an earlier one has left does not count."""
-        self._edges, self._book = RisingEdges(), OutcomeBook()
+        self._edges, self._book, self._asked = RisingEdges(), OutcomeBook(), SimpleQueue[Press]()
         self._auto = AutoEpisodes() if self._automatic else None
         self._goal: Phase | None = None
         self._stop: StopRequest | None = None
@@ -61,24 +66,28 @@ class OperatorKeys:
         Raises:
             ConfigError: the system has no pseudo-terminal left.
         """
-        if not (self._meanings or self._automatic):
+        if not (self._meanings or self._automatic or self._by_request):
             return
         if not running_command.hears_keys(frame):
-            logger.info("buttons of handles press keys of lerobot-record and lerobot-rollout only")
+            if not self._by_request:
+                logger.info("buttons of handles press keys of lerobot-record and lerobot-rollout only")
             return
         self._forget()
         self._ends = threading.Event()  # its own, for the case that an earlier thread hangs
         try:
-            self._keyboard = keyboard()
-            self._keyboard.take()
+            if not self._by_request:
+                self._keyboard = keyboard()
+                self._keyboard.take()
         except OSError as error:
             raise ConfigError(f"buttons: no pseudo-terminal can be had: {error.strerror}") from error
+        requests.join(self, first=not self._by_request)  # those of a leader know whether episodes are automatic
         self._thread = threading.Thread(target=self._run, args=(read, self._ends), name="operator keys", daemon=True)
         self._thread.start()
 
     def end(self) -> None:
         """Press no key any more. Waits for nothing."""
         self._ends.set()
+        requests.leave(self)
 
     def stop(self) -> None:
         """End, and leave the terminal as it was. Idempotent."""
@@ -98,7 +107,7 @@ class OperatorKeys:
                 way.give_back()
 
     def _run(self, read: Callable[[], Mapping[str, ArmState]], ends: threading.Event) -> None:
-        while not ends.wait(_PERIOD_S):
+        while not ends.wait(_ASKED_PERIOD_S if self._by_request else _PERIOD_S):
             try:
                 self._tick(time.monotonic(), read())
             except YamError as error:  # the arms are off, or their loop is gone, which others say
@@ -110,7 +119,11 @@ class OperatorKeys:
                 return
 
     def _tick(self, now_s: float, states: Mapping[str, ArmState]) -> None:
-        pressed = [name for name in self._edges.pressed(buttons_of(states)) if name in self._meanings]
+        buttons = self._edges.pressed(buttons_of(states))
+        pressed = [Press(name, self._meanings[name]) for name in buttons if name in self._meanings]
+        with contextlib.suppress(Empty):
+            while True:
+                pressed.append(self._asked.get_nowait())
         awaits = any((self._auto, self._goal, self._stop, self._book.pending))
         busy = awaits or now_s - self._pressed_s < _AGAIN_S
         if not pressed and now_s - self._looked_s < (_LOOK_S if busy else _SELDOM_S):
@@ -119,11 +132,11 @@ class OperatorKeys:
         self._book.open(now.dataset)
         if self._stop is not None and self._stop.advance(now):
             self._stop = None
-        for button in pressed:
-            self._answer(button, self._meanings[button], now, now_s)
+        for press in pressed:
+            self._answer(press, now, now_s)
         if self._goal is not None:
             self._approach(self._goal, now, now_s)
-        key = key_plan.rescue(now)
+        key = key_plan.rescue(now) if self._pressed_s or not self._by_request else None
         if self._auto is not None:
             lifted = all_lifted([state.gate for state in states.values()])
             key = self._auto.key(lifted, led_by_hand(list(states.values())), now) or key
@@ -131,7 +144,19 @@ class OperatorKeys:
             self._press(key, now, now_s, again=True)
         self._book.look()
 
-    def _answer(self, button: str, meaning: Meaning, now: Situation, now_s: float) -> None:
+    def ask(self, press: Press) -> None:
+        """As if a button had been pressed. Any thread may ask."""
+        self._asked.put(press)
+
+    def offers(self, now: Situation, first: int) -> dict[str, str]:
+        """See `Doer`."""
+        return key_words.offers(now, first, self._automatic)
+
+    def _answer(self, press: Press, now: Situation, now_s: float) -> None:
+        button, meaning = press.by, press.meaning
+        if press.turn is not None and press.turn != now.turn:
+            logger.warning("button %s (%s): came too late, %s has gone on", button, meaning, now.command)
+            return
         if meaning in LABELS:
             frames = key_plan.frames_to_label(now, self._automatic)
             if frames is None or not self._book.label(meaning, frames, button):
@@ -170,5 +195,7 @@ class OperatorKeys:
         if again is not None and this == self._last and (not again or now_s - self._pressed_s < _AGAIN_S):
             return
         self._last, self._pressed_s = this, now_s
-        assert self._keyboard is not None
-        self._keyboard.press(key)
+        if self._keyboard is None or not now.listens:
+            now.do(key)
+        else:
+            self._keyboard.press(key)

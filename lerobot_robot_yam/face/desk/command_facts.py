@@ -1,0 +1,145 @@
+"""What can be known of the LeRobot command in this process, from its own objects: for a page beside it."""
+
+import shutil
+import sys
+import threading
+import time
+from collections.abc import Mapping
+from types import FrameType
+from typing import Any
+
+from lerobot_robot_yam.face.desk.disk_left import DiskLeft, disk_warning
+from lerobot_robot_yam.face.desk.tick_pace import TickPace
+from lerobot_robot_yam.face.operator_keys import requests, running_command
+from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation
+from lerobot_robot_yam.face.recorder.record_command import PACKAGE, callers
+
+_NAMES = ("record", "rollout", "eval")
+_SCRIPTS = {str(PACKAGE / "scripts" / f"lerobot_{name}.py"): f"lerobot-{name}" for name in _NAMES}
+_EVALUATION = "lerobot-eval"
+_LIVE = (Phase.RECORDING, Phase.AUTONOMOUS, Phase.CORRECTING)  # a data set may grow
+
+
+class CommandFacts:
+    """Of one command.
+
+    Args:
+        name: of it.
+        config: LeRobot's, as it has parsed its options.
+        pace: of its loop.
+    """
+
+    def __init__(self, name: str, config: Any, pace: TickPace):
+        self.name, self._config, self._pace = name, config, pace
+        self._disk = DiskLeft()
+        self._first: int | None = None  # episodes of the data set before this session
+
+    def look(self) -> dict[str, Any]:
+        """All that is known now, ready for JSON; what cannot be known is not in it."""
+        if self.name == _EVALUATION:
+            known = self._evaluation()
+        else:
+            now = running_command.look()
+            known = {**self._situation(now), **self._data(now)}
+        return {name: value for name, value in known.items() if value not in (None, "", {})}
+
+    def _situation(self, now: Situation) -> dict[str, Any]:
+        config, dataset = self._config, self._config.dataset
+        if now.dataset is not None and self._first is None:
+            self._first = now.dataset.num_episodes
+        fps = getattr(config, "fps", 0) * getattr(config, "interpolation_multiplier", 1) or dataset.fps
+        rate, late = self._pace.count(now.turn, now.turn, fps) if now.turn else (None, None)
+        elapsed_s = time.perf_counter() - now.turn if now.turn else None
+        duration_s, left_s = getattr(config, "duration", 0), now.left_s if now.left_s != float("inf") else None
+        if left_s is None and duration_s and elapsed_s is not None:
+            left_s = duration_s - elapsed_s
+        by_episodes = bool(now.flags)
+        return {
+            "command": self.name,
+            "strategy": getattr(getattr(config, "strategy", None), "type", None),
+            "task": getattr(dataset, "single_task", None) or getattr(config, "task", None),
+            "phase": now.phase.value if now.command else None,
+            "turn": now.turn,
+            "drops": now.drops or None,
+            "episodes": dataset.num_episodes if by_episodes else None,
+            "elapsed_s": elapsed_s,
+            "left_s": None if left_s is None else max(left_s, 0.0),
+            "fps": rate,
+            "fps_asked": fps,
+            "late": late,
+            "offers": requests.offers(now, self._first or 0),
+        }
+
+    def _data(self, now: Situation) -> dict[str, Any]:
+        dataset = now.dataset
+        if dataset is None:
+            return {}
+        free = shutil.disk_usage(dataset.root).free
+        left_s = self._disk.left_s(time.monotonic(), free, now.phase in _LIVE)
+        return {
+            "root": str(dataset.root),
+            "saved": dataset.num_episodes,
+            "first": self._first,
+            "frames": now.frames,
+            "disk_free_bytes": free,
+            "disk_left_s": left_s,
+            "disk_warning": disk_warning(left_s, free),
+            **_queues(dataset.writer),
+        }
+
+    def _evaluation(self) -> dict[str, Any]:
+        config, values = self._config, _evaluation_values()
+        known = {
+            "command": self.name,
+            "task": getattr(config.env, "description", None) or config.env.task,
+            "phase": Phase.AUTONOMOUS.value if "step" in values else Phase.BETWEEN.value,
+            "episodes": values.get("n_episodes"),
+            "offers": requests.offers(Situation(), 0),
+        }
+        done = values.get("all_successes")
+        if done is not None:
+            known |= {"saved": len(done), "first": 0, "successes": sum(map(bool, done))}
+        fps = config.env.fps
+        if "step" in values and fps:
+            rate, late = self._pace.count(known.get("saved", 0), 0.0, fps)  # its loop does not say when it began
+            known |= {"fps": rate, "fps_asked": fps, "late": late}
+            known |= {"elapsed_s": values["step"] / fps, "left_s": (values["max_steps"] - values["step"]) / fps}
+        return known
+
+
+def _evaluation_values() -> dict[str, Any]:
+    """LeRobot's own variables of the evaluation and of its rollout that runs."""
+    frame = sys._current_frames().get(threading.main_thread().ident or 0)
+    found: dict[str, Any] = {}
+    for caller in callers(frame):
+        if _SCRIPTS.get(caller.f_code.co_filename) == _EVALUATION:
+            name, values = caller.f_code.co_name, caller.f_locals
+            if name == "rollout" and {"step", "max_steps"} <= values.keys():
+                found |= {"step": values["step"], "max_steps": values["max_steps"]}
+            elif name == "eval_policy":
+                found |= {name: values.get(name) for name in ("n_episodes", "all_successes")}
+    return found
+
+
+def _queues(writer: Any) -> dict[str, Any]:
+    """Frames that wait for LeRobot's encoder, or for the writer of its images."""
+    found: dict[str, Any] = {}
+    encoder = getattr(writer, "_streaming_encoder", None)
+    queues: Mapping[str, Any] = getattr(encoder, "_frame_queues", None) or {}
+    if queues:
+        found["encoder_waiting"] = {name: queue.qsize() for name, queue in dict(queues).items()}
+        found["encoder_room"] = getattr(encoder, "queue_maxsize", None)
+        found["encoder_lost"] = dict(getattr(encoder, "_dropped_frames", None) or {})
+    images = getattr(getattr(writer, "image_writer", None), "queue", None)
+    if images is not None:
+        found["images_waiting"] = images.qsize()
+    return found
+
+
+def command_of(frame: FrameType | None) -> tuple[str, Any] | None:
+    """Name and config of the command that has called down to `frame`; None under any other program."""
+    for caller in callers(frame):
+        name = _SCRIPTS.get(caller.f_code.co_filename)
+        if name is not None and "cfg" in caller.f_locals:
+            return name, caller.f_locals["cfg"]
+    return None

@@ -1,0 +1,158 @@
+"""Between a LeRobot command and a page beside it: what the command does, in a file, and what it is asked, by a socket.
+
+    desk-PID.json   the status; replaced as a whole
+    desk-PID.sock   takes requests, one datagram each: {"meaning": "next", "by": "yam-view", "turn": 12.3}
+
+Both lie in the runtime directory, which is this user's. A socket whose process is gone refuses to be connected to: so
+what is left behind is recognised, whatever number the next process has, and in whatever container.
+"""
+
+import contextlib
+import json
+import os
+import socket
+import stat
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from lerobot_robot_yam.system.runtime_files import DESK
+
+_STATUS, _SOCKET = ".json", ".sock"
+_LONGEST = 512  # bytes of a request
+_MOST = 16  # requests that are read at once; a flood waits in the kernel, which turns its sender away
+_STATUS_BYTES = 1 << 16
+
+
+class Asked(NamedTuple):
+    """A request.
+
+    Attributes:
+        meaning: of a button, as `face/operator_keys/meanings.py` calls it; nobody has checked it.
+        by: who asks.
+        turn: the run of the command's loop that the page has shown; None: whichever.
+    """
+
+    meaning: str
+    by: str
+    turn: float | None
+
+
+class DeskPost:
+    """The command's end. One for a process.
+
+    Args:
+        directory: the runtime directory.
+
+    Raises:
+        OSError: the socket cannot be made.
+    """
+
+    def __init__(self, directory: Path):
+        forget_the_dead(directory)
+        self._status, self._path = (directory / f"{DESK}{os.getpid()}{ending}" for ending in (_STATUS, _SOCKET))
+        self._path.unlink(missing_ok=True)
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        try:
+            self._socket.bind(str(self._path))
+            self._path.chmod(stat.S_IRUSR | stat.S_IWUSR)
+        except OSError:
+            self._socket.close()
+            raise
+
+    def tell(self, status: Mapping[str, Any]) -> None:
+        """Replace the status. Raises OSError: it cannot be written."""
+        aside = self._status.with_name(f".{self._status.name}")
+        aside.write_text(json.dumps(status))
+        aside.replace(self._status)
+
+    def asked(self, within_s: float) -> tuple[list[Asked], int]:
+        """Wait for requests: those that have come, some at most, and how many datagrams were none."""
+        found, malformed = [], 0
+        self._socket.settimeout(within_s)
+        with contextlib.suppress(TimeoutError, BlockingIOError):
+            for _ in range(_MOST):
+                data = self._socket.recv(_LONGEST + 1)
+                self._socket.settimeout(0.0)
+                request = _parsed(data)
+                if request is not None:
+                    found.append(request)
+                elif data:
+                    malformed += 1
+        return found, malformed
+
+    def wake(self) -> None:
+        """Let who waits for requests wait no longer."""
+        _send(self._path, b"")
+
+    def close(self) -> None:
+        """Remove both. Idempotent."""
+        for path in (self._status, self._path):
+            with contextlib.suppress(OSError):
+                path.unlink()
+        self._socket.close()
+
+
+def _parsed(data: bytes) -> Asked | None:
+    try:
+        given = json.loads(data)
+        asked = Asked(given["meaning"], given["by"], given.get("turn"))
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        return None
+    texts = isinstance(asked.meaning, str) and isinstance(asked.by, str) and asked.by.isprintable()
+    return asked if texts and len(data) <= _LONGEST and isinstance(asked.turn, float | int | None) else None
+
+
+def running_desks(directory: Path) -> dict[int, dict[str, Any]]:
+    """The status of every command that runs, by its process number; its `age_s` is of the status."""
+    found = {}
+    for path in sorted(directory.glob(f"{DESK}*{_STATUS}")):
+        number = path.name.removeprefix(DESK).removesuffix(_STATUS)
+        if number.isdecimal() and _answers(path.with_suffix(_SOCKET)):
+            status = _read(path)
+            if status is not None:
+                found[int(number)] = status
+    return found
+
+
+def _read(path: Path) -> dict[str, Any] | None:
+    try:
+        with open(path, "rb") as file:
+            status = json.loads(file.read(_STATUS_BYTES))
+            age_s = time.time() - os.fstat(file.fileno()).st_mtime
+    except (OSError, ValueError, RecursionError):
+        return None
+    return {**status, "age_s": max(age_s, 0.0)} if isinstance(status, dict) else None
+
+
+def ask(directory: Path, number: int, asked: Asked) -> bool:
+    """Send a request to the command with this process number; whether it was taken. Waits for nothing."""
+    return _send(directory / f"{DESK}{number}{_SOCKET}", json.dumps(asked._asdict()).encode())
+
+
+def _send(path: Path, data: bytes) -> bool:
+    with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as ours:
+        ours.setblocking(False)
+        ours.sendto(data, str(path))
+        return True
+    return False
+
+
+def forget_the_dead(directory: Path) -> None:
+    """Remove what processes have left that were killed."""
+    for path in directory.glob(f"{DESK}*{_SOCKET}"):
+        if not _answers(path):
+            for left in (path.with_suffix(_STATUS), path):
+                with contextlib.suppress(OSError):
+                    left.unlink()
+
+
+def _answers(path: Path) -> bool:
+    """Whether a process has this socket open."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as ours:
+        try:
+            ours.connect(str(path))
+        except OSError:
+            return False
+    return True

@@ -1,0 +1,128 @@
+"""One LeRobot command on the page: what it does, and buttons for what it can be asked now."""
+
+import html
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import viser
+from viser._messages import HotkeyKey
+
+from lerobot_robot_yam.state.desk_post import Asked
+from lerobot_robot_yam.viewer.desk.success_rate import SuccessRate
+
+BY = "yam-view"
+# Of each meaning that has a button: what stands on it, its colour, and its key on the page.
+BUTTONS: dict[str, tuple[str, tuple[int, int, int] | None, HotkeyKey]] = {
+    "success": ("success", (30, 150, 60), "S"),
+    "failure": ("failure", (200, 110, 0), "F"),
+    "discard": ("discard", (110, 110, 110), "D"),
+    "next": ("next", None, "N"),
+    "rerecord": ("again", None, "R"),
+    "stop": ("stop", (190, 40, 40), "Q"),
+    "pause": ("pause", None, "P"),
+    "correct": ("correct", None, "C"),
+    "go_on": ("go on", None, "G"),
+    "save": ("save", None, "K"),
+}
+_BANNER = "background:#c00;color:#fff;padding:0.5em;font-weight:bold"
+_SILENT_S = 3.0  # LeRobot may hold Python up while it saves
+_DAY_S = 86_400.0
+
+
+class DeskFolder:
+    """Below one folder of the page.
+
+    Args:
+        gui: of the server.
+        number: of the process.
+        send: takes a request; called by viser's threads.
+    """
+
+    def __init__(self, gui: viser.GuiApi, number: int, send: Callable[[Asked], None]):
+        self._folder = gui.add_folder(f"session {number}")
+        self.status: dict[str, Any] = {"offers": {}}
+        self._rate: SuccessRate | None = None
+        self._buttons: dict[str, viser.GuiButtonHandle] = {}
+        self._send = send
+        with self._folder:
+            self._text = gui.add_html("")
+            for meaning, (label, colour, key) in BUTTONS.items():
+                button = gui.add_button(f"{label} [{key}]", color=colour, visible=False)
+                button.on_click(partial(self._clicked, meaning))
+                self._buttons[meaning] = button
+
+    def _clicked(self, meaning: str, _: viser.GuiEvent) -> None:
+        self.press(meaning)
+
+    def press(self, meaning: str) -> None:
+        """Ask for what a button stands for, if the command can be asked for it; for the phase that is shown."""
+        status = self.status
+        if meaning in status["offers"]:
+            self._send(Asked(meaning, BY, status.get("turn")))
+
+    def show(self, status: dict[str, Any]) -> None:
+        """Show a new status; of another version it may not be understood, which is shown."""
+        try:
+            if "root" in status and self._rate is None:
+                self._rate = SuccessRate(Path(status["root"]), status.get("first", 0))
+            content, offered = describe(status, self._rate), dict(status.get("offers", {}))
+        except (TypeError, ValueError, AttributeError, LookupError) as error:
+            content, offered = f"its status is not understood: {html.escape(repr(error))}", {}
+        self.status = {**status, "offers": offered}
+        for meaning, button in self._buttons.items():
+            if button.visible != (meaning in offered):
+                button.visible = meaning in offered
+        if content != self._text.content:
+            self._text.content = content
+
+    def close(self) -> None:
+        """Take it off the page."""
+        self._folder.remove()
+
+
+def describe(status: dict[str, Any], rate: SuccessRate | None) -> str:
+    """The folder's HTML. rate: of the data set; None: there is none."""
+    red = [status["disk_warning"]] if "disk_warning" in status else []
+    if status["age_s"] > _SILENT_S:
+        red.append(f"has said nothing for {status['age_s']:.0f} s")
+    lines = [f"<div style='{_BANNER}'>{html.escape(line)}</div>" for line in red]
+    lines += [html.escape(line) for line in (*_doing(status), *_rates(status)) if line]
+    if rate is not None and "saved" in status:
+        lines.append(html.escape(rate.words(status["saved"])))
+    offers = status.get("offers", {})
+    lines += [f"<b>{BUTTONS[name][2]}</b>: {html.escape(words)}" for name, words in offers.items() if name in BUTTONS]
+    return f"<div style='padding:0 0.8em;font-size:13px'>{'<br>'.join(lines)}</div>"
+
+
+def _doing(status: dict[str, Any]) -> list[str]:
+    """Command and task; the episode and its phase; time."""
+    what = " ".join(status[name] for name in ("command", "strategy") if name in status)
+    lines = [what, status.get("task", "")]
+    saved, first = status.get("saved"), status.get("first", 0)
+    episode = "" if saved is None else f"episode {saved}"
+    if saved is not None and "episodes" in status:
+        episode += f" ({min(saved - first + 1, status['episodes'])} of {status['episodes']})"
+    dropped = ", the episode is dropped" if "drops" in status else ""
+    lines.append(f"{episode}{': ' * bool(episode)}{status.get('phase', '')}{dropped}")
+    times = [f"{status['elapsed_s']:.0f} s"] if "elapsed_s" in status else []
+    times += [f"{status['left_s']:.0f} s left"] if "left_s" in status else []
+    return [*lines, ", ".join(times)]
+
+
+def _rates(status: dict[str, Any]) -> list[str]:
+    """The loop; the encoder; the disk; results that LeRobot itself has counted."""
+    loop = [f"{status['fps']:.1f} of {status['fps_asked']:.0f} fps"] if "fps" in status else []
+    loop += [f"{status['late']} late"] if status.get("late") else []
+    waiting = status.get("encoder_waiting", {})
+    encoder = ", ".join(f"{name.rpartition('.')[2]} {count}" for name, count in waiting.items())
+    if encoder:
+        encoder = f"encoder waits with {encoder} of {status.get('encoder_room', '?')} frames"
+    lost = ", ".join(f"{count} of {name.rpartition('.')[2]}" for name, count in status.get("encoder_lost", {}).items())
+    images = f"{status['images_waiting']} images wait to be written" if "images_waiting" in status else ""
+    disk = [f"{status['disk_free_bytes'] / 1e9:.1f} GB free"] if "disk_free_bytes" in status else []
+    if status.get("disk_left_s", _DAY_S) < _DAY_S:
+        disk.append(f"for {status['disk_left_s'] / 60.0:.0f} min of recording")
+    counted = f"success {status['successes']} of {status['saved']}" if "successes" in status else ""
+    return [", ".join(loop), encoder, f"FRAMES LOST: {lost}" if lost else "", images, ", ".join(disk), counted]

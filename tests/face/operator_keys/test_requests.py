@@ -1,0 +1,131 @@
+"""Who does what a page asks for: a leader's keys before a follower's, a referee, a strategy that takes arms over."""
+
+import threading
+import time
+from types import SimpleNamespace
+
+import pytest
+
+from lerobot_robot_yam.face.envs import referee
+from lerobot_robot_yam.face.envs.referee import OperatorReferee, Verdict
+from lerobot_robot_yam.face.operator_keys import operator_keys, requests
+from lerobot_robot_yam.face.operator_keys.key_plan import RECORD, Phase, Situation
+from lerobot_robot_yam.face.operator_keys.meanings import Meaning
+from lerobot_robot_yam.face.operator_keys.operator_keys import OperatorKeys
+from lerobot_robot_yam.face.operator_keys.requests import Press
+from lerobot_strategy_yam.take_over_signals import TakeOverSignals
+from lerobot_teleoperator_yam.yam_leader import BiYamLeader
+from tests.face.operator_keys.test_key_words import recording
+from tests.strategy.test_config import leading
+from tests.support.strategy_here import HereConfig
+
+WAIT_S = 30.0
+
+
+def wait(condition):
+    deadline = time.monotonic() + WAIT_S
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+@pytest.fixture
+def command(monkeypatch):
+    """A situation that the test sets, and the keys that were pressed in it."""
+    pressed = []
+    state = SimpleNamespace(now=Situation(), pressed=pressed)
+
+    def look():
+        return state.now
+
+    way = SimpleNamespace(
+        take=lambda: None, give_back=lambda: None, press=lambda key: pressed.append(("keyboard", key))
+    )
+    monkeypatch.setattr(operator_keys, "keyboard", lambda: way)
+    monkeypatch.setattr(operator_keys.running_command, "hears_keys", lambda frame: True)
+    monkeypatch.setattr(operator_keys.running_command, "look", look)
+    return state
+
+
+def during(command, **fields):
+    command.now = Situation(RECORD, do=lambda key: command.pressed.append(("flags", key)), **fields)
+
+
+def test_a_followers_keys_do_what_the_listener_does(command):
+    keys = OperatorKeys({}, auto=False, by_request=True)
+    during(command, phase=Phase.AUTONOMOUS, keys={Meaning.SAVE: "s"})
+    keys.start(None, dict)
+    assert requests.ask(Press("a page", Meaning.SAVE))
+    wait(lambda: command.pressed == [("flags", "s")])
+    keys.stop()
+    assert not requests.ask(Press("a page", Meaning.SAVE)) and requests.offers(command.now, 0) == {}
+
+
+def test_a_leaders_keys_come_first(command):
+    follower, leader = OperatorKeys({}, auto=False, by_request=True), OperatorKeys({"top": Meaning.NEXT}, auto=False)
+    during(command, phase=Phase.AUTONOMOUS, keys={Meaning.SAVE: "s"})
+    follower.start(None, dict)
+    leader.start(None, dict)
+    requests.ask(Press("a page", Meaning.SAVE))
+    wait(lambda: command.pressed == [("keyboard", "s")])
+    leader.stop()
+    requests.ask(Press("a page", Meaning.SAVE))
+    wait(lambda: command.pressed[1:] == [("flags", "s")])
+    follower.stop()
+
+
+def test_a_command_that_hears_no_keys_is_asked_directly(command):
+    leader = OperatorKeys({"top": Meaning.STOP}, auto=False)
+    during(command, phase=Phase.AUTONOMOUS, keys={Meaning.STOP: "esc"}, listens=False)
+    leader.start(None, dict)
+    requests.ask(Press("a page", Meaning.STOP))
+    wait(lambda: command.pressed == [("flags", "esc")])
+    leader.stop()
+
+
+def test_what_is_for_a_phase_that_is_over_does_nothing(command, caplog):
+    keys = OperatorKeys({}, auto=False, by_request=True)
+    during(command, phase=Phase.AUTONOMOUS, keys={Meaning.SAVE: "s"}, turn=2.0)
+    keys.start(None, dict)
+    requests.ask(Press("a page", Meaning.SAVE, turn=1.0))
+    wait(lambda: "came too late" in caplog.text)
+    requests.ask(Press("a page", Meaning.SAVE, turn=2.0))
+    wait(lambda: command.pressed == [("flags", "s")])
+    keys.stop()
+
+
+def test_who_is_asked_for_nothing_rescues_nothing(command, tmp_path):
+    """A recording without leaders' buttons goes on as LeRobot has it, as long as no page asks for anything."""
+    keys = OperatorKeys({}, auto=False, by_request=True)
+    command.now = recording(Phase.RESETTING, frames=0)
+    command.now.dataset.root = tmp_path
+    for now_s in range(1, 5):
+        keys._tick(float(now_s), {})
+    assert command.pressed == [] and command.now.flags == {"exit_early": False}
+
+
+def test_a_referee_is_told_by_the_page(monkeypatch):
+    monkeypatch.setattr(referee, "create_key_listener", lambda *_, **__: SimpleNamespace(stop=lambda: None))
+    person = OperatorReferee("stack the cups")
+    laid_out = threading.Thread(target=person.arrange, args=(None,))
+    laid_out.start()
+    wait(lambda: set(requests.offers(Situation(), 0)) == {"next"})
+    requests.ask(Press("a page", Meaning.SUCCESS))  # not yet
+    requests.ask(Press("a page", Meaning.NEXT))
+    laid_out.join(WAIT_S)
+    assert not laid_out.is_alive() and set(requests.offers(Situation(), 0)) == {"success", "failure"}
+    assert person.verdict({}) == Verdict(False, False)
+    requests.ask(Press("a page", Meaning.FAILURE))
+    assert person.verdict({}) == Verdict(False, True)
+    person.close()
+    assert not requests.ask(Press("a page", Meaning.SUCCESS))
+
+
+def test_a_strategy_that_takes_arms_over_is_asked_by_its_keys(tmp_path):
+    signals = TakeOverSignals(BiYamLeader(leading(tmp_path)), HereConfig())
+    requests.join(signals, first=True)
+    offered = requests.offers(Situation(), 0)
+    for meaning in (Meaning.DISCARD, Meaning.SAVE, Meaning.STOP):
+        requests.ask(Press("a page", meaning))
+    requests.leave(signals)
+    assert set(offered) == {"correct", "next", "discard", "stop"} and list(signals._keys) == ["x", "esc"]
