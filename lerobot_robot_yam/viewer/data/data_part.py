@@ -24,6 +24,7 @@ from lerobot_robot_yam.viewer.data.recorded_arms import ARM, GRIPPER, recorded_a
 from lerobot_robot_yam.viewer.data.recorded_figures import RecordedFigures
 from lerobot_robot_yam.viewer.data.replay_desk import ReplayDesk
 from lerobot_robot_yam.viewer.data.scene_match import SceneMatch
+from lerobot_robot_yam.viewer.serving.handles import put
 
 _WIDTH_PX = 380
 _SUCCESS_COLUMN = "success"  # of the episodes' metadata, in copies of yam-label
@@ -115,7 +116,8 @@ class DataPart:
         self._chosen = number
         self._playhead.open(episode.length)
         self._figures.open(episode)
-        self._slider.max, self._slider.value, self._slid = max(episode.length - 1, 1), 0, 0
+        put(self._slider, max=max(episode.length - 1, 1), value=0)
+        self._slid = 0
         self._shown = None
         if self._desk is not None:
             self._desk.open(episode)
@@ -147,8 +149,7 @@ class DataPart:
             self._playhead.seek(self._slider.value)
         self._playhead.speed = self._speed.value
         frame = self._playhead.advance(now_s)
-        if self._slider.value != frame:
-            self._slider.value = frame
+        put(self._slider, value=frame)
         self._slid = frame
         self._show(now_s, frame)
         self._list.update(now_s, self._chosen)
@@ -178,12 +179,8 @@ class DataPart:
             self._reader.ask(episode, frame)
         self._figures.visible = self._in_3d.value
         self._ghosts.visible = self._in_3d.value and other is not None
-        word = "pause" if self._playhead.playing else "play"
-        if self._play.label != word:
-            self._play.label = word
-        said = describe(self._flags)
-        if self._said.content != said:
-            self._said.content = said
+        put(self._play, label="pause" if self._playhead.playing else "play")
+        put(self._said, content=describe(self._flags))
         self._plot.update(now_s, frame, episode, other)
         self._show_pictures()
 
@@ -193,12 +190,12 @@ class DataPart:
             return
         self._pictures = read
         for camera, image in self._images.items():
-            image.visible = isinstance(found := read[camera], np.ndarray)
+            found = read[camera]
+            put(image, visible=isinstance(found, np.ndarray))
             if isinstance(found, np.ndarray):
                 image.image = found
         missing = "<br>".join(html.escape(found) for found in read.values() if isinstance(found, str))
-        if self._missing.content != missing:
-            self._missing.content = missing
+        put(self._missing, content=missing)
 
     def close(self) -> None:
         """Land the arms, let go of cameras, end the threads. Idempotent."""

@@ -1,7 +1,7 @@
 """The episodes as a table: how long, how they ended, what the check has found; and the bar of the check."""
 
 import html
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import viser
 
@@ -9,6 +9,7 @@ from lerobot_robot_yam.face.datasets.check.dataset_report import EpisodeReport
 from lerobot_robot_yam.face.datasets.check.flags import KINDS, Flag
 from lerobot_robot_yam.face.datasets.check.opened_dataset import OpenedDataset, RecordedEpisode
 from lerobot_robot_yam.viewer.data.background_check import BackgroundCheck
+from lerobot_robot_yam.viewer.serving.handles import put
 
 _SHOWN_S = 0.5
 _ALL, _FLAGGED = "all", "flagged"
@@ -50,17 +51,15 @@ class EpisodeList:
         found = self._check.found()
         if not self._done:
             self._done = self._check.done
-            self._bar.value, self._bar.visible = 100.0 * self._check.share, not self._done
-            self._said.content = self._saying(found)
+            put(self._bar, value=round(100.0 * self._check.share), visible=not self._done)
+            put(self._said, content=self._saying(found))
         rows = [
             _row(episode, self._data.fps, self._labels.get(episode.number, ""), found.get(episode.number), chosen)
             for episode in self._data.episodes
             if self._is_wanted(episode, found.get(episode.number))
         ]
         head = "<tr><th>episode<th>s<th>outcome<th>flags<th style='text-align:left'>task</tr>"
-        content = f"<div style='{_BOX}'><table style='{_STYLE}'>{head}{''.join(rows)}</table></div>"
-        if self._table.content != content:
-            self._table.content = content
+        put(self._table, content=f"<div style='{_BOX}'><table style='{_STYLE}'>{head}{''.join(rows)}</table></div>")
 
     def _is_wanted(self, episode: RecordedEpisode, report: EpisodeReport | None) -> bool:
         wanted, label = self._filter.value, self._labels.get(episode.number, "no label")
@@ -87,7 +86,7 @@ def _row(episode: RecordedEpisode, fps: float, label: str, report: EpisodeReport
     return f"<tr{style}>{text}<td>{html.escape(task[:40])}</tr>"
 
 
-def describe(flags: list[Flag] | None) -> str:
+def describe(flags: Sequence[Flag] | None) -> str:
     """HTML about the flags of one episode; None: it has not been checked yet."""
     if flags is None:
         lines = ["not checked yet"]

@@ -11,6 +11,7 @@ from lerobot_robot_yam.face.datasets.check.opened_dataset import RecordedEpisode
 from lerobot_robot_yam.session.trajectory import Trajectory
 from lerobot_robot_yam.viewer.data.driver import Driver
 from lerobot_robot_yam.viewer.data.recorded_arms import RecordedArm
+from lerobot_robot_yam.viewer.serving.handles import put
 
 LEAST_SPEED, MOST_SPEED = 0.1, 2.0
 
@@ -78,18 +79,10 @@ class ReplayDesk:
             (self._land, state.energised),
             (self._bar, state.running),
         ):
-            if handle.visible != shown:
-                handle.visible = shown
-        word = "go on" if state.paused else "pause"
-        if self._pause.label != word:
-            self._pause.label = word
-        share = round(100.0 * state.share)
-        if state.running and self._bar.value != share:
-            self._bar.value = share
-        text = html.escape(self._refused or state.text)
-        content = f"<div style='padding:0 0.8em'>{text}</div>"
-        if self._said.content != content:
-            self._said.content = content
+            put(handle, visible=shown)
+        put(self._pause, label="go on" if state.paused else "pause")
+        put(self._bar, value=round(100.0 * state.share))
+        put(self._said, content=f"<div style='padding:0 0.8em'>{html.escape(self._refused or state.text)}</div>")
 
     def _toggle(self) -> None:
         self._refused = ""

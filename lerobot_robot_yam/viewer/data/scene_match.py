@@ -10,6 +10,7 @@ import viser
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.viewer.data.live_camera import LiveCamera, rig_cameras, running_rigs
+from lerobot_robot_yam.viewer.serving.handles import put
 
 _NONE = "none"
 _LOOK_S = 2.0  # for rigs
@@ -66,11 +67,11 @@ class SceneMatch:
         said = self._live.trouble or (recorded if isinstance(recorded, str) else "")
         if live is None and not said:
             said = "opening the camera"
-        self._said.content = f"<div style='padding:0 0.8em'>{html.escape(said)}</div>"
+        put(self._said, content=f"<div style='padding:0 0.8em'>{html.escape(said)}</div>")
         if live is not None:
-            both = isinstance(recorded, np.ndarray)
-            self._image.image = overlaid(live, recorded, self._alpha.value) if both else live
-        self._image.visible = live is not None
+            shown = overlaid(live, recorded, self._alpha.value) if isinstance(recorded, np.ndarray) else live
+            self._image.image = shown
+        put(self._image, visible=live is not None)
 
     def _look(self) -> None:
         running = running_rigs()
@@ -78,8 +79,7 @@ class SceneMatch:
             return
         self._rigs = {rig: self._rigs.get(rig) or rig_cameras(rig) for rig in running}
         chosen, options = self._live_choice.value, (_NONE, *self._options())
-        self._live_choice.options = options
-        self._live_choice.value = chosen if chosen in options else _NONE
+        put(self._live_choice, options=options, value=chosen if chosen in options else _NONE)
 
     def _options(self) -> dict[str, Mapping[str, Any]]:
         return self._cameras | {name: options for rig in self._rigs.values() for name, options in rig.items()}
@@ -89,8 +89,8 @@ class SceneMatch:
             self._live.begin_close()
             self._ended.append(self._live)
         self._opened, self._live = name, None
-        self._image.visible = False
-        self._said.content = ""
+        put(self._image, visible=False)
+        put(self._said, content="")
         options = self._options().get(name)
         if options is not None:
             self._live = LiveCamera(name, options, self._arms)
