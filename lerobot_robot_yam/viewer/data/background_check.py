@@ -25,6 +25,9 @@ class BackgroundCheck:
         self.trouble = ""
         self._all, self._looked, self._ending = len(data.episodes), 0, False
         self._thread = threading.Thread(target=self._run, args=(data, arm), name="yam-view-check", daemon=True)
+
+    def start(self) -> None:
+        """Begin; once."""
         self._thread.start()
 
     @property
@@ -35,7 +38,7 @@ class BackgroundCheck:
     @property
     def done(self) -> bool:
         """Whether it has ended."""
-        return not self._thread.is_alive()
+        return self._thread.ident is not None and not self._thread.is_alive()
 
     def found(self) -> dict[int, EpisodeReport]:
         """Reports by number of the episodes that were looked at."""
@@ -57,4 +60,5 @@ class BackgroundCheck:
     def close(self) -> None:
         """End it after the present episode. Idempotent."""
         self._ending = True
-        self._thread.join()
+        if self._thread.ident is not None:
+            self._thread.join()

@@ -91,6 +91,7 @@ class DataPart:
         panel.set_width(_WIDTH_PX)
         episode_panel.dock_below(panel)
         self._open(min(self._episodes))
+        self._check.start()
 
     def _add_player(self, gui: viser.GuiApi) -> None:
         last = max(self._episodes)

@@ -46,9 +46,9 @@ class PictureReader:
             return None if self._ending else wish
 
     def _run(self) -> None:
-        from lerobot_robot_yam.face.datasets.dataset_pictures import picture  # LeRobot: seconds
-
         while (wish := self._next()) is not None:
+            from lerobot_robot_yam.face.datasets.dataset_pictures import picture  # LeRobot: seconds, the first time
+
             read: dict[str, np.ndarray | str] = {}
             for camera in self._data.cameras:
                 try:
