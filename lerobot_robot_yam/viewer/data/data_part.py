@@ -1,5 +1,6 @@
 """The data part of the page: a data set's episodes, played in 3-D with their pictures, and sent to the arms."""
 
+import contextlib
 import html
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -200,11 +201,10 @@ class DataPart:
 
     def close(self) -> None:
         """Land the arms, let go of cameras, end the threads. Idempotent."""
-        if self._desk is not None:
-            self._desk.close()
-        self._match.close()
-        self._reader.close()
-        self._check.close()
+        with contextlib.ExitStack() as last_first:
+            for part in (self._check, self._reader, self._match, self._desk):
+                if part is not None:
+                    last_first.callback(part.close)
 
 
 def _labels(root: Path, episodes: Sequence[Any]) -> dict[int, str]:
