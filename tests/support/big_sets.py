@@ -102,12 +102,13 @@ def _about(episode, motion, keys, fps):
 def _film(path, camera, states, fps, size, coder):
     """A picture per state, with the noise of a sensor; every second one is a key frame, as LeRobot has it."""
     random, scale = np.random.default_rng(0), size[0] // seeds.SIZE[0]
+    noise = random.integers(-4, 5, (*size, 1), np.int16)
     with av.open(str(path), "w") as target:
         stream = target.add_stream(coder[0], rate=fps, options={"g": "2", **coder[1]})
         stream.height, stream.width, stream.pix_fmt = *size, "yuv420p"
         stream.time_base = Fraction(1, fps)
         for state in states:
             large = np.kron(seeds.picture(camera, state), np.ones((scale, scale, 1), np.uint8)).astype(np.int16)
-            noisy = (large + random.normal(scale=2.0, size=(*size, 1))).clip(0, 255).astype(np.uint8)
+            noisy = (large + np.roll(noise, random.integers(size[1]), axis=1)).clip(0, 255).astype(np.uint8)
             target.mux(stream.encode(av.VideoFrame.from_ndarray(noisy, format="rgb24")))
         target.mux(stream.encode())
