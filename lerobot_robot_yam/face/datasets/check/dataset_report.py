@@ -19,7 +19,7 @@ from lerobot_robot_yam.face.datasets.check.opened_dataset import (
 )
 from lerobot_robot_yam.face.datasets.check.row_checks import check_rows, statistics
 from lerobot_robot_yam.face.datasets.check.thumbnails import Thumbnails, decode
-from lerobot_robot_yam.face.datasets.layout import DEGREES_SUFFIX, Progress, frame_count, is_depth, value_names
+from lerobot_robot_yam.face.datasets.layout import Progress, frame_count, is_depth, value_names
 
 
 @dataclass
@@ -83,7 +83,24 @@ def check_dataset(
         ConfigError: it is no data set of format v3, or there is no such arm.
     """
     data = open_dataset(root)
-    report = DatasetReport(root, data.fps, [*data.flags, *_set_flags(data)], [])
+    report = DatasetReport(root, data.fps, [], [])
+    check_into(report, data, every_s=every_s, arm=arm, progress=progress)
+    return report
+
+
+def check_into(
+    report: DatasetReport,
+    data: OpenedDataset,
+    *,
+    every_s: float | None = 1.0,
+    arm: str | None = None,
+    progress: Progress = iter,
+) -> None:
+    """As `check_dataset`, of a data set that is open; the report grows episode by episode.
+
+    Swaps of cameras are told last: they show when all episodes are known.
+    """
+    report.flags += [*data.flags, *_set_flags(data)]
     views: dict[int, Mapping[str, np.ndarray]] = {}
     frame_counts: dict[Path, int] = {}
     for episode in progress(data.episodes):
@@ -103,7 +120,6 @@ def check_dataset(
     by_number = {episode.number: episode for episode in report.episodes}
     for number, flag in picture_checks.swapped(views):
         by_number[number].flags.append(flag)
-    return report
 
 
 def _set_flags(data: OpenedDataset) -> Iterator[Flag]:
@@ -123,16 +139,11 @@ def _trusted(flags: list[Flag]) -> bool:
     return not {Kind.NOT_FINITE, Kind.UNITS, Kind.FRAMES} & {flag.kind for flag in flags}
 
 
-def _unit(data: OpenedDataset) -> float:
-    degrees = str(data.info.get("robot_type") or "").endswith(DEGREES_SUFFIX)
-    return float(np.radians(1.0)) if degrees else 1.0
-
-
 def _arms(data: OpenedDataset, episode: RecordedEpisode) -> list[motion_checks.ArmMotion]:
     if ACTION not in episode.rows or STATE not in episode.rows:
         return []
     features = data.features[ACTION], data.features[STATE]
-    return motion_checks.arms_of(episode.rows[ACTION], episode.rows[STATE], *features, _unit(data))
+    return motion_checks.arms_of(episode.rows[ACTION], episode.rows[STATE], *features, data.unit)
 
 
 def _motion_flags(
@@ -149,7 +160,7 @@ def _motion_flags(
     if any(data_names := value_names(data.features.get(STATE, {}))) and arms:
         flags += motion_checks.grippers(STATE, episode.rows[STATE], data_names)
         flags += motion_checks.grippers(ACTION, episode.rows[ACTION], value_names(data.features[ACTION]))
-    wrong = list(motion_checks.units(arms, _unit(data) != 1.0))
+    wrong = list(motion_checks.units(arms, data.unit != 1.0))
     if wrong:
         return flags + wrong  # all that follows would be wrong too
     for arm in arms:

@@ -4,6 +4,7 @@ It reads no pictures, and does not need LeRobot: 200 episodes of 1,000 frames op
 """
 
 import json
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +16,7 @@ import pyarrow.parquet as pq
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.datasets.check.flags import Flag, Kind
-from lerobot_robot_yam.face.datasets.layout import clip_columns
+from lerobot_robot_yam.face.datasets.layout import DEGREES_SUFFIX, clip_columns
 from lerobot_robot_yam.face.recorder.episode_log import SIDE_CAR
 
 ACTION, STATE = "action", "observation.state"
@@ -74,6 +75,12 @@ class OpenedDataset:
     def features(self) -> dict[str, Any]:
         """LeRobot's features by name."""
         return self.info["features"]
+
+    @property
+    def unit(self) -> float:
+        """rad per recorded number of a joint."""
+        degrees = str(self.info.get("robot_type") or "").endswith(DEGREES_SUFFIX)
+        return math.radians(1.0) if degrees else 1.0
 
     @property
     def cameras(self) -> list[str]:

@@ -1,0 +1,110 @@
+"""The arms of a data set: which columns of its states and actions are whose, and what they look like."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Target
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.face.datasets.check.opened_dataset import ACTION, STATE, OpenedDataset, RecordedEpisode
+from lerobot_robot_yam.face.datasets.layout import value_names
+from lerobot_robot_yam.face.devices.feature_names import JOINT, motor_names
+from lerobot_robot_yam.session.trajectory import Trajectory, columns_of
+
+ARM, GRIPPER, NO_GRIPPER = "yam", "linear_4310", "no_gripper"
+
+
+@dataclass(frozen=True)
+class RecordedArm:
+    """One arm of a data set.
+
+    Attributes:
+        prefix: of its values' names, such as `left_`; empty of a single arm.
+        hardware: its profiles.
+        columns: by feature (`action`, `observation.state`) its joints' columns, then its gripper's if it has a motor;
+            a feature that does not name them all is missing.
+        unit: rad per recorded number of a joint.
+    """
+
+    prefix: str
+    hardware: ResolvedArm
+    columns: Mapping[str, list[int]]
+    unit: float
+
+    def positions(self, episode: RecordedEpisode, feature: str) -> np.ndarray | None:
+        """(n, motors) rad, of the gripper 0 closed … 1 open; None where the feature does not tell them."""
+        if feature not in self.columns or feature not in episode.rows:
+            return None
+        found = np.array(episode.rows[feature][:, self.columns[feature]], dtype=float)
+        found[:, : self.hardware.joints] *= self.unit
+        return found
+
+    def trajectory(self, episode: RecordedEpisode, fps: float, speed: float) -> Trajectory:
+        """What the episode's actions ask of this arm, `speed` times as fast as it was recorded.
+
+        Raises:
+            ConfigError: its actions are no positions of joints.
+            ActionError: they are not finite, or there are too few.
+        """
+        positions = self.positions(episode, ACTION)
+        if positions is None:
+            raise ConfigError(f"the actions are no positions of the joints and gripper of {self.hardware.name}")
+        times = np.arange(len(positions)) / (fps * speed)
+        source = f"episode {episode.number}, {self.prefix.rstrip('_') or 'arm'}"
+        return Trajectory(times, positions, columns_of([self.hardware]), source)
+
+
+def recorded_arms(data: OpenedDataset, known: Mapping[str, ArmConfig], arm: str, gripper: str) -> list[RecordedArm]:
+    """The arms whose joints are named as ours in action or state.
+
+    Args:
+        known: configurations by prefix, of a run config.
+        arm, gripper: profiles of the others. A recording without an opening has no gripper.
+
+    Raises:
+        ConfigError: an unknown profile, or one with another number of joints than was recorded.
+    """
+    named = {feature: list(value_names(data.features.get(feature, {}))) for feature in (STATE, ACTION)}
+    matches = [match for names in named.values() for match in map(JOINT.fullmatch, names) if match]
+    return [
+        _arm(prefix, known.get(prefix), named, data.unit, arm, gripper)
+        for prefix in sorted({match[1] or "" for match in matches})
+    ]
+
+
+def followers(targets: Sequence[Target]) -> dict[str, ArmConfig]:
+    """The followers of a run config, by the prefix of their values in data sets, with their stored calibration."""
+    found = [target for target in targets if target.config.gripper != LEADER_GRIPPER]
+    configs = [
+        target.config
+        if target.calibration is None
+        else dataclasses.replace(target.config, calibration_path=str(target.calibration))
+        for target in found
+    ]
+    return dict(zip(("left_", "right_") if len(configs) > 1 else ("",), configs, strict=False))
+
+
+def _arm(
+    prefix: str, config: ArmConfig | None, named: Mapping[str, list[str]], unit: float, arm: str, gripper: str
+) -> RecordedArm:
+    recorded = {name for names in named.values() for name in names}
+    if config is None:
+        grips = f"{prefix}gripper.pos" in recorded
+        config = ArmConfig(channel="-", name=f"{prefix}arm", arm=arm, gripper=gripper if grips else NO_GRIPPER)
+    joints, motor = load_arm(config.arm).joint_count, load_gripper(config.gripper).motor
+    there = sum(1 for name in recorded if (match := JOINT.fullmatch(name)) and (match[1] or "") == prefix)
+    if there != joints:
+        raise ConfigError(
+            f"{prefix or 'the arm'} has {there} joints in this data set, and {config.arm} has {joints}: name the right "
+            "profile with --arm, or the run config with --config_path"
+        )
+    wanted = [f"{name}.pos" for name in motor_names(prefix, joints, motor is not None)]
+    columns = {
+        feature: [names.index(name) for name in wanted] for feature, names in named.items() if {*wanted} <= {*names}
+    }
+    return RecordedArm(prefix, ResolvedArm(config), columns, unit)
