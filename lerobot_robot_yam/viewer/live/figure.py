@@ -1,4 +1,8 @@
-"""One arm in the scene: its profiles' shapes, posed by its joints."""
+"""One arm in the scene: its profiles' shapes, posed by its joints.
+
+Each link is a frame below the one that carries it: a joint that turns is one message to the browsers, and a joint that
+stands is none.
+"""
 
 from collections.abc import Sequence
 
@@ -12,6 +16,7 @@ from lerobot_robot_yam.viewer.live.shapes import meshes
 
 _GHOST = (70, 130, 255), 0.3
 _TOOL_AXES_M = 0.08
+_UNCHANGED = 2e-4  # m, and parts of a quaternion: below what can be seen, above the noise of an arm that stands
 
 
 class Figure:
@@ -31,18 +36,23 @@ class Figure:
         self._travel = hardware.gripper.finger_range_m
         self._base = scene.add_frame(root, show_axes=False)
         self._links: list[tuple[int, viser.FrameHandle]] = []
+        names = [root]
         for body in range(1, model.nbody):
-            shapes = meshes(model, body, (VISUAL_GROUP,))
-            if not shapes:
-                continue
-            name = f"{root}/{model.body(body).name}"
+            name = f"{names[model.body_parentid[body]]}/{model.body(body).name}"
+            names.append(name)
             self._links.append((body, scene.add_frame(name, show_axes=False)))
-            for index, (mesh, colour) in enumerate(shapes):
+            for index, (mesh, colour) in enumerate(meshes(model, body, (VISUAL_GROUP,))):
                 shade, opacity = _GHOST if ghost else (colour, None)
                 scene.add_mesh_simple(f"{name}/{index}", mesh.vertices, mesh.faces, color=shade, opacity=opacity)
-        self._tool = None
         if not ghost:
-            self._tool = scene.add_frame(f"{root}/tcp", axes_length=_TOOL_AXES_M, axes_radius=_TOOL_AXES_M / 25)
+            site = model.site("tcp_site")
+            scene.add_frame(
+                f"{names[int(site.bodyid[0])]}/tcp",
+                axes_length=_TOOL_AXES_M,
+                axes_radius=_TOOL_AXES_M / 25,
+                position=site.pos,
+                wxyz=site.quat,
+            )
         self.pose(np.zeros(self._joints))
 
     def stand(self, position_m: Sequence[float] | np.ndarray, quat_wxyz: Sequence[float] | np.ndarray) -> None:
@@ -57,10 +67,16 @@ class Figure:
             closed, opened = self._travel
             data.qpos[self._joints :] = closed + np.clip(np.nan_to_num(gripper or 0.0), 0.0, 1.0) * (opened - closed)
         mujoco.mj_kinematics(self._model, data)
+        position, quat, back = np.empty(3), np.empty(4), np.empty(4)
         for body, link in self._links:
-            link.position, link.wxyz = data.xpos[body], data.xquat[body]
-        if self._tool is not None:
-            self._tool.position, self._tool.wxyz = self.tool
+            carrier = self._model.body_parentid[body]
+            mujoco.mju_negQuat(back, data.xquat[carrier])
+            mujoco.mju_rotVecQuat(position, data.xpos[body] - data.xpos[carrier], back)
+            mujoco.mju_mulQuat(quat, back, data.xquat[body])
+            if np.abs(position - link.position).max() > _UNCHANGED:
+                link.position = position
+            if np.abs(quat - link.wxyz).max() > _UNCHANGED:
+                link.wxyz = quat
 
     @property
     def tool(self) -> tuple[np.ndarray, np.ndarray]:

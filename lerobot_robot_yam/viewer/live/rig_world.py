@@ -62,7 +62,7 @@ class RigWorld:
         return True
 
     def contacts(self) -> list[tuple[str, str, np.ndarray]]:
-        """What touches an arm: names of both bodies, the arm's first, and the point (3,) m."""
+        """What touches an arm, which may be itself: names of both bodies, an arm's first, and the point (3,) m."""
         found = []
         for index in range(self.data.ncon):
             contact = self.data.contact[index]
