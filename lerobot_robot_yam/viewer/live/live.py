@@ -5,6 +5,7 @@ import viser
 
 from lerobot_robot_yam.viewer.live.arm_panel import ArmPanel, warnings
 from lerobot_robot_yam.viewer.live.banner import Banner
+from lerobot_robot_yam.viewer.live.camera_panel import CameraPanel
 from lerobot_robot_yam.viewer.live.figure import Figure
 from lerobot_robot_yam.viewer.live.placement import Place, places
 from lerobot_robot_yam.viewer.live.stop_button import StopButton
@@ -75,6 +76,7 @@ class Live:
         self._banner = Banner(server)
         self._stop = StopButton(server.gui)
         self._nobody = server.gui.add_html(_NOBODY)
+        self._cameras = CameraPanel(server.gui)
 
     @property
     def arms(self) -> dict[str, WatchedArm]:
@@ -90,6 +92,8 @@ class Live:
         for shown in self._shown.values():
             shown.draw()
             shown.panel.update(now_s, looked_at)
+        if looked_at:
+            self._cameras.update(now_s, self._rigs)
         lines = self._stop.update() + self._watched.lost(now_s)
         lines += [f"{arm.name}: {line}" for arm in self.arms.values() for line in warnings(arm)]
         self._banner.show(lines, now_s)

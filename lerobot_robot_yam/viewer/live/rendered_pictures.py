@@ -2,6 +2,7 @@
 
 import contextlib
 import re
+import struct
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from lerobot_robot_yam.system.runtime_files import slug
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
 _SETTINGS = re.compile(r"(.+)-(\d+)x(\d+)-(\d+)")
+_STAMP = struct.Struct("<d")  # the first field of a frame
 _WIDEST = 320  # pixels; a frustum is small on the page
 
 
@@ -35,6 +37,10 @@ class RenderedPictures:
                 with contextlib.suppress(FileNotFoundError, StaleStateError):  # it is opened or closed just now
                     dtype = frame_dtype(int(settings[2]), int(settings[3]))
                     self._blocks[name] = SharedBlock(path, dtype, create=False)
+
+    def open_ones(self, now_s: float) -> dict[str, float]:
+        """Cameras as the names of their blocks have them, `top-320x240-30`, and how old their pictures are, s."""
+        return {name: now_s - block.peek(0, _STAMP) for name, block in sorted(self._blocks.items())}
 
     def is_open(self, camera: str) -> bool:
         """Whether somebody has opened a camera."""

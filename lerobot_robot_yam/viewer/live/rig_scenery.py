@@ -73,6 +73,10 @@ class RigScenery:
             for camera, (_, frustum) in zip(self._world.scene.cameras, self._cameras, strict=True):
                 self._show(camera.name, frustum)
 
+    def cameras(self, now_s: float) -> list[str]:
+        """A line for each camera that somebody has opened."""
+        return [f"{name}: {age_s * 1e3:.0f} ms old" for name, age_s in self._pictures.open_ones(now_s).items()]
+
     def _draw(self) -> None:
         data = self._world.data
         for body, frame in self._things:

@@ -51,6 +51,10 @@ class WatchedRigs:
         for scenery in self._sceneries.values():
             scenery.update(now_s, watched)
 
+    def cameras(self, now_s: float) -> list[str]:
+        """A line for each rendered camera that somebody has opened."""
+        return [line for scenery in self._sceneries.values() for line in scenery.cameras(now_s)]
+
     def _forget(self, name: str) -> None:
         self._sceneries.pop(name).close()
         self.worlds.pop(name).close()
