@@ -14,6 +14,7 @@ from lerobot_robot_yam.viewer.live.watched_rigs import WatchedRigs
 from lerobot_robot_yam.viewer.live.workspace_shapes import add_workspace
 
 _GHOST_RAD = 0.005  # a set-point that is nearer than this is not drawn
+_EYE_M, _LOOKS_AT_M = (1.3, 1.5, 1.1), (-0.3, 0.0, 0.15)  # two followers and their leaders, from the front
 _NOBODY = "<p style='padding:0 0.8em;color:#888'>no arm runs on this computer</p>"
 
 
@@ -72,6 +73,7 @@ class Live:
         self._watched = WatchedArms()
         self._rigs = WatchedRigs(server)
         self._shown: dict[str, _Shown] = {}
+        server.initial_camera.position, server.initial_camera.look_at = _EYE_M, _LOOKS_AT_M
         self._grid = server.scene.add_grid("/floor", width=6.0, height=6.0, cell_size=0.1, section_size=0.5)
         self._banner = Banner(server)
         self._stop = StopButton(server.gui)
