@@ -94,7 +94,7 @@ def warnings(arm: WatchedArm) -> list[str]:
 
 def motor_names(arm: WatchedArm, state: ArmState) -> list[str]:
     """As the profiles call them; (n)."""
-    if arm.hardware is not None:
+    if arm.hardware is not None and arm.hardware.n == len(state.positions):
         return [motor.name for motor in arm.hardware.motors]
     joints, motors = len(state.q), len(state.positions)
     return [f"joint{number + 1}" for number in range(joints)] + ["gripper"] * (motors - joints)
@@ -105,7 +105,7 @@ def _table(arm: WatchedArm, state: ArmState) -> str:
     torques = [*state.tau_nm, *([] if state.gripper_tau_nm is None else [state.gripper_tau_nm])]
     rows = [_row("", ["q", "set-point", "Nm", "of", "mos °C", "coil °C"])]
     for index, name in enumerate(motor_names(arm, state)):
-        limit = math.inf if hardware is None else float(hardware.torque_limit_nm[index])
+        limit = math.inf if hardware is None or index >= hardware.n else float(hardware.torque_limit_nm[index])
         mos, coil = float(state.temp_mos_c[index]), float(state.temp_rotor_c[index])
         cells = [
             f"{state.positions[index]:.3f}",

@@ -12,11 +12,11 @@ import viser
 
 from lerobot_robot_yam.arm.model import VISUAL_GROUP, build_spec
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.viewer.live.posing import put
 from lerobot_robot_yam.viewer.live.shapes import meshes
 
 _GHOST = (70, 130, 255), 0.3
 _TOOL_AXES_M = 0.08
-_UNCHANGED = 2e-4  # m, and parts of a quaternion: below what can be seen, above the noise of an arm that stands
 
 
 class Figure:
@@ -73,10 +73,7 @@ class Figure:
             mujoco.mju_negQuat(back, data.xquat[carrier])
             mujoco.mju_rotVecQuat(position, data.xpos[body] - data.xpos[carrier], back)
             mujoco.mju_mulQuat(quat, back, data.xquat[body])
-            if np.abs(position - link.position).max() > _UNCHANGED:
-                link.position = position
-            if np.abs(quat - link.wxyz).max() > _UNCHANGED:
-                link.wxyz = quat
+            put(link, position, quat)
 
     @property
     def tool(self) -> tuple[np.ndarray, np.ndarray]:

@@ -105,14 +105,15 @@ class Live:
         arms, before = self.arms, list(self._shown)
         for key in [key for key, shown in self._shown.items() if shown.arm is not arms.get(key)]:
             self._shown.pop(key).close()
-        for key in arms.keys() - self._shown.keys():
+        for key in sorted(arms.keys() - self._shown.keys())[:1]:  # one a round: to draw it anew takes a moment
             self._shown[key] = _Shown(self._server, arms[key])
         moved = self._rigs.keep({arm.rig for arm in arms.values() if arm.rig})
         if not moved and before == list(self._shown):
             return
         self._nobody.visible = not arms
         for key, place in places(arms, self._rigs.worlds).items():
-            self._shown[key].stand(place)
+            if key in self._shown:
+                self._shown[key].stand(place)
         floors = [world.floor_z_m for world in self._rigs.worlds.values()]
         self._grid.position = (0.0, 0.0, min(floors, default=0.0))
 

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import viser
 
+from lerobot_robot_yam.viewer.live.posing import put
 from lerobot_robot_yam.viewer.live.rendered_pictures import RenderedPictures
 from lerobot_robot_yam.viewer.live.rig_world import RigWorld
 from lerobot_robot_yam.viewer.live.shapes import meshes
@@ -80,12 +81,12 @@ class RigScenery:
     def _draw(self) -> None:
         data = self._world.data
         for body, frame in self._things:
-            frame.position, frame.wxyz = data.xpos[body], data.xquat[body]
+            put(frame, data.xpos[body], data.xquat[body])
         for index, frustum in self._cameras:
             quat, seen = np.empty(4), np.empty(4)
             mujoco.mju_mat2Quat(quat, data.cam_xmat[index])
             mujoco.mju_mulQuat(seen, quat, _SEEN)
-            frustum.position, frustum.wxyz = data.cam_xpos[index], seen
+            put(frustum, data.cam_xpos[index], seen)
         points = [point for _, _, point in self._world.contacts()]
         if points:
             self._contacts.points = np.array(points, np.float16)

@@ -5,6 +5,7 @@ import contextlib
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.viewer.live.rig_world import RigWorld
 from tests.support.browser import browser_page, yam_view
 from tests.support.rigged import arm_on
 
@@ -36,6 +37,9 @@ def test_an_arm_is_shown_and_stopped_and_comes_back():
         with browser_page(url, errors) as page:
             shows(page, ARM)
             shows(page, "HOLD")
+            assert rig.stats()["clients"] == 2  # this test and the arm's loop: the page has asked the rig nothing
+            with contextlib.closing(RigWorld(rig.name)) as world:
+                assert world.read() and world.base(ARM) is not None
             banner = page.locator("#yam-banner")
             assert banner.is_hidden()
 
