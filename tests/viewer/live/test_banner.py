@@ -6,6 +6,9 @@ import pytest
 
 from lerobot_robot_yam.viewer.live.banner import Banner
 from lerobot_robot_yam.viewer.serving.page import Page
+from tests.support.browser import browser_page
+
+PATIENCE_MS = 20_000
 
 
 @pytest.fixture
@@ -39,3 +42,25 @@ def test_it_is_sent_again_only_as_a_sign_of_life(page):
     assert [id(script) for script in kept(page)] == sent
     banner.show(["text"], 2.1)
     assert id(kept(page)[0]) != first
+
+
+@pytest.mark.long
+def test_nothing_hides_it_and_a_page_that_hears_nothing_says_so(page):
+    """In a browser: over a panel that is shut, on top of everything, and by the browser's own clock."""
+    errors = []
+    Banner(page.server).show(["left: motor silent\nright: motor silent"], 1.0)
+    page.server.gui.add_button("a button")
+    page.server.gui.main_panel.minimize()
+    with browser_page(page.url, errors) as browser:
+        bar = browser.locator("#yam-banner")
+        bar.get_by_text("right: motor silent").wait_for(timeout=PATIENCE_MS)
+        browser.get_by_role("button", name="a button").wait_for(state="hidden", timeout=PATIENCE_MS)
+        box = bar.bounding_box()
+        assert (box["x"], box["y"], box["width"]) == (0, 0, 1280)
+        browser.wait_for_function("document.title.startsWith('(!)')", timeout=PATIENCE_MS)
+        bar.get_by_text("NO WORD FROM yam-view").wait_for(timeout=PATIENCE_MS)
+        assert "left: motor silent" in bar.inner_text()
+        Banner(page.server).show([], 2.0)
+        bar.wait_for(state="hidden", timeout=PATIENCE_MS)
+        assert browser.title() == "yam-view"
+    assert not errors
