@@ -50,7 +50,10 @@ class ArmPanel:
             self._plot.update(now_s)
 
     def close(self) -> None:
-        """Take it off the page."""
+        """Take it off the page; first what is in it, so that no update is on its way to something that is gone."""
+        if self._plot is not None:
+            self._plot.close()
+        self._text.remove()
         self._folder.remove()
 
 

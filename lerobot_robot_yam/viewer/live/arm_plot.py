@@ -65,6 +65,12 @@ class ArmPlot:
                 height=170,
             )
 
+    def close(self) -> None:
+        """Take it off the page."""
+        if self._plot is not None:
+            self._plot.remove()
+        self._folder.remove()
+
     def _columns(self, quantity: str, motor: int) -> list[int]:
         n = len(self._names)
         return {_POSITION: [motor, n + motor, 2 * n + motor], _TORQUE: [3 * n + motor], _PERIOD: [4 * n]}.get(

@@ -73,6 +73,7 @@ class Live:
         self._watched = WatchedArms()
         self._rigs = WatchedRigs(server)
         self._shown: dict[str, _Shown] = {}
+        server.scene.configure_default_lights(cast_shadow=False)  # a browser without a graphics card draws, too
         server.initial_camera.position, server.initial_camera.look_at = _EYE_M, _LOOKS_AT_M
         self._grid = server.scene.add_grid("/floor", width=6.0, height=6.0, cell_size=0.1, section_size=0.5)
         self._banner = Banner(server)

@@ -8,8 +8,6 @@ from lerobot_robot_yam.viewer.live.banner import Banner
 from lerobot_robot_yam.viewer.serving.page import Page
 from tests.support.browser import browser_page
 
-PATIENCE_MS = 20_000
-
 
 @pytest.fixture
 def page():
@@ -53,14 +51,14 @@ def test_nothing_hides_it_and_a_page_that_hears_nothing_says_so(page):
     page.server.gui.main_panel.minimize()
     with browser_page(page.url, errors) as browser:
         bar = browser.locator("#yam-banner")
-        bar.get_by_text("right: motor silent").wait_for(timeout=PATIENCE_MS)
-        browser.get_by_role("button", name="a button").wait_for(state="hidden", timeout=PATIENCE_MS)
+        bar.get_by_text("right: motor silent").wait_for()
+        browser.get_by_role("button", name="a button").wait_for(state="hidden")
         box = bar.bounding_box()
         assert (box["x"], box["y"], box["width"]) == (0, 0, 1280)
-        browser.wait_for_function("document.title.startsWith('(!)')", timeout=PATIENCE_MS)
-        bar.get_by_text("NO WORD FROM yam-view").wait_for(timeout=PATIENCE_MS)
+        browser.wait_for_function("document.title.startsWith('(!)')")
+        bar.get_by_text("NO WORD FROM yam-view").wait_for()
         assert "left: motor silent" in bar.inner_text()
         Banner(page.server).show([], 2.0)
-        bar.wait_for(state="hidden", timeout=PATIENCE_MS)
+        bar.wait_for(state="hidden")
         assert browser.title() == "yam-view"
     assert not errors

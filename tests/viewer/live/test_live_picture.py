@@ -52,7 +52,7 @@ def test_the_page_as_docs_show_it(tmp_path):
     path = Path(os.environ.get("YAM_DOCS_PICTURE", tmp_path / "view_live.png")).absolute()
     with at_work() as (rig, followers), yam_view() as url, browser_page(url, errors, *SIZE) as page:
         for name in (*FOLLOWERS, *LEADERS):
-            page.get_by_text(name).first.wait_for(timeout=30_000)
+            page.get_by_text(name).first.wait_for()
         track(followers, POSES, 6.0, gripper=0.8)
         track(followers, {name: np.array(pose) + 0.25 for name, pose in POSES.items()}, 1.0, gripper=0.2)
         page.screenshot(path=path)
