@@ -13,6 +13,8 @@ from playwright.sync_api import Page, sync_playwright
 CHROMIUM = Path("/usr/bin/chromium")  # Debian's
 _OPTIONS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--disable-dev-shm-usage"]
 
+_PATIENCE_MS = 60_000  # of a browser that draws without a graphics card on a busy machine
+
 
 @contextlib.contextmanager
 def yam_view(*arguments: str) -> Iterator[str]:
@@ -41,6 +43,7 @@ def browser_page(url: str, errors: list[str], width: int = 1280, height: int = 9
             page = browser.new_page(viewport={"width": width, "height": height})
             page.on("console", lambda said: errors.append(said.text) if said.type == "error" else None)
             page.on("pageerror", lambda error: errors.append(str(error)))
+            page.set_default_timeout(_PATIENCE_MS)
             page.goto(url)
             yield page
         finally:

@@ -23,8 +23,8 @@ import numpy as np
 
 logger = logging.getLogger(__name__)
 
-_MOS_TRIP_C = 120.0  # see above
-_COIL_TRIP_C = 100.0
+MOS_TRIP_C = 120.0  # see above
+COIL_TRIP_C = 100.0
 _OT_RANGE_C = (80.0, 200.0)  # OT_VALUE can be set to these; any other value was never written
 WARM_C = 15.0  # below the trip
 HOT_C = 5.0
@@ -69,7 +69,7 @@ def trips_c(ot_value_c: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
     found = np.asarray(ot_value_c, dtype=float)
     low, high = _OT_RANGE_C
     set_to = np.where((found >= low) & (found < high), found, low)
-    return np.minimum(set_to, _MOS_TRIP_C), np.minimum(set_to, _COIL_TRIP_C)
+    return np.minimum(set_to, MOS_TRIP_C), np.minimum(set_to, COIL_TRIP_C)
 
 
 class ThermalMonitor:

@@ -38,7 +38,7 @@ _DETACH = "import os, sys\nif os.fork(): os._exit(0)\nos.setsid()\nos.execv(sys.
 
 
 def rig_path(name: str, suffix: str) -> Path:
-    """Path of a rig's file: "sock", "lock", "world", "links", "log" (while it runs) or "crash" (its last log)."""
+    """Path of a rig's file: "sock", "lock", "scene", "world", "links", "log" (while it runs); "crash" (last log)."""
     return runtime_dir() / f"rig-{slug(name)}.{suffix}"
 
 

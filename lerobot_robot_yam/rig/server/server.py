@@ -29,7 +29,7 @@ import mujoco
 from lerobot_robot_yam.errors import BusError, ConfigError, RigError, YamError
 from lerobot_robot_yam.rig.bus.channel import Channel
 from lerobot_robot_yam.rig.bus.link_state import LinkState, LinkTable
-from lerobot_robot_yam.rig.client import launch
+from lerobot_robot_yam.rig.client import launch, told_scene
 from lerobot_robot_yam.rig.scene.scene import load_scene
 from lerobot_robot_yam.rig.server.child_processes import CameraService, OperatorService
 from lerobot_robot_yam.rig.server.lifetime import Lifetime
@@ -115,6 +115,7 @@ class RigServer:
     def close(self) -> None:
         """Remove the rig's files, drop the clients, end the children; after a crash a successor may start during it."""
         self._path.unlink(missing_ok=True)
+        told_scene.scene_path(self.name).unlink(missing_ok=True)
         self._links.close()
         launch.rig_path(self.name, "log").unlink(missing_ok=True)
         self._listener.close()
@@ -293,6 +294,7 @@ def main() -> None:
             folder = user_path(device.scene.options.event_dir)
             device.events.keep(folder / launch.rig_path(args.name, "events.jsonl").name)
         server = RigServer(args.name, device, launch.scene_arguments(args.scene, options), args.owner)
+        told_scene.tell_scene(args.name, args.scene, options)
     except Exception as error:
         known = error if isinstance(error, YamError) else RigError(f"rig {args.name} crashed at its start: {error!r}")
         _report(args.ready_fd, launch.error_reply(known))

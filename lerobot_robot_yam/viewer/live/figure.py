@@ -1,17 +1,20 @@
-"""One arm in the scene: its profiles' shapes, posed by its joints."""
+"""One arm in the scene: its profiles' shapes, posed by its joints.
+
+Each link is a frame below the one that carries it: a joint that turns is one message to the browsers, and a joint that
+stands is none.
+"""
 
 from collections.abc import Sequence
-from typing import Any
 
 import mujoco
 import numpy as np
-import trimesh
 import viser
 
 from lerobot_robot_yam.arm.model import VISUAL_GROUP, build_spec
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.viewer.live.posing import put
+from lerobot_robot_yam.viewer.live.shapes import meshes
 
-_SECTIONS = 24  # of a circle
 _GHOST = (70, 130, 255), 0.3
 _TOOL_AXES_M = 0.08
 
@@ -33,18 +36,23 @@ class Figure:
         self._travel = hardware.gripper.finger_range_m
         self._base = scene.add_frame(root, show_axes=False)
         self._links: list[tuple[int, viser.FrameHandle]] = []
+        names = [root]
         for body in range(1, model.nbody):
-            meshes = _meshes(model, body)
-            if not meshes:
-                continue
-            name = f"{root}/{model.body(body).name}"
+            name = f"{names[model.body_parentid[body]]}/{model.body(body).name}"
+            names.append(name)
             self._links.append((body, scene.add_frame(name, show_axes=False)))
-            for index, (mesh, colour) in enumerate(meshes):
+            for index, (mesh, colour) in enumerate(meshes(model, body, (VISUAL_GROUP,))):
                 shade, opacity = _GHOST if ghost else (colour, None)
                 scene.add_mesh_simple(f"{name}/{index}", mesh.vertices, mesh.faces, color=shade, opacity=opacity)
-        self._tool = None
         if not ghost:
-            self._tool = scene.add_frame(f"{root}/tcp", axes_length=_TOOL_AXES_M, axes_radius=_TOOL_AXES_M / 25)
+            site = model.site("tcp_site")
+            scene.add_frame(
+                f"{names[int(site.bodyid[0])]}/tcp",
+                axes_length=_TOOL_AXES_M,
+                axes_radius=_TOOL_AXES_M / 25,
+                position=site.pos,
+                wxyz=site.quat,
+            )
         self.pose(np.zeros(self._joints))
 
     def stand(self, position_m: Sequence[float] | np.ndarray, quat_wxyz: Sequence[float] | np.ndarray) -> None:
@@ -59,10 +67,13 @@ class Figure:
             closed, opened = self._travel
             data.qpos[self._joints :] = closed + np.clip(np.nan_to_num(gripper or 0.0), 0.0, 1.0) * (opened - closed)
         mujoco.mj_kinematics(self._model, data)
+        position, quat, back = np.empty(3), np.empty(4), np.empty(4)
         for body, link in self._links:
-            link.position, link.wxyz = data.xpos[body], data.xquat[body]
-        if self._tool is not None:
-            self._tool.position, self._tool.wxyz = self.tool
+            carrier = self._model.body_parentid[body]
+            mujoco.mju_negQuat(back, data.xquat[carrier])
+            mujoco.mju_rotVecQuat(position, data.xpos[body] - data.xpos[carrier], back)
+            mujoco.mju_mulQuat(quat, back, data.xquat[body])
+            put(link, position, quat)
 
     @property
     def tool(self) -> tuple[np.ndarray, np.ndarray]:
@@ -84,33 +95,3 @@ class Figure:
     def remove(self) -> None:
         """Take it out of the scene, with everything below its base."""
         self._base.remove()
-
-
-def _meshes(model: mujoco.MjModel, body: int) -> list[tuple[Any, tuple[int, int, int]]]:
-    """The shapes of a body, one mesh per colour, in its frame."""
-    by_colour: dict[tuple[int, int, int], list[Any]] = {}
-    for geom in range(model.ngeom):
-        if model.geom_bodyid[geom] == body and model.geom_group[geom] == VISUAL_GROUP:
-            red, green, blue = (round(255 * float(share)) for share in model.geom_rgba[geom][:3])
-            by_colour.setdefault((red, green, blue), []).append(_mesh(model, geom))
-    return [(trimesh.util.concatenate(parts), colour) for colour, parts in by_colour.items()]
-
-
-def _mesh(model: mujoco.MjModel, geom: int) -> Any:
-    """One shape in the frame of its body. trimesh's capsule begins at its lower centre; MuJoCo's is in the middle."""
-    kind, size = mujoco.mjtGeom(model.geom_type[geom]), model.geom_size[geom]
-    if kind == mujoco.mjtGeom.mjGEOM_BOX:
-        mesh = trimesh.creation.box(2.0 * size)
-    elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-        mesh = trimesh.creation.cylinder(size[0], 2.0 * size[1], sections=_SECTIONS)
-    elif kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
-        mesh = trimesh.creation.capsule(2.0 * size[1], size[0], count=[_SECTIONS, _SECTIONS])
-        mesh.apply_translation(-mesh.bounds.mean(axis=0))
-    else:
-        mesh = trimesh.creation.icosphere(subdivisions=2)
-        mesh.apply_scale(size)
-    place, turn = np.eye(4), np.empty(9)
-    mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
-    place[:3, :3], place[:3, 3] = turn.reshape(3, 3), model.geom_pos[geom]
-    mesh.apply_transform(place)
-    return mesh

@@ -3,16 +3,19 @@
 import numpy as np
 import viser
 
-from lerobot_robot_yam.arm.model import base_quat
-from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.viewer.live.arm_panel import ArmPanel, warnings
+from lerobot_robot_yam.viewer.live.banner import Banner
+from lerobot_robot_yam.viewer.live.camera_panel import CameraPanel
 from lerobot_robot_yam.viewer.live.figure import Figure
+from lerobot_robot_yam.viewer.live.placement import Place, places
+from lerobot_robot_yam.viewer.live.stop_button import StopButton
 from lerobot_robot_yam.viewer.live.watched_arms import WatchedArm, WatchedArms
+from lerobot_robot_yam.viewer.live.watched_rigs import WatchedRigs
+from lerobot_robot_yam.viewer.live.workspace_shapes import add_workspace
 
-_DRAWN_S = 0.05
-_APART_M = 0.6  # of arms whose configs do not say where they stand
 _GHOST_RAD = 0.005  # a set-point that is nearer than this is not drawn
+_EYE_M, _LOOKS_AT_M = (1.3, 1.5, 1.1), (-0.3, 0.0, 0.15)  # two followers and their leaders, from the front
+_NOBODY = "<p style='padding:0 0.8em;color:#888'>no arm runs on this computer</p>"
 
 
 class _Shown:
@@ -21,21 +24,22 @@ class _Shown:
     def __init__(self, server: viser.ViserServer, arm: WatchedArm):
         self.arm = arm
         self.panel = ArmPanel(server.gui, arm)
+        self.place: Place | None = None  # of its base, once it is drawn
         self._figure = self._ghost = None
         self._drawn: tuple[float, ...] = ()
-        self.place: tuple[np.ndarray, np.ndarray] | None = None
         if arm.hardware is not None:
-            self._figure = Figure(server.scene, f"/arms/{arm.key}", arm.hardware)
+            root = f"/arms/{arm.key}"
+            self._figure = Figure(server.scene, root, arm.hardware)
             self._ghost = Figure(server.scene, f"/setpoints/{arm.key}", arm.hardware, ghost=True)
             self._ghost.visible = False
+            add_workspace(server.scene, root, arm.hardware)
 
-    def stand(self, place: int) -> None:
-        """Put it where its config says, else beside the others."""
-        if self._figure is None or self._ghost is None or self.arm.hardware is None:
-            return
-        self.place = position, quat = base_of(self.arm.hardware, place)
-        self._figure.stand(position, quat)
-        self._ghost.stand(position, quat)
+    def stand(self, place: Place) -> None:
+        """Put its base there."""
+        self.place = place
+        for figure in (self._figure, self._ghost):
+            if figure is not None:
+                figure.stand(*place)
 
     def draw(self) -> None:
         """Pose it as it was measured last."""
@@ -69,21 +73,22 @@ class Live:
     def __init__(self, server: viser.ViserServer):
         self._server = server
         self._watched = WatchedArms()
+        self._rigs = WatchedRigs(server)
         self._shown: dict[str, _Shown] = {}
-        self._stop = EmergencyStop()
-        server.scene.add_grid("/floor", width=3.0, height=3.0, cell_size=0.1, section_size=0.5)
-        self._banner = server.gui.add_html("")
-        self._button = server.gui.add_button("EMERGENCY STOP", color="red", icon=viser.Icon.HAND_STOP)
-        self._release = server.gui.add_button("release the emergency stop …", visible=False)
-        self._button.on_click(lambda _: self._stop.latch("yam-view"))
-        self._release.on_click(self._ask_release)
+        server.scene.configure_default_lights(cast_shadow=False)  # a browser without a graphics card draws, too
+        server.initial_camera.position, server.initial_camera.look_at = _EYE_M, _LOOKS_AT_M
+        self._grid = server.scene.add_grid("/floor", width=6.0, height=6.0, cell_size=0.1, section_size=0.5)
+        self._banner = Banner(server)
+        self._stop = StopButton(server.gui)
+        self._nobody = server.gui.add_html(_NOBODY)
+        self._cameras = CameraPanel(server.gui)
 
     @property
     def arms(self) -> dict[str, WatchedArm]:
         """The arms that run, by key."""
         return self._watched.arms
 
-    def place_of(self, key: str) -> tuple[np.ndarray, np.ndarray] | None:
+    def place_of(self, key: str) -> Place | None:
         """Where the base of the arm with this key is drawn: position (3,) m, w x y z (4,); None: it is not."""
         shown = self._shown.get(key)
         return None if shown is None else shown.place
@@ -91,57 +96,36 @@ class Live:
     def update(self, now_s: float) -> None:
         """Read, and draw what has changed."""
         self._watched.update(now_s)
-        arms = self._watched.arms
-        for key in [key for key, shown in self._shown.items() if shown.arm is not arms.get(key)]:
-            self._shown.pop(key).close()
-        for key, arm in arms.items():
-            if key not in self._shown:
-                self._shown[key] = _Shown(self._server, arm)
-                for place, name in enumerate(sorted(self._shown)):
-                    self._shown[name].stand(place)
+        self._keep()
+        looked_at = bool(self._server.get_clients())
+        self._rigs.update(now_s, looked_at)
         for shown in self._shown.values():
             shown.draw()
-            shown.panel.update(now_s)
-        self._warn()
+            shown.panel.update(now_s, looked_at)
+        if looked_at:
+            self._cameras.update(now_s, self._rigs)
+        lines = self._stop.update() + self._watched.lost(now_s)
+        lines += [f"{arm.name}: {line}" for arm in self.arms.values() for line in warnings(arm)]
+        self._banner.show(lines, now_s)
 
-    def _warn(self) -> None:
-        latched = self._stop.latched
-        lines = [f"EMERGENCY STOP: {self._stop.reason()}"] if latched else []
-        lines += [f"{arm.name}: {line}" for arm in self._watched.arms.values() for line in warnings(arm)]
-        text = "<br>".join(lines) or ("no arm runs on this computer" if not self._watched.arms else "")
-        colour = "#c00" if lines else "#888"
-        content = (
-            f"<div style='background:{colour};color:#fff;padding:0.6em;font-weight:bold'>{text}</div>" if text else ""
-        )
-        if self._banner.content != content:
-            self._banner.content = content
-        if self._release.visible != latched:
-            self._release.visible = latched
-
-    def _ask_release(self, event: viser.GuiEvent) -> None:
-        if event.client is None:
+    def _keep(self) -> None:
+        """Have a drawing of each arm that runs, at its place, and of its rig."""
+        arms, before = self.arms, list(self._shown)
+        for key in [key for key, shown in self._shown.items() if shown.arm is not arms.get(key)]:
+            self._shown.pop(key).close()
+        for key in sorted(arms.keys() - self._shown.keys())[:1]:  # one a round: to draw it anew takes a moment
+            self._shown[key] = _Shown(self._server, arms[key])
+        moved = self._rigs.keep({arm.rig for arm in arms.values() if arm.rig})
+        if not moved and before == list(self._shown):
             return
-        with event.client.gui.add_modal("Release the emergency stop?") as question:
-            event.client.gui.add_markdown("Arms go on from where they are, with their next target. Look at them first.")
-            yes = event.client.gui.add_button("release", color="red")
-            no = event.client.gui.add_button("keep it")
-
-        def release(_: viser.GuiEvent) -> None:
-            self._stop.release()
-            question.close()
-
-        yes.on_click(release)
-        no.on_click(lambda _: question.close())
+        self._nobody.visible = not arms
+        for key, place in places(arms, self._rigs.worlds).items():
+            if key in self._shown:
+                self._shown[key].stand(place)
+        floors = [world.floor_z_m for world in self._rigs.worlds.values()]
+        self._grid.position = (0.0, 0.0, min(floors, default=0.0))
 
     def close(self) -> None:
         """Let go of the sessions. Idempotent."""
+        self._rigs.close()
         self._watched.close()
-
-
-def base_of(hardware: ResolvedArm, place: int) -> tuple[np.ndarray, np.ndarray]:
-    """Where an arm stands in the scene: as its workspace says, else in a row. Position (3,) m, w x y z (4,)."""
-    workspace = hardware.config.workspace
-    position = np.array(workspace.base_position_m, dtype=float)
-    if not position.any():
-        position[1] = -_APART_M * place
-    return position, base_quat(workspace.base_yaw_rad, hardware.tilt_rad)

@@ -6,19 +6,20 @@ import logging
 from pathlib import Path
 from typing import Any
 
-from lerobot_robot_yam.arm.config import ArmConfig, LeadArmConfig
+from lerobot_robot_yam.arm.config import VIRTUAL, ArmConfig, LeadArmConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import StaleStateError, YamError
 from lerobot_robot_yam.state.about import read_about
-from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.modes import ENERGISED, Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState
-from lerobot_robot_yam.system.runtime_files import STATE, runtime_dir, sessions
+from lerobot_robot_yam.system.runtime_files import STATE, runtime_dir, sessions, slug
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
 logger = logging.getLogger(__name__)
 
 _LOOK_S = 0.5
 _AGE_S = 0.25  # of an arm that does not say how old its state may be
+_LOST_S = 60.0  # for so long it is said that an arm was left energised
 _FIELDS = {field.name for field in dataclasses.fields(LeadArmConfig)}
 
 
@@ -44,6 +45,13 @@ class WatchedArm:
     def name(self) -> str:
         """What messages call it, with its channel."""
         return self.key if self.hardware is None else f"{self.hardware.name} ({self.key})"
+
+    @property
+    def rig(self) -> str | None:
+        """Name of its virtual rig, as in the names of its files; None of a real arm."""
+        if self.hardware is None or self.hardware.config.interface != VIRTUAL:
+            return None
+        return self.key.removesuffix(f".{slug(self.hardware.config.channel)}")
 
     @property
     def current(self) -> bool:
@@ -74,27 +82,37 @@ class WatchedArms:
 
     def __init__(self) -> None:
         self.arms: dict[str, WatchedArm] = {}
+        self._lost: dict[str, tuple[str, float]] = {}
         self._looked_s = -_LOOK_S
 
     def update(self, now_s: float) -> None:
         """Look for sessions that have begun or ended, now and then, and read every state."""
         if now_s - self._looked_s >= _LOOK_S:
             self._looked_s = now_s
-            self._look()
+            self._look(now_s)
         for arm in self.arms.values():
             arm.read(now_s)
 
-    def _look(self) -> None:
+    def lost(self, now_s: float) -> list[str]:
+        """Arms whose session has ended while they were energised, for a minute, unless another session has them."""
+        return [line for line, since_s in self._lost.values() if now_s - since_s < _LOST_S]
+
+    def _look(self, now_s: float) -> None:
         directory = runtime_dir()
         running = sessions(directory)
         for key, arm in list(self.arms.items()):
             if running.get(key) != arm.process or not arm.current:
+                arm.read(now_s)
+                if arm.state is not None and arm.state.mode in ENERGISED:
+                    text = f"{arm.name}: its session has ended in {arm.state.mode.name}, without landing"
+                    self._lost[key] = f"{text}: look at the arm", now_s
                 arm.close()
                 del self.arms[key]
         for key, process in running.items():
             if key not in self.arms:
                 with contextlib.suppress(FileNotFoundError, StaleStateError):  # it begins or ends just now
                     self.arms[key] = WatchedArm(directory, key, process)
+                    self._lost.pop(key, None)
 
     def close(self) -> None:
         """Let go of all. Idempotent."""

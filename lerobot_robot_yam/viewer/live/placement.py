@@ -1,0 +1,45 @@
+"""Where each arm stands in the scene: as its rig has it, else as its workspace says; never in one another."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from lerobot_robot_yam.arm.model import base_quat
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.viewer.live.rig_world import RigWorld
+from lerobot_robot_yam.viewer.live.watched_arms import WatchedArm
+
+Place = tuple[np.ndarray, np.ndarray]
+"""Position (3,) m and orientation w x y z (4,) of a base."""
+APART_M = 0.6  # of arms that do not say where they stand: by default all at the origin
+RIGS_APART_M = 3.0
+_SAME_M = 0.1
+
+
+def places(arms: Mapping[str, WatchedArm], rigs: Mapping[str, RigWorld]) -> dict[str, Place]:
+    """Of the base of each arm with a shape, by its key. Virtual rigs stand beside each other."""
+    found: dict[str, Place] = {}
+    for key, arm in sorted(arms.items()):
+        if arm.hardware is None:
+            continue
+        rig = rigs.get(arm.rig or "")
+        base = None if rig is None else rig.base(arm.hardware.config.channel)
+        if rig is not None and base is not None:
+            found[key] = base[0] + origin_of(list(rigs).index(rig.name)), base[1]
+            continue
+        position, quat = base_of(arm.hardware)
+        while any(np.linalg.norm(position - other) < _SAME_M for other, _ in found.values()):
+            position[1] -= APART_M
+        found[key] = position, quat
+    return found
+
+
+def origin_of(number: int) -> np.ndarray:
+    """Where the world of the rig with that number, from 0, has its origin, (3,) m."""
+    return np.array([0.0, -RIGS_APART_M * number, 0.0])
+
+
+def base_of(hardware: ResolvedArm) -> Place:
+    """Of an arm, as its workspace says."""
+    workspace = hardware.config.workspace
+    return np.array(workspace.base_position_m, dtype=float), base_quat(workspace.base_yaw_rad, hardware.tilt_rad)
