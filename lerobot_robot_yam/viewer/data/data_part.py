@@ -16,7 +16,6 @@ from lerobot_robot_yam.face.datasets.check.flags import Flag
 from lerobot_robot_yam.face.datasets.check.opened_dataset import open_dataset
 from lerobot_robot_yam.face.recorder import outcomes
 from lerobot_robot_yam.viewer.data.background_check import BackgroundCheck
-from lerobot_robot_yam.viewer.data.driver import Driver
 from lerobot_robot_yam.viewer.data.episode_list import EpisodeList, describe
 from lerobot_robot_yam.viewer.data.episode_plot import EpisodePlot
 from lerobot_robot_yam.viewer.data.picture_reader import PictureReader
@@ -24,6 +23,7 @@ from lerobot_robot_yam.viewer.data.playhead import Playhead
 from lerobot_robot_yam.viewer.data.recorded_arms import ARM, GRIPPER, recorded_arms
 from lerobot_robot_yam.viewer.data.recorded_figures import RecordedFigures
 from lerobot_robot_yam.viewer.data.replay_desk import ReplayDesk
+from lerobot_robot_yam.viewer.data.replay_driver import Driver
 from lerobot_robot_yam.viewer.data.scene_match import SceneMatch
 from lerobot_robot_yam.viewer.serving.handles import put
 

@@ -7,8 +7,8 @@ import viser
 
 from lerobot_robot_yam.face.datasets.check.opened_dataset import ACTION, STATE, RecordedEpisode
 from lerobot_robot_yam.viewer.data.recorded_arms import RecordedArm
-from lerobot_robot_yam.viewer.live.figure import Figure
-from lerobot_robot_yam.viewer.live.live import base_of
+from lerobot_robot_yam.viewer.drawing.figure import Figure
+from lerobot_robot_yam.viewer.live.placement import row_of
 
 
 class RecordedFigures:
@@ -24,8 +24,8 @@ class RecordedFigures:
     def __init__(self, scene: viser.SceneApi, root: str, arms: Sequence[RecordedArm], ghost: bool = False):
         self._arms = arms
         self._figures = [Figure(scene, f"{root}/{arm.prefix or 'arm'}", arm.hardware, ghost) for arm in arms]
-        for place, (arm, figure) in enumerate(zip(arms, self._figures, strict=True)):
-            figure.stand(*base_of(arm.hardware, place))
+        for figure, place in zip(self._figures, row_of(arm.hardware for arm in arms), strict=True):
+            figure.stand(*place)
         self._ways: list[np.ndarray | None] = [None] * len(arms)
 
     def open(self, episode: RecordedEpisode) -> None:

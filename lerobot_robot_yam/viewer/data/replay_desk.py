@@ -9,8 +9,8 @@ from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.face.datasets.check.flags import Flag
 from lerobot_robot_yam.face.datasets.check.opened_dataset import RecordedEpisode
 from lerobot_robot_yam.session.trajectory import Trajectory
-from lerobot_robot_yam.viewer.data.driver import Driver
 from lerobot_robot_yam.viewer.data.recorded_arms import RecordedArm
+from lerobot_robot_yam.viewer.data.replay_driver import Driver
 from lerobot_robot_yam.viewer.serving.handles import put
 
 LEAST_SPEED, MOST_SPEED = 0.1, 2.0

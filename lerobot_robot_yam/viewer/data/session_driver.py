@@ -15,7 +15,7 @@ from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
 from lerobot_robot_yam.session.playback import Playback, replay
 from lerobot_robot_yam.session.trajectory import Trajectory, columns_of
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.viewer.data.driver import ReplayState
+from lerobot_robot_yam.viewer.data.replay_driver import ReplayState
 
 logger = logging.getLogger(__name__)
 

@@ -8,7 +8,7 @@ import numpy as np
 from lerobot_robot_yam.arm.model import build_spec
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.rig.world.scenery import add_scenery
-from lerobot_robot_yam.viewer.live.live import base_of
+from lerobot_robot_yam.viewer.live.placement import row_of
 
 _GRIP_M = 0.025  # half the edge of the box that is dragged
 _GRIP_RGBA = (0.95, 0.5, 0.1, 0.5)
@@ -33,8 +33,7 @@ class DesktopScene:
         add_scenery(spec)
         self._arms = dict(sorted(arms.items()))
         self._bases: dict[str, np.ndarray] = {}
-        for place, (key, hardware) in enumerate(self._arms.items()):
-            position, quat = base_of(hardware, place)
+        for (key, hardware), (position, quat) in zip(self._arms.items(), row_of(self._arms.values()), strict=True):
             self._bases[key] = _pose(position, quat)
             frame = spec.worldbody.add_frame(pos=position, quat=quat)
             spec.attach(build_spec(hardware.arm, hardware.gripper), prefix=f"{key}/", frame=frame)

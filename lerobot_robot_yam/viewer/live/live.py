@@ -3,15 +3,15 @@
 import numpy as np
 import viser
 
+from lerobot_robot_yam.viewer.drawing.figure import Figure
+from lerobot_robot_yam.viewer.drawing.workspace_shapes import add_workspace
 from lerobot_robot_yam.viewer.live.arm_panel import ArmPanel, warnings
 from lerobot_robot_yam.viewer.live.banner import Banner
 from lerobot_robot_yam.viewer.live.camera_panel import CameraPanel
-from lerobot_robot_yam.viewer.live.figure import Figure
 from lerobot_robot_yam.viewer.live.placement import Place, places
 from lerobot_robot_yam.viewer.live.stop_button import StopButton
 from lerobot_robot_yam.viewer.live.watched_arms import WatchedArm, WatchedArms
 from lerobot_robot_yam.viewer.live.watched_rigs import WatchedRigs
-from lerobot_robot_yam.viewer.live.workspace_shapes import add_workspace
 
 _GHOST_RAD = 0.005  # a set-point that is nearer than this is not drawn
 _EYE_M, _LOOKS_AT_M = (1.3, 1.5, 1.1), (-0.3, 0.0, 0.15)  # two followers and their leaders, from the front

@@ -1,6 +1,6 @@
 """Where each arm stands in the scene: as its rig has it, else as its workspace says; never in one another."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -27,11 +27,25 @@ def places(arms: Mapping[str, WatchedArm], rigs: Mapping[str, RigWorld]) -> dict
         if rig is not None and base is not None:
             found[key] = base[0] + origin_of(list(rigs).index(rig.name)), base[1]
             continue
-        position, quat = base_of(arm.hardware)
-        while any(np.linalg.norm(position - other) < _SAME_M for other, _ in found.values()):
-            position[1] -= APART_M
-        found[key] = position, quat
+        found[key] = clear_of(found.values(), base_of(arm.hardware))
     return found
+
+
+def row_of(arms: Iterable[ResolvedArm]) -> list[Place]:
+    """Of arms that are on no rig, as `places`."""
+    found: list[Place] = []
+    for hardware in arms:
+        found.append(clear_of(found, base_of(hardware)))
+    return found
+
+
+def clear_of(taken: Iterable[Place], place: Place) -> Place:
+    """The place, or the next one beside it where no other arm stands."""
+    position, quat = place[0].copy(), place[1]
+    others = [other for other, _ in taken]
+    while any(np.linalg.norm(position - other) < _SAME_M for other in others):
+        position[1] -= APART_M
+    return position, quat
 
 
 def origin_of(number: int) -> np.ndarray:

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 import viser
 
 from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.viewer.drawing.rig_scenery import RigScenery
 from lerobot_robot_yam.viewer.live.placement import origin_of
-from lerobot_robot_yam.viewer.live.rig_scenery import RigScenery
 from lerobot_robot_yam.viewer.live.rig_world import RigWorld
 
 logger = logging.getLogger(__name__)

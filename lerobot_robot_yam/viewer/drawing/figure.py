@@ -12,8 +12,8 @@ import viser
 
 from lerobot_robot_yam.arm.model import VISUAL_GROUP, build_spec
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.viewer.live.posing import put
-from lerobot_robot_yam.viewer.live.shapes import meshes
+from lerobot_robot_yam.viewer.drawing.posing import put
+from lerobot_robot_yam.viewer.drawing.shapes import meshes
 
 _GHOST = (70, 130, 255), 0.3
 _TOOL_AXES_M = 0.08

@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 import viser
 
-from lerobot_robot_yam.viewer.live.posing import put
+from lerobot_robot_yam.viewer.drawing.posing import put
+from lerobot_robot_yam.viewer.drawing.shapes import meshes
 from lerobot_robot_yam.viewer.live.rendered_pictures import RenderedPictures
 from lerobot_robot_yam.viewer.live.rig_world import RigWorld
-from lerobot_robot_yam.viewer.live.shapes import meshes
 
 _GROUPS = (0, 2)  # shapes that cameras see
 _LOOK_S = 1.0
