@@ -149,8 +149,10 @@ class Line:
 
 @contextlib.contextmanager
 def stopped_in_the_end():
-    yield
-    EmergencyStop().release()
+    try:
+        yield
+    finally:
+        EmergencyStop().release()
 
 
 def noted(controls):
