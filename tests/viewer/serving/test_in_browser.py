@@ -7,6 +7,7 @@ import threading
 import time
 
 import pytest
+import viser
 
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.viewer.live.live import Live
@@ -18,7 +19,7 @@ pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 _PATIENCE_MS = 120_000  # a page is drawn without a graphics card
 
 ELSEWHERE = """<title>loading</title><iframe id=frame src="{url}"></iframe><script>
-const line = new WebSocket("{url}".replace("http", "ws"), ["viser-v1.1.1"])
+const line = new WebSocket("{url}".replace("http", "ws"), ["viser-v{version}"])
 line.onopen = () => document.title = "in"
 line.onerror = () => document.title = "refused"
 </script>"""
@@ -84,7 +85,7 @@ def test_pages_of_elsewhere_get_nothing():
         here = tab.url
         tab.close()
         assert "token" not in here and len(person.cookies()) == 1
-        with page_of_elsewhere(ELSEWHERE.replace("{url}", here)) as elsewhere:
+        with page_of_elsewhere(ELSEWHERE.replace("{url}", here).replace("{version}", viser.__version__)) as elsewhere:
             other = person.new_page()
             other.goto(elsewhere)
             other.wait_for_function("document.title != 'loading'")

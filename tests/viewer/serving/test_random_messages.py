@@ -21,7 +21,7 @@ from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.viewer.live.live import Live
 from lerobot_robot_yam.viewer.serving.incoming import MalformedError, passes
 from lerobot_robot_yam.viewer.serving.page import Page
-from tests.support.rigged import LIVE, rig_of, session_on, sim_config
+from tests.support.rigged import rig_of, session_on, sim_config
 from tests.viewer.serving.test_guarded_server import browser
 from tests.viewer.serving.test_incoming import CAMERA, Controls
 
@@ -149,8 +149,10 @@ class Line:
 
 @contextlib.contextmanager
 def stopped_in_the_end():
-    yield
-    EmergencyStop().release()
+    try:
+        yield
+    finally:
+        EmergencyStop().release()
 
 
 def noted(controls):
@@ -176,7 +178,6 @@ def in_range(name, value):
     [
         ("lockstep", 400),
         pytest.param("lockstep", 10_000, marks=pytest.mark.long),
-        pytest.param("live", 2_000, marks=LIVE.marks),
     ],
 )
 def test_random_messages(kind, count, capfd):
