@@ -7,7 +7,6 @@ import sys
 import pytest
 
 from lerobot_robot_yam.commands.lib.desktop_command import driven
-from lerobot_robot_yam.commands.view import main
 from lerobot_robot_yam.errors import ConfigError
 from tests.support.paths import ROOT
 
@@ -51,8 +50,3 @@ def test_followers_of_a_run_config_are_driven_and_nothing_else(tmp_path):
     alone.write_text("teleop: {type: yam_leader, channel: can_leader_l, id: left}\n")
     with pytest.raises(ConfigError, match="no follower"):
         driven(argparse.Namespace(config_path=alone, rig=None))
-
-
-def test_the_page_drives_no_arm(capsys):
-    assert main(["--channel", "can_follower_l"]) == main(["--config_path", "configs/real/record.yaml"]) == 1
-    assert capsys.readouterr().err.count("need --desktop") == 2

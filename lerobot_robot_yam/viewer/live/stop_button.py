@@ -14,9 +14,9 @@ class StopButton:
 
     def __init__(self, gui: viser.GuiApi):
         self._stop = EmergencyStop()
-        button = gui.add_button("EMERGENCY STOP", color="red", icon=viser.Icon.HAND_STOP)
+        self._button = gui.add_button("EMERGENCY STOP", color="red", icon=viser.Icon.HAND_STOP)
         self._release = gui.add_button("release the emergency stop …", visible=False)
-        button.on_click(lambda _: self._stop.latch("yam-view"))
+        self._button.on_click(lambda _: self._stop.latch("yam-view"))
         self._release.on_click(self._ask)
 
     def update(self) -> list[str]:

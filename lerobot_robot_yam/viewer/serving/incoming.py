@@ -32,6 +32,7 @@ _KINDS = {
         messages.TransformControlsUpdateMessage,
         messages.TransformControlsDragStartMessage,
         messages.TransformControlsDragEndMessage,
+        messages.LocalStorageGetItemResponseMessage,  # of the heartbeat
     )
 }
 _OTHER_KINDS = {kind.__name__ for kind in messages.Message.get_subclasses()} - set(_KINDS)

@@ -44,7 +44,7 @@ def start_client(rig):
 def test_it_ends_after_its_last_client_and_leaves_no_file():
     rig = RigControl.start()
     bus = can.Bus(interface="yam_sim", channel="leader_left", rig=rig.name)
-    assert {path.rpartition(".")[2] for path in files_of(rig.name)} == {"sock", "world", "links", "log"}
+    assert {path.rpartition(".")[2] for path in files_of(rig.name)} == {"sock", "world", "links", "scene", "log"}
     rig.close()
     time.sleep(1.5)
     bus.send(can.Message(arbitration_id=0x7FF, data=(1, 0, 0xCC, 0, 0, 0, 0, 0), is_extended_id=False))

@@ -2,12 +2,16 @@
 
 import contextlib
 
+import pytest
+
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.viewer.live.rig_world import RigWorld
 from tests.support.browser import browser_page, yam_view
 from tests.support.rigged import arm_on
+
+pytestmark = pytest.mark.long
 
 ARM = "follower_left"
 NOTE_CLICKS = """

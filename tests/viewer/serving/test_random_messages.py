@@ -215,7 +215,7 @@ def test_random_messages(kind, count, capfd):
         EmergencyStop().release()
         session.clock.sleep(0.1)
         line.close()
-        uuid = live._button._impl.uuid
+        uuid = live._stop._button._impl.uuid
         deadline = time.monotonic() + 10
         while not EmergencyStop().latched and time.monotonic() < deadline:
             line.send(msgspec.msgpack.encode({"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": True}}))
