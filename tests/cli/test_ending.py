@@ -86,10 +86,8 @@ while time.monotonic() < deadline:
 """
 
 
-@pytest.mark.parametrize(
-    "ending",
-    ["raise RuntimeError('a bug of the caller')", pytest.param("import os; os._exit(1)", marks=pytest.mark.long)],
-)
+@pytest.mark.long
+@pytest.mark.parametrize("ending", ["raise RuntimeError('a bug of the caller')", "import os; os._exit(1)"])
 def test_a_failing_caller_lands_the_arms(commands, ending):
     process = commands.start("-c", CALLER.format(directory=str(commands.directory), ending=ending))
     commands.wait_enabled(process, "follower_left", "follower_right")

@@ -130,7 +130,7 @@ def test_a_calibration_finds_zeros_ranges_and_the_triggers_travel(rig, tmp_path,
         rig.release(LEADER)
 
 
-@pytest.mark.parametrize("option", spread([{}, {"follower": FOLLOWER}], 1))
+@pytest.mark.parametrize("option", spread([{}, {"follower": FOLLOWER}]))
 def test_a_leader_that_has_fallen_takes_its_follower_along_once_it_is_in_a_hand(rig, tmp_path, option):
     arm = fields(rig, FOLLOWER) | {"gravity_factor": [1.0] * 6, "gripper_stops_rad": STOPS}
     leader, follower = leader_on(rig, tmp_path, **option), YamFollower(YamFollowerConfig(**arm))
