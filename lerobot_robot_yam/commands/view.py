@@ -47,7 +47,7 @@ def _view(args: argparse.Namespace) -> int:
     try:
         import viser  # noqa: F401  --help does without
     except ImportError as error:
-        raise ConfigError(f'yam-view needs viser: pip install "lerobot_robot_yam[view]" ({error})') from error
+        raise ConfigError(f"yam-view needs viser ({error}): pip install '.[view]' in the clone") from error
     if args.config_path is not None and args.channel is not None:
         raise ConfigError("give --config_path or --channel, not both")
     if args.desktop:

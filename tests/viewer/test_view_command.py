@@ -35,7 +35,7 @@ def test_without_viser():
     ended = subprocess.run([sys.executable, "-c", WITHOUT_VISER], capture_output=True, text=True, timeout=120)
     assert ended.returncode == 0, ended.stderr
     assert "--host" in ended.stdout and "Traceback" not in ended.stderr
-    assert ended.stderr.count('pip install "lerobot_robot_yam[view]"') == 2
+    assert ended.stderr.count("pip install '.[view]'") == 2
 
 
 def named_by(config):
