@@ -95,7 +95,7 @@ def _data(page: "Page", args: argparse.Namespace) -> "Part":
     if args.channel is not None:
         raise ConfigError("a data set is sent to the arms of a config: give --config_path, not --channel")
     plan = Plan() if args.config_path is None else from_config(args.config_path, args.rig)
-    known = followers(plan.targets)
+    known = followers(plan)
     return DataPart(
         page.server,
         locate(args.dataset),

@@ -1,7 +1,6 @@
 """`yam-view --desktop`: which arms it drives, the question before they are energised, and their landing."""
 
 import argparse
-import dataclasses
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.commands.lib.arm_command import (
@@ -11,7 +10,7 @@ from lerobot_robot_yam.commands.lib.arm_command import (
     tell,
     with_likely_gripper,
 )
-from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, from_config
+from lerobot_robot_yam.doctor.kit.targets import from_config
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import user_path
 
@@ -73,8 +72,7 @@ def driven(args: argparse.Namespace) -> list[ArmConfig]:
     """
     if args.config_path is None:
         return [with_likely_gripper(args, calibration_path=args.calibration)]
-    targets = from_config(args.config_path, args.rig).targets
-    followers = [target for target in targets if target.config.gripper != LEADER_GRIPPER]
+    followers = from_config(args.config_path, args.rig).followers
     if not followers:
         raise ConfigError(f"{args.config_path} has no follower")
-    return [dataclasses.replace(target.config, calibration_path=str(target.calibration)) for target in followers]
+    return [target.driven for target in followers]

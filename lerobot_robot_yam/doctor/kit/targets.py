@@ -73,6 +73,13 @@ class Target:
         """
         return ResolvedArm(self.config)
 
+    @property
+    def driven(self) -> ArmConfig:
+        """Its configuration, with the file of its gripper's stops that LeRobot's device would use."""
+        if self.calibration is None:
+            return self.config
+        return dataclasses.replace(self.config, calibration_path=str(self.calibration))
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -80,6 +87,11 @@ class Plan:
 
     targets: tuple[Target, ...] = ()
     cameras: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    @property
+    def followers(self) -> tuple[Target, ...]:
+        """The arms without a teaching handle."""
+        return tuple(target for target in self.targets if target.config.gripper != LEADER_GRIPPER)
 
     @property
     def real(self) -> bool:

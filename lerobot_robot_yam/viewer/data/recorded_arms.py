@@ -1,7 +1,6 @@
 """The arms of a data set: which columns of its states and actions are whose, and what they look like."""
 
-import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +8,7 @@ import numpy as np
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Target
+from lerobot_robot_yam.doctor.kit.targets import Plan
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.datasets.check.opened_dataset import ACTION, STATE, OpenedDataset, RecordedEpisode
 from lerobot_robot_yam.face.datasets.layout import value_names
@@ -77,15 +76,9 @@ def recorded_arms(data: OpenedDataset, known: Mapping[str, ArmConfig], arm: str,
     ]
 
 
-def followers(targets: Sequence[Target]) -> dict[str, ArmConfig]:
-    """The followers of a run config, by the prefix of their values in data sets, with their stored calibration."""
-    found = [target for target in targets if target.config.gripper != LEADER_GRIPPER]
-    configs = [
-        target.config
-        if target.calibration is None
-        else dataclasses.replace(target.config, calibration_path=str(target.calibration))
-        for target in found
-    ]
+def followers(plan: Plan) -> dict[str, ArmConfig]:
+    """The followers of a run config, by the prefix of their values in data sets."""
+    configs = [target.driven for target in plan.followers]
     return dict(zip(("left_", "right_") if len(configs) > 1 else ("",), configs, strict=False))
 
 

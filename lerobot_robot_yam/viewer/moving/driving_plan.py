@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lerobot_robot_yam.arm.config import ArmConfig, check_together, passive_of
-from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Target, calibration_root, from_config
+from lerobot_robot_yam.doctor.kit.targets import calibration_root, from_config
 from lerobot_robot_yam.errors import ConfigError
 
 MARGIN_M = 0.02  # between the parts of an arm whose config does not say: what docs/workspace.md shows
@@ -34,9 +34,9 @@ def plan_of_file(path: Path, rig: str | None) -> DrivingPlan:
     Raises:
         ConfigError: unreadable, it has no arm with motors, or what no session would start with.
     """
-    targets = [target for target in from_config(path, rig).targets if passive_of(target.config) is None]
-    followers = [target for target in targets if target.config.gripper != LEADER_GRIPPER]
-    configs = [_with_calibration(target) for target in followers or targets]
+    plan = from_config(path, rig)
+    driven = plan.followers or plan.targets
+    configs = [target.driven for target in driven if passive_of(target.config) is None]
     if not configs:
         raise ConfigError(f"{path} has no arm with motors")
     return plan_of(configs, path.with_name(f"{path.stem}.poses.json"))
@@ -74,10 +74,3 @@ def _guarded(config: ArmConfig, aside_m: float) -> ArmConfig:
     x, y, z = config.workspace.base_position_m
     workspace = dataclasses.replace(config.workspace, collision_margin_m=MARGIN_M, base_position_m=[x, y - aside_m, z])
     return dataclasses.replace(config, workspace=workspace)
-
-
-def _with_calibration(target: Target) -> ArmConfig:
-    config = target.config
-    if config.calibration_path is None and target.calibration is not None:
-        return dataclasses.replace(config, calibration_path=str(target.calibration))
-    return config

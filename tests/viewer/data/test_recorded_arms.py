@@ -87,7 +87,7 @@ def test_actions_that_are_no_joints_are_not_sent():
 
 
 def test_the_followers_of_a_run_config_have_the_prefixes_of_data_sets():
-    found = followers(from_config(ROOT / "configs/sim/record.yaml", "some-rig").targets)
+    found = followers(from_config(ROOT / "configs/sim/record.yaml", "some-rig"))
     assert {prefix: config.channel for prefix, config in found.items()} == {
         "left_": "follower_left",
         "right_": "follower_right",
