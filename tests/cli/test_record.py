@@ -63,7 +63,8 @@ def test_arms_follow_the_leaders(recorded):
         rows = np.stack(table["episode_index"]) == episode
         # In the first second the followers approach, under their speed limits, where the leaders have gone meanwhile.
         lag = np.abs(state[rows][32:, joints] - action[rows][30:-2, joints])
-        assert lag.max() < 0.3 and np.median(lag) < 0.03
+        # Leaders move at up to 1.5 rad/s. A walk of Python's collector over what LeRobot has loaded makes it 0.24.
+        assert lag.max() < 0.2 and np.median(lag) < 0.03
 
 
 def test_each_episode_has_a_row_of_figures(recorded):

@@ -21,6 +21,7 @@ from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
 from lerobot_robot_yam.session.target_limits import refuse_degrees, validate_action
 from lerobot_robot_yam.state.records import ArmState, channel_key
 from lerobot_robot_yam.system.clock import Clock
+from lerobot_robot_yam.system.realtime import spare_what_is_loaded
 from lerobot_robot_yam.system.signals import end_session_on_signals, undisturbed
 
 logger = logging.getLogger(__name__)
@@ -142,7 +143,10 @@ class ArmGroup:
         for other in _running:
             if other._leads is not self._leads:
                 self._check_pair(other)
-        self._undo_signals = end_session_on_signals(stop_after_saving, under_a_command(inspect.currentframe()))
+        commanded = under_a_command(inspect.currentframe())
+        self._undo_signals = end_session_on_signals(stop_after_saving, commanded)
+        if commanded:
+            spare_what_is_loaded()
         try:
             self._session.start(search_grippers=calibrate)
         except BaseException:
