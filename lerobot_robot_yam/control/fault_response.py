@@ -115,6 +115,7 @@ class FaultResponse:
         if status.floats:
             self._floating.check(arm.name)
         failed = np.flatnonzero(~arm.usable).tolist()
+        distrusted, believed_rad = np.flatnonzero(arm.chain.distrusted).tolist(), arm.chain.position_rad
         again = arm.interface.clear_and_enable(failed)
         before = arm.setpoint.q.copy()
         arm.seed_joints()
@@ -128,6 +129,7 @@ class FaultResponse:
                 break
         if finding.trouble is not None:
             arm.setpoint.seed(before)
+            arm.interface.disbelieve(distrusted, believed_rad)
             raise MotorError(f"{arm.name} ({arm.config.channel}): cannot re-arm: {finding.message}")
         if arm.gripper is not None and (arm.hardware.n - 1 in failed or arm.gripper.stops is None):
             self._bring_up.after = Mode.HOLD

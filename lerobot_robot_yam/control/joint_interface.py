@@ -28,6 +28,8 @@ logger = logging.getLogger(__name__)
 
 _ANSWER_S = 0.006  # motors answer within a few ms, and the other arm gets no commands until then
 _ASK_AGAIN = 5  # a question or its answer may get lost
+_ASK_AT_LEAST = 3  # before motors are believed again: an answer may be somebody else's,
+_DOUBLED = 2  # and then there are more of them than questions; one may be a late one
 _REARM_ATTEMPTS = 2  # 27 ms each for seven motors, and the loop must not seem to hang
 _SOON_S = 0.02  # where no loop waits
 _OFF_S = 0.01  # three times, during which the other arm gets no commands
@@ -147,18 +149,24 @@ class JointInterface:
         Nothing is sent to a silent motor: it may still hold its joint. Returns the others.
 
         Raises:
-            MotorError: one is where its joint cannot be. Those that were enabled are disabled again; one that had kept
-                its torque keeps it, and is not believed.
+            MotorError: one is where its joint cannot be, or is answered for by two. Those that were enabled are disabled
+                again; one that had kept its torque keeps it, and is not believed.
         """
         chain, believed_rad = self.chain, self.chain.position_rad
         with chain.in_haste():
             chain.feedback.restart(motors)
-            asked_s = chain.clock.now()
-            for _ in range(_ASK_AGAIN):
-                if (chain.stamp_s[motors] > asked_s).all():
+            asked_s, doubled, lost = chain.clock.now(), chain.duplicates, chain.lost
+            for count in range(_ASK_AGAIN):
+                if count >= _ASK_AT_LEAST and (chain.stamp_s[motors] > asked_s).all():
                     break
                 chain.refresh(_ANSWER_S)
                 self.on_wait()
+            if (chain.duplicates - doubled - (chain.lost - lost) >= _DOUBLED).any():  # which is ours, nobody knows
+                self.disbelieve(motors, believed_rad)
+                raise MotorError(
+                    f"{self._config.name} ({self._config.channel}): motors answer twice; look for a second arm on the "
+                    "channel"
+                )
             silence_s = chain.silence_s(chain.clock.now())
             heard = [i for i in motors if silence_s[i] < SILENT_S]
             off = [i for i in heard if chain.fault[i] != Fault.NORMAL]
@@ -171,6 +179,7 @@ class JointInterface:
                 self._compare([i for i in heard if i not in off], believed_rad)  # with power it does not
             except YamError:
                 chain.special(SpecialCommand.DISABLE, _ANSWER_S, off)
+                self.disbelieve([i for i in heard if i not in off], believed_rad)
                 raise
             self.read()
             return heard
@@ -178,8 +187,8 @@ class JointInterface:
     def _compare(self, motors: Sequence[int], believed_rad: np.ndarray) -> None:
         """
         Raises:
-            MotorError: some say to be where they cannot have got from where they were sent last. They are not believed,
-                but taken to be at `believed_rad`, (n,) motor coordinates.
+            MotorError: some say to be where they cannot have got from where they were sent last, and from where they
+                were believed, `believed_rad`, (n,) motor coordinates.
         """
         low = high = self.sent[:, mit_laws.Q]
         if self.gripper is not None:  # what it presses on may have kept it from where it was sent
@@ -194,12 +203,15 @@ class JointInterface:
             f"{self.motor_q[index]:.2f} rad and was sent to {self.sent[index, mit_laws.Q]:.2f}"
             for index in lying
         )
-        self.chain.feedback.distrust(lying, believed_rad)
-        self.read()
         raise MotorError(
             f"{self._config.name} ({self._config.channel}): {told}; check cables and plugs, let the arm land, and "
             "connect again"
         )
+
+    def disbelieve(self, motors: Sequence[int], believed_rad: np.ndarray) -> None:
+        """Take these motors to be where they were believed before, (n,) motor coordinates, whatever they say."""
+        self.chain.feedback.distrust(motors, believed_rad)
+        self.read()
 
     def disable(self) -> list[str]:
         """Cut torque. Returns the motors that have not confirmed it."""

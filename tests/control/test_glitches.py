@@ -192,6 +192,30 @@ def test_a_gripper_that_goes_on_lying_is_not_believed_again(rig, held):
     assert np.abs(truth["dq"][:, 6]).max() < 12.0
 
 
+def test_nothing_is_believed_again_while_a_second_arm_answers_too(rig, held):
+    """Whose answer comes first, nobody knows; the gripper would leap to where the other one's is."""
+    rig.fault(CHANNEL, "gripper", "reading", {"position_rad": 3.0})
+    held.clock.sleep(0.1)
+    assert held[CHANNEL].mode() is Mode.FAULT
+    rig.clear_faults(CHANNEL)
+    rig.fault(CHANNEL, None, "second_arm", True)
+    judge, begun_s = Judge(rig, held), held.clock.now()
+    for answers in (0, 4, 12):
+        rig.fault(CHANNEL, "gripper", "drop_next", answers)
+        with pytest.raises(LifeCycleError, match="answer twice; look for a second arm"):
+            held[CHANNEL].rearm()
+        held.clock.sleep(0.1)
+    rig.clear_faults(CHANNEL)
+    held.clock.sleep(0.05)
+    held[CHANNEL].rearm()
+    held.clock.sleep(0.2)
+    assert held[CHANNEL].observe().mode is Mode.HOLD
+    judge.check("re-armed")
+    truth = rig.truth(CHANNEL, begun_s)
+    assert np.abs(truth["asked_nm"][1:, 6]).max() <= ResolvedArm(sim_config(rig, CHANNEL)).torque_limit_nm[6] + 0.05
+    assert np.abs(truth["dq"][:, 6]).max() < 12.0
+
+
 def test_a_refused_reading_is_not_published(rig, held):
     rig.fault(CHANNEL, "joint_2", "reading", {"position_rad": 6.283})
     held.clock.sleep(0.1)
