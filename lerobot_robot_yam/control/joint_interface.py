@@ -149,7 +149,7 @@ class JointInterface:
         Nothing is sent to a silent motor: it may still hold its joint. Returns the others.
 
         Raises:
-            MotorError: one is where its joint cannot be, or is answered for by two. Those that were enabled are disabled
+            MotorError: one is where its joint cannot be, or two answer for it. Those that were enabled are disabled
                 again; one that had kept its torque keeps it, and is not believed.
         """
         chain, believed_rad = self.chain, self.chain.position_rad
