@@ -27,6 +27,7 @@ LEFT = ("robot", "left_arm_config")
 MISTAKES = {
     "part": ((), {"robots": {}}, "there is no part 'robots'; 'robot'?"),
     "type": (("robot",), {"type": "bi_yam_folower"}, "robot: there is no type 'bi_yam_folower'; 'bi_yam_follower'?"),
+    "no type": ((), {"robot": {"id": "lab"}}, "robot: it has no type, such as bi_yam_follower"),
     "type of a leader": (("teleop",), {"type": None}, "teleop: there is no type 'None'"),
     "option of the robot": (("robot",), {"camera": {}}, "robot: there is no option 'camera'; 'cameras'?"),
     "option": (LEFT, {"chanel": "x"}, "robot, left_arm_config: there is no option 'chanel'; 'channel'?"),

@@ -34,6 +34,11 @@ def test_what_is_no_trajectory_is_refused(rows, times, said):
         of(rows, times)
 
 
+def test_names_are_as_many_as_the_columns():
+    with pytest.raises(ActionError, match=f"trajectory: 1 names for {len(ROW)} columns of positions"):
+        of([ROW, ROW], columns=("joint_1",))
+
+
 def test_what_the_arm_cannot_follow_is_refused_by_the_joints_name():
     of([ROW, ROW]).check([ARM])
     of([ROW, [*ROW[:1], -0.1, *ROW[2:]]]).check([ARM])  # measured at rest, a little outside of the limit
