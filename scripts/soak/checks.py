@@ -243,26 +243,32 @@ class PolicyCheck:
         self._peers = peers
         self._trouble: dict[str, Trouble | None] = {}
         self._since: dict[str, float] = {}
+        self._landing_s: dict[str, float] = {}  # when it began to land
         self._told: set[str] = set()  # or not to be told
         self.outcomes: Counter[tuple[str, str]] = Counter()
         self.limited: Counter[str] = Counter()
         self._limited: dict[str, int] = {}
 
-    def look(self, channel: str, record: Any, peer: Any) -> tuple[list[Finding], Trouble | None]:
+    def look(self, channel: str, record: Any, peer: Any) -> tuple[list[Finding], tuple[Trouble, float] | None]:
         """Check one record of an arm against the newest of its peer (None without one).
 
         Returns:
-            What must not be; trouble that has just come up.
+            What must not be; trouble that has just been told, and since when it may be there. An arm that lands keeps
+            to itself whom it does not believe any more, until its landing is stopped.
         """
         self._count_limits(channel, int(record["limited"]))
         trouble, mode, now = trouble_of(record), mode_of(record), float(record["stamp_s"])
         found: list[Finding] = []
         news = None
+        if mode is Mode.LAND:
+            self._landing_s.setdefault(channel, now)
+        elif mode not in (Mode.STOPPED, Mode.FAULT):
+            self._landing_s.pop(channel, None)
         if trouble is not self._trouble.get(channel):
             self._trouble[channel], self._since[channel] = trouble, now
             self._told.discard(channel)
             if trouble is not None:
-                news = trouble
+                news = trouble, self._landing_s.get(channel, now)
                 self.outcomes[(trouble, mode.name)] += 1
                 found += _judge_arm(channel, trouble, mode, now)
         if trouble is None or RESPONSES[trouble].peer is not Response.HOLD or channel in self._told or peer is None:

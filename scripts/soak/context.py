@@ -143,15 +143,17 @@ class Context:
                 return True
         return False
 
-    def explained(self, channel: str, trouble: Trouble, at_s: float, within_s: float = _AFTER_S) -> bool:
-        """Whether something was injected into the arm that can be the cause of its trouble at that time.
+    def explained(self, channel: str, trouble: Trouble, at_s: float, for_s: float = 0.0) -> bool:
+        """Whether something was injected into the arm that can be the cause of trouble that is told at that time.
+
+        It may have been there for `for_s` before.
 
         A motor that has fallen into a fault tells of it for as long as it is in it, anew in each mode.
         """
         arm = self.arms[channel]
         if trouble in FAULT_TROUBLE.values() and any(since_s <= at_s for since_s in arm.faulty.values()):
             return True
-        acting = {cause.kind for cause in arm.causes if cause.start_s <= at_s <= cause.end_s + within_s}
+        acting = {cause.kind for cause in arm.causes if cause.start_s <= at_s <= cause.end_s + _AFTER_S + for_s}
         if trouble in _SILENCES and acting >= _SILENCING:
             return True
         return any(kind in TROUBLING or trouble in _EXPLAINS.get(kind, ()) for kind in acting)

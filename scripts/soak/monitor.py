@@ -56,7 +56,7 @@ class Monitor:
         self._stop = EmergencyStop()
         self._stopped_since_s: float | None = None
         self._next_event = 0
-        self._news: list[tuple[float, str, Trouble]] = []
+        self._news: list[tuple[float, str, Trouble, float]] = []
         self._violations = self._excused = 0
         self._begin_s = time.monotonic()
         self._processors = ProcessorWatch()
@@ -99,7 +99,7 @@ class Monitor:
             for finding in findings:
                 self._report(finding)
             if news is not None:
-                self._news.append((float(record["stamp_s"]), channel, news))
+                self._news.append((float(record["stamp_s"]), channel, *news))
 
     def _ask_rig(self) -> None:
         for since_s, until_s in self._processors.news():
@@ -114,8 +114,10 @@ class Monitor:
             self._truth.take(event)
         for finding in [*self._truth.judge(), *self._truth.judge_seeds()]:
             self._report(finding)
-        for at_s, channel, trouble in self._news:  # what obstructs a landing may be the arm itself, or the table
-            if trouble is not Trouble.OBSTRUCTED and not self._context.explained(channel, trouble, at_s):
+        for at_s, channel, trouble, since_s in self._news:  # what obstructs may be the arm itself, or the table
+            if trouble is not Trouble.OBSTRUCTED and not self._context.explained(
+                channel, trouble, at_s, at_s - since_s
+            ):
                 self._report(Finding("no trouble without a cause", at_s, channel, f"{trouble}"))
         self._news.clear()
         self._context.forget_before(time.monotonic() - 60.0)

@@ -33,6 +33,24 @@ def test_of_two_arms_in_trouble_one_is_armed_again_first(soak):
         assert not check.look(CHANNEL, row, peer)[0]
 
 
+def test_what_a_landing_arm_does_not_believe_is_told_when_its_landing_is_stopped(soak):
+    check = soak.checks.PolicyCheck({CHANNEL: PEER})
+    context = soak.context.Context([CHANNEL, PEER], [(CHANNEL, PEER)])
+    told = []
+    for tick, mode in enumerate([Mode.HOLD] + 2000 * [Mode.LAND] + [Mode.STOPPED, Mode.FAULT]):
+        row = record(tick, np.zeros(7), mode, trouble=Trouble.IMPLAUSIBLE if mode is Mode.FAULT else "")
+        if tick == 1:
+            context.take(injected(0, "reading_lies", float(row["stamp_s"])))
+            context.take(event("undone", float(row["stamp_s"]) + 0.2, injection=0))
+        news = check.look(CHANNEL, row, None)[1]
+        if news is not None:
+            told.append((float(row["stamp_s"]), *news))
+    ((at_s, trouble, since_s),) = told
+    assert at_s - since_s > 7.0
+    assert context.explained(CHANNEL, trouble, at_s, at_s - since_s)
+    assert not context.explained(CHANNEL, trouble, at_s)
+
+
 def event(kind, at_s, **details):
     return {"kind": kind, "monotonic_s": at_s, **details}
 
