@@ -27,6 +27,8 @@ _SILENCING = frozenset({"held_back", "garbled"})
 _SILENCES = (Trouble.BUS_SILENT, Trouble.MOTOR_SILENT)
 TROUBLING = _CUTS | _DEATHS | {"motor_fault", "motor_hot"}
 _AFTER_S = 3.0  # so long after its end something may still be the cause of trouble
+_COOLS_S = 120.0  # a motor that was heated without torque is hot for so long, for whoever connects its arm
+_HEAT = frozenset({Trouble.HOT, Trouble.MOS_TOO_HOT, Trouble.ROTOR_TOO_HOT})
 _COMMUNICATION_LOST = 0xD
 
 
@@ -152,6 +154,8 @@ class Context:
         """
         arm = self.arms[channel]
         if trouble in FAULT_TROUBLE.values() and any(since_s <= at_s for since_s in arm.faulty.values()):
+            return True
+        if trouble in _HEAT and any(c.kind == "motor_hot" and at_s < c.end_s + _COOLS_S for c in arm.causes):
             return True
         acting = {cause.kind for cause in arm.causes if cause.start_s <= at_s <= cause.end_s + _AFTER_S + for_s}
         if trouble in _SILENCES and acting >= _SILENCING:

@@ -24,6 +24,7 @@ from soak.truth import Truth
 
 _PERIOD_S = 0.004
 _RIG_PERIOD_S = 0.2
+_REMEMBERED_S = 180.0  # what may still be the cause of something
 # Nobody but the machine is to blame for these when it has stood still; the others are judged by their own stamps.
 _EXCUSABLE = frozenset(
     {
@@ -120,7 +121,7 @@ class Monitor:
             ):
                 self._report(Finding("no trouble without a cause", at_s, channel, f"{trouble}"))
         self._news.clear()
-        self._context.forget_before(time.monotonic() - 60.0)
+        self._context.forget_before(time.monotonic() - _REMEMBERED_S)
 
     def _report(self, finding: Finding) -> None:
         if finding.invariant in _EXCUSABLE and self._context.stood_still(finding.at_s - 0.6, finding.at_s + 0.01):

@@ -69,7 +69,8 @@ class Truth:
         self._poses: deque[dict[str, Any]] = deque(maxlen=10)
         self._windows: list[tuple[str, dict[str, Any], float, bool]] = []
         self._differences: list[Finding] = []
-        self._cuts: dict[str, tuple[float, dict[str, Any]]] = {}  # channel → when torque was cut, and the pose before
+        # By channel: when torque was cut, the joints then, and the pose before.
+        self._cuts: dict[str, tuple[float, np.ndarray, dict[str, Any]]] = {}
         self._held_s: dict[str, float] = {}  # when a hand was last seen on a leader
         self._touched_s: dict[str, float] = {}  # when an arm last touched anything
         self._age_s: dict[str, np.ndarray] = {}  # of the oldest command obeyed in the window before
@@ -123,7 +124,9 @@ class Truth:
             channel, at_s = event["channel"], float(event["monotonic_s"])
             before = [pose for pose in self._poses if 0.0 <= at_s - pose["monotonic_s"] <= _KNOWN_POSE_S]
             if channel not in self._cuts and before:
-                self._cuts[channel] = at_s, before[-1]
+                samples = self._rig.truth(channel, at_s - _KNOWN_POSE_S)
+                then = max(int(np.searchsorted(samples["stamp_s"], at_s)) - 1, 0)
+                self._cuts[channel] = at_s, samples["q"][then], before[-1]
         elif event["kind"] == "motor_enabled":
             self._cuts.pop(event["channel"], None)
 
@@ -203,15 +206,14 @@ class Truth:
         """Torque that was cut by command: from the landed pose, or where nothing moves afterwards."""
         found = []
         pose = self._poses[-1]
-        for channel, (at_s, before) in list(self._cuts.items()):
+        for channel, (at_s, q, before) in list(self._cuts.items()):
             if pose["monotonic_s"] <= at_s:
                 continue
             if self._happened(_PUSHES, channel, before["monotonic_s"], pose["monotonic_s"]):
                 del self._cuts[channel]  # a hand lifts a limp arm as far as it likes
                 continue
             moved, body = _farthest(channel, before, pose)
-            q = np.array(before["arms"][channel]["q"])
-            off = np.abs(q - self._arms[channel].rest_q)[_CARRYING]
+            off = np.abs(q[: len(self._arms[channel].rest_q)] - self._arms[channel].rest_q)[_CARRYING]
             if (off > _LANDED_RAD).any():
                 self._note("moved_after_cut_m", moved, f"{channel} {body}")
                 if moved > _FALL_M:

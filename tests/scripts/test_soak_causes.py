@@ -107,6 +107,16 @@ def test_what_lies_explains_only_that_it_is_not_believed(soak, what, trouble, ex
     assert context.explained(CHANNEL, trouble, 10.1) is explained
 
 
+def test_a_motor_that_was_heated_is_hot_for_whoever_comes_next(soak):
+    context = soak.context.Context([CHANNEL, PEER], [(CHANNEL, PEER)])
+    context.take(injected(0, "motor_hot", 10.0, "joint_2"))
+    context.take(event("undone", 20.0, injection=0))
+    assert context.explained(CHANNEL, Trouble.HOT, 80.0)
+    assert not context.explained(CHANNEL, Trouble.OVERLOAD, 80.0)
+    assert not context.explained(CHANNEL, Trouble.HOT, 200.0)
+    assert not context.explained(PEER, Trouble.HOT, 30.0)
+
+
 def test_answers_held_back_and_destroyed_at_once_explain_a_silence(soak):
     context = soak.context.Context([CHANNEL, PEER], [(CHANNEL, PEER)])
     context.take(injected(0, "held_back", 10.0))
