@@ -179,6 +179,36 @@ def test_a_guided_pose_at_the_table_is_refused_and_the_arm_lands(live, tmp_path)
 
 
 @pytest.mark.long
+def test_one_guided_pose_is_no_way(live, tmp_path):
+    save_stops("only", tmp_path / "stops.json", "linear_4310", GripperStops(*STOPS))
+    terminal = Terminal(tmp_path, *command(live, tmp_path, "--guided"))
+    for shown, typed in (("type tune to go on", b"tune\n"), ("pose 1:", b"\n"), ("pose 2:", b"d\n")):
+        terminal.wait_shown(shown)
+        terminal.type(typed)
+    assert terminal.end() == 1 and "1 poses are no way; give two at least, better eight" in terminal.shown
+    assert landed(live) and not (tmp_path / "left.yaml").exists()
+
+
+@pytest.mark.long
+@pytest.mark.alone
+@pytest.mark.timeout(600)
+def test_the_command_tunes_an_arm_that_lives(tmp_path):
+    path = scene(tmp_path, deviation(0))
+    save_stops("only", tmp_path / "stops.json", "linear_4310", GripperStops(*STOPS))
+    with running_rig(scene=path) as rig:
+        picture = tmp_path / "tuning.png"
+        done = subprocess.run(
+            command(rig, tmp_path, "--yes", "--plot", picture), capture_output=True, text=True, timeout=500
+        )
+        assert done.returncode == 0, done.stderr[-4000:]
+        assert landed(rig)
+    assert len(re.findall(r"^joint_\d .*±", done.stdout, re.MULTILINE)) == 6 and "hold mrad: before" in done.stdout
+    missed, may_miss = misses(tmp_path / "left.yaml", true_gravity(path))
+    assert (missed <= may_miss).all(), (missed / may_miss).max(axis=0)
+    assert picture.stat().st_size > 10_000
+
+
+@pytest.mark.long
 def test_an_interrupted_run_lands_the_arm_and_keeps_nothing(live, tmp_path):
     save_stops("only", tmp_path / "stops.json", "linear_4310", GripperStops(*STOPS))
     process = subprocess.Popen(command(live, tmp_path, "--yes"), stderr=subprocess.PIPE)
