@@ -23,6 +23,7 @@ from lerobot_robot_yam.commands.lib.desktop_command import add_desktop_arguments
 from lerobot_robot_yam.errors import ConfigError
 
 if TYPE_CHECKING:
+    from lerobot_robot_yam.viewer.moving.driver import Driver
     from lerobot_robot_yam.viewer.moving.driving_plan import DrivingPlan
     from lerobot_robot_yam.viewer.serving.page import Page, Part
 
@@ -57,18 +58,21 @@ def _view(args: argparse.Namespace) -> int:
     from lerobot_robot_yam.viewer.moving.moving import Moving
     from lerobot_robot_yam.viewer.serving.page import Page, Part, served
 
-    plan = None if args.dataset is not None else _plan(args)
+    if args.dataset is not None and args.channel is not None:
+        raise ConfigError("a data set is sent to the arms of a config: give --config_path, not --channel")
+    plan = _plan(args)
     page = Page(args.host, args.port, args.token)
     live = Live(page.server)
     parts: list[Part] = [live, SessionDesks(page.server)]
     with served(page, parts):
+        moving = None if plan is None else Moving(page.server, plan, live.place_of)
+        if moving is not None:
+            parts.append(moving)
         if args.dataset is not None:
-            parts.append(_data(page, args))
-        if plan is not None:
-            parts.append(moving := Moving(page.server, plan, live.place_of))
+            parts.append(_data(page, args, None if moving is None else moving.driver))
+        if moving is not None:
             moving.driver.start()
-        drives = args.config_path is not None or args.channel is not None
-        ends = "ends the page and lands its arms" if drives else "ends the page"
+        ends = "ends the page" if moving is None else "ends the page and lands its arms"
         tell(f"open {page.url} in a browser; Ctrl-C {ends}, other sessions go on")
         page.run(parts)
     return 0
@@ -85,15 +89,12 @@ def _plan(args: argparse.Namespace) -> "DrivingPlan | None":
     return None
 
 
-def _data(page: "Page", args: argparse.Namespace) -> "Part":
+def _data(page: "Page", args: argparse.Namespace, driver: "Driver | None") -> "Part":
     from lerobot_robot_yam.doctor.kit.targets import Plan, from_config
     from lerobot_robot_yam.face.datasets.located import locate
     from lerobot_robot_yam.viewer.data.data_part import DataPart
     from lerobot_robot_yam.viewer.data.recorded_arms import followers
-    from lerobot_robot_yam.viewer.data.session_driver import SessionDriver
 
-    if args.channel is not None:
-        raise ConfigError("a data set is sent to the arms of a config: give --config_path, not --channel")
     plan = Plan() if args.config_path is None else from_config(args.config_path, args.rig)
     known = followers(plan)
     return DataPart(
@@ -103,7 +104,7 @@ def _data(page: "Page", args: argparse.Namespace) -> "Part":
         cameras=plan.cameras,
         arm=args.arm,
         gripper=args.gripper or _GRIPPER,
-        driver=SessionDriver(known) if known else None,
+        driver=driver if known else None,
     )
 
 

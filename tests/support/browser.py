@@ -1,18 +1,20 @@
-"""yam-view as a user runs it, and a page of it in a real headless Chromium."""
+"""yam-view as a user runs it, and pages of it in a real headless Chromium of the system, driven by Playwright."""
 
 import contextlib
+import shutil
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
-from playwright.sync_api import Page, sync_playwright
 
-CHROMIUM = Path("/usr/bin/chromium")  # Debian's
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+# As root, without a graphics card, with little shared memory.
 _OPTIONS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--disable-dev-shm-usage"]
-
 _PATIENCE_MS = 60_000  # of a browser that draws without a graphics card on a busy machine
 
 
@@ -33,18 +35,29 @@ def yam_view(*arguments: str) -> Iterator[str]:
 
 
 @contextlib.contextmanager
-def browser_page(url: str, errors: list[str], width: int = 1280, height: int = 900) -> Iterator[Page]:
-    """A browser at a URL; `errors` collects what its console and its scripts complain of."""
-    if not CHROMIUM.exists():
-        pytest.skip("needs Debian's chromium")
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=_OPTIONS)
+def chromium() -> Iterator["Browser"]:
+    """A browser; where there is none the test is skipped, aloud."""
+    playwright = pytest.importorskip(
+        "playwright.sync_api", reason="needs Playwright: pip install '.[test]' in the clone"
+    )
+    program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if program is None:
+        pytest.skip("the page is not tried in a browser: there is no chromium (Debian: apt install chromium)")
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=program, args=_OPTIONS)
         try:
-            page = browser.new_page(viewport={"width": width, "height": height})
-            page.on("console", lambda said: errors.append(said.text) if said.type == "error" else None)
-            page.on("pageerror", lambda error: errors.append(str(error)))
-            page.set_default_timeout(_PATIENCE_MS)
-            page.goto(url)
-            yield page
+            yield browser
         finally:
             browser.close()
+
+
+@contextlib.contextmanager
+def browser_page(url: str, errors: list[str], width: int = 1280, height: int = 900) -> Iterator["Page"]:
+    """A page in a browser; `errors` collects what its console and its scripts complain of."""
+    with chromium() as browser:
+        page = browser.new_page(viewport={"width": width, "height": height})
+        page.on("console", lambda said: errors.append(said.text) if said.type == "error" else None)
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.set_default_timeout(_PATIENCE_MS)
+        page.goto(url)
+        yield page

@@ -23,12 +23,13 @@ from lerobot_robot_yam.viewer.data.playhead import Playhead
 from lerobot_robot_yam.viewer.data.recorded_arms import ARM, GRIPPER, recorded_arms
 from lerobot_robot_yam.viewer.data.recorded_figures import RecordedFigures
 from lerobot_robot_yam.viewer.data.replay_desk import ReplayDesk
-from lerobot_robot_yam.viewer.data.replay_driver import Driver
 from lerobot_robot_yam.viewer.data.scene_match import SceneMatch
+from lerobot_robot_yam.viewer.moving.driver import Driver
 from lerobot_robot_yam.viewer.serving.handles import put
 
 _WIDTH_PX = 380
 _SUCCESS_COLUMN = "success"  # of the episodes' metadata, in copies of yam-label
+_CONTROL = "`connect …` and `take control` come first, in the panel `move`; `land` is there, too."
 _NO_DRIVER = "To send an episode to arms, start `yam-view` with `--config_path` of a run config that has them."
 
 
@@ -41,7 +42,7 @@ class DataPart:
         known: configurations of arms by the prefix of their values, of a run config.
         cameras: options of that config's cameras.
         arm, gripper: profiles of arms that are not known.
-        driver: of the arms that episodes can be sent to; None: none.
+        driver: of the known arms, in their order, which episodes can be sent to; None: none.
 
     Raises:
         ConfigError: it is no data set of format v3, it has no episodes, or the profiles do not fit to it.
@@ -81,9 +82,8 @@ class DataPart:
         with panel.add_tab("Match a scene", viser.Icon.LAYERS_INTERSECT):
             self._match = SceneMatch(gui, data.cameras, cameras or {}, list(known.values()))
         with panel.add_tab("Send to the arms", viser.Icon.ROBOT):
-            self._desk = None if driver is None else ReplayDesk(server, driver, arms, data.fps, self._asked.append)
-            if driver is None:
-                gui.add_markdown(_NO_DRIVER)
+            self._desk = None if driver is None else ReplayDesk(gui, driver, list(known), arms, data.fps)
+            gui.add_markdown(_NO_DRIVER if driver is None else _CONTROL)
         episode_panel = gui.add_panel()
         with episode_panel.add_tab("Episode", viser.Icon.PLAYER_PLAY):
             self._add_player(gui)
@@ -200,11 +200,10 @@ class DataPart:
         put(self._missing, content=missing)
 
     def close(self) -> None:
-        """Land the arms, let go of cameras, end the threads. Idempotent."""
+        """Let go of cameras, end the threads. Idempotent."""
         with contextlib.ExitStack() as last_first:
-            for part in (self._check, self._reader, self._match, self._desk):
-                if part is not None:
-                    last_first.callback(part.close)
+            for part in (self._check, self._reader, self._match):
+                last_first.callback(part.close)
 
 
 def _labels(root: Path, episodes: Sequence[Any]) -> dict[int, str]:

@@ -1,6 +1,6 @@
 """The arms of a data set: which columns of its states and actions are whose, and what they look like."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +9,7 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.doctor.kit.targets import Plan
-from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.errors import ActionError, ConfigError
 from lerobot_robot_yam.face.datasets.check.opened_dataset import ACTION, STATE, OpenedDataset, RecordedEpisode
 from lerobot_robot_yam.face.datasets.layout import value_names
 from lerobot_robot_yam.face.devices.feature_names import JOINT, motor_names
@@ -56,6 +56,30 @@ class RecordedArm:
         times = np.arange(len(positions)) / (fps * speed)
         source = f"episode {episode.number}, {self.prefix.rstrip('_') or 'arm'}"
         return Trajectory(times, positions, columns_of([self.hardware]), source)
+
+
+def motion_of(
+    arms: Sequence[RecordedArm], prefixes: Sequence[str], episode: RecordedEpisode, fps: float, speed: float
+) -> Trajectory:
+    """What an episode's actions ask of all arms, side by side in the order of `prefixes`.
+
+    Raises:
+        ActionError: it is of other arms, not finite, or too short.
+        ConfigError: its actions are no positions of joints.
+    """
+    ways = {arm.prefix: arm.trajectory(episode, fps, speed) for arm in arms}
+    if ways.keys() != set(prefixes):
+        raise ActionError(
+            f"the recording is of the arms {_list(ways)}, and the run config has {_list(prefixes)}; nothing moves"
+        )
+    chosen = [ways[prefix] for prefix in prefixes]
+    positions = np.concatenate([way.positions for way in chosen], axis=1)
+    columns = tuple(column for way in chosen for column in way.columns)
+    return Trajectory(chosen[0].times_s, positions, columns, f"episode {episode.number}")
+
+
+def _list(prefixes: Iterable[str]) -> str:
+    return ", ".join(prefix.rstrip("_") or "one arm" for prefix in prefixes)
 
 
 def recorded_arms(data: OpenedDataset, known: Mapping[str, ArmConfig], arm: str, gripper: str) -> list[RecordedArm]:

@@ -7,7 +7,7 @@ import viser
 
 from lerobot_robot_yam.viewer.moving.control_desk import Stage
 from lerobot_robot_yam.viewer.moving.driver import Driver
-from lerobot_robot_yam.viewer.moving.page_controls import pressed
+from lerobot_robot_yam.viewer.serving.handles import pressed
 
 _HAZARD = (
     "**HAZARD: this energises {arms}.** Each arm holds where it is. Whoever takes control moves it from a browser. "

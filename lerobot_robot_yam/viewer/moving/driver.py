@@ -17,6 +17,7 @@ import viser
 from lerobot_robot_yam.errors import LifeCycleError, YamError
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
+from lerobot_robot_yam.session.trajectory import Trajectory
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 from lerobot_robot_yam.viewer.moving.control_desk import ControlDesk, Stage
@@ -24,6 +25,7 @@ from lerobot_robot_yam.viewer.moving.driven_arm import DrivenArm
 from lerobot_robot_yam.viewer.moving.driving_plan import DrivingPlan
 from lerobot_robot_yam.viewer.moving.heartbeat import Heartbeat
 from lerobot_robot_yam.viewer.moving.held_back import HeldBack
+from lerobot_robot_yam.viewer.moving.replay import Replay
 
 logger = logging.getLogger(__name__)
 
@@ -59,6 +61,7 @@ class Driver:
     Attributes:
         desk: who may do what; read only elsewhere.
         arms: those that are connected, by name.
+        replayed: the recorded motion that all of them follow; None: none.
         notices: to show; whoever shows them takes them out.
         held_back: by name of an arm, the parts that it would bring too near.
 
@@ -71,6 +74,7 @@ class Driver:
         self.session = ArmSession(plan.configs, isolation)
         self.desk = ControlDesk()
         self.arms: dict[str, DrivenArm] = {}
+        self.replayed: Replay | None = None
         self.notices: deque[Notice] = deque(maxlen=_MOST_NOTICES)
         self.held_back: dict[str, str] = {}
         self._guard = HeldBack([self.session.hardware(config.name) for config in plan.configs])
@@ -172,11 +176,13 @@ class Driver:
             raise failures[0]
 
     def move(self, name: str, motor: int, value: float) -> None:
-        """One joint or gripper of an arm, see `DrivenArm.move`."""
+        """One joint or gripper of an arm, see `DrivenArm.move`. A replay ends."""
+        self._end_replay()
         self._arm(name).move(motor, value, self.session.clock.now())
 
     def drag(self, browser: int, name: str, pose: np.ndarray) -> None:
-        """The tool of an arm, see `DrivenArm.drag`."""
+        """The tool of an arm, see `DrivenArm.drag`. A replay ends."""
+        self._end_replay()
         said = self._arm(name).drag(pose, self.session.clock.now())
         if said:
             self.say(browser, said)
@@ -189,6 +195,21 @@ class Driver:
             arm.client.observe()
         for arm, goal in arms:
             arm.glide(goal)
+
+    def replay(self, trajectory: Trajectory) -> None:
+        """All arms softly to the first pose, then along a trajectory with a column for each of their motors.
+
+        Raises:
+            ActionError: it does not fit these arms; nothing moves.
+            YamError: one has failed or is silent.
+        """
+        self._stay()
+        self.replayed = Replay([arm.client for arm in self.arms.values()], trajectory, self.session.clock.now())
+
+    def pause(self, paused: bool) -> None:
+        """The replay comes to rest, or goes on."""
+        if self.replayed is not None:
+            self.replayed.paused = paused
 
     def change_gains(self, name: str, kp: np.ndarray, kd: np.ndarray) -> None:
         """Gains of an arm, (joints,) each. Raises YamError: what a configuration would be refused for."""
@@ -237,6 +258,8 @@ class Driver:
             self._finish()
             return
         now = self.session.clock.now()
+        if self.replayed is not None:
+            self._follow(self.replayed, now)
         for name, arm in self.arms.items():
             try:
                 self._note_held_back(name)
@@ -246,6 +269,17 @@ class Driver:
             except YamError as error:
                 arm.stay()
                 self.say(None, str(error))
+
+    def _follow(self, replayed: Replay, now: float) -> None:
+        try:
+            if not replayed.step(now):
+                return
+            late = replayed.late()
+            said = f"replayed; the arms hold{f', but {late} has not got there' if late else ''}"
+        except YamError as error:
+            said = str(error)
+        self._freeze()
+        self.say(None, said)
 
     def _note_held_back(self, name: str) -> None:
         """Find out, once, what the control loop's guard holds this arm back from."""
@@ -269,8 +303,13 @@ class Driver:
         self.desk.end()
         self.say(None, "the arms have landed; torque is off")
 
+    def _end_replay(self) -> None:
+        if self.replayed is not None:
+            self._freeze()
+
     def _stay(self) -> None:
         """Give no more targets."""
+        self.replayed = None
         for arm in self.arms.values():
             arm.stay()
 

@@ -7,7 +7,7 @@ import viser
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.viewer.moving.driver import Driver
-from lerobot_robot_yam.viewer.moving.page_controls import pressed, show_value
+from lerobot_robot_yam.viewer.serving.handles import pressed, put
 
 _STEP_RAD, _STEP_OPENING = 0.001, 0.01
 _SHOWN = 0.002  # rad, or of the stroke: smaller changes are not shown
@@ -73,7 +73,7 @@ class JointSliders:
             self._driver.change_gains(name, kp, kd)
             for row, values in zip(rows, (kp, kd), strict=True):
                 for number, value in zip(row, values.tolist(), strict=True):
-                    show_value(number, value)
+                    put(number, value=value)
 
         pressed(gui.add_button("use these gains"), lambda browser: self._driver.ask(browser, change))
         pressed(gui.add_button("reset gains"), lambda browser: self._driver.ask(browser, reset))
@@ -86,4 +86,4 @@ class JointSliders:
         shown = np.clip(arm.shown, self._hardware.lower, self._hardware.upper)
         for slider, value, touched_s in zip(self._sliders, shown.tolist(), self._touched_s, strict=True):
             if now - touched_s > _TOUCHED_S and not abs(slider.value - value) <= _SHOWN:  # nor if that is no number
-                show_value(slider, value)
+                put(slider, value=value)

@@ -5,8 +5,8 @@ import viser
 
 from lerobot_robot_yam.errors import LifeCycleError
 from lerobot_robot_yam.viewer.moving.driver import Driver
-from lerobot_robot_yam.viewer.moving.page_controls import pressed, show_value
 from lerobot_robot_yam.viewer.moving.saved_poses import SavedPoses
+from lerobot_robot_yam.viewer.serving.handles import pressed, put
 
 _NONE = "(no pose is saved)"
 
@@ -52,4 +52,4 @@ class PosePanel:
     def _offer(self, chosen: str | None = None) -> None:
         names = self._poses.names or [_NONE]
         self._chosen.options = names
-        show_value(self._chosen, names[0] if chosen is None else chosen)
+        put(self._chosen, value=names[0] if chosen is None else chosen)

@@ -9,7 +9,7 @@ from lerobot_robot_yam.arm.validation import finite_vector
 from lerobot_robot_yam.errors import ActionError
 from lerobot_robot_yam.rig.client.rig_operations import RigOperations
 from lerobot_robot_yam.viewer.moving.driver import Driver
-from lerobot_robot_yam.viewer.moving.page_controls import pressed, show_value
+from lerobot_robot_yam.viewer.serving.handles import pressed, put
 
 _CHANNEL = "the whole channel"
 _FAULTS: dict[str, tuple[str, Any, bool]] = {  # by label: kind, value, of a motor (else of the channel)
@@ -68,7 +68,7 @@ class RigPanel:
         self._rig.place(self._prop.value, place.tolist())
 
     def _look(self) -> None:
-        show_value(self._where, tuple(self._rig.state()["props"][self._prop.value]["pos"]))
+        put(self._where, value=tuple(self._rig.state()["props"][self._prop.value]["pos"]))
 
     def _set(self) -> None:
         kind, value, of_motor = _FAULTS[self._fault.value]

@@ -1,6 +1,9 @@
-"""Handles of the page's elements."""
+"""Handles of the page's elements: what is set, and who pressed what."""
 
+from collections.abc import Callable
 from typing import Any
+
+import viser
 
 
 def put(handle: Any, **properties: Any) -> None:
@@ -8,3 +11,14 @@ def put(handle: Any, **properties: Any) -> None:
     for name, value in properties.items():
         if getattr(handle, name) != value:
             setattr(handle, name, value)
+
+
+def pressed(button: viser.GuiButtonHandle, work: Callable[[int], None]) -> viser.GuiButtonHandle:
+    """Do this with the number of the browser that presses the button; returns the button."""
+
+    @button.on_click
+    async def _(event: viser.GuiEvent) -> None:
+        if event.client_id is not None:
+            work(event.client_id)
+
+    return button

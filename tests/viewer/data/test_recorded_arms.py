@@ -7,8 +7,7 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.doctor.kit.targets import from_config
 from lerobot_robot_yam.errors import ActionError, ConfigError
 from lerobot_robot_yam.face.datasets.check.opened_dataset import ACTION, STATE, OpenedDataset, RecordedEpisode
-from lerobot_robot_yam.viewer.data.recorded_arms import followers, recorded_arms
-from lerobot_robot_yam.viewer.data.replay_desk import trajectories_of
+from lerobot_robot_yam.viewer.data.recorded_arms import followers, motion_of, recorded_arms
 from tests.support import seeded_sets as seeds
 from tests.support.paths import ROOT
 
@@ -68,22 +67,24 @@ def test_poses_of_the_tool_have_no_figure():
     assert arms_of(data) == []
 
 
-def test_an_episode_becomes_a_trajectory_of_each_arm_at_its_speed():
+def test_an_episode_becomes_one_motion_of_all_arms_at_its_speed():
     data, episode = opened()
-    ways = trajectories_of(arms_of(data), episode, 30, 0.5)
-    assert ways.keys() == {"left_", "right_"}
-    assert ways["left_"].seconds == pytest.approx((seeds.FRAMES - 1) / 15)
-    assert np.allclose(ways["right_"].positions, episode.rows[ACTION][:, 7:])
+    way = motion_of(arms_of(data), ["right_", "left_"], episode, 30, 0.5)
+    assert way.seconds == pytest.approx((seeds.FRAMES - 1) / 15)
+    assert np.allclose(way.positions[:, :7], episode.rows[ACTION][:, 7:])
+    assert np.allclose(way.positions[:, 7:], episode.rows[ACTION][:, :7])
+    with pytest.raises(ActionError, match="of the arms left, right, and the run config has left"):
+        motion_of(arms_of(data), ["left_"], episode, 30, 0.5)
     episode.rows[ACTION][5, 2] = np.nan
     with pytest.raises(ActionError, match="row 5"):
-        trajectories_of(arms_of(data), episode, 30, 0.5)
+        motion_of(arms_of(data), ["left_", "right_"], episode, 30, 0.5)
 
 
 def test_actions_that_are_no_joints_are_not_sent():
     data, episode = opened()
     data.info["features"][ACTION] = {"names": ["ee_x.pos"]}
     with pytest.raises(ConfigError, match="no positions"):
-        trajectories_of(arms_of(data), episode, 30, 1.0)
+        motion_of(arms_of(data), ["left_", "right_"], episode, 30, 1.0)
 
 
 def test_the_followers_of_a_run_config_have_the_prefixes_of_data_sets():

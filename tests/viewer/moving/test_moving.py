@@ -12,7 +12,7 @@ from lerobot_robot_yam.errors import ActionError
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.viewer.moving.control_desk import Stage
-from tests.viewer.moving.conftest import ARM
+from tests.viewer.conftest import ARM
 
 JOINT = "joint_1, rad"
 ROUND_S = 0.02

@@ -12,7 +12,7 @@ import viser
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.viewer.live.live import Live
 from lerobot_robot_yam.viewer.serving.page import Page
-from tests.support.chromium import chromium
+from tests.support.browser import chromium
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 

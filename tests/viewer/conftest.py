@@ -1,3 +1,5 @@
+"""A page that drives an arm of a virtual rig, and browsers on it."""
+
 import contextlib
 import time
 
@@ -21,10 +23,11 @@ class Station:
 
     Attributes:
         pace_s: real time that a round takes at least. Browsers answer in real time.
+        parts: of the page, that are updated in each round, too.
     """
 
     def __init__(self, rig, tmp_path):
-        self.rig, self._browsers, self.pace_s = rig, [], 0.002
+        self.rig, self._browsers, self.pace_s, self.parts = rig, [], 0.002, []
         self.page = Page(port=_PORT)
         plan = plan_of([sim_config(rig, ARM)], tmp_path / "poses.json")
         self.moving = Moving(self.page.server, plan, lambda key: _PLACE, "lockstep")
@@ -40,6 +43,8 @@ class Station:
         begin_s = time.monotonic()
         self.driver.round()
         self.moving.update(begin_s)
+        for part in self.parts:
+            part.update()
         (self.driver.session.clock if self.driver.session.running else self.rig).sleep(0.02)
         time.sleep(max(0.001, begin_s + self.pace_s - time.monotonic()))
 
