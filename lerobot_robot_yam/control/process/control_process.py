@@ -26,11 +26,12 @@ from lerobot_robot_yam.control.preflight.open_bus import keeps_awake, open_bus
 from lerobot_robot_yam.control.process import stand_by
 from lerobot_robot_yam.control.process.lifeline import ProcessEnd, hung_up
 from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.state.desk_post import forget_the_dead
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.records import BlockPair, Descriptors, lock_path
 from lerobot_robot_yam.system.log_thread import log_from_a_thread
 from lerobot_robot_yam.system.realtime import avoid_oom_killer, request_realtime
-from lerobot_robot_yam.system.runtime_files import FileLock
+from lerobot_robot_yam.system.runtime_files import FileLock, runtime_dir
 
 logger = logging.getLogger("lerobot_robot_yam.control.process.control_process")
 
@@ -160,6 +161,8 @@ def main() -> int:
             logger.exception("control process failed")
             _answer(error=f"control process failed: {error!r}", kind="YamError")
             return 1
+        finally:
+            forget_the_dead(runtime_dir())  # a caller that was killed has left its part of the page's desk
     return 0
 
 
