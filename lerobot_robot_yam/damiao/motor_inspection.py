@@ -134,10 +134,14 @@ def _check_presence(chain: MotorChain) -> None:
     if missing:
         names = ", ".join(f"{spec.name} (id {spec.can_id})" for spec in missing)
         strangers = ", ".join(f"0x{can_id:X}" for can_id in sorted(chain.foreign))
+        if len(missing) == len(chain):
+            check = "motor power and the emergency stop, the CAN cable and its terminator, and the bit-rate "
+            check += "(classic CAN, 1 Mbit/s)"
+        else:  # the channel works
+            check = "its cable and plugs, switch the arm's power off and on, and see whether it has another id: "
+            check += "yam-doctor says more"
         raise MotorError(
-            f"{chain.channel}: no answer from {len(missing)} of {len(chain)} motors: {names}. Check motor "
-            "power and the emergency stop, the CAN cable and its terminator, the bit-rate (classic CAN, "
-            "1 Mbit/s) and the motor ids"
+            f"{chain.channel}: no answer from {len(missing)} of {len(chain)} motors: {names}. Check {check}"
             + (f"; unexpected answers came from {strangers}: a motor may have another MST_ID" if strangers else "")
         )
     # The second answer of a pair of motors with one id comes after the one that ended the wait.

@@ -64,7 +64,12 @@ def test_a_float32_register_equals_its_constant(bus, chain):
 
 def test_missing_motors_are_all_named_with_causes(bus, chain):
     bus.silent.update((1, 7))
-    with pytest.raises(MotorError, match=r"2 of 3 motors: joint1 \(id 1\), gripper \(id 7\).*power.*cable.*bit-rate"):
+    with pytest.raises(
+        MotorError, match=r"2 of 3 motors: joint1 \(id 1\), gripper \(id 7\)\. Check its cable and plugs"
+    ):
+        motor_inspection.verify(chain)
+    bus.silent.add(2)
+    with pytest.raises(MotorError, match=r"3 of 3 motors: .*power.*cable.*bit-rate"):
         motor_inspection.verify(chain)
 
 
