@@ -3,6 +3,7 @@
 python scripts/record_sim.py --dataset.num_episodes=5
 """
 
+import json
 import os
 import signal
 import subprocess
@@ -29,8 +30,11 @@ def main(arguments: list[str]) -> int:
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda number, _: child.send_signal(number))
     status = child.wait()
-    if (data / "meta" / "info.json").is_file():
+    info = data / "meta" / "info.json"
+    if info.is_file():
+        held = json.loads(info.read_text())
         print(f"\nThe data set is in {data}")
+        print(f"It has {held['total_episodes']} episodes, {held['total_frames']} frames")
         print("Replay it:  scripts/run lerobot-replay --config_path=configs/sim/replay.yaml \\")
         print(f"              --dataset.repo_id={name} --dataset.root={data} --dataset.episode=0")
     return status if status >= 0 else 128 - status

@@ -17,7 +17,7 @@ for argument in "$@"; do
   echo "given $argument"
   case "$argument" in --dataset.root=*) root=${argument#*=} ;; esac
 done
-mkdir -p "$root/meta" && echo '{}' >"$root/meta/info.json"
+mkdir -p "$root/meta" && echo '{"total_episodes": 1, "total_frames": 90}' >"$root/meta/info.json"
 for _ in $(seq "$LOOPS"); do sleep 0.05; done
 """
 
@@ -61,6 +61,7 @@ def test_recording_says_where_the_data_are(tmp_path):
     assert f"given --config_path={ROOT / 'configs/sim/record.yaml'}" in output
     assert "given --dataset.num_episodes=1" in output
     assert f"The data set is in {tmp_path / 'data'}" in output.splitlines()
+    assert "It has 1 episodes, 90 frames" in output.splitlines()
 
 
 def test_ending_the_wrapper_ends_the_recording(tmp_path):
