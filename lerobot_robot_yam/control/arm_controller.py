@@ -175,8 +175,9 @@ class ArmController:
         velocity: np.ndarray | None = None,
         kp: np.ndarray | None = None,
         kd: np.ndarray | None = None,
+        age_s: float = 0.0,
     ) -> bool:
-        """A new target (n,), gripper 0 … 1; taken while holding or tracking only. True when taken.
+        """A new target (n,), gripper 0 … 1, given `age_s` ago; taken while holding or tracking only. True when taken.
 
         An arm that is guided by hand takes the gripper's part, and floats on.
         """
@@ -191,7 +192,7 @@ class ArmController:
         arm.use_gains(kp, kd)
         gap = float(np.abs(target - arm.setpoint.q)[: arm.hardware.joints].max(initial=0.0))
         status.limited = Limited.SPEED if self._progress.by_speed(gap) else Limited.NOTHING
-        arm.setpoint.set_target(target, now, velocity)
+        arm.setpoint.set_target(target, now, velocity, age_s)
         if status.mode is Mode.HOLD:
             arm.enter(Mode.TRACK)
         return True

@@ -89,7 +89,8 @@ class ControllerBlocks:
             slots = self._slots
             dq = command["dq"][slots]
             velocity = None if np.isnan(dq).any() else dq
-            if now - command["target_stamp_s"] <= controller.config.command_timeout_s:
+            age_s = float(now - command["target_stamp_s"])
+            if age_s <= controller.config.command_timeout_s:
                 leader = command["leader"].item().decode()
                 if leader:
                     controller.coupling.permit(leader, float(command["coupled_until_s"]))
@@ -99,7 +100,7 @@ class ControllerBlocks:
                 else:
                     controller.coupling.end()
                 q, kp, kd = command["q"][slots], command["kp"][slots], command["kd"][slots]
-                if controller.set_target(q, now, velocity, kp, kd):
+                if controller.set_target(q, now, velocity, kp, kd, age_s):
                     record["action"][slots] = q
 
     def publish(self, now: float, tick: int, mode: Mode | None = None) -> None:

@@ -124,7 +124,8 @@ class YamArm(Uncopied):
         """Give one target; repeat it at 10 Hz or faster, or the arm comes to rest.
 
         Args:
-            q: (n,) rad. dq: (n,) rad/s, the target's own speed. kp, kd: (n,) gains for this target.
+            q: (n,) rad. kp, kd: (n,) gains for this target.
+            dq: (n,) rad/s, the target's own speed: it moves on until the next one is due, and is followed without lag.
             gripper: 0 closed … 1 open, None keeps it.
 
         Returns:

@@ -59,7 +59,8 @@ class SetPoint:
         self._target_velocity: np.ndarray = np.zeros(n)
         self._target_at = -math.inf
         self._arrive_at = -math.inf
-        self._tracks = False  # a target that is told at every tick
+        self._tracks = False  # a target whose speed is told: it moves on by itself, and is followed without lag
+        self._streams = False  # targets come from a caller, in periods of his
         self._period = 1 / 30
 
     def seed(self, q: np.ndarray) -> None:
@@ -68,7 +69,7 @@ class SetPoint:
         self.target[:] = q
         self._target_velocity[:] = 0.0
         self._target_at = self._arrive_at = -math.inf
-        self._tracks = False
+        self._tracks = self._streams = False
 
     def seed_first(self, q: np.ndarray) -> None:
         """Start the first m coordinates again, at rest, from q (m,); the others go on."""
@@ -102,33 +103,45 @@ class SetPoint:
         m = len(dq)
         self.dq[:m] = np.minimum(np.maximum(dq, -self.speed_limit[:m]), self.speed_limit[:m])
 
-    def set_target(self, target: np.ndarray, now: float, velocity: np.ndarray | None = None) -> None:
+    def set_target(
+        self, target: np.ndarray, now: float, velocity: np.ndarray | None = None, age_s: float = 0.0
+    ) -> None:
         """Take a new target (n,), to be reached within about one caller period if the limits allow it.
 
-        `velocity` (n,) is the speed with which the target itself moves, when the caller knows it; otherwise it is
-        the difference to the previous target.
+        `velocity` (n,) is the speed with which the target itself moves, when the caller knows it: then it was there
+        `age_s` ago, moves on until the next one is due, and is followed without lag. Otherwise its speed is the
+        difference to the previous target.
         """
         gap = now - self._target_at
         low, high = _PERIOD_RANGE_S
-        tracked, self._tracks = self._tracks, False
-        if low <= gap <= high and not tracked:
+        own = np.zeros_like(self.q)
+        if low <= gap <= high and self._streams:
             self._period += _PERIOD_GAIN * (gap - self._period)
             own = (target - self.target) / self._period
+        self._streams = True
+        if velocity is None:
+            self._follow(target, own, now)
+            self._arrive_at = now + self._period
         else:
-            own = np.zeros_like(self.q)
-        # A target that is quicker than the set-point may be would take it along, away from where the target is.
-        most = self.speed_limit
-        self._target_velocity = np.minimum(np.maximum(own if velocity is None else velocity, -most), most)
-        self.target = np.minimum(np.maximum(target, self._lower), self._upper)
-        self._target_at = now
-        self._arrive_at = now + self._period
+            self._follow(target, velocity, now)
+            self._tracks = True
+            self._move_on(age_s)
 
     def track(self, target: np.ndarray, velocity: np.ndarray, now: float) -> None:
         """Take a target (n,) that is told anew at every tick, with its speed (n,): follow it without lag."""
+        self._follow(target, velocity, now)
+        self._tracks, self._streams = True, False
+
+    def _follow(self, target: np.ndarray, velocity: np.ndarray, now: float) -> None:
+        # A target that is quicker than the set-point may be would take it along, away from where the target is.
         most = self.speed_limit
         self._target_velocity = np.minimum(np.maximum(velocity, -most), most)
         self.target = np.minimum(np.maximum(target, self._lower), self._upper)
-        self._target_at, self._arrive_at, self._tracks = now, -math.inf, True
+        self._target_at, self._arrive_at, self._tracks = now, -math.inf, False
+
+    def _move_on(self, seconds: float) -> None:
+        moved = self.target + self._target_velocity * seconds
+        self.target = np.minimum(np.maximum(moved, self._lower), self._upper)
 
     def stop(self) -> None:
         """Forget the target: come to rest where the limits allow."""
@@ -148,6 +161,8 @@ class SetPoint:
             return
         if now - self._target_at > _STREAM_GAP * self._period:
             self._target_velocity[:] = 0.0
+        if self._tracks and self._streams and now > self._target_at:
+            self._move_on(dt)
         left = max(self._arrive_at - now, dt)
         ahead = dt  # where the target is when the motors are asked for this plan
         if self._tracks:

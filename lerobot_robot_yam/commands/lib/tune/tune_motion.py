@@ -13,7 +13,8 @@ from lerobot_robot_yam.errors import LifeCycleError
 from lerobot_robot_yam.session.yam_arm import YamArm
 from lerobot_robot_yam.state.modes import Mode
 
-_PERIOD_S = 0.02
+_PERIOD_S = 0.02  # of the targets
+_LOOK_S = 0.002  # no tick's state is missed: what a motor feels changes from tick to tick, and only the mean counts
 _SETTLE_S = 0.15  # after which the joints move as steadily as they are told to
 _EXPECTED_STEPS = 20  # of a way
 _BIN_S = 0.1  # what is averaged: the torques that are fed back have steps, see `damiao.codec`
@@ -64,16 +65,20 @@ def sweep(arm: YamArm, poses: np.ndarray, tell: Callable[[float], None]) -> tupl
 def _leg(arm: YamArm, start: np.ndarray, end: np.ndarray) -> Samples:
     """A straight way at a steady speed, and some time to come to rest; samples of the steady part."""
     clock, seconds = arm.clock, way_s(start, end)
-    rows, begin = [], clock.now()
+    rows: list[tuple[float, np.ndarray, np.ndarray, np.ndarray]] = []
+    begin, due = clock.now(), 0.0
     while (now := clock.now() - begin) < seconds + WAIT_S:
-        share, rate = _ramped(now, seconds)
-        arm.command(start + share * (end - start), dq=rate * (end - start))
+        if now >= due:
+            share, rate = _ramped(now, seconds)
+            arm.command(start + share * (end - start), dq=rate * (end - start))
+            due = now + _PERIOD_S
         state = arm.observe()
         if state.mode not in (Mode.HOLD, Mode.TRACK):
             raise LifeCycleError(f"{arm.config.name}: the arm is in mode {state.mode.name.lower()}; nothing was kept")
-        if RAMP_S + _SETTLE_S < now < seconds - RAMP_S:
+        steady = RAMP_S + _SETTLE_S < now < seconds - RAMP_S
+        if steady and (not rows or state.stamp_s > rows[-1][0]):
             rows.append((state.stamp_s, state.q, state.dq, state.tau_nm))
-        clock.sleep(_PERIOD_S)
+        clock.sleep(_LOOK_S)
     times, q, dq, tau = (np.array(column) for column in zip(*rows, strict=True))
     bins = ((times - times[0]) / _BIN_S).astype(int)
     means = [np.array([values[bins == b].mean(axis=0) for b in np.unique(bins)]) for values in (times, q, dq, tau)]
