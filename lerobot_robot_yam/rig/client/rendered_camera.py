@@ -26,7 +26,10 @@ Settings = tuple[str, int, int, int]
 MAX_WIDTH, MAX_HEIGHT = 1280, 960
 MAX_FPS = 60
 _POLL_S = 0.002
-_TOO_BUSY = "this machine is too busy: end other programs, or have the rig draw less (pictures: plain, fewer cameras)"
+_TOO_BUSY = (
+    "this machine is too busy: end other programs, or have the rig draw less: fewer cameras, or "
+    "`can_options: {pictures: plain}` in the config of an arm"
+)
 _MAX_AGE_S = 0.5
 
 
