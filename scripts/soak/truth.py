@@ -209,8 +209,9 @@ class Truth:
         for channel, (at_s, q, before) in list(self._cuts.items()):
             if pose["monotonic_s"] <= at_s:
                 continue
-            if self._happened(_PUSHES, channel, before["monotonic_s"], pose["monotonic_s"]):
-                del self._cuts[channel]  # a hand lifts a limp arm as far as it likes
+            pushed = self._happened(_PUSHES, channel, before["monotonic_s"], pose["monotonic_s"])
+            if pushed or self._held_s.get(channel, -math.inf) >= before["monotonic_s"]:
+                del self._cuts[channel]  # a hand moves a limp arm as it likes, and lets it fall
                 continue
             moved, body = _farthest(channel, before, pose)
             off = np.abs(q[: len(self._arms[channel].rest_q)] - self._arms[channel].rest_q)[_CARRYING]
