@@ -36,7 +36,7 @@ class CouplingCheck:
         self.gates: Counter[str] = Counter()
 
     def look(self, record: Any, leader: Any) -> list[Finding]:
-        """Check one record; `leader`: None before the first."""
+        """Check one record; `leader`: None while it has none, before the first one and after its process was killed."""
         now = float(record["stamp_s"])
         if int(record["target_sequence"]) != self._target:
             self._target, self._target_s = int(record["target_sequence"]), now
@@ -69,7 +69,7 @@ class CouplingCheck:
     def _apart(self, record: Any, leader: Any, now: float) -> str:
         """What a follower that has caught up is asked for too long, and its leader does not ask; empty: nothing."""
         joints = slice(GRIPPER)
-        if now - self._joined_s < _JOINED_S:
+        if now - self._joined_s < _JOINED_S or leader is None:
             self._apart_s = now
             return ""
         rate = leader["action_dq"][joints]

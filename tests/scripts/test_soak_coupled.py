@@ -55,6 +55,12 @@ def test_a_leader_that_says_nothing_is_not_followed(soak, ticks, found):
     assert findings(soak.coupled.CouplingCheck(CHANNEL), rows) == found
 
 
+def test_a_leader_whose_process_is_gone_asks_for_nothing(soak):
+    rows = [(told(tick, 0.0, target=tick), asked(tick, 0.0)) for tick in range(1100)]
+    rows += [(told(tick, 0.0, target=tick), None) for tick in range(1100, 1160)]
+    assert findings(soak.coupled.CouplingCheck(CHANNEL), rows) == [LEADS]
+
+
 @pytest.mark.parametrize(
     ("beside", "from_tick", "found"),
     [
