@@ -185,7 +185,7 @@ class Actuation:
         gap = (self.setpoint.q - self.interface.motor_q)[: hw.joints]
         age_s = now - self.chain.stamp_s[: hw.joints]
         behind = np.abs(gap) > _FREE_RAD + self._free_speed * age_s  # its set-point has gone on since the sample
-        heard = age_s < _JUST_NOW_S + self.chain.round_trip.one_way_s
+        heard = self.usable[: hw.joints] & (age_s < _JUST_NOW_S + self.chain.round_trip.one_way_s)  # and not limp
         for joint in np.flatnonzero(fast & (gap * dq > 0.0) & behind & heard):
             logger.info("%s: %s came free at %.1f rad/s; caught", self.name, hw.motors[joint].name, dq[joint])
             self.setpoint.fall_back(int(joint), float(self.q[joint]))

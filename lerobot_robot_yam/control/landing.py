@@ -53,6 +53,7 @@ _STILL_RAD_S = 0.03
 _STILL_S = 0.06
 _SUNK_S = 1.0
 _CREEP_RAD = 0.02
+_FELL_BACK_RAD = 0.02  # of a set-point in one tick: its joint was struck and caught
 
 
 class Phase(Enum):
@@ -113,6 +114,7 @@ class Landing:
         self._since = now
         self._out[:] = True
         gap = np.abs(goal - self._setpoint.q[: self._n])
+        self._left = gap
         longest = max(float(gap.max()), 1e-3)
         self._speed = np.maximum(_COMMANDED_RAD_S * gap / longest, 0.05)
         self._start(now)
@@ -140,6 +142,10 @@ class Landing:
             now: s.
             explained: a wrong model can be why the arm is not where its set-point is.
         """
+        left = np.abs(self._setpoint.target[: self._n] - self._setpoint.q[: self._n])
+        if self.phase in (Phase.FOLD, Phase.LOWER) and (left > self._left + _FELL_BACK_RAD).any():
+            self._begin_move(self._setpoint.target[: self._n].copy(), now)  # or that joint would crawl
+        self._left = left
         self._start(now)
         dt, self._before = now - self._before, now
         self._out &= ~usable

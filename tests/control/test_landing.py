@@ -116,11 +116,11 @@ def test_an_arm_that_lies_already_stays_where_it_is(rig):
     assert farthest < 0.03
 
 
-@pytest.mark.parametrize("beyond_rad", [0.0, 0.07, 0.14])
-def test_an_arm_lands_whose_base_stands_beyond_its_range(beyond_rad):
+def plan_of_landing(q, struck=None):
+    """The phase after ten seconds of an arm that follows at once; `struck`: (phase, joint, rad) that throw it back."""
     hardware = ResolvedArm(ArmConfig(channel="x", name="left"))
     joints = hardware.joints
-    q = np.append([hardware.lower[0] - beyond_rad], [1.0, 1.0, 0.0, 0.0, 0.0])
+    q = np.array([hardware.lower[0] + q[0], *q[1:]])
     most, end = np.full(hardware.n, 30.0), np.full(hardware.n, 5.0)  # rad/s²
     setpoint = SetPoint(hardware.speed_limit, most, hardware.lower, hardware.upper, end)
     setpoint.seed(np.append(q, 0.5))
@@ -128,11 +128,41 @@ def test_an_arm_lands_whose_base_stands_beyond_its_range(beyond_rad):
     for tick in range(1, 2500):
         now = tick * 0.004
         landing.advance(q, np.zeros(joints), np.ones(joints, bool), now)
+        if struck is not None and landing.phase is struck[0]:
+            setpoint.fall_back(*struck[1:])
+            struck = None
         setpoint.step(now, 0.004)
         q = setpoint.q[:joints]
         if landing.phase is Phase.LANDED:
             break
-    assert landing.phase is Phase.LANDED
+    assert struck is None
+    return landing.phase
+
+
+@pytest.mark.parametrize("beyond_rad", [0.0, 0.07, 0.14])
+def test_an_arm_lands_whose_base_stands_beyond_its_range(beyond_rad):
+    assert plan_of_landing([-beyond_rad, 1.0, 1.0, 0.0, 0.0, 0.0]) is Phase.LANDED
+
+
+@pytest.mark.parametrize("phase", [Phase.FOLD, Phase.LOWER])
+def test_a_joint_that_is_struck_while_it_lands_goes_on_as_fast_as_others(phase):
+    assert plan_of_landing([1.0, 0.0, 0.0, 1.0, 0.0, 0.0], (phase, 1, 1.2)) is Phase.LANDED
+
+
+def test_a_limp_arm_that_is_pushed_does_not_come_free(rig, caplog, capfd):
+    """Its set-point is nothing that it could spring to, and stays, or a landing would begin anew with each push."""
+    caplog.set_level("INFO")
+    with arm_on(rig, CHANNEL) as arm:
+        arm.move_to([-0.7, 1.5, 1.4, -0.5, 0.0, 0.0], speed_rad_s=1.4)
+        rig.fault(CHANNEL, None, "cable_out", True)  # for longer than the motors' watchdogs wait
+        arm.clock.sleep(0.75)
+        rig.fault(CHANNEL, None, "cable_out", False)
+        arm.clock.sleep(2.0)
+        assert not any(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())
+        for force in ([30.0, 33.0, 22.0], [-30.0, -33.0, 22.0]):
+            rig.push(CHANNEL, "link2", force, 0.4)
+            arm.clock.sleep(1.0)
+    assert "came free" not in caplog.text + capfd.readouterr().err
 
 
 # From 1.1 the wrist may slip off by itself before it is brought down.
