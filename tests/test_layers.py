@@ -23,6 +23,7 @@ STOREYS = (
     "face",
     "plugin",  # the packages' own modules, which LeRobot finds by their names
     "viewer",
+    "waldo",
     "commands",
 )
 RIG_ROOMS = (
