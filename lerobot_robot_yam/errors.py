@@ -64,3 +64,7 @@ class PlanError(YamError, RuntimeError):
     """A motion cannot be planned as asked: out of reach, beyond a limit, through a singularity, too near; or the
     command is malformed. Nothing moves.
     """
+
+
+class ControllerError(YamError, RuntimeError):
+    """The controller of Waldo Commander refused a command, does not answer, or could not be started."""

@@ -1,0 +1,217 @@
+"""Where the arm is asked to be: one queue of planned commands, or one stream of jog and servo commands.
+
+Pure: it is fed the time and gives the set-point of each tick. A stream is refused while the queue moves the arm, and
+a queued command waits until a stream has come to rest.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from lerobot_robot_yam.errors import ControllerError
+from lerobot_robot_yam.waldo.controller.plant import Reading
+from lerobot_robot_yam.waldo.planning.motion_plan import Plan
+from lerobot_robot_yam.waldo.planning.planner import Planner
+from lerobot_robot_yam.waldo.planning.streaming import Streaming
+
+MOST_QUEUED = 1000  # commands; a program that sends more has lost its waits
+_REMEMBERED = 100_000  # ends of commands, for `wait_command`
+_ARRIVED_RAD = 2e-3  # the arm's own set-point, against the end of a plan
+_ARRIVE_S = 2.0  # after the end of a plan; later it is held back
+_JAW_S = 3.0  # in which a gripper has closed, or will not
+_JAW_BEGINS_S = 0.15  # before that a jaw that is told to move may stand still
+
+
+class End(Enum):
+    """How a command has ended."""
+
+    DONE = "done"
+    CANCELLED = "cancelled"
+
+
+@dataclass
+class Command:
+    """One entry of the queue: a motion, a move of the jaws, or a mark.
+
+    Attributes:
+        name, text: as the status shows it.
+        plan: the motion; None: the arm stays.
+        opening: where the jaws go, 0 closed … 1 open; None: they stay.
+        label: of a checkpoint.
+        index: its number, once it is queued.
+    """
+
+    name: str
+    text: str = ""
+    plan: Plan | None = None
+    opening: float | None = None
+    label: str = ""
+    index: int = -1
+
+
+class Motion:
+    """The set-point of one arm, and what moves it.
+
+    Args:
+        planner: of this arm; the stream uses it.
+        reading: of the arm.
+
+    Attributes:
+        q, dq: (n,) rad and rad/s, the set-point.
+        opening: of the gripper, 0 closed … 1 open; None without one.
+        running: the command under way; None: none.
+        completed: index of the last one that was carried out, -1 at first.
+        checkpoint: label of the last one passed.
+        epoch: grows when commands are cancelled: what was planned before must not be queued any more.
+    """
+
+    def __init__(self, planner: Planner, reading: Reading):
+        self._planner, self._streaming = planner, Streaming(planner)
+        self._queue: deque[Command] = deque()
+        self._ends: dict[int, End] = {}
+        self._next_index, self._began_s, self._free_s = 0, 0.0, -np.inf
+        self._last_s: float | None = None
+        self._streams, self._braking = False, False
+        self._brake: Plan | None = None
+        self.running: Command | None = None
+        self.completed, self.checkpoint, self.epoch = -1, "", 0
+        self.take_over(reading)
+
+    def take_over(self, reading: Reading) -> None:
+        """Begin at where an arm is asked to be, at rest; whatever was queued or streamed is dropped."""
+        self._cancel()
+        self._streams, self._brake = False, None
+        self.q, self.dq = np.array(reading.setpoint_q), np.zeros(len(reading.setpoint_q))
+        self.opening = reading.asked_opening
+
+    @property
+    def planned(self) -> bool:
+        """Whether commands run or wait."""
+        return self.running is not None or bool(self._queue)
+
+    @property
+    def streams(self) -> bool:
+        """Whether a stream moves the arm, or it comes to rest after a stop."""
+        return self._streams or self._brake is not None
+
+    @property
+    def waiting(self) -> list[Command]:
+        """The command that runs and those that wait, in order."""
+        return [*([self.running] if self.running else []), *self._queue]
+
+    @property
+    def end_q(self) -> np.ndarray:
+        """(n,) rad where the arm will be when all that is queued has been done."""
+        plans = [command.plan for command in self.waiting if command.plan is not None]
+        return plans[-1].q[-1] if plans else self.q
+
+    def end_of(self, index: int) -> End | None:
+        """How a command has ended; None: it has not, or never was."""
+        return self._ends.get(index)
+
+    def add(self, command: Command, epoch: int) -> int:
+        """Queue a command that was planned from `end_q` in this epoch; its index.
+
+        Raises:
+            ControllerError: commands were cancelled meanwhile, or too many wait.
+        """
+        if epoch != self.epoch:
+            raise ControllerError(f"{command.name}: the arm was stopped meanwhile; nothing moves")
+        if len(self._queue) >= MOST_QUEUED:
+            raise ControllerError(f"{command.name}: {MOST_QUEUED} commands wait already; wait for some of them")
+        command.index = self._next_index
+        self._next_index += 1
+        self._queue.append(command)
+        return command.index
+
+    def stream(self, begin: Callable[[Streaming], None]) -> None:
+        """Jog or servo: `begin` tells the stream what to do.
+
+        Raises:
+            ControllerError: a queued command moves the arm.
+        """
+        if any(command.plan is not None for command in self.waiting):
+            raise ControllerError("a queued command moves the arm: stop it, or wait until it has ended")
+        if not self._streams:
+            self._brake = None
+            self._streaming.seed(self.q, self.dq)
+        begin(self._streaming)
+        self._streams = True
+
+    def end_stream(self) -> None:
+        """Let a stream come to rest, for a planned command to follow."""
+        if self._streams:
+            self._streaming.stop()
+
+    def stop(self, now: float) -> None:
+        """Come to rest as soon as the limits allow; cancel everything."""
+        self._cancel()
+        self._streams = False
+        if self._brake is None:
+            self._brake, self._began_s = self._planner.stop(self.q, self.dq), now
+
+    def _cancel(self) -> None:
+        for command in self.waiting:
+            self._end(command, End.CANCELLED)
+        self._queue.clear()
+        self.running = None
+        self.epoch += 1
+
+    def _end(self, command: Command, end: End) -> None:
+        self._ends[command.index] = end
+        self._ends.pop(command.index - _REMEMBERED, None)
+
+    def step(self, now: float, reading: Reading) -> bool:
+        """Move the set-point on; whether it moves, or the jaws do.
+
+        Raises:
+            ControllerError: the arm does not get to where a plan has ended; everything is cancelled.
+        """
+        dt_s = 0.0 if self._last_s is None else now - self._last_s
+        self._last_s = now
+        if self._streams:
+            self.q, self.dq = self._streaming.step(now, dt_s)
+            self._streams = not self._streaming.still
+        elif self._brake is not None:
+            self.q, self.dq = self._brake.at(now - self._began_s)
+            if now - self._began_s >= self._brake.duration_s:
+                self._brake = None
+        while not self.streams and self._advance(now, reading):
+            pass
+        return self.streams or self.planned or not reading.jaw_still
+
+    def _advance(self, now: float, reading: Reading) -> bool:
+        """Carry on with the queue; whether a command has ended, so that the next one is due in this very tick."""
+        if self.running is None:
+            free_s, self._free_s = self._free_s, now
+            if not self._queue:
+                return False
+            self.running, self._began_s = self._queue.popleft(), free_s
+        command, past_s = self.running, now - self._began_s
+        if command.plan is not None:
+            self.q, self.dq = command.plan.at(past_s)
+            over_s = past_s - command.plan.duration_s
+            if over_s < 0.0:
+                return False
+            if np.abs(reading.setpoint_q - self.q).max() > _ARRIVED_RAD:
+                if over_s > _ARRIVE_S:
+                    self._cancel()
+                    raise ControllerError(f"{command.name}: the arm is held back, or something is in its way")
+                self._late = True
+                return False
+            self._free_s = now if self._late else self._began_s + command.plan.duration_s
+            self._late = False
+        elif command.opening is not None:
+            self.opening = command.opening
+            if past_s < _JAW_BEGINS_S or (not reading.jaw_still and past_s < _JAW_S):
+                return False
+            self._free_s = now
+        else:
+            self.checkpoint = command.label
+            self._free_s = self._began_s
+        self._end(command, End.DONE)
+        self.completed, self.running = command.index, None
+        return True

@@ -1,0 +1,129 @@
+"""The real arm, behind the session layer: its limits, landing, emergency stop and stand-by all hold.
+
+Nothing here energises but `arm`, which only an operator's own command reaches (`operator_door`).
+"""
+
+import dataclasses
+import logging
+from collections.abc import Sequence
+
+import numpy as np
+
+from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.errors import ControllerError, LifeCycleError, YamError
+from lerobot_robot_yam.session.arm_client import ArmClient
+from lerobot_robot_yam.session.arm_session import ArmSession
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.records import ArmState
+from lerobot_robot_yam.waldo.controller.plant import Reading
+
+_STILL_PER_S = 0.02  # strokes/s, below which a jaw stands
+
+logger = logging.getLogger(__name__)
+
+
+class RealArm:
+    """A plant that drives the arm on a CAN channel. Methods other than `arm` and `land` return at once.
+
+    Args:
+        config: the arm.
+
+    Attributes:
+        config: as it will be armed the next time.
+    """
+
+    def __init__(self, config: ArmConfig):
+        self.config = config
+        self._session: ArmSession | None = None
+
+    @property
+    def armed(self) -> bool:
+        """Whether an operator has armed it, and it has not landed since."""
+        return self._session is not None and self._session.running
+
+    @property
+    def client(self) -> ArmClient:
+        """Of the armed arm. Raises ControllerError: it is not armed."""
+        if self._session is None or not self._session.running:
+            raise ControllerError(f"{self.config.name}: it is not armed; at its computer: yam-waldo arm")
+        return self._session[self.config.name]
+
+    def load(self, mass_kg: float, com_m: Sequence[float]) -> None:
+        """Say what is fixed to the tool. Raises YamError: out of range, or the arm is armed."""
+        if self.armed:
+            raise ControllerError(
+                f"{self.config.name}: the arm is armed, and carries what it was armed with; `yam-waldo land` first"
+            )
+        self.config = dataclasses.replace(self.config, payload_mass_kg=mass_kg, payload_com_m=list(com_m))
+
+    def keep_clear(self, workspace: WorkspaceConfig) -> None:
+        """Keep away from these. Raises YamError: malformed, or the arm is armed."""
+        if self.armed:
+            raise ControllerError(f"{self.config.name}: the arm is armed; `yam-waldo land`, then change the shapes")
+        self.config = dataclasses.replace(self.config, workspace=workspace)
+
+    def arm(self) -> None:
+        """ENERGISE the arm: it holds where it is. Of one that has failed, enable it again. Waits.
+
+        Raises:
+            YamError: what failed; nothing is energised that was not.
+        """
+        if self._session is not None and self.client.off:
+            self.land()
+        if self._session is not None:
+            self._session.rearm()
+            return
+        session = ArmSession([self.config])
+        session.start()
+        self._session = session
+
+    def land(self) -> None:
+        """Bring it down, cut torque, let go of the channel. Waits; idempotent."""
+        session, self._session = self._session, None
+        if session is not None:
+            session.stop()
+
+    def trouble(self) -> str:
+        """Why it takes no targets; empty: it does."""
+        try:
+            self._taking()
+        except YamError as error:
+            return str(error)
+        return ""
+
+    def _taking(self) -> ArmState:
+        """The newest state of an arm that takes targets. Raises YamError: it does not."""
+        state = self.client.newest()
+        if state.mode is Mode.STOPPED:
+            raise LifeCycleError(f"{self.config.name}: the emergency stop is latched; `yam-estop release` ends it")
+        if state.mode not in (Mode.HOLD, Mode.TRACK):
+            raise LifeCycleError(f"{self.config.name}: it takes no targets in mode {state.mode.name.lower()}")
+        return state
+
+    def read(self) -> Reading:
+        state = self.client.published()
+        still = state.gripper_rate is None or abs(state.gripper_rate) < _STILL_PER_S
+        return Reading(
+            state.q, state.dq, state.tau_nm, state.setpoint_q, state.gripper, self._asked(state), still,
+            state.gripper_tau_nm or 0.0,
+        )  # fmt: skip
+
+    @staticmethod
+    def _asked(state: ArmState) -> float | None:
+        action = state.action
+        return state.gripper_setpoint if action is None or state.gripper is None else action[-1]
+
+    def follow(self, q: np.ndarray, dq: np.ndarray, opening: float | None, dt_s: float) -> None:
+        self._taking()
+        self.client.write_target(q, opening, dq)
+
+    def rest(self) -> None:
+        self._taking()
+        self.client.hold()
+
+    def published(self) -> ArmState:
+        """The state as last published. Raises YamError: not armed."""
+        return self.client.published()
+
+

@@ -1,0 +1,207 @@
+"""Requests of clients that move the arm or the jaws: planned in a thread, queued in order; or streamed at once."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+
+from lerobot_robot_yam.errors import PlanError
+from lerobot_robot_yam.waldo import program
+from lerobot_robot_yam.waldo.arm_choice import NO_TOOL, tool_key
+from lerobot_robot_yam.waldo.controller.controller import TICK_S, Controller
+from lerobot_robot_yam.waldo.controller.motion import Command, End
+from lerobot_robot_yam.waldo.gripper_sense import swapped
+from lerobot_robot_yam.waldo.planning.motion_plan import Plan
+from lerobot_robot_yam.waldo.planning.planner import Planner
+from lerobot_robot_yam.waldo.program import AXES, FRAMES, WORLD, Numbers, Pace
+
+_LONGEST_JOG_S = 10.0
+_STILL_RAD_S = 0.01
+_ACTIONS = {"open": 0.0, "close": 1.0}  # Commander's positions
+
+
+class MotionRequests:
+    """Motion commands of one controller.
+
+    Args:
+        controller: of the arm.
+    """
+
+    def __init__(self, controller: Controller):
+        self._controller, self._motion = controller, controller.motion
+        self._planner = Planner(controller.hardware)  # of the thread that plans
+        self._worker = ThreadPoolExecutor(1, "planning")
+        self._in_turn = asyncio.Lock()
+
+    def close(self) -> None:
+        """End the thread."""
+        self._worker.shutdown(cancel_futures=True)
+
+    async def move_j(
+        self,
+        angles: Numbers | None,
+        pose: Numbers | None = None,
+        rel: bool = False,
+        speed: float = 0.0,
+        accel: float = 1.0,
+        duration: float = 0.0,
+    ) -> int:
+        pace, text = Pace(speed, accel, duration or 0.0), _text(angles if pose is None else pose)
+        return await self._planned("move_j", text, lambda p, q: program.move_j(p, q, angles, pose, pace, rel))
+
+    async def move_l(
+        self,
+        pose: Numbers,
+        frame: str = WORLD,
+        rel: bool = False,
+        speed: float = 0.0,
+        accel: float = 1.0,
+        duration: float = 0.0,
+    ) -> int:
+        pace = Pace(speed, accel, duration or 0.0)
+        return await self._planned("move_l", _text(pose), lambda p, q: program.move_l(p, q, pose, frame, pace, rel))
+
+    async def home(self) -> int:
+        return await self._planned("home", "", lambda p, q: p.home(q))
+
+    async def delay(self, seconds: float) -> int:
+        return await self._planned("delay", f"{seconds} s", lambda p, q: program.pause(q, seconds))
+
+    async def _planned(self, name: str, text: str, plan: Callable[[Planner, np.ndarray], Plan]) -> int:
+        """Plan a command from where those before it end, and queue it; its index."""
+        motion, epoch = self._motion, self._motion.epoch
+        async with self._in_turn:
+            self._controller.check_enabled()
+            motion.end_stream()
+            while motion.streams:
+                await asyncio.sleep(TICK_S)
+            start_q, tip = motion.end_q, self._controller.tip
+
+            def work() -> Plan:
+                self._planner.set_tool(tip)
+                return plan(self._planner, start_q)
+
+            made = await asyncio.get_running_loop().run_in_executor(self._worker, work)
+            self._controller.check_enabled()
+            return motion.add(Command(name, text, plan=made), epoch)
+
+    async def checkpoint(self, label: str) -> int:
+        return await self._unplanned(Command("checkpoint", str(label), label=str(label)))
+
+    async def tool_action(self, tool_key: str, action: str, params: Sequence[float] | None = None) -> int:
+        opening = swapped(self._position(str(tool_key).upper(), action, params))
+        return await self._unplanned(Command(f"tool {action}", str(tool_key), opening=opening))
+
+    async def _unplanned(self, command: Command) -> int:
+        epoch = self._motion.epoch
+        async with self._in_turn:
+            self._controller.check_enabled()
+            return self._motion.add(command, epoch)
+
+    def _position(self, key: str, action: str, params: Sequence[float] | None) -> float:
+        """Where the jaws are to go, as Commander counts. Raises PlanError: there is no such tool or action."""
+        fitted = tool_key(self._controller.hardware.gripper)
+        if key != fitted or fitted == NO_TOOL:
+            raise PlanError(f"no tool {key!r} that moves; this arm has {fitted}")
+        if action in _ACTIONS:
+            return _ACTIONS[action]
+        if action != "move":
+            raise PlanError(f"{key}: an action is open, close or move, not {action!r}")
+        (position,) = program.numbers("position", params, 1)
+        if not 0.0 <= position <= 1.0:
+            raise PlanError(f"{key}: a position is 0 (open) to 1 (closed), not {position:g}")
+        return float(position)
+
+    # streams
+
+    def servo_j(self, angles: Numbers | None, pose: Numbers | None = None, speed: float = 1.0, accel: float = 1.0) -> int:
+        if pose is not None:
+            return self.servo_l(pose, speed, accel)
+        target = np.radians(program.numbers("angles", angles, self._controller.hardware.joints))
+        return self._servo(self._controller.planner.within(target), speed, accel)
+
+    def servo_l(self, pose: Numbers, speed: float = 1.0, accel: float = 1.0) -> int:
+        planner, here = self._controller.planner, self._motion.q
+        return self._servo(planner.inverse(program.goal(planner, here, pose, WORLD, False), here), speed, accel)
+
+    def _servo(self, target_q: np.ndarray, speed: float, accel: float) -> int:
+        self._controller.check_enabled()
+        self._motion.stream(lambda stream: stream.servo(target_q, speed, accel))
+        return 1
+
+    def jog_j(self, joints: Sequence[int], speeds: Numbers, duration: float = 0.1, accel: float = 1.0) -> int:
+        shares = np.zeros(self._controller.hardware.joints)
+        for joint, share in zip(joints, _shares(speeds, len(joints)), strict=True):
+            if not isinstance(joint, int) or not 0 <= joint < len(shares):
+                raise PlanError(f"a joint is 0 to {len(shares) - 1}, not {joint!r}")
+            shares[joint] = share
+        return self._jog(lambda stream, now, time_s: stream.jog_joints(shares, accel, now, time_s), duration)
+
+    def jog_l(
+        self, frame: str, axes: Sequence[str], speeds: Numbers, duration: float = 0.1, accel: float = 1.0
+    ) -> int:
+        if frame not in FRAMES:
+            raise PlanError(f"frame is one of {', '.join(FRAMES)}, not {frame!r}")
+        twist = np.zeros(len(AXES))
+        for axis, share in zip(axes, _shares(speeds, len(axes)), strict=True):
+            if axis not in AXES:
+                raise PlanError(f"an axis is one of {', '.join(AXES)}, not {axis!r}")
+            twist[AXES.index(axis)] = share
+        return self._jog(lambda stream, now, time_s: stream.jog_line(frame, twist, accel, now, time_s), duration)
+
+    def _jog(self, begin: Callable[[Any, float, float], None], duration: float) -> int:
+        (time_s,) = program.numbers("duration", [duration], 1)
+        if not 0.0 < time_s <= _LONGEST_JOG_S:
+            raise PlanError(f"a jog lasts up to {_LONGEST_JOG_S:g} s, not {duration!r}")
+        self._controller.check_enabled()
+        self._motion.stream(lambda stream: begin(stream, self._controller.now(), float(time_s)))
+        return 1
+
+    # waits
+
+    async def wait_command(self, command_index: int, timeout: float = 10.0) -> bool:
+        await _until(lambda: self._motion.end_of(command_index) is not None, timeout)
+        return self._motion.end_of(command_index) is End.DONE
+
+    async def wait_checkpoint(self, label: str, timeout: float = 30.0) -> bool:
+        return await _until(lambda: self._motion.checkpoint == label, timeout)
+
+    async def wait_motion(self, timeout: float = 10.0, settle_window: float = 0.1) -> bool:
+        controller, still_since_s = self._controller, [np.inf]
+
+        def settled() -> bool:
+            speeds = np.abs(controller.reading.dq).max()
+            moving = self._motion.planned or self._motion.streams or speeds > _STILL_RAD_S
+            still_since_s[0] = np.inf if moving else min(still_since_s[0], controller.now())
+            return controller.now() - still_since_s[0] >= settle_window
+
+        return await _until(settled, timeout)
+
+
+def _shares(speeds: Numbers, count: int) -> np.ndarray:
+    """(count,) speeds of a jog. Raises PlanError: they are no shares -1 … 1."""
+    shares = program.numbers("speeds", speeds, count)
+    if not count or (np.abs(shares) > 1.0).any():
+        raise PlanError(f"the speed of a jog is a share -1 … 1 of the jog speed, not {speeds!r}")
+    return shares
+
+
+async def _until(condition: Callable[[], bool], timeout: float) -> bool:
+    """Wait until a condition holds; False: not within `timeout` s."""
+    try:
+        async with asyncio.timeout(timeout):
+            while not condition():
+                await asyncio.sleep(TICK_S)
+    except TimeoutError:
+        return False
+    return True
+
+
+def _text(values: Any) -> str:
+    """Numbers as the status shows them, whatever was sent."""
+    try:
+        return " ".join(f"{float(value):.1f}" for value in values)
+    except (TypeError, ValueError):
+        return ""
