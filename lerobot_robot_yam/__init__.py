@@ -34,6 +34,7 @@ _MODULES = {
     "YamRealsenseCameraConfig": "config_yam_realsense",
 }
 __all__ = list(_MODULES)
+_MODULES |= {"RobotClient": "waldo.client.sync_client", "AsyncRobotClient": "waldo.client.async_client"}  # need waldoctl
 
 registration.register()
 

@@ -189,7 +189,7 @@ class Controller:
         """Poses are of this tool's tip from now on. Raises ConfigError: the arm has no such tool."""
         frame = tip(self.hardware.gripper, key, offset_m)
         self.tool_key, self.offset_m, self.tip = key, offset_m, frame
-        self.planner.set_tool(frame)
+        self.planner.tool = frame
 
     # what only an operator at this computer may do
 

@@ -7,15 +7,17 @@ from typing import Any
 
 import numpy as np
 
+from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.errors import PlanError
 from lerobot_robot_yam.waldo import program
 from lerobot_robot_yam.waldo.arm_choice import NO_TOOL, tool_key
 from lerobot_robot_yam.waldo.controller.controller import TICK_S, Controller
 from lerobot_robot_yam.waldo.controller.motion import Command, End
 from lerobot_robot_yam.waldo.gripper_sense import swapped
+from lerobot_robot_yam.waldo.planning.frames import AXES, check_frame, of_command
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan
 from lerobot_robot_yam.waldo.planning.planner import Planner
-from lerobot_robot_yam.waldo.program import AXES, FRAMES, WORLD, Numbers, Pace
+from lerobot_robot_yam.waldo.program import Numbers, Pace
 
 _LONGEST_JOG_S = 10.0
 _STILL_RAD_S = 0.01
@@ -39,6 +41,11 @@ class MotionRequests:
         """End the thread."""
         self._worker.shutdown(cancel_futures=True)
 
+    async def set_workspace(self, workspace: WorkspaceConfig) -> None:
+        """Plan around these from now on."""
+        loop = asyncio.get_running_loop()
+        await loop.run_in_executor(self._worker, lambda: self._planner.keep_clear(workspace))
+
     async def move_j(
         self,
         angles: Numbers | None,
@@ -54,7 +61,7 @@ class MotionRequests:
     async def move_l(
         self,
         pose: Numbers,
-        frame: str = WORLD,
+        frame: str = "WRF",
         rel: bool = False,
         speed: float = 0.0,
         accel: float = 1.0,
@@ -80,7 +87,7 @@ class MotionRequests:
             start_q, tip = motion.end_q, self._controller.tip
 
             def work() -> Plan:
-                self._planner.set_tool(tip)
+                self._planner.tool = tip
                 return plan(self._planner, start_q)
 
             made = await asyncio.get_running_loop().run_in_executor(self._worker, work)
@@ -124,7 +131,7 @@ class MotionRequests:
 
     def servo_l(self, pose: Numbers, speed: float = 1.0, accel: float = 1.0) -> int:
         planner, here = self._controller.planner, self._motion.q
-        return self._servo(planner.inverse(program.goal(planner, here, pose, WORLD, False), here), speed, accel)
+        return self._servo(planner.inverse(of_command(pose), here), speed, accel)
 
     def _servo(self, target_q: np.ndarray, speed: float, accel: float) -> int:
         self._controller.check_enabled()
@@ -142,8 +149,7 @@ class MotionRequests:
     def jog_l(
         self, frame: str, axes: Sequence[str], speeds: Numbers, duration: float = 0.1, accel: float = 1.0
     ) -> int:
-        if frame not in FRAMES:
-            raise PlanError(f"frame is one of {', '.join(FRAMES)}, not {frame!r}")
+        check_frame(frame)
         twist = np.zeros(len(AXES))
         for axis, share in zip(axes, _shares(speeds, len(axes)), strict=True):
             if axis not in AXES:
