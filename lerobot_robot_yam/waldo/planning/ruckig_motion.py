@@ -5,29 +5,18 @@ straight line in joint space and does not depend on the speed. From a motion the
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 import ruckig
 
 from lerobot_robot_yam.errors import PlanError
+from lerobot_robot_yam.waldo.planning.motion_limits import Limits
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan, standing
 
 SAMPLE_S = 0.01  # between two points of a plan; a cubic through them is off by less than 1e-5 rad
 _LATE = 1.05  # of the duration asked for: how much longer a motion may take before it is refused
 _TINY = 1e-9
-
-
-class Limits(NamedTuple):
-    """Of n coordinates: speed (n,) unit/s, acceleration (n,) unit/s², jerk (n,) unit/s³."""
-
-    speed: np.ndarray
-    acceleration: np.ndarray
-    jerk: np.ndarray
-
-    def scaled(self, speed: float, acceleration: float) -> "Limits":
-        """These shares of them; the jerk goes with the acceleration."""
-        return Limits(speed * self.speed, acceleration * self.acceleration, acceleration * self.jerk)
+_JERK_SHARES = (1.0, 0.999, 0.99, 0.9)
 
 
 def move(start: np.ndarray, speed: np.ndarray, target: np.ndarray, limits: Limits, duration_s: float = 0.0) -> Plan:
@@ -76,10 +65,21 @@ def _input(start: np.ndarray, speed: np.ndarray, limits: Limits) -> ruckig.Input
 
 
 def _sampled(given: ruckig.InputParameter) -> Plan:
-    trajectory = ruckig.Trajectory(given.degrees_of_freedom)
-    result = ruckig.Ruckig(given.degrees_of_freedom).calculate(given, trajectory)
-    if result not in (ruckig.Result.Working, ruckig.Result.Finished):
-        raise PlanError(f"no motion was found from {given.current_position} ({result}); nothing moves")
+    trajectory = _trajectory(given)
     times = np.linspace(0.0, trajectory.duration, max(math.ceil(trajectory.duration / SAMPLE_S), 1) + 1)
     rows = [trajectory.at_time(t) for t in times.tolist()]
     return Plan(times, np.array([row[0] for row in rows]), np.array([row[1] for row in rows]))
+
+
+def _trajectory(given: ruckig.InputParameter) -> ruckig.Trajectory:
+    """By ruckig, which fails where two of its cases meet to the last bit; a little less jerk gets it out of there."""
+    trajectory = ruckig.Trajectory(given.degrees_of_freedom)
+    jerk = np.array(given.max_jerk)
+    for share in _JERK_SHARES:
+        given.max_jerk = share * jerk
+        try:
+            ruckig.Ruckig(given.degrees_of_freedom).calculate(given, trajectory)
+        except ruckig.RuckigError:
+            continue
+        return trajectory
+    raise PlanError(f"no motion was found from {given.current_position} to {given.target_position}; nothing moves")

@@ -1,0 +1,135 @@
+"""Straight lines of the tool: straight in the plan, within the limits, or refused before they start."""
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.errors import PlanError
+from lerobot_robot_yam.waldo.planning.frames import commanded
+from lerobot_robot_yam.waldo.planning.line_path import Line
+from lerobot_robot_yam.waldo.planning.planner import Planner
+from lerobot_robot_yam.waldo.planning.rotation import to_turn
+from lerobot_robot_yam.waldo.planning.serial_chain import tool_centre
+
+LOOKS = 400
+
+
+def planner_of(arm="yam", gripper="linear_4310"):
+    hardware = ResolvedArm(ArmConfig(channel="can0", arm=arm, gripper=gripper))
+    planner = Planner(hardware)
+    planner.tool = tool_centre(hardware.gripper)
+    return planner
+
+
+def off_the_line(planner, plan, target):
+    """How far the tool strays from the straight line to `target`, m, and how far it turns off it, rad."""
+    poses = planner.pose(plan.at(np.linspace(0.0, plan.duration_s, LOOKS))[0])
+    line = Line.between(poses[0], target)
+    length, turn = line.size
+    moved = poses[:, :3, 3] - line.start[:3, 3]
+    turned = to_turn(poses[:, :3, :3] @ line.start[:3, :3].T)
+    shares = moved @ line.way / length**2 if length > 1e-6 else turned @ line.turn / turn**2
+    rests = [to_turn(pose[:3, :3] @ line.at(share)[:3, :3].T) for pose, share in zip(poses, shares, strict=True)]
+    return np.linalg.norm(moved - np.outer(shares, line.way), axis=1).max(), np.linalg.norm(rests, axis=1).max()
+
+
+@pytest.mark.parametrize(
+    "way",
+    [[0, 0, 20, 0, 0, 0], [100, 0, 0, 0, 0, 0], [0, -200, 0, 0, 0, 20], [0, 0, 0, 25, 0, 0], [-30, 80, -50, 10, 5, -8]],
+)
+@pytest.mark.parametrize("arm", ["yam", "big_yam"])
+def test_the_tool_stays_on_the_line_and_ends_on_its_target(arm, way):
+    planner = planner_of(arm)
+    target = commanded(planner.pose(planner.home_q), way, "TRF")
+    plan = planner.line(planner.home_q, target, speed=1.0)
+    position, turn = off_the_line(planner, plan, target)
+    assert position < 5e-4 and np.degrees(turn) < 0.3
+    assert np.abs(planner.pose(plan.q[-1]) - target).max() < 1e-5
+    assert np.abs(plan.dq).max() <= planner.limits.speed.max() * 1.001
+    assert np.abs(plan.dq[[0, -1]]).max() < 1e-6
+    assert (plan.q >= planner.lower).all() and (plan.q <= planner.upper).all()
+
+
+def test_many_lines_are_straight_or_refused_at_once():
+    planner, draw = planner_of(), np.random.default_rng(3)
+    kept = 0
+    for _ in range(40):
+        start = draw.uniform(planner.lower, planner.upper)
+        way = np.concatenate([draw.uniform(-150, 150, 3), draw.uniform(-40, 40, 3)])
+        target = commanded(planner.pose(start), way, "WRF", rel=True)
+        try:
+            plan = planner.line(start, target, speed=1.0)
+        except PlanError:
+            continue
+        kept += 1
+        position, turn = off_the_line(planner, plan, target)
+        assert position < 5e-4 and np.degrees(turn) < 0.3
+        assert (np.abs(plan.dq) <= planner.limits.speed * 1.01).all()
+        assert (plan.q >= planner.lower - 1e-3).all() and (plan.q <= planner.upper + 1e-3).all()
+    assert kept > 8
+
+
+def test_a_line_beyond_a_joints_limit_is_refused_with_its_name():
+    planner = planner_of()
+    target = commanded(planner.pose(planner.home_q), [0, 0, 0, 0, 90, 0], "TRF")
+    with pytest.raises(PlanError, match="joint_4 at -97.0°"):
+        planner.line(planner.home_q, target)
+
+
+def test_a_line_through_a_singularity_is_refused_with_the_joint_that_would_race():
+    """The axes of joints 4 and 6 are almost in line at q5 = 89°: there is a direction in which both would race."""
+    planner = planner_of()
+    start = planner.home_q.copy()
+    start[4] = np.radians(89.0)
+    place = planner.chain.place(start)
+    *_, lost = np.linalg.svd(place.jacobian)[0].T  # the direction of motion in which the arm is weakest
+    planner.tool = np.eye(4)
+    target = commanded(planner.pose(start), [*(lost[:3] * 80.0), *np.degrees(lost[3:] * 0.5)], "WRF", rel=True)
+    with pytest.raises(PlanError, match="singularity|out of reach"):
+        planner.line(start, target)
+
+
+def test_where_the_tool_is_already_nothing_moves():
+    planner = planner_of()
+    plan = planner.line(planner.home_q, planner.pose(planner.home_q))
+    assert np.array_equal(plan.q[0], plan.q[-1]) and plan.duration_s < 0.01
+
+
+def test_from_slightly_outside_a_limit_a_line_may_lead_inwards_only():
+    """At rest joints 2 and 3 lie on their lower limits, and are measured a little below."""
+    planner = planner_of()
+    start = planner.home_q.copy()
+    start[2] = planner.lower[2] - np.radians(0.3)
+    inwards = start.copy()
+    inwards[2] += np.radians(4.0)
+    plan = planner.line(start, planner.pose(inwards))
+    assert plan.q[-1, 2] > planner.lower[2]
+    outwards = start.copy()
+    outwards[2] -= np.radians(3.0)
+    with pytest.raises(PlanError):
+        planner.line(start, planner.pose(outwards))
+
+
+def test_a_duration_counts_in_place_of_the_speed():
+    planner = planner_of()
+    target = commanded(planner.pose(planner.home_q), [0, 0, 50, 0, 0, 0], rel=True)
+    assert planner.line(planner.home_q, target, speed=0.01, duration_s=4.0).duration_s == pytest.approx(4.0)
+    with pytest.raises(PlanError, match="takes at least"):
+        planner.line(planner.home_q, target, duration_s=0.1)
+
+
+def test_a_corner_is_rounded_within_its_radius():
+    planner = planner_of()
+    first = planner.line(planner.home_q, commanded(planner.pose(planner.home_q), [0, 0, 100, 0, 0, 0], rel=True))
+    corner = first.q[-1]
+    second = planner.line(corner, commanded(planner.pose(corner), [0, 100, 0, 0, 0, 0], rel=True))
+    plan = planner.joined(first, second, 0.02)
+    assert plan.duration_s < first.duration_s + second.duration_s - 0.1
+    assert np.allclose(plan.q[-1], second.q[-1], atol=1e-6) and np.abs(plan.dq[-1]).max() < 1e-6
+    tool = planner.pose(plan.q)[:, :3, 3]
+    at_corner = planner.pose(corner)[:3, 3]
+    straight = np.minimum(*(np.linalg.norm(np.delete(tool - at_corner, axis, axis=1), axis=1) for axis in (2, 1)))
+    assert 1e-3 < np.linalg.norm(tool - at_corner, axis=1).min() < 0.02
+    assert straight[np.linalg.norm(tool - at_corner, axis=1) > 0.03].max() < 5e-4
+    assert planner.joined(first, second, 0.0).duration_s == pytest.approx(first.duration_s + second.duration_s)
