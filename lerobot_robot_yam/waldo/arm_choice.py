@@ -1,6 +1,6 @@
 """Which arm and gripper Commander shows: two names, from the environment as Commander passes no options.
 
-    YAM_WALDO_ARM=big_yam YAM_WALDO_GRIPPER=crank_4310 waldo-commander --host 127.0.0.1
+YAM_WALDO_ARM=big_yam YAM_WALDO_GRIPPER=crank_4310 waldo-commander --host 127.0.0.1
 """
 
 import os

@@ -13,6 +13,9 @@ from lerobot_robot_yam.waldo.planning.frames import commanded
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan, standing
 from lerobot_robot_yam.waldo.planning.planner import Planner
 
+PROFILES = ("ruckig",)
+"""Motion profiles: there is one, limited in speed, acceleration and jerk."""
+
 _LONGEST_S = 600.0  # of a delay or a duration
 
 Numbers = Sequence[float] | np.ndarray

@@ -29,12 +29,17 @@ from lerobot_robot_yam.waldo.launching import LaunchedController, ask_once
 from lerobot_robot_yam.waldo.model.arm_folder import ArmFolder, arm_folder
 from lerobot_robot_yam.waldo.planning import rotation
 from lerobot_robot_yam.waldo.planning.frames import FRAMES
-from lerobot_robot_yam.waldo.planning.motion_limits import ANGULAR_LIMITS, LINEAR_LIMITS
+from lerobot_robot_yam.waldo.planning.motion_limits import (
+    JOG_SHARE,
+    LINE_ACCELERATION_M_S2,
+    LINE_ACCELERATION_RAD_S2,
+    LINE_SPEED_M_S,
+    LINE_SPEED_RAD_S,
+)
 from lerobot_robot_yam.waldo.planning.planner import Planner
+from lerobot_robot_yam.waldo.program import PROFILES
 from lerobot_robot_yam.waldo.tool_catalog import YamTools, tools_of
 from lerobot_robot_yam.waldo.wire import HOST, PORT
-
-PROFILES = ("ruckig",)
 
 
 class Robot(waldoctl.Robot):
@@ -65,8 +70,8 @@ class Robot(waldoctl.Robot):
         """Names, limits and home pose of the six joints."""
         planner, n = self._planner, self._hardware.joints
         range_rad = np.stack([planner.lower, planner.upper], axis=1)
-        motion = KinodynamicLimits(planner.limits.speed, planner.limits.acceleration, planner.limits.jerk)
-        limits = JointLimits(PositionLimits(np.degrees(range_rad), range_rad), motion, motion)
+        hard, jog = (KinodynamicLimits(*planner.limits.scaled(share, 1.0)) for share in (1.0, JOG_SHARE))
+        limits = JointLimits(PositionLimits(np.degrees(range_rad), range_rad), hard, jog)
         home = HomePosition(np.degrees(planner.home_q), planner.home_q)
         return JointsSpec(n, tuple(self._hardware.joint_names), limits, home)
 
@@ -85,7 +90,10 @@ class Robot(waldoctl.Robot):
     @property
     def cartesian_limits(self) -> CartesianKinodynamicLimits:
         """Of the tool: m/s, rad/s, m/s², rad/s²."""
-        return CartesianKinodynamicLimits(LinearAngularLimits(*LINEAR_LIMITS), LinearAngularLimits(*ANGULAR_LIMITS))
+        return CartesianKinodynamicLimits(
+            LinearAngularLimits(LINE_SPEED_M_S, LINE_SPEED_RAD_S),
+            LinearAngularLimits(LINE_ACCELERATION_M_S2, LINE_ACCELERATION_RAD_S2),
+        )
 
     @property
     def position_unit(self) -> str:
@@ -179,7 +187,9 @@ class Robot(waldoctl.Robot):
         self, tool_key: str, tcp_offset_m: Sequence[float] | None = None, variant_key: str | None = None
     ) -> None:
         """Poses are of this tool's tip from now on, in this object alone. Raises ConfigError: no such tool."""
-        self._planner.tool = tip(self._hardware.gripper, tool_key, np.zeros(3) if tcp_offset_m is None else tcp_offset_m)
+        self._planner.tool = tip(
+            self._hardware.gripper, tool_key, np.zeros(3) if tcp_offset_m is None else tcp_offset_m
+        )
 
     def check_limits(self, q_rad: np.ndarray) -> bool:
         """Whether all joints (6,) are within their ranges."""
@@ -211,7 +221,8 @@ class Robot(waldoctl.Robot):
     def is_available(self, **kwargs: Any) -> bool:
         """Whether a controller of this arm answers."""
         found = ask_once(kwargs.get("host", HOST), int(kwargs.get("port", PORT)), "ping")
-        return bool(found) and (found["arm"], found["gripper"]) == (self._hardware.arm.name, self._hardware.gripper.name)
+        ours = self._hardware.arm.name, self._hardware.gripper.name
+        return bool(found) and (found["arm"], found["gripper"]) == ours
 
     def create_async_client(self, **kwargs: Any) -> AsyncRobotClient:
         """A client for the page; opens nothing yet."""

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
-from waldoctl import ElectricGripperTool, ToolsSpec, ToolSpec, ToolType
+from waldoctl import ElectricGripperTool, ToolSpec, ToolsSpec, ToolType
 
 from lerobot_robot_yam.arm.profile import GripperProfile
 from lerobot_robot_yam.errors import ControllerError
@@ -97,9 +97,7 @@ class YamTools(ToolsSpec):
 def tools_of(choice: ArmChoice, client: Any = None) -> YamTools:
     """The tools of an arm, bound to a client if one is given."""
     gripper = choice.resolved().gripper
-    none = NoTool(
-        key=NO_TOOL, display_name="None", tool_type=ToolType.NONE, tcp_origin=(0.0,) * 3, tcp_rpy=(0.0,) * 3
-    )
+    none = NoTool(key=NO_TOOL, display_name="None", tool_type=ToolType.NONE, tcp_origin=(0.0,) * 3, tcp_rpy=(0.0,) * 3)
     if gripper.motor is None:
         return YamTools(none)
     return YamTools(none, YamGripper(client, **_spec(choice, gripper)))

@@ -1,7 +1,7 @@
 """The client that Commander's page uses: every call is a coroutine.
 
-    async with AsyncRobotClient() as rbt:
-        await rbt.move_j([0, 60, 60, -29, 0, 0], wait=True)
+async with AsyncRobotClient() as rbt:
+    await rbt.move_j([0, 60, 60, -29, 0, 0], wait=True)
 """
 
 import asyncio
@@ -9,7 +9,7 @@ from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 from waldoctl import RobotClient as WaldoClient
-from waldoctl import ToolsSpec, ToolSpec
+from waldoctl import ToolSpec
 
 from lerobot_robot_yam.errors import ControllerError
 from lerobot_robot_yam.waldo.client.motion_calls import MotionCalls

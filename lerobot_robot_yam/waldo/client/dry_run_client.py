@@ -194,5 +194,3 @@ def result_of(plan: Plan, pose: Callable[[np.ndarray], np.ndarray]) -> DryRunRes
         duration=plan.duration_s,
         joint_trajectory_rad=q,
     )
-
-

@@ -1,9 +1,9 @@
 """The client for scripts: the calls of the asynchronous one, each of which blocks until it is answered.
 
-    from lerobot_robot_yam import RobotClient
+from lerobot_robot_yam import RobotClient
 
-    with RobotClient() as rbt:
-        rbt.move_j([0, 60, 60, -29, 0, 0], wait=True)
+with RobotClient() as rbt:
+    rbt.move_j([0, 60, 60, -29, 0, 0], wait=True)
 """
 
 import asyncio

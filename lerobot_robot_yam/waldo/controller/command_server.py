@@ -72,6 +72,19 @@ class CommandServer:
             writer.close()
         self.motions.close()
 
+    async def request(self, name: str, /, **arguments: Any) -> Any:
+        """The answer to a request of a client. Raises YamError: it is refused."""
+        request = self._requests.get(name)
+        if request is None:
+            raise ControllerError(f"the controller knows no request {name!r}")
+        try:
+            inspect.signature(request).bind(**arguments)
+            result = request(**arguments)
+            return await result if inspect.isawaitable(result) else result
+        except (TypeError, ValueError) as error:
+            logger.info("%s was refused", name, exc_info=True)
+            raise ControllerError(f"{name}: wrong arguments ({error})") from error
+
     def _keep(self, task: asyncio.Task[None]) -> None:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
@@ -120,19 +133,11 @@ class CommandServer:
                 writer.close()
 
     async def _answer(self, message: dict[str, Any], writer: asyncio.StreamWriter) -> None:
-        name, reply = message.get("do"), {"id": message.get("id")}
+        name, reply = str(message.get("do")), {"id": message.get("id")}
         try:
-            request = self._requests.get(str(name))
-            if request is None:
-                raise ControllerError(f"the controller knows no request {name!r}")
-            inspect.signature(request).bind(**message["with"])
-            result = request(**message["with"])
-            reply["result"] = await result if inspect.isawaitable(result) else result
+            reply["result"] = await self.request(name, **message.get("with", {}))
         except YamError as error:
             reply["refused"] = str(error)
-        except (TypeError, ValueError, KeyError) as error:
-            logger.info("%s was refused", name, exc_info=True)
-            reply["refused"] = f"{name}: wrong arguments ({error})"
         except Exception as error:
             logger.exception("%s failed", name)
             reply["refused"] = f"{name} failed ({type(error).__name__}); see the log of the controller"

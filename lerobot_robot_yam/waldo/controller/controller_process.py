@@ -8,12 +8,13 @@ People start it by `yam-waldo`, Commander by `Robot.start`. It begins in simulat
 import argparse
 import asyncio
 import contextlib
+import dataclasses
 import json
 import logging
 import os
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Awaitable, Callable, Sequence
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.control.process.lifeline import ProcessEnd
@@ -50,13 +51,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-async def serve(host: str, port: int, config: ArmConfig | None, parent: int | None = None) -> None:
+async def serve(
+    host: str,
+    port: int,
+    config: ArmConfig | None,
+    parent: int | None = None,
+    opened: Callable[[], None] = lambda: None,
+) -> None:
     """Serve one arm until a signal or the parent's end; then land it.
 
     Args:
         host, port: where.
         config: the real arm; None: only the simulated one, as the environment chooses it.
         parent: process with which it ends; None: it ends by a signal alone.
+        opened: called when it serves.
 
     Raises:
         YamError: it cannot be served.
@@ -70,6 +78,7 @@ async def serve(host: str, port: int, config: ArmConfig | None, parent: int | No
     await server.open(host, port)
     try:
         await door.open()
+        opened()
         await _ended(ended, parent)
         await controller.land()
     finally:
@@ -77,14 +86,14 @@ async def serve(host: str, port: int, config: ArmConfig | None, parent: int | No
         await server.close()
 
 
-def operator_acts(controller: Controller) -> dict:
+def operator_acts(controller: Controller) -> dict[str, Callable[[], Awaitable[str]]]:
     """What an operator may ask a controller for, see `OperatorDoor`."""
 
     async def about() -> str:
         real = controller.real
         if real is None:
             raise ControllerError("this controller has only a simulated arm: start it with --hardware --channel …")
-        return json.dumps({"config": vars(real.config) | {"workspace": None}, "armed": real.armed})
+        return json.dumps({"config": dataclasses.asdict(real.config), "armed": real.armed})
 
     async def arm() -> str:
         await controller.arm()

@@ -13,7 +13,7 @@ from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import ControllerError, LifeCycleError, YamError
 from lerobot_robot_yam.session.arm_client import ArmClient
-from lerobot_robot_yam.session.arm_session import ArmSession
+from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import ArmState
 from lerobot_robot_yam.waldo.controller.plant import Reading
@@ -28,13 +28,14 @@ class RealArm:
 
     Args:
         config: the arm.
+        isolation: where its control loop runs, see `ArmSession`.
 
     Attributes:
         config: as it will be armed the next time.
     """
 
-    def __init__(self, config: ArmConfig):
-        self.config = config
+    def __init__(self, config: ArmConfig, isolation: Isolation = "process"):
+        self.config, self._isolation = config, isolation
         self._session: ArmSession | None = None
 
     @property
@@ -74,7 +75,7 @@ class RealArm:
         if self._session is not None:
             self._session.rearm()
             return
-        session = ArmSession([self.config])
+        session = ArmSession([self.config], self._isolation)
         session.start()
         self._session = session
 
@@ -125,5 +126,3 @@ class RealArm:
     def published(self) -> ArmState:
         """The state as last published. Raises YamError: not armed."""
         return self.client.published()
-
-

@@ -123,7 +123,9 @@ class MotionRequests:
 
     # streams
 
-    def servo_j(self, angles: Numbers | None, pose: Numbers | None = None, speed: float = 1.0, accel: float = 1.0) -> int:
+    def servo_j(
+        self, angles: Numbers | None, pose: Numbers | None = None, speed: float = 1.0, accel: float = 1.0
+    ) -> int:
         if pose is not None:
             return self.servo_l(pose, speed, accel)
         target = np.radians(program.numbers("angles", angles, self._controller.hardware.joints))
@@ -146,9 +148,7 @@ class MotionRequests:
             shares[joint] = share
         return self._jog(lambda stream, now, time_s: stream.jog_joints(shares, accel, now, time_s), duration)
 
-    def jog_l(
-        self, frame: str, axes: Sequence[str], speeds: Numbers, duration: float = 0.1, accel: float = 1.0
-    ) -> int:
+    def jog_l(self, frame: str, axes: Sequence[str], speeds: Numbers, duration: float = 0.1, accel: float = 1.0) -> int:
         check_frame(frame)
         twist = np.zeros(len(AXES))
         for axis, share in zip(axes, _shares(speeds, len(axes)), strict=True):

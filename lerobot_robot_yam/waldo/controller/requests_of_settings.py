@@ -12,9 +12,8 @@ from lerobot_robot_yam.errors import ControllerError, PlanError
 from lerobot_robot_yam.waldo.arm_choice import tool_keys
 from lerobot_robot_yam.waldo.controller.controller import Controller
 from lerobot_robot_yam.waldo.controller.requests_of_motion import MotionRequests
-from lerobot_robot_yam.waldo.program import numbers
+from lerobot_robot_yam.waldo.program import PROFILES, numbers
 
-PROFILES = ("ruckig",)
 _MM = 1e-3
 _NO_LOAD = {"mass": 0.0, "com": [0.0, 0.0, 0.0]}
 
