@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.errors import ControllerError, YamError
-from tests.support.rigged import lockstep_rig, session_on, sim_config
+from tests.support.rigged import lockstep_rig
 from tests.support.waldo_desk import waldo_desk
 
 ARM = "follower_left"
@@ -19,7 +19,8 @@ UNASKED = [
     ("select_tool", {"tool_name": "LINEAR_4310"}), ("select_tool", {"tool_name": "NONE"}),
     ("connect_hardware", {"port_str": ARM}), ("connect_hardware", {"port_str": "can7"}), ("tools", {}),
 ]  # fmt: skip
-STILL_RAD_S, STEP_NM = np.radians(2.0), 1.0
+STILL_RAD_S = np.radians(2.0)
+SETTLE_S = 4.0  # in which the arm's own loop makes up for its sag
 
 rig = lockstep_rig(ARM)
 
@@ -66,7 +67,7 @@ def test_taking_over_holds_the_measured_pose_whatever_the_simulator_showed(rig, 
     desk.ask("teleport", angles_deg=[90, 100, 40, 20, 30, 40], tool_positions=[0.9])
     desk.ask("move_j", angles=[0, 60, 60, -29, 0, 0])
     desk.real.arm()
-    desk.run(1.0)
+    desk.run(SETTLE_S)
     before = true_q(rig)
     rig.watch_start(ARM)
     assert desk.ask("ping")["hardware_connected"]
@@ -107,6 +108,7 @@ def test_a_stop_is_quick_and_then_the_arm_is_held(rig, desk, stop):
 
 def test_an_estop_holds_against_all_who_go_on_sending(rig, desk):
     desk.drive()
+    desk.run(SETTLE_S)
     desk.ask("estop")
     desk.run(0.3)
     held = true_q(rig)
@@ -124,7 +126,7 @@ def test_an_estop_holds_against_all_who_go_on_sending(rig, desk):
 
 def test_no_teleport_reaches_a_motor(rig, desk):
     desk.real.arm()
-    desk.run(0.5)
+    desk.run(SETTLE_S)
     held, numbers = true_q(rig), random.Random(2)
     rig.watch_start(ARM)
     setpoints = []
@@ -140,18 +142,6 @@ def test_no_teleport_reaches_a_motor(rig, desk):
         desk.ask("teleport", angles_deg=[0, 60, 60, -29, 0, 0])
     assert np.ptp(setpoints, axis=0).max() < 1e-4
     assert np.abs(true_q(rig) - held).max() < np.radians(0.2) and extremes(rig).max() < STILL_RAD_S
-
-
-def test_one_arm_has_one_master(rig, desk):
-    other = session_on(rig, sim_config(rig, ARM))
-    other.start()
-    with pytest.raises(YamError, match="is in use by process"):
-        desk.real.arm()
-    assert not desk.real.armed
-    other.discard()
-    desk.real.arm()
-    with pytest.raises(YamError, match="is in use by process"):
-        other.start()
 
 
 def test_a_cable_that_comes_off_stops_the_move_and_resume_waits_for_frames(rig, desk):

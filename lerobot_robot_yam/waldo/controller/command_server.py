@@ -127,6 +127,8 @@ class CommandServer:
                     self._keep(asyncio.create_task(self._answer(message, writer)))
         except (OSError, ValueError) as error:  # hung up, or no client of ours
             logger.debug("a client is gone: %s", error)
+        except asyncio.CancelledError:  # the controller ends; Python would log it as an error
+            pass
         finally:
             self._subscribers.discard(writer)
             with contextlib.suppress(OSError):

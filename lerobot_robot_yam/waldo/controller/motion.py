@@ -69,12 +69,13 @@ class Motion:
     """
 
     def __init__(self, planner: Planner, reading: Reading):
-        self._planner, self._streaming = planner, Streaming(planner)
+        self._planner, self._streaming = planner, Streaming(planner, reading.setpoint_q)
         self._queue: deque[Command] = deque()
         self._ends: dict[int, End] = {}
-        self._next_index, self._began_s, self._free_s = 0, 0.0, -np.inf
+        self._next_index, self._began_s = 0, 0.0
         self._last_s: float | None = None
-        self._streams, self._braking = False, False
+        self._free_s: float | None = None  # since when nothing runs
+        self._streams, self._late = False, False
         self._brake: Plan | None = None
         self.running: Command | None = None
         self.completed, self.checkpoint, self.epoch = -1, "", 0
@@ -83,7 +84,7 @@ class Motion:
     def take_over(self, reading: Reading) -> None:
         """Begin at where an arm is asked to be, at rest; whatever was queued or streamed is dropped."""
         self._cancel()
-        self._streams, self._brake = False, None
+        self._streams, self._brake, self._free_s = False, None, None
         self.q, self.dq = np.array(reading.setpoint_q), np.zeros(len(reading.setpoint_q))
         self.opening = reading.asked_opening
 
@@ -136,10 +137,9 @@ class Motion:
         if any(command.plan is not None for command in self.waiting):
             raise ControllerError("a queued command moves the arm: stop it, or wait until it has ended")
         if not self._streams:
-            self._brake = None
             self._streaming.seed(self.q, self.dq)
         begin(self._streaming)
-        self._streams = True
+        self._streams, self._brake = True, None
 
     def end_stream(self) -> None:
         """Let a stream come to rest, for a planned command to follow."""
@@ -165,13 +165,13 @@ class Motion:
         self._ends.pop(command.index - _REMEMBERED, None)
 
     def step(self, now: float, reading: Reading) -> bool:
-        """Move the set-point on; whether it moves, or the jaws do.
+        """Move the set-point on; whether it has moved or will, or the jaws do.
 
         Raises:
             ControllerError: the arm does not get to where a plan has ended; everything is cancelled.
         """
         dt_s = 0.0 if self._last_s is None else now - self._last_s
-        self._last_s = now
+        self._last_s, moved = now, self.streams or self.planned
         if self._streams:
             self.q, self.dq = self._streaming.step(now, dt_s)
             self._streams = not self._streaming.still
@@ -179,9 +179,12 @@ class Motion:
             self.q, self.dq = self._brake.at(now - self._began_s)
             if now - self._began_s >= self._brake.duration_s:
                 self._brake = None
-        while not self.streams and self._advance(now, reading):
-            pass
-        return self.streams or self.planned or not reading.jaw_still
+        if self.streams:
+            self._free_s = None
+        else:
+            while self._advance(now, reading):
+                pass
+        return moved or self.streams or not reading.jaw_still
 
     def _advance(self, now: float, reading: Reading) -> bool:
         """Carry on with the queue; whether a command has ended, so that the next one is due in this very tick."""
@@ -189,7 +192,7 @@ class Motion:
             free_s, self._free_s = self._free_s, now
             if not self._queue:
                 return False
-            self.running, self._began_s = self._queue.popleft(), free_s
+            self.running, self._began_s, self._late = self._queue.popleft(), now if free_s is None else free_s, False
         command, past_s = self.running, now - self._began_s
         if command.plan is not None:
             self.q, self.dq = command.plan.at(past_s)
@@ -203,7 +206,6 @@ class Motion:
                 self._late = True
                 return False
             self._free_s = now if self._late else self._began_s + command.plan.duration_s
-            self._late = False
         elif command.opening is not None:
             self.opening = command.opening
             if past_s < _JAW_BEGINS_S or (not reading.jaw_still and past_s < _JAW_S):

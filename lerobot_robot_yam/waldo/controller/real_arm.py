@@ -65,16 +65,26 @@ class RealArm:
         self.config = dataclasses.replace(self.config, workspace=workspace)
 
     def arm(self) -> None:
-        """ENERGISE the arm: it holds where it is. Of one that has failed, enable it again. Waits.
+        """ENERGISE the arm: it holds where it is. Waits; one that is armed and well goes on.
+
+        One that has failed is enabled again where it is; where that is not enough, it lands as far as it can, and is
+        then armed anew.
 
         Raises:
             YamError: what failed; nothing is energised that was not.
         """
-        if self._session is not None and self.client.off:
-            self.land()
         if self._session is not None:
-            self._session.rearm()
-            return
+            why = self.trouble()
+            if not why:
+                return
+            if self.client.published().mode is Mode.STOPPED:
+                raise LifeCycleError(why)
+            try:
+                self._session.rearm()
+                return
+            except LifeCycleError as error:
+                logger.warning("%s; it is connected anew", error)
+                self.land()
         session = ArmSession([self.config], self._isolation)
         session.start()
         self._session = session

@@ -14,12 +14,12 @@ from lerobot_robot_yam.waldo.arm_choice import NO_TOOL, tool_key
 from lerobot_robot_yam.waldo.controller.controller import TICK_S, Controller
 from lerobot_robot_yam.waldo.controller.motion import Command, End
 from lerobot_robot_yam.waldo.gripper_sense import swapped
-from lerobot_robot_yam.waldo.planning.frames import AXES, check_frame, of_command
+from lerobot_robot_yam.waldo.planning.frames import of_command
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan
 from lerobot_robot_yam.waldo.planning.planner import Planner
+from lerobot_robot_yam.waldo.planning.streaming import Streaming
 from lerobot_robot_yam.waldo.program import Numbers, Pace
 
-_LONGEST_JOG_S = 10.0
 _STILL_RAD_S = 0.01
 _ACTIONS = {"open": 0.0, "close": 1.0}  # Commander's positions
 
@@ -129,40 +129,23 @@ class MotionRequests:
         if pose is not None:
             return self.servo_l(pose, speed, accel)
         target = np.radians(program.numbers("angles", angles, self._controller.hardware.joints))
-        return self._servo(self._controller.planner.within(target), speed, accel)
+        return self._stream(lambda stream: stream.servo(target, speed=speed, accel=accel))
 
     def servo_l(self, pose: Numbers, speed: float = 1.0, accel: float = 1.0) -> int:
-        planner, here = self._controller.planner, self._motion.q
-        return self._servo(planner.inverse(of_command(pose), here), speed, accel)
-
-    def _servo(self, target_q: np.ndarray, speed: float, accel: float) -> int:
-        self._controller.check_enabled()
-        self._motion.stream(lambda stream: stream.servo(target_q, speed, accel))
-        return 1
+        target = of_command(pose)
+        return self._stream(lambda stream: stream.servo_pose(target, speed=speed, accel=accel))
 
     def jog_j(self, joints: Sequence[int], speeds: Numbers, duration: float = 0.1, accel: float = 1.0) -> int:
-        shares = np.zeros(self._controller.hardware.joints)
-        for joint, share in zip(joints, _shares(speeds, len(joints)), strict=True):
-            if not isinstance(joint, int) or not 0 <= joint < len(shares):
-                raise PlanError(f"a joint is 0 to {len(shares) - 1}, not {joint!r}")
-            shares[joint] = share
-        return self._jog(lambda stream, now, time_s: stream.jog_joints(shares, accel, now, time_s), duration)
+        wanted, now = dict(zip(joints, speeds, strict=True)), self._controller.now()
+        return self._stream(lambda stream: stream.jog_joints(wanted, now, duration, accel))
 
     def jog_l(self, frame: str, axes: Sequence[str], speeds: Numbers, duration: float = 0.1, accel: float = 1.0) -> int:
-        check_frame(frame)
-        twist = np.zeros(len(AXES))
-        for axis, share in zip(axes, _shares(speeds, len(axes)), strict=True):
-            if axis not in AXES:
-                raise PlanError(f"an axis is one of {', '.join(AXES)}, not {axis!r}")
-            twist[AXES.index(axis)] = share
-        return self._jog(lambda stream, now, time_s: stream.jog_line(frame, twist, accel, now, time_s), duration)
+        wanted, now = dict(zip(axes, speeds, strict=True)), self._controller.now()
+        return self._stream(lambda stream: stream.jog_line(frame, wanted, now, duration, accel))
 
-    def _jog(self, begin: Callable[[Any, float, float], None], duration: float) -> int:
-        (time_s,) = program.numbers("duration", [duration], 1)
-        if not 0.0 < time_s <= _LONGEST_JOG_S:
-            raise PlanError(f"a jog lasts up to {_LONGEST_JOG_S:g} s, not {duration!r}")
+    def _stream(self, begin: Callable[[Streaming], None]) -> int:
         self._controller.check_enabled()
-        self._motion.stream(lambda stream: begin(stream, self._controller.now(), float(time_s)))
+        self._motion.stream(begin)
         return 1
 
     # waits
@@ -184,14 +167,6 @@ class MotionRequests:
             return controller.now() - still_since_s[0] >= settle_window
 
         return await _until(settled, timeout)
-
-
-def _shares(speeds: Numbers, count: int) -> np.ndarray:
-    """(count,) speeds of a jog. Raises PlanError: they are no shares -1 … 1."""
-    shares = program.numbers("speeds", speeds, count)
-    if not count or (np.abs(shares) > 1.0).any():
-        raise PlanError(f"the speed of a jog is a share -1 … 1 of the jog speed, not {speeds!r}")
-    return shares
 
 
 async def _until(condition: Callable[[], bool], timeout: float) -> bool:
