@@ -1,0 +1,52 @@
+"""The backend, as Commander uses it: conformance.py passes for both contracts, and finds the faults that are seeded."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from tests.support.paths import ROOT
+
+SEEDS = ROOT / "tests" / "waldo" / "seeds"
+LIVE = pytest.mark.long
+
+
+def conformance(*options, seed=None, **variables):
+    """(exit status, lines) of a run."""
+    environment = {**os.environ, **variables}
+    if seed is not None:
+        environment |= {"PYTHONPATH": str(SEEDS), "YAM_SEED": seed}
+    command = [sys.executable, "tests/waldo/conformance.py", "lerobot_robot_yam.waldo.robot:Robot", "--quiet", *options]
+    run = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
+    return run.returncode, run.stdout.splitlines()
+
+
+def failed(lines):
+    return [line for line in lines if line.startswith("FAIL")]
+
+
+@pytest.mark.parametrize("contract", ["B", "C"])
+def test_the_backend_meets_the_contract(contract):
+    status, lines = conformance("--contract", contract)
+    assert not failed(lines) and status == 0, lines
+
+
+@pytest.mark.parametrize(
+    "seed, found, only, sections",
+    [
+        ("constructor_without_kwargs", "constructor takes Commander's arguments", "static", ""),
+        ("lower_case_tool_key", "tool keys are unique, UPPER CASE", "static", ""),
+        pytest.param("io_of_five", "every status fits Commander's buffers", "live", "boot", marks=LIVE),
+        pytest.param("metres_in_pose", "pose = fk(angles), translation in mm", "live", "page", marks=LIVE),
+        pytest.param("resume_replays_a_cancelled_move", "after a stop moves nothing", "live", "stopping", marks=LIVE),
+        pytest.param("jog_without_expiry", "stands still within", "live", "motion", marks=LIVE),
+        pytest.param("nan_jog", "jog_j NaN speed", "live", "refusals", marks=LIVE),
+        pytest.param("inverted_gripper", "(0 open, 1 closed)", "live", "tools_live", marks=LIVE),
+        pytest.param("served_on_every_address", "serves on loopback only", "live", "boot", marks=LIVE),
+        pytest.param("orphaned_controller", "ends within 10 s of its parent's kill", "live", "end", marks=LIVE),
+    ],
+)
+def test_a_seeded_fault_is_found(seed, found, only, sections):
+    status, lines = conformance("--contract", "B", "--only", only, "--sections", sections, seed=seed)
+    assert status == 1 and any(found in line for line in failed(lines)), lines
