@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
-from waldoctl import ElectricGripperTool, ToolSpec, ToolsSpec, ToolType
+from waldoctl import ChannelDescriptor, ElectricGripperTool, ToolSpec, ToolsSpec, ToolType
 
 from lerobot_robot_yam.arm.profile import GripperProfile
 from lerobot_robot_yam.errors import ControllerError
@@ -26,6 +26,11 @@ class YamGripper(ElectricGripperTool):
     def __init__(self, client: Any = None, **spec: Any):
         super().__init__(position_range=(0.0, 1.0), speed_range=(1.0, 1.0), current_range=(0.0, 0.0), **spec)
         self._client = client
+
+    @property
+    def channel_descriptors(self) -> tuple[ChannelDescriptor, ...]:
+        """What `ToolStatus.channels` has: the torque of the gripper's motor."""
+        return (ChannelDescriptor("motor torque", "Nm"),)
 
     async def set_position(self, position: float, **kwargs: Any) -> int:
         """Move the jaws to a position, 0 open … 1 closed.

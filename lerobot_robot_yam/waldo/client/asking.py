@@ -38,10 +38,19 @@ class Asking:
             ) from error
 
     async def _connected(self) -> Connection:
+        if not self._usable:
+            opened = await Connection.open(self.host, self.port)
+            if self._usable:  # another call was quicker
+                opened.close()
+            else:
+                self._connection = opened
+        assert self._connection is not None
+        return self._connection
+
+    @property
+    def _usable(self) -> bool:
         connection = self._connection
-        if connection is None or not connection.alive or connection.loop is not asyncio.get_running_loop():
-            connection = self._connection = await Connection.open(self.host, self.port)
-        return connection
+        return connection is not None and connection.alive and connection.loop is asyncio.get_running_loop()
 
     @property
     def _address(self) -> str:

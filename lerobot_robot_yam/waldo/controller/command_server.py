@@ -82,7 +82,7 @@ class CommandServer:
             result = request(**arguments)
             return await result if inspect.isawaitable(result) else result
         except (TypeError, ValueError) as error:
-            logger.info("%s was refused", name, exc_info=True)
+            logger.debug("%s was refused", name, exc_info=True)
             raise ControllerError(f"{name}: wrong arguments ({error})") from error
 
     def _keep(self, task: asyncio.Task[None]) -> None:

@@ -16,7 +16,7 @@ from lerobot_robot_yam.waldo.arm_choice import NO_TOOL
 from lerobot_robot_yam.waldo.controller.controller import TICK_S, Controller
 from lerobot_robot_yam.waldo.controller.requests_of_settings import SettingRequests
 from lerobot_robot_yam.waldo.gripper_sense import swapped
-from lerobot_robot_yam.waldo.planning.enablement import cart_en, joint_en
+from lerobot_robot_yam.waldo.planning.enablement import axes_enabled, joints_enabled
 from lerobot_robot_yam.waldo.planning.frames import FRAMES, check_frame, to_command
 from lerobot_robot_yam.waldo.planning.planner import Planner
 
@@ -62,7 +62,7 @@ class StatusReport:
 
     def _probe(self, q: np.ndarray, tip: np.ndarray) -> dict[str, list[int]]:
         self._prober.tool = tip
-        return {frame: found.tolist() for frame, found in cart_en(self._prober, q).items()}
+        return {frame: found.tolist() for frame, found in axes_enabled(self._prober, q).items()}
 
     # queries
 
@@ -103,7 +103,7 @@ class StatusReport:
             "torques": _listed(reading.tau_nm),
             "io": [1],  # no pins, and the circuit of an e-stop that is not there is closed
             "tool": self._tool(),
-            "joint_en": _listed(joint_en(controller.planner, reading.q)),
+            "joint_en": _listed(joints_enabled(controller.planner, reading.q)),
             "cart_en": self._open,
             "action_current": running.name if running else "jog" if motion.streams else "",
             "action_params": running.text if running else "",
