@@ -34,6 +34,7 @@ class Planner:
         workspace: what it keeps away from; None: as its configuration says.
 
     Attributes:
+        hardware: the arm.
         chain: its kinematics, of the flange.
         tool: (4, 4) of the tool's centre in the flange; as made, the flange itself.
         lower, upper: (n,) limits of the joints.
@@ -46,7 +47,7 @@ class Planner:
 
     def __init__(self, hardware: ResolvedArm, workspace: WorkspaceConfig | None = None):
         n = hardware.joints
-        self._hardware, self._names = hardware, hardware.joint_names
+        self.hardware, self._names = hardware, hardware.joint_names
         self.chain = SerialChain(hardware.arm)
         self.lower, self.upper = self.chain.lower, self.chain.upper
         self.limits = joint_limits(hardware.speed_limit[:n])
@@ -56,23 +57,30 @@ class Planner:
 
     def keep_clear(self, workspace: WorkspaceConfig) -> None:
         """From now on keep these limits in space. Raises ConfigError: they cannot be used, the old ones stay."""
-        self.surroundings = Surroundings(self._hardware, workspace)
+        self.surroundings = Surroundings(self.hardware, workspace)
 
     def pose(self, q: np.ndarray) -> np.ndarray:
         """(…, 4, 4) of the tool's centre at joints (…, n)."""
         return self.chain.pose(q) @ self.tool
 
-    def inverse(self, pose: np.ndarray, near_q: np.ndarray) -> np.ndarray:
+    def inverse(self, pose: np.ndarray, near_q: np.ndarray, turn_over: bool = True) -> np.ndarray:
         """(n,) joints that put the tool's centre at a pose, near `near_q` if they can be.
+
+        Args:
+            turn_over: look for them elsewhere too.
 
         Raises:
             PlanError: out of reach.
         """
-        found = inverse.solve(self.chain, pose @ np.linalg.inv(self.tool), near_q)
+        flange = pose @ np.linalg.inv(self.tool)
+        if turn_over:
+            found = inverse.solve(self.chain, flange, near_q)
+        else:
+            found = inverse.descend(self.chain, flange[None], near_q[None])
         if not found.reached[0]:
             x, y, z = (1000.0 * pose[:3, 3]).tolist()
             raise PlanError(
-                f"{self._hardware.name}: the tool cannot be put at x {x:.0f}, y {y:.0f}, z {z:.0f} mm with this "
+                f"{self.hardware.name}: the tool cannot be put at x {x:.0f}, y {y:.0f}, z {z:.0f} mm with this "
                 f"orientation; it comes to within {1000 * found.position_m[0]:.1f} mm and "
                 f"{math.degrees(found.turn_rad[0]):.1f}°"
             )
@@ -165,7 +173,7 @@ class Planner:
         Raises:
             PlanError: names the joint that is beyond its limit, or says what is malformed.
         """
-        name, n = self._hardware.name, self.chain.n
+        name, n = self.hardware.name, self.chain.n
         try:
             given = np.array(q, dtype=float)
         except (TypeError, ValueError):
@@ -191,5 +199,5 @@ class Planner:
         worst = int(over.argmax())
         if over[worst] > max(self._outside(start_q), 0.0) + _ROUNDING_RAD:
             raise PlanError(
-                f"{self._hardware.name}: {self._names[worst]} moves too fast to keep its limit on this way; stop first"
+                f"{self.hardware.name}: {self._names[worst]} moves too fast to keep its limit on this way; stop first"
             )
