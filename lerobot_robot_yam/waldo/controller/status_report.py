@@ -167,7 +167,9 @@ class StatusReport:
             "temperatures_c": _listed(state.temp_mos_c),
             "currents_ma": None,  # these motors tell torque
             "bus_voltage_v": None,
-            "faults": [Fault(code).name for code in state.fault if code not in (Fault.NORMAL, Fault.DISABLED)],
+            "faults": [
+                fault.name for fault in Fault if fault in state.fault and fault not in (Fault.NORMAL, Fault.DISABLED)
+            ],
         }
 
     def _loop(self) -> dict[str, Any]:
