@@ -187,9 +187,8 @@ class Robot(waldoctl.Robot):
         self, tool_key: str, tcp_offset_m: Sequence[float] | None = None, variant_key: str | None = None
     ) -> None:
         """Poses are of this tool's tip from now on, in this object alone. Raises ConfigError: no such tool."""
-        self._planner.tool = tip(
-            self._hardware.gripper, tool_key, np.zeros(3) if tcp_offset_m is None else tcp_offset_m
-        )
+        offset = np.array((0.0,) * 3 if tcp_offset_m is None else tcp_offset_m, dtype=float)
+        self._planner.tool = tip(self._hardware.gripper, tool_key, offset)
 
     def check_limits(self, q_rad: np.ndarray) -> bool:
         """Whether all joints (6,) are within their ranges."""

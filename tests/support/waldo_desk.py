@@ -1,30 +1,47 @@
-"""A controller of Waldo Commander with an arm on a rig in lock-step, and requests as clients send them."""
+"""A controller of Waldo Commander whose time passes only when a test lets it, and requests as clients send them."""
 
 import asyncio
 import contextlib
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.waldo.arm_choice import ArmChoice
 from lerobot_robot_yam.waldo.controller.command_server import CommandServer
 from lerobot_robot_yam.waldo.controller.controller import TICK_S, Controller
 from lerobot_robot_yam.waldo.controller.real_arm import RealArm
 from tests.support.rigged import isolation_of, sim_config
 
 
-class WaldoDesk:
-    """The controller in simulator mode, its arm not armed. Time passes in `run`, and while a request is answered."""
+class Passing:
+    """A clock of its own, for an arm that is only simulated."""
 
-    def __init__(self, rig, channel, **fields):
-        self._rig, config = rig, sim_config(rig, channel, **fields)
-        self.real = RealArm(config, isolation_of(rig))
-        self.controller = Controller(ResolvedArm(config), self.real, rig.now)
+    def __init__(self):
+        self.now_s = 100.0
+
+    def now(self):
+        return self.now_s
+
+    def sleep(self, seconds):
+        self.now_s += seconds
+
+
+class WaldoDesk:
+    """The controller in simulator mode. Time passes in `run`, and while a request is answered.
+
+    clock: its own, or a rig in lock-step, on which the real arm stands; that one is not armed.
+    """
+
+    def __init__(self, clock, hardware, real=None):
+        self._clock, self.real = clock, real
+        self.controller = Controller(hardware, real, clock.now)
         self.server = CommandServer(self.controller)
 
     def run(self, seconds):
         """Let time pass, with a tick of the controller every 10 ms."""
-        until_s = self._rig.now() + seconds - 1e-6
-        while self._rig.now() < until_s:
+        until_s = self._clock.now() + seconds - 1e-6
+        while self._clock.now() < until_s:
             self.controller.tick()
-            (self.real._session.clock if self.real.armed else self._rig).sleep(TICK_S)
+            armed = self.real is not None and self.real.armed
+            (self.real._session.clock if armed else self._clock).sleep(TICK_S)
 
     def ask(self, name, **arguments):
         """The answer to a request. Raises YamError: it is refused."""
@@ -38,6 +55,13 @@ class WaldoDesk:
 
         return asyncio.run(answered())
 
+    def carry_out(self, index, most_s=60.0):
+        """Let time pass until a queued command has ended; how long that took."""
+        begun, motion = self._clock.now(), self.controller.motion
+        while motion.end_of(index) is None and self._clock.now() < begun + most_s:
+            self.run(TICK_S)
+        return self._clock.now() - begun
+
     def drive(self):
         """Arm the arm, as an operator would, and have commands move it."""
         self.real.arm()
@@ -46,12 +70,17 @@ class WaldoDesk:
 
     def close(self):
         self.server.motions.close()
-        if self.real.armed:
+        if self.real is not None and self.real.armed:
             self.real._session.discard()
 
 
 @contextlib.contextmanager
-def waldo_desk(rig, channel, **fields):
-    """A desk that is thrown away afterwards."""
-    with contextlib.closing(WaldoDesk(rig, channel, **fields)) as desk:
+def waldo_desk(rig=None, channel=None, **fields):
+    """A desk that is thrown away afterwards; without a rig its arm is only simulated."""
+    if rig is None:
+        desk = WaldoDesk(Passing(), ArmChoice(**fields).resolved())
+    else:
+        config = sim_config(rig, channel, **fields)
+        desk = WaldoDesk(rig, ResolvedArm(config), RealArm(config, isolation_of(rig)))
+    with contextlib.closing(desk):
         yield desk
