@@ -26,7 +26,7 @@ from lerobot_robot_yam.waldo.client.async_client import AsyncRobotClient
 from lerobot_robot_yam.waldo.client.dry_run_client import DryRunClient
 from lerobot_robot_yam.waldo.client.sync_client import RobotClient
 from lerobot_robot_yam.waldo.launching import LaunchedController, ask_once
-from lerobot_robot_yam.waldo.model.arm_folder import ArmFolder, arm_folder
+from lerobot_robot_yam.waldo.model.arm_model import ArmModel
 from lerobot_robot_yam.waldo.planning import rotation
 from lerobot_robot_yam.waldo.planning.frames import FRAMES
 from lerobot_robot_yam.waldo.planning.motion_limits import (
@@ -38,7 +38,7 @@ from lerobot_robot_yam.waldo.planning.motion_limits import (
 )
 from lerobot_robot_yam.waldo.planning.planner import Planner
 from lerobot_robot_yam.waldo.program import PROFILES
-from lerobot_robot_yam.waldo.tool_catalog import YamTools, tools_of
+from lerobot_robot_yam.waldo.tool_catalog import YamTools, model_of, tools_of
 from lerobot_robot_yam.waldo.wire import HOST, PORT
 
 
@@ -111,18 +111,20 @@ class Robot(waldoctl.Robot):
         return 0
 
     @cached_property
-    def _folder(self) -> ArmFolder:
-        return arm_folder(self._hardware.arm, self._hardware.gripper)
+    def _model(self) -> ArmModel:
+        model = model_of(self._choice)
+        model.write()
+        return model
 
     @property
     def urdf_path(self) -> str:
         """Absolute path; the file is made from the profiles when it is asked for."""
-        return str(self._folder.urdf)
+        return str(self._model.urdf_path)
 
     @property
     def mesh_dir(self) -> str:
         """Absolute path of the STL files."""
-        return str(self._folder.meshes)
+        return str(self._model.mesh_dir)
 
     @property
     def joint_index_mapping(self) -> tuple[int, ...]:

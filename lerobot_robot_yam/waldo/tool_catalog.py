@@ -6,9 +6,13 @@ from typing import Any
 
 from waldoctl import ChannelDescriptor, ElectricGripperTool, ToolSpec, ToolsSpec, ToolType
 
+from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.profile import GripperProfile
 from lerobot_robot_yam.errors import ControllerError
 from lerobot_robot_yam.waldo.arm_choice import NO_TOOL, ArmChoice, tool_key
+from lerobot_robot_yam.waldo.model.arm_model import ArmModel
+from lerobot_robot_yam.waldo.planning.rotation import to_rpy
+from lerobot_robot_yam.waldo.planning.serial_chain import tool_centre
 
 
 class NoTool(ToolSpec):
@@ -99,29 +103,47 @@ class YamTools(ToolsSpec):
         return tuple(tool for tool in self._tools.values() if tool.tool_type == tool_type)
 
 
+@cache
+def model_of(choice: ArmChoice) -> ArmModel:
+    """What Commander draws of an arm and its gripper. Raises ConfigError: unknown names."""
+    return ArmModel(*resolve_profiles(choice.arm, choice.gripper))
+
+
 def tools_of(choice: ArmChoice, client: Any = None) -> YamTools:
-    """The tools of an arm, bound to a client if one is given."""
-    gripper = choice.resolved().gripper
+    """The tools of an arm, bound to a client if one is given. Raises ConfigError: unknown names."""
+    _, gripper = resolve_profiles(choice.arm, choice.gripper)
     none = NoTool(key=NO_TOOL, display_name="None", tool_type=ToolType.NONE, tcp_origin=(0.0,) * 3, tcp_rpy=(0.0,) * 3)
     if gripper.motor is None:
         return YamTools(none)
-    return YamTools(none, YamGripper(client, **_spec(choice, gripper)))
-
-
-@cache
-def _choice() -> ArmChoice:
-    return ArmChoice.of_environment()
+    return YamTools(none, YamGripper(client, **_looks(gripper, model_of(choice))))
 
 
 def bound_tool(key: str, client: Any) -> ToolSpec:
     """The tool of the arm of this process whose actions call `client`."""
-    return tools_of(_choice(), client)[key]
+    return tools_of(ArmChoice.of_environment(), client)[key]
 
 
-def _spec(choice: ArmChoice, gripper: GripperProfile) -> dict[str, Any]:
+def _looks(gripper: GripperProfile, model: ArmModel) -> dict[str, Any]:
+    """Name, tip, meshes and motion of a gripper, in the frame of the flange: arguments of its `ToolSpec`."""
+    assert gripper.motor is not None
+    tip = tool_centre(gripper)
+    meshes = [MeshSpec(file, role=role) for role, files in _parts(model) for file in files]
+    motions = []
+    if model.jaws is not None:
+        x, y, z = model.jaws.axis.tolist()
+        travel_m, speed = model.jaws.travel_m, gripper.motor.speed_limit_per_s
+        motions.append(
+            LinearMotion(MeshRole.JAW, (x, y, z), travel_m, symmetric=True, estimated_speed_m_s=speed * travel_m)
+        )
     return {
         "key": tool_key(gripper),
         "display_name": gripper.name.replace("_", " "),
-        "tcp_origin": (0.0,) * 3,
-        "tcp_rpy": (0.0,) * 3,
+        "tcp_origin": tuple(tip[:3, 3].tolist()),
+        "tcp_rpy": tuple(to_rpy(tip[:3, :3]).tolist()),
+        "meshes": tuple(meshes),
+        "motions": tuple(motions),
     }
+
+
+def _parts(model: ArmModel) -> list[tuple[MeshRole, list[str]]]:
+    return [(MeshRole.BODY, model.body_meshes), (MeshRole.JAW, model.jaw_meshes)]

@@ -56,6 +56,12 @@ def to_angles(rotation: np.ndarray) -> np.ndarray:
     return np.stack([rx, ry, rz], axis=-1)
 
 
+def to_rpy(rotation: np.ndarray) -> np.ndarray:
+    """roll, pitch, yaw (3,) rad of (3, 3), as URDF and tools have them: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    x, y, z = to_angles(np.asarray(rotation).T).tolist()  # R = Rx(x) Ry(y) Rz(z) turned round
+    return np.array([-x, -y, -z])
+
+
 def to_vector(pose: np.ndarray) -> np.ndarray:
     """x y z rx ry rz (…, 6), m and rad, of poses (…, 4, 4)."""
     return np.concatenate([pose[..., :3, 3], to_angles(pose[..., :3, :3])], axis=-1)

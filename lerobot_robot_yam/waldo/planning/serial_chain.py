@@ -44,12 +44,8 @@ class SerialChain:
     """
 
     def __init__(self, arm: ArmProfile):
-        rows = {body.name: body for body in arm.bodies}
-        chain = [arm.bodies[-1]]
-        while chain[0].parent in rows:
-            chain.insert(0, rows[chain[0].parent])
         places, turns, self._end = [], [], np.eye(4)
-        for body in chain:
+        for body in links(arm):
             self._end = self._end @ frame_of(body)
             if body.joint is not None:
                 places.append(self._end)
@@ -67,27 +63,36 @@ class SerialChain:
 
     def pose(self, q: np.ndarray) -> np.ndarray:
         """(…, 4, 4) of the flange at joints q (…, n) rad, which may lie outside the limits."""
-        links = self._links(q)
-        pose = links[..., 0, :, :]
+        moved = self._moved(q)
+        pose = moved[..., 0, :, :]
         for i in range(1, self.n):
-            pose = pose @ links[..., i, :, :]
+            pose = pose @ moved[..., i, :, :]
         return pose @ self._end
 
     def place(self, q: np.ndarray) -> Place:
         """Pose and Jacobian of the flange at joints q (…, n) rad."""
-        links = self._links(q)
+        moved = self._moved(q)
         for i in range(1, self.n):
-            links[..., i, :, :] = links[..., i - 1, :, :] @ links[..., i, :, :]
-        pose = links[..., -1, :, :] @ self._end
+            moved[..., i, :, :] = moved[..., i - 1, :, :] @ moved[..., i, :, :]
+        pose = moved[..., -1, :, :] @ self._end
         jacobian = np.empty((*np.shape(q)[:-1], 6, self.n))
-        turns = (links[..., :3, :3] @ self._axes)[..., 0]
+        turns = (moved[..., :3, :3] @ self._axes)[..., 0]
         jacobian[..., 3:, :] = np.swapaxes(turns, -1, -2)
-        jacobian[..., :3, :] = np.swapaxes(cross(turns, pose[..., None, :3, 3] - links[..., :3, 3]), -1, -2)
+        jacobian[..., :3, :] = np.swapaxes(cross(turns, pose[..., None, :3, 3] - moved[..., :3, 3]), -1, -2)
         return Place(pose, jacobian)
 
-    def _links(self, q: np.ndarray) -> np.ndarray:
+    def _moved(self, q: np.ndarray) -> np.ndarray:
         angle = np.asarray(q, dtype=float)[..., None, None]
         return self._fixed + np.sin(angle) * self._sine + (1.0 - np.cos(angle)) * self._versine
+
+
+def links(arm: ArmProfile) -> list[Body]:
+    """From the base to the flange."""
+    rows = {body.name: body for body in arm.bodies}
+    chain = [arm.bodies[-1]]
+    while chain[0].parent in rows:
+        chain.insert(0, rows[chain[0].parent])
+    return chain
 
 
 def frame_of(body: Body) -> np.ndarray:
