@@ -4,7 +4,16 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
-from waldoctl import ChannelDescriptor, ElectricGripperTool, ToolSpec, ToolsSpec, ToolType
+from waldoctl import (
+    ChannelDescriptor,
+    ElectricGripperTool,
+    LinearMotion,
+    MeshRole,
+    MeshSpec,
+    ToolSpec,
+    ToolsSpec,
+    ToolType,
+)
 
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.profile import GripperProfile
