@@ -106,13 +106,18 @@ class CommandServer:
         loop = asyncio.get_running_loop()
         due_s = loop.time()
         while True:
-            if self._subscribers:
-                line = encode(self.report.status())
-                for writer in tuple(self._subscribers):
-                    if writer.transport.get_write_buffer_size() < _BEHIND_BYTES:
-                        writer.write(line)
+            self.broadcast()
             due_s = max(due_s + 1.0 / STATUS_HZ, loop.time())
             await asyncio.sleep(due_s - loop.time())
+
+    def broadcast(self) -> None:
+        """Send a status to all who asked for them, but for those who do not read."""
+        if not self._subscribers:
+            return
+        line = encode(self.report.status())
+        for writer in tuple(self._subscribers):
+            if writer.transport.get_write_buffer_size() < _BEHIND_BYTES:
+                writer.write(line)
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
