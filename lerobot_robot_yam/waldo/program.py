@@ -63,6 +63,14 @@ def pause(start_q: np.ndarray, seconds: float) -> Plan:
     return still if not time_s else still._replace(times_s=np.array([0.0, time_s]))
 
 
+def radius(r: float) -> float:
+    """A blend radius in m, of one in mm. Raises PlanError: no number from 0 on."""
+    (given,) = numbers("r", [r or 0.0], 1).tolist()
+    if given < 0.0:
+        raise PlanError(f"r, a radius in mm, is 0 or more, not {r!r}")
+    return 1e-3 * float(given)
+
+
 def numbers(what: str, values: object, count: int) -> np.ndarray:
     """`values` as (count,) finite floats. Raises PlanError: they are not."""
     try:

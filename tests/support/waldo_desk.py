@@ -55,7 +55,7 @@ class WaldoDesk:
 
         return asyncio.run(answered())
 
-    def carry_out(self, index, most_s=60.0):
+    def carry_out(self, index, most_s=100.0):
         """Let time pass until a queued command has ended; how long that took."""
         begun, motion = self._clock.now(), self.controller.motion
         while motion.end_of(index) is None and self._clock.now() < begun + most_s:

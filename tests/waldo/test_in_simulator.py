@@ -62,12 +62,50 @@ def test_what_the_preview_shows_is_what_is_done(desk, dry_run, seed):
 
 
 def test_a_queue_of_moves_loses_no_time(desk):
-    pause = desk.ask("delay", seconds=5.0)
+    pause = desk.ask("delay", seconds=60.0)
     indices = [desk.ask("move_j", angles=[angle, *HOME[1:]], speed=0.5) for angle in (20, 0, 20, 0)]
     alone = desk.controller.motion.waiting[1].plan.duration_s
     desk.carry_out(pause)
     assert desk.carry_out(indices[-1]) == pytest.approx(4 * alone, abs=0.03)
     assert desk.ask("status")["completed_index"] == indices[-1]
+
+
+def corner(desk, radius_mm):
+    """Rows (k, 3) mm of the tool on two lines around a corner, and how long they took."""
+    up, aside = {"pose": [0, 0, 60, 0, 0, 0], "rel": True}, {"pose": [0, 60, 0, 0, 0, 0], "rel": True}
+    pause = desk.ask("delay", seconds=60.0)
+    desk.ask("move_l", r=radius_mm, **up)
+    last, rows = desk.ask("move_l", **aside), []
+    desk.carry_out(pause)
+    begun_s = desk.controller.now()
+    while desk.controller.motion.end_of(last) is None:
+        desk.run(0.01)
+        rows.append(desk.ask("pose")[:3])
+    return np.array(rows), desk.controller.now() - begun_s
+
+
+def test_a_corner_is_rounded_within_its_radius(desk, dry_run):
+    begin = np.array(desk.ask("pose")[:3])
+    sharp, sharp_s = corner(desk, 0)
+    desk.carry_out(desk.ask("home"))
+    rounded, rounded_s = corner(desk, 20)
+    there = begin + [0, 0, 60]
+    nearest = [np.linalg.norm(rows - there, axis=1).min() for rows in (sharp, rounded)]
+    assert nearest[0] < 0.5 < 1.0 < nearest[1] < 20.0 and rounded_s < sharp_s - 0.1
+    np.testing.assert_allclose(rounded[-1], begin + [0, 60, 60], atol=0.05)
+    dry = dry_run()
+    assert dry.move_l([0, 0, 60, 0, 0, 0], rel=True, r=20) is None
+    assert dry.move_l([0, 60, 0, 0, 0, 0], rel=True).duration == pytest.approx(rounded_s, abs=0.15)
+    assert dry.flush() == []
+
+
+def test_a_stop_in_a_rounded_corner_is_a_stop(desk):
+    index = desk.ask("move_l", pose=[0, 0, 60, 0, 0, 0], rel=True, r=30)
+    desk.ask("move_l", pose=[0, 60, 0, 0, 0, 0], rel=True)
+    desk.carry_out(index)
+    desk.ask("estop")
+    desk.run(0.5)
+    assert np.abs(desk.controller.motion.dq).max() < 1e-9 and desk.ask("queue") == []
 
 
 def test_a_move_waits_until_a_jog_has_come_to_rest(desk):

@@ -36,15 +36,15 @@ class DryTool:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._tool, name)
 
-    def open(self, **_: Any) -> DryRunResultData:
+    def open(self, **_: Any) -> DryRunResultData | None:
         """Open the jaws."""
         return self.set_position(0.0)
 
-    def close(self, **_: Any) -> DryRunResultData:
+    def close(self, **_: Any) -> DryRunResultData | None:
         """Close them."""
         return self.set_position(1.0)
 
-    def set_position(self, position: float, **_: Any) -> DryRunResultData:
+    def set_position(self, position: float, **_: Any) -> DryRunResultData | None:
         """Move them, 0 open … 1 closed."""
         return self._client._jaws(float(position))
 
@@ -65,6 +65,7 @@ class DryRunClient:
         given = None if initial_joints_deg is None else numbers("initial_joints_deg", initial_joints_deg, 6)
         self._q = self._planner.home_q if given is None else np.radians(given)
         self._opening = 0.0  # as Commander counts
+        self._held: tuple[Plan, float] | None = None  # what the next motion may round, and its radius in m
 
     @property
     def _tools(self) -> YamTools:
@@ -94,10 +95,10 @@ class DryRunClient:
         r: float = 0.0,
         rel: bool = False,
         **_: Any,
-    ) -> DryRunResultData:
+    ) -> DryRunResultData | None:
         """As the client's."""
         pace = Pace(speed, accel, duration or 0.0)
-        return self._moved(program.move_j(self._planner, self._q, angles, pose, pace, rel))
+        return self._moved(program.move_j(self._planner, self._q, angles, pose, pace, rel), r)
 
     def move_l(
         self,
@@ -110,24 +111,24 @@ class DryRunClient:
         r: float = 0.0,
         rel: bool = False,
         **_: Any,
-    ) -> DryRunResultData:
+    ) -> DryRunResultData | None:
         """As the client's."""
         pace = Pace(speed, accel, duration or 0.0)
-        return self._moved(program.move_l(self._planner, self._q, pose, frame, pace, rel))
+        return self._moved(program.move_l(self._planner, self._q, pose, frame, pace, rel), r)
 
-    def home(self, *_: Any, **__: Any) -> DryRunResultData:
+    def home(self, *_: Any, **__: Any) -> DryRunResultData | None:
         """As the client's."""
         return self._moved(self._planner.home(self._q))
 
-    def servo_j(self, angles: Numbers, *, pose: Numbers | None = None, **_: Any) -> DryRunResultData:
+    def servo_j(self, angles: Numbers, *, pose: Numbers | None = None, **_: Any) -> DryRunResultData | None:
         """Where the stream would end, as a move."""
         return self.move_j(None if pose is not None else angles, pose=pose)
 
-    def servo_l(self, pose: Numbers, **_: Any) -> DryRunResultData:
+    def servo_l(self, pose: Numbers, **_: Any) -> DryRunResultData | None:
         """Where the stream would end, as a move."""
         return self.move_j(pose=pose)
 
-    def delay(self, seconds: float) -> DryRunResultData:
+    def delay(self, seconds: float) -> DryRunResultData | None:
         """As the client's."""
         return self._moved(program.pause(self._q, seconds))
 
@@ -157,8 +158,9 @@ class DryRunClient:
     wait_command = wait_checkpoint = wait_ready = wait_status = wait_motion
 
     def flush(self) -> list[DryRunResultData]:
-        """Results that were held back: none, as each is given at once."""
-        return []
+        """Results that were held back, for the next motion to round a corner."""
+        held, self._held = self._held, None
+        return [] if held is None else [result_of(held[0], self._planner.pose)]
 
     def close(self) -> None:
         """Nothing to do."""
@@ -169,15 +171,21 @@ class DryRunClient:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _jaws(self, position: float) -> DryRunResultData:
+    def _jaws(self, position: float) -> DryRunResultData | None:
         (goal,) = numbers("position", [position], 1)
         stroke_s = abs(goal - self._opening) / float(self._hardware.speed_limit[-1])
         self._opening = float(goal)
         return self._moved(program.pause(self._q, stroke_s))
 
-    def _moved(self, plan: Plan) -> DryRunResultData:
+    def _moved(self, plan: Plan, r: float = 0.0) -> DryRunResultData | None:
+        """The result of a motion and of those held back before it; None: the next one may round its end."""
+        radius_m = program.radius(r)
+        if self._held is not None:
+            first, before_m = self._held
+            plan = self._planner.joined(first, plan, before_m)
         self._q = plan.q[-1].copy()
-        return result_of(plan, self._planner.pose)
+        self._held = (plan, radius_m) if radius_m else None
+        return None if radius_m else result_of(plan, self._planner.pose)
 
 
 def result_of(plan: Plan, pose: Callable[[np.ndarray], np.ndarray]) -> DryRunResultData:

@@ -31,7 +31,7 @@ class MotionCalls(Asking):
         Args:
             duration: s; above 0 it counts in place of `speed`.
             speed, accel: shares 0 … 1 of the limits; 0 is the default speed.
-            r: radius (mm) within which the next move may begin; the arm stops at each target all the same.
+            r: radius (mm) around the target within which the next move may begin, if it is sent in time.
             rel: the numbers are added to where the move before ends.
 
         Category: Motion
@@ -39,7 +39,15 @@ class MotionCalls(Asking):
         Example:
             rbt.move_j([0, 60, 60, -29, 0, 0], speed=0.5)
         """
-        given = {"angles": angles, "pose": pose, "duration": duration, "speed": speed, "accel": accel, "rel": rel}
+        given = {
+            "angles": angles,
+            "pose": pose,
+            "duration": duration,
+            "speed": speed,
+            "accel": accel,
+            "rel": rel,
+            "r": r,
+        }
         return await self._then_wait(await self._ask("move_j", _WAIT_S, **given), wait, timeout)
 
     async def move_l(
@@ -62,7 +70,7 @@ class MotionCalls(Asking):
         Example:
             rbt.move_l([0, 0, 20, 0, 0, 0], rel=True, speed=0.5)
         """
-        given = {"pose": pose, "frame": frame, "duration": duration, "speed": speed, "accel": accel, "rel": rel}
+        given = {"pose": pose, "frame": frame, "duration": duration, "speed": speed, "accel": accel, "rel": rel, "r": r}
         index = await self._ask("move_l", _WAIT_S, **given)
         return await self._then_wait(index, wait, wait_kwargs.get("timeout", _WAIT_S))
 

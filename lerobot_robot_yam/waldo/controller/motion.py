@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from lerobot_robot_yam.waldo.planning.streaming import Streaming
 MOST_QUEUED = 1000  # commands; a program that sends more has lost its waits
 _REMEMBERED = 100_000  # ends of commands, for `wait_command`
 _ARRIVED_RAD = 2e-3  # the arm's own set-point, against the end of a plan
+_REST_RAD_S = 1e-6  # rounding
 _ARRIVE_S = 2.0  # after the end of a plan; later it is held back
 _JAW_S = 3.0  # in which a gripper has closed, or will not
 _JAW_BEGINS_S = 0.15  # before that a jaw that is told to move may stand still
@@ -41,6 +43,7 @@ class Command:
         plan: the motion; None: the arm stays.
         opening: where the jaws go, 0 closed … 1 open; None: they stay.
         label: of a checkpoint.
+        radius_m: within which of its end the next motion may begin; 0: it comes to rest there.
         index: its number, once it is queued.
     """
 
@@ -49,7 +52,15 @@ class Command:
     plan: Plan | None = None
     opening: float | None = None
     label: str = ""
+    radius_m: float = 0.0
     index: int = -1
+
+
+class Blend(NamedTuple):
+    """A motion and what it becomes together with the next one."""
+
+    first: Plan
+    joined: Plan
 
 
 class Motion:
@@ -113,8 +124,17 @@ class Motion:
         """How a command has ended; None: it has not, or never was."""
         return self._ends.get(index)
 
-    def add(self, command: Command, epoch: int) -> int:
+    @property
+    def blending(self) -> Plan | None:
+        """The motion whose end the next one may round; None: there is none."""
+        last = self.waiting[-1] if self.planned else None
+        return last.plan if last is not None and last.radius_m > 0.0 else None
+
+    def add(self, command: Command, epoch: int, blend: Blend | None = None) -> int:
         """Queue a command that was planned from `end_q` in this epoch; its index.
+
+        Args:
+            blend: it with the motion before; it counts if that one has not come too far meanwhile.
 
         Raises:
             ControllerError: commands were cancelled meanwhile, or too many wait.
@@ -123,10 +143,21 @@ class Motion:
             raise ControllerError(f"{command.name}: the arm was stopped meanwhile; nothing moves")
         if len(self._queue) >= MOST_QUEUED:
             raise ControllerError(f"{command.name}: {MOST_QUEUED} commands wait already; wait for some of them")
+        if blend is not None and blend.first is self.blending:
+            self._round(self.waiting[-1], command, blend.joined)
         command.index = self._next_index
         self._next_index += 1
         self._queue.append(command)
         return command.index
+
+    def _round(self, before: Command, command: Command, joined: Plan) -> None:
+        """Have two motions go over into each other, unless the first one is there already."""
+        assert before.plan is not None and command.plan is not None
+        overlap_s = before.plan.duration_s + command.plan.duration_s - joined.duration_s
+        begins_s = before.plan.duration_s - overlap_s
+        if before is self.running and (self._last_s or 0.0) - self._began_s >= begins_s:
+            return
+        before.plan, command.plan = joined.cut(begins_s + overlap_s / 2)
 
     def stream(self, begin: Callable[[Streaming], None]) -> None:
         """Jog or servo: `begin` tells the stream what to do.
@@ -199,7 +230,8 @@ class Motion:
             over_s = past_s - command.plan.duration_s
             if over_s < 0.0:
                 return False
-            if np.abs(reading.setpoint_q - self.q).max() > _ARRIVED_RAD:
+            rests = np.abs(command.plan.dq[-1]).max() < _REST_RAD_S  # else it goes over into the next one
+            if rests and np.abs(reading.setpoint_q - self.q).max() > _ARRIVED_RAD:
                 if over_s > _ARRIVE_S:
                     self._cancel()
                     raise ControllerError(f"{command.name}: the arm is held back, or something is in its way")

@@ -12,7 +12,7 @@ from lerobot_robot_yam.errors import PlanError
 from lerobot_robot_yam.waldo import program
 from lerobot_robot_yam.waldo.arm_choice import NO_TOOL, tool_key
 from lerobot_robot_yam.waldo.controller.controller import TICK_S, Controller
-from lerobot_robot_yam.waldo.controller.motion import Command, End
+from lerobot_robot_yam.waldo.controller.motion import Blend, Command, End
 from lerobot_robot_yam.waldo.gripper_sense import swapped
 from lerobot_robot_yam.waldo.planning.frames import of_command
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan
@@ -54,9 +54,11 @@ class MotionRequests:
         speed: float = 0.0,
         accel: float = 1.0,
         duration: float = 0.0,
+        r: float = 0.0,
     ) -> int:
-        pace, text = Pace(speed, accel, duration or 0.0), _text(angles if pose is None else pose)
-        return await self._planned("move_j", text, lambda p, q: program.move_j(p, q, angles, pose, pace, rel))
+        command = Command("move_j", _text(angles if pose is None else pose), radius_m=program.radius(r))
+        pace = Pace(speed, accel, duration or 0.0)
+        return await self._planned(command, lambda p, q: program.move_j(p, q, angles, pose, pace, rel))
 
     async def move_l(
         self,
@@ -66,18 +68,20 @@ class MotionRequests:
         speed: float = 0.0,
         accel: float = 1.0,
         duration: float = 0.0,
+        r: float = 0.0,
     ) -> int:
-        pace = Pace(speed, accel, duration or 0.0)
-        return await self._planned("move_l", _text(pose), lambda p, q: program.move_l(p, q, pose, frame, pace, rel))
+        command, pace = Command("move_l", _text(pose), radius_m=program.radius(r)), Pace(speed, accel, duration or 0.0)
+        return await self._planned(command, lambda p, q: program.move_l(p, q, pose, frame, pace, rel))
 
     async def home(self) -> int:
-        return await self._planned("home", "", lambda p, q: p.home(q))
+        return await self._planned(Command("home"), lambda p, q: p.home(q))
 
     async def delay(self, seconds: float) -> int:
-        return await self._planned("delay", f"{seconds} s", lambda p, q: program.pause(q, seconds))
+        command = Command("delay", f"{seconds} s")
+        return await self._planned(command, lambda p, q: program.pause(q, seconds), blends=False)
 
-    async def _planned(self, name: str, text: str, plan: Callable[[Planner, np.ndarray], Plan]) -> int:
-        """Plan a command from where those before it end, and queue it; its index."""
+    async def _planned(self, command: Command, plan: Callable[[Planner, np.ndarray], Plan], blends: bool = True) -> int:
+        """Plan a command from where those before it end, round the corner if it may be, and queue it; its index."""
         motion, epoch = self._motion, self._motion.epoch
         async with self._in_turn:
             self._controller.check_enabled()
@@ -85,14 +89,17 @@ class MotionRequests:
             while motion.streams:
                 await asyncio.sleep(TICK_S)
             start_q, tip = motion.end_q, self._controller.tip
+            first = motion.blending if blends else None
+            radius_m = motion.waiting[-1].radius_m if first is not None else 0.0
 
-            def work() -> Plan:
+            def work() -> tuple[Plan, Blend | None]:
                 self._planner.tool = tip
-                return plan(self._planner, start_q)
+                made = plan(self._planner, start_q)
+                return made, first and Blend(first, self._planner.joined(first, made, radius_m))
 
-            made = await asyncio.get_running_loop().run_in_executor(self._worker, work)
+            command.plan, blend = await asyncio.get_running_loop().run_in_executor(self._worker, work)
             self._controller.check_enabled()
-            return motion.add(Command(name, text, plan=made), epoch)
+            return motion.add(command, epoch, blend)
 
     async def checkpoint(self, label: str) -> int:
         return await self._unplanned(Command("checkpoint", str(label), label=str(label)))

@@ -34,6 +34,14 @@ class Plan(NamedTuple):
         q = self.q[i] + u * (before + u * (square + u * cube))
         return q, (before + u * (2.0 * square + 3.0 * u * cube)) / h
 
+    def cut(self, t_s: float) -> "tuple[Plan, Plan]":
+        """Itself up to a time within it, and from then on."""
+        i = int(np.searchsorted(self.times_s, t_s))
+        q, dq = (value[None] for value in self.at(t_s))
+        before = Plan(np.append(self.times_s[:i], t_s), np.append(self.q[:i], q, 0), np.append(self.dq[:i], dq, 0))
+        after = Plan(np.append(t_s, self.times_s[i:]) - t_s, np.append(q, self.q[i:], 0), np.append(dq, self.dq[i:], 0))
+        return before, after
+
 
 def standing(q: np.ndarray) -> Plan:
     """The plan of a move to where the arm is, q (n,) rad: it takes no time that matters."""
