@@ -1,4 +1,4 @@
-"""yam-waldo with an arm on a live rig: programs that are killed leave the arm held or landed; one arm has one master."""
+"""yam-waldo with an arm on a live rig: programs that are killed leave it held or landed; one arm has one master."""
 
 import contextlib
 import os
