@@ -52,6 +52,7 @@ def descend(chain: SerialChain, targets: np.ndarray, seeds: np.ndarray, bounds: 
     A target that is not finite is never reached, and no error. Without bounds those of the arm hold.
     """
     lower, upper = bounds or (chain.lower, chain.upper)
+    targets = np.where(np.isfinite(targets), targets, np.nan)  # nan makes no noise on its way
     q = np.clip(seeds, lower, upper)
     error, jacobian = _residual(chain, targets, q)
     cost = _squares(error)
