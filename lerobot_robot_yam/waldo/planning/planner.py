@@ -21,6 +21,7 @@ from lerobot_robot_yam.waldo.planning.surroundings import Surroundings
 
 _ROUNDING_RAD = 1e-4  # by which a target may miss a limit: degrees as text
 _SAME_M, _SAME_RAD = 1e-6, 1e-6  # a line to where the tool is
+_SAME_S = 1e-3  # to come to rest in
 _SPEED_ROUNDING = 1.001
 
 
@@ -149,8 +150,21 @@ class Planner:
         return self.joints(start_q, self.home_q, speed=speed, accel=accel)
 
     def stop(self, q: np.ndarray, dq: np.ndarray) -> Plan:
-        """From a set-point (n,) that moves with dq (n,) rad/s to rest, harder than a move brakes."""
+        """From any set-point (n,) that moves with dq (n,) rad/s to rest, harder than a move brakes."""
         return ruckig_motion.brake(q, dq, self.limits.scaled(1.0, STOP_FACTOR))
+
+    def stop_on(self, plan: Plan, t_s: float) -> Plan:
+        """To rest from a plan that is being carried out, t_s after its begin, without leaving its path.
+
+        Its time runs ever more slowly:  τ = t + u − u² / 2T,  until after T it stands.
+        """
+        _, dq = plan.at(t_s)
+        lasts_s = float((np.abs(dq) / self.limits.acceleration).max())
+        if lasts_s < _SAME_S:
+            return standing(plan.at(t_s)[0])
+        times = np.linspace(0.0, lasts_s, max(math.ceil(lasts_s / ruckig_motion.SAMPLE_S), 1) + 1)
+        q, speed = plan.at(t_s + times - times**2 / (2.0 * lasts_s))
+        return Plan(times, q, speed * (1.0 - times / lasts_s)[:, None])
 
     def joined(self, first: Plan, second: Plan, radius_m: float) -> Plan:
         """Two moves, the second from where the first ends, as one that rounds the corner within `radius_m`.

@@ -133,3 +133,19 @@ def test_a_corner_is_rounded_within_its_radius():
     assert 1e-3 < np.linalg.norm(tool - at_corner, axis=1).min() < 0.02
     assert straight[np.linalg.norm(tool - at_corner, axis=1) > 0.03].max() < 5e-4
     assert planner.joined(first, second, 0.0).duration_s == pytest.approx(first.duration_s + second.duration_s)
+
+
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.5, 0.9, 1.0])
+def test_a_stop_on_a_line_stays_on_it_and_is_soon_over(share):
+    planner = planner_of()
+    target = commanded(planner.pose(planner.home_q), [0, 200, 0, 0, 0, 20], rel=True)
+    plan = planner.line(planner.home_q, target, speed=1.0)
+    q, dq = plan.at(share * plan.duration_s)
+    stop = planner.stop_on(plan, share * plan.duration_s)
+    assert np.allclose(stop.q[0], q) and np.allclose(stop.dq[0], dq) and np.abs(stop.dq[-1]).max() < 1e-9
+    assert stop.duration_s < 0.3
+    assert (
+        np.abs(np.diff(stop.dq, axis=0) / np.diff(stop.times_s)[:, None]).max() < 2.0 * planner.limits.acceleration[0]
+    )
+    ways = planner.pose(stop.q)[:, :3, 3] - planner.pose(planner.home_q)[:3, 3]
+    assert np.abs(ways[:, [0, 2]]).max() < 5e-4
