@@ -153,6 +153,19 @@ def test_a_jog_stops_short_of_a_floor(planner):
     assert planner.pose(run.q[-1])[2, 3] < planner.pose(run.q[0])[2, 3] - 0.03
 
 
+def test_a_jog_that_was_let_go_tries_again(planner):
+    """What stood in the way may have been taken away."""
+    planner.keep_clear(WorkspaceConfig(floor_z_m=0.05))
+    run = Run(planner)
+    for _ in range(2):
+        run.hold(lambda now: run.stream.jog_line("WRF", {"Z": -1.0}, now), 2.0)
+        run.go(0.3)
+        stopped_m = planner.pose(run.q[-1])[2, 3]
+        planner.keep_clear(WorkspaceConfig())
+    assert stopped_m < planner.pose(run.q[len(run.q) // 2])[2, 3] - 0.02
+    run.check()
+
+
 def test_the_newest_target_counts(planner):
     run = Run(planner)
     near, far = planner.home_q + 0.02, planner.home_q + [0.7, 0, 0, 0, 0, 0]
