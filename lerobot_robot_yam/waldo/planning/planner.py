@@ -10,7 +10,7 @@ import numpy as np
 
 from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.errors import PlanError
+from lerobot_robot_yam.errors import ConfigError, PlanError
 from lerobot_robot_yam.waldo.planning import inverse, line_timing, ruckig_motion
 from lerobot_robot_yam.waldo.planning.blend import look_times, overlap_s, superposed
 from lerobot_robot_yam.waldo.planning.line_path import Line, joint_path
@@ -43,16 +43,18 @@ class Planner:
         home_q: (n,) where `home` goes.
 
     Raises:
-        ConfigError: it has no joints, or its workspace cannot be used.
+        ConfigError: it has not six joints, or its workspace cannot be used.
     """
 
     def __init__(self, hardware: ResolvedArm, workspace: WorkspaceConfig | None = None):
         n = hardware.joints
+        if n != len(HOME_RAD):
+            raise ConfigError(f"{hardware.name}: Commander shows arms of six joints, and this one has {n}")
         self.hardware, self._names = hardware, hardware.joint_names
         self.chain = SerialChain(hardware.arm)
         self.lower, self.upper = self.chain.lower, self.chain.upper
         self.limits = joint_limits(hardware.speed_limit[:n])
-        self.home_q = np.clip(HOME_RAD[:n], self.lower, self.upper)
+        self.home_q = np.clip(HOME_RAD, self.lower, self.upper)
         self.tool: np.ndarray = np.eye(4)
         self.keep_clear(hardware.config.workspace if workspace is None else workspace)
 
