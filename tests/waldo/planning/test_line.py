@@ -83,9 +83,9 @@ def test_a_line_beyond_a_joints_limit_is_refused_with_its_name():
         (
             [1.17, 0.7, 1.17, -1.58, -1.35, -1.43],
             [-95, 102, -77, 26, -40, -35],
-            "singularity that joint_6 would have to",
+            "singularity that joint_6 would",
         ),
-        ([-2.56, 0.95, 2.84, 0.09, 1.32, -0.16], [-48, 100, -71, -7, 26, -9], "singularity that joint_3 would have to"),
+        ([-2.56, 0.95, 2.84, 0.09, 1.32, -0.16], [-48, 100, -71, -7, 26, -9], "singularity that joint_3 would"),
         ([2.99, 3.29, 2.65, -0.41, -0.02, 0.74], [-132, 17, -69, 0, 0, 0], "out of reach, or the arm in a singularity"),
     ],
 )
