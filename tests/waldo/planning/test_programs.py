@@ -65,11 +65,8 @@ def test_played_at_ticks_a_program_ends_where_its_plans_say(count, tick_s):
             assert (steps <= planner.limits.speed * 1.01).all()
 
 
-SOME = [("yam", "linear_4310"), ("yam_pro", "crank_4310"), ("yam_ultra", "flexible_4310"), ("big_yam", "linear_3507")]
-ALL = [pytest.param(arm, gripper, marks=pytest.mark.long) for arm in ARMS for gripper in GRIPPERS]
-
-
-@pytest.mark.parametrize("arm, gripper", [*SOME, *ALL])
+@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize("gripper", GRIPPERS)
 def test_home_is_a_good_place_to_start_from(arm, gripper):
     """Away from every limit and from gimbal lock, every jog button open, lines of the usual sizes allowed."""
     planner = planner_of(arm, gripper)
