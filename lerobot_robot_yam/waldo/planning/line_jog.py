@@ -7,7 +7,8 @@ command given on does not try again, any other does.
 
 import numpy as np
 
-from lerobot_robot_yam.waldo.planning.inverse import Bounds, descend
+from lerobot_robot_yam.waldo.kinematics.inverse import Bounds, descend
+from lerobot_robot_yam.waldo.kinematics.rotation import cross, of_turn
 from lerobot_robot_yam.waldo.planning.motion_limits import (
     LINE_ACCELERATION_M_S2,
     LINE_ACCELERATION_RAD_S2,
@@ -16,7 +17,6 @@ from lerobot_robot_yam.waldo.planning.motion_limits import (
     STOP_FACTOR,
 )
 from lerobot_robot_yam.waldo.planning.planner import Planner
-from lerobot_robot_yam.waldo.planning.rotation import cross, of_turn
 
 _SPEEDS = np.array([LINE_SPEED_M_S] * 3 + [LINE_SPEED_RAD_S] * 3)
 _RATES = (LINE_ACCELERATION_M_S2, LINE_ACCELERATION_RAD_S2)

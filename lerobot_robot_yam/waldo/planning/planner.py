@@ -11,12 +11,13 @@ import numpy as np
 from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ConfigError, PlanError
-from lerobot_robot_yam.waldo.planning import inverse, line_timing, ruckig_motion
+from lerobot_robot_yam.waldo.kinematics import inverse
+from lerobot_robot_yam.waldo.kinematics.serial_chain import SerialChain
+from lerobot_robot_yam.waldo.planning import line_timing, ruckig_motion
 from lerobot_robot_yam.waldo.planning.blend import look_times, overlap_s, superposed
 from lerobot_robot_yam.waldo.planning.line_path import Line, joint_path
 from lerobot_robot_yam.waldo.planning.motion_limits import HOME_RAD, STOP_FACTOR, joint_limits, shares
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan, standing
-from lerobot_robot_yam.waldo.planning.serial_chain import SerialChain
 from lerobot_robot_yam.waldo.planning.surroundings import Surroundings
 
 _ROUNDING_RAD = 1e-4  # by which a target may miss a limit: degrees as text

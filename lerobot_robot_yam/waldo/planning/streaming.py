@@ -10,7 +10,7 @@ from numbers import Real
 import numpy as np
 
 from lerobot_robot_yam.errors import PlanError
-from lerobot_robot_yam.waldo.planning.frames import AXES, check_frame
+from lerobot_robot_yam.waldo.kinematics.frames import AXES, check_frame
 from lerobot_robot_yam.waldo.planning.joint_jog import JointJog
 from lerobot_robot_yam.waldo.planning.line_jog import LineJog
 from lerobot_robot_yam.waldo.planning.motion_limits import shares

@@ -6,11 +6,11 @@ import pytest
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import PlanError
-from lerobot_robot_yam.waldo.planning.frames import commanded
+from lerobot_robot_yam.waldo.kinematics.frames import commanded
+from lerobot_robot_yam.waldo.kinematics.rotation import to_turn
+from lerobot_robot_yam.waldo.kinematics.serial_chain import tool_centre
 from lerobot_robot_yam.waldo.planning.line_path import Line
 from lerobot_robot_yam.waldo.planning.planner import Planner
-from lerobot_robot_yam.waldo.planning.rotation import to_turn
-from lerobot_robot_yam.waldo.planning.serial_chain import tool_centre
 
 LOOKS = 400
 

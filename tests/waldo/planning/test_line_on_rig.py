@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.session.arm_session import ArmSession
-from lerobot_robot_yam.waldo.planning.frames import commanded
+from lerobot_robot_yam.waldo.kinematics.frames import commanded
+from lerobot_robot_yam.waldo.kinematics.serial_chain import tool_centre
 from lerobot_robot_yam.waldo.planning.planner import Planner
-from lerobot_robot_yam.waldo.planning.serial_chain import tool_centre
 from tests.support.rigged import rig_of, sim_config
 
 CHANNEL = "follower_left"

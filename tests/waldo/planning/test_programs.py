@@ -7,11 +7,11 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import PlanError
+from lerobot_robot_yam.waldo.kinematics.frames import commanded
+from lerobot_robot_yam.waldo.kinematics.rotation import to_turn, to_vector
+from lerobot_robot_yam.waldo.kinematics.serial_chain import tool_centre
 from lerobot_robot_yam.waldo.planning.enablement import axes_enabled, joints_enabled
-from lerobot_robot_yam.waldo.planning.frames import commanded
 from lerobot_robot_yam.waldo.planning.planner import Planner
-from lerobot_robot_yam.waldo.planning.rotation import to_turn, to_vector
-from lerobot_robot_yam.waldo.planning.serial_chain import tool_centre
 
 MOVES = 5
 FEW, MANY = pytest.param(10, id="few"), pytest.param(100, id="many", marks=pytest.mark.long)

@@ -7,11 +7,11 @@ from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import PlanError
-from lerobot_robot_yam.waldo.planning.frames import AXES, FRAMES
+from lerobot_robot_yam.waldo.kinematics.frames import AXES, FRAMES
+from lerobot_robot_yam.waldo.kinematics.rotation import to_turn
+from lerobot_robot_yam.waldo.kinematics.serial_chain import tool_centre
 from lerobot_robot_yam.waldo.planning.motion_limits import JOG_SHARE, LINE_SPEED_M_S, STOP_FACTOR
 from lerobot_robot_yam.waldo.planning.planner import Planner
-from lerobot_robot_yam.waldo.planning.rotation import to_turn
-from lerobot_robot_yam.waldo.planning.serial_chain import tool_centre
 from lerobot_robot_yam.waldo.planning.streaming import Streaming
 
 TICK_S = 0.01

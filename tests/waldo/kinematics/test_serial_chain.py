@@ -11,9 +11,9 @@ from lerobot_robot_yam.arm.kinematics import YamKinematics
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS, load_arm
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.waldo.planning.inverse import TOLERANCE_M, TOLERANCE_RAD, descend, solve
-from lerobot_robot_yam.waldo.planning.rotation import cross_matrix, to_turn
-from lerobot_robot_yam.waldo.planning.serial_chain import SerialChain, tool_centre
+from lerobot_robot_yam.waldo.kinematics.inverse import TOLERANCE_M, TOLERANCE_RAD, descend, solve
+from lerobot_robot_yam.waldo.kinematics.rotation import cross_matrix, to_turn
+from lerobot_robot_yam.waldo.kinematics.serial_chain import SerialChain, tool_centre
 from tests.support.paths import GOLDEN as GOLDEN_FILES
 
 GOLDEN = json.loads((GOLDEN_FILES / "fk.json").read_text())["cases"]
@@ -111,7 +111,7 @@ def test_without_joints_there_is_nothing_to_plan():
 def test_it_loads_nothing_heavy():
     """Each of Commander's pool workers imports it."""
     code = (
-        "import sys, lerobot_robot_yam.waldo.planning.inverse, lerobot_robot_yam.waldo.model.arm_model; "
+        "import sys, lerobot_robot_yam.waldo.kinematics.inverse, lerobot_robot_yam.waldo.model.arm_model; "
         "print([name for name in ('mujoco', 'mink', 'scipy', 'torch', 'lerobot') if name in sys.modules])"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"

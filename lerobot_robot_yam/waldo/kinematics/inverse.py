@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lerobot_robot_yam.waldo.planning.rotation import to_turn
-from lerobot_robot_yam.waldo.planning.serial_chain import SerialChain
+from lerobot_robot_yam.waldo.kinematics.rotation import to_turn
+from lerobot_robot_yam.waldo.kinematics.serial_chain import SerialChain
 
 TOLERANCE_M, TOLERANCE_RAD = 2e-5, 2e-5
 """How near a solution is: a fifth of what is promised."""

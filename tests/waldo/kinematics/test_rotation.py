@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.errors import PlanError
-from lerobot_robot_yam.waldo.planning.frames import commanded, of_command, to_command
-from lerobot_robot_yam.waldo.planning.rotation import (
+from lerobot_robot_yam.waldo.kinematics.frames import commanded, of_command, to_command
+from lerobot_robot_yam.waldo.kinematics.rotation import (
     of_angles,
     of_turn,
     of_vector,
