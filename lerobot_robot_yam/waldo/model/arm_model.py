@@ -21,9 +21,9 @@ import numpy as np
 
 from lerobot_robot_yam.arm.profile import COLOURS, ArmProfile, Body, GripperProfile
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.waldo.kinematics.rotation import to_rpy
+from lerobot_robot_yam.waldo.kinematics.serial_chain import frame_of, links
 from lerobot_robot_yam.waldo.model.solids import stl, triangles
-from lerobot_robot_yam.waldo.planning.rotation import to_rpy
-from lerobot_robot_yam.waldo.planning.serial_chain import frame_of, links
 
 MESHES = "meshes"
 """Folder of the meshes beside the URDF: the one place where old and new Commander look."""

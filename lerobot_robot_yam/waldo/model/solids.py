@@ -7,7 +7,7 @@ import numpy as np
 
 from lerobot_robot_yam.arm.profile import Shape
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.waldo.planning.rotation import of_quaternion
+from lerobot_robot_yam.waldo.kinematics.rotation import of_quaternion
 
 _SECTIONS = 32  # of a circle
 _RINGS = 9  # of a hemisphere

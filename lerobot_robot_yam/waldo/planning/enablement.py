@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from lerobot_robot_yam.waldo.planning.frames import FRAMES, commanded
-from lerobot_robot_yam.waldo.planning.inverse import Bounds, descend
+from lerobot_robot_yam.waldo.kinematics.frames import FRAMES, commanded
+from lerobot_robot_yam.waldo.kinematics.inverse import Bounds, descend
 from lerobot_robot_yam.waldo.planning.planner import Planner
 
 _BAND_RAD = np.radians(1.0)  # a joint is at its limit when it is as near as this

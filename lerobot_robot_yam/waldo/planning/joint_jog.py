@@ -14,10 +14,13 @@ class JointJog:
         shares: (n,) signed, −1 … 1 of the jog speed.
         accel: share 0 … 1 of the acceleration limit, for speeding up; it always brakes with all of it.
         until_s: when it ends.
+
+    Attributes:
+        until_s: when it ends.
     """
 
     def __init__(self, planner: Planner, shares: np.ndarray, accel: float, until_s: float):
-        self._planner, self._shares, self._accel, self._until_s = planner, shares, accel, until_s
+        self._planner, self._shares, self._accel, self.until_s = planner, shares, accel, until_s
         self._blocked = False
 
     def renewed(self, newer: "JointJog") -> "JointJog":
@@ -28,7 +31,7 @@ class JointJog:
     def step(self, q: np.ndarray, dq: np.ndarray, now_s: float, dt_s: float) -> tuple[np.ndarray, np.ndarray]:
         """The set-point (n,) rad and its speed (n,) rad/s one tick after these."""
         limits = self._planner.limits
-        if now_s < self._until_s and not self._blocked:
+        if now_s < self.until_s and not self._blocked:
             there = self._towards(JOG_SHARE * limits.speed * self._shares, q, dq, dt_s)
             stop = there[0] + there[1] * np.abs(there[1]) / (2.0 * limits.acceleration)
             if self._planner.surroundings.first_conflict(np.array([q, stop])) is None:

@@ -7,7 +7,8 @@ command given on does not try again, any other does.
 
 import numpy as np
 
-from lerobot_robot_yam.waldo.planning.inverse import Bounds, descend
+from lerobot_robot_yam.waldo.kinematics.inverse import Bounds, descend
+from lerobot_robot_yam.waldo.kinematics.rotation import cross, of_turn
 from lerobot_robot_yam.waldo.planning.motion_limits import (
     LINE_ACCELERATION_M_S2,
     LINE_ACCELERATION_RAD_S2,
@@ -16,7 +17,6 @@ from lerobot_robot_yam.waldo.planning.motion_limits import (
     STOP_FACTOR,
 )
 from lerobot_robot_yam.waldo.planning.planner import Planner
-from lerobot_robot_yam.waldo.planning.rotation import cross, of_turn
 
 _SPEEDS = np.array([LINE_SPEED_M_S] * 3 + [LINE_SPEED_RAD_S] * 3)
 _RATES = (LINE_ACCELERATION_M_S2, LINE_ACCELERATION_RAD_S2)
@@ -38,6 +38,9 @@ class LineJog:
         accel: share 0 … 1 of the acceleration limits, for speeding up; it always brakes with all of them.
         until_s: when it ends.
         q, dq: (n,) the set-point that it goes on from, rad and rad/s.
+
+    Attributes:
+        until_s: when it ends.
     """
 
     def __init__(
@@ -51,7 +54,7 @@ class LineJog:
         dq: np.ndarray,
     ):
         self._planner, self._in_tool, self._shares = planner, in_tool, shares
-        self._accel, self._until_s = accel, until_s
+        self._accel, self.until_s = accel, until_s
         self._blocked = self._off_line = False
         self._begin(q, dq)
 
@@ -75,7 +78,7 @@ class LineJog:
         """The set-point (n,) rad and its speed (n,) rad/s one tick after these."""
         if self._off_line:
             return self._brake(q, dq, dt_s)
-        if now_s < self._until_s and not self._blocked:
+        if now_s < self.until_s and not self._blocked:
             wanted = self._wanted()
             ease = min(self._ease(twist, place) for twist in (self._twist, wanted) for place in (q, self._rest_q))
             if ease < _SLOWEST and self._leads_to_singularity(wanted, q):

@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from lerobot_robot_yam.errors import PlanError
-from lerobot_robot_yam.waldo.planning.inverse import Bounds, descend
+from lerobot_robot_yam.waldo.kinematics.inverse import Bounds, descend
+from lerobot_robot_yam.waldo.kinematics.rotation import cross, of_turn, to_turn
+from lerobot_robot_yam.waldo.kinematics.serial_chain import SerialChain
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan
-from lerobot_robot_yam.waldo.planning.rotation import cross, of_turn, to_turn
-from lerobot_robot_yam.waldo.planning.serial_chain import SerialChain
 
 STRAIGHT_M, STRAIGHT_RAD = 1e-4, 1e-3
 """How far the middle of a piece may be off the line: a fifth of what is promised, 0.5 mm and 0.3°."""

@@ -10,17 +10,19 @@ import numpy as np
 
 from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.errors import PlanError
-from lerobot_robot_yam.waldo.planning import inverse, line_timing, ruckig_motion
+from lerobot_robot_yam.errors import ConfigError, PlanError
+from lerobot_robot_yam.waldo.kinematics import inverse
+from lerobot_robot_yam.waldo.kinematics.serial_chain import SerialChain
+from lerobot_robot_yam.waldo.planning import line_timing, ruckig_motion
 from lerobot_robot_yam.waldo.planning.blend import look_times, overlap_s, superposed
 from lerobot_robot_yam.waldo.planning.line_path import Line, joint_path
 from lerobot_robot_yam.waldo.planning.motion_limits import HOME_RAD, STOP_FACTOR, joint_limits, shares
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan, standing
-from lerobot_robot_yam.waldo.planning.serial_chain import SerialChain
 from lerobot_robot_yam.waldo.planning.surroundings import Surroundings
 
 _ROUNDING_RAD = 1e-4  # by which a target may miss a limit: degrees as text
 _SAME_M, _SAME_RAD = 1e-6, 1e-6  # a line to where the tool is
+_SAME_S = 1e-3  # to come to rest in
 _SPEED_ROUNDING = 1.001
 
 
@@ -42,16 +44,18 @@ class Planner:
         home_q: (n,) where `home` goes.
 
     Raises:
-        ConfigError: it has no joints, or its workspace cannot be used.
+        ConfigError: it has not six joints, or its workspace cannot be used.
     """
 
     def __init__(self, hardware: ResolvedArm, workspace: WorkspaceConfig | None = None):
         n = hardware.joints
+        if n != len(HOME_RAD):
+            raise ConfigError(f"{hardware.name}: Commander shows arms of six joints, and this one has {n}")
         self.hardware, self._names = hardware, hardware.joint_names
         self.chain = SerialChain(hardware.arm)
         self.lower, self.upper = self.chain.lower, self.chain.upper
         self.limits = joint_limits(hardware.speed_limit[:n])
-        self.home_q = np.clip(HOME_RAD[:n], self.lower, self.upper)
+        self.home_q = np.clip(HOME_RAD, self.lower, self.upper)
         self.tool: np.ndarray = np.eye(4)
         self.keep_clear(hardware.config.workspace if workspace is None else workspace)
 
@@ -149,8 +153,21 @@ class Planner:
         return self.joints(start_q, self.home_q, speed=speed, accel=accel)
 
     def stop(self, q: np.ndarray, dq: np.ndarray) -> Plan:
-        """From a set-point (n,) that moves with dq (n,) rad/s to rest, harder than a move brakes."""
+        """From any set-point (n,) that moves with dq (n,) rad/s to rest, harder than a move brakes."""
         return ruckig_motion.brake(q, dq, self.limits.scaled(1.0, STOP_FACTOR))
+
+    def stop_on(self, plan: Plan, t_s: float) -> Plan:
+        """To rest from a plan that is being carried out, t_s after its begin, without leaving its path.
+
+        Its time runs ever more slowly:  τ = t + u − u² / 2T,  until after T it stands.
+        """
+        _, dq = plan.at(t_s)
+        lasts_s = float((np.abs(dq) / self.limits.acceleration).max())
+        if lasts_s < _SAME_S:
+            return standing(plan.at(t_s)[0])
+        times = np.linspace(0.0, lasts_s, max(math.ceil(lasts_s / ruckig_motion.SAMPLE_S), 1) + 1)
+        q, speed = plan.at(t_s + times - times**2 / (2.0 * lasts_s))
+        return Plan(times, q, speed * (1.0 - times / lasts_s)[:, None])
 
     def joined(self, first: Plan, second: Plan, radius_m: float) -> Plan:
         """Two moves, the second from where the first ends, as one that rounds the corner within `radius_m`.

@@ -10,7 +10,7 @@ from numbers import Real
 import numpy as np
 
 from lerobot_robot_yam.errors import PlanError
-from lerobot_robot_yam.waldo.planning.frames import AXES, check_frame
+from lerobot_robot_yam.waldo.kinematics.frames import AXES, check_frame
 from lerobot_robot_yam.waldo.planning.joint_jog import JointJog
 from lerobot_robot_yam.waldo.planning.line_jog import LineJog
 from lerobot_robot_yam.waldo.planning.motion_limits import shares
@@ -77,7 +77,8 @@ class Streaming:
         for joint, speed in speeds.items():
             wanted[int(joint)] = _signed_share(speed)
         jog = JointJog(self._planner, wanted, _accel(accel), now_s + _duration(duration_s))
-        self._command = self._command.renewed(jog) if isinstance(self._command, JointJog) else jog
+        before = self._command
+        self._command = before.renewed(jog) if isinstance(before, JointJog) and now_s <= before.until_s else jog
 
     def jog_line(
         self, frame: str, speeds: Mapping[str, float], now_s: float, duration_s: float = JOG_S, accel: float = 1.0
@@ -95,7 +96,8 @@ class Streaming:
             wanted[AXES.index(axis)] = _signed_share(speed)
         in_tool, until_s = check_frame(frame) == "TRF", now_s + _duration(duration_s)
         jog = LineJog(self._planner, in_tool, wanted, _accel(accel), until_s, self.q, self.dq)
-        self._command = self._command.renewed(jog) if isinstance(self._command, LineJog) else jog
+        before = self._command
+        self._command = before.renewed(jog) if isinstance(before, LineJog) and now_s <= before.until_s else jog
 
     def servo(self, target_q: np.ndarray, *, speed: float = 1.0, accel: float = 1.0) -> None:
         """Go to joints (n,) rad and stay there, instead of what went on.

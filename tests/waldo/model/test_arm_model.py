@@ -12,8 +12,8 @@ from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.viewer.drawing.shapes import meshes
+from lerobot_robot_yam.waldo.kinematics.serial_chain import SerialChain
 from lerobot_robot_yam.waldo.model.arm_model import ArmModel
-from lerobot_robot_yam.waldo.planning.serial_chain import SerialChain
 
 MOTORIZED = [name for name in GRIPPERS if name.endswith(("4310", "3507"))]
 

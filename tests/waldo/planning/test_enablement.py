@@ -6,10 +6,10 @@ import pytest
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.kinematics import YamKinematics
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.waldo.kinematics.frames import commanded
+from lerobot_robot_yam.waldo.kinematics.serial_chain import tool_centre
 from lerobot_robot_yam.waldo.planning.enablement import axes_enabled, joints_enabled
-from lerobot_robot_yam.waldo.planning.frames import commanded
 from lerobot_robot_yam.waldo.planning.planner import Planner
-from lerobot_robot_yam.waldo.planning.serial_chain import tool_centre
 
 
 @pytest.fixture(scope="module", params=["yam", "big_yam"])

@@ -6,11 +6,11 @@ import pytest
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import PlanError
-from lerobot_robot_yam.waldo.planning.frames import commanded
+from lerobot_robot_yam.waldo.kinematics.frames import commanded
+from lerobot_robot_yam.waldo.kinematics.rotation import to_turn
+from lerobot_robot_yam.waldo.kinematics.serial_chain import tool_centre
 from lerobot_robot_yam.waldo.planning.line_path import Line
 from lerobot_robot_yam.waldo.planning.planner import Planner
-from lerobot_robot_yam.waldo.planning.rotation import to_turn
-from lerobot_robot_yam.waldo.planning.serial_chain import tool_centre
 
 LOOKS = 400
 
@@ -77,17 +77,24 @@ def test_a_line_beyond_a_joints_limit_is_refused_with_its_name():
         planner.line(planner.home_q, target)
 
 
-def test_a_line_through_a_singularity_is_refused_with_the_joint_that_would_race():
-    """The axes of joints 4 and 6 are almost in line at q5 = 89°: there is a direction in which both would race."""
+@pytest.mark.parametrize(
+    "start, way, message",
+    [
+        (
+            [1.17, 0.7, 1.17, -1.58, -1.35, -1.43],
+            [-95, 102, -77, 26, -40, -35],
+            "singularity that joint_6 would",
+        ),
+        ([-2.56, 0.95, 2.84, 0.09, 1.32, -0.16], [-48, 100, -71, -7, 26, -9], "singularity that joint_3 would"),
+        ([2.99, 3.29, 2.65, -0.41, -0.02, 0.74], [-132, 17, -69, 0, 0, 0], "out of reach, or the arm in a singularity"),
+    ],
+)
+def test_a_line_through_a_singularity_is_refused_with_the_joint_that_would_race(start, way, message):
+    """The axes of joints 4 and 6 come into line; the elbow stretches; the target is beyond the stretched arm."""
     planner = planner_of()
-    start = planner.home_q.copy()
-    start[4] = np.radians(89.0)
-    place = planner.chain.place(start)
-    *_, lost = np.linalg.svd(place.jacobian)[0].T  # the direction of motion in which the arm is weakest
-    planner.tool = np.eye(4)
-    target = commanded(planner.pose(start), [*(lost[:3] * 80.0), *np.degrees(lost[3:] * 0.5)], "WRF", rel=True)
-    with pytest.raises(PlanError, match="singularity|out of reach"):
-        planner.line(start, target)
+    start = np.array(start)
+    with pytest.raises(PlanError, match=message):
+        planner.line(start, commanded(planner.pose(start), way, "WRF", rel=True), speed=0.1)
 
 
 def test_where_the_tool_is_already_nothing_moves():
@@ -133,3 +140,19 @@ def test_a_corner_is_rounded_within_its_radius():
     assert 1e-3 < np.linalg.norm(tool - at_corner, axis=1).min() < 0.02
     assert straight[np.linalg.norm(tool - at_corner, axis=1) > 0.03].max() < 5e-4
     assert planner.joined(first, second, 0.0).duration_s == pytest.approx(first.duration_s + second.duration_s)
+
+
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.5, 0.9, 1.0])
+def test_a_stop_on_a_line_stays_on_it_and_is_soon_over(share):
+    planner = planner_of()
+    target = commanded(planner.pose(planner.home_q), [0, 200, 0, 0, 0, 20], rel=True)
+    plan = planner.line(planner.home_q, target, speed=1.0)
+    q, dq = plan.at(share * plan.duration_s)
+    stop = planner.stop_on(plan, share * plan.duration_s)
+    assert np.allclose(stop.q[0], q) and np.allclose(stop.dq[0], dq) and np.abs(stop.dq[-1]).max() < 1e-9
+    assert stop.duration_s < 0.3
+    assert (
+        np.abs(np.diff(stop.dq, axis=0) / np.diff(stop.times_s)[:, None]).max() < 2.0 * planner.limits.acceleration[0]
+    )
+    ways = planner.pose(stop.q)[:, :3, 3] - planner.pose(planner.home_q)[:3, 3]
+    assert np.abs(ways[:, [0, 2]]).max() < 5e-4

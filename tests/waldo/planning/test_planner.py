@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from lerobot_robot_yam.arm.collision.workspace import KeepOut, WorkspaceConfig
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.errors import PlanError
+from lerobot_robot_yam.errors import ConfigError, PlanError
 from lerobot_robot_yam.waldo.planning.planner import Planner
 
 
@@ -70,3 +71,29 @@ def test_a_stop_is_over_soon_and_does_not_turn_back(planner):
     plan = planner.stop(planner.home_q, dq)
     assert plan.duration_s < 0.4
     assert (plan.dq * np.sign(dq) > -1e-6).all() and np.abs(plan.dq[-1]).max() < 1e-9
+
+
+def test_a_way_through_a_thing_is_refused_with_its_name():
+    planner = Planner(ResolvedArm(ArmConfig(channel="can0")))
+    target = planner.home_q + [1.2, 0, 0, 0, 0, 0]
+    planner.joints(planner.home_q, target)
+    x, y, z = planner.pose(planner.home_q + [0.6, 0, 0, 0, 0, 0])[:3, 3].tolist()
+    mast = KeepOut(name="camera mast", center_m=[x, y, z], size_m=[0.05, 0.05, 0.4])
+    planner.keep_clear(WorkspaceConfig(keep_out=[mast]))
+    for move in (planner.joints, lambda start, goal: planner.line(start, planner.pose(goal))):
+        with pytest.raises(PlanError, match="camera mast"):
+            move(planner.home_q, target)
+    planner.keep_clear(WorkspaceConfig())
+    planner.joints(planner.home_q, target)
+
+
+def test_the_configured_workspace_counts():
+    config = ArmConfig(channel="can0", workspace=WorkspaceConfig(floor_z_m=0.2))
+    planner = Planner(ResolvedArm(config))
+    with pytest.raises(PlanError, match="floor"):
+        planner.joints(planner.home_q, planner.home_q + [0, 0, -0.6, 0, 0, 0])
+
+
+def test_an_arm_without_six_joints_is_refused():
+    with pytest.raises(ConfigError, match="six joints"):
+        Planner(ResolvedArm(ArmConfig(channel="can0", arm="none")))

@@ -7,11 +7,11 @@ from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import PlanError
-from lerobot_robot_yam.waldo.planning.frames import AXES, FRAMES
+from lerobot_robot_yam.waldo.kinematics.frames import AXES, FRAMES
+from lerobot_robot_yam.waldo.kinematics.rotation import to_turn
+from lerobot_robot_yam.waldo.kinematics.serial_chain import tool_centre
 from lerobot_robot_yam.waldo.planning.motion_limits import JOG_SHARE, LINE_SPEED_M_S, STOP_FACTOR
 from lerobot_robot_yam.waldo.planning.planner import Planner
-from lerobot_robot_yam.waldo.planning.rotation import to_turn
-from lerobot_robot_yam.waldo.planning.serial_chain import tool_centre
 from lerobot_robot_yam.waldo.planning.streaming import Streaming
 
 TICK_S = 0.01
@@ -151,6 +151,19 @@ def test_a_jog_stops_short_of_a_floor(planner):
     assert run.stream.still
     assert planner.surroundings.first_conflict(np.array(run.q)) is None
     assert planner.pose(run.q[-1])[2, 3] < planner.pose(run.q[0])[2, 3] - 0.03
+
+
+def test_a_jog_that_was_let_go_tries_again(planner):
+    """What stood in the way may have been taken away."""
+    planner.keep_clear(WorkspaceConfig(floor_z_m=0.05))
+    run = Run(planner)
+    for _ in range(2):
+        run.hold(lambda now: run.stream.jog_line("WRF", {"Z": -1.0}, now), 2.0)
+        run.go(0.3)
+        stopped_m = planner.pose(run.q[-1])[2, 3]
+        planner.keep_clear(WorkspaceConfig())
+    assert stopped_m < planner.pose(run.q[len(run.q) // 2])[2, 3] - 0.02
+    run.check()
 
 
 def test_the_newest_target_counts(planner):

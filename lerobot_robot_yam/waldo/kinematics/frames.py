@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lerobot_robot_yam.errors import PlanError
-from lerobot_robot_yam.waldo.planning.rotation import of_vector, to_vector
+from lerobot_robot_yam.waldo.kinematics.rotation import of_vector, to_vector
 
 FRAMES = ("WRF", "TRF")
 """The frame of the arm's base, and that of the tool."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from lerobot_robot_yam.arm.profile import ArmProfile, Body, GripperProfile
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.waldo.planning.rotation import cross, cross_matrix, of_quaternion
+from lerobot_robot_yam.waldo.kinematics.rotation import cross, cross_matrix, of_quaternion
 
 
 class Place(NamedTuple):

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lerobot_robot_yam.waldo.planning.rotation import to_turn
-from lerobot_robot_yam.waldo.planning.serial_chain import SerialChain
+from lerobot_robot_yam.waldo.kinematics.rotation import to_turn
+from lerobot_robot_yam.waldo.kinematics.serial_chain import SerialChain
 
 TOLERANCE_M, TOLERANCE_RAD = 2e-5, 2e-5
 """How near a solution is: a fifth of what is promised."""
@@ -52,6 +52,7 @@ def descend(chain: SerialChain, targets: np.ndarray, seeds: np.ndarray, bounds: 
     A target that is not finite is never reached, and no error. Without bounds those of the arm hold.
     """
     lower, upper = bounds or (chain.lower, chain.upper)
+    targets = np.where(np.isfinite(targets), targets, np.nan)  # nan makes no noise on its way
     q = np.clip(seeds, lower, upper)
     error, jacobian = _residual(chain, targets, q)
     cost = _squares(error)
