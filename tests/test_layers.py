@@ -20,10 +20,10 @@ STOREYS = (
     "doctor",
     "cameras",
     "setup",
+    "waldo",
     "face",
     "plugin",  # the packages' own modules, which LeRobot finds by their names
     "viewer",
-    "waldo",
     "commands",
 )
 RIG_ROOMS = (

@@ -96,7 +96,7 @@ def controller(rig, tmp_path):
     port = free_port()
     save_stops("arm", tmp_path / "stops.json", "linear_4310", GripperStops(*STOPS))
     options = ["--hardware", "--channel", ARM, "--rig", rig.name, "--gripper", "linear_4310", "--no-page"]
-    command = ["-m", "lerobot_robot_yam.commands.waldo", *options, "--calibration", tmp_path / "stops.json"]
+    command = ["-m", "lerobot_robot_yam.commands.pages.waldo", *options, "--calibration", tmp_path / "stops.json"]
     with started(*command, "--port", port) as process:
         until(lambda: ask_once(HOST, port, "ping") or process.poll() is not None)
         yield port, process
@@ -177,7 +177,7 @@ def test_an_arm_that_another_program_drives_cannot_be_armed_and_the_reverse(rig,
             ask_operator_door(port, "arm")
         rig.set_pose(ARM, POSE, 0.5)
         ask_operator_door(port, "arm")
-        words = r"in use by process \d+, which drives it for lerobot_robot_yam.commands.waldo, process \d+"
+        words = r"in use by process \d+, which drives it for lerobot_robot_yam.commands.pages.waldo, process \d+"
         with pytest.raises(YamError, match=words):
             arm_on(rig, ARM).connect()
 

@@ -11,7 +11,7 @@ import time
 
 import pytest
 
-from lerobot_robot_yam.commands.waldo import hazard, main
+from lerobot_robot_yam.commands.pages.waldo import hazard, main
 from lerobot_robot_yam.waldo.launching import ask_once
 from tests.support.paths import ROOT
 
@@ -32,7 +32,7 @@ def free_port():
 def served(*arguments, **variables):
     """`yam-waldo` as a process, once it answers; its port, and the process."""
     port = free_port()
-    command = [sys.executable, "-m", "lerobot_robot_yam.commands.waldo", "--port", str(port), *arguments]
+    command = [sys.executable, "-m", "lerobot_robot_yam.commands.pages.waldo", "--port", str(port), *arguments]
     with subprocess.Popen(command, cwd=ROOT, env={**os.environ, **variables}, stderr=subprocess.PIPE) as process:
         try:
             deadline = time.monotonic() + 30.0
