@@ -12,7 +12,7 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.profile import GripperProfile
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.waldo.planning.serial_chain import tool_centre
+from lerobot_robot_yam.waldo.kinematics.serial_chain import tool_centre
 
 ENV_ARM, ENV_GRIPPER = "YAM_WALDO_ARM", "YAM_WALDO_GRIPPER"
 NO_TOOL = "NONE"

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lerobot_robot_yam.errors import PlanError
-from lerobot_robot_yam.waldo.planning.frames import commanded
+from lerobot_robot_yam.waldo.kinematics.frames import commanded
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan, standing
 from lerobot_robot_yam.waldo.planning.planner import Planner
 

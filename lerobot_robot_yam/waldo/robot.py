@@ -25,10 +25,10 @@ from lerobot_robot_yam.waldo.arm_choice import ArmChoice, tip
 from lerobot_robot_yam.waldo.client.async_client import AsyncRobotClient
 from lerobot_robot_yam.waldo.client.dry_run_client import DryRunClient
 from lerobot_robot_yam.waldo.client.sync_client import RobotClient
+from lerobot_robot_yam.waldo.kinematics import rotation
+from lerobot_robot_yam.waldo.kinematics.frames import FRAMES
 from lerobot_robot_yam.waldo.launching import LaunchedController, ask_once
 from lerobot_robot_yam.waldo.model.arm_model import ArmModel
-from lerobot_robot_yam.waldo.planning import rotation
-from lerobot_robot_yam.waldo.planning.frames import FRAMES
 from lerobot_robot_yam.waldo.planning.motion_limits import (
     JOG_SHARE,
     LINE_ACCELERATION_M_S2,

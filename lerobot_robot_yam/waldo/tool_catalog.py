@@ -19,9 +19,9 @@ from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.profile import GripperProfile
 from lerobot_robot_yam.errors import ControllerError
 from lerobot_robot_yam.waldo.arm_choice import NO_TOOL, ArmChoice, tool_key
+from lerobot_robot_yam.waldo.kinematics.rotation import to_rpy
+from lerobot_robot_yam.waldo.kinematics.serial_chain import tool_centre
 from lerobot_robot_yam.waldo.model.arm_model import ArmModel
-from lerobot_robot_yam.waldo.planning.rotation import to_rpy
-from lerobot_robot_yam.waldo.planning.serial_chain import tool_centre
 
 
 class NoTool(ToolSpec):

@@ -11,8 +11,8 @@ from waldoctl import DryRunResultData, ToolSpec
 
 from lerobot_robot_yam.waldo import program
 from lerobot_robot_yam.waldo.arm_choice import NO_TOOL, ArmChoice, tip
-from lerobot_robot_yam.waldo.planning import rotation
-from lerobot_robot_yam.waldo.planning.frames import to_command
+from lerobot_robot_yam.waldo.kinematics import rotation
+from lerobot_robot_yam.waldo.kinematics.frames import to_command
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan
 from lerobot_robot_yam.waldo.planning.planner import Planner
 from lerobot_robot_yam.waldo.program import Numbers, Pace, numbers

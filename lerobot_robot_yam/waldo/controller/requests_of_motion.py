@@ -14,7 +14,7 @@ from lerobot_robot_yam.waldo.arm_choice import NO_TOOL, tool_key
 from lerobot_robot_yam.waldo.controller.controller import TICK_S, Controller
 from lerobot_robot_yam.waldo.controller.motion import Blend, Command, End
 from lerobot_robot_yam.waldo.gripper_sense import swapped
-from lerobot_robot_yam.waldo.planning.frames import of_command
+from lerobot_robot_yam.waldo.kinematics.frames import of_command
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan
 from lerobot_robot_yam.waldo.planning.planner import Planner
 from lerobot_robot_yam.waldo.planning.streaming import Streaming

@@ -16,8 +16,8 @@ from lerobot_robot_yam.waldo.arm_choice import NO_TOOL
 from lerobot_robot_yam.waldo.controller.controller import TICK_S, Controller
 from lerobot_robot_yam.waldo.controller.requests_of_settings import SettingRequests
 from lerobot_robot_yam.waldo.gripper_sense import swapped
+from lerobot_robot_yam.waldo.kinematics.frames import FRAMES, check_frame, to_command
 from lerobot_robot_yam.waldo.planning.enablement import axes_enabled, joints_enabled
-from lerobot_robot_yam.waldo.planning.frames import FRAMES, check_frame, to_command
 from lerobot_robot_yam.waldo.planning.planner import Planner
 
 STATUS_HZ = 50
