@@ -4,6 +4,7 @@ YAM_WALDO_ARM=big_yam YAM_WALDO_GRIPPER=crank_4310 waldo-commander --host 127.0.
 """
 
 import os
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,6 @@ from lerobot_robot_yam.waldo.kinematics.serial_chain import tool_centre
 
 ENV_ARM, ENV_GRIPPER = "YAM_WALDO_ARM", "YAM_WALDO_GRIPPER"
 NO_TOOL = "NONE"
-_JOINTS = 6  # Commander has buffers for six
 
 
 class ArmChoice(NamedTuple):
@@ -35,11 +35,8 @@ class ArmChoice(NamedTuple):
         return {ENV_ARM: self.arm, ENV_GRIPPER: self.gripper}
 
     def resolved(self) -> ResolvedArm:
-        """Profiles and limits. Raises ConfigError: no such arm or gripper, or not six joints."""
-        hardware = ResolvedArm(ArmConfig(channel="none", arm=self.arm, gripper=self.gripper))
-        if hardware.joints != _JOINTS:
-            raise ConfigError(f"Waldo Commander shows arms with {_JOINTS} joints; {self.arm} has {hardware.joints}")
-        return hardware
+        """Profiles and limits. Raises ConfigError: no such arm or gripper."""
+        return ResolvedArm(ArmConfig(channel="none", name=Path(self.arm).stem, arm=self.arm, gripper=self.gripper))
 
 
 def tool_key(gripper: GripperProfile) -> str:

@@ -157,6 +157,11 @@ class Robot(waldoctl.Robot):
         return FRAMES
 
     @property
+    def has_freedrive(self) -> bool:
+        """A hand can move the real arm."""
+        return True
+
+    @property
     def has_collision_checking(self) -> bool:
         """Plans keep away from the shapes that were set."""
         return True

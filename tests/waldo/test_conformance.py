@@ -6,9 +6,11 @@ import sys
 
 import pytest
 
+from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS
 from tests.support.paths import ROOT
 
 SEEDS = ROOT / "tests" / "waldo" / "seeds"
+OTHER_ULTRA, BIG = ("yam_ultra_2", "flexible_4310"), ("big_yam", "no_gripper")
 LIVE = pytest.mark.long
 
 
@@ -29,6 +31,21 @@ def failed(lines):
 @pytest.mark.parametrize("contract", ["B", "C"])
 def test_the_backend_meets_the_contract(contract):
     status, lines = conformance("--contract", contract)
+    assert not failed(lines) and status == 0, lines
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("gripper", GRIPPERS)
+@pytest.mark.parametrize("arm", ARMS)
+def test_every_arm_with_every_gripper_meets_both_contracts(arm, gripper):
+    _, lines = conformance("--only", "static,dry", YAM_WALDO_ARM=arm, YAM_WALDO_GRIPPER=gripper)
+    assert not failed(lines) and len([line for line in lines if "passed, 0 failed" in line]) == 2, lines
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("arm, gripper", [("yam_pro", "crank_4310"), ("yam_ultra", "linear_3507"), OTHER_ULTRA, BIG])
+def test_the_other_arms_meet_the_contract_live(arm, gripper):
+    status, lines = conformance("--contract", "C", "--only", "live", YAM_WALDO_ARM=arm, YAM_WALDO_GRIPPER=gripper)
     assert not failed(lines) and status == 0, lines
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.errors import ControllerError, YamError
+from lerobot_robot_yam.state.modes import Mode
 from tests.support.rigged import lockstep_rig
 from tests.support.waldo_desk import waldo_desk
 
@@ -157,6 +158,7 @@ def test_a_cable_that_comes_off_stops_the_move_and_resume_waits_for_frames(rig, 
     status = desk.ask("status")
     assert not status["enabled"] and status["warnings"] and status["error"] is not None
     assert not desk.ask("ping")["hardware_connected"] and desk.ask("wait_command", command_index=index) is False
+    assert desk.ask("estop") == 1  # its button never fails
     with pytest.raises(ControllerError, match="takes no commands yet"):
         desk.ask("reset")
     rig.clear_faults(ARM)
@@ -184,6 +186,30 @@ def test_a_line_is_straight_on_the_rig(rig, desk, way):
     along = np.array(way[:3]) / np.linalg.norm(way[:3])
     off = np.linalg.norm(np.cross(np.array(rows) - begin, along), axis=1)
     assert off.max() < LINE_M and np.linalg.norm(rows[-1] - begin) > 0.9e-3 * np.linalg.norm(way[:3])
+
+
+def test_a_hand_moves_the_arm_while_it_floats_and_it_holds_there(rig, desk):
+    with pytest.raises(ControllerError, match="freedrive is for the real arm"):
+        desk.ask("freedrive", enabled=True)
+    desk.drive()
+    desk.ask("freedrive", enabled=True)
+    desk.run(0.2)
+    assert desk.ask("status")["freedrive"] and desk.ask("ping")["hardware_connected"]
+    with pytest.raises(ControllerError, match="the arm floats"):
+        desk.ask("home")
+    rig.push(ARM, "tool", [0.0, 4.0, 0.0], 0.5)
+    desk.run(1.0)
+    moved = true_q(rig)
+    assert abs(moved[0] - POSE[0]) > 0.05
+    desk.ask("estop")
+    desk.run(1.0)
+    assert np.abs(true_q(rig) - moved).max() < np.radians(2.0) and not desk.ask("status")["freedrive"]
+    desk.ask("reset")
+    desk.ask("freedrive", enabled=True)
+    desk.run(0.2)
+    desk.ask("simulator", enabled=True)  # which ends it, too
+    desk.run(0.2)
+    assert desk.real.published().mode is Mode.HOLD
 
 
 def test_what_is_gripped_is_seen_and_pressed_with_no_more_than_the_force_limit(rig, desk):

@@ -15,6 +15,7 @@ from lerobot_robot_yam.waldo.controller.controller import Controller
 from lerobot_robot_yam.waldo.controller.controller_process import operator_acts
 from lerobot_robot_yam.waldo.operator_door import OperatorDoor, ask_operator_door, door_path
 from lerobot_robot_yam.waldo.wire import MOST_BYTES
+from tests.support.pages import block
 
 HOST = "127.0.0.1"
 HOME = [0, 60, 60, -29, 0, 0]
@@ -172,6 +173,19 @@ def test_only_the_operators_door_knows_arm_and_land():
         door.close()
         with pytest.raises(ControllerError, match="no controller of yours serves port"):
             ask_operator_door(port, "land")
+
+    asyncio.run(run())
+
+
+def test_the_script_of_the_page_does_what_it_says():
+    code = block("docs/waldo.md", "python", "RobotClient()")
+
+    async def run():
+        port = free_port()
+        async with serving(port) as server:
+            await asyncio.to_thread(exec, code.replace("RobotClient()", f"RobotClient({HOST!r}, {port})"), {})
+            assert server.report.status()["tool"]["positions"] == [1.0]
+            np.testing.assert_allclose(server.report.angles(), HOME, atol=0.01)
 
     asyncio.run(run())
 

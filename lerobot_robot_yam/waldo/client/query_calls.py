@@ -152,6 +152,16 @@ class QueryCalls(Asking):
         """
         return bool((await self._ask("ping"))["simulator"])
 
+    async def is_freedrive(self) -> bool:
+        """Whether a hand may move the arm now.
+
+        Category: Query
+
+        Example:
+            rbt.is_freedrive()
+        """
+        return bool((await self._ask("status"))["freedrive"])
+
     async def tools(self) -> ToolResult:
         """The selected tool, and those that there are.
 

@@ -33,6 +33,16 @@ class SettingCalls(Asking):
         """
         return int(await self._ask("teleport", angles_deg=angles_deg, tool_positions=tool_positions))
 
+    async def freedrive(self, enabled: bool) -> int:
+        """Let a hand move the real arm, which weighs nothing to it, or have it hold where it is.
+
+        Category: Control
+
+        Example:
+            rbt.freedrive(True)
+        """
+        return int(await self._ask("freedrive", enabled=bool(enabled)))
+
     async def connect_hardware(self, port_str: str) -> int:
         """Refused, unless it names the channel that the controller has: this choice is made at the arm's computer.
 

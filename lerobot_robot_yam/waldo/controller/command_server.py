@@ -16,7 +16,7 @@ from lerobot_robot_yam.waldo.wire import MOST_BYTES, STREAM, decode, encode
 
 _BEHIND_BYTES = 1 << 16  # of statuses that a client has not read; it is sent no more until it has
 _REQUESTS = {
-    Controller: "stop estop reset simulator teleport",
+    Controller: "stop estop reset simulator freedrive teleport",
     MotionRequests: (
         "move_j move_l home servo_j servo_l jog_j jog_l delay checkpoint tool_action "
         "wait_command wait_checkpoint wait_motion"

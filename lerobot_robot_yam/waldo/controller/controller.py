@@ -71,7 +71,12 @@ class Controller:
     @property
     def enabled(self) -> bool:
         """Whether it takes commands that move."""
-        return not self.stopped and not self.fault
+        return not (self.stopped or self.fault or self.floats)
+
+    @property
+    def floats(self) -> bool:
+        """Whether commands would move the real arm, and a hand may move it instead."""
+        return not self.in_simulator and not self.fault and self.real is not None and self.real.floats
 
     @property
     def ready_hardware(self) -> bool:
@@ -84,6 +89,8 @@ class Controller:
             raise ControllerError(f"the arm has failed, and holds as far as it can: {self.fault}")
         if self.stopped:
             raise ControllerError("an e-stop is latched: the arm holds and takes no commands until reset (resume)")
+        if self.floats:
+            raise ControllerError("the arm floats, so that a hand can move it: freedrive(False) ends that")
 
     def tick(self) -> None:
         """Move the set-point on, and have the plant follow; hold when the plant fails."""
@@ -91,6 +98,9 @@ class Controller:
         try:
             self.reading = self.plant.read()
             if self.fault:
+                return
+            if self.floats:
+                self._float_on()
                 return
             moves = self.motion.step(now, self.reading)
             if moves:
@@ -104,6 +114,14 @@ class Controller:
         except YamError as error:
             self._fail(str(error))
 
+    def _float_on(self) -> None:
+        """Begin where the hand has left it, once it floats no more. Raises ControllerError: it has failed."""
+        assert self.real is not None
+        if why := self.real.trouble():
+            raise ControllerError(why)
+        if not self.real.floats:
+            self.motion.take_over(self.reading)
+
     def _fail(self, why: str) -> None:
         """Cancel everything; the arm's own loop holds or lands it."""
         logger.error("%s", why)
@@ -113,9 +131,20 @@ class Controller:
     # requests of clients
 
     def stop(self) -> int:
-        """Come to rest and empty the queue; torque stays on."""
+        """Come to rest and empty the queue; torque stays on. Refuses nothing."""
+        if self.floats:
+            try:
+                self._hold_again()
+            except YamError as error:
+                self._fail(str(error))
         self.motion.stop(self.now())
         return 1
+
+    def _hold_again(self) -> None:
+        """End the floating: the arm holds where it is."""
+        self.plant.rest()
+        self.reading = self.plant.read()
+        self.motion.take_over(self.reading)
 
     def estop(self) -> int:
         """The same, and take no commands until `reset`."""
@@ -167,6 +196,22 @@ class Controller:
         self.plant, self.fault, self._rest_at_s = plant, "", np.inf
         self.reading = plant.read()
         self.motion.take_over(self.reading)
+
+    def freedrive(self, enabled: bool) -> int:
+        """Let a hand move the real arm, or have it hold where it is.
+
+        Raises:
+            ControllerError: in simulator mode, or it takes no commands.
+        """
+        if self.in_simulator or self.real is None:
+            raise ControllerError("freedrive is for the real arm; a simulated one is put somewhere by teleport")
+        if enabled and not self.floats:
+            self.check_enabled()
+            self.motion.take_over(self.reading)
+            self.real.let_float()
+        elif not enabled and self.floats:
+            self._hold_again()
+        return 1
 
     def teleport(self, angles_deg: Sequence[float], tool_positions: Sequence[float] | None = None) -> int:
         """Put the simulated arm somewhere, and its jaws. No other plant can be told so.

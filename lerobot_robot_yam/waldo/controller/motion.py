@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lerobot_robot_yam.errors import ControllerError
+from lerobot_robot_yam.errors import ControllerError, PlanError
 from lerobot_robot_yam.waldo.controller.plant import Reading
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan
 from lerobot_robot_yam.waldo.planning.planner import Planner
@@ -178,11 +178,14 @@ class Motion:
             self._streaming.stop()
 
     def stop(self, now: float) -> None:
-        """Come to rest as soon as the limits allow; cancel everything."""
+        """Come to rest as soon as the limits allow; cancel everything. Refuses nothing."""
         self._cancel()
         self._streams = False
         if self._brake is None:
-            self._brake, self._began_s = self._planner.stop(self.q, self.dq), now
+            try:
+                self._brake, self._began_s = self._planner.stop(self.q, self.dq), now
+            except PlanError:  # then the arm's own loop brakes
+                self.dq = np.zeros(len(self.q))
 
     def _cancel(self) -> None:
         for command in self.waiting:

@@ -32,11 +32,13 @@ class RealArm:
 
     Attributes:
         config: as it will be armed the next time.
+        floats: a hand may move it, and it takes no targets.
     """
 
     def __init__(self, config: ArmConfig, isolation: Isolation = "process"):
         self.config, self._isolation = config, isolation
         self._session: ArmSession | None = None
+        self.floats = False
 
     @property
     def armed(self) -> bool:
@@ -96,7 +98,7 @@ class RealArm:
             session.stop()
 
     def trouble(self) -> str:
-        """Why it takes no targets; empty: it does."""
+        """Why it neither takes targets nor floats as it was told to; empty: all is well."""
         try:
             self._taking()
         except YamError as error:
@@ -108,7 +110,8 @@ class RealArm:
         state = self.client.newest()
         if state.mode is Mode.STOPPED:
             raise LifeCycleError(f"{self.config.name}: the emergency stop is latched; `yam-estop release` ends it")
-        if state.mode not in (Mode.HOLD, Mode.TRACK):
+        self.floats = self.floats and state.mode is Mode.FLOAT
+        if state.mode not in (Mode.HOLD, Mode.TRACK) and not self.floats:
             raise LifeCycleError(f"{self.config.name}: it takes no targets in mode {state.mode.name.lower()}")
         return state
 
@@ -132,6 +135,13 @@ class RealArm:
     def rest(self) -> None:
         self._taking()
         self.client.hold()
+        self.floats = False
+
+    def let_float(self) -> None:
+        """Let a hand move it, carried against gravity. Raises YamError: it does not, and holds."""
+        self._taking()
+        self.client.float()
+        self.floats = True
 
     def published(self) -> ArmState:
         """The state as last published. Raises YamError: not armed."""

@@ -123,7 +123,7 @@ class StatusReport:
             "drive_health": self._drives(),
             "loop_health": self._loop(),
             "homing": {},
-            "freedrive": False,
+            "freedrive": controller.floats,
             "session_id": controller.session_id,
             "error": warnings[0] if controller.fault else None,
         }
