@@ -179,7 +179,7 @@ class Planner:
         for share in (1.0, 0.5, 0.25):
             plan = superposed(first, second, share * overlap)
             fast = np.abs(plan.dq).max(axis=0) > _SPEED_ROUNDING * self.limits.speed
-            out = np.maximum(self.lower - plan.q, plan.q - self.upper).max() > max(self._outside(first.q[0]), 0.0)
+            out = self._outside(plan.q) > max(self._outside(first.q[0]), 0.0) + _ROUNDING_RAD
             if not fast.any() and not out and self.surroundings.first_conflict(plan.q) is None:
                 return plan
         return superposed(first, second, 0.0)
@@ -208,7 +208,7 @@ class Planner:
         return np.clip(given, self.lower, self.upper)
 
     def _outside(self, q: np.ndarray) -> float:
-        """By how much the worst joint of q (n,) is outside its range; below 0 inside."""
+        """By how much the worst joint of q (…, n) is outside its range; below 0 inside."""
         return float(np.maximum(self.lower - q, q - self.upper).max())
 
     def _check_range(self, plan: Plan, start_q: np.ndarray) -> None:

@@ -95,6 +95,14 @@ def test_from_outside_a_limit_it_jogs_inwards_only(planner):
         assert run.q[-1][2] >= expected and (direction > 0.0) == (run.q[-1][2] > start[2])
 
 
+def test_an_arm_at_rest_can_be_jogged_up(planner):
+    """Joints 2 and 3 lie on their lower stops, and are measured a little below."""
+    run = Run(planner, planner.hardware.rest_q - [0.0, 0.002, 0.002, 0.0, 0.0, 0.0])
+    run.hold(lambda now: run.stream.jog_line("WRF", {"Z": 0.5}, now), 1.0)
+    before, after = planner.pose(np.array([run.q[0], run.q[-1]]))[:, :3, 3]
+    assert after[2] > before[2] + 0.05 and np.abs((after - before)[:2]).max() < 5e-4
+
+
 @pytest.mark.parametrize("frame, axis", [("WRF", "Z"), ("WRF", "Y"), ("TRF", "X"), ("TRF", "RZ"), ("WRF", "RX")])
 def test_a_held_axis_moves_the_tool_along_it_alone(planner, frame, axis):
     run = Run(planner)
