@@ -11,6 +11,9 @@ from lerobot_robot_yam.waldo.controller.real_arm import RealArm
 from tests.support.rigged import isolation_of, sim_config
 
 
+PATIENCE_S = 0.05  # real time that planning may take; a request that takes longer waits for the arm
+
+
 class Passing:
     """A clock of its own, for an arm that is only simulated."""
 
@@ -25,7 +28,7 @@ class Passing:
 
 
 class WaldoDesk:
-    """The controller in simulator mode. Time passes in `run`, and while a request is answered.
+    """The controller in simulator mode. Time passes in `run`, and where a request waits for the arm.
 
     clock: its own, or a rig in lock-step, on which the real arm stands; that one is not armed.
     """
@@ -48,9 +51,8 @@ class WaldoDesk:
 
         async def answered():
             task = asyncio.ensure_future(self.server.request(name, **arguments))
-            while not task.done():
+            while not (await asyncio.wait([task], timeout=PATIENCE_S))[0]:
                 self.run(TICK_S)
-                await asyncio.sleep(0)
             return task.result()
 
         return asyncio.run(answered())
@@ -60,7 +62,9 @@ class WaldoDesk:
         begun, motion = self._clock.now(), self.controller.motion
         while motion.end_of(index) is None and self._clock.now() < begun + most_s:
             self.run(TICK_S)
-        return self._clock.now() - begun
+        took_s = self._clock.now() - begun
+        self.run(TICK_S)  # the reading is of the tick before
+        return took_s
 
     def drive(self):
         """Arm the arm, as an operator would, and have commands move it."""

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.waldo.controller.motion import Command
 from lerobot_robot_yam.waldo.gripper_sense import swapped
 from tests.support.waldo_desk import waldo_desk
 
@@ -123,16 +124,17 @@ def test_a_jog_is_refused_while_a_move_runs(desk):
         desk.ask("jog_j", joints=[1], speeds=[0.5])
 
 
-def test_what_is_planned_while_somebody_stops_is_not_queued(desk):
+def test_what_was_planned_before_the_arm_was_stopped_or_moved_is_not_queued(desk):
     motion = desk.controller.motion
-    with pytest.raises(YamError, match="the arm was stopped meanwhile"):
-        motion.add(motion_command(), motion.epoch - 1)
-
-
-def motion_command():
-    from lerobot_robot_yam.waldo.controller.motion import Command
-
-    return Command("checkpoint", label="a")
+    plan, epoch = desk.controller.planner.joints(motion.q, motion.q + 0.2), motion.epoch
+    desk.ask("jog_j", joints=[0], speeds=[0.5], duration=0.2)
+    for _ in range(2):  # while it is jogged, and afterwards
+        with pytest.raises(YamError, match="the arm was jogged meanwhile; give the command again"):
+            motion.add(Command("move_j", plan=plan), epoch)
+        desk.run(1.0)
+    desk.ask("stop")
+    with pytest.raises(YamError, match="the arm was stopped meanwhile; nothing moves"):
+        motion.add(Command("move_j", plan=plan), epoch)
 
 
 def test_checkpoints_and_pauses_take_their_turn(desk):

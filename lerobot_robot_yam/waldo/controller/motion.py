@@ -21,6 +21,7 @@ from lerobot_robot_yam.waldo.planning.streaming import Streaming
 MOST_QUEUED = 1000  # commands; a program that sends more has lost its waits
 _REMEMBERED = 100_000  # ends of commands, for `wait_command`
 _ARRIVED_RAD = 2e-3  # the arm's own set-point, against the end of a plan
+_SAME_RAD = 1e-6  # a plan begins where the set-point is
 _REST_RAD_S = 1e-6  # rounding
 _ARRIVE_S = 2.0  # after the end of a plan; later it is held back
 _JAW_S = 3.0  # in which a gripper has closed, or will not
@@ -137,10 +138,12 @@ class Motion:
             blend: it with the motion before; it counts if that one has not come too far meanwhile.
 
         Raises:
-            ControllerError: commands were cancelled meanwhile, or too many wait.
+            ControllerError: commands were cancelled, or the arm was moved, meanwhile; or too many wait.
         """
         if epoch != self.epoch:
             raise ControllerError(f"{command.name}: the arm was stopped meanwhile; nothing moves")
+        if command.plan is not None and (self.streams or np.abs(command.plan.q[0] - self.end_q).max() > _SAME_RAD):
+            raise ControllerError(f"{command.name}: the arm was jogged meanwhile; give the command again")
         if len(self._queue) >= MOST_QUEUED:
             raise ControllerError(f"{command.name}: {MOST_QUEUED} commands wait already; wait for some of them")
         if blend is not None and blend.first is self.blending:
@@ -208,7 +211,7 @@ class Motion:
         self._last_s, moved = now, self.streams or self.planned
         if self._streams:
             self.q, self.dq = self._streaming.step(now, dt_s)
-            self._streams = not self._streaming.still
+            self._streams = dt_s <= 0.0 or not self._streaming.still
         elif self._brake is not None:
             self.q, self.dq = self._brake.at(now - self._began_s)
             if now - self._began_s >= self._brake.duration_s:
