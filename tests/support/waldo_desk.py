@@ -10,7 +10,6 @@ from lerobot_robot_yam.waldo.controller.controller import TICK_S, Controller
 from lerobot_robot_yam.waldo.controller.real_arm import RealArm
 from tests.support.rigged import isolation_of, sim_config
 
-
 PATIENCE_S = 0.05  # real time that planning may take; a request that takes longer waits for the arm
 
 

@@ -8,8 +8,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import ControllerError, YamError
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.waldo.controller.real_arm import RealArm
 from tests.support.rigged import lockstep_rig
 from tests.support.waldo_desk import waldo_desk
 
@@ -171,6 +174,20 @@ def test_a_cable_that_comes_off_stops_the_move_and_resume_waits_for_frames(rig, 
     assert np.abs(true_q(rig) - held).max() < np.radians(0.3) and desk.ask("status")["enabled"]
 
 
+def test_an_arm_gets_up_from_where_it_rests_a_little_outside_its_limits(rig, desk):
+    rig.set_pose(ARM, [0.0, -0.004, -0.003, -0.1666, 0.0, 0.0], 0.5)
+    desk.drive()
+    desk.run(0.5)
+    for joint in (1, 2):
+        desk.ask("jog_j", joints=[joint], speeds=[0.6], duration=0.8)
+        desk.run(1.5)
+    assert np.degrees(true_q(rig))[1:3].min() > 5.0
+    index = desk.ask("home")
+    desk.carry_out(index)
+    assert desk.ask("wait_command", command_index=index) is True
+    np.testing.assert_allclose(np.degrees(true_q(rig)), [0, 60, 60, -29, 0, 0], atol=1.5)
+
+
 @pytest.mark.parametrize("way", [[0, 120, 0, 0, 0, 0], [60, 0, -60, 0, 0, 0]])
 def test_a_line_is_straight_on_the_rig(rig, desk, way):
     desk.drive()
@@ -229,6 +246,36 @@ def test_what_is_gripped_is_seen_and_pressed_with_no_more_than_the_force_limit(r
     assert desk.ask("wait_command", command_index=index) is True
     tool = desk.ask("status")["tool"]
     assert tool["part_detected"] and 0.3 < tool["positions"][0] < 0.9
+
+
+def test_the_emergency_stop_of_the_machine_counts_here_too(rig, desk):
+    desk.drive()
+    desk.ask("move_j", angles=[60, 60, 60, -20, 0, 0], speed=0.3)
+    desk.run(1.0)
+    EmergencyStop().latch("a test")
+    desk.run(0.5)
+    held = true_q(rig)
+    assert "the emergency stop is latched" in desk.ask("status")["error"][2]
+    with pytest.raises(ControllerError, match="`yam-estop release` ends it"):
+        desk.ask("reset")
+    EmergencyStop().release()
+    desk.run(0.5)
+    assert desk.ask("reset") == 1
+    desk.run(0.5)
+    assert np.abs(true_q(rig) - held).max() < np.radians(0.5)
+    desk.carry_out(desk.ask("home"))
+    np.testing.assert_allclose(np.degrees(true_q(rig)), [0, 60, 60, -29, 0, 0], atol=1.5)
+
+
+def test_it_is_known_before_whether_the_gripper_will_seek_its_stops(tmp_path):
+    stops = tmp_path / "stops.json"
+    for fields, seeks in (
+        ({}, True), ({"gripper": "no_gripper"}, False), ({"gripper_search": False}, False),
+        ({"gripper_stops_rad": [3.2, -3.3]}, False), ({"calibration_path": str(stops)}, True),
+    ):  # fmt: skip
+        assert RealArm(ArmConfig(channel="can7", **fields)).seeks == seeks
+    stops.write_text("{}")
+    assert not RealArm(ArmConfig(channel="can7", calibration_path=str(stops))).seeks
 
 
 def test_the_gripper_is_open_at_0_and_closed_at_1(rig, desk):

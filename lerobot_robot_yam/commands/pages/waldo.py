@@ -18,7 +18,6 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.commands.lib.arm_command import (
@@ -102,7 +101,7 @@ def _page(args: argparse.Namespace) -> list[subprocess.Popen[bytes]]:
 def _arm(args: argparse.Namespace) -> int:
     need_terminal(args.yes)
     about = json.loads(ask_operator_door(args.port, "about"))
-    tell(hazard(about["config"]))
+    tell(hazard(about["channel"], about["seeks"]))
     if not args.yes and ask(f"Type {_WORD} to go on:") != _WORD:
         raise ConfigError("not confirmed; nothing was energised")
     tell(ask_operator_door(args.port, "arm"))
@@ -114,21 +113,19 @@ def _land(args: argparse.Namespace) -> int:
     return 0
 
 
-def hazard(config: dict[str, Any]) -> str:
+def hazard(channel: str, seeks: bool) -> str:
     """What arming will do, for the person who has to confirm it.
 
     Args:
-        config: fields of the arm's `ArmConfig`.
+        channel: of the arm.
+        seeks: its gripper seeks its stops.
     """
     text = (
-        f"HAZARD: this energises the arm on {config['channel']}. It holds where it is. From then on whoever reaches "
-        "Commander's page, or runs a script on this controller, moves it. Commander's e-stop is software: the arm "
-        "holds, and torque stays on. Keep clear of its way, and the supply's switch within reach."
+        f"HAZARD: this energises the arm on {channel}. It holds where it is. From then on whoever reaches Commander's "
+        "page, or runs a script on this controller, moves it. Commander's e-stop is software: the arm holds, and "
+        "torque stays on. Keep clear of its way, and the supply's switch within reach."
     )
-    stored = config["calibration_path"] is not None and Path(config["calibration_path"]).exists()
-    if config["gripper_search"] and config["gripper_stops_rad"] is None and not stored:
-        text += " A gripper closes and opens fully to find its stops (see --calibration)."
-    return text
+    return text + " The gripper closes and opens fully to find its stops (see --calibration)." * seeks
 
 
 if __name__ == "__main__":

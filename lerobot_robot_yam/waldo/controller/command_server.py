@@ -95,9 +95,10 @@ class CommandServer:
         while True:
             try:
                 self.controller.tick()
-            except Exception:  # a defect: the arm's own loop holds it, as targets have ceased
-                logger.exception("a tick of the controller failed")
-                self.controller.estop()
+            except Exception as error:  # a defect: the arm's own loop holds it, as targets cease
+                if not self.controller.fault:
+                    logger.exception("a tick of the controller failed")
+                    self.controller.fail(f"the controller has a defect ({error}); see its log")
             self.report.ticked()
             due_s = max(due_s + TICK_S, loop.time())  # what was late is not made up for
             await asyncio.sleep(due_s - loop.time())

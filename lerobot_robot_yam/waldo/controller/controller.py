@@ -112,7 +112,7 @@ class Controller:
             elif self.plant is self.real and (why := self.real.trouble()):
                 raise ControllerError(why)
         except YamError as error:
-            self._fail(str(error))
+            self.fail(str(error))
 
     def _float_on(self) -> None:
         """Begin where the hand has left it, once it floats no more. Raises ControllerError: it has failed."""
@@ -122,7 +122,7 @@ class Controller:
         if not self.real.floats:
             self.motion.take_over(self.reading)
 
-    def _fail(self, why: str) -> None:
+    def fail(self, why: str) -> None:
         """Cancel everything; the arm's own loop holds or lands it."""
         logger.error("%s", why)
         self.fault = why
@@ -136,7 +136,7 @@ class Controller:
             try:
                 self._hold_again()
             except YamError as error:
-                self._fail(str(error))
+                self.fail(str(error))
         self.motion.stop(self.now())
         return 1
 

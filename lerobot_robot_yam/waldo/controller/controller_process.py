@@ -8,7 +8,6 @@ People start it by `yam-waldo`, Commander by `Robot.start`. It begins in simulat
 import argparse
 import asyncio
 import contextlib
-import dataclasses
 import json
 import logging
 import os
@@ -93,7 +92,7 @@ def operator_acts(controller: Controller) -> dict[str, Callable[[], Awaitable[st
         real = controller.real
         if real is None:
             raise ControllerError("this controller has only a simulated arm: start it with --hardware --channel …")
-        return json.dumps({"config": dataclasses.asdict(real.config), "armed": real.armed})
+        return json.dumps({"channel": real.config.channel, "seeks": real.seeks})
 
     async def arm() -> str:
         await controller.arm()

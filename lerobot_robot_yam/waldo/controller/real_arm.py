@@ -6,11 +6,13 @@ Nothing here energises but `arm`, which only an operator's own command reaches (
 import dataclasses
 import logging
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
 from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ControllerError, LifeCycleError, YamError
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
@@ -44,6 +46,14 @@ class RealArm:
     def armed(self) -> bool:
         """Whether an operator has armed it, and it has not landed since."""
         return self._session is not None and self._session.running
+
+    @property
+    def seeks(self) -> bool:
+        """Whether arming it will close and open its gripper fully, to find its stops."""
+        config = self.config
+        if not config.gripper_search or config.gripper_stops_rad is not None or not ResolvedArm(config).has_gripper:
+            return False
+        return config.calibration_path is None or not Path(config.calibration_path).exists()
 
     @property
     def client(self) -> ArmClient:

@@ -1,7 +1,6 @@
 """yam-waldo: it serves scripts and starts Commander beside it; only `arm`, confirmed, energises."""
 
 import contextlib
-import json
 import os
 import signal
 import socket
@@ -92,10 +91,7 @@ def test_a_controller_of_a_simulated_arm_cannot_be_armed(capsys):
         assert "only a simulated arm: start it with --hardware" in capsys.readouterr().err
 
 
-def test_the_hazard_names_channel_page_and_gripper(tmp_path):
-    config = {"channel": "can7", "calibration_path": None, "gripper_search": True, "gripper_stops_rad": None}
-    assert "arm on can7" in hazard(config) and "to find its stops" in hazard(config) and "software" in hazard(config)
-    stored = tmp_path / "stops.json"
-    stored.write_text(json.dumps({}))
-    for known in ({"gripper_stops_rad": [0, 1]}, {"gripper_search": False}, {"calibration_path": str(stored)}):
-        assert "to find its stops" not in hazard(config | known)
+def test_the_hazard_names_channel_page_and_gripper():
+    for seeks in (False, True):
+        text = hazard("can7", seeks)
+        assert "the arm on can7" in text and "e-stop is software" in text and ("to find its stops" in text) == seeks
