@@ -54,6 +54,7 @@ def resume_replays_a_cancelled_move(controller):
     def replaying(self):
         code = reset(self)
         for command in self.__dict__.pop("cancelled", []):
+            command.plan = self.planner.joints(self.motion.end_q, command.plan.q[-1])
             self.motion.add(command, self.motion.epoch)
         return code
 
@@ -68,8 +69,8 @@ def nan_jog(streaming):
     streaming._signed_share = float
 
 
-def inverted_gripper(gripper_sense):
-    gripper_sense.swapped = lambda position: position
+def inverted_gripper(status_report):
+    status_report.swapped = lambda position: position
 
 
 def served_on_every_address(command_server):
@@ -90,7 +91,7 @@ SEEDS = {
     resume_replays_a_cancelled_move: W + "controller.controller",
     jog_without_expiry: W + "planning.streaming",
     nan_jog: W + "planning.streaming",
-    inverted_gripper: W + "gripper_sense",
+    inverted_gripper: W + "controller.status_report",
     served_on_every_address: W + "controller.command_server",
     orphaned_controller: W + "controller.controller_process",
 }
