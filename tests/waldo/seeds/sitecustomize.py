@@ -78,9 +78,8 @@ def served_on_every_address(command_server):
     command_server.CommandServer.open = lambda self, host, port: opened(self, "0.0.0.0", port)
 
 
-def orphaned_controller(controller_process):
-    ended = controller_process._ended
-    controller_process._ended = lambda told, parent: ended(told, None)
+def orphaned_controller(lifeline):
+    lifeline.ProcessEnd.reached = lambda self: False
 
 
 SEEDS = {
@@ -93,7 +92,7 @@ SEEDS = {
     nan_jog: W + "planning.streaming",
     inverted_gripper: W + "controller.status_report",
     served_on_every_address: W + "controller.command_server",
-    orphaned_controller: W + "controller.controller_process",
+    orphaned_controller: "lerobot_robot_yam.control.process.lifeline",
 }
 
 
