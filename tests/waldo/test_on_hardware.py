@@ -110,7 +110,7 @@ def test_a_stop_is_quick_and_then_the_arm_is_held(rig, desk, stop, seconds):
     assert np.abs(true_q(rig) - held).max() < np.radians(0.1)
     last = desk.ask("move_j", angles=[10, 60, 60, -20, 0, 0])
     desk.run(4.0)
-    assert desk.ask("wait_command", command_index=last) is True
+    assert desk.ask("wait_command", command_index=last) is True and desk.ask("wait_motion") is True
     np.testing.assert_allclose(np.degrees(true_q(rig)), [10, 60, 60, -20, 0, 0], atol=1.0)
 
 

@@ -20,7 +20,7 @@ from lerobot_robot_yam.waldo.planning.planner import Planner
 from lerobot_robot_yam.waldo.planning.streaming import Streaming
 from lerobot_robot_yam.waldo.program import Numbers, Pace
 
-_STILL_RAD_S = 0.01
+_STILL_RAD_S = 0.05  # three steps in which the motors tell speed
 _ACTIONS = {"open": 0.0, "close": 1.0}  # Commander's positions
 
 
