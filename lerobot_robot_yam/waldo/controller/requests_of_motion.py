@@ -25,8 +25,10 @@ _ACTIONS = {"open": 0.0, "close": 1.0}  # Commander's positions
 
 
 class MotionRequests:
-    """Motion commands of one controller. Each method but the first two answers the request of its name: arguments, units
-    and results are those of the client's call (`client.motion_calls`), and YamError says why it is refused.
+    """Motion commands of one controller.
+
+    Each method but the first two answers the request of its name: arguments, units and results are those of the
+    client's call (`client.motion_calls`), and YamError says why it is refused.
 
     Args:
         controller: of the arm.

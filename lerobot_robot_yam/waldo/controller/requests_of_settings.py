@@ -19,8 +19,10 @@ _NO_LOAD = {"mass": 0.0, "com": [0.0, 0.0, 0.0]}
 
 
 class SettingRequests:
-    """Settings of one controller. Each method answers the request of its name, see `client.setting_calls` and
-    `client.query_calls`; YamError says why it is refused.
+    """Settings of one controller.
+
+    Each method answers the request of its name, see `client.setting_calls` and `client.query_calls`; YamError says why
+    it is refused.
 
     Args:
         controller: of the arm.

@@ -23,7 +23,7 @@ from lerobot_robot_yam.waldo.planning.planner import Planner
 STATUS_HZ = 50
 _PROBE_S = 0.2  # between two looks at where the tool may go
 _MOVED_RAD = 1e-3  # since the last one
-_SPEED_S = 0.06  # over which the tool's speed is measured
+_AHEAD_S = 1e-3  # over which the speed of the tool is taken from the joints'
 _LATE_S = 2.0 * TICK_S
 _IDLE, _EXECUTING, _ERROR = 0, 1, 2  # ActionState
 _TOOL_OFF, _TOOL_IDLE, _TOOL_ACTIVE = 0, 1, 2  # ToolState
@@ -43,7 +43,6 @@ class StatusReport:
         self._prober = Planner(controller.hardware)
         self._open: dict[str, list[int]] = {frame: [1] * 12 for frame in FRAMES}
         self._probed: tuple[np.ndarray, np.ndarray] | None = None
-        self._ways: deque[tuple[float, np.ndarray]] = deque(maxlen=max(2, round(_SPEED_S * STATUS_HZ)))
         self._ticks: deque[float] = deque(maxlen=500)
 
     def ticked(self) -> None:
@@ -93,7 +92,8 @@ class StatusReport:
     def status(self) -> dict[str, Any]:
         controller, motion = self._controller, self._controller.motion
         reading, warnings = controller.reading, self._warnings()
-        pose, running = controller.planner.pose(reading.q), motion.running
+        pose, ahead = controller.planner.pose(np.stack([reading.q, reading.q + _AHEAD_S * reading.dq]))
+        running, speed_m_s = motion.running, np.linalg.norm(ahead[:3, 3] - pose[:3, 3]) / _AHEAD_S
         pose[:3, 3] *= 1e3
         moves = motion.planned or motion.streams
         return {
@@ -111,7 +111,7 @@ class StatusReport:
             "executing_index": running.index if running else -1,
             "completed_index": motion.completed,
             "last_checkpoint": motion.checkpoint,
-            "tcp_speed": self._tcp_speed(pose[:3, 3]),
+            "tcp_speed": 1e3 * float(speed_m_s),
             "simulator_active": controller.in_simulator,
             "collision_active": False,
             "collision_pairs": [],
@@ -175,11 +175,6 @@ class StatusReport:
     def _loop(self) -> dict[str, Any]:
         periods = np.diff(self._ticks) if len(self._ticks) > 1 else np.zeros(1)
         return {"p99_period_s": float(np.quantile(periods, 0.99)), "overruns": int((periods > _LATE_S).sum())}
-
-    def _tcp_speed(self, place_mm: np.ndarray) -> float:
-        self._ways.append((self._controller.now(), place_mm.copy()))
-        (begin_s, begin), (end_s, end) = self._ways[0], self._ways[-1]
-        return float(np.linalg.norm(end - begin) / (end_s - begin_s)) if end_s > begin_s else 0.0
 
 
 def _listed(values: np.ndarray) -> list[Any]:
