@@ -6,12 +6,10 @@ so it leaves the first motion and enters the second smoothly, and is at both onl
 the corner.
 """
 
-import math
-
 import numpy as np
 
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan
-from lerobot_robot_yam.waldo.planning.ruckig_motion import SAMPLE_S
+from lerobot_robot_yam.waldo.planning.ruckig_motion import sample_times
 
 _LOOKS = 100  # at each motion, for where it is within the radius
 
@@ -41,6 +39,6 @@ def superposed(first: Plan, second: Plan, overlap: float) -> Plan:
     """Both, the second begun `overlap` s before the first ends."""
     begin = first.duration_s - overlap
     total = begin + second.duration_s
-    times = np.linspace(0.0, total, max(math.ceil(total / SAMPLE_S), 1) + 1)
+    times = sample_times(total)
     (q, dq), (further, further_dq) = first.at(times), second.at(times - begin)
     return Plan(times, q + further - second.q[0], dq + further_dq)

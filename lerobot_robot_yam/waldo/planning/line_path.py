@@ -99,10 +99,6 @@ def _divided(
         if np.abs(q[k] - q[k - 1]).max() > _JUMP_RAD:
             return None
         rate[k] = _rate(chain, line, tool, q[k])
-    out = np.maximum(np.maximum(chain.lower - q, q - chain.upper), 0.0)
-    if (np.diff(out, axis=0) > _AT_LIMIT_RAD).any():
-        joint = int(np.argwhere(np.diff(out, axis=0) > _AT_LIMIT_RAD)[0][1])
-        raise PlanError(f"{names[joint]} is beyond its limit and would go on outwards; move it back first (move_j)")
     return Plan(shares, q, rate)
 
 

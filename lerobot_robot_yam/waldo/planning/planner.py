@@ -154,7 +154,7 @@ class Planner:
 
     def stop(self, q: np.ndarray, dq: np.ndarray) -> Plan:
         """From any set-point (n,) that moves with dq (n,) rad/s to rest, harder than a move brakes."""
-        return ruckig_motion.brake(q, dq, self.limits.scaled(1.0, STOP_FACTOR))
+        return ruckig_motion.brake(q, dq, STOP_FACTOR * self.limits.acceleration)
 
     def stop_on(self, plan: Plan, t_s: float) -> Plan:
         """To rest from a plan that is being carried out, t_s after its begin, without leaving its path.
@@ -165,7 +165,7 @@ class Planner:
         lasts_s = float((np.abs(dq) / self.limits.acceleration).max())
         if lasts_s < _SAME_S:
             return standing(plan.at(t_s)[0])
-        times = np.linspace(0.0, lasts_s, max(math.ceil(lasts_s / ruckig_motion.SAMPLE_S), 1) + 1)
+        times = ruckig_motion.sample_times(lasts_s)
         q, speed = plan.at(t_s + times - times**2 / (2.0 * lasts_s))
         return Plan(times, q, speed * (1.0 - times / lasts_s)[:, None])
 

@@ -1,4 +1,4 @@
-"""Time-optimal motion of n coordinates under limits of speed, acceleration and jerk, by ruckig.
+"""Time-optimal motion of n coordinates under limits of speed, acceleration and jerk, by ruckig; and braking.
 
 From rest to rest all coordinates keep the same share of their way (phase synchronisation), so that the way is a
 straight line in joint space and does not depend on the speed. From a motion they only end at the same time.
@@ -44,14 +44,23 @@ def move(start: np.ndarray, speed: np.ndarray, target: np.ndarray, limits: Limit
     return plan
 
 
-def brake(start: np.ndarray, speed: np.ndarray, limits: Limits) -> Plan:
-    """To rest from start (n,), moving with speed (n,), each coordinate as soon as its limits allow."""
-    if np.abs(speed).max() < _TINY:
+def brake(start: np.ndarray, speed: np.ndarray, deceleration: np.ndarray) -> Plan:
+    """To rest from start (n,), moving with speed (n,), each coordinate evenly with its deceleration (n,).
+
+    No ramp of the deceleration: whatever could brake before a limit with less of it still can.
+    """
+    lasts_s = np.abs(speed) / deceleration
+    if lasts_s.max() < _TINY:
         return standing(start)
-    given = _input(start, speed, limits)
-    given.control_interface = ruckig.ControlInterface.Velocity
-    given.synchronization = ruckig.Synchronization.No
-    return _sampled(given)
+    times = sample_times(float(lasts_s.max()))
+    braked = np.minimum(times[:, None], lasts_s)
+    dq = speed - np.sign(speed) * deceleration * braked
+    return Plan(times, start + (speed + dq) / 2.0 * braked, dq)
+
+
+def sample_times(duration_s: float) -> np.ndarray:
+    """(k,) s, evenly from 0 to a duration, at most `SAMPLE_S` apart."""
+    return np.linspace(0.0, duration_s, max(math.ceil(duration_s / SAMPLE_S), 1) + 1)
 
 
 def _input(start: np.ndarray, speed: np.ndarray, limits: Limits) -> ruckig.InputParameter:
@@ -66,7 +75,7 @@ def _input(start: np.ndarray, speed: np.ndarray, limits: Limits) -> ruckig.Input
 
 def _sampled(given: ruckig.InputParameter) -> Plan:
     trajectory = _trajectory(given)
-    times = np.linspace(0.0, trajectory.duration, max(math.ceil(trajectory.duration / SAMPLE_S), 1) + 1)
+    times = sample_times(trajectory.duration)
     rows = [trajectory.at_time(t) for t in times.tolist()]
     return Plan(times, np.array([row[0] for row in rows]), np.array([row[1] for row in rows]))
 

@@ -75,6 +75,15 @@ def test_from_a_seed_nearby_it_finds_the_joints_again(arm):
     assert (np.array(apart(chain.pose(solutions[reached]), poses[reached])) < 1e-4).all()
 
 
+def test_it_finds_poses_with_joints_at_their_limits():
+    chain, draw = SerialChain(load_arm("yam")), np.random.default_rng(11)
+    q = draw.uniform(chain.lower, chain.upper, size=(600, chain.n))
+    at_end = draw.random(q.shape) < 0.3
+    q = np.where(at_end, np.where(draw.random(q.shape) < 0.5, chain.lower, chain.upper), q)
+    seeds = q + draw.uniform(-0.15, 0.15, q.shape)
+    assert descend(chain, chain.pose(q), seeds).reached.mean() >= 0.985
+
+
 def test_from_far_away_it_finds_a_way_as_well():
     chain, draw = SerialChain(load_arm("yam")), np.random.default_rng(4)
     q = draw.uniform(chain.lower, chain.upper, size=(40, chain.n))

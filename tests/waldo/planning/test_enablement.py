@@ -59,3 +59,13 @@ def test_the_arms_own_kinematics_agree(planner):
                 target = commanded(now, step, frame, rel=True)
                 agreed.append(other.ik(target, q, attempts=1, within_rad=0.5).converged == bool(open_))
     assert np.mean(agreed) > 0.95
+
+
+def test_where_the_arm_would_have_to_turn_over_the_button_is_shut():
+    """There are joints for the pose 5 mm away, but they are nearly 1 rad away."""
+    planner = Planner(ResolvedArm(ArmConfig(channel="can0")))
+    planner.tool = tool_centre(planner.hardware.gripper)
+    q = np.array([1.88, 3.4, 0.47, 0.35, -1.12, -0.24])
+    there = commanded(planner.pose(q), [5.0, 0, 0, 0, 0, 0], "WRF", rel=True)
+    assert np.abs(planner.inverse(there, q) - q).max() > 0.6
+    assert axes_enabled(planner, q)["WRF"][0] == 0

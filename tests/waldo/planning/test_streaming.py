@@ -1,5 +1,7 @@
 """Jogging and servoing, tick by tick: the right way, within the limits, and over when it is not renewed."""
 
+import contextlib
+
 import numpy as np
 import pytest
 
@@ -151,22 +153,60 @@ def test_whatever_is_jogged_it_stays_within_the_limits(planner, seed):
     run.check()
 
 
-def test_a_jog_stops_short_of_a_floor(planner):
-    planner.keep_clear(WorkspaceConfig(floor_z_m=0.05))
-    run = Run(planner)
-    run.hold(lambda now: run.stream.jog_line("WRF", {"Z": -1.0}, now), 2.0)
+def jog_down(stream, now, by):
+    if by == "joint":
+        stream.jog_joints({2: -0.6}, now)
+    else:
+        stream.jog_line("WRF", {"Z": -1.0}, now)
+
+
+@pytest.mark.parametrize("seed", [106, 118, 138, 141])
+def test_near_singularities_no_joint_is_jerked(planner, seed):
+    draw = np.random.default_rng(seed)
+    run = Run(planner, draw.uniform(planner.lower, planner.upper))
+    for _ in range(6):
+        frame, axis, speed = draw.choice(FRAMES), draw.choice(AXES), draw.uniform(-1, 1)
+        run.hold(lambda now, f=frame, a=axis, s=speed: run.stream.jog_line(f, {a: s}, now), 0.8)
+    run.check()
+
+
+@pytest.mark.parametrize("ticks", [5, 22, 27, 30, 33])
+@pytest.mark.parametrize("then", ["stop", "servo", "nothing"])
+def test_near_a_limit_whatever_comes_after_a_jog_keeps_it(planner, ticks, then):
+    start = planner.home_q.copy()
+    start[0] = planner.upper[0] - 0.25
+    run = Run(planner, start)
+    for _ in range(ticks):
+        run.stream.jog_joints({0: 1.0}, run.now_s)
+        run.go(TICK_S)
+    if then == "stop":
+        run.stream.stop()
+    elif then == "servo":
+        with contextlib.suppress(PlanError):  # "moves too fast to keep its limit": then the jog goes on to its end
+            run.stream.servo(start)
+    run.go(1.5)
     run.check()
     assert run.stream.still
+
+
+@pytest.mark.parametrize("by", ["joint", "axis"])
+def test_a_jog_stops_short_of_a_floor(planner, by):
+    planner.keep_clear(WorkspaceConfig(floor_z_m=0.05))
+    run = Run(planner)
+    run.hold(lambda now: jog_down(run.stream, now, by), 2.0)
+    run.check()
+    assert np.abs(np.array(run.dq[-20:])).max() == 0.0  # it does not try again and again
     assert planner.surroundings.first_conflict(np.array(run.q)) is None
-    assert planner.pose(run.q[-1])[2, 3] < planner.pose(run.q[0])[2, 3] - 0.03
+    assert planner.pose(run.q[-1])[2, 3] < planner.pose(run.q[0])[2, 3] - 0.02
 
 
-def test_a_jog_that_was_let_go_tries_again(planner):
+@pytest.mark.parametrize("by", ["joint", "axis"])
+def test_a_jog_that_was_let_go_tries_again(planner, by):
     """What stood in the way may have been taken away."""
     planner.keep_clear(WorkspaceConfig(floor_z_m=0.05))
     run = Run(planner)
     for _ in range(2):
-        run.hold(lambda now: run.stream.jog_line("WRF", {"Z": -1.0}, now), 2.0)
+        run.hold(lambda now: jog_down(run.stream, now, by), 1.2)
         run.go(0.3)
         stopped_m = planner.pose(run.q[-1])[2, 3]
         planner.keep_clear(WorkspaceConfig())
