@@ -21,9 +21,7 @@ from lerobot_robot_yam.waldo.planning.planner import Planner
 _SPEEDS = np.array([LINE_SPEED_M_S] * 3 + [LINE_SPEED_RAD_S] * 3)
 _RATES = (LINE_ACCELERATION_M_S2, LINE_ACCELERATION_RAD_S2)
 _JOINT_SHARE = 0.8  # of the joints' speed limits that a jog may ask for
-_SLOWEST = 0.03  # of the tool's speed limits: more slowly it approaches no singularity
-_LEAST = 0.01  # of them: so slowly it may leave one
-_LOOK_RAD = 0.02  # ahead, for whether it leads to one
+_LEAST = 0.01  # of the tool's speed limits: so slowly it may still go near a singularity
 _TINY = 1e-9
 _JUMP_RAD = 0.6  # to where it would come to rest: another way of holding the tool
 
@@ -81,8 +79,6 @@ class LineJog:
         if now_s < self.until_s and not self._blocked:
             wanted = self._wanted()
             ease = min(self._ease(twist, place) for twist in (self._twist, wanted) for place in (q, self._rest_q))
-            if ease < _SLOWEST and self._leads_to_singularity(wanted, q):
-                wanted = np.zeros(6)
             ease = max(ease, _LEAST)
             there = self._try(wanted * min(1.0, ease / max(_level(wanted), _TINY)), ease, q, dq, dt_s)
             if there is not None:
@@ -113,11 +109,6 @@ class LineJog:
         """Share of the tool's speed limits, in the direction of a twist (6,), at which no joint turns too fast at q."""
         most = _JOINT_SHARE * self._planner.limits.speed
         return min(1.0, float((most / np.maximum(np.abs(self._rates(twist, q)), _TINY)).min()))
-
-    def _leads_to_singularity(self, twist: np.ndarray, q: np.ndarray) -> bool:
-        rates = self._rates(twist, q)
-        ahead = q + rates * (_LOOK_RAD / max(float(np.abs(rates).max()), _TINY))
-        return self._ease(twist, ahead) < self._ease(twist, q)
 
     def _try(
         self, wanted: np.ndarray, ease: float, q: np.ndarray, dq: np.ndarray, dt: float

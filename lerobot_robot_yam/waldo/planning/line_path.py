@@ -24,7 +24,7 @@ STRAIGHT_M, STRAIGHT_RAD = 1e-4, 1e-3
 
 _PIECE_M, _PIECE_RAD = 0.01, 0.05  # of the first division
 _DIVISIONS = 3  # how often it is halved
-_JUMP_RAD = 0.5  # from one share to the next: another way of holding the tool
+_AHEAD_RAD = 0.5  # from one share to the next, that the rate there is believed
 _AT_LIMIT_RAD = 1e-6
 
 
@@ -72,7 +72,7 @@ def joint_path(chain: SerialChain, line: Line, tool: np.ndarray, start_q: np.nda
     pieces = max(math.ceil(length / _PIECE_M), math.ceil(turn / _PIECE_RAD), 2)
     for division in range(_DIVISIONS + 1):
         path = _divided(chain, line, tool, start_q, names, pieces * 2**division)
-        if path is not None and _straight(chain, line, tool, path):
+        if _straight(chain, line, tool, path):
             return path
     raise PlanError(
         "the line passes a singularity, where the arm cannot keep the tool on it; "
@@ -82,8 +82,8 @@ def joint_path(chain: SerialChain, line: Line, tool: np.ndarray, start_q: np.nda
 
 def _divided(
     chain: SerialChain, line: Line, tool: np.ndarray, start_q: np.ndarray, names: list[str], pieces: int
-) -> Plan | None:
-    """The path through this many equal pieces; None where it jumps."""
+) -> Plan:
+    """The path through this many equal pieces; where the joints jump, it is not straight in between."""
     flange = np.linalg.inv(tool)
     bounds = Bounds(np.minimum(chain.lower, start_q), np.maximum(chain.upper, start_q))
     shares = np.linspace(0.0, 1.0, pieces + 1)
@@ -91,13 +91,11 @@ def _divided(
     q[0] = start_q
     rate[0] = _rate(chain, line, tool, q[0])
     for k in range(1, pieces + 1):
-        seed = q[k - 1] + np.clip(rate[k - 1] / pieces, -_JUMP_RAD, _JUMP_RAD)
+        seed = q[k - 1] + np.clip(rate[k - 1] / pieces, -_AHEAD_RAD, _AHEAD_RAD)
         found = descend(chain, (line.at(shares[k]) @ flange)[None], seed[None], bounds)
         q[k] = found.q[0]
         if not found.reached[0]:
             raise PlanError(_why_not(chain, q[k], names, shares[k]))
-        if np.abs(q[k] - q[k - 1]).max() > _JUMP_RAD:
-            return None
         rate[k] = _rate(chain, line, tool, q[k])
     return Plan(shares, q, rate)
 
