@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from lerobot_robot_yam.config_yam_follower import YamFollowerConfig as YamFollowerConfig
     from lerobot_robot_yam.config_yam_realsense import YamRealsenseCameraConfig as YamRealsenseCameraConfig
     from lerobot_robot_yam.session.yam_arm import YamArm as YamArm
+    from lerobot_robot_yam.waldo.client.async_client import AsyncRobotClient as AsyncRobotClient
+    from lerobot_robot_yam.waldo.client.sync_client import RobotClient as RobotClient
     from lerobot_robot_yam.yam_camera import YamSimCamera as YamSimCamera
     from lerobot_robot_yam.yam_follower import BiYamFollower as BiYamFollower
     from lerobot_robot_yam.yam_follower import YamFollower as YamFollower
@@ -34,6 +36,8 @@ _MODULES = {
     "YamRealsenseCameraConfig": "config_yam_realsense",
 }
 __all__ = list(_MODULES)
+# They need waldoctl, so that `import *` leaves them out.
+_MODULES |= {"RobotClient": "waldo.client.sync_client", "AsyncRobotClient": "waldo.client.async_client"}
 
 registration.register()
 

@@ -58,3 +58,13 @@ class EmergencyStopError(YamError, RuntimeError):
 
 class PolicyServerError(YamError, ConnectionError):
     """A policy server cannot be reached, has failed, or does not answer in time; nothing was sent to the robot."""
+
+
+class PlanError(YamError, RuntimeError):
+    """A motion cannot be planned as asked: out of reach, beyond a limit, through a singularity, too near; or the
+    command is malformed. Nothing moves.
+    """
+
+
+class ControllerError(YamError, RuntimeError):
+    """The controller of Waldo Commander refused a command, does not answer, or could not be started."""

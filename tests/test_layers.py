@@ -20,6 +20,7 @@ STOREYS = (
     "doctor",
     "cameras",
     "setup",
+    "waldo",
     "face",
     "plugin",  # the packages' own modules, which LeRobot finds by their names
     "viewer",

@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from lerobot_robot_yam.arm.mounting import resolve_profiles
-from lerobot_robot_yam.arm.profile import ArmProfile, Body, GripperProfile, Inertial, Shape
+from lerobot_robot_yam.arm.profile import COLOURS, ArmProfile, Body, GripperProfile, Inertial, Shape
 from lerobot_robot_yam.errors import ConfigError
 
 EE_BODY = "gripper"
@@ -28,15 +28,6 @@ _STOP_SOLREF = (0.005, 1.0)  # joint stops stiff enough to sag < 1 mrad under th
 
 VISUAL_GROUP = 2
 COLLISION_GROUP = 3  # of the invisible collision shapes; visible shapes that collide stay in the visual group
-
-COLOURS: dict[str, tuple[float, float, float, float]] = {
-    "housing": (0.13, 0.13, 0.15, 1.0),
-    "metal": (0.74, 0.76, 0.78, 1.0),
-    "cap": (0.30, 0.31, 0.34, 1.0),
-    "accent": (0.95, 0.47, 0.08, 1.0),
-    "rubber": (0.20, 0.20, 0.21, 1.0),
-    "soft": (0.90, 0.90, 0.86, 1.0),
-}
 
 _SHAPES = {
     kind: getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}") for kind in ("cylinder", "capsule", "box", "ellipsoid")

@@ -11,6 +11,15 @@ import numpy as np
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.strict_yaml import array_field
 
+COLOURS: dict[str, tuple[float, float, float, float]] = {
+    "housing": (0.13, 0.13, 0.15, 1.0),
+    "metal": (0.74, 0.76, 0.78, 1.0),
+    "cap": (0.30, 0.31, 0.34, 1.0),
+    "accent": (0.95, 0.47, 0.08, 1.0),
+    "rubber": (0.20, 0.20, 0.21, 1.0),
+    "soft": (0.90, 0.90, 0.86, 1.0),
+}
+
 
 @dataclass(frozen=True, eq=False)
 class Joint:
@@ -45,7 +54,7 @@ class Shape:
     """A primitive that draws a body, and that touches things when `collides`.
 
     kind: "cylinder" or "capsule" between `from_m` and `to_m`; "box" or "ellipsoid" of full `size_m` at
-    `center_m`, turned by `quat_wxyz`. colour: a key of `model.COLOURS`, or "none" for an invisible shape.
+    `center_m`, turned by `quat_wxyz`. colour: a key of `COLOURS`, or "none" for an invisible shape.
     """
 
     kind: str

@@ -18,6 +18,7 @@ AUTO_RIG = "auto-"
 # With a channel's key: its driver, the state of its arm, and what arm that is.
 LOCK, STATE, ABOUT = "lock-", "state-", "about-"
 DESK = "desk-"  # with the number of a process: the LeRobot command in it
+_CONTROL_PROCESS = "lerobot_robot_yam.control.process.control_process"
 _SHARED = (Path("/dev/shm"), Path("/tmp"))  # the same for every shell, unlike XDG_RUNTIME_DIR and TMPDIR
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 _RIG_NAME_MAX = 64  # it is part of a socket's path, which may have 108 bytes in all
@@ -139,7 +140,7 @@ class FileLock:
                 holder = _written_pid(fd)
                 os.close(fd)
                 raise ChannelInUseError(
-                    f"{self._what} is in use by process {holder} (ps -p {holder}); wait while it lands its arms, "
+                    f"{self._what} is in use by process {holder}{_program_of(holder)}; wait while it lands its arms, "
                     "else end it, and try again"
                 ) from None
             # The previous holder may have unlinked the file between our open and our lock.
@@ -209,6 +210,32 @@ def _lock_holder(path: Path) -> str | None:
     finally:
         os.close(fd)
     return None
+
+
+def _program_of(holder: str) -> str:
+    """What the process runs that holds a lock; of a control process, which program it drives the arm for."""
+    words = _words(holder)
+    if _CONTROL_PROCESS in words:
+        with contextlib.suppress(OSError, IndexError):
+            fields = Path(f"/proc/{holder}/stat").read_text().rpartition(")")[2].split()
+            caller = fields[1]
+            return f", which drives it for {_program(_words(caller))}, process {caller} (ps -p {caller})"
+    return f", {_program(words)} (ps -p {holder})" if words else f" (ps -p {holder})"
+
+
+def _words(pid: str) -> list[str]:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_text(errors="replace").split("\0")[:-1]
+    except OSError:
+        return []
+
+
+def _program(words: list[str]) -> str:
+    """The name of a program by its command line; of a Python program not that of the interpreter."""
+    names = [os.path.basename(word) for word in words if not word.startswith("-")]
+    if len(names) > 1 and names[0].startswith("python"):
+        return names[1]
+    return names[0] if names else "a program that has ended"
 
 
 def _written_pid(fd: int) -> str:

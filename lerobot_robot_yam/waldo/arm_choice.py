@@ -1,0 +1,62 @@
+"""Which arm and gripper Commander shows: two names, from the environment as Commander passes no options.
+
+YAM_WALDO_ARM=big_yam YAM_WALDO_GRIPPER=crank_4310 waldo-commander --host 127.0.0.1
+"""
+
+import os
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.profile import GripperProfile
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.waldo.kinematics.serial_chain import tool_centre
+
+ENV_ARM, ENV_GRIPPER = "YAM_WALDO_ARM", "YAM_WALDO_GRIPPER"
+NO_TOOL = "NONE"
+
+
+class ArmChoice(NamedTuple):
+    """Names of the profiles of an arm and its gripper, or paths of YAML files."""
+
+    arm: str = "yam"
+    gripper: str = "linear_4310"
+
+    @classmethod
+    def of_environment(cls) -> "ArmChoice":
+        """What the environment says, else the standard arm."""
+        return cls(os.environ.get(ENV_ARM, "yam"), os.environ.get(ENV_GRIPPER, "linear_4310"))
+
+    def environment(self) -> dict[str, str]:
+        """The variables that say so."""
+        return {ENV_ARM: self.arm, ENV_GRIPPER: self.gripper}
+
+    def resolved(self) -> ResolvedArm:
+        """Profiles and limits. Raises ConfigError: no such arm or gripper."""
+        return ResolvedArm(ArmConfig(channel="none", name=Path(self.arm).stem, arm=self.arm, gripper=self.gripper))
+
+
+def tool_key(gripper: GripperProfile) -> str:
+    """The key of the tool that a gripper is in Commander; "NONE" if it has no motor."""
+    return NO_TOOL if gripper.motor is None else gripper.name.upper().replace(" ", "_")
+
+
+def tool_keys(gripper: GripperProfile) -> list[str]:
+    """Keys of the tools of an arm with this gripper, in display order."""
+    return list(dict.fromkeys((NO_TOOL, tool_key(gripper))))
+
+
+def tip(gripper: GripperProfile, key: str, offset_m: np.ndarray) -> np.ndarray:
+    """(4, 4) of the tool's tip in the flange, m, with an offset (3,) along the tool's own axes.
+
+    Raises:
+        ConfigError: the arm has no such tool.
+    """
+    if key not in tool_keys(gripper):
+        raise ConfigError(f"no tool {key!r}; this arm has {', '.join(tool_keys(gripper))}")
+    frame, moved = np.eye(4) if key == NO_TOOL else tool_centre(gripper), np.eye(4)
+    moved[:3, 3] = offset_m
+    return frame @ moved

@@ -1,0 +1,204 @@
+"""The client that moves nothing: it plans a program as the controller does, for the preview of the path.
+
+It reads no clock: in Commander's preview all clocks stand still.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from waldoctl import DryRunResultData, ToolSpec
+
+from lerobot_robot_yam.waldo import program
+from lerobot_robot_yam.waldo.arm_choice import NO_TOOL, ArmChoice, tip
+from lerobot_robot_yam.waldo.kinematics import rotation
+from lerobot_robot_yam.waldo.kinematics.frames import to_command
+from lerobot_robot_yam.waldo.planning.motion_plan import Plan
+from lerobot_robot_yam.waldo.planning.planner import Planner
+from lerobot_robot_yam.waldo.program import Numbers, Pace, numbers
+from lerobot_robot_yam.waldo.tool_catalog import YamTools, tools_of
+
+_ROW_S = 0.02  # between two rows of a result: Commander plays 50 a second
+_MM = 1e-3
+
+
+class DryTool:
+    """The selected tool in a preview: its actions take the time that the jaws need, and the arm stays.
+
+    Args:
+        client: the dry run.
+        tool: its description.
+    """
+
+    def __init__(self, client: "DryRunClient", tool: ToolSpec):
+        self._client, self._tool = client, tool
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._tool, name)
+
+    def open(self, **_: Any) -> DryRunResultData | None:
+        """Open the jaws."""
+        return self.set_position(0.0)
+
+    def close(self, **_: Any) -> DryRunResultData | None:
+        """Close them."""
+        return self.set_position(1.0)
+
+    def set_position(self, position: float, **_: Any) -> DryRunResultData | None:
+        """Move them, 0 open … 1 closed."""
+        return self._client._jaws(float(position))
+
+
+class DryRunClient:
+    """Plans the motions of a program from a pose on. Results in m and rad, arguments in mm and deg.
+
+    Args:
+        initial_joints_deg: (6,) where the arm is; None: at home.
+
+    A motion that cannot be planned raises PlanError, and leaves the state where it was.
+    """
+
+    def __init__(self, initial_joints_deg: Sequence[float] | None = None, **_: Any):
+        self._choice = ArmChoice.of_environment()
+        self._hardware = self._choice.resolved()
+        self._planner, self._key = Planner(self._hardware), NO_TOOL
+        given = None if initial_joints_deg is None else numbers("initial_joints_deg", initial_joints_deg, 6)
+        self._q = self._planner.home_q if given is None else np.radians(given)
+        self._opening = 0.0  # as Commander counts
+        self._held: tuple[Plan, float] | None = None  # what the next motion may round, and its radius in m
+
+    @property
+    def _tools(self) -> YamTools:
+        return tools_of(self._choice)
+
+    @property
+    def tool(self) -> DryTool:
+        """The selected tool."""
+        return DryTool(self, self._tools[self._key])
+
+    def angles(self) -> list[float]:
+        """Where the arm is, deg."""
+        return list(np.degrees(self._q).tolist())
+
+    def pose(self, frame: str = "WRF") -> list[float]:
+        """Where the tool is, mm and deg."""
+        return list(to_command(self._planner.pose(self._q)).tolist())
+
+    def move_j(
+        self,
+        angles: Numbers | None = None,
+        *,
+        pose: Numbers | None = None,
+        duration: float = 0.0,
+        speed: float = 0.0,
+        accel: float = 1.0,
+        r: float = 0.0,
+        rel: bool = False,
+        **_: Any,
+    ) -> DryRunResultData | None:
+        """As the client's."""
+        pace = Pace(speed, accel, duration or 0.0)
+        return self._moved(program.move_j(self._planner, self._q, angles, pose, pace, rel), r)
+
+    def move_l(
+        self,
+        pose: Numbers,
+        *,
+        frame: str = "WRF",
+        duration: float = 0.0,
+        speed: float = 0.0,
+        accel: float = 1.0,
+        r: float = 0.0,
+        rel: bool = False,
+        **_: Any,
+    ) -> DryRunResultData | None:
+        """As the client's."""
+        pace = Pace(speed, accel, duration or 0.0)
+        return self._moved(program.move_l(self._planner, self._q, pose, frame, pace, rel), r)
+
+    def home(self, *_: Any, **__: Any) -> DryRunResultData | None:
+        """As the client's."""
+        return self._moved(self._planner.home(self._q))
+
+    def servo_j(self, angles: Numbers, *, pose: Numbers | None = None, **_: Any) -> DryRunResultData | None:
+        """Where the stream would end, as a move."""
+        return self.move_j(None if pose is not None else angles, pose=pose)
+
+    def servo_l(self, pose: Numbers, **_: Any) -> DryRunResultData | None:
+        """Where the stream would end, as a move."""
+        return self.move_j(pose=pose)
+
+    def delay(self, seconds: float) -> DryRunResultData | None:
+        """As the client's."""
+        return self._moved(program.pause(self._q, seconds))
+
+    def teleport(self, angles_deg: Numbers, tool_positions: Numbers | None = None) -> int:
+        """As the client's."""
+        self._q = self._planner.within(np.radians(numbers("angles", angles_deg, len(self._q))))
+        return 1
+
+    def select_tool(self, tool_name: str, variant_key: str = "") -> int:
+        """As the client's."""
+        self._planner.tool, self._key = tip(self._hardware.gripper, tool_name.upper(), np.zeros(3)), tool_name.upper()
+        return 1
+
+    def set_tcp_offset(self, x: float = 0, y: float = 0, z: float = 0) -> int:
+        """As the client's."""
+        self._planner.tool = tip(self._hardware.gripper, self._key, numbers("an offset", [x, y, z], 3) * _MM)
+        return 1
+
+    def checkpoint(self, label: str) -> int:
+        """Nothing to see."""
+        return 1
+
+    def wait_motion(self, *_: Any, **__: Any) -> bool:
+        """What was planned counts as done."""
+        return True
+
+    wait_command = wait_checkpoint = wait_ready = wait_status = wait_motion
+
+    def flush(self) -> list[DryRunResultData]:
+        """Results that were held back, for the next motion to round a corner."""
+        held, self._held = self._held, None
+        return [] if held is None else [result_of(held[0], self._planner.pose)]
+
+    def close(self) -> None:
+        """Nothing to do."""
+
+    def __enter__(self) -> "DryRunClient":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _jaws(self, position: float) -> DryRunResultData | None:
+        (goal,) = numbers("position", [position], 1)
+        stroke_s = abs(goal - self._opening) / float(self._hardware.speed_limit[-1])
+        self._opening = float(goal)
+        return self._moved(program.pause(self._q, stroke_s))
+
+    def _moved(self, plan: Plan, r: float = 0.0) -> DryRunResultData | None:
+        """The result of a motion and of those held back before it; None: the next one may round its end."""
+        radius_m = program.radius(r)
+        if self._held is not None:
+            first, before_m = self._held
+            plan = self._planner.joined(first, plan, before_m)
+        self._q = plan.q[-1].copy()
+        self._held = (plan, radius_m) if radius_m else None
+        return None if radius_m else result_of(plan, self._planner.pose)
+
+
+def result_of(plan: Plan, pose: Callable[[np.ndarray], np.ndarray]) -> DryRunResultData:
+    """A plan as Commander shows it: rows evenly spaced over its duration.
+
+    Args:
+        pose: of joints (…, n) rad to (…, 4, 4) m.
+    """
+    rows = max(int(np.ceil(plan.duration_s / _ROW_S)), 1) + 1
+    q = plan.at(np.linspace(0.0, plan.duration_s, rows))[0]
+    return DryRunResultData(
+        tcp_poses=rotation.to_vector(pose(q)),
+        end_joints_rad=q[-1].copy(),
+        duration=plan.duration_s,
+        joint_trajectory_rad=q,
+    )

@@ -1,0 +1,90 @@
+"""The client for scripts: the calls of the asynchronous one, each of which blocks until it is answered.
+
+from lerobot_robot_yam import RobotClient
+
+with RobotClient() as rbt:
+    rbt.move_j([0, 60, 60, -29, 0, 0], wait=True)
+"""
+
+import asyncio
+import functools
+import inspect
+import threading
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+from lerobot_robot_yam.waldo.client.async_client import AsyncRobotClient
+
+
+class RobotClient:
+    """A client of the controller; see `AsyncRobotClient`, whose calls it has.
+
+    It runs an event loop of its own while a call lasts, so in a running event loop use the asynchronous client.
+    """
+
+    def __init__(self, *args: Any, **kwargs: Any):
+        self._client = AsyncRobotClient(*args, **kwargs)
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._lock = threading.Lock()  # threads of a script take turns
+
+    def _run(self, call: Coroutine[Any, Any, Any]) -> Any:
+        with self._lock:
+            if self._loop is None:
+                self._loop = asyncio.new_event_loop()
+            return self._loop.run_until_complete(call)
+
+    @property
+    def tool(self) -> "BlockingTool":
+        """The selected tool. Raises ControllerError: nobody answers."""
+        if self._client._tool is None:
+            self._run(self._client.tools())
+        return BlockingTool(self._client.tool, self._run)
+
+    def close(self) -> None:
+        """Hang up. Idempotent."""
+        if self._loop is not None and not self._loop.is_closed():
+            self._run(self._client.close())
+            self._run(asyncio.sleep(0))
+            self._loop.close()
+
+    def __enter__(self) -> "RobotClient":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class BlockingTool:
+    """A tool whose actions block; it has all attributes of the tool.
+
+    Args:
+        tool: a bound tool.
+        run: runs a coroutine to its end.
+    """
+
+    def __init__(self, tool: Any, run: Callable[[Coroutine[Any, Any, Any]], Any]):
+        self._tool, self._run = tool, run
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self._tool, name)
+        if not inspect.iscoroutinefunction(found):
+            return found
+
+        @functools.wraps(found)
+        def blocking(*args: Any, **kwargs: Any) -> Any:
+            return self._run(found(*args, **kwargs))
+
+        return blocking
+
+
+def _blocking(method: Callable[..., Any]) -> Callable[..., Any]:
+    @functools.wraps(method)
+    def call(self: RobotClient, *args: Any, **kwargs: Any) -> Any:
+        return self._run(method(self._client, *args, **kwargs))
+
+    return call
+
+
+for _name, _method in inspect.getmembers(AsyncRobotClient, inspect.iscoroutinefunction):
+    if not _name.startswith("_") and _name != "close":
+        setattr(RobotClient, _name, _blocking(_method))

@@ -1,0 +1,154 @@
+"""Serves the controller to its clients over TCP: answers requests, and sends statuses to all who asked for them."""
+
+import asyncio
+import contextlib
+import inspect
+import logging
+from collections.abc import Callable
+from typing import Any
+
+from lerobot_robot_yam.errors import ControllerError, YamError
+from lerobot_robot_yam.waldo.controller.controller import TICK_S, Controller
+from lerobot_robot_yam.waldo.controller.requests_of_motion import MotionRequests
+from lerobot_robot_yam.waldo.controller.requests_of_settings import SettingRequests
+from lerobot_robot_yam.waldo.controller.status_report import STATUS_HZ, StatusReport
+from lerobot_robot_yam.waldo.wire import MOST_BYTES, STREAM, decode, encode
+
+_BEHIND_BYTES = 1 << 16  # of statuses that a client has not read; it is sent no more until it has
+_REQUESTS = {
+    Controller: "stop estop reset simulator freedrive teleport",
+    MotionRequests: (
+        "move_j move_l home servo_j servo_l jog_j jog_l delay checkpoint tool_action "
+        "wait_command wait_checkpoint wait_motion"
+    ),
+    SettingRequests: (
+        "tools select_tool set_tcp_offset tcp_offset select_profile profile connect_hardware "
+        "set_payload payload set_shapes shapes reset_state"
+    ),
+    StatusReport: "ping angles joint_speeds pose queue status",
+}
+"""What clients may ask for. To arm and to land are not among it: they are the operator's (`operator_door`)."""
+
+logger = logging.getLogger(__name__)
+
+
+class CommandServer:
+    """The controller, its requests and its status stream, for a host and a port.
+
+    Args:
+        controller: of the arm.
+    """
+
+    def __init__(self, controller: Controller):
+        self.controller = controller
+        self.motions = MotionRequests(controller)
+        settings = SettingRequests(controller, self.motions)
+        self.report = StatusReport(controller, settings)
+        parts = {type(part): part for part in (controller, self.motions, settings, self.report)}
+        self._requests: dict[str, Callable[..., Any]] = {
+            name: getattr(parts[kind], name) for kind, names in _REQUESTS.items() for name in names.split()
+        }
+        self._subscribers: set[asyncio.StreamWriter] = set()
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._server: asyncio.Server | None = None
+
+    async def open(self, host: str, port: int) -> None:
+        """Serve from now on. Raises ControllerError: the port is taken, or the host is not of this computer."""
+        try:
+            self._server = await asyncio.start_server(self._serve, host, port, limit=MOST_BYTES)
+        except OSError as error:
+            raise ControllerError(f"{host}:{port} cannot be served ({error.strerror}); is it taken?") from error
+        for work in (self._tick_on(), self._send_on(), self.report.probe_on()):
+            self._keep(asyncio.create_task(work))
+
+    async def close(self) -> None:
+        """Serve no more. The arm is not touched: see `Controller.land`."""
+        if self._server is not None:
+            self._server.close()
+        for task in tuple(self._tasks):
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        for writer in tuple(self._subscribers):
+            writer.close()
+        self.motions.close()
+
+    async def request(self, name: str, /, **arguments: Any) -> Any:
+        """The answer to a request of a client. Raises YamError: it is refused."""
+        request = self._requests.get(name)
+        if request is None:
+            raise ControllerError(f"the controller knows no request {name!r}")
+        try:
+            inspect.signature(request).bind(**arguments)
+            result = request(**arguments)
+            return await result if inspect.isawaitable(result) else result
+        except (TypeError, ValueError) as error:
+            logger.debug("%s was refused", name, exc_info=True)
+            raise ControllerError(f"{name}: wrong arguments ({error})") from error
+
+    def _keep(self, task: asyncio.Task[None]) -> None:
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _tick_on(self) -> None:
+        loop = asyncio.get_running_loop()
+        due_s = loop.time()
+        while True:
+            try:
+                self.controller.tick()
+            except Exception as error:  # a defect: the arm's own loop holds it, as targets cease
+                if not self.controller.fault:
+                    logger.exception("a tick of the controller failed")
+                    self.controller.fail(f"the controller has a defect ({error}); see its log")
+            self.report.ticked()
+            due_s = max(due_s + TICK_S, loop.time())  # what was late is not made up for
+            await asyncio.sleep(due_s - loop.time())
+
+    async def _send_on(self) -> None:
+        loop = asyncio.get_running_loop()
+        due_s = loop.time()
+        while True:
+            self.broadcast()
+            due_s = max(due_s + 1.0 / STATUS_HZ, loop.time())
+            await asyncio.sleep(due_s - loop.time())
+
+    def broadcast(self) -> None:
+        """Send a status to all who asked for them, but for those who do not read."""
+        if not self._subscribers:
+            return
+        line = encode(self.report.status())
+        for writer in tuple(self._subscribers):
+            if writer.transport.get_write_buffer_size() < _BEHIND_BYTES:
+                writer.write(line)
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        self._keep(task)
+        try:
+            while line := await reader.readline():
+                message = decode(line)
+                if message.get("do") == STREAM:
+                    self._subscribers.add(writer)
+                else:
+                    self._keep(asyncio.create_task(self._answer(message, writer)))
+        except (OSError, ValueError) as error:  # hung up, or no client of ours
+            logger.debug("a client is gone: %s", error)
+        except asyncio.CancelledError:  # the controller ends; Python would log it as an error
+            pass
+        finally:
+            self._subscribers.discard(writer)
+            with contextlib.suppress(OSError):
+                writer.close()
+
+    async def _answer(self, message: dict[str, Any], writer: asyncio.StreamWriter) -> None:
+        name, reply = str(message.get("do")), {"id": message.get("id")}
+        try:
+            reply["result"] = await self.request(name, **message.get("with", {}))
+        except YamError as error:
+            reply["refused"] = str(error)
+        except Exception as error:
+            logger.exception("%s failed", name)
+            reply["refused"] = f"{name} failed ({type(error).__name__}); see the log of the controller"
+        with contextlib.suppress(OSError):
+            writer.write(encode(reply))
+            await writer.drain()

@@ -1,0 +1,258 @@
+"""The controller of one arm: which plant it moves, whether it takes commands, and what stops it.
+
+Single-threaded: everything but planning runs in one event loop. Nothing here energises the arm but `arm`, which is no
+request of a client.
+"""
+
+import asyncio
+import logging
+import random
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.errors import ControllerError, YamError
+from lerobot_robot_yam.waldo.arm_choice import NO_TOOL, tip
+from lerobot_robot_yam.waldo.controller.motion import Motion
+from lerobot_robot_yam.waldo.controller.plant import Plant, Reading
+from lerobot_robot_yam.waldo.controller.real_arm import RealArm
+from lerobot_robot_yam.waldo.controller.simulated_arm import SimulatedArm
+from lerobot_robot_yam.waldo.gripper_sense import swapped
+from lerobot_robot_yam.waldo.planning.planner import Planner
+from lerobot_robot_yam.waldo.program import numbers
+
+TICK_S = 0.01
+_REST_S = 0.2  # after the last motion the arm is told to hold; its own loop would do so after 0.5 s
+_NOT_HERE = "start the controller with --hardware at the arm's computer, and arm it there: yam-waldo arm"
+
+logger = logging.getLogger(__name__)
+
+
+class Controller:
+    """One arm, simulated or real, and the set-point that it follows. Begins in simulator mode.
+
+    Args:
+        hardware: profiles and limits.
+        real: the real arm; None: there is only the simulated one.
+        now: the clock, s.
+
+    Attributes:
+        planner: for the thread of the event loop.
+        motion: the set-point.
+        plant: what follows it.
+        reading: of the plant, at the newest tick.
+        tool_key, offset_m: the selected tool, and the offset (3,) of its tip.
+        stopped: an e-stop is latched.
+        fault: why the plant has failed; empty: it has not.
+        session_id: another one for each controller.
+    """
+
+    def __init__(self, hardware: ResolvedArm, real: RealArm | None = None, now: Callable[[], float] = time.monotonic):
+        self.hardware, self.real, self.now = hardware, real, now
+        self.planner = Planner(hardware)
+        self.simulated = SimulatedArm(hardware, self.planner.home_q)
+        self.plant: Plant = self.simulated
+        self.reading: Reading = self.plant.read()
+        self.motion = Motion(self.planner, self.reading)
+        self.tool_key, self.offset_m = NO_TOOL, np.zeros(3)
+        self.use_tool(NO_TOOL, np.zeros(3))
+        self.stopped, self.fault = False, ""
+        self.session_id = random.randrange(1, 1 << 31)
+        self._rest_at_s = np.inf
+        self._arming = asyncio.Lock()
+
+    @property
+    def in_simulator(self) -> bool:
+        """Whether commands move the simulated arm."""
+        return self.plant is self.simulated
+
+    @property
+    def enabled(self) -> bool:
+        """Whether it takes commands that move."""
+        return not (self.stopped or self.fault or self.floats)
+
+    @property
+    def floats(self) -> bool:
+        """Whether commands would move the real arm, and a hand may move it instead."""
+        return not self.in_simulator and not self.fault and self.real is not None and self.real.floats
+
+    @property
+    def ready_hardware(self) -> bool:
+        """Whether there is a real arm that was armed and may be driven."""
+        return self.real is not None and self.real.armed and not self.real.trouble()
+
+    def check_enabled(self) -> None:
+        """Raises ControllerError: it takes no commands; says why."""
+        if self.fault:
+            raise ControllerError(f"the arm has failed, and holds as far as it can: {self.fault}")
+        if self.stopped:
+            raise ControllerError("an e-stop is latched: the arm holds and takes no commands until reset (resume)")
+        if self.floats:
+            raise ControllerError("the arm floats, so that a hand can move it: freedrive(False) ends that")
+
+    def tick(self) -> None:
+        """Move the set-point on, and have the plant follow; hold when the plant fails."""
+        now = self.now()
+        try:
+            self.reading = self.plant.read()
+            if self.fault:
+                return
+            if self.floats:
+                self._float_on()
+                return
+            moves = self.motion.step(now, self.reading)
+            if moves:
+                self.plant.follow(self.motion.q, self.motion.dq, self.motion.opening, TICK_S)
+                self._rest_at_s = now + _REST_S
+            elif now >= self._rest_at_s:
+                self._rest_at_s = np.inf
+                self.plant.rest()
+            elif self.plant is self.real and (why := self.real.trouble()):
+                raise ControllerError(why)
+        except YamError as error:
+            self.fail(str(error))
+
+    def _float_on(self) -> None:
+        """Begin where the hand has left it, once it floats no more. Raises ControllerError: it has failed."""
+        assert self.real is not None
+        if why := self.real.trouble():
+            raise ControllerError(why)
+        if not self.real.floats:
+            self.motion.take_over(self.reading)
+
+    def fail(self, why: str) -> None:
+        """Cancel everything; the arm's own loop holds or lands it."""
+        logger.error("%s", why)
+        self.fault = why
+        self.motion.take_over(self.reading)
+
+    # requests of clients
+
+    def stop(self) -> int:
+        """Come to rest and empty the queue; torque stays on. Refuses nothing."""
+        if self.floats:
+            try:
+                self._hold_again()
+            except YamError as error:
+                self.fail(str(error))
+        self.motion.stop(self.now())
+        return 1
+
+    def _hold_again(self) -> None:
+        """End the floating: the arm holds where it is."""
+        self.plant.rest()
+        self.reading = self.plant.read()
+        self.motion.take_over(self.reading)
+
+    def estop(self) -> int:
+        """The same, and take no commands until `reset`."""
+        self.stopped = True
+        return self.stop()
+
+    def reset(self) -> int:
+        """Take commands again. Nothing moves, and nothing is energised.
+
+        Raises:
+            ControllerError: the arm still fails.
+        """
+        if not self.in_simulator and self.real is not None and (why := self.real.trouble()):
+            raise ControllerError(f"the arm takes no commands yet: {why}. To enable it again: yam-waldo arm")
+        if self.fault:
+            self.fault, self.reading = "", self.plant.read()
+            self.motion.take_over(self.reading)
+        self.stopped = False
+        return 1
+
+    def simulator(self, enabled: bool) -> int:
+        """Move the simulated arm, or the real one. Queue and streams are dropped; the real arm holds where it is.
+
+        Raises:
+            ControllerError: there is no real arm that is armed and well.
+        """
+        if enabled == self.in_simulator:
+            return 1
+        if enabled:
+            self._leave_hardware()
+            return 1
+        if self.real is None:
+            raise ControllerError(f"this controller has no hardware; {_NOT_HERE}")
+        if why := self.real.trouble():
+            raise ControllerError(f"the arm cannot be driven: {why}")
+        self._use(self.real)
+        return 1
+
+    def _leave_hardware(self) -> None:
+        last = self.reading
+        try:
+            self.plant.rest()
+        except YamError as error:  # it has failed: its own loop holds or lands it
+            logger.warning("%s", error)
+        self.simulated.teleport(np.clip(last.q, self.planner.lower, self.planner.upper), last.opening)
+        self._use(self.simulated)
+
+    def _use(self, plant: Plant) -> None:
+        self.plant, self.fault, self._rest_at_s = plant, "", np.inf
+        self.reading = plant.read()
+        self.motion.take_over(self.reading)
+
+    def freedrive(self, enabled: bool) -> int:
+        """Let a hand move the real arm, or have it hold where it is.
+
+        Raises:
+            ControllerError: in simulator mode, or it takes no commands.
+        """
+        if self.in_simulator or self.real is None:
+            raise ControllerError("freedrive is for the real arm; a simulated one is put somewhere by teleport")
+        if enabled and not self.floats:
+            self.check_enabled()
+            self.motion.take_over(self.reading)
+            self.real.let_float()
+        elif not enabled and self.floats:
+            self._hold_again()
+        return 1
+
+    def teleport(self, angles_deg: Sequence[float], tool_positions: Sequence[float] | None = None) -> int:
+        """Put the simulated arm somewhere, and its jaws. No other plant can be told so.
+
+        Raises:
+            ControllerError: not in simulator mode.
+            PlanError: malformed, or beyond a limit.
+        """
+        if not self.in_simulator:
+            raise ControllerError("teleport is for the simulator, and commands move the real arm now; nothing moves")
+        q = self.planner.within(np.radians(numbers("angles", angles_deg, self.hardware.joints)))
+        opening = None
+        if tool_positions is not None and len(tool_positions):
+            opening = swapped(float(np.clip(numbers("tool_positions", tool_positions, 1)[0], 0.0, 1.0)))
+        self.simulated.teleport(q, opening)
+        self._use(self.simulated)
+        return 1
+
+    def use_tool(self, key: str, offset_m: np.ndarray) -> None:
+        """Poses are of this tool's tip from now on. Raises ConfigError: the arm has no such tool."""
+        frame = tip(self.hardware.gripper, key, offset_m)
+        self.tool_key, self.offset_m, self.tip = key, offset_m, frame
+        self.planner.tool = frame
+
+    # what only an operator at this computer may do
+
+    async def arm(self) -> None:
+        """ENERGISE the real arm, which then holds where it is; commands go on moving what they moved.
+
+        Raises:
+            YamError: there is none, or it failed; nothing is energised.
+        """
+        async with self._arming:
+            if self.real is None:
+                raise ControllerError(f"this controller has no hardware; {_NOT_HERE}")
+            await asyncio.to_thread(self.real.arm)
+
+    async def land(self) -> None:
+        """Bring the real arm down and cut torque; commands move the simulated one from now on."""
+        async with self._arming:
+            if not self.in_simulator:
+                self._leave_hardware()
+            if self.real is not None:
+                await asyncio.to_thread(self.real.land)

@@ -1,0 +1,121 @@
+"""The process of the controller: serves until it is told to end, and lands the arm then.
+
+    python -m lerobot_robot_yam.waldo.controller.controller_process --port 5001
+
+People start it by `yam-waldo`, Commander by `Robot.start`. It begins in simulator mode and energises nothing.
+"""
+
+import argparse
+import asyncio
+import contextlib
+import json
+import logging
+import os
+import signal
+import sys
+from collections.abc import Awaitable, Callable, Sequence
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.control.process.lifeline import ProcessEnd
+from lerobot_robot_yam.errors import ControllerError, YamError
+from lerobot_robot_yam.waldo.arm_choice import ArmChoice
+from lerobot_robot_yam.waldo.controller.command_server import CommandServer
+from lerobot_robot_yam.waldo.controller.controller import Controller
+from lerobot_robot_yam.waldo.controller.real_arm import RealArm
+from lerobot_robot_yam.waldo.operator_door import OperatorDoor
+from lerobot_robot_yam.waldo.wire import HOST, PORT
+
+_LOOK_S = 0.2
+_SWITCH_S = 0.001  # how long the planning thread may keep a tick waiting; Python's own 5 ms are half of one
+
+logger = logging.getLogger(__name__)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--host", default=HOST, help=f"address to serve (default {HOST}: this computer only)")
+    parser.add_argument("--port", type=int, default=PORT, help=f"port to serve (default {PORT})")
+    parser.add_argument("--arm-config", metavar="JSON", help="the real arm, as an ArmConfig; without it there is none")
+    parser.add_argument("--parent", type=int, help="process with which it ends; an arm is landed")
+    args = parser.parse_args(arguments)
+    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s")
+    sys.setswitchinterval(_SWITCH_S)
+    try:
+        config = None if args.arm_config is None else ArmConfig(**json.loads(args.arm_config))
+        asyncio.run(serve(args.host, args.port, config, args.parent))
+    except YamError as error:
+        sys.stderr.write(f"controller: {error}\n")
+        return 1
+    return 0
+
+
+async def serve(
+    host: str,
+    port: int,
+    config: ArmConfig | None,
+    parent: int | None = None,
+    opened: Callable[[], None] = lambda: None,
+) -> None:
+    """Serve one arm until a signal or the parent's end; then land it.
+
+    Args:
+        host, port: where.
+        config: the real arm; None: only the simulated one, as the environment chooses it.
+        parent: process with which it ends; None: it ends by a signal alone.
+        opened: called when it serves.
+
+    Raises:
+        YamError: it cannot be served.
+    """
+    choice = ArmChoice.of_environment() if config is None else ArmChoice(config.arm, config.gripper)
+    controller = Controller(choice.resolved(), None if config is None else RealArm(config))
+    server, door = CommandServer(controller), OperatorDoor(port, operator_acts(controller))
+    ended = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        asyncio.get_running_loop().add_signal_handler(number, ended.set)
+    await server.open(host, port)
+    try:
+        await door.open()
+        opened()
+        await _ended(ended, parent)
+        await controller.land()
+    finally:
+        door.close()
+        await server.close()
+
+
+def operator_acts(controller: Controller) -> dict[str, Callable[[], Awaitable[str]]]:
+    """What an operator may ask a controller for, see `OperatorDoor`."""
+
+    async def about() -> str:
+        real = controller.real
+        if real is None:
+            raise ControllerError("this controller has only a simulated arm: start it with --hardware --channel …")
+        return json.dumps({"channel": real.config.channel, "seeks": real.seeks})
+
+    async def arm() -> str:
+        await controller.arm()
+        return f"{controller.hardware.name} is armed, and holds where it is"
+
+    async def land() -> str:
+        await controller.land()
+        return f"{controller.hardware.name} has landed"
+
+    return {"about": about, "arm": arm, "land": land}
+
+
+async def _ended(told: asyncio.Event, parent: int | None) -> None:
+    """Wait until a signal has come, or the parent has ended."""
+    try:
+        watched = None if parent is None else ProcessEnd(parent)
+    except FileNotFoundError:  # it has ended already
+        return
+    while not told.is_set() and (watched is None or not watched.reached()):
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(told.wait(), _LOOK_S)
+    logger.info("process %d ends: %s", os.getpid(), "it was told to" if told.is_set() else "its parent has gone")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

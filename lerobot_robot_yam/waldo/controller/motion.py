@@ -1,0 +1,257 @@
+"""Where the arm is asked to be: one queue of planned commands, or one stream of jog and servo commands.
+
+Pure: it is fed the time and gives the set-point of each tick. A stream is refused while the queue moves the arm, and
+a queued command waits until a stream has come to rest.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+
+from lerobot_robot_yam.errors import ControllerError, PlanError
+from lerobot_robot_yam.waldo.controller.plant import Reading
+from lerobot_robot_yam.waldo.planning.motion_plan import Plan
+from lerobot_robot_yam.waldo.planning.planner import Planner
+from lerobot_robot_yam.waldo.planning.streaming import Streaming
+
+MOST_QUEUED = 1000  # commands; a program that sends more has lost its waits
+_REMEMBERED = 100_000  # ends of commands, for `wait_command`
+_ARRIVED_RAD = 2e-3  # the arm's own set-point, against the end of a plan
+_SAME_RAD = 1e-6  # a plan begins where the set-point is
+_REST_RAD_S = 1e-6  # rounding
+_ARRIVE_S = 2.0  # after the end of a plan; later it is held back
+_JAW_S = 3.0  # in which a gripper has closed, or will not
+_JAW_BEGINS_S = 0.15  # before that a jaw that is told to move may stand still
+
+
+class End(Enum):
+    """How a command has ended."""
+
+    DONE = "done"
+    CANCELLED = "cancelled"
+
+
+@dataclass
+class Command:
+    """One entry of the queue: a motion, a move of the jaws, or a mark.
+
+    Attributes:
+        name, text: as the status shows it.
+        plan: the motion; None: the arm stays.
+        opening: where the jaws go, 0 closed … 1 open; None: they stay.
+        label: of a checkpoint.
+        radius_m: within which of its end the next motion may begin; 0: it comes to rest there.
+        index: its number, once it is queued.
+    """
+
+    name: str
+    text: str = ""
+    plan: Plan | None = None
+    opening: float | None = None
+    label: str = ""
+    radius_m: float = 0.0
+    index: int = -1
+
+
+class Blend(NamedTuple):
+    """A motion and what it becomes together with the next one."""
+
+    first: Plan
+    joined: Plan
+
+
+class Motion:
+    """The set-point of one arm, and what moves it.
+
+    Args:
+        planner: of this arm; the stream uses it.
+        reading: of the arm.
+
+    Attributes:
+        q, dq: (n,) rad and rad/s, the set-point.
+        opening: of the gripper, 0 closed … 1 open; None without one.
+        running: the command under way; None: none.
+        completed: index of the last one that was carried out, -1 at first.
+        checkpoint: label of the last one passed.
+        epoch: grows when commands are cancelled: what was planned before must not be queued any more.
+    """
+
+    def __init__(self, planner: Planner, reading: Reading):
+        self._planner, self._streaming = planner, Streaming(planner, reading.setpoint_q)
+        self._queue: deque[Command] = deque()
+        self._ends: dict[int, End] = {}
+        self._next_index, self._began_s = 0, 0.0
+        self._last_s: float | None = None
+        self._free_s: float | None = None  # since when nothing runs
+        self._streams, self._late = False, False
+        self._brake: Plan | None = None
+        self.running: Command | None = None
+        self.completed, self.checkpoint, self.epoch = -1, "", 0
+        self.take_over(reading)
+
+    def take_over(self, reading: Reading) -> None:
+        """Begin at where an arm is asked to be, at rest; whatever was queued or streamed is dropped."""
+        self._cancel()
+        self._streams, self._brake, self._free_s = False, None, None
+        self.q, self.dq = np.array(reading.setpoint_q), np.zeros(len(reading.setpoint_q))
+        self.opening = reading.asked_opening
+
+    @property
+    def planned(self) -> bool:
+        """Whether commands run or wait."""
+        return self.running is not None or bool(self._queue)
+
+    @property
+    def streams(self) -> bool:
+        """Whether a stream moves the arm, or it comes to rest after a stop."""
+        return self._streams or self._brake is not None
+
+    @property
+    def waiting(self) -> list[Command]:
+        """The command that runs and those that wait, in order."""
+        return [*([self.running] if self.running else []), *self._queue]
+
+    @property
+    def end_q(self) -> np.ndarray:
+        """(n,) rad where the arm will be when all that is queued has been done."""
+        plans = [command.plan for command in self.waiting if command.plan is not None]
+        return plans[-1].q[-1] if plans else self.q
+
+    def end_of(self, index: int) -> End | None:
+        """How a command has ended; None: it has not, or never was."""
+        return self._ends.get(index)
+
+    @property
+    def blending(self) -> Plan | None:
+        """The motion whose end the next one may round; None: there is none."""
+        last = self.waiting[-1] if self.planned else None
+        return last.plan if last is not None and last.radius_m > 0.0 else None
+
+    def add(self, command: Command, epoch: int, blend: Blend | None = None) -> int:
+        """Queue a command that was planned from `end_q` in this epoch; its index.
+
+        Args:
+            blend: it with the motion before; it counts if that one has not come too far meanwhile.
+
+        Raises:
+            ControllerError: commands were cancelled, or the arm was moved, meanwhile; or too many wait.
+        """
+        if epoch != self.epoch:
+            raise ControllerError(f"{command.name}: the arm was stopped meanwhile; nothing moves")
+        if command.plan is not None and (self.streams or np.abs(command.plan.q[0] - self.end_q).max() > _SAME_RAD):
+            raise ControllerError(f"{command.name}: the arm was jogged meanwhile; give the command again")
+        if len(self._queue) >= MOST_QUEUED:
+            raise ControllerError(f"{command.name}: {MOST_QUEUED} commands wait already; wait for some of them")
+        if blend is not None and blend.first is self.blending:
+            self._round(self.waiting[-1], command, blend.joined)
+        command.index = self._next_index
+        self._next_index += 1
+        self._queue.append(command)
+        return command.index
+
+    def _round(self, before: Command, command: Command, joined: Plan) -> None:
+        """Have two motions go over into each other, unless the first one is there already."""
+        assert before.plan is not None and command.plan is not None
+        overlap_s = before.plan.duration_s + command.plan.duration_s - joined.duration_s
+        begins_s = before.plan.duration_s - overlap_s
+        if before is self.running and (self._last_s or 0.0) - self._began_s >= begins_s:
+            return
+        before.plan, command.plan = joined.cut(begins_s + overlap_s / 2)
+
+    def stream(self, begin: Callable[[Streaming], None]) -> None:
+        """Jog or servo: `begin` tells the stream what to do.
+
+        Raises:
+            ControllerError: a queued command moves the arm.
+        """
+        if any(command.plan is not None for command in self.waiting):
+            raise ControllerError("a queued command moves the arm: stop it, or wait until it has ended")
+        if not self._streams:
+            self._streaming.seed(self.q, self.dq)
+        begin(self._streaming)
+        self._streams, self._brake = True, None
+
+    def end_stream(self) -> None:
+        """Let a stream come to rest, for a planned command to follow."""
+        if self._streams:
+            self._streaming.stop()
+
+    def stop(self, now: float) -> None:
+        """Come to rest as soon as the limits allow; cancel everything. Refuses nothing."""
+        self._cancel()
+        self._streams = False
+        if self._brake is None:
+            try:
+                self._brake, self._began_s = self._planner.stop(self.q, self.dq), now
+            except PlanError:  # then the arm's own loop brakes
+                self.dq = np.zeros(len(self.q))
+
+    def _cancel(self) -> None:
+        for command in self.waiting:
+            self._end(command, End.CANCELLED)
+        self._queue.clear()
+        self.running = None
+        self.epoch += 1
+
+    def _end(self, command: Command, end: End) -> None:
+        self._ends[command.index] = end
+        self._ends.pop(command.index - _REMEMBERED, None)
+
+    def step(self, now: float, reading: Reading) -> bool:
+        """Move the set-point on; whether it has moved or will, or the jaws do.
+
+        Raises:
+            ControllerError: the arm does not get to where a plan has ended; everything is cancelled.
+        """
+        dt_s = 0.0 if self._last_s is None else now - self._last_s
+        self._last_s, moved = now, self.streams or self.planned
+        if self._streams:
+            self.q, self.dq = self._streaming.step(now, dt_s)
+            self._streams = dt_s <= 0.0 or not self._streaming.still
+        elif self._brake is not None:
+            self.q, self.dq = self._brake.at(now - self._began_s)
+            if now - self._began_s >= self._brake.duration_s:
+                self._brake = None
+        if self.streams:
+            self._free_s = None
+        else:
+            while self._advance(now, reading):
+                pass
+        return moved or self.streams or not reading.jaw_still
+
+    def _advance(self, now: float, reading: Reading) -> bool:
+        """Carry on with the queue; whether a command has ended, so that the next one is due in this very tick."""
+        if self.running is None:
+            free_s, self._free_s = self._free_s, now
+            if not self._queue:
+                return False
+            self.running, self._began_s, self._late = self._queue.popleft(), now if free_s is None else free_s, False
+        command, past_s = self.running, now - self._began_s
+        if command.plan is not None:
+            self.q, self.dq = command.plan.at(past_s)
+            over_s = past_s - command.plan.duration_s
+            if over_s < 0.0:
+                return False
+            rests = np.abs(command.plan.dq[-1]).max() < _REST_RAD_S  # else it goes over into the next one
+            if rests and np.abs(reading.setpoint_q - self.q).max() > _ARRIVED_RAD:
+                if over_s > _ARRIVE_S:
+                    self._cancel()
+                    raise ControllerError(f"{command.name}: the arm is held back, or something is in its way")
+                self._late = True
+                return False
+            self._free_s = now if self._late else self._began_s + command.plan.duration_s
+        elif command.opening is not None:
+            self.opening = command.opening
+            if past_s < _JAW_BEGINS_S or (not reading.jaw_still and past_s < _JAW_S):
+                return False
+            self._free_s = now
+        else:
+            self.checkpoint = command.label
+            self._free_s = self._began_s
+        self._end(command, End.DONE)
+        self.completed, self.running = command.index, None
+        return True

@@ -1,0 +1,198 @@
+"""Requests of clients that move the arm or the jaws: planned in a thread, queued in order; or streamed at once."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+
+from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
+from lerobot_robot_yam.errors import PlanError
+from lerobot_robot_yam.waldo import program
+from lerobot_robot_yam.waldo.arm_choice import NO_TOOL, tool_key
+from lerobot_robot_yam.waldo.controller.controller import TICK_S, Controller
+from lerobot_robot_yam.waldo.controller.motion import Blend, Command, End
+from lerobot_robot_yam.waldo.gripper_sense import swapped
+from lerobot_robot_yam.waldo.kinematics.frames import of_command
+from lerobot_robot_yam.waldo.planning.motion_plan import Plan
+from lerobot_robot_yam.waldo.planning.planner import Planner
+from lerobot_robot_yam.waldo.planning.streaming import Streaming
+from lerobot_robot_yam.waldo.program import Numbers, Pace
+
+_STILL_RAD_S = 0.05  # three steps in which the motors tell speed
+_ACTIONS = {"open": 0.0, "close": 1.0}  # Commander's positions
+
+
+class MotionRequests:
+    """Motion commands of one controller.
+
+    Each method but the first two answers the request of its name: arguments, units and results are those of the
+    client's call (`client.motion_calls`), and YamError says why it is refused.
+
+    Args:
+        controller: of the arm.
+    """
+
+    def __init__(self, controller: Controller):
+        self._controller, self._motion = controller, controller.motion
+        self._planner = Planner(controller.hardware)  # of the thread that plans
+        self._worker = ThreadPoolExecutor(1, "planning")
+        self._in_turn = asyncio.Lock()
+
+    def close(self) -> None:
+        """End the thread."""
+        self._worker.shutdown(cancel_futures=True)
+
+    async def set_workspace(self, workspace: WorkspaceConfig) -> None:
+        """Plan around these from now on."""
+        loop = asyncio.get_running_loop()
+        await loop.run_in_executor(self._worker, lambda: self._planner.keep_clear(workspace))
+
+    async def move_j(
+        self,
+        angles: Numbers | None,
+        pose: Numbers | None = None,
+        rel: bool = False,
+        speed: float = 0.0,
+        accel: float = 1.0,
+        duration: float = 0.0,
+        r: float = 0.0,
+    ) -> int:
+        command = Command("move_j", _text(angles if pose is None else pose), radius_m=program.radius(r))
+        pace = Pace(speed, accel, duration or 0.0)
+        return await self._planned(command, lambda p, q: program.move_j(p, q, angles, pose, pace, rel))
+
+    async def move_l(
+        self,
+        pose: Numbers,
+        frame: str = "WRF",
+        rel: bool = False,
+        speed: float = 0.0,
+        accel: float = 1.0,
+        duration: float = 0.0,
+        r: float = 0.0,
+    ) -> int:
+        command, pace = Command("move_l", _text(pose), radius_m=program.radius(r)), Pace(speed, accel, duration or 0.0)
+        return await self._planned(command, lambda p, q: program.move_l(p, q, pose, frame, pace, rel))
+
+    async def home(self) -> int:
+        return await self._planned(Command("home"), lambda p, q: p.home(q))
+
+    async def delay(self, seconds: float) -> int:
+        command = Command("delay", f"{seconds} s")
+        return await self._planned(command, lambda p, q: program.pause(q, seconds), blends=False)
+
+    async def _planned(self, command: Command, plan: Callable[[Planner, np.ndarray], Plan], blends: bool = True) -> int:
+        """Plan a command from where those before it end, round the corner if it may be, and queue it; its index."""
+        motion, epoch = self._motion, self._motion.epoch
+        async with self._in_turn:
+            self._controller.check_enabled()
+            motion.end_stream()
+            while motion.streams:
+                await asyncio.sleep(TICK_S)
+            start_q, tip = motion.end_q, self._controller.tip
+            first = motion.blending if blends else None
+            radius_m = motion.waiting[-1].radius_m if first is not None else 0.0
+
+            def work() -> tuple[Plan, Blend | None]:
+                self._planner.tool = tip
+                made = plan(self._planner, start_q)
+                return made, first and Blend(first, self._planner.joined(first, made, radius_m))
+
+            command.plan, blend = await asyncio.get_running_loop().run_in_executor(self._worker, work)
+            self._controller.check_enabled()
+            return motion.add(command, epoch, blend)
+
+    async def checkpoint(self, label: str) -> int:
+        return await self._unplanned(Command("checkpoint", str(label), label=str(label)))
+
+    async def tool_action(self, tool_key: str, action: str, params: Sequence[float] | None = None) -> int:
+        opening = swapped(self._position(str(tool_key).upper(), action, params))
+        return await self._unplanned(Command(f"tool {action}", str(tool_key), opening=opening))
+
+    async def _unplanned(self, command: Command) -> int:
+        epoch = self._motion.epoch
+        async with self._in_turn:
+            self._controller.check_enabled()
+            return self._motion.add(command, epoch)
+
+    def _position(self, key: str, action: str, params: Sequence[float] | None) -> float:
+        """Where the jaws are to go, as Commander counts. Raises PlanError: there is no such tool or action."""
+        fitted = tool_key(self._controller.hardware.gripper)
+        if key != fitted or fitted == NO_TOOL:
+            raise PlanError(f"no tool {key!r} that moves; this arm has {fitted}")
+        if action in _ACTIONS:
+            return _ACTIONS[action]
+        if action != "move":
+            raise PlanError(f"{key}: an action is open, close or move, not {action!r}")
+        (position,) = program.numbers("position", params, 1)
+        if not 0.0 <= position <= 1.0:
+            raise PlanError(f"{key}: a position is 0 (open) to 1 (closed), not {position:g}")
+        return float(position)
+
+    # streams
+
+    def servo_j(
+        self, angles: Numbers | None, pose: Numbers | None = None, speed: float = 1.0, accel: float = 1.0
+    ) -> int:
+        if pose is not None:
+            return self.servo_l(pose, speed, accel)
+        target = np.radians(program.numbers("angles", angles, self._controller.hardware.joints))
+        return self._stream(lambda stream: stream.servo(target, speed=speed, accel=accel))
+
+    def servo_l(self, pose: Numbers, speed: float = 1.0, accel: float = 1.0) -> int:
+        target = of_command(pose)
+        return self._stream(lambda stream: stream.servo_pose(target, speed=speed, accel=accel))
+
+    def jog_j(self, joints: Sequence[int], speeds: Numbers, duration: float = 0.1, accel: float = 1.0) -> int:
+        wanted, now = dict(zip(joints, speeds, strict=True)), self._controller.now()
+        return self._stream(lambda stream: stream.jog_joints(wanted, now, duration, accel))
+
+    def jog_l(self, frame: str, axes: Sequence[str], speeds: Numbers, duration: float = 0.1, accel: float = 1.0) -> int:
+        wanted, now = dict(zip(axes, speeds, strict=True)), self._controller.now()
+        return self._stream(lambda stream: stream.jog_line(frame, wanted, now, duration, accel))
+
+    def _stream(self, begin: Callable[[Streaming], None]) -> int:
+        self._controller.check_enabled()
+        self._motion.stream(begin)
+        return 1
+
+    # waits
+
+    async def wait_command(self, command_index: int, timeout: float = 10.0) -> bool:
+        await _until(lambda: self._motion.end_of(command_index) is not None, timeout)
+        return self._motion.end_of(command_index) is End.DONE
+
+    async def wait_checkpoint(self, label: str, timeout: float = 30.0) -> bool:
+        return await _until(lambda: self._motion.checkpoint == label, timeout)
+
+    async def wait_motion(self, timeout: float = 10.0, settle_window: float = 0.1) -> bool:
+        controller, still_since_s = self._controller, [np.inf]
+
+        def settled() -> bool:
+            speeds = np.abs(controller.reading.dq).max()
+            moving = self._motion.planned or self._motion.streams or speeds > _STILL_RAD_S
+            still_since_s[0] = np.inf if moving else min(still_since_s[0], controller.now())
+            return controller.now() - still_since_s[0] >= settle_window
+
+        return await _until(settled, timeout)
+
+
+async def _until(condition: Callable[[], bool], timeout: float) -> bool:
+    """Wait until a condition holds; False: not within `timeout` s."""
+    try:
+        async with asyncio.timeout(timeout):
+            while not condition():
+                await asyncio.sleep(TICK_S)
+    except TimeoutError:
+        return False
+    return True
+
+
+def _text(values: Any) -> str:
+    """Numbers as the status shows them, whatever was sent."""
+    try:
+        return " ".join(f"{float(value):.1f}" for value in values)
+    except (TypeError, ValueError):
+        return ""

@@ -1,0 +1,109 @@
+"""Starting and ending a controller from Commander's process, which forks workers at the same time.
+
+`subprocess.Popen` waits for the end of a pipe that such a worker may keep open for ever. `posix_spawn` waits for none.
+"""
+
+import dataclasses
+import json
+import os
+import signal
+import socket
+import sys
+import time
+from typing import Any
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.errors import ControllerError
+from lerobot_robot_yam.session.runners import LAND_TIMEOUT_S
+from lerobot_robot_yam.waldo.arm_choice import ArmChoice
+from lerobot_robot_yam.waldo.wire import MOST_BYTES, decode, encode
+
+_MODULE = "lerobot_robot_yam.waldo.controller.controller_process"
+_ANSWER_S = 1.0
+_LOOK_S = 0.05
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def ask_once(host: str, port: int, name: str, timeout_s: float = _ANSWER_S) -> Any:
+    """The answer to one request without arguments; None: nobody answers, or somebody else."""
+    try:
+        with socket.create_connection((host, port), timeout_s) as line:
+            line.sendall(encode({"id": 1, "do": name, "with": {}}))
+            return decode(line.makefile("rb").readline(MOST_BYTES)).get("result")
+    except (OSError, ValueError):
+        return None
+
+
+def serves(host: str, port: int) -> bool:
+    """Whether anybody serves the port."""
+    try:
+        socket.create_connection((host, port), _ANSWER_S).close()
+    except OSError:
+        return False
+    return True
+
+
+class LaunchedController:
+    """A controller that this process has started. It ends with this process, and lands the arm then.
+
+    Args:
+        host, port: where it serves.
+        choice: of the arm.
+        channel: of the real arm, which is not energised by this; empty: only the simulated one.
+        timeout_s: in which it has to answer.
+
+    Raises:
+        ControllerError: somebody serves there already, or it did not come up.
+    """
+
+    def __init__(self, host: str, port: int, choice: ArmChoice, channel: str, timeout_s: float):
+        if serves(host, port):
+            raise ControllerError(f"somebody serves {host}:{port} already; end that, or choose another port")
+        self._owner = os.getpid()
+        arguments = ["--host", host, "--port", str(port), "--parent", str(self._owner)]
+        if channel:
+            config = ArmConfig(channel=channel, name=channel, arm=choice.arm, gripper=choice.gripper)
+            arguments += ["--arm-config", json.dumps(dataclasses.asdict(config))]
+        self._pid: int | None = os.posix_spawn(
+            sys.executable,
+            [sys.executable, "-P", "-m", _MODULE, *arguments],
+            {**os.environ, **choice.environment()},
+            file_actions=[
+                (os.POSIX_SPAWN_OPEN, 0, os.devnull, os.O_RDONLY, 0),
+                (os.POSIX_SPAWN_DUP2, 2, 1),
+            ],
+            setsid=True,
+            setsigmask=[],
+            setsigdef=_SIGNALS,
+        )
+        deadline = time.monotonic() + timeout_s
+        while (ask_once(host, port, "ping") or {}).get("pid") != self._pid:
+            if self._ended():
+                raise ControllerError(f"the controller for {host}:{port} ended at its start; see its message above")
+            if time.monotonic() > deadline:
+                self.stop()
+                raise ControllerError(f"the controller for {host}:{port} did not come up within {timeout_s:g} s")
+            time.sleep(_LOOK_S)
+
+    def _ended(self) -> bool:
+        if self._pid is None:
+            return True
+        try:
+            ended = os.waitpid(self._pid, os.WNOHANG)[0] == self._pid
+        except ChildProcessError:  # the host has reaped it
+            ended = True
+        if ended:
+            self._pid = None
+        return ended
+
+    def stop(self) -> None:
+        """End it, after it has landed the arm. Idempotent; in a forked child it does nothing."""
+        if os.getpid() != self._owner or self._ended():
+            return
+        assert self._pid is not None
+        os.kill(self._pid, signal.SIGTERM)
+        deadline = time.monotonic() + LAND_TIMEOUT_S
+        while not self._ended():
+            if time.monotonic() > deadline:
+                raise ControllerError("the arm is not down yet; its controller goes on landing it by itself")
+            time.sleep(_LOOK_S)

@@ -1,0 +1,126 @@
+"""A straight line of the tool as a path of the joints: where they are, and how they turn, at shares of the way.
+
+    p(s) = p0 + s Δp        R(s) = exp(s φ) R0        0 ≤ s ≤ 1,  φ the rotation vector from start to end
+
+The joints at some shares come from inverse kinematics, each seeded from the one before; between them they move on the
+cubics through q and dq/ds = J⁻¹ (Δp, φ). The middle of each piece is looked at, and pieces are halved until all are
+straight. Where that does not succeed, or the joints would have to race, the line passes a singularity: two ways of
+holding the tool meet there, and an arm cannot go on at a finite speed.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from lerobot_robot_yam.errors import PlanError
+from lerobot_robot_yam.waldo.kinematics.inverse import Bounds, descend
+from lerobot_robot_yam.waldo.kinematics.rotation import cross, of_turn, to_turn
+from lerobot_robot_yam.waldo.kinematics.serial_chain import SerialChain
+from lerobot_robot_yam.waldo.planning.motion_plan import Plan
+
+STRAIGHT_M, STRAIGHT_RAD = 1e-4, 1e-3
+"""How far the middle of a piece may be off the line: a fifth of what is promised, 0.5 mm and 0.3°."""
+
+_PIECE_M, _PIECE_RAD = 0.01, 0.05  # of the first division
+_DIVISIONS = 3  # how often it is halved
+_AHEAD_RAD = 0.5  # from one share to the next, that the rate there is believed
+_AT_LIMIT_RAD = 1e-6
+
+
+class Line(NamedTuple):
+    """From a pose (4, 4) of the tool: way (3,) m, and turn (3,), a rotation vector in the axes of the base."""
+
+    start: np.ndarray
+    way: np.ndarray
+    turn: np.ndarray
+
+    @classmethod
+    def between(cls, start: np.ndarray, end: np.ndarray) -> "Line":
+        """From one pose (4, 4) to another, the shorter way round."""
+        return cls(start, end[:3, 3] - start[:3, 3], to_turn(end[:3, :3] @ start[:3, :3].T))
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Its length in m, and its turn in rad."""
+        return float(np.linalg.norm(self.way)), float(np.linalg.norm(self.turn))
+
+    def at(self, share: float) -> np.ndarray:
+        """The pose (4, 4) of the tool at a share of the way."""
+        pose = self.start.copy()
+        pose[:3, :3] = of_turn(share * self.turn) @ self.start[:3, :3]
+        pose[:3, 3] = self.start[:3, 3] + share * self.way
+        return pose
+
+    def twist(self, offset: np.ndarray) -> np.ndarray:
+        """(6,) per share: speed of a point of the tool at `offset` (3,) from its centre, and rate of turn."""
+        return np.concatenate([self.way + cross(self.turn, offset), self.turn])
+
+
+def joint_path(chain: SerialChain, line: Line, tool: np.ndarray, start_q: np.ndarray, names: list[str]) -> Plan:
+    """The joints along a line, as a `Plan` whose times are shares of the way.
+
+    Args:
+        tool: (4, 4) of the tool's centre in the flange.
+        start_q: (n,) rad, where the tool is at the line's start; outside its range a joint may only come back.
+        names: of the joints.
+
+    Raises:
+        PlanError: it leaves the reach or a joint's range, or passes a singularity.
+    """
+    length, turn = line.size
+    pieces = max(math.ceil(length / _PIECE_M), math.ceil(turn / _PIECE_RAD), 2)
+    for division in range(_DIVISIONS + 1):
+        path = _divided(chain, line, tool, start_q, names, pieces * 2**division)
+        if _straight(chain, line, tool, path):
+            return path
+    raise PlanError(
+        "the line passes a singularity, where the arm cannot keep the tool on it; "
+        "move the joints there instead (move_j)"
+    )
+
+
+def _divided(
+    chain: SerialChain, line: Line, tool: np.ndarray, start_q: np.ndarray, names: list[str], pieces: int
+) -> Plan:
+    """The path through this many equal pieces; where the joints jump, it is not straight in between."""
+    flange = np.linalg.inv(tool)
+    bounds = Bounds(np.minimum(chain.lower, start_q), np.maximum(chain.upper, start_q))
+    shares = np.linspace(0.0, 1.0, pieces + 1)
+    q, rate = np.empty((2, pieces + 1, chain.n))
+    q[0] = start_q
+    rate[0] = _rate(chain, line, tool, q[0])
+    for k in range(1, pieces + 1):
+        seed = q[k - 1] + np.clip(rate[k - 1] / pieces, -_AHEAD_RAD, _AHEAD_RAD)
+        found = descend(chain, (line.at(shares[k]) @ flange)[None], seed[None], bounds)
+        q[k] = found.q[0]
+        if not found.reached[0]:
+            raise PlanError(_why_not(chain, q[k], names, shares[k]))
+        rate[k] = _rate(chain, line, tool, q[k])
+    return Plan(shares, q, rate)
+
+
+def _rate(chain: SerialChain, line: Line, tool: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """(n,) dq/ds at q (n,), of least length where the pose leaves a choice."""
+    pose, jacobian = chain.place(q)
+    twist = line.twist(-(pose[:3, :3] @ tool[:3, 3]))
+    return np.linalg.lstsq(jacobian, twist, rcond=1e-6)[0]
+
+
+def _straight(chain: SerialChain, line: Line, tool: np.ndarray, path: Plan) -> bool:
+    middles = (path.times_s[:-1] + path.times_s[1:]) / 2
+    poses = chain.pose(path.at(middles)[0]) @ tool
+    wanted = np.array([line.at(share) for share in middles.tolist()])
+    off = np.linalg.norm(poses[:, :3, 3] - wanted[:, :3, 3], axis=1)
+    turned = np.linalg.norm(to_turn(poses[:, :3, :3] @ np.swapaxes(wanted[:, :3, :3], -1, -2)), axis=1)
+    return bool((off <= STRAIGHT_M).all() and (turned <= STRAIGHT_RAD).all())
+
+
+def _why_not(chain: SerialChain, q: np.ndarray, names: list[str], share: float) -> str:
+    """Why there was no solution but q (n,), which is as near as the arm comes."""
+    room = np.minimum(q - chain.lower, chain.upper - q)
+    where = f"at {100 * share:.0f} % of the line"
+    stopped = [f"{names[i]} at {math.degrees(q[i]):.1f}°" for i in np.flatnonzero(room <= _AT_LIMIT_RAD).tolist()]
+    if stopped:
+        return f"{where} the tool would be out of reach: {', '.join(stopped)} would pass its limit"
+    return f"{where} the tool would be out of reach, or the arm in a singularity (stretched out)"

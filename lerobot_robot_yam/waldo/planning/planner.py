@@ -1,0 +1,220 @@
+"""Plans of one arm: the only place where commands become motions, for the dry run, the simulator and a real arm alike.
+
+Nothing here reads a clock or a motor, and the same calls give the same plans. What cannot be done is refused before
+anything moves.
+"""
+
+import math
+
+import numpy as np
+
+from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.errors import ConfigError, PlanError
+from lerobot_robot_yam.waldo.kinematics import inverse
+from lerobot_robot_yam.waldo.kinematics.serial_chain import SerialChain
+from lerobot_robot_yam.waldo.planning import line_timing, ruckig_motion
+from lerobot_robot_yam.waldo.planning.blend import look_times, overlap_s, superposed
+from lerobot_robot_yam.waldo.planning.line_path import Line, joint_path
+from lerobot_robot_yam.waldo.planning.motion_limits import HOME_RAD, STOP_FACTOR, joint_limits, shares
+from lerobot_robot_yam.waldo.planning.motion_plan import Plan, standing
+from lerobot_robot_yam.waldo.planning.surroundings import Surroundings
+
+_ROUNDING_RAD = 1e-4  # by which a target may miss a limit: degrees as text
+_SAME_M, _SAME_RAD = 1e-6, 1e-6  # a line to where the tool is
+_SAME_S = 1e-3  # to come to rest in
+_SPEED_ROUNDING = 1.001
+
+
+class Planner:
+    """Plans motions of an arm. Not thread-safe.
+
+    All angles in rad, lengths in m; poses are (4, 4) of the tool's centre in the frame of the arm's base.
+
+    Args:
+        hardware: the arm.
+        workspace: what it keeps away from; None: as its configuration says.
+
+    Attributes:
+        hardware: the arm.
+        chain: its kinematics, of the flange.
+        tool: (4, 4) of the tool's centre in the flange; as made, the flange itself.
+        lower, upper: (n,) limits of the joints.
+        limits: of the joints' motion.
+        home_q: (n,) where `home` goes.
+
+    Raises:
+        ConfigError: it has not six joints, or its workspace cannot be used.
+    """
+
+    def __init__(self, hardware: ResolvedArm, workspace: WorkspaceConfig | None = None):
+        n = hardware.joints
+        if n != len(HOME_RAD):
+            raise ConfigError(f"{hardware.name}: Commander shows arms of six joints, and this one has {n}")
+        self.hardware, self._names = hardware, hardware.joint_names
+        self.chain = SerialChain(hardware.arm)
+        self.lower, self.upper = self.chain.lower, self.chain.upper
+        self.limits = joint_limits(hardware.speed_limit[:n])
+        self.home_q = np.clip(HOME_RAD, self.lower, self.upper)
+        self.tool: np.ndarray = np.eye(4)
+        self.keep_clear(hardware.config.workspace if workspace is None else workspace)
+
+    def keep_clear(self, workspace: WorkspaceConfig) -> None:
+        """From now on keep these limits in space. Raises ConfigError: they cannot be used, the old ones stay."""
+        self.surroundings = Surroundings(self.hardware, workspace)
+
+    def pose(self, q: np.ndarray) -> np.ndarray:
+        """(…, 4, 4) of the tool's centre at joints (…, n)."""
+        return self.chain.pose(q) @ self.tool
+
+    def inverse(self, pose: np.ndarray, near_q: np.ndarray, turn_over: bool = True) -> np.ndarray:
+        """(n,) joints that put the tool's centre at a pose, near `near_q` if they can be.
+
+        Args:
+            turn_over: look for them elsewhere too.
+
+        Raises:
+            PlanError: out of reach.
+        """
+        flange = pose @ np.linalg.inv(self.tool)
+        if turn_over:
+            found = inverse.solve(self.chain, flange, near_q)
+        else:
+            found = inverse.descend(self.chain, flange[None], near_q[None])
+        if not found.reached[0]:
+            x, y, z = (1000.0 * pose[:3, 3]).tolist()
+            raise PlanError(
+                f"{self.hardware.name}: the tool cannot be put at x {x:.0f}, y {y:.0f}, z {z:.0f} mm with this "
+                f"orientation; it comes to within {1000 * found.position_m[0]:.1f} mm and "
+                f"{math.degrees(found.turn_rad[0]):.1f}°"
+            )
+        return found.q[0]
+
+    def joints(
+        self,
+        start_q: np.ndarray,
+        target_q: np.ndarray,
+        *,
+        speed: float = 0.0,
+        accel: float = 1.0,
+        duration_s: float = 0.0,
+        start_dq: np.ndarray | None = None,
+    ) -> Plan:
+        """A move of the joints: from rest on a straight line in joint space.
+
+        Args:
+            start_q: (n,) the set-point.
+            target_q: (n,).
+            speed, accel: shares 0 … 1 of the limits; a speed of 0 is `motion_limits.DEFAULT_SPEED`.
+            duration_s: above 0 it counts in place of `speed`.
+            start_dq: (n,) rad/s, of a set-point that moves; None: it rests.
+
+        Raises:
+            PlanError: malformed, beyond a limit, too fast, or in the way of something.
+        """
+        target, limits = self.within(target_q), self.limits.scaled(*shares(speed, accel, duration_s))
+        resting = np.zeros(self.chain.n)
+        plan = ruckig_motion.move(start_q, resting if start_dq is None else start_dq, target, limits, duration_s)
+        if start_dq is not None:  # it may swing out first
+            self._check_range(plan, start_q)
+        self.surroundings.check(plan.q)
+        return plan
+
+    def line(
+        self,
+        start_q: np.ndarray,
+        target: np.ndarray,
+        *,
+        speed: float = 0.0,
+        accel: float = 1.0,
+        duration_s: float = 0.0,
+    ) -> Plan:
+        """A move of the tool's centre along a straight line, turning evenly; from rest.
+
+        Args:
+            target: (4, 4).
+            speed, accel, duration_s: as for `joints`; the speed also of the tool's limits.
+
+        Raises:
+            PlanError: malformed, out of reach or through a singularity somewhere on the line, too fast, or in the way
+                of something.
+        """
+        share = shares(speed, accel, duration_s)
+        line = Line.between(self.pose(start_q), target)
+        length, turn = line.size
+        if length < _SAME_M and turn < _SAME_RAD:
+            return standing(start_q)
+        path = joint_path(self.chain, line, self.tool, start_q, self._names)
+        self.surroundings.check(path.q)
+        return line_timing.timed(path, line.size, self.limits, share, duration_s, self._names)
+
+    def home(self, start_q: np.ndarray, *, speed: float = 0.0, accel: float = 1.0) -> Plan:
+        """A move of the joints to `home_q`; as `joints`."""
+        return self.joints(start_q, self.home_q, speed=speed, accel=accel)
+
+    def stop(self, q: np.ndarray, dq: np.ndarray) -> Plan:
+        """From any set-point (n,) that moves with dq (n,) rad/s to rest, harder than a move brakes."""
+        return ruckig_motion.brake(q, dq, STOP_FACTOR * self.limits.acceleration)
+
+    def stop_on(self, plan: Plan, t_s: float) -> Plan:
+        """To rest from a plan that is being carried out, t_s after its begin, without leaving its path.
+
+        Its time runs ever more slowly:  τ = t + u − u² / 2T,  until after T it stands.
+        """
+        _, dq = plan.at(t_s)
+        lasts_s = float((np.abs(dq) / self.limits.acceleration).max())
+        if lasts_s < _SAME_S:
+            return standing(plan.at(t_s)[0])
+        times = ruckig_motion.sample_times(lasts_s)
+        q, speed = plan.at(t_s + times - times**2 / (2.0 * lasts_s))
+        return Plan(times, q, speed * (1.0 - times / lasts_s)[:, None])
+
+    def joined(self, first: Plan, second: Plan, radius_m: float) -> Plan:
+        """Two moves, the second from where the first ends, as one that rounds the corner within `radius_m`.
+
+        Where rounding would break a limit or come too near to something, less of the corner is rounded, or none.
+        """
+        paths = [self.pose(plan.at(look_times(plan))[0])[:, :3, 3] for plan in (first, second)]
+        overlap = overlap_s(first, second, paths[0], paths[1], radius_m)
+        for share in (1.0, 0.5, 0.25):
+            plan = superposed(first, second, share * overlap)
+            fast = np.abs(plan.dq).max(axis=0) > _SPEED_ROUNDING * self.limits.speed
+            out = self._outside(plan.q) > max(self._outside(first.q[0]), 0.0) + _ROUNDING_RAD
+            if not fast.any() and not out and self.surroundings.first_conflict(plan.q) is None:
+                return plan
+        return superposed(first, second, 0.0)
+
+    def within(self, q: np.ndarray) -> np.ndarray:
+        """`q` as (n,) floats, rounding at the limits taken off.
+
+        Raises:
+            PlanError: names the joint that is beyond its limit, or says what is malformed.
+        """
+        name, n = self.hardware.name, self.chain.n
+        try:
+            given = np.array(q, dtype=float)
+        except (TypeError, ValueError):
+            given = np.zeros(0)
+        if given.shape != (n,) or not np.isfinite(given).all():
+            raise PlanError(f"{name}: a target takes {n} finite joint angles, not {q!r}")
+        over = np.maximum(self.lower - given, given - self.upper)
+        worst = int(over.argmax())
+        if over[worst] > _ROUNDING_RAD:
+            low, high = np.degrees([self.lower[worst], self.upper[worst]])
+            raise PlanError(
+                f"{name}: {self._names[worst]} would be at {math.degrees(given[worst]):.2f}°, beyond its limits "
+                f"{low:.2f}° … {high:.2f}°"
+            )
+        return np.clip(given, self.lower, self.upper)
+
+    def _outside(self, q: np.ndarray) -> float:
+        """By how much the worst joint of q (…, n) is outside its range; below 0 inside."""
+        return float(np.maximum(self.lower - q, q - self.upper).max())
+
+    def _check_range(self, plan: Plan, start_q: np.ndarray) -> None:
+        over = np.maximum(self.lower - plan.q, plan.q - self.upper).max(axis=0)
+        worst = int(over.argmax())
+        if over[worst] > max(self._outside(start_q), 0.0) + _ROUNDING_RAD:
+            raise PlanError(
+                f"{self.hardware.name}: {self._names[worst]} moves too fast to keep its limit on this way; stop first"
+            )

@@ -1,0 +1,82 @@
+"""What the motion commands of a program mean: degrees and millimetres in, plans out.
+
+The dry run, the simulator and the real arm all plan here, so that a preview shows what will happen.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from lerobot_robot_yam.errors import PlanError
+from lerobot_robot_yam.waldo.kinematics.frames import commanded
+from lerobot_robot_yam.waldo.planning.motion_plan import Plan, standing
+from lerobot_robot_yam.waldo.planning.planner import Planner
+
+PROFILES = ("ruckig",)
+"""Motion profiles: there is one, limited in speed, acceleration and jerk."""
+
+_LONGEST_S = 600.0  # of a delay or a duration
+
+Numbers = Sequence[float] | np.ndarray
+
+
+class Pace(NamedTuple):
+    """How fast: shares 0 … 1 of the limits, or a time in s that counts if it is above 0."""
+
+    speed: float = 0.0
+    accel: float = 1.0
+    duration: float = 0.0
+
+
+def move_j(
+    planner: Planner, start_q: np.ndarray, angles: Numbers | None, pose: Numbers | None, pace: Pace, rel: bool
+) -> Plan:
+    """A move of the joints from start_q (n,) rad, to angles (deg) or to a pose of the tool (mm, deg).
+
+    Raises:
+        PlanError: neither or both are given, or see `Planner.joints`.
+    """
+    if (angles is None) == (pose is None):
+        raise PlanError("move_j takes angles, or pose=, and not both")
+    if pose is not None:
+        target = planner.inverse(commanded(planner.pose(start_q), pose, rel=rel), start_q)
+    else:
+        target = np.radians(numbers("angles", angles, len(start_q))) + (start_q if rel else 0.0)
+    speed, accel, duration = pace
+    return planner.joints(start_q, target, speed=speed, accel=accel, duration_s=duration)
+
+
+def move_l(planner: Planner, start_q: np.ndarray, pose: Numbers, frame: str, pace: Pace, rel: bool) -> Plan:
+    """A straight line of the tool from start_q (n,) rad to a pose (mm, deg). Raises PlanError: see `Planner.line`."""
+    speed, accel, duration = pace
+    target = commanded(planner.pose(start_q), pose, frame, rel)
+    return planner.line(start_q, target, speed=speed, accel=accel, duration_s=duration)
+
+
+def pause(start_q: np.ndarray, seconds: float) -> Plan:
+    """Standing still for a time. Raises PlanError: no time from 0 to 600 s."""
+    (time_s,) = numbers("seconds", [seconds], 1)
+    if not 0.0 <= time_s <= _LONGEST_S:
+        raise PlanError(f"a delay takes 0 to {_LONGEST_S:g} s, not {seconds!r}")
+    still = standing(start_q)
+    return still if not time_s else still._replace(times_s=np.array([0.0, time_s]))
+
+
+def radius(r: float) -> float:
+    """A blend radius in m, of one in mm. Raises PlanError: no number from 0 on."""
+    (given,) = numbers("r", [r or 0.0], 1).tolist()
+    if given < 0.0:
+        raise PlanError(f"r, a radius in mm, is 0 or more, not {r!r}")
+    return 1e-3 * float(given)
+
+
+def numbers(what: str, values: object, count: int) -> np.ndarray:
+    """`values` as (count,) finite floats. Raises PlanError: they are not."""
+    try:
+        given = np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        given = np.zeros(0)
+    if given.shape != (count,) or not np.isfinite(given).all():
+        raise PlanError(f"{what} takes {count} finite numbers, not {values!r}")
+    return given

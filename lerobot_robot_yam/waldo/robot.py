@@ -1,0 +1,243 @@
+"""The backend as Waldo Commander finds it: entry point `yam` of the group `waldoctl.robots`.
+
+Making one is cheap: it opens no socket and starts nothing. `start` starts a controller, which energises nothing.
+"""
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import waldoctl
+from waldoctl import (
+    CartesianKinodynamicLimits,
+    HomePosition,
+    IKResultData,
+    JointLimits,
+    JointsSpec,
+    KinodynamicLimits,
+    LinearAngularLimits,
+    PositionLimits,
+)
+
+from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.waldo.arm_choice import ArmChoice, tip
+from lerobot_robot_yam.waldo.client.async_client import AsyncRobotClient
+from lerobot_robot_yam.waldo.client.dry_run_client import DryRunClient
+from lerobot_robot_yam.waldo.client.sync_client import RobotClient
+from lerobot_robot_yam.waldo.kinematics import rotation
+from lerobot_robot_yam.waldo.kinematics.frames import FRAMES
+from lerobot_robot_yam.waldo.launching import LaunchedController, ask_once
+from lerobot_robot_yam.waldo.model.arm_model import ArmModel
+from lerobot_robot_yam.waldo.planning.motion_limits import (
+    JOG_SHARE,
+    LINE_ACCELERATION_M_S2,
+    LINE_ACCELERATION_RAD_S2,
+    LINE_SPEED_M_S,
+    LINE_SPEED_RAD_S,
+)
+from lerobot_robot_yam.waldo.planning.planner import Planner
+from lerobot_robot_yam.waldo.program import PROFILES
+from lerobot_robot_yam.waldo.tool_catalog import YamTools, model_of, tools_of
+from lerobot_robot_yam.waldo.wire import HOST, PORT
+
+
+class Robot(waldoctl.Robot):
+    """A YAM arm for Commander. Kinematics in m and rad, of the flange, or of the tool's tip once a tool is set.
+
+    Args:
+        arm, gripper: profiles; None: as the environment says, see `ArmChoice`.
+        options: others that a host passes are ignored.
+
+    Raises:
+        ConfigError: no such arm or gripper.
+    """
+
+    def __init__(self, arm: str | None = None, gripper: str | None = None, **options: Any):
+        choice = ArmChoice.of_environment()
+        self._choice = ArmChoice(arm or choice.arm, gripper or choice.gripper)
+        self._hardware = self._choice.resolved()
+        self._planner = Planner(self._hardware)
+        self._launched: LaunchedController | None = None
+
+    @property
+    def name(self) -> str:
+        """Display name."""
+        return f"{self._choice.arm} with {self._choice.gripper}"
+
+    @cached_property
+    def joints(self) -> JointsSpec:
+        """Names, limits and home pose of the six joints."""
+        planner, n = self._planner, self._hardware.joints
+        range_rad = np.stack([planner.lower, planner.upper], axis=1)
+        hard, jog = (KinodynamicLimits(*planner.limits.scaled(share, 1.0)) for share in (1.0, JOG_SHARE))
+        limits = JointLimits(PositionLimits(np.degrees(range_rad), range_rad), hard, jog)
+        home = HomePosition(np.degrees(planner.home_q), planner.home_q)
+        return JointsSpec(n, tuple(self._hardware.joint_names), limits, home)
+
+    @cached_property
+    def native_tools(self) -> YamTools:
+        """No tool, and the gripper that is on the arm."""
+        return tools_of(self._choice)
+
+    if "tools" in getattr(waldoctl.Robot, "__abstractmethods__", ()):  # of older versions; the newer add their own
+
+        @property
+        def tools(self) -> YamTools:
+            """As `native_tools`."""
+            return self.native_tools
+
+    @property
+    def cartesian_limits(self) -> CartesianKinodynamicLimits:
+        """Of the tool: m/s, rad/s, m/s², rad/s²."""
+        return CartesianKinodynamicLimits(
+            LinearAngularLimits(LINE_SPEED_M_S, LINE_SPEED_RAD_S),
+            LinearAngularLimits(LINE_ACCELERATION_M_S2, LINE_ACCELERATION_RAD_S2),
+        )
+
+    @property
+    def position_unit(self) -> str:
+        """How lengths are shown."""
+        return "mm"
+
+    @property
+    def digital_outputs(self) -> int:
+        """A YAM has none."""
+        return 0
+
+    @property
+    def digital_inputs(self) -> int:
+        """A YAM has none."""
+        return 0
+
+    @cached_property
+    def _model(self) -> ArmModel:
+        model = model_of(self._choice)
+        model.write()
+        return model
+
+    @property
+    def urdf_path(self) -> str:
+        """Absolute path; the file is made from the profiles when it is asked for."""
+        return str(self._model.urdf_path)
+
+    @property
+    def mesh_dir(self) -> str:
+        """Absolute path of the STL files."""
+        return str(self._model.mesh_dir)
+
+    @property
+    def joint_index_mapping(self) -> tuple[int, ...]:
+        """The joints of the URDF are ours, in order."""
+        return tuple(range(self._hardware.joints))
+
+    @property
+    def backend_package(self) -> str:
+        """Import name of the package that has the clients."""
+        return "lerobot_robot_yam"
+
+    @property
+    def sync_client_class(self) -> type:
+        """For scripts."""
+        return RobotClient
+
+    @property
+    def async_client_class(self) -> type:
+        """For the page."""
+        return AsyncRobotClient
+
+    @property
+    def motion_profiles(self) -> tuple[str, ...]:
+        """There is one: limited in jerk, by ruckig."""
+        return PROFILES
+
+    @property
+    def cartesian_frames(self) -> tuple[str, ...]:
+        """Of the base and of the tool."""
+        return FRAMES
+
+    @property
+    def has_freedrive(self) -> bool:
+        """A hand can move the real arm."""
+        return True
+
+    @property
+    def has_collision_checking(self) -> bool:
+        """Plans keep away from the shapes that were set."""
+        return True
+
+    def fk(self, q_rad: np.ndarray, out: np.ndarray) -> np.ndarray:
+        """x y z rx ry rz of joints (6,), written into `out` (6,), which is returned."""
+        out[:] = rotation.to_vector(self._planner.pose(np.asarray(q_rad, dtype=float)))
+        return out
+
+    def ik(self, pose: np.ndarray, q_seed_rad: np.ndarray) -> IKResultData:
+        """Joints that put the tool at a pose (6,), near the seed (6,); one out of reach is no error."""
+        try:
+            q = self._planner.inverse(rotation.of_vector(pose), np.asarray(q_seed_rad, dtype=float))
+        except YamError as error:
+            return IKResultData(np.array(q_seed_rad, dtype=float), False, str(error))
+        return IKResultData(q, True)
+
+    def fk_batch(self, joint_path_rad: np.ndarray) -> np.ndarray:
+        """(N, 6) of joints (N, 6)."""
+        return rotation.to_vector(self._planner.pose(np.asarray(joint_path_rad, dtype=float)))
+
+    def ik_batch(self, poses: np.ndarray, q_start_rad: np.ndarray) -> list[IKResultData]:
+        """One result per pose (N, 6), each seeded with the one before."""
+        results: list[IKResultData] = []
+        for pose in poses:
+            results.append(self.ik(pose, results[-1].q if results else q_start_rad))
+        return results
+
+    def set_active_tool(
+        self, tool_key: str, tcp_offset_m: Sequence[float] | None = None, variant_key: str | None = None
+    ) -> None:
+        """Poses are of this tool's tip from now on, in this object alone. Raises ConfigError: no such tool."""
+        offset = np.array((0.0,) * 3 if tcp_offset_m is None else tcp_offset_m, dtype=float)
+        self._planner.tool = tip(self._hardware.gripper, tool_key, offset)
+
+    def check_limits(self, q_rad: np.ndarray) -> bool:
+        """Whether all joints (6,) are within their ranges."""
+        try:
+            self._planner.within(q_rad)
+        except YamError:
+            return False
+        return True
+
+    def start(self, **kwargs: Any) -> None:
+        """Start a controller and wait until it answers; it ends with this process. Energises nothing.
+
+        Args:
+            kwargs: host, port; com_port, the CAN channel of the real arm or ''; timeout, s.
+
+        Raises:
+            ControllerError: somebody serves the port already, or the controller did not come up.
+        """
+        host, port = kwargs.get("host", HOST), int(kwargs.get("port", PORT))
+        channel, timeout_s = kwargs.get("com_port") or "", float(kwargs.get("timeout", 60.0))
+        self._launched = LaunchedController(host, port, self._choice, channel, timeout_s)
+
+    def stop(self) -> None:
+        """End the controller that this object has started, if any; an armed arm lands first."""
+        launched, self._launched = self._launched, None
+        if launched is not None:
+            launched.stop()
+
+    def is_available(self, **kwargs: Any) -> bool:
+        """Whether a controller of this arm answers."""
+        found = ask_once(kwargs.get("host", HOST), int(kwargs.get("port", PORT)), "ping")
+        ours = self._hardware.arm.name, self._hardware.gripper.name
+        return bool(found) and (found["arm"], found["gripper"]) == ours
+
+    def create_async_client(self, **kwargs: Any) -> AsyncRobotClient:
+        """A client for the page; opens nothing yet."""
+        return AsyncRobotClient(**kwargs)
+
+    def create_sync_client(self, **kwargs: Any) -> RobotClient:
+        """A client for scripts; opens nothing yet."""
+        return RobotClient(**kwargs)
+
+    def create_dry_run_client(self, **kwargs: Any) -> DryRunClient:
+        """A client that plans and moves nothing."""
+        return DryRunClient(**kwargs)

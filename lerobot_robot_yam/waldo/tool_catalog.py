@@ -1,0 +1,158 @@
+"""The tools of an arm as Commander shows them: none, and the gripper that is on it. Positions are 0 open … 1 closed."""
+
+from collections.abc import Iterator
+from functools import cache
+from typing import Any
+
+from waldoctl import (
+    ChannelDescriptor,
+    ElectricGripperTool,
+    LinearMotion,
+    MeshRole,
+    MeshSpec,
+    ToolSpec,
+    ToolsSpec,
+    ToolType,
+)
+
+from lerobot_robot_yam.arm.mounting import resolve_profiles
+from lerobot_robot_yam.arm.profile import GripperProfile
+from lerobot_robot_yam.errors import ControllerError
+from lerobot_robot_yam.waldo.arm_choice import NO_TOOL, ArmChoice, tool_key
+from lerobot_robot_yam.waldo.kinematics.rotation import to_rpy
+from lerobot_robot_yam.waldo.kinematics.serial_chain import tool_centre
+from lerobot_robot_yam.waldo.model.arm_model import ArmModel
+
+
+class NoTool(ToolSpec):
+    """The bare flange."""
+
+
+class YamGripper(ElectricGripperTool):
+    """A gripper with a motor. Its actions need a client: `Robot.tools` only describes it.
+
+    Args:
+        client: on which the actions are called; None: none.
+        spec: as for `ToolSpec`.
+    """
+
+    def __init__(self, client: Any = None, **spec: Any):
+        super().__init__(position_range=(0.0, 1.0), speed_range=(1.0, 1.0), current_range=(0.0, 0.0), **spec)
+        self._client = client
+
+    @property
+    def channel_descriptors(self) -> tuple[ChannelDescriptor, ...]:
+        """What `ToolStatus.channels` has: the torque of the gripper's motor."""
+        return (ChannelDescriptor("motor torque", "Nm"),)
+
+    async def set_position(self, position: float, **kwargs: Any) -> int:
+        """Move the jaws to a position, 0 open … 1 closed.
+
+        Category: Gripper
+
+        Example:
+            rbt.tool.set_position(0.5)
+        """
+        return await self._act("move", [position], **kwargs)
+
+    async def open(self, **kwargs: Any) -> int:
+        """Open the jaws.
+
+        Category: Gripper
+
+        Example:
+            rbt.tool.open()
+        """
+        return await self._act("open", None, **kwargs)
+
+    async def close(self, **kwargs: Any) -> int:
+        """Close the jaws, with no more than the gripper's force limit on what is between them.
+
+        Category: Gripper
+
+        Example:
+            rbt.tool.close()
+        """
+        return await self._act("close", None, **kwargs)
+
+    async def _act(self, action: str, params: list[float] | None, wait: bool = False, timeout: float = 10.0) -> int:
+        if self._client is None:
+            raise ControllerError(f"{self.key}: this only describes the tool; use the `tool` of a client")
+        return int(await self._client.tool_action(self.key, action, params, wait=wait, timeout=timeout))
+
+
+class YamTools(ToolsSpec):
+    """The tools of one arm.
+
+    Args:
+        tools: in display order, the bare flange first.
+    """
+
+    def __init__(self, *tools: ToolSpec):
+        self._tools = {tool.key: tool for tool in tools}
+
+    @property
+    def available(self) -> tuple[ToolSpec, ...]:
+        return tuple(self._tools.values())
+
+    @property
+    def default(self) -> ToolSpec:
+        return self._tools[NO_TOOL]
+
+    def __getitem__(self, key: str) -> ToolSpec:
+        return self._tools[key]
+
+    def __contains__(self, item: object) -> bool:
+        return item in self._tools or any(tool.tool_type == item for tool in self._tools.values())
+
+    def __iter__(self) -> Iterator[ToolSpec]:
+        return iter(self._tools.values())
+
+    def by_type(self, tool_type: ToolType) -> tuple[ToolSpec, ...]:
+        return tuple(tool for tool in self._tools.values() if tool.tool_type == tool_type)
+
+
+@cache
+def model_of(choice: ArmChoice) -> ArmModel:
+    """What Commander draws of an arm and its gripper. Raises ConfigError: unknown names."""
+    return ArmModel(*resolve_profiles(choice.arm, choice.gripper))
+
+
+def tools_of(choice: ArmChoice, client: Any = None) -> YamTools:
+    """The tools of an arm, bound to a client if one is given. Raises ConfigError: unknown names."""
+    _, gripper = resolve_profiles(choice.arm, choice.gripper)
+    none = NoTool(key=NO_TOOL, display_name="None", tool_type=ToolType.NONE, tcp_origin=(0.0,) * 3, tcp_rpy=(0.0,) * 3)
+    if gripper.motor is None:
+        return YamTools(none)
+    return YamTools(none, YamGripper(client, **_looks(gripper, model_of(choice))))
+
+
+def bound_tool(key: str, client: Any) -> ToolSpec:
+    """The tool of the arm of this process whose actions call `client`."""
+    return tools_of(ArmChoice.of_environment(), client)[key]
+
+
+def _looks(gripper: GripperProfile, model: ArmModel) -> dict[str, Any]:
+    """Name, tip, meshes and motion of a gripper, in the frame of the flange: arguments of its `ToolSpec`."""
+    assert gripper.motor is not None
+    tip = tool_centre(gripper)
+    meshes = [MeshSpec(file, role=role) for role, files in _parts(model) for file in files]
+    motions = []
+    if model.jaws is not None:
+        x, y, z = model.jaws.axis.tolist()
+        travel_m, speed = model.jaws.travel_m, gripper.motor.speed_limit_per_s
+        motions.append(
+            LinearMotion(MeshRole.JAW, (x, y, z), travel_m, symmetric=True, estimated_speed_m_s=speed * travel_m)
+        )
+    return {
+        "key": tool_key(gripper),
+        "display_name": gripper.name.replace("_", " "),
+        "tcp_origin": tuple(tip[:3, 3].tolist()),
+        "tcp_rpy": tuple(to_rpy(tip[:3, :3]).tolist()),
+        "meshes": tuple(meshes),
+        "motions": tuple(motions),
+    }
+
+
+def _parts(model: ArmModel) -> list[tuple[MeshRole, list[str]]]:
+    return [(MeshRole.BODY, model.body_meshes), (MeshRole.JAW, model.jaw_meshes)]

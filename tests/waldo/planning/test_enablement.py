@@ -1,0 +1,71 @@
+"""Jog buttons are open where the arm can go, and shut where it cannot."""
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.kinematics import YamKinematics
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.waldo.kinematics.frames import commanded
+from lerobot_robot_yam.waldo.kinematics.serial_chain import tool_centre
+from lerobot_robot_yam.waldo.planning.enablement import axes_enabled, joints_enabled
+from lerobot_robot_yam.waldo.planning.planner import Planner
+
+
+@pytest.fixture(scope="module", params=["yam", "big_yam"])
+def planner(request):
+    hardware = ResolvedArm(ArmConfig(channel="can0", arm=request.param))
+    planner = Planner(hardware)
+    planner.tool = tool_centre(hardware.gripper)
+    return planner
+
+
+def test_at_home_every_button_is_open(planner):
+    assert joints_enabled(planner, planner.home_q).tolist() == [1] * 12
+    assert {frame: row.tolist() for frame, row in axes_enabled(planner, planner.home_q).items()} == {
+        "WRF": [1] * 12,
+        "TRF": [1] * 12,
+    }
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_at_a_limit_only_the_way_back_is_open(planner, joint):
+    for side, limits in enumerate((planner.upper, planner.lower)):
+        q = planner.home_q.copy()
+        q[joint] = limits[joint] + (-0.5, 0.5)[side] * np.radians(1.0)
+        enabled = joints_enabled(planner, q).reshape(6, 2)
+        assert enabled[joint].tolist() == ([0, 1] if side == 0 else [1, 0])
+        assert enabled.sum() == 11
+
+
+def test_with_the_shoulder_at_its_limit_some_axis_is_shut_and_some_open(planner):
+    q = planner.home_q.copy()
+    q[1] = planner.upper[1]
+    for row in axes_enabled(planner, q).values():
+        assert 0 < row.sum() < 12
+
+
+def test_the_arms_own_kinematics_agree(planner):
+    """The other solver of this package, from the same pose, reaches what is open and does not reach what is shut."""
+    other = YamKinematics(planner.hardware.arm, planner.hardware.gripper, "grasp_site")
+    draw, agreed = np.random.default_rng(2), []
+    for _ in range(6):
+        q = draw.uniform(planner.lower, planner.upper)
+        now = planner.pose(q)
+        for frame, row in axes_enabled(planner, q).items():
+            for index, open_ in enumerate(row.tolist()):
+                step = np.zeros(6)
+                step[index // 2] = (5.0 if index < 6 else 1.0) * (1.0 if index % 2 == 0 else -1.0)
+                target = commanded(now, step, frame, rel=True)
+                agreed.append(other.ik(target, q, attempts=1, within_rad=0.5).converged == bool(open_))
+    assert np.mean(agreed) > 0.95
+
+
+def test_where_the_arm_would_have_to_turn_over_the_button_is_shut():
+    """There are joints for the pose 5 mm away, but they are nearly 1 rad away."""
+    planner = Planner(ResolvedArm(ArmConfig(channel="can0")))
+    planner.tool = tool_centre(planner.hardware.gripper)
+    q = np.array([1.88, 3.4, 0.47, 0.35, -1.12, -0.24])
+    there = commanded(planner.pose(q), [5.0, 0, 0, 0, 0, 0], "WRF", rel=True)
+    assert np.abs(planner.inverse(there, q) - q).max() > 0.6
+    assert axes_enabled(planner, q)["WRF"][0] == 0

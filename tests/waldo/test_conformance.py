@@ -1,0 +1,83 @@
+"""The backend, as Commander uses it: conformance.py passes for both contracts, and finds the faults that are seeded."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS
+from tests.support.paths import ROOT
+
+SEEDS = ROOT / "tests" / "waldo" / "seeds"
+OTHER_ULTRA, BIG = ("yam_ultra_2", "flexible_4310"), ("big_yam", "no_gripper")
+LIVE = pytest.mark.long
+
+
+def conformance(*options, seed=None, **variables):
+    """(exit status, lines) of a run."""
+    environment = {**os.environ, **variables}
+    if seed is not None:
+        environment |= {"PYTHONPATH": str(SEEDS), "YAM_SEED": seed}
+    command = [sys.executable, "tests/waldo/conformance.py", "lerobot_robot_yam.waldo.robot:Robot", "--quiet", *options]
+    # Not stderr: an orphaned controller would keep a pipe open.
+    run = subprocess.run(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True)
+    return run.returncode, run.stdout.splitlines()
+
+
+@pytest.fixture
+def no_orphans():
+    """Ends what a seeded fault has left running."""
+    yield
+    for path in Path("/proc").glob("[0-9]*/environ"):
+        with contextlib.suppress(OSError):  # it ended meanwhile, or is somebody else's
+            if b"YAM_SEED=orphaned_controller\0" in path.read_bytes():
+                os.kill(int(path.parent.name), signal.SIGTERM)
+
+
+def failed(lines):
+    return [line for line in lines if line.startswith("FAIL")]
+
+
+@pytest.mark.parametrize("contract", ["B", "C"])
+def test_the_backend_meets_the_contract(contract):
+    status, lines = conformance("--contract", contract)
+    assert not failed(lines) and status == 0, lines
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("gripper", GRIPPERS)
+@pytest.mark.parametrize("arm", ARMS)
+def test_every_arm_with_every_gripper_meets_both_contracts(arm, gripper):
+    _, lines = conformance("--only", "static,dry", YAM_WALDO_ARM=arm, YAM_WALDO_GRIPPER=gripper)
+    assert not failed(lines) and len([line for line in lines if "passed, 0 failed" in line]) == 2, lines
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("arm, gripper", [("yam_pro", "crank_4310"), ("yam_ultra", "linear_3507"), OTHER_ULTRA, BIG])
+def test_the_other_arms_meet_the_contract_live(arm, gripper):
+    status, lines = conformance("--contract", "C", "--only", "live", YAM_WALDO_ARM=arm, YAM_WALDO_GRIPPER=gripper)
+    assert not failed(lines) and status == 0, lines
+
+
+@pytest.mark.parametrize(
+    "seed, found, only, sections",
+    [
+        ("constructor_without_kwargs", "constructor takes Commander's arguments", "static", ""),
+        ("lower_case_tool_key", "tool keys are unique, UPPER CASE", "static", ""),
+        pytest.param("io_of_five", "every status fits Commander's buffers", "live", "boot", marks=LIVE),
+        pytest.param("metres_in_pose", "pose = fk(angles), translation in mm", "live", "page", marks=LIVE),
+        pytest.param("resume_replays_a_cancelled_move", "after a stop moves nothing", "live", "stopping", marks=LIVE),
+        pytest.param("jog_without_expiry", "stands still within", "live", "motion", marks=LIVE),
+        pytest.param("nan_jog", "jog_j NaN speed", "live", "refusals", marks=LIVE),
+        pytest.param("inverted_gripper", "(0 open, 1 closed)", "live", "tools_live", marks=LIVE),
+        pytest.param("served_on_every_address", "serves on loopback only", "live", "boot", marks=LIVE),
+        pytest.param("orphaned_controller", "ends within 10 s of its parent's kill", "live", "end", marks=LIVE),
+    ],
+)
+def test_a_seeded_fault_is_found(no_orphans, seed, found, only, sections):
+    status, lines = conformance("--contract", "B", "--only", only, "--sections", sections, seed=seed)
+    assert status == 1 and any(found in line for line in failed(lines)), lines
