@@ -99,20 +99,23 @@ def controller(rig, tmp_path):
     command = ["-m", "lerobot_robot_yam.commands.pages.waldo", *options, "--calibration", tmp_path / "stops.json"]
     with started(*command, "--port", port) as process:
         until(lambda: ask_once(HOST, port, "ping") or process.poll() is not None)
-        yield port, process
-        process.send_signal(signal.SIGINT)
-        process.wait(60.0)
+        try:
+            yield port, process
+        finally:
+            process.send_signal(signal.SIGINT)
+            process.wait(60.0)
 
 
 @contextlib.contextmanager
 def driving(rig, tmp_path):
-    """A client whose commands move the arm; the controller's port and process."""
+    """A client whose commands move the arm, which is in the air; the controller's port and process."""
     from lerobot_robot_yam import RobotClient
 
     with controller(rig, tmp_path) as (port, process), RobotClient(HOST, port) as rbt:
         ask_operator_door(port, "arm")
         rbt.simulator(False)
         rbt.reset()
+        rbt.home(wait=True)
         yield rbt, port, process
 
 
@@ -172,7 +175,7 @@ def test_an_arm_that_another_program_drives_cannot_be_armed_and_the_reverse(rig,
     with controller(rig, tmp_path) as (port, _):
         with (
             arm_on(rig, ARM),
-            pytest.raises(ControllerError, match=r"in use by process \d+, which drives it for .*pytest"),
+            pytest.raises(ControllerError, match=r"in use by process \d+, which drives it for .*, process"),
         ):
             ask_operator_door(port, "arm")
         rig.set_pose(ARM, POSE, 0.5)
