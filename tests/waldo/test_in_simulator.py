@@ -196,3 +196,20 @@ def test_shapes_are_kept_clear_of(desk):
     desk.ask("reset_state")
     desk.carry_out(desk.ask("move_j", angles=[90, *HOME[1:]]))
     assert desk.ask("angles")[0] == pytest.approx(90.0)
+
+
+def test_a_stop_on_a_line_leaves_the_tool_on_it(desk):
+    desk.ask("teleport", angles_deg=HOME)
+    desk.run(0.1)
+    planner, motion = desk.controller.planner, desk.controller.motion
+    begin, way = planner.pose(motion.q)[:3, 3], np.array([60.0, 100.0, -60.0])
+    desk.ask("move_l", pose=[*way, 0, 0, 0], rel=True, speed=1.0)
+    desk.run(0.4)
+    desk.ask("estop")
+    moved = []
+    for _ in range(40):
+        desk.run(0.01)
+        moved.append(planner.pose(motion.q)[:3, 3] - begin)
+    along = way / np.linalg.norm(way)
+    assert np.linalg.norm(np.cross(moved, along), axis=1).max() < 5e-4
+    assert 0.02 < np.linalg.norm(moved[-1]) < 0.12 and not motion.dq.any()

@@ -188,7 +188,7 @@ def test_an_arm_gets_up_from_where_it_rests_a_little_outside_its_limits(rig, des
     np.testing.assert_allclose(np.degrees(true_q(rig)), [0, 60, 60, -29, 0, 0], atol=1.5)
 
 
-@pytest.mark.parametrize("way", [[0, 120, 0, 0, 0, 0], [60, 0, -60, 0, 0, 0]])
+@pytest.mark.parametrize("way", [[0, 120, 0, 0, 0, 0], [60, 60, -60, 0, 0, 0], [-60, 60, 40, 0, 0, 0]])
 def test_a_line_is_straight_on_the_rig(rig, desk, way):
     desk.drive()
     desk.ask("select_tool", tool_name="linear_4310")
@@ -196,7 +196,7 @@ def test_a_line_is_straight_on_the_rig(rig, desk, way):
     desk.run(SETTLE_S)
     planner, rows = desk.controller.planner, []
     begin = planner.pose(true_q(rig))[:3, 3]
-    index = desk.ask("move_l", pose=way, rel=True, speed=0.5)
+    index = desk.ask("move_l", pose=way, rel=True, speed=1.0)
     while desk.controller.motion.end_of(index) is None:
         desk.run(0.01)
         rows.append(planner.pose(true_q(rig))[:3, 3])

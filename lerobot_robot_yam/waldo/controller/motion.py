@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lerobot_robot_yam.errors import ControllerError, PlanError
+from lerobot_robot_yam.errors import ControllerError
 from lerobot_robot_yam.waldo.controller.plant import Reading
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan
 from lerobot_robot_yam.waldo.planning.planner import Planner
@@ -181,14 +181,17 @@ class Motion:
             self._streaming.stop()
 
     def stop(self, now: float) -> None:
-        """Come to rest as soon as the limits allow; cancel everything. Refuses nothing."""
+        """Come to rest as soon as the limits allow, on the path of a plan that runs; cancel everything."""
+        running = self.running.plan if self.running is not None else None
         self._cancel()
         self._streams = False
-        if self._brake is None:
-            try:
-                self._brake, self._began_s = self._planner.stop(self.q, self.dq), now
-            except PlanError:  # then the arm's own loop brakes
-                self.dq = np.zeros(len(self.q))
+        if self._brake is not None:
+            return
+        if running is None:
+            self._brake = self._planner.stop(self.q, self.dq)
+        else:
+            self._brake = self._planner.stop_on(running, (self._last_s or now) - self._began_s)
+        self._began_s = now
 
     def _cancel(self) -> None:
         for command in self.waiting:

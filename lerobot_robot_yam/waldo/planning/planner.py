@@ -23,6 +23,7 @@ from lerobot_robot_yam.waldo.planning.surroundings import Surroundings
 _ROUNDING_RAD = 1e-4  # by which a target may miss a limit: degrees as text
 _SAME_M, _SAME_RAD = 1e-6, 1e-6  # a line to where the tool is
 _SAME_S = 1e-3  # to come to rest in
+_RESTS_RAD_S = 1e-6
 _SPEED_ROUNDING = 1.001
 
 
@@ -161,13 +162,15 @@ class Planner:
 
         Its time runs ever more slowly:  τ = t + u − u² / 2T,  until after T it stands.
         """
-        _, dq = plan.at(t_s)
+        q, dq = plan.at(t_s)
         lasts_s = float((np.abs(dq) / self.limits.acceleration).max())
         if lasts_s < _SAME_S:
-            return standing(plan.at(t_s)[0])
+            return standing(q)
+        if t_s + lasts_s / 2.0 > plan.duration_s and np.abs(plan.dq[-1]).max() > _RESTS_RAD_S:
+            return self.stop(q, dq)  # its path goes on in another plan
         times = ruckig_motion.sample_times(lasts_s)
-        q, speed = plan.at(t_s + times - times**2 / (2.0 * lasts_s))
-        return Plan(times, q, speed * (1.0 - times / lasts_s)[:, None])
+        way, speed = plan.at(t_s + times - times**2 / (2.0 * lasts_s))
+        return Plan(times, way, speed * (1.0 - times / lasts_s)[:, None])
 
     def joined(self, first: Plan, second: Plan, radius_m: float) -> Plan:
         """Two moves, the second from where the first ends, as one that rounds the corner within `radius_m`.

@@ -183,3 +183,17 @@ def test_rounding_never_takes_a_joint_beyond_its_limit():
     second = Plan(1.0 - times[::-1], np.array([corner, top, corner]), still)
     plan = planner.joined(first, second, 1.0)
     assert (plan.q <= planner.upper + 1e-3).all() and plan.duration_s > 1.7
+
+
+def test_a_stop_in_a_rounded_corner_is_even():
+    """The first half of two joined plans ends in motion."""
+    planner = planner_of()
+    first = planner.joints(planner.home_q, planner.home_q + [0.5, 0, 0, 0, 0, 0], speed=1.0)
+    second = planner.joints(first.q[-1], first.q[-1] + [0, 0.4, 0, 0, 0, 0], speed=1.0)
+    before, _ = planner.joined(first, second, 0.1).cut(first.duration_s - 0.1)
+    for left_s in (0.3, 0.1, 0.02, 0.0):
+        q, dq = before.at(before.duration_s - left_s)
+        stop = planner.stop_on(before, before.duration_s - left_s)
+        assert np.allclose(stop.q[0], q) and np.allclose(stop.dq[0], dq) and not np.abs(stop.dq[-1]).max() > 1e-9
+        drops = np.abs(np.diff(stop.dq, axis=0)) / np.diff(stop.times_s)[:, None]
+        assert (drops <= 2.1 * planner.limits.acceleration).all()
