@@ -17,7 +17,7 @@ from lerobot_robot_yam.control.landing import LANDING_SPEED_RAD_S
 from lerobot_robot_yam.errors import ControllerError, YamError
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.waldo.launching import ask_once
-from lerobot_robot_yam.waldo.operator_door import ask_operator_door
+from lerobot_robot_yam.waldo.operator_door import ask_operator_door, door_path
 from tests.support.paths import ROOT
 from tests.support.rigged import STOPS, arm_on
 
@@ -151,11 +151,12 @@ def test_a_page_that_is_killed_leaves_the_arm_held(rig, tmp_path):
 
 
 def test_a_controller_that_is_killed_in_a_move_leaves_an_arm_that_lands(rig, tmp_path):
-    with driving(rig, tmp_path) as (rbt, _, process):
+    with driving(rig, tmp_path) as (rbt, port, process):
         rbt.move_j([60, 60, 60, -20, 0, 0], speed=0.3)
         until(lambda: max(np.abs(rbt.joint_speeds())) > 10.0)
         rig.watch_start(ARM)
         process.kill()
+        door_path(port).unlink()  # else the next controller on this port replaces it
         until(lambda: not any(enabled(rig)))
         seen = rig.watch(ARM)
         assert max(seen["max_speed_rad_s"][:6]) < 1.2 * LANDING_SPEED_RAD_S
