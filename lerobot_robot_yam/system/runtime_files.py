@@ -233,7 +233,7 @@ def _words(pid: str) -> list[str]:
 def _program(words: list[str]) -> str:
     """The name of a program by its command line; of a Python program not that of the interpreter."""
     names = [os.path.basename(word) for word in words if not word.startswith("-")]
-    if len(names) > 1 and names[0].startswith("python"):
+    if len(names) > 1 and names[0].startswith("python") and "-c" not in words:
         return names[1]
     return names[0] if names else "a program that has ended"
 

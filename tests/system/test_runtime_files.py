@@ -6,8 +6,9 @@ import sys
 
 import pytest
 
-from lerobot_robot_yam.errors import BusError, ConfigError
+from lerobot_robot_yam.errors import BusError, ChannelInUseError, ConfigError
 from lerobot_robot_yam.system.runtime_files import FileLock, runtime_dir
+from tests.support.paths import ROOT
 
 SAY = "from lerobot_robot_yam.system.runtime_files import runtime_dir; print(runtime_dir())"
 
@@ -48,3 +49,42 @@ def test_a_lock_ends_whatever_has_become_of_its_file(tmp_path):
     assert not lock.held and (tmp_path / "lock").is_dir()  # which is not its own
     with pytest.raises(BusError, match="a channel cannot be locked: .*directory"):
         lock.acquire()
+
+
+HOLD = """
+import sys
+from pathlib import Path
+from lerobot_robot_yam.system.runtime_files import FileLock
+lock = FileLock(Path(sys.argv[1]), "a channel")
+lock.acquire()
+print("held", flush=True)
+sys.stdin.read()
+"""
+CALL = """
+import subprocess, sys
+subprocess.run([sys.executable, *sys.argv[1:]])
+"""
+
+
+@pytest.mark.parametrize(
+    "holder, named",
+    [
+        ("some-program", r"process \d+, some-program \(ps -p \d+\)"),
+        (
+            "lerobot_robot_yam.control.process.control_process",
+            r"process \d+, which drives it for lerobot-teleoperate, process \d+ \(ps -p \d+\)",
+        ),
+    ],
+)
+def test_a_refusal_names_the_program_that_has_the_lock(tmp_path, holder, named):
+    (tmp_path / holder).write_text(HOLD)
+    (tmp_path / "lerobot-teleoperate").write_text(CALL)
+    path = tmp_path / "lock"
+    command = [sys.executable, "lerobot-teleoperate", holder, str(path)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen(command, cwd=tmp_path, env=environment, **pipes) as process:
+        assert process.stdout.readline() == b"held\n"
+        with pytest.raises(ChannelInUseError, match=rf"a channel is in use by {named}; wait while it lands its arms"):
+            FileLock(path, "a channel").acquire()
+        process.stdin.close()

@@ -17,7 +17,7 @@ from lerobot_robot_yam.control.landing import LANDING_SPEED_RAD_S
 from lerobot_robot_yam.errors import ControllerError, YamError
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.waldo.launching import ask_once
-from lerobot_robot_yam.waldo.operator_door import ask_operator_door
+from lerobot_robot_yam.waldo.operator_door import ask_operator_door, door_path
 from tests.support.paths import ROOT
 from tests.support.rigged import STOPS, arm_on
 
@@ -99,20 +99,23 @@ def controller(rig, tmp_path):
     command = ["-m", "lerobot_robot_yam.commands.pages.waldo", *options, "--calibration", tmp_path / "stops.json"]
     with started(*command, "--port", port) as process:
         until(lambda: ask_once(HOST, port, "ping") or process.poll() is not None)
-        yield port, process
-        process.send_signal(signal.SIGINT)
-        process.wait(60.0)
+        try:
+            yield port, process
+        finally:
+            process.send_signal(signal.SIGINT)
+            process.wait(60.0)
 
 
 @contextlib.contextmanager
 def driving(rig, tmp_path):
-    """A client whose commands move the arm; the controller's port and process."""
+    """A client whose commands move the arm, which is in the air; the controller's port and process."""
     from lerobot_robot_yam import RobotClient
 
     with controller(rig, tmp_path) as (port, process), RobotClient(HOST, port) as rbt:
         ask_operator_door(port, "arm")
         rbt.simulator(False)
         rbt.reset()
+        rbt.home(wait=True)
         yield rbt, port, process
 
 
@@ -148,11 +151,12 @@ def test_a_page_that_is_killed_leaves_the_arm_held(rig, tmp_path):
 
 
 def test_a_controller_that_is_killed_in_a_move_leaves_an_arm_that_lands(rig, tmp_path):
-    with driving(rig, tmp_path) as (rbt, _, process):
+    with driving(rig, tmp_path) as (rbt, port, process):
         rbt.move_j([60, 60, 60, -20, 0, 0], speed=0.3)
         until(lambda: max(np.abs(rbt.joint_speeds())) > 10.0)
         rig.watch_start(ARM)
         process.kill()
+        door_path(port).unlink()  # else the next controller on this port replaces it
         until(lambda: not any(enabled(rig)))
         seen = rig.watch(ARM)
         assert max(seen["max_speed_rad_s"][:6]) < 1.2 * LANDING_SPEED_RAD_S
@@ -172,7 +176,7 @@ def test_an_arm_that_another_program_drives_cannot_be_armed_and_the_reverse(rig,
     with controller(rig, tmp_path) as (port, _):
         with (
             arm_on(rig, ARM),
-            pytest.raises(ControllerError, match=r"in use by process \d+, which drives it for .*pytest"),
+            pytest.raises(ControllerError, match=r"in use by process \d+, which drives it for .*, process"),
         ):
             ask_operator_door(port, "arm")
         rig.set_pose(ARM, POSE, 0.5)

@@ -16,6 +16,7 @@ import sys
 from collections.abc import Awaitable, Callable, Sequence
 
 from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.process.lifeline import ProcessEnd
 from lerobot_robot_yam.errors import ControllerError, YamError
 from lerobot_robot_yam.waldo.arm_choice import ArmChoice
@@ -68,8 +69,10 @@ async def serve(
     Raises:
         YamError: it cannot be served.
     """
-    choice = ArmChoice.of_environment() if config is None else ArmChoice(config.arm, config.gripper)
-    controller = Controller(choice.resolved(), None if config is None else RealArm(config))
+    if config is None:
+        controller = Controller(ArmChoice.of_environment().resolved())
+    else:
+        controller = Controller(ResolvedArm(config), RealArm(config))
     server, door = CommandServer(controller), OperatorDoor(port, operator_acts(controller))
     ended = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
