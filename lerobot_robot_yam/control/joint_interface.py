@@ -30,6 +30,7 @@ _ANSWER_S = 0.006  # motors answer within a few ms, and the other arm gets no co
 _ASK_AGAIN = 5  # a question or its answer may get lost
 _ASK_AT_LEAST = 3  # before motors are believed again: an answer may be somebody else's,
 _AGREE = 2  # or garbled; so many have to agree
+_ASK_MOST = 12  # of one that was heard just now
 _DOUBLED = 2  # and then there are more of them than questions; one may be a late one
 _REARM_ATTEMPTS = 2  # 27 ms each for seven motors, and the loop must not seem to hang
 _SOON_S = 0.02  # where no loop waits
@@ -158,8 +159,9 @@ class JointInterface:
             chain.feedback.restart(motors)
             doubled, lost, rejected = chain.duplicates, chain.lost, chain.feedback.rejected
             stamp_s, answers = chain.stamp_s, np.zeros_like(chain.stamp_s)
-            for count in range(_ASK_AGAIN):
-                if count >= _ASK_AT_LEAST and (answers[motors] >= _AGREE).all():
+            for count in range(_ASK_MOST):
+                silent = chain.silence_s(chain.clock.now())[motors] >= SILENT_S
+                if count >= _ASK_AT_LEAST and (silent | (answers[motors] >= _AGREE)).all():
                     break
                 chain.refresh(_ANSWER_S)
                 answers, stamp_s = answers + (chain.stamp_s > stamp_s), chain.stamp_s
