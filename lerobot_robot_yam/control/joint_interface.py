@@ -29,6 +29,8 @@ logger = logging.getLogger(__name__)
 _ANSWER_S = 0.006  # motors answer within a few ms, and the other arm gets no commands until then
 _ASK_AGAIN = 5  # a question or its answer may get lost
 _ASK_AT_LEAST = 3  # before motors are believed again: an answer may be somebody else's,
+_AGREE = 2  # or garbled; so many have to agree
+_ASK_MOST = 12  # of one that was heard just now
 _DOUBLED = 2  # and then there are more of them than questions; one may be a late one
 _REARM_ATTEMPTS = 2  # 27 ms each for seven motors, and the loop must not seem to hang
 _SOON_S = 0.02  # where no loop waits
@@ -149,17 +151,20 @@ class JointInterface:
         Nothing is sent to a silent motor: it may still hold its joint. Returns the others.
 
         Raises:
-            MotorError: one is where its joint cannot be, or two answer for it. Those that were enabled are disabled
-                again; one that had kept its torque keeps it, and is not believed.
+            MotorError: one is where its joint cannot be, contradicts itself, or two answer for it. Those that were
+                enabled are disabled again; one that had kept its torque keeps it, and is not believed.
         """
-        chain, believed_rad = self.chain, self.chain.position_rad
+        chain, believed_rad, distrusted = self.chain, self.chain.position_rad, self.chain.distrusted
         with chain.in_haste():
             chain.feedback.restart(motors)
-            asked_s, doubled, lost = chain.clock.now(), chain.duplicates, chain.lost
-            for count in range(_ASK_AGAIN):
-                if count >= _ASK_AT_LEAST and (chain.stamp_s[motors] > asked_s).all():
+            doubled, lost, rejected = chain.duplicates, chain.lost, chain.feedback.rejected
+            stamp_s, answers = chain.stamp_s, np.zeros_like(chain.stamp_s)
+            for count in range(_ASK_MOST):
+                silent = chain.silence_s(chain.clock.now())[motors] >= SILENT_S
+                if count >= _ASK_AT_LEAST and (silent | (answers[motors] >= _AGREE)).all():
                     break
                 chain.refresh(_ANSWER_S)
+                answers, stamp_s = answers + (chain.stamp_s > stamp_s), chain.stamp_s
                 self.on_wait()
             if (chain.duplicates - doubled - (chain.lost - lost) >= _DOUBLED).any():  # which is ours, nobody knows
                 self.disbelieve(motors, believed_rad)
@@ -169,6 +174,16 @@ class JointInterface:
                 )
             silence_s = chain.silence_s(chain.clock.now())
             heard = [i for i in motors if silence_s[i] < SILENT_S]
+            self.disbelieve([i for i in motors if i not in heard and distrusted[i]], believed_rad)
+            # Not even that a motor has let go is believed of one answer. To clear its fault would cut its torque.
+            garbled = [i for i in heard if answers[i] < _AGREE or chain.feedback.rejected[i] > rejected[i]]
+            if garbled:
+                self.disbelieve(motors, believed_rad)
+                names = ", ".join(f"{chain.motors[i].name} (id {chain.motors[i].can_id})" for i in garbled)
+                raise MotorError(
+                    f"{self._config.name} ({self._config.channel}): the answers of {names} contradict each other, or "
+                    "come too seldom; check cable, plugs and termination, and re-arm again"
+                )
             off = [i for i in heard if chain.fault[i] != Fault.NORMAL]
             chain.special(SpecialCommand.CLEAR, _ANSWER_S, off)
             self.on_wait()

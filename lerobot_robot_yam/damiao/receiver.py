@@ -123,6 +123,11 @@ class FeedbackStore:
             self._newest[index] = (float(position_rad[index]), 0.0, *self._newest[index][2:])
         self.publish()
 
+    @property
+    def rejected(self) -> np.ndarray:
+        """(n,) readings that could not be, in total."""
+        return np.array(self._judge.rejected)
+
     def publish(self) -> None:
         """Make what was taken visible in the arrays."""
         state = np.array(self._newest).reshape(-1, len(_NOTHING)).T.copy()

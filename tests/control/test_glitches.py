@@ -216,6 +216,28 @@ def test_nothing_is_believed_again_while_a_second_arm_answers_too(rig, held):
     assert np.abs(truth["dq"][:, 6]).max() < 12.0
 
 
+def test_nothing_is_believed_again_of_one_garbled_answer(rig, held):
+    """Neither where a motor is, nor that it has let go: its fault would be cleared, which cuts its torque."""
+    refused = 0
+    for _ in range(40):
+        rig.fault(CHANNEL, "joint_3", "reading", {"position_rad": 3.0})
+        held.clock.sleep(0.06)
+        rig.fault(CHANNEL, "joint_3", "reading", False)
+        rig.fault(CHANNEL, "joint_3", "corrupt_rate", 0.8, all_bytes=True)
+        try:
+            held[CHANNEL].rearm()
+        except LifeCycleError as error:
+            refused += "contradict each other, or come too seldom" in str(error)
+        held.clock.sleep(0.03)
+        arm = rig.state()["arms"][CHANNEL]
+        assert all(motor["enabled"] for motor in arm["motors"].values())
+        assert np.abs(held[CHANNEL].published().q - arm["q"][:6]).max() < 0.05
+        rig.fault(CHANNEL, "joint_3", "corrupt_rate", 0.0)
+        if held[CHANNEL].mode() is Mode.FAULT:
+            held[CHANNEL].rearm()
+    assert refused
+
+
 def test_a_refused_reading_is_not_published(rig, held):
     rig.fault(CHANNEL, "joint_2", "reading", {"position_rad": 6.283})
     held.clock.sleep(0.1)
