@@ -18,6 +18,7 @@ import numpy as np
 _PERIOD_RANGE_S = (1 / 400, 0.1)  # caller periods outside are not a stream; ticks of 250 Hz are no exact 4 ms
 _PERIOD_GAIN = 0.2  # smoothing of the measured caller period
 _STREAM_GAP = 1.5  # caller periods without a target after which the stream counts as ended
+_BORNE_OUT_RAD = 0.01  # a target this near to where it was going, or of a gripper's stroke
 _TRACK_S = 0.02  # in which a set-point that tracks closes a gap: five ticks, or it would answer the noise of a target
 _WEIGHTS = np.array([0.25, 0.5, 0.25])  # of the last three plans
 
@@ -61,6 +62,7 @@ class SetPoint:
         self._arrive_at = -math.inf
         self._tracks = False  # a target whose speed is told: it moves on by itself, and is followed without lag
         self._streams = False  # targets come from a caller, in periods of his
+        self._told: tuple[np.ndarray, np.ndarray, float] | None = None  # target, speed and time that he told last
         self._period = 1 / 30
 
     def seed(self, q: np.ndarray) -> None:
@@ -70,6 +72,7 @@ class SetPoint:
         self._target_velocity[:] = 0.0
         self._target_at = self._arrive_at = -math.inf
         self._tracks = self._streams = False
+        self._told = None
 
     def seed_first(self, q: np.ndarray) -> None:
         """Start the first m coordinates again, at rest, from q (m,); the others go on."""
@@ -108,9 +111,9 @@ class SetPoint:
     ) -> None:
         """Take a new target (n,), to be reached within about one caller period if the limits allow it.
 
-        `velocity` (n,) is the speed with which the target itself moves, when the caller knows it: then it was there
-        `age_s` ago, moves on until the next one is due, and is followed without lag. Otherwise its speed is the
-        difference to the previous target.
+        `velocity` (n,) is the speed with which the target itself moves, when the caller knows it; otherwise it is the
+        difference to the previous target. Where the targets bear out what was told of the one before, the target was
+        there `age_s` ago, moves on until the next one is due, and is followed without lag.
         """
         gap = now - self._target_at
         low, high = _PERIOD_RANGE_S
@@ -118,19 +121,27 @@ class SetPoint:
         if low <= gap <= high and self._streams:
             self._period += _PERIOD_GAIN * (gap - self._period)
             own = (target - self.target) / self._period
-        self._streams = True
-        if velocity is None:
-            self._follow(target, own, now)
-            self._arrive_at = now + self._period
-        else:
-            self._follow(target, velocity, now)
+        self._streams, at_s = True, now - age_s
+        borne_out = velocity is not None and gap <= high and self._borne_out(target, at_s)
+        self._follow(target, own if velocity is None else velocity, now)
+        self._told = None if velocity is None else (target.copy(), self._target_velocity, at_s)
+        if borne_out:
             self._tracks = True
             self._move_on(age_s)
+        else:
+            self._arrive_at = now + self._period
+
+    def _borne_out(self, target: np.ndarray, at_s: float) -> bool:
+        """Whether a target is where the one before, and the speed that was told with it, have led."""
+        if self._told is None:
+            return False
+        before, velocity, before_s = self._told
+        return bool(np.abs(target - before - velocity * (at_s - before_s)).max() <= _BORNE_OUT_RAD)
 
     def track(self, target: np.ndarray, velocity: np.ndarray, now: float) -> None:
         """Take a target (n,) that is told anew at every tick, with its speed (n,): follow it without lag."""
         self._follow(target, velocity, now)
-        self._tracks, self._streams = True, False
+        self._tracks, self._streams, self._told = True, False, None
 
     def _follow(self, target: np.ndarray, velocity: np.ndarray, now: float) -> None:
         # A target that is quicker than the set-point may be would take it along, away from where the target is.

@@ -53,16 +53,13 @@ def test_a_far_target_is_approached_within_the_speed_limit_and_reached():
 
 
 @pytest.mark.parametrize("dq", [0.0, 1.5, 6.0, -57.0])
-def test_a_target_that_claims_a_speed_leads_the_set_point_away_for_one_period_at_most(dq):
-    setpoint, period, closes_gap_s = make(), 8, 0.02
+def test_a_target_that_claims_a_speed_does_not_lead_the_set_point_away_from_it(dq):
+    setpoint = make()
     for tick in range(1000):
-        if tick % period == 0:
+        if tick % 8 == 0:
             setpoint.set_target(np.array([0.2]), tick * DT, np.array([dq]))
         setpoint.step(tick * DT, DT)
-    away = SPEED**2 / (2 * ACCELERATION) + SPEED * (period * DT + closes_gap_s)
-    assert setpoint.asked[0, 0] == pytest.approx(0.2, abs=away)
-    rows = run(setpoint, 1.0, start=1000 * DT)
-    assert setpoint.arrived and rows[-1, 1] == pytest.approx(setpoint.target[0], abs=1e-3)
+    assert setpoint.asked[0, 0] == pytest.approx(0.2, abs=SPEED**2 / (2 * ACCELERATION) + SPEED * DT + 1e-12)
 
 
 def test_a_stream_that_tells_its_speed_and_comes_unevenly_is_followed_smoothly_and_without_lag():
