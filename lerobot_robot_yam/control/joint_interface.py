@@ -28,9 +28,9 @@ logger = logging.getLogger(__name__)
 
 _ANSWER_S = 0.006  # motors answer within a few ms, and the other arm gets no commands until then
 _ASK_AGAIN = 5  # a question or its answer may get lost
+_ASK_MOST = 12  # the same, of one that was heard just now and is to be believed again
 _ASK_AT_LEAST = 3  # before motors are believed again: an answer may be somebody else's,
 _AGREE = 2  # or garbled; so many have to agree
-_ASK_MOST = 12  # of one that was heard just now
 _DOUBLED = 2  # and then there are more of them than questions; one may be a late one
 _REARM_ATTEMPTS = 2  # 27 ms each for seven motors, and the loop must not seem to hang
 _SOON_S = 0.02  # where no loop waits

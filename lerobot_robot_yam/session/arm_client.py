@@ -94,7 +94,7 @@ class ArmClient:
         Args:
             q: (n,) rad.
             gripper: 0 closed … 1 open; None keeps the present set-point.
-            dq: (n,) rad/s with which the target moves on, if known; it is followed without lag then.
+            dq: (n,) rad/s with which the target moves on, if known; see `YamArm.command`.
             kp, kd: (n,) gains for this target instead of the configured ones, Nm/rad and Nm s/rad.
             coupled: channel key of the leader whose present action this is, and for how many seconds from now on the
                 loop may take the targets of each tick from there.

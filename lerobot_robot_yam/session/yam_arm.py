@@ -125,7 +125,8 @@ class YamArm(Uncopied):
 
         Args:
             q: (n,) rad. kp, kd: (n,) gains for this target.
-            dq: (n,) rad/s, the target's own speed: it moves on until the next one is due, and is followed without lag.
+            dq: (n,) rad/s, the target's own speed. While targets go where it leads (to 0.01 rad) they are followed
+                without lag, and the last one moves on until the next is due; others are reached one period late.
             gripper: 0 closed … 1 open, None keeps it.
 
         Returns:

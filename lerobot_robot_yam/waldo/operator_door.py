@@ -5,6 +5,7 @@ A socket in the runtime directory, which is open to its user alone.
 
 import asyncio
 import contextlib
+import logging
 import socket
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -12,6 +13,8 @@ from pathlib import Path
 from lerobot_robot_yam.errors import ControllerError, YamError
 from lerobot_robot_yam.system.runtime_files import runtime_dir
 from lerobot_robot_yam.waldo.wire import MOST_BYTES, decode, encode
+
+logger = logging.getLogger(__name__)
 
 _FIRST_S = 120.0  # for an answer: an arm may have to find its gripper's stops, or fold from far away
 
@@ -52,6 +55,9 @@ class OperatorDoor:
             reply["result"] = await self._acts[decode(await reader.readline())["do"]]()
         except (YamError, ValueError, KeyError) as error:
             reply["refused"] = str(error)
+        except Exception as error:  # a defect: the operator must not wait for an answer that never comes
+            logger.exception("an act of the operator failed")
+            reply["refused"] = f"it failed ({type(error).__name__}); see the log of the controller"
         with contextlib.suppress(OSError):
             writer.write(encode(reply))
             await writer.drain()

@@ -28,6 +28,10 @@ def free_port():
         return taken.getsockname()[1]
 
 
+async def broken():
+    raise RuntimeError("a defect")
+
+
 @contextlib.asynccontextmanager
 async def serving(port):
     """A controller of a simulated arm."""
@@ -163,10 +167,15 @@ def test_only_the_operators_door_knows_arm_and_land():
     async def run():
         port = free_port()
         controller = Controller(ArmChoice().resolved())
-        door = OperatorDoor(port, operator_acts(controller))
+        door = OperatorDoor(port, operator_acts(controller) | {"break": broken})
         await door.open()
         assert door_path(port).stat().st_mode & 0o777 == 0o600
-        for act, words in (("arm", "has no hardware"), ("about", "only a simulated arm"), ("spin", "spin")):
+        for act, words in (
+            ("arm", "has no hardware"),
+            ("about", "only a simulated arm"),
+            ("spin", "spin"),
+            ("break", "it failed .RuntimeError."),
+        ):
             with pytest.raises(ControllerError, match=words):
                 await asyncio.to_thread(ask_operator_door, port, act)
         assert "has landed" in await asyncio.to_thread(ask_operator_door, port, "land")
