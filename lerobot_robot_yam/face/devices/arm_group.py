@@ -110,9 +110,11 @@ class ArmGroup:
 
     @property
     def calibrated(self) -> bool:
-        """True when every gripper's stops are configured or stored."""
+        """True when every gripper's stops are configured, stored, or known to the loop, which stores them soon."""
         return all(
-            config.gripper_stops_rad is not None or Path(config.calibration_path or "").is_file()
+            config.gripper_stops_rad is not None
+            or Path(config.calibration_path or "").is_file()
+            or (self.connected and self[side].published().gripper_stops_rad is not None)
             for config, side in zip(self._configs, self.sides, strict=True)
             if side.hardware.has_gripper
         )
