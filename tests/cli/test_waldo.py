@@ -1,0 +1,73 @@
+"""An arm has one master: lerobot-teleoperate, or yam-waldo. Whoever comes second is told who drives it."""
+
+import contextlib
+import re
+import socket
+import time
+
+import pytest
+
+from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.waldo.launching import ask_once
+from tests.cli.conftest import Commands
+
+pytestmark = [pytest.mark.long, pytest.mark.alone]
+
+FOLLOWER, LEADER, HOST = "follower_left", "leader_left", "127.0.0.1"
+TELEOPERATE = [
+    "lerobot-teleoperate",
+    *("--robot.type=yam_follower", "--robot.interface=yam_sim", f"--robot.channel={FOLLOWER}", "--robot.id=sim"),
+    *("--teleop.type=yam_leader", "--teleop.interface=yam_sim", f"--teleop.channel={LEADER}", "--teleop.id=sim"),
+]
+
+
+@pytest.fixture
+def commands(tmp_path):
+    with running_rig(arms=[FOLLOWER, LEADER]) as rig:
+        with contextlib.closing(Commands(rig, tmp_path, (FOLLOWER, LEADER))) as commands:
+            yield commands
+
+
+@contextlib.contextmanager
+def serving(commands):
+    """`yam-waldo` for the follower, which is not armed: its port and process. It lands in the end."""
+    with socket.socket() as taken:
+        taken.bind((HOST, 0))
+        port = taken.getsockname()[1]
+    options = ["--hardware", "--channel", FOLLOWER, "--rig", commands.rig.name, "--no-page", "--port", str(port)]
+    process = commands.start("yam-waldo", *options)
+    deadline = time.monotonic() + 60.0
+    while not ask_once(HOST, port, "ping"):
+        assert process.poll() is None and time.monotonic() < deadline, commands.output()[-4000:]
+        time.sleep(0.1)
+    yield str(port), process
+    process.terminate()
+    assert commands.finish(process) == 0
+
+
+def refused(commands, program, pid):
+    """Whether the last command was told that process `pid` of this program drives the follower."""
+    words = rf"{FOLLOWER}.* in use by process \d+, which drives it for .*{program}.*, process {pid}\b"
+    return re.search(words, commands.output())
+
+
+def test_a_follower_that_is_teleoperated_cannot_be_armed(commands):
+    with serving(commands) as (port, _):
+        teleoperation = commands.start(*TELEOPERATE, "--teleop_time_s=120")
+        commands.wait_enabled(teleoperation, FOLLOWER, LEADER)
+        commands.wait_connected(teleoperation)
+        assert commands.run("yam-waldo", "arm", "--port", port, "--yes") == 1
+        assert refused(commands, "lerobot-teleoperate", teleoperation.pid), commands.output()[-4000:]
+        assert teleoperation.poll() is None and commands.enabled() == [FOLLOWER, LEADER]  # it has noticed nothing
+        teleoperation.terminate()
+        commands.finish(teleoperation)
+    commands.assert_landed()
+
+
+def test_an_armed_follower_cannot_be_teleoperated(commands):
+    with serving(commands) as (port, controller):
+        assert commands.run("yam-waldo", "arm", "--port", port, "--yes") == 0, commands.output()[-4000:]
+        assert commands.run(*TELEOPERATE, "--teleop_time_s=5") != 0
+        assert refused(commands, "yam-waldo", controller.pid), commands.output()[-4000:]
+        assert commands.enabled() == [FOLLOWER]  # it is held on, and no leader was left energised
+    commands.assert_landed()
