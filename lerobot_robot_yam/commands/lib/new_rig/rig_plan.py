@@ -103,11 +103,13 @@ def _sides(place: Place, arms: Sequence[FoundArm], role: str, answers: Answers) 
     wrists = all(arm.role != PASSIVE for arm in arms)
 
     def shown() -> str:
-        tell(f"{question} {_WRIST if wrists else ''}Type its name:")
         if not wrists:
+            tell(f"{question} Type its name:")
             return typed_line(_FOREVER_S) or ""
         with _buses(place, channels) as buses:
-            channel, line = WristWatch(buses).wait(typed_line, tell)
+            watch = WristWatch(buses)
+            tell(f"{question} {_WRIST}Type its name:")
+            channel, line = watch.wait(typed_line, tell)
         return channel or line or ""
 
     left = answers.take(question, shown, one_of(*channels), channels[0])
