@@ -7,6 +7,7 @@ Both lie in the runtime directory, which is this user's. A socket whose process 
 what is left behind is recognised, whatever number the next process has, and in whatever container.
 """
 
+import atexit
 import contextlib
 import json
 import os
@@ -60,6 +61,8 @@ class DeskPost:
         except OSError:
             self._socket.close()
             raise
+        self._owner = os.getpid()
+        atexit.register(self.close)  # a second Ctrl-C ends LeRobot's commands wherever they are
 
     def tell(self, status: Mapping[str, Any]) -> None:
         """Replace the status. Raises OSError: it cannot be written."""
@@ -87,8 +90,9 @@ class DeskPost:
         _send(self._path, b"")
 
     def close(self) -> None:
-        """Remove both. Idempotent."""
-        for path in (self._status, self._path):
+        """Remove both. Idempotent; a forked child only lets go of the socket."""
+        atexit.unregister(self.close)
+        for path in (self._status, self._path) if os.getpid() == self._owner else ():
             with contextlib.suppress(OSError):
                 path.unlink()
         self._socket.close()
