@@ -98,8 +98,8 @@ class ChunkServer:
             connection.close(CloseCode.GOING_AWAY, "the server ends")
 
     def _turn_away(self, connection: ServerConnection, request: Request) -> Response | None:
-        given = request.headers.get("Authorization", "")
-        if self._api_key is None or hmac.compare_digest(given.encode(), f"Api-Key {self._api_key}".encode()):
+        given = request.headers.get("Authorization", "").encode(errors="surrogateescape")
+        if self._api_key is None or hmac.compare_digest(given, f"Api-Key {self._api_key}".encode()):
             return None
         logger.warning("%s has no valid API key", _name(connection))
         return connection.respond(HTTPStatus.UNAUTHORIZED, "no valid API key\n")
@@ -168,8 +168,10 @@ class ChunkServer:
 
 
 def _message(data: bytes | str) -> dict[Any, Any]:
+    if isinstance(data, str):
+        raise ObservationError("a message of openpi's protocol is a dictionary, not text")
     try:
-        message = None if isinstance(data, str) else decode_message(data)
+        message = decode_message(data)
     except Exception as error:  # NumPy has many for a type or a shape that it cannot make
         raise ObservationError(f"this is no message of openpi's protocol: {error}") from error
     if not isinstance(message, dict):

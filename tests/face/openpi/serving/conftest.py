@@ -67,11 +67,11 @@ def checkpoint(tmp_path_factory):
 
 @pytest.fixture
 def serve(checkpoint):
-    """Serves a checkpoint of `POLICIES`."""
+    """Serves a checkpoint of `POLICIES`, or a policy that is loaded."""
     with contextlib.ExitStack() as stack:
 
-        def start(name, overrides=(), rename_map=None, task="", any_image_size=False, **options):
-            policy = ServedPolicy(str(checkpoint(name)), overrides, rename_map, task, any_image_size)
+        def start(what, overrides=(), **options):
+            policy = ServedPolicy(str(checkpoint(what)), overrides) if isinstance(what, str) else what
             return stack.enter_context(contextlib.closing(Served(policy, **options)))
 
         yield start

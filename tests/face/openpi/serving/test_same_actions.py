@@ -16,7 +16,10 @@ STEPS = 13  # two chunks of ACT, and the beginning of a third
 NAMES = [f"{side}_{joint}.pos" for side in ("left", "right") for joint in [*map(str, range(1, 7)), "gripper"]]
 
 
-@pytest.fixture(params=list(POLICIES))
+SHORT = ("act", "vqbet, history")
+
+
+@pytest.fixture(params=[pytest.param(name, marks=[] if name in SHORT else pytest.mark.long) for name in POLICIES])
 def name(request):
     if "diffusion" in request.param:
         pytest.importorskip("diffusers", reason="LeRobot's diffusion policy needs diffusers")
