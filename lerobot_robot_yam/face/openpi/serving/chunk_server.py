@@ -80,7 +80,7 @@ class ChunkServer:
                 logger=_wire_logger,
             )
         except (OSError, OverflowError) as error:
-            raise ConfigError(f"yam-policy-server cannot listen on {host} port {port}: {error}") from error
+            raise ConfigError(f"nobody can listen on {host} port {port}: {error}") from error
         self.port: int = self._server.socket.getsockname()[1]
 
     def serve_forever(self) -> None:

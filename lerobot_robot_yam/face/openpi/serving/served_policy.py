@@ -9,6 +9,7 @@ mixes its chunks, has to see every step: it answers with one action at a time.
 import contextlib
 import logging
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -129,10 +130,16 @@ def _loaded(path: str, overrides: list[str], rename_map: dict[str, str]) -> tupl
             },
         )
     except Exception as error:  # each policy type has its own
-        raise ConfigError(f"the checkpoint {path} cannot be loaded: {error}") from error
+        where = "" if Path(path).is_dir() else ", which is no directory here, from the hub"
+        raise ConfigError(f"the checkpoint {path} cannot be loaded{where}: {_cause(error)}") from error
     policy.to(config.device).eval()
     logger.info("loaded %s, a policy of the type %s, on %s", path, config.type, config.device)
     return config, policy, before, after
+
+
+def _cause(error: BaseException) -> BaseException:
+    """Where an error came from: LeRobot's parser hides what a config says of its values."""
+    return error if error.__cause__ is None else _cause(error.__cause__)
 
 
 def _remembers(config: PreTrainedConfig) -> bool:

@@ -206,5 +206,5 @@ def test_the_end_of_the_server_ends_its_connections(act, serve, seen):
 
 
 def test_a_port_that_is_taken(act, serve):
-    with pytest.raises(ConfigError, match="cannot listen on 127.0.0.1 port"):
+    with pytest.raises(ConfigError, match="nobody can listen on 127.0.0.1 port"):
         ChunkServer(act, port=serve(act).port)
