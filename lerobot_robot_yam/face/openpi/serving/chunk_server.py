@@ -105,7 +105,7 @@ class ChunkServer:
         return connection.respond(HTTPStatus.UNAUTHORIZED, "no valid API key\n")
 
     def _serve(self, connection: ServerConnection) -> None:
-        name, answers, begun_s = _name(connection), 0, time.monotonic()
+        name, answers, begun_s, busy_s = _name(connection), 0, time.monotonic(), 0.0
         with self._guard:
             refused = self._ending or len(self._open) >= _MOST_CLIENTS
             if not refused:
@@ -118,18 +118,21 @@ class ChunkServer:
         try:
             connection.send(self._greeting)
             for data in connection:
+                asked_s = time.monotonic()
                 answer, failed = self._answer(connection, name, data)
                 connection.send(answer)
                 if failed:
                     connection.close(CloseCode.INTERNAL_ERROR, "see the message before")
                     break
-                answers += 1
+                answers, busy_s = answers + 1, busy_s + time.monotonic() - asked_s
         except ConnectionClosed:
             pass
         finally:
             with self._guard:
                 self._open.discard(connection)
-            logger.info("%s has gone after %d answers in %.1f s", name, answers, time.monotonic() - begun_s)
+            each_ms = 1000.0 * busy_s / max(answers, 1)
+            told = "%s has gone after %d answers in %.1f s, which took %.1f ms each"
+            logger.info(told, name, answers, time.monotonic() - begun_s, each_ms)
 
     def _answer(self, connection: ServerConnection, name: str, data: bytes | str) -> tuple[bytes | str, bool]:
         """What to send to a client, and whether it is an error."""
@@ -154,7 +157,6 @@ class ChunkServer:
             begun_s = time.perf_counter()
             actions = self._policy.actions(*question)
             infer_ms = (time.perf_counter() - begun_s) * 1000.0
-        logger.debug("%s was answered within %.1f ms", _name(connection), infer_ms)
         return encode_message({"actions": actions, "server_timing": {"infer_ms": infer_ms}})
 
     @contextlib.contextmanager

@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from lerobot_robot_yam.commands.policy_server import main
+from lerobot_robot_yam.commands.servers.policy_server import main
 from tests.face.openpi.serving.conftest import Client
 from tests.support.tiny_policies import N, observations, save_tiny
 
