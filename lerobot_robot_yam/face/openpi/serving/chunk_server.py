@@ -14,13 +14,9 @@ import socket
 import struct
 import threading
 import time
+from collections.abc import Iterator
 from http import HTTPStatus
 from typing import Any
-
-from websockets.exceptions import ConnectionClosed
-from websockets.frames import CloseCode
-from websockets.http11 import Request, Response
-from websockets.sync.server import ServerConnection, serve
 
 from lerobot_robot_yam.errors import ConfigError, ObservationError
 from lerobot_robot_yam.face.openpi.serving.served_policy import ServedPolicy
@@ -32,6 +28,16 @@ from lerobot_robot_yam.face.openpi.wire_format import (
     decode_message,
     encode_message,
 )
+
+try:
+    from websockets.exceptions import ConnectionClosed
+    from websockets.frames import CloseCode
+    from websockets.http11 import Request, Response
+    from websockets.sync.server import ServerConnection, serve
+except ImportError as error:
+    raise ConfigError(
+        f"yam-policy-server needs websockets, too ({error}): pip install '.[openpi]' in the clone of this package"
+    ) from error
 
 logger = logging.getLogger(__name__)
 _wire_logger = logging.getLogger(f"{__name__}.wire")
@@ -160,7 +166,7 @@ class ChunkServer:
         return encode_message({"actions": actions, "server_timing": {"infer_ms": infer_ms}})
 
     @contextlib.contextmanager
-    def _episode_of(self, connection: ServerConnection, anew: bool) -> Any:
+    def _episode_of(self, connection: ServerConnection, anew: bool) -> Iterator[None]:
         """The policy in an episode of this connection; after a failure there is none."""
         asked_by, self._asked_by = self._asked_by, None
         if anew or asked_by != connection.id:

@@ -119,6 +119,9 @@ def _loaded(path: str, overrides: list[str], rename_map: dict[str, str]) -> tupl
         config = PreTrainedConfig.from_pretrained(path, revision=revision, cli_overrides=overrides)
         if config.use_peft:
             raise ConfigError("it is an adapter (PEFT); merge it into its base model first")
+        config.pretrained_path = path
+        if hasattr(config, "compile_model") and parser.parse_arg("compile_model", overrides) is None:
+            config.compile_model = False  # whatever it was in training
         policy = get_policy_class(config.type).from_pretrained(path, config=config, revision=revision)
         before, after = make_pre_post_processors(
             config,

@@ -2,6 +2,7 @@
 
 import random
 import re
+import socket
 
 import numpy as np
 import pytest
@@ -163,6 +164,14 @@ def test_others_do_not_disturb_an_episode(serve):
         for wrong in (b"\xc1", {}, {"endpoint": "stop"}):
             assert "yam-policy-server" in served.client().ask(wrong)
         assert np.array_equal(actor.ask(observation)["actions"], expected)
+
+
+def test_a_client_that_dies_while_it_waits(act, serve, seen):
+    served = serve(act)
+    client = served.client()
+    client.connection.send(encode_message(seen))
+    client.connection.socket.shutdown(socket.SHUT_RDWR)
+    assert served.client().ask(seen)["actions"].shape == (6, N)
 
 
 def test_several_environments_need_a_policy_without_memory(serve):

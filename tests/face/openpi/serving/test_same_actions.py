@@ -1,5 +1,7 @@
 """What comes over the wire is, to the bit, what LeRobot's own engine makes of the same checkpoint."""
 
+import contextlib
+
 import numpy as np
 import pytest
 import torch
@@ -74,6 +76,20 @@ def test_chunks_are_those_of_the_policy(serve, checkpoint):
     assert got.shape == expected.shape == (10, N) and np.array_equal(got, expected)
 
 
+def test_our_own_client_in_alohas_words(serve, checkpoint):
+    seen = observations("act", STEPS)
+    config = YamOpenpiConfig(
+        host="127.0.0.1",
+        port=serve("act").port,
+        image_size=None,
+        **{"state_key": "state", "image_group": "images", "image_layout": "chw"},
+        image_keys={camera: camera for camera in POLICIES["act"][2]},
+    )
+    with contextlib.closing(get_policy_class("yam_openpi").from_pretrained(None, config=config)) as policy:
+        expected = episode(local_engine(checkpoint("act")), seen)
+        assert np.array_equal(episode(engine_of(policy, make_pre_post_processors(config)), seen), expected)
+
+
 def test_our_own_client_gets_them_too(name, serve, checkpoint):
     """lerobot-rollout with `--policy.type=yam_openpi` does what it does with `--policy.path`, episode by episode."""
     seen = observations(name, STEPS)
@@ -84,10 +100,7 @@ def test_our_own_client_gets_them_too(name, serve, checkpoint):
         image_size=(HEIGHT, WIDTH),
         image_keys={camera: f"observation/images/{camera}" for camera in POLICIES[name][2]},
     )
-    policy = get_policy_class("yam_openpi").from_pretrained(None, config=config)
-    try:
+    with contextlib.closing(get_policy_class("yam_openpi").from_pretrained(None, config=config)) as policy:
         engine = engine_of(policy, make_pre_post_processors(config))
         for _ in range(2):  # the second episode shows that the first is forgotten over there
             assert np.array_equal(episode(engine, seen), expected)
-    finally:
-        policy.close()
