@@ -70,7 +70,7 @@ class ChunkServer:
         self._asking = threading.Lock()
         self._asked_by: Any = None  # the connection whose episode the policy is in
         self._guard = threading.Lock()
-        self._open: set[ServerConnection] = set()
+        self._open: dict[ServerConnection, threading.Thread] = {}
         self._ending = False
         try:
             self._server = serve(
@@ -94,14 +94,16 @@ class ChunkServer:
         self._server.serve_forever()
 
     def close(self) -> None:
-        """Send all clients away, and let nobody in. An answer that is being computed is not sent. Idempotent."""
+        """Send all clients away, and let nobody in. Waits for an answer that is being computed. Idempotent."""
         with self._guard:
             if self._ending:
                 return
-            self._ending, leaving = True, list(self._open)
+            self._ending, leaving = True, dict(self._open)
         self._server.shutdown()
         for connection in leaving:
             connection.close(CloseCode.GOING_AWAY, "the server ends")
+        for thread in leaving.values():
+            thread.join()
 
     def _turn_away(self, connection: ServerConnection, request: Request) -> Response | None:
         given = request.headers.get("Authorization", "").encode(errors="surrogateescape")
@@ -115,7 +117,7 @@ class ChunkServer:
         with self._guard:
             refused = self._ending or len(self._open) >= _MOST_CLIENTS
             if not refused:
-                self._open.add(connection)
+                self._open[connection] = threading.current_thread()
         if refused:
             connection.close(CloseCode.TRY_AGAIN_LATER, f"there are {_MOST_CLIENTS} clients already")
             return
@@ -135,7 +137,7 @@ class ChunkServer:
             pass
         finally:
             with self._guard:
-                self._open.discard(connection)
+                del self._open[connection]
             each_ms = 1000.0 * busy_s / max(answers, 1)
             told = "%s has gone after %d answers in %.1f s, which took %.1f ms each"
             logger.info(told, name, answers, time.monotonic() - begun_s, each_ms)

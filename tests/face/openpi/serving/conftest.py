@@ -4,6 +4,7 @@ import contextlib
 import threading
 
 import pytest
+import torch
 from websockets.sync.client import connect
 
 from lerobot_robot_yam.face.openpi.serving.chunk_server import ChunkServer
@@ -50,6 +51,15 @@ class Served:
         self._stack.close()
         self.server.close()
         self._thread.join()
+
+
+@pytest.fixture(scope="package", autouse=True)
+def _one_thread():
+    """For so small networks several threads cost more than they save; here and over there alike."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
 
 
 @pytest.fixture(scope="session")

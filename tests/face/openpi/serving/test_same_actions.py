@@ -43,7 +43,7 @@ def local_engine(path):
 
 
 def episode(engine, seen):
-    """(STEPS, N): what an engine does in an episode; random policies throw the same dice each time."""
+    """(k, N): what an engine does in an episode; random policies throw the same dice each time."""
     engine.reset()
     torch.manual_seed(5)
     return torch.stack([engine.get_action(dict(observation)) for observation in seen]).numpy()
@@ -77,7 +77,7 @@ def test_chunks_are_those_of_the_policy(serve, checkpoint):
 
 
 def test_our_own_client_in_alohas_words(serve, checkpoint):
-    seen = observations("act", STEPS)
+    seen = observations("act", 2)
     config = YamOpenpiConfig(
         host="127.0.0.1",
         port=serve("act").port,
@@ -90,6 +90,9 @@ def test_our_own_client_in_alohas_words(serve, checkpoint):
         assert np.array_equal(episode(engine_of(policy, make_pre_post_processors(config)), seen), expected)
 
 
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name == "act" else pytest.mark.long) for name in POLICIES], indirect=True
+)
 def test_our_own_client_gets_them_too(name, serve, checkpoint):
     """lerobot-rollout with `--policy.type=yam_openpi` does what it does with `--policy.path`, episode by episode."""
     seen = observations(name, STEPS)
