@@ -18,7 +18,6 @@ import yaml
 
 from lerobot_robot_yam.commands.lib.arm_command import run_command
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.viewer.serving.access import is_loopback
 
 logger = logging.getLogger(__name__)
 
@@ -56,6 +55,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _serve(args: argparse.Namespace, fields: Sequence[str]) -> int:
+    from lerobot.configs.parser import PluginLoadError, load_plugin  # loads torch, for which a help must not wait
+
+    from lerobot_robot_yam.face.openpi.serving.chunk_server import ChunkServer
+    from lerobot_robot_yam.face.openpi.serving.served_policy import ServedPolicy
+    from lerobot_robot_yam.viewer.serving.access import is_loopback
+
     key = os.environ.get(args.api_key_env) if args.api_key_env else None
     if args.api_key_env and not key:
         raise ConfigError(f"--api-key-env names {args.api_key_env}, which is not set in the environment")
@@ -65,11 +70,6 @@ def _serve(args: argparse.Namespace, fields: Sequence[str]) -> int:
             "variable with --api-key-env, or stay on 127.0.0.1 and use an ssh tunnel"
         )
     logging.getLogger("lerobot_robot_yam").setLevel(logging.INFO)
-    from lerobot.configs.parser import PluginLoadError, load_plugin  # loads torch, for which a help must not wait
-
-    from lerobot_robot_yam.face.openpi.serving.chunk_server import ChunkServer
-    from lerobot_robot_yam.face.openpi.serving.served_policy import ServedPolicy
-
     if args.packages:
         try:
             load_plugin(args.packages)

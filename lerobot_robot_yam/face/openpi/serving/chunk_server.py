@@ -43,7 +43,8 @@ logger = logging.getLogger(__name__)
 _wire_logger = logging.getLogger(f"{__name__}.wire")
 _wire_logger.setLevel(logging.CRITICAL)  # below that, websockets tells whole requests, and tracebacks of port scans
 
-_MOST_BYTES = 64 * 2**20  # of a message: ten pictures of 1920 x 1080 pixels
+_MOST_BYTES = 32 * 2**20  # of a message: five pictures of 1920 x 1080 pixels
+_MOST_WORDS = 2000  # characters of an error, which can quote what a client sends
 _MOST_CLIENTS = 8
 _CLOSE_TIMEOUT_S = 1.0  # for the goodbye of a client that may be stuck
 _SEND_TIMEOUT = struct.pack("ll", 5, 0)  # s, us: for a client that asks and does not read
@@ -147,11 +148,12 @@ class ChunkServer:
         try:
             return self._answered(connection, data), False
         except ObservationError as error:
-            logger.warning("%s was refused: %s", name, error)
-            return f"yam-policy-server: {error}", True
+            told = _printable(error)
+            logger.warning("%s was refused: %s", name, told)
+            return f"yam-policy-server: {told}", True
         except Exception as error:
             logger.exception("the policy failed on a message of %s", name)
-            return f"yam-policy-server: the policy failed: {type(error).__name__}: {error}", True
+            return f"yam-policy-server: the policy failed: {type(error).__name__}: {_printable(error)}", True
 
     def _answered(self, connection: ServerConnection, data: bytes | str) -> bytes | str:
         message = _message(data)
@@ -187,6 +189,10 @@ def _message(data: bytes | str) -> dict[Any, Any]:
     if not isinstance(message, dict):
         raise ObservationError(f"a message of openpi's protocol is a dictionary, not {type(message).__name__}")
     return message
+
+
+def _printable(error: Exception) -> str:
+    return "".join(letter if letter.isprintable() else " " for letter in str(error)[:_MOST_WORDS])
 
 
 def _name(connection: ServerConnection) -> str:

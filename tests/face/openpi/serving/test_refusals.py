@@ -78,6 +78,12 @@ def test_all_that_is_missing_is_named(act, serve, seen):
     assert answer.endswith("was sent observation.state, observation.images.front")
 
 
+def test_what_a_client_sends_cannot_garble_a_log(act, serve, caplog):
+    answer = serve(act).client().ask({"\x1b[2J\nINFO all is well" * 1000: 1})
+    (told,) = [record.getMessage() for record in caplog.records if "was refused" in record.getMessage()]
+    assert answer.isprintable() and told.isprintable() and max(len(answer), len(told)) < 2100
+
+
 def test_our_client_refuses_a_missing_camera_before_an_arm_is_energised(act, serve):
     with pytest.raises(ConfigError, match="has to see observation.images.wrist_left, which --policy.image_keys does"):
         our_policy(serve(act), image_keys={"top": "images/top"})
@@ -139,7 +145,7 @@ def test_a_message_that_is_too_large_ends_its_connection(act, serve, seen):
     served = serve(act)
     other = served.client()
     with pytest.raises(ConnectionClosed, match="1009"):
-        served.client().ask(bytes(65 * 2**20))
+        served.client().ask(bytes(33 * 2**20))
     assert other.ask(seen)["actions"].shape == (6, N)
 
 
