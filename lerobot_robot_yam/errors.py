@@ -16,6 +16,10 @@ class ActionError(YamError, ValueError):
     """A command has wrong keys, shape, type or non-finite values; nothing was sent."""
 
 
+class ObservationError(YamError, ValueError):
+    """An observation for a policy lacks something, or has a wrong shape or type; the policy was not asked."""
+
+
 class BusError(YamError, OSError):
     """A CAN channel cannot be opened or used."""
 

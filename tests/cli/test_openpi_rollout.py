@@ -141,7 +141,7 @@ def test_a_killed_server(commands, server, roll_out, engine):
     named = f"openpi server 127.0.0.1:{server.port}"
     if engine == "sync":  # the error ends the rollout at the next question; LeRobot takes the arms back and lands them
         assert status == 1
-        assert f"PolicyServerError: the {named} has closed the connection" in commands.output().splitlines()[-1]
+        assert f"error: the {named} has closed the connection" in commands.output().splitlines()[-1]
     else:  # LeRobot asks again for 5 s before it gives up: the arms hold, then it ends as usual
         assert status == 0 and f"the {named} cannot be reached" in commands.output()
         last_s = killed_s + 2 * STEPS / FPS  # what was queued is still executed

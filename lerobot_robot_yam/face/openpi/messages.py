@@ -13,8 +13,8 @@ from PIL import Image
 
 from lerobot_robot_yam.errors import ActionError, ConfigError
 from lerobot_robot_yam.face.openpi.configuration_openpi import ActionSpace, YamOpenpiConfig
+from lerobot_robot_yam.face.openpi.wire_format import IMAGE_KEYS, PROMPT_KEY, observation_name
 
-PROMPT_KEY = "prompt"
 # No joint of these arms turns further than 3.2 rad either way, so a larger number is an angle in degrees.
 _LARGEST_RAD = 2.0 * math.pi
 
@@ -91,7 +91,7 @@ def check_metadata(config: YamOpenpiConfig, metadata: dict[str, Any]) -> None:
     """Compare what the server says of itself with the config. Keys that it does not mention are not checked.
 
     `angle_unit`, `action_dim` and `action_horizon` are for one's own `policy_metadata` in openpi's TrainConfig;
-    `action_space` and `image_resolution` (height, width) are RoboArena's.
+    `action_space` and `image_resolution` (height, width) are RoboArena's, `image_keys` is of `yam-policy-server`.
 
     Raises:
         ConfigError: they contradict each other.
@@ -113,6 +113,14 @@ def check_metadata(config: YamOpenpiConfig, metadata: dict[str, Any]) -> None:
     if resolution is not None and config.image_size is not None and list(resolution) != list(config.image_size):
         size = ",".join(str(pixels) for pixels in resolution)
         raise ConfigError(f"the {config.server} wants images of {resolution}; set '--policy.image_size=[{size}]'")
+    group = "" if config.image_group is None else f"{config.image_group}/"
+    sent = {observation_name(f"{group}{key}") for key in config.image_keys.values()}
+    missing = [key for key in metadata.get(IMAGE_KEYS, []) if observation_name(key) not in sent]
+    if missing:
+        raise ConfigError(
+            f"the {config.server} has to see {', '.join(missing)}, which --policy.image_keys does not send; name a "
+            f"camera of the robot for each, as in '--policy.image_keys={{top: {missing[0]}}}'"
+        )
     horizon = metadata.get("action_horizon")
     if horizon is not None and config.n_action_steps is not None and config.n_action_steps > horizon:
         raise ConfigError(f"--policy.n_action_steps is {config.n_action_steps}, the {config.server} plans {horizon}")

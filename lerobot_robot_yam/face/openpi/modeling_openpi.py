@@ -15,6 +15,7 @@ from lerobot_robot_yam.errors import ActionError, ConfigError, PolicyServerError
 from lerobot_robot_yam.face.openpi.configuration_openpi import YamOpenpiConfig
 from lerobot_robot_yam.face.openpi.messages import action_chunk, check_metadata, check_state, server_observation
 from lerobot_robot_yam.face.openpi.server_connection import ServerConnection
+from lerobot_robot_yam.face.openpi.wire_format import STATEFUL_KEY
 
 
 class YamOpenpiPolicy(PreTrainedPolicy):
@@ -40,6 +41,7 @@ class YamOpenpiPolicy(PreTrainedPolicy):
         self._queue: deque[torch.Tensor] = deque()
         self._rtc: RTCProcessor | None = None
         self._episode, self._asked = 0, False
+        self._begun = 0  # the episode that the server is in
         self._outdated = False  # LeRobot's engine for real-time chunking asks first with what it saw before a reset
 
     @classmethod
@@ -102,7 +104,16 @@ class YamOpenpiPolicy(PreTrainedPolicy):
             self._outdated = False
             raise PolicyServerError("a new episode has begun; its first observation is waited for")
         self._asked, episode = True, self._episode
-        rows = [self._ask(batch, row) for row in range(len(batch[OBS_STATE]))]
+        if self._begun != episode:
+            self._server.reset()
+            self._begun = episode
+        count = len(batch[OBS_STATE])
+        if count > 1 and self._server.metadata.get(STATEFUL_KEY):
+            raise ConfigError(
+                f"the {self.config.server} remembers what it has seen, and cannot tell {count} environments apart; "
+                "set --eval.batch_size=1"
+            )
+        rows = [self._ask(batch, row) for row in range(count)]
         if self._rtc is not None and episode != self._episode:
             raise PolicyServerError(f"the {self.config.server} has answered for an episode that is over")
         if len({len(row) for row in rows}) > 1:

@@ -1,12 +1,8 @@
 """One connection to an openpi server: its greeting, then a question and an answer at a time.
 
 The server (openpi, `src/openpi/serving/websocket_policy_server.py`) greets with its metadata, answers every message
-with one, and sends a traceback as text, then closes, when it fails.
-
-Messages are msgpack, with NumPy arrays and scalars as marked dictionaries: an array is
-`{b"__ndarray__": True, b"data": bytes, b"dtype": "<f4", b"shape": [50, 14]}`, a scalar
-`{b"__npgeneric__": True, b"data": value, b"dtype": "|b1"}`. Source: openpi-client 0.1.2, `msgpack_numpy.py`. The
-package msgpack-numpy has other keys, and falls back to pickle; openpi-client itself wants NumPy 1, LeRobot NumPy 2.
+with one, and sends a traceback as text, then closes, when it fails. Where the metadata name it among their `endpoints`,
+it takes resets as RoboArena's servers do.
 """
 
 import contextlib
@@ -17,13 +13,18 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import numpy as np
-
 from lerobot_robot_yam.errors import ConfigError, PolicyServerError
 from lerobot_robot_yam.face.openpi.configuration_openpi import YamOpenpiConfig
+from lerobot_robot_yam.face.openpi.wire_format import (
+    ENDPOINT_KEY,
+    ENDPOINTS_KEY,
+    RESET,
+    RESET_DONE,
+    decode_message,
+    encode_message,
+)
 
 try:
-    import msgpack
     from websockets.exceptions import ConnectionClosed, InvalidStatus, InvalidURI, WebSocketException
     from websockets.frames import CloseCode
     from websockets.sync.client import connect
@@ -40,7 +41,6 @@ _RETRY_S = 0.25
 _CLOSE_TIMEOUT_S = 1.0  # for the goodbye of a server that may be stuck
 _UNAUTHORISED = (401, 403)
 _MOST_BYTES = 16 * 2**20  # of an answer: a chunk of 1000 actions for two arms has 0.1 MiB
-_PLAIN_KINDS = "biufSU"  # truth values, integers, floats, text: nothing that is a pointer or runs code
 
 
 class ServerConnection:
@@ -53,12 +53,16 @@ class ServerConnection:
         config: where the server is, and how long it is waited for.
         check: called with the metadata of every greeting; raises where they do not fit.
 
+    Attributes:
+        metadata: of the last greeting.
+
     Raises:
         ConfigError: there is no API key where the config says.
     """
 
     def __init__(self, config: YamOpenpiConfig, check: Callable[[dict[str, Any]], None]):
         self._config, self._name, self._check = config, config.server, check
+        self.metadata: dict[str, Any] = {}
         key = config.api_key()
         self._headers = {"Authorization": f"Api-Key {key}"} if key else None
         self._next_timeout_s = config.first_response_timeout_s
@@ -102,6 +106,22 @@ class ServerConnection:
         self._next_timeout_s, self._overdue = self._config.response_timeout_s, False
         return message
 
+    def reset(self) -> None:
+        """Begin a new episode there: what the server remembers of the one before does not count any more.
+
+        Nothing is sent to a server that does not name this in its greeting, nor without a connection: what a server
+        remembers is of one connection.
+
+        Raises:
+            PolicyServerError: it failed, is gone, or does not answer in time.
+        """
+        if self._connection is None or RESET not in self.metadata.get(ENDPOINTS_KEY, []):
+            return
+        with self._closed_on_failure():
+            answer = self._exchange(encode_message({ENDPOINT_KEY: RESET}), self._next_timeout_s)
+            if answer != RESET_DONE:
+                raise PolicyServerError(f"the {self._name} could not begin a new episode: {answer[:500]!r}")
+
     def close(self) -> None:
         """Hang up. Idempotent."""
         self._connection = None
@@ -142,6 +162,7 @@ class ServerConnection:
             metadata = self._decode(greeting)
             logger.info("connected to the %s, which says of itself: %s", self._name, metadata)
             self._check(metadata)
+            self.metadata = metadata
         self._connection = connection
         if not self._overdue:
             self._next_timeout_s = self._config.first_response_timeout_s
@@ -209,52 +230,3 @@ class ServerConnection:
 
 def _words(error: Exception) -> str:
     return str(error) or type(error).__name__
-
-
-def encode_message(message: Any) -> bytes:
-    """Bytes of a message: dictionaries, lists, text, numbers, arrays.
-
-    Raises:
-        TypeError: it contains something else.
-    """
-    return msgpack.packb(message, default=_pack)
-
-
-def decode_message(data: bytes) -> Any:
-    """The message that these bytes say. Arrays are read-only.
-
-    Raises:
-        ValueError: they are not msgpack, or contain an invalid array.
-    """
-    try:
-        return msgpack.unpackb(data, object_hook=_unpack)
-    except (KeyError, TypeError, msgpack.exceptions.UnpackException) as error:
-        raise ValueError(f"not a message of openpi: {error!r}") from error
-
-
-def _pack(value: Any) -> dict[bytes, Any]:
-    if not isinstance(value, np.ndarray | np.generic):
-        raise TypeError(f"{type(value).__name__} has no place in a message of openpi")
-    _check_kind(value.dtype)
-    if isinstance(value, np.ndarray):
-        return {b"__ndarray__": True, b"data": value.tobytes(), b"dtype": value.dtype.str, b"shape": value.shape}
-    return {b"__npgeneric__": True, b"data": value.item(), b"dtype": value.dtype.str}
-
-
-def _unpack(value: dict[Any, Any]) -> Any:
-    if b"__ndarray__" in value:
-        return np.frombuffer(value[b"data"], _dtype(value)).reshape(value[b"shape"])
-    if b"__npgeneric__" in value:
-        return _dtype(value).type(value[b"data"])
-    return value
-
-
-def _dtype(value: dict[Any, Any]) -> np.dtype:
-    dtype = np.dtype(value[b"dtype"])
-    _check_kind(dtype)
-    return dtype
-
-
-def _check_kind(dtype: np.dtype) -> None:
-    if dtype.kind not in _PLAIN_KINDS:
-        raise TypeError(f"arrays of {dtype} have no place in a message of openpi")

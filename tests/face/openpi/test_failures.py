@@ -60,6 +60,19 @@ def test_failures_of_the_server_are_errors(made, answer, named):
     assert policy.select_action(batch).shape == (1, 14) and server.connections == 2
 
 
+def test_an_episode_that_the_server_cannot_begin(made):
+    def answer(observation, number):
+        return TRACEBACK if observation == {"endpoint": "reset"} else counting(observation, number)
+
+    server, policy = made(answer, {"endpoints": ["infer", "reset"]})
+    batch, _ = batch_of(policy)
+    policy.reset()
+    with pytest.raises(PolicyServerError, match="could not begin a new episode: .*KeyError"):
+        policy.select_action(batch)
+    assert policy.select_action(batch).shape == (1, 14)  # on a new connection, of which the server remembers nothing
+    assert server.connections == 2
+
+
 def test_a_dead_server_is_an_error_at_once(made):
     server, policy = made()
     batch, _ = batch_of(policy)

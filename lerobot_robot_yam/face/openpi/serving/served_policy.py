@@ -1,0 +1,181 @@
+"""A LeRobot checkpoint that answers an observation with a chunk of actions: those that `lerobot-rollout` would execute.
+
+LeRobot's engine `sync` (`lerobot/rollout/inference/sync.py`) asks `select_action` once per step. A policy that sees
+only the present ignores all observations of a chunk but the first. Its whole chunk is therefore taken from one
+observation here, action by action, each through the postprocessor. A policy that remembers earlier observations, or
+mixes its chunks, has to see every step: it answers with one action at a time.
+"""
+
+import contextlib
+import logging
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from lerobot.configs import parser
+from lerobot.configs.policies import PreTrainedConfig
+from lerobot.policies import get_policy_class, make_pre_post_processors
+from lerobot.policies.utils import prepare_observation_for_inference
+from lerobot.processor.relative_action_processor import RelativeActionsProcessorStep
+from lerobot.utils.import_utils import register_third_party_plugins
+
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.face.datasets.recording import of_checkpoint
+from lerobot_robot_yam.face.devices.command_check import unit_of
+from lerobot_robot_yam.face.devices.feature_names import space_of
+from lerobot_robot_yam.face.openpi.serving.observation_form import ObservationForm
+from lerobot_robot_yam.face.openpi.wire_format import (
+    ENDPOINTS_KEY,
+    IMAGE_KEYS,
+    INFER,
+    PROMPT_KEY,
+    RESET,
+    STATEFUL_KEY,
+)
+
+logger = logging.getLogger(__name__)
+
+_UNITS = {"radians": "rad", "degrees": "deg"}
+_SPACES = {"joint": "joint_position", "ee": "cartesian_position"}  # RoboArena's words
+
+
+class ServedPolicy:
+    """A policy with its processors, as `lerobot-rollout --policy.path=…` loads them. For one thread at a time.
+
+    Args:
+        path: directory of the checkpoint, or its repository on the hub.
+        overrides: LeRobot's options for the policy's config, such as `--n_action_steps=10`.
+        rename_map: LeRobot's: names that clients use, and what they are for the policy.
+        task: for clients that send no prompt.
+        any_image_size: for policies that resize images themselves.
+
+    Attributes:
+        metadata: what a client is told at once.
+        n_actions: actions of an answer.
+
+    Raises:
+        ConfigError: the checkpoint cannot be loaded, or cannot be served.
+    """
+
+    def __init__(
+        self,
+        path: str,
+        overrides: Sequence[str] = (),
+        rename_map: Mapping[str, str] | None = None,
+        task: str = "",
+        any_image_size: bool = False,
+    ):
+        rename_map = dict(rename_map or {})
+        config, self._policy, self._before, self._after = _loaded(path, list(overrides), rename_map)
+        if config.action_feature is None:
+            raise ConfigError(f"the checkpoint {path} has no actions; it is no policy for a robot")
+        if any(isinstance(step, RelativeActionsProcessorStep) and step.enabled for step in self._before.steps):
+            raise ConfigError(f"the checkpoint {path} has relative actions, which are not served, as LeRobot's sync")
+        self._device, self._task = torch.device(config.device), task
+        self._autocast = self._device.type == "cuda" and config.use_amp
+        self.form = ObservationForm.of_policy(config, rename_map, any_image_size)
+        stateful = _remembers(config)
+        self.n_actions = 1 if stateful else _chunk_length(config)
+        revision = config.pretrained_revision
+        self.metadata = _metadata(path, revision, config, self.form) | {
+            "action_horizon": self.n_actions,
+            STATEFUL_KEY: stateful,
+        }
+
+    def question(self, message: Mapping[Any, Any]) -> tuple[dict[str, np.ndarray], str]:
+        """Observation and task of a client's message. The policy is not touched.
+
+        Raises:
+            ObservationError: it is not what the policy has to see (`ObservationForm`).
+        """
+        prompt = message.get(PROMPT_KEY)
+        return self.form.frame(message), prompt if isinstance(prompt, str) and prompt else self._task
+
+    def actions(self, frame: Mapping[str, np.ndarray], task: str) -> np.ndarray:
+        """The next actions, (n_actions, n) float32, in the units of the training data.
+
+        Args:
+            frame, task: from `question`.
+        """
+        autocast = torch.autocast(self._device.type) if self._autocast else contextlib.nullcontext()
+        with torch.inference_mode(), autocast:
+            batch = self._before(prepare_observation_for_inference(dict(frame), self._device, task))
+            steps = [self._after(self._policy.select_action(dict(batch))) for _ in range(self.n_actions)]
+        return torch.cat(steps).float().cpu().numpy()
+
+    def reset(self) -> None:
+        """Begin a new episode."""
+        for part in (self._policy, self._before, self._after):
+            part.reset()
+
+
+def _loaded(path: str, overrides: list[str], rename_map: dict[str, str]) -> tuple[PreTrainedConfig, Any, Any, Any]:
+    """Config, policy, preprocessor and postprocessor of a checkpoint, as LeRobot's `rollout/context.py` loads them."""
+    register_third_party_plugins()
+    revision = parser.parse_arg("pretrained_revision", overrides)
+    try:
+        config = PreTrainedConfig.from_pretrained(path, revision=revision, cli_overrides=overrides)
+        if config.use_peft:
+            raise ConfigError("it is an adapter (PEFT); merge it into its base model first")
+        config.pretrained_path = path
+        if hasattr(config, "compile_model") and parser.parse_arg("compile_model", overrides) is None:
+            config.compile_model = False  # whatever it was in training
+        policy = get_policy_class(config.type).from_pretrained(path, config=config, revision=revision)
+        before, after = make_pre_post_processors(
+            config,
+            path,
+            revision,
+            preprocessor_overrides={
+                "device_processor": {"device": config.device},
+                "rename_observations_processor": {"rename_map": rename_map},
+            },
+        )
+    except Exception as error:  # each policy type has its own
+        where = "" if Path(path).is_dir() else ", which is no directory here, from the hub"
+        raise ConfigError(f"the checkpoint {path} cannot be loaded{where}: {_cause(error)}") from error
+    policy.to(config.device).eval()
+    logger.info("loaded %s, a policy of the type %s, on %s", path, config.type, config.device)
+    return config, policy, before, after
+
+
+def _cause(error: BaseException) -> BaseException:
+    """Where an error came from: LeRobot's parser hides what a config says of its values."""
+    return error if error.__cause__ is None else _cause(error.__cause__)
+
+
+def _remembers(config: PreTrainedConfig) -> bool:
+    """Whether actions depend on earlier observations: by a history, or by ACT's temporal ensembling."""
+    return config.n_obs_steps > 1 or getattr(config, "temporal_ensemble_coeff", None) is not None
+
+
+def _chunk_length(config: PreTrainedConfig) -> int:
+    """How many actions `select_action` hands out before it computes again."""
+    for name in ("n_action_steps", "action_chunk_size"):  # the latter is VQ-BeT's
+        if hasattr(config, name):
+            return getattr(config, name)
+    return 1
+
+
+def _metadata(path: str, revision: str | None, config: PreTrainedConfig, form: ObservationForm) -> dict[str, Any]:
+    """What a client can compare with its own settings (`check_metadata`), as far as the checkpoint tells."""
+    learnt = of_checkpoint(path, revision)
+    n = config.action_feature.shape[0]
+    metadata: dict[str, Any] = {
+        "policy_type": config.type,
+        "action_dim": n,
+        "state_dim": form.state and form.state[1],
+        IMAGE_KEYS: list(form.images),
+        ENDPOINTS_KEY: [INFER, RESET],
+    }
+    sizes = {shape[1:] for shape in form.images.values()}
+    if len(sizes) == 1 and not form.any_image_size:
+        metadata["image_resolution"] = list(sizes.pop())
+    unit = unit_of(learnt, np.ones(n, dtype=bool))  # grippers, too: 0 to 1 is less than any angle that tells
+    space = space_of(learnt.names)
+    if space in _SPACES:
+        metadata["action_space"] = _SPACES[space]
+    if unit is not None and space != "ee":
+        metadata["angle_unit"] = _UNITS[unit]
+    return metadata

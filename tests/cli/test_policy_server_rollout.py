@@ -1,0 +1,66 @@
+"""lerobot-rollout at 30 Hz, driven by yam-policy-server: a checkpoint in a process of its own."""
+
+import re
+import signal
+import time
+
+import pytest
+
+from tests.cli.test_openpi_rollout import STILL_RAD, Rollout
+from tests.policy_plugin.checkpoints import save_act
+
+pytestmark = [pytest.mark.long, pytest.mark.alone]
+
+FPS, STEPS, DURATION_S = 30, 10, 10
+AMPLITUDE_RAD, PERIOD_S = 0.4, 3.0
+LIFTED = [1, 2, 7, 8]  # the joints that carry the arms up
+
+
+class Server:
+    """The command, serving an ACT whose arms swing."""
+
+    def __init__(self, commands, arms=2):
+        path = save_act(commands.directory / "policy", arms, AMPLITUDE_RAD, PERIOD_S, FPS)
+        options = [f"--policy.path={path}", "--port=0", f"--policy.n_action_steps={STEPS}"]
+        self.commands, self.process = commands, commands.start("yam-policy-server", *options)
+        deadline = time.monotonic() + 100.0
+        while not (told := re.search(r"listening on ws://127.0.0.1:(\d+)", commands.output())):
+            assert time.monotonic() < deadline and self.process.poll() is None, commands.output()[-4000:]
+            time.sleep(0.1)
+        self.port = int(told[1])
+
+    def end(self):
+        """Ctrl-C; returns the exit status."""
+        self.process.send_signal(signal.SIGINT)
+        return self.commands.finish(self.process)
+
+
+@pytest.mark.parametrize("engine", ["sync", "rtc"])
+def test_a_checkpoint_drives_the_arms_from_its_server(commands, engine, record_property):
+    server = Server(commands)
+    options = [f"--fps={FPS}", f"--duration={DURATION_S}", f"--policy.n_action_steps={STEPS}"]
+    if engine == "rtc":
+        options += ["--inference.type=rtc", f"--inference.queue_threshold={STEPS // 2}"]
+    rollout = Rollout(commands, server, *options)
+    rollout.watch(lambda: False)
+    assert commands.finish(rollout.process) == 0, commands.output()[-4000:]
+    assert server.end() == 0
+    assert (rollout.moved()[LIFTED] > 0.6 * AMPLITUDE_RAD).all(), rollout.moved()
+    answers, seconds = re.search(r"has gone after (\d+) answers in ([\d.]+) s,", commands.output()).groups()
+    record_property("answers", int(answers))
+    record_property("ticks_too_long", commands.output().count("Record loop is running slower"))
+    assert float(seconds) > DURATION_S
+    assert int(answers) * STEPS > 0.5 * DURATION_S * FPS  # a machine with busy neighbours does less than the rate
+    commands.assert_landed()
+
+
+def test_a_policy_for_another_robot_is_refused_before_an_arm_moves(commands):
+    server = Server(commands, arms=1)
+    rollout = Rollout(commands, server)
+    rollout.watch(lambda: False)
+    assert commands.finish(rollout.process) == 1
+    told = commands.output().rpartition(f"the openpi server 127.0.0.1:{server.port} failed on this observation")[2]
+    assert "this policy has to see 7 floating-point numbers. Is the robot the one" in told
+    assert server.end() == 0
+    assert (rollout.moved() < STILL_RAD).all(), rollout.moved()
+    commands.assert_landed()
