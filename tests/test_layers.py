@@ -21,6 +21,7 @@ STOREYS = (
     "cameras",
     "setup",
     "waldo",
+    "remote",
     "face",
     "plugin",  # the packages' own modules, which LeRobot finds by their names
     "viewer",

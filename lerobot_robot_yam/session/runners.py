@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from lerobot_robot_yam import errors
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
@@ -66,6 +66,7 @@ class ProcessRunner:
     """The loop in another process, which the caller's interpreter cannot disturb."""
 
     clock: Clock = SYSTEM
+    _program = "lerobot_robot_yam.control.process.control_process"
 
     def __init__(self, arms: list[ResolvedArm], keys: list[str]):
         self._arms, self._keys = arms, keys
@@ -75,7 +76,7 @@ class ProcessRunner:
     def start(self, blocks: Sequence[Descriptors]) -> None:
         self._lifeline = lifeline = Lifeline()
         self._child = child = subprocess.Popen(
-            [sys.executable, "-P", "-m", "lerobot_robot_yam.control.process.control_process"],
+            [sys.executable, "-P", "-m", self._program],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             pass_fds=[lifeline.far_end, *(descriptor for pair in blocks for descriptor in pair)],
@@ -83,7 +84,7 @@ class ProcessRunner:
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
         )
         job = {
-            "arms": [dataclasses.asdict(arm.config) for arm in self._arms],
+            **self._job(),
             "keys": self._keys,
             "blocks": blocks,
             "lifeline": lifeline.far_end,
@@ -103,6 +104,10 @@ class ProcessRunner:
         reply = json.loads(line)
         if "error" in reply:
             raise getattr(errors, reply["kind"], YamError)(reply["error"])
+
+    def _job(self) -> dict[str, Any]:
+        """What the process is told, besides how it reaches us."""
+        return {"arms": [dataclasses.asdict(arm.config) for arm in self._arms]}
 
     def land(self) -> None:
         if self._child is not None and self._child.poll() is None:

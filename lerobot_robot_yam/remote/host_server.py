@@ -1,0 +1,194 @@
+"""The host: answers its clients, and lets one at a time drive each group of arms.
+
+Nothing is energised but by a client that asks for it. Targets go through the session of this computer, which checks
+and limits them as it does a local program's; a client that is silent for too long has its arms landed.
+"""
+
+import importlib.metadata
+import logging
+import platform
+import queue
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from lerobot_robot_yam.errors import ConfigError, LinkError, YamError
+from lerobot_robot_yam.remote.hosted_group import HostedGroup, Phase, Reply
+from lerobot_robot_yam.remote.mirrored_stop import MirroredStop
+from lerobot_robot_yam.remote.state_stream import StateStream
+from lerobot_robot_yam.remote.transport import HostSockets
+from lerobot_robot_yam.remote.wire import (
+    VERSION,
+    Beat,
+    Echo,
+    Kind,
+    kind_of,
+    number_of,
+    pack_answer,
+    pack_echo,
+    text_of,
+    unpack_beat,
+    unpack_command,
+    unpack_json,
+)
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.system.clock import SYSTEM
+
+logger = logging.getLogger(__name__)
+
+_LOOK_S = 0.02
+_TOLD_S = 10.0  # between two lines about messages that were refused
+_STOPPED_ELSEWHERE = "workstation"
+
+
+class HostServer:
+    """Serves until it is told to end.
+
+    Args:
+        sockets: which listen; closed at the end.
+        groups: of arms.
+        land_after_s: a client that is silent for so long has its arms landed.
+    """
+
+    def __init__(self, sockets: HostSockets, groups: Sequence[HostedGroup], land_after_s: float):
+        self._sockets, self._groups, self._land_after_s = sockets, groups, land_after_s
+        self._stop = MirroredStop(_STOPPED_ELSEWHERE)
+        self._stops: dict[int, bool] = {}  # by machine, whether the emergency stop is latched there
+        self._stopped = (False, 0)
+        self._stream = StateStream(groups, sockets.publish, lambda: self._stopped)
+        self._refused, self._told_s = 0, SYSTEM.now()
+        self._replies: queue.SimpleQueue[tuple[bytes, bytes]] = queue.SimpleQueue()  # of any thread
+
+    def run(self, must_end: Callable[[], bool]) -> None:
+        """Serve; at the end all arms are landed."""
+        self._stream.start()
+        look_s = SYSTEM.now()
+        try:
+            while not must_end():
+                received = self._sockets.receive(_LOOK_S)
+                if received is not None:
+                    self._handle(*received)
+                self._send_replies()
+                if SYSTEM.now() >= look_s:
+                    look_s = SYSTEM.now() + _LOOK_S
+                    self._look()
+        finally:
+            for group in self._groups:
+                group.land("the host ends")
+            for group in self._groups:
+                group.close()
+            self._send_replies()
+            self._stream.stop()
+            self._sockets.close()
+
+    def _handle(self, client: bytes, message: bytes) -> None:
+        """One message. What cannot be read, or does not count, is counted and has no effect."""
+        received_s = SYSTEM.now()
+        try:
+            kind = kind_of(message)
+            if kind is Kind.COMMAND:
+                command = unpack_command(message)
+                self._group_of(command.arm).take(command)
+            elif kind is Kind.BEAT:
+                self._beat(client, unpack_beat(message), received_s)
+            elif kind is Kind.ASK:
+                self._ask(client, unpack_json(message))
+            else:
+                raise LinkError(f"a message of kind {kind.name} is none for a host")
+        except LinkError as error:
+            self._refused += 1
+            if self._refused == 1 or received_s - self._told_s > _TOLD_S:
+                logger.warning("%d messages refused so far; the last: %s", self._refused, error)
+                self._told_s = received_s
+
+    def _group_of(self, number: int) -> HostedGroup:
+        for group in self._groups:
+            if any(arm.number == number for arm in group.arms):
+                return group
+        raise LinkError(f"there is no arm {number}")
+
+    def _beat(self, client: bytes, beat: Beat, received_s: float) -> None:
+        held = [group.heard(beat.session) for group in self._groups]
+        if self._stops.get(beat.machine, False) != bool(beat.stopped):
+            self._stops[beat.machine] = bool(beat.stopped)
+            self._follow()
+        self._sockets.answer(client, pack_echo(Echo(beat.sent_s, received_s, SYSTEM.now(), any(held))))
+
+    def _follow(self) -> None:
+        self._stop.follow(any(self._stops.values()), "its emergency stop is latched; release it there")
+        self._look_at_stop()
+
+    def _look_at_stop(self) -> None:
+        by = next((machine for machine, stopped in self._stops.items() if stopped), 0)
+        self._stopped = (True, 0 if self._stop.own else by) if self._stop.latched else (False, 0)
+
+    def _look(self) -> None:
+        self._look_at_stop()
+        if any(self._stops.values()) and not self._stopped[0]:  # somebody released here what is latched there
+            self._follow()
+        by_hand = any(group.led_by_hand for group in self._groups)
+        for group in self._groups:
+            if group.silent_s() > self._land_after_s and not by_hand:
+                group.land(f"its client has been silent for {self._land_after_s:g} s")
+
+    def _ask(self, client: bytes, asked: Mapping[str, Any]) -> None:
+        number = asked["number"]
+
+        def reply(fields: Mapping[str, Any]) -> None:
+            self._replies.put((client, pack_answer(number, fields)))
+
+        try:
+            op = text_of(asked, "op")
+            if op == "hello":
+                reply(self._told())
+            elif op == "start":
+                search = asked.get("search") is not False
+                self._role(asked).start(number_of(asked, "session"), text_of(asked, "who"), search, reply)
+            elif op == "stop":
+                self._role(asked).stop(number_of(asked, "session"), reply)
+            elif op == "estop":
+                self._estop(asked, reply)
+            else:
+                raise LinkError(f"the host knows no {op!r}")
+        except YamError as error:
+            reply({"error": str(error), "kind": type(error).__name__})
+            if isinstance(error, LinkError):
+                raise
+
+    def _role(self, asked: Mapping[str, Any]) -> HostedGroup:
+        role = text_of(asked, "group")
+        for group in self._groups:
+            if group.role == role:
+                return group
+        raise ConfigError(f"the host's rig has no {role}; it has {', '.join(group.role for group in self._groups)}")
+
+    def _estop(self, asked: Mapping[str, Any], reply: Reply) -> None:
+        action, stop = text_of(asked, "action"), EmergencyStop()
+        try:
+            if action == "latch":
+                stop.latch(f"{text_of(asked, 'who')}: {text_of(asked, 'why')}")
+            elif action == "release":
+                self._stops.clear()  # a machine whose own stop is latched still says so ten times a second
+                stop.release()
+            elif action != "status":
+                raise LinkError(f"an emergency stop has no {action!r}")
+        except OSError as error:
+            raise ConfigError(f"the host's emergency stop: {error}") from error
+        self._look_at_stop()
+        heard = [group.role for group in self._groups if group.phase is not Phase.FREE]
+        reply({"latched": stop.latched, "reason": stop.reason(), "heard_by": heard})
+
+    def _told(self) -> dict[str, Any]:
+        stop = EmergencyStop()
+        return {
+            "version": VERSION,
+            "package": importlib.metadata.version("lerobot_robot_yam"),
+            "computer": platform.node(),
+            "land_after_s": self._land_after_s,
+            "groups": {group.role: group.told() for group in self._groups},
+            "stop": stop.reason() if stop.latched else "",
+            "refused": self._refused,
+        }
+
+    def _send_replies(self) -> None:
+        while not self._replies.empty():
+            self._sockets.answer(*self._replies.get())

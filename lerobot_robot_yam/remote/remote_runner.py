@@ -1,0 +1,40 @@
+"""A `Runner` for arms of another computer: a link process here, the control loop there."""
+
+from collections.abc import Callable
+from typing import Any
+
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.remote.host_rig import HostedDevice
+from lerobot_robot_yam.session.runners import ProcessRunner
+
+
+class RemoteRunner(ProcessRunner):
+    """Drives a group of a host's arms.
+
+    Args:
+        device: the group, as the host describes it.
+        arms, keys: the same arms as they are called here.
+    """
+
+    _program = "lerobot_robot_yam.remote.link_process"
+
+    def __init__(self, device: HostedDevice, arms: list[ResolvedArm], keys: list[str]):
+        super().__init__(arms, keys)
+        self._device = device
+
+    def _job(self) -> dict[str, Any]:
+        device = self._device
+        return {
+            **super()._job(),
+            "host": str(device.host.address),
+            "key": device.host.key,
+            "group": device.group,
+            "numbers": device.numbers,
+            "host_keys": device.host_keys,
+            "all_keys": device.all_keys,
+            "search": all(arm.config.gripper_search for arm in self._arms),
+        }
+
+    def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
+        """Have the host land them; True when it says that they are down."""
+        return super().stop(off) and off()

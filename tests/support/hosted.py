@@ -1,0 +1,99 @@
+"""A host of a virtual rig's arms, run as a user runs it, and the workstation: another runtime directory."""
+
+import contextlib
+import os
+import socket
+import subprocess
+import sys
+import time
+
+from lerobot_robot_yam.errors import LinkError
+from lerobot_robot_yam.remote.host_address import HostAddress
+from lerobot_robot_yam.remote.host_question import Host, hello
+from tests.support.paths import ROOT
+
+FOLLOWERS, LEADERS = ("follower_left", "follower_right"), ("leader_left", "leader_right")
+_START_S = 60.0
+
+
+def free_port():
+    """A port whose next one is free, too."""
+    while True:
+        with socket.socket() as first, socket.socket() as second:
+            first.bind(("127.0.0.1", 0))
+            port = first.getsockname()[1]
+            with contextlib.suppress(OSError, OverflowError):
+                second.bind(("127.0.0.1", port + 1))
+                return port
+
+
+def rig_file(directory, rig, leads="", arms=FOLLOWERS + LEADERS):
+    """The file of a rig with these arms. `leads`: more options of leaders, as a YAML mapping's inside."""
+    common = f"interface: yam_sim, can_options: {{rig: {rig.name}}}, gravity_factor: [1, 1, 1, 1, 1, 1]"
+    sections = []
+    for section, role, gripper in (("robot", "follower", "linear_4310"), ("teleop", "leader", "yam_teaching_handle")):
+        stops = ", gripper_stops_rad: [3.25, -3.3]" if role == "follower" else ""
+        own = [channel for channel in arms if channel.startswith(role)]
+        if not own:
+            continue
+        lines = [f"{section}:", f"  type: {'bi_' * (len(own) == 2)}yam_{role}"]
+        for channel in own:
+            more = f", follower: {channel.replace('leader', 'follower')}{leads}" if leads and role == "leader" else ""
+            arm = f"{common}, channel: {channel}, gripper: {gripper}{stops}{more}"
+            side = channel.rpartition("_")[2]
+            if len(own) == 2:
+                lines.append(f"  {side}_arm_config: {{{arm}}}")
+            else:
+                lines += [f"  {part}" for part in f"{{{arm}}}"[1:-1].replace(", gripper", "\n  gripper").split("\n  ")]
+        sections.append("\n".join(lines))
+    path = directory / "rig.yaml"
+    path.write_text("\n".join(sections) + "\n")
+    return path
+
+
+class HostProcess:
+    """yam-host on a rig's file; `address` is where it listens."""
+
+    def __init__(self, file, directory, *options, port=None):
+        self.address = HostAddress("127.0.0.1", port or free_port())
+        self.log = directory / "host.txt"
+        with open(self.log, "ab") as output:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "lerobot_robot_yam.commands.host", f"--config_path={file}"]
+                + [f"--listen={self.address}", f"--keys={directory / 'keys'}", *options],
+                cwd=ROOT,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env=os.environ | {"HF_LEROBOT_CALIBRATION": str(directory / "cal")},
+                start_new_session=True,
+            )
+
+    def wait(self):
+        """Until it answers."""
+        deadline = time.monotonic() + _START_S
+        while True:
+            assert self.process.poll() is None and time.monotonic() < deadline, self.said()
+            with contextlib.suppress(LinkError):
+                return hello(Host(self.address))
+
+    def said(self):
+        """What it has printed."""
+        return self.log.read_text(errors="replace")[-4000:]
+
+    def end(self):
+        """End it; its arms land."""
+        if self.process.poll() is None:
+            self.process.terminate()
+            self.process.wait(90)
+
+
+@contextlib.contextmanager
+def running_host(file, directory, *options, port=None):
+    """A host that answers, and has ended after the block."""
+    host = HostProcess(file, directory, *options, port=port)
+    try:
+        host.wait()
+        yield host
+    finally:
+        host.end()
