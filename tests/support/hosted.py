@@ -8,8 +8,8 @@ import sys
 import time
 
 from lerobot_robot_yam.errors import LinkError
-from lerobot_robot_yam.remote.host_address import HostAddress
-from lerobot_robot_yam.remote.host_question import Host, hello
+from lerobot_robot_yam.remote.client.host_question import Host, hello
+from lerobot_robot_yam.remote.wire.host_address import HostAddress
 from tests.support.paths import ROOT
 
 FOLLOWERS, LEADERS = ("follower_left", "follower_right"), ("leader_left", "leader_right")
@@ -59,7 +59,7 @@ class HostProcess:
         self.log = directory / "host.txt"
         with open(self.log, "ab") as output:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "lerobot_robot_yam.commands.host", f"--config_path={file}"]
+                [sys.executable, "-m", "lerobot_robot_yam.commands.servers.host", f"--config_path={file}"]
                 + [f"--listen={self.address}", f"--keys={directory / 'keys'}", *options],
                 cwd=ROOT,
                 stdin=subprocess.DEVNULL,

@@ -9,7 +9,7 @@ import numpy as np
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.remote.wire import ArmNews
+from lerobot_robot_yam.remote.wire.link_messages import ArmNews
 from lerobot_robot_yam.state.about import forget_about, tell_about
 from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE, coupling_number, state_path

@@ -10,10 +10,10 @@ from typing import Any
 
 from lerobot_robot_yam import errors
 from lerobot_robot_yam.errors import LinkError, YamError
-from lerobot_robot_yam.remote.curve_keys import ClientKey
-from lerobot_robot_yam.remote.host_address import HostAddress
-from lerobot_robot_yam.remote.transport import ClientSockets, reaching
-from lerobot_robot_yam.remote.wire import Kind, kind_of, pack_ask, unpack_json
+from lerobot_robot_yam.remote.wire.curve_keys import ClientKey
+from lerobot_robot_yam.remote.wire.host_address import HostAddress
+from lerobot_robot_yam.remote.wire.link_messages import Kind, kind_of, pack_ask, unpack_json
+from lerobot_robot_yam.remote.wire.transport import ClientSockets, reaching
 
 HELLO_S = 2.0
 _AGAIN_S = 0.5

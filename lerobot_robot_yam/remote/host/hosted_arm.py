@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from lerobot_robot_yam.errors import LifeCycleError, StaleStateError, YamError
-from lerobot_robot_yam.remote.wire import ArmNews
+from lerobot_robot_yam.remote.wire.link_messages import ArmNews
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.state.modes import Gate, Mode

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.remote.host_rig import HostedDevice
+from lerobot_robot_yam.remote.client.host_rig import HostedDevice
 from lerobot_robot_yam.session.runners import ProcessRunner
 
 
@@ -16,7 +16,7 @@ class RemoteRunner(ProcessRunner):
         arms, keys: the same arms as they are called here.
     """
 
-    _program = "lerobot_robot_yam.remote.link_process"
+    _program = "lerobot_robot_yam.remote.client.link_process"
 
     def __init__(self, device: HostedDevice, arms: list[ResolvedArm], keys: list[str]):
         super().__init__(arms, keys)

@@ -5,8 +5,8 @@ from functools import partial
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError, LinkError
-from lerobot_robot_yam.remote.host_address import INTERFACE, HostAddress
-from lerobot_robot_yam.remote.host_question import Host, hello
+from lerobot_robot_yam.remote.client.host_question import Host, hello
+from lerobot_robot_yam.remote.wire.host_address import INTERFACE, HostAddress
 
 _OF_THE_HOST = ("calibration_path", "identity_path", "tuning")  # its files
 
@@ -56,7 +56,7 @@ class HostedDevice:
 
     def runner(self) -> Any:
         """What makes the `Runner` of a session with these arms."""
-        from lerobot_robot_yam.remote.remote_runner import RemoteRunner
+        from lerobot_robot_yam.remote.client.remote_runner import RemoteRunner
 
         return partial(RemoteRunner, self)
 

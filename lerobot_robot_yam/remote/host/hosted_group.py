@@ -9,8 +9,8 @@ from typing import Any
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import ChannelInUseError, LinkError, YamError
-from lerobot_robot_yam.remote.hosted_arm import HostedArm
-from lerobot_robot_yam.remote.wire import Command
+from lerobot_robot_yam.remote.host.hosted_arm import HostedArm
+from lerobot_robot_yam.remote.wire.link_messages import Command
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.state.modes import Gate
 from lerobot_robot_yam.system.clock import SYSTEM

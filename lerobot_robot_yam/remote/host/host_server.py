@@ -12,11 +12,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError, LinkError, YamError
-from lerobot_robot_yam.remote.hosted_group import HostedGroup, Phase, Reply
-from lerobot_robot_yam.remote.mirrored_stop import MirroredStop
-from lerobot_robot_yam.remote.state_stream import StateStream
-from lerobot_robot_yam.remote.transport import HostSockets
-from lerobot_robot_yam.remote.wire import (
+from lerobot_robot_yam.remote.host.hosted_group import HostedGroup, Phase, Reply
+from lerobot_robot_yam.remote.host.state_stream import StateStream
+from lerobot_robot_yam.remote.wire.link_messages import (
     VERSION,
     Beat,
     Echo,
@@ -30,6 +28,8 @@ from lerobot_robot_yam.remote.wire import (
     unpack_command,
     unpack_json,
 )
+from lerobot_robot_yam.remote.wire.mirrored_stop import MirroredStop
+from lerobot_robot_yam.remote.wire.transport import HostSockets
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.system.clock import SYSTEM
 

@@ -21,8 +21,8 @@ from lerobot_robot_yam.commands.lib.arm_command import run_command, seconds, tel
 from lerobot_robot_yam.errors import ConfigError
 
 if TYPE_CHECKING:
-    from lerobot_robot_yam.remote.host_address import HostAddress
-    from lerobot_robot_yam.remote.hosted_group import HostedGroup
+    from lerobot_robot_yam.remote.host.hosted_group import HostedGroup
+    from lerobot_robot_yam.remote.wire.host_address import HostAddress
 
 _LAND_AFTER_S = 30.0
 _LOCAL = "127.0.0.1"
@@ -54,10 +54,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _serve(args: argparse.Namespace) -> int:
-    from lerobot_robot_yam.remote.curve_keys import HostKeys, keys_directory
-    from lerobot_robot_yam.remote.host_address import HostAddress
-    from lerobot_robot_yam.remote.host_server import HostServer
-    from lerobot_robot_yam.remote.transport import HostSockets
+    from lerobot_robot_yam.remote.host.host_server import HostServer
+    from lerobot_robot_yam.remote.wire.curve_keys import HostKeys, keys_directory
+    from lerobot_robot_yam.remote.wire.host_address import HostAddress
+    from lerobot_robot_yam.remote.wire.transport import HostSockets
 
     if args.config_path is None:
         raise ConfigError("which arms? Give --config_path=rig.yaml, the file that yam-setup writes")
@@ -92,7 +92,7 @@ def groups_of(path: Path) -> "list[HostedGroup]":
     from lerobot_robot_yam.doctor.kit.targets import calibration_root
     from lerobot_robot_yam.face.devices.config_refusal import arm_config
     from lerobot_robot_yam.face.devices.rig_device import rig_device
-    from lerobot_robot_yam.remote.hosted_group import HostedGroup
+    from lerobot_robot_yam.remote.host.hosted_group import HostedGroup
     from lerobot_robot_yam.system.paths import user_path
     from lerobot_robot_yam.system.strict_yaml import read_yaml
 
@@ -136,7 +136,7 @@ def _options(arm: Any) -> dict[str, Any]:
 
 
 def _pair(args: argparse.Namespace) -> int:
-    from lerobot_robot_yam.remote.curve_keys import keys_directory, pair
+    from lerobot_robot_yam.remote.wire.curve_keys import keys_directory, pair
 
     if args.name is None:
         raise ConfigError("which computer? Give it a name: yam-host pair workstation")
@@ -150,9 +150,9 @@ def _pair(args: argparse.Namespace) -> int:
 
 
 def _status(args: argparse.Namespace) -> int:
-    from lerobot_robot_yam.remote.curve_keys import keys_directory, paired
-    from lerobot_robot_yam.remote.host_address import HostAddress
-    from lerobot_robot_yam.remote.host_question import Host, hello
+    from lerobot_robot_yam.remote.client.host_question import Host, hello
+    from lerobot_robot_yam.remote.wire.curve_keys import keys_directory, paired
+    from lerobot_robot_yam.remote.wire.host_address import HostAddress
 
     names = paired(args.keys or keys_directory())
     sys.stdout.write(f"paired: {', '.join(names) or 'none'}\n")

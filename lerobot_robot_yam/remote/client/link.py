@@ -7,13 +7,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from lerobot_robot_yam.errors import LinkError, YamError
-from lerobot_robot_yam.remote.clock_offset import ClockOffset
-from lerobot_robot_yam.remote.host_address import machine_number, who
-from lerobot_robot_yam.remote.host_question import Asker, Host
-from lerobot_robot_yam.remote.mirrored_stop import MirroredStop
-from lerobot_robot_yam.remote.state_mirror import StateMirror
-from lerobot_robot_yam.remote.transport import ClientSockets
-from lerobot_robot_yam.remote.wire import (
+from lerobot_robot_yam.remote.client.host_question import Asker, Host
+from lerobot_robot_yam.remote.client.state_mirror import StateMirror
+from lerobot_robot_yam.remote.wire.clock_offset import ClockOffset
+from lerobot_robot_yam.remote.wire.host_address import machine_number, who
+from lerobot_robot_yam.remote.wire.link_messages import (
     Beat,
     Command,
     Kind,
@@ -23,6 +21,8 @@ from lerobot_robot_yam.remote.wire import (
     unpack_echo,
     unpack_states,
 )
+from lerobot_robot_yam.remote.wire.mirrored_stop import MirroredStop
+from lerobot_robot_yam.remote.wire.transport import ClientSockets
 from lerobot_robot_yam.system.clock import SYSTEM
 from lerobot_robot_yam.system.shared_block import SharedBlock
 

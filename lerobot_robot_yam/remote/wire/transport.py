@@ -9,9 +9,9 @@ import logging
 from collections.abc import Iterator
 
 from lerobot_robot_yam.errors import BusError, ConfigError, LinkError
-from lerobot_robot_yam.remote.curve_keys import ClientKey, HostKeys
-from lerobot_robot_yam.remote.host_address import HostAddress
-from lerobot_robot_yam.remote.wire import MOST_ANSWER_BYTES, MOST_BYTES
+from lerobot_robot_yam.remote.wire.curve_keys import ClientKey, HostKeys
+from lerobot_robot_yam.remote.wire.host_address import HostAddress
+from lerobot_robot_yam.remote.wire.link_messages import MOST_ANSWER_BYTES, MOST_BYTES
 
 try:
     import zmq

@@ -1,4 +1,4 @@
-"""The link process: `python -m lerobot_robot_yam.remote.link_process`, started by `RemoteRunner`.
+"""The link process: `python -m lerobot_robot_yam.remote.client.link_process`, started by `RemoteRunner`.
 
 It stands where the control process stands for arms of this computer: it writes the states of the host's arms into
 their blocks, and passes on what the caller commands. It is a process for the same reason: the caller's interpreter
@@ -18,16 +18,16 @@ from typing import Any
 from lerobot_robot_yam.arm.config import LeadArmConfig
 from lerobot_robot_yam.control.process.lifeline import ProcessEnd, hung_up
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.remote.host_address import HostAddress
-from lerobot_robot_yam.remote.host_question import Host
-from lerobot_robot_yam.remote.link import Link
-from lerobot_robot_yam.remote.state_mirror import MirroredArm, StateMirror
+from lerobot_robot_yam.remote.client.host_question import Host
+from lerobot_robot_yam.remote.client.link import Link
+from lerobot_robot_yam.remote.client.state_mirror import MirroredArm, StateMirror
+from lerobot_robot_yam.remote.wire.host_address import HostAddress
 from lerobot_robot_yam.state.records import BlockPair, Descriptors, lock_path
 from lerobot_robot_yam.system.log_thread import log_from_a_thread
 from lerobot_robot_yam.system.realtime import request_realtime
 from lerobot_robot_yam.system.runtime_files import FileLock
 
-logger = logging.getLogger("lerobot_robot_yam.remote.link_process")
+logger = logging.getLogger("lerobot_robot_yam.remote.client.link_process")
 
 RT_PRIORITY = 15  # below that of control loops
 _TURNS = 20  # between two looks at the parent

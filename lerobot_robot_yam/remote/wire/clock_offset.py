@@ -11,7 +11,7 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-from lerobot_robot_yam.remote.wire import Echo
+from lerobot_robot_yam.remote.wire.link_messages import Echo
 
 _WINDOW = 50  # echoes, 5 s: two clocks drift apart by 0.1 ms in that time
 

@@ -1,4 +1,7 @@
-"""Devices whose arms are another computer's: what their configs and classes have in common."""
+"""Devices whose arms are another computer's: their options, and what concerns files of that computer.
+
+LeRobot loads this module at its start, which must not wait for what is imported later.
+"""
 
 import dataclasses
 from typing import TYPE_CHECKING, Any
@@ -6,11 +9,10 @@ from typing import TYPE_CHECKING, Any
 from lerobot.utils.decorators import check_if_not_connected
 
 from lerobot_robot_yam.arm.option import option
-from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.devices.config_refusal import RefusedConfigError
+from lerobot_robot_yam.errors import ConfigError, YamError
 
 if TYPE_CHECKING:
-    from lerobot_robot_yam.remote.host_rig import HostedDevice
+    from lerobot_robot_yam.remote.client.host_rig import HostedDevice
     from lerobot_robot_yam.session.arm_session import Isolation
 
 
@@ -31,10 +33,10 @@ class RemoteOptions:
         Raises:
             RefusedConfigError: the host does not answer, or has other arms.
         """
-        from lerobot_robot_yam.errors import YamError
-        from lerobot_robot_yam.remote.host_address import HostAddress
-        from lerobot_robot_yam.remote.host_question import Host
-        from lerobot_robot_yam.remote.host_rig import HostedDevice
+        from lerobot_robot_yam.face.devices.config_refusal import RefusedConfigError
+        from lerobot_robot_yam.remote.client.host_question import Host
+        from lerobot_robot_yam.remote.client.host_rig import HostedDevice
+        from lerobot_robot_yam.remote.wire.host_address import HostAddress
 
         try:
             if getattr(self, "isolation", "process") != "process":
@@ -55,7 +57,7 @@ class RemoteOptions:
 
 
 class RemoteDevice:
-    """Mixin of devices: what concerns files of the host."""
+    """Mixin for LeRobot's `Robot` and `Teleoperator`."""
 
     config: Any
 

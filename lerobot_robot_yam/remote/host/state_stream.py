@@ -5,8 +5,8 @@ import secrets
 import threading
 from collections.abc import Callable, Sequence
 
-from lerobot_robot_yam.remote.hosted_group import HostedGroup
-from lerobot_robot_yam.remote.wire import States, pack_states
+from lerobot_robot_yam.remote.host.hosted_group import HostedGroup
+from lerobot_robot_yam.remote.wire.link_messages import States, pack_states
 from lerobot_robot_yam.system.clock import SYSTEM
 
 logger = logging.getLogger(__name__)
