@@ -218,6 +218,11 @@ class ArmSession(Uncopied):
 def _bury(config: ArmConfig, key: str) -> None:
     """Report an arm whose control process and stand-by have both died, and remove their files."""
     logger.critical("%s: nothing drives the arm any more; its motors have switched themselves off", config.name)
+    clear_away(config, key)
+
+
+def clear_away(config: ArmConfig, key: str) -> None:
+    """Remove the files of an arm whose process here was killed; not if another has taken its place."""
     with contextlib.suppress(OSError, YamError):
         lock = FileLock(lock_path(key), config.channel)
         lock.acquire()

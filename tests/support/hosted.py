@@ -1,16 +1,25 @@
-"""A host of a virtual rig's arms, run as a user runs it, and the workstation: another runtime directory."""
+"""A host of a virtual rig's arms, in a thread of the tests or run as a user runs it."""
 
 import contextlib
+import dataclasses
 import os
 import socket
 import subprocess
 import sys
+import threading
 import time
 
+from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import LinkError
 from lerobot_robot_yam.remote.client.host_question import Host, hello
+from lerobot_robot_yam.remote.client.host_rig import HostedDevice
+from lerobot_robot_yam.remote.host.host_server import HostServer
+from lerobot_robot_yam.remote.host.hosted_group import HostedGroup
 from lerobot_robot_yam.remote.wire.host_address import HostAddress
+from lerobot_robot_yam.remote.wire.transport import HostSockets
+from lerobot_robot_yam.session.arm_session import ArmSession
 from tests.support.paths import ROOT
+from tests.support.rigged import sim_config
 
 FOLLOWERS, LEADERS = ("follower_left", "follower_right"), ("leader_left", "leader_right")
 _START_S = 60.0
@@ -97,3 +106,46 @@ def running_host(file, directory, *options, port=None):
         yield host
     finally:
         host.end()
+
+
+class ServedArms:
+    """A host in a thread of the tests, for arms of a live rig.
+
+    Args:
+        rig: it.
+        channels: of its arms; followers are the robot, leaders the teleoperator.
+        keys, land_after_s: see `HostServer`.
+    """
+
+    def __init__(self, rig, *channels, keys=None, land_after_s=30.0):
+        configs = {
+            "robot": [sim_config(rig, channel) for channel in channels if channel.startswith("follower")],
+            "teleop": [sim_config(rig, channel) for channel in channels if channel.startswith("leader")],
+        }
+        self.groups, first = [], 0
+        for role, arms in configs.items():
+            prefixes = [""] if len(arms) == 1 else ["left_", "right_"]
+            by_prefix = dict(zip(prefixes, arms, strict=False))
+            if by_prefix:
+                options = {prefix: dataclasses.asdict(arm) for prefix, arm in by_prefix.items()}
+                self.groups.append(HostedGroup(role, f"yam_{role}", by_prefix, options, first))
+                first += len(arms)
+        self.address = HostAddress("127.0.0.1", free_port())
+        self.server = HostServer(HostSockets(self.address, keys), self.groups, land_after_s)
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self.server.run, args=[self._end.is_set])
+
+    def __enter__(self):
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self._end.set()
+        self._thread.join()
+
+    def session(self, group="robot", key=None):
+        """A session of that group over a link, not yet started; its arms have their names of the host."""
+        count = next(len(found.arms) for found in self.groups if found.role == group)
+        prefixes = ("",) if count == 1 else ("left_", "right_")
+        device = HostedDevice(Host(self.address, key), group, prefixes)
+        return ArmSession([ArmConfig(**options) for options in device.options.values()], device.runner())

@@ -85,6 +85,7 @@ class Link:
         while not self.up:
             self.turn()
             if SYSTEM.now() > deadline:
+                self.stop(group)
                 raise LinkError(f"{self._host.address}: no states come; is port {self._host.address.port + 1} open?")
 
     def stop(self, group: str) -> bool:

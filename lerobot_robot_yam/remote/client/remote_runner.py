@@ -1,11 +1,15 @@
 """A `Runner` for arms of another computer: a link process here, the control loop there."""
 
+import logging
 from collections.abc import Callable
 from typing import Any
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.remote.client.host_rig import HostedDevice
+from lerobot_robot_yam.session.arm_session import clear_away
 from lerobot_robot_yam.session.runners import ProcessRunner
+
+logger = logging.getLogger(__name__)
 
 
 class RemoteRunner(ProcessRunner):
@@ -37,4 +41,10 @@ class RemoteRunner(ProcessRunner):
 
     def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
         """Have the host land them; True when it says that they are down."""
-        return super().stop(off) and off()
+        link = self._child
+        ended = super().stop(off)
+        if ended and link is not None and link.returncode < 0:
+            logger.error("the link process was killed; the host lands the arms once it has missed it for long enough")
+            for arm, key in zip(self._arms, self._keys, strict=True):
+                clear_away(arm.config, key)
+        return ended and off()

@@ -51,6 +51,8 @@ class HostServer:
 
     def __init__(self, sockets: HostSockets, groups: Sequence[HostedGroup], land_after_s: float):
         self._sockets, self._groups, self._land_after_s = sockets, groups, land_after_s
+        for group in groups:
+            group.leaders = frozenset(arm.key for other in groups for arm in other.arms if other is not group)
         self._stop = MirroredStop(_STOPPED_ELSEWHERE)
         self._stops: dict[int, bool] = {}  # by machine, whether the emergency stop is latched there
         self._stopped = (False, 0)

@@ -62,8 +62,12 @@ class HostedArm:
         """The session has ended."""
         self._client = None
 
-    def take(self, record: bytes) -> bool:
+    def take(self, record: bytes, leaders: Collection[str]) -> bool:
         """Pass on what is new in a client's command record. False: a target in it was not taken.
+
+        Args:
+            record: of COMMAND_DTYPE, by the host's clock.
+            leaders: keys of the arms that a follower may follow.
 
         A request goes first: the client has waited for its answer before it gave a target.
         """
@@ -81,7 +85,7 @@ class HostedArm:
         if not -_AHEAD_S <= now - given_s <= hardware.config.command_timeout_s:  # NaN, too
             return False
         try:
-            self._write_target(client, command, min(given_s, now))
+            self._write_target(client, command, min(given_s, now), leaders)
         except YamError as error:
             logger.debug("%s: a client's target was not taken: %s", self._name, error)
             return False
@@ -91,6 +95,8 @@ class HostedArm:
         number = self._requests
         try:
             request = Request(int(command["request"]))
+            if request is Request.CUT_TORQUE:
+                raise LifeCycleError(f"{self._name}: an arm that does not lie falls; cut torque at its own computer")
             gains: Sequence[float] = ()
             if request is Request.GAINS:
                 j = client.hardware.joints
@@ -101,7 +107,7 @@ class HostedArm:
         self._answered = self._asked[1]
         self._asked = (client.ask(request, gains), number)
 
-    def _write_target(self, client: ArmClient, command: np.void, given_s: float) -> None:
+    def _write_target(self, client: ArmClient, command: np.void, given_s: float, leaders: Collection[str]) -> None:
         hardware = client.hardware
         j = hardware.joints
         gripper = float(command["q"][j]) if hardware.has_gripper else None
@@ -114,8 +120,8 @@ class HostedArm:
         coupled = None
         if leader := command["leader"].item().decode(errors="replace"):
             permitted_s = float(command["coupled_until_s"] - command["target_stamp_s"])  # from when it arrives on
-            if not 0.0 <= permitted_s <= _PERMITTED_MOST_S:
-                raise LifeCycleError(f"{self._name}: a coupling for {permitted_s:g} s")
+            if leader not in leaders or not 0.0 <= permitted_s <= _PERMITTED_MOST_S:
+                raise LifeCycleError(f"{self._name}: cannot follow {leader} for {permitted_s:g} s")
             coupled = (leader, permitted_s)
         client.write_target(command["q"][:j], gripper, **options, coupled=coupled, given_s=given_s)
 

@@ -76,6 +76,7 @@ class HostedGroup:
         ]
         self.prefixes = list(arms)
         self.phase, self.holder = Phase.FREE, None
+        self.leaders: frozenset[str] = frozenset()  # keys of all arms of the host, set by the server
         self.dropped = 0  # commands that were not the holder's, too old, or not newer than the last
         self._lock = threading.Lock()  # of phase, holder and waiting
         self._waiting: list[Reply] = []
@@ -206,7 +207,7 @@ class HostedGroup:
             raise LinkError(f"a command for the {self.role} has come before")
         holder.sequence, holder.heard_s = command.sequence, SYSTEM.now()
         arm = next(arm for arm in self.arms if arm.number == command.arm)
-        if not arm.take(command.record):
+        if not arm.take(command.record, self.leaders):
             self.dropped += 1
 
     def silent_s(self) -> float:

@@ -32,7 +32,7 @@ class HostAddress:
     def of(cls, text: str) -> "HostAddress":
         """What `192.168.1.20` or `192.168.1.20:5570` says. Raises ConfigError: it is neither."""
         host, colon, port = text.rpartition(":") if ":" in text else (text, "", "")
-        number = int(port) if port.isdecimal() and len(port) < 6 else -1 if colon else PORT
+        number = int(port) if port.isascii() and port.isdecimal() and len(port) < 6 else -1 if colon else PORT
         if not host or not host.isascii() or not all(c.isalnum() or c in ".-" for c in host):
             raise ConfigError(f"host {text!r}: write NAME or ADDRESS, or with a port, such as 192.168.1.20:{PORT}")
         if not 0 < number <= _PORT_MOST:
