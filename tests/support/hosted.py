@@ -14,6 +14,7 @@ from lerobot_robot_yam.errors import LinkError
 from lerobot_robot_yam.remote.client.host_question import Host, hello
 from lerobot_robot_yam.remote.client.host_rig import HostedDevice
 from lerobot_robot_yam.remote.host.host_server import HostServer
+from lerobot_robot_yam.remote.host.host_tools import HostTools
 from lerobot_robot_yam.remote.host.hosted_group import HostedGroup
 from lerobot_robot_yam.remote.wire.host_address import HostAddress
 from lerobot_robot_yam.remote.wire.transport import HostSockets
@@ -131,7 +132,7 @@ class ServedArms:
                 self.groups.append(HostedGroup(role, f"yam_{role}", by_prefix, options, first))
                 first += len(arms)
         self.address = HostAddress("127.0.0.1", free_port())
-        self.server = HostServer(HostSockets(self.address, keys), self.groups, land_after_s)
+        self.server = HostServer(HostSockets(self.address, keys), self.groups, land_after_s, HostTools(None, {}))
         self._end = threading.Event()
         self._thread = threading.Thread(target=self.server.run, args=[self._end.is_set])
 

@@ -55,9 +55,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _serve(args: argparse.Namespace) -> int:
     from lerobot_robot_yam.remote.host.host_server import HostServer
+    from lerobot_robot_yam.remote.host.host_tools import HostTools
     from lerobot_robot_yam.remote.wire.curve_keys import HostKeys, keys_directory
     from lerobot_robot_yam.remote.wire.host_address import HostAddress
     from lerobot_robot_yam.remote.wire.transport import HostSockets
+    from lerobot_robot_yam.system.paths import user_path
 
     if args.config_path is None:
         raise ConfigError("which arms? Give --config_path=rig.yaml, the file that yam-setup writes")
@@ -65,7 +67,9 @@ def _serve(args: argparse.Namespace) -> int:
     groups = groups_of(args.config_path)
     address = HostAddress.of(args.listen)
     keys = HostKeys.load(args.keys or keys_directory())
-    server = HostServer(HostSockets(address, keys), groups, args.land_after_s)
+    channels = {channel: words for group in groups for channel, words in group.channels.items()}
+    tools = HostTools(user_path(args.config_path).absolute(), channels)
+    server = HostServer(HostSockets(address, keys), groups, args.land_after_s, tools)
     ended: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda number, _: ended.append(number))

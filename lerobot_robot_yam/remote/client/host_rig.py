@@ -47,7 +47,7 @@ class HostedDevice:
                 f"the {self.group} of {address} has {len(arms)} arm{'s' * (len(arms) != 1)}; its type here is "
                 f"{kind if self.group == 'robot' else f'{kind}_leader'}"
             )
-        self.options = {prefix: _ours(address, arm["options"]) for prefix, arm in arms.items()}
+        self.options = {prefix: ours(address, arm["options"]) for prefix, arm in arms.items()}
         self.numbers = [int(arm["number"]) for arm in arms.values()]
         self.host_keys = [str(arm["key"]) for arm in arms.values()]
         every = [arm for group in groups.values() for arm in group["arms"].values()]
@@ -61,10 +61,10 @@ class HostedDevice:
         return partial(RemoteRunner, self)
 
 
-def _ours(address: HostAddress, options: Mapping[str, Any]) -> dict[str, Any]:
+def ours(address: HostAddress, options: Mapping[str, Any]) -> dict[str, Any]:
     """Options of an arm with this computer's name of its channel, and without the host's files."""
-    ours = {**options, "interface": INTERFACE, "channel": address.channel(options["channel"]), "can_options": {}}
-    ours |= dict.fromkeys(name for name in _OF_THE_HOST if name in options)
+    found = {**options, "interface": INTERFACE, "channel": address.channel(options["channel"]), "can_options": {}}
+    found |= dict.fromkeys(name for name in _OF_THE_HOST if name in options)
     if options.get("follower") is not None:
-        ours["follower"] = address.channel(options["follower"])
-    return ours
+        found["follower"] = address.channel(options["follower"])
+    return found

@@ -40,7 +40,7 @@ class StateMirror:
 
     Args:
         arms: which.
-        blocks: for each, memory to write; published under its key.
+        blocks: for each, memory to write; published under its key with its first state.
         keys: of all arms of the host, what each key there is here.
     """
 
@@ -49,10 +49,6 @@ class StateMirror:
         self._blocks = {arm.number: block for arm, block in zip(arms, blocks, strict=True)}
         self._coupled = {0: 0} | {coupling_number(there): coupling_number(here) for there, here in keys.items()}
         self._last: dict[int, np.ndarray] = {}
-        for arm in arms:
-            with contextlib.suppress(OSError, YamError):  # no other program can watch it
-                self._blocks[arm.number].publish(state_path(arm.key))
-            tell_about(arm.key, arm.config)
 
     @property
     def complete(self) -> bool:
@@ -73,8 +69,16 @@ class StateMirror:
             record["owner_pid"] = os.getpid()
             record["request_sequence"] = answered
             record["coupled_to"] = self._coupled.get(int(record["coupled_to"]), 0)
-            self._last[number] = record
             block.write(record)
+            if number not in self._last:
+                self._publish(number)
+            self._last[number] = record
+
+    def _publish(self, number: int) -> None:
+        arm = self._arms[number]
+        with contextlib.suppress(OSError, YamError):  # no other program can watch it
+            self._blocks[number].publish(state_path(arm.key))
+        tell_about(arm.key, arm.config)
 
     def note_landed(self) -> None:
         """The host has said that all arms are down: the last state may have got lost."""

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError, LinkError, YamError
+from lerobot_robot_yam.remote.host.host_tools import HostTools
 from lerobot_robot_yam.remote.host.hosted_group import HostedGroup, Phase, Reply
 from lerobot_robot_yam.remote.host.state_stream import StateStream
 from lerobot_robot_yam.remote.wire.link_messages import (
@@ -47,10 +48,11 @@ class HostServer:
         sockets: which listen; closed at the end.
         groups: of arms.
         land_after_s: a client that is silent for so long has its arms landed.
+        tools: what clients may have run here.
     """
 
-    def __init__(self, sockets: HostSockets, groups: Sequence[HostedGroup], land_after_s: float):
-        self._sockets, self._groups, self._land_after_s = sockets, groups, land_after_s
+    def __init__(self, sockets: HostSockets, groups: Sequence[HostedGroup], land_after_s: float, tools: HostTools):
+        self._sockets, self._groups, self._land_after_s, self._tools = sockets, groups, land_after_s, tools
         for group in groups:
             group.leaders = frozenset(arm.key for other in groups for arm in other.arms if other is not group)
         self._stop = MirroredStop(_STOPPED_ELSEWHERE)
@@ -78,6 +80,7 @@ class HostServer:
                 group.land("the host ends")
             for group in self._groups:
                 group.close()
+            self._tools.close()
             self._send_replies()
             self._stream.stop()
             self._sockets.close()
@@ -147,6 +150,9 @@ class HostServer:
                 self._role(asked).start(number_of(asked, "session"), text_of(asked, "who"), search, reply)
             elif op == "stop":
                 self._role(asked).stop(number_of(asked, "session"), reply)
+            elif op == "tool":
+                channel = text_of(asked, "channel") if "channel" in asked else ""
+                self._tools.run(text_of(asked, "tool"), channel, asked.get("json") is True, reply)
             elif op == "estop":
                 self._estop(asked, reply)
             else:

@@ -75,6 +75,7 @@ class HostedGroup:
             HostedArm(first + number, self._session, config.name) for number, config in enumerate(arms.values())
         ]
         self.prefixes = list(arms)
+        self.channels = {config.channel: config.on_command_line for config in arms.values()}
         self.phase, self.holder = Phase.FREE, None
         self.leaders: frozenset[str] = frozenset()  # keys of all arms of the host, set by the server
         self.dropped = 0  # commands that were not the holder's, too old, or not newer than the last

@@ -1,5 +1,6 @@
 """A host takes commands of the client that has the arms, and nothing else: whatever else comes has no effect."""
 
+import contextlib
 import os
 import random
 import time
@@ -16,6 +17,7 @@ from lerobot_robot_yam.remote.wire.transport import ClientSockets, HostSockets
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import COMMAND_DTYPE, Request
+from lerobot_robot_yam.system.shared_block import SharedBlock
 from tests.support.hosted import ServedArms
 from tests.support.rigged import track
 
@@ -61,12 +63,19 @@ def send(sockets, *messages):
         assert time.monotonic() < deadline
 
 
-def target(q=FAR, age_s=0.0, number=1 << 40, request=(Request.NONE, 0)):
-    """A command record whose target was given `age_s` ago."""
+def next_target(session):
+    """The number that the client's next target will have."""
+    block = SharedBlock(None, COMMAND_DTYPE, create=False, descriptor=os.dup(session[ARM].descriptors.commands))
+    with contextlib.closing(block):
+        return int(block.read()["target_sequence"]) + 1
+
+
+def target(number=1, age_s=0.0, request=(Request.NONE, 0)):
+    """A command record with a target far away that was given `age_s` ago."""
     record = np.zeros((), COMMAND_DTYPE)
     for field in ("q", "dq", "kp", "kd", "own_kp", "own_kd"):
         record[field] = np.nan
-    record["q"][: len(q) + 1] = [*q, 0.5]
+    record["q"][:7] = [*FAR, 0.5]
     record["target_stamp_s"], record["target_sequence"] = time.monotonic() - age_s, number
     record["request"], record["request_sequence"] = request
     return record.tobytes()
@@ -82,7 +91,7 @@ def stays(session, seconds=0.3):
 
 def test_commands_of_others_are_dropped(served, session, stranger):
     before = hello(Host(served.address))["groups"]["robot"]["dropped"]
-    requests = [wire.Command(9, n, 0, target(request=(r, 1 << 40))) for n, r in enumerate(Request)]
+    requests = [wire.Command(9, n, 0, target(request=(r, 1))) for n, r in enumerate(Request)]
     send(stranger, *(wire.pack_command(command) for command in [wire.Command(9, 99, 0, target()), *requests]))
     assert stays(session)
     assert hello(Host(served.address))["groups"]["robot"]["dropped"] == before + 1 + len(Request)
@@ -92,10 +101,11 @@ def test_commands_that_are_repeated_or_old_are_dropped(served, session, stranger
     """Even with the right session number, which no other client knows."""
     group = served.groups[0]
     number, newest = group.holder.session, group.holder.sequence
-    replayed = wire.pack_command(wire.Command(number, newest, 0, target()))
-    old = wire.pack_command(wire.Command(number, newest + (1 << 32), 0, target(age_s=0.6)))
-    from_the_future = wire.pack_command(wire.Command(number, newest + (2 << 32), 0, target(age_s=-0.3)))
-    no_arm = wire.pack_command(wire.Command(number, newest + (3 << 32), 5, target()))
+    replayed = wire.pack_command(wire.Command(number, newest, 0, target(next_target(session))))
+    first = next_target(session)
+    old = wire.pack_command(wire.Command(number, newest + 1, 0, target(first, age_s=0.6)))
+    from_the_future = wire.pack_command(wire.Command(number, newest + 2, 0, target(first, age_s=-0.3)))
+    no_arm = wire.pack_command(wire.Command(number, newest + 3, 5, target(first)))
     send(stranger, replayed, old, from_the_future, no_arm)
     assert stays(session)
     group.holder.sequence = newest
@@ -105,7 +115,7 @@ def test_commands_that_are_repeated_or_old_are_dropped(served, session, stranger
 def test_a_follower_follows_leaders_of_the_host_only(served, session, stranger, leader):
     group = served.groups[0]
     newest = group.holder.sequence
-    record = np.frombuffer(target(number=(1 << 41) + len(leader)), COMMAND_DTYPE, count=1).copy()
+    record = np.frombuffer(target(next_target(session)), COMMAND_DTYPE, count=1).copy()
     record["leader"], record["coupled_until_s"] = leader.encode(), record["target_stamp_s"] + 0.1
     send(stranger, wire.pack_command(wire.Command(group.holder.session, newest + 1, 0, record.tobytes())))
     assert stays(session)
@@ -120,7 +130,7 @@ def test_a_second_client_is_refused_by_the_name_of_the_first(served, session):
 
 
 def hostile(seed, count):
-    """Messages at random: noise, right heads with noise, whole ones with a byte changed, questions that make no sense."""
+    """Messages at random: noise, right heads with noise, whole ones with a byte changed, senseless questions."""
     draw = random.Random(seed)
     packed = [
         wire.pack_command(wire.Command(draw.getrandbits(64), 1 << 60, 0, target())),
