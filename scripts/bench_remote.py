@@ -4,15 +4,15 @@
 
 Two arms of the virtual rig on one computer, over its loopback; a client at 60 Hz. Takes about a minute; `--quick` a
 short look. Both sides have one clock here, so that every time is true. LeRobot's own pattern for a robot elsewhere
-(lerobot/robots/lekiwi: a loop that takes a command, reads, and sends JSON) is measured beside it, with nothing to drive,
-at its rate and at ours.
+(lerobot/robots/lekiwi: a loop that takes a command, reads, and sends JSON) is measured beside it, with nothing to
+drive, at its rate and at ours.
 """
 
 import argparse
 import contextlib
 import dataclasses
 import json
-import os
+import random
 import signal
 import subprocess
 import sys
@@ -42,7 +42,6 @@ ARMS = ("follower_left", "follower_right")
 RATE_HZ, PORT = 60.0, 5690
 _LOOK_S = 0.00005
 _AT = {name: STATE_DTYPE.fields[name][1] for name in ("tick", "target_sequence")}  # type: ignore[index]
-_TICKS = os.sysconf("SC_CLK_TCK")
 
 
 class Watch:
@@ -80,9 +79,8 @@ def percentiles(seconds: list[float]) -> dict[str, float]:
 
 
 def cpu_s(pid: int) -> float:
-    """Processor time of a process until now."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / _TICKS
+    """Time that all threads of a process have run until now: what the scheduler has counted."""
+    return sum(int(path.read_text().split()[0]) for path in Path(f"/proc/{pid}/task").glob("*/schedstat")) / 1e9
 
 
 def drive(session: ArmSession, watch: Watch, seconds: float) -> list[float]:
@@ -95,6 +93,7 @@ def drive(session: ArmSession, watch: Watch, seconds: float) -> list[float]:
         target = q + 0.05 * np.sin(number / RATE_HZ * 2.0)
         for name in ARMS:
             session[name].observe()
+        time.sleep(random.uniform(0.0, 0.004))  # a reader comes right after a tick, a policy takes its time
         now = time.monotonic()
         for name in ARMS:
             session[name].write_target(target, 0.5)

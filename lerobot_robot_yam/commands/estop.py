@@ -9,8 +9,7 @@ yam-estop --host 192.168.1.20          latch that of another computer's arms; wi
 Without --host it reaches all arms that this user drives on this machine, from any shell; root's reaches those of every
 user. It says which running sessions hear it. If there is no such session, an arm may go on moving, and a warning in
 capitals says so; the exit status stays 0, since no session that starts later energises its arms. Exit status 1: some
-arms could not be
-reached.
+arms could not be reached.
 """
 
 import argparse

@@ -3,7 +3,7 @@
 import dataclasses
 import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -34,16 +34,20 @@ logger = logging.getLogger(__name__)
 class ArmClient:
     """One arm of a running session. One thread writes; reading is free.
 
+    Args:
+        hardware, clock: the arm, and by what it lives.
+        written: called after each command.
+
     Attributes:
         published, await_fresh, newest: of its `StateReader`.
         kp, kd: (joints,) the arm's own gains, Nm/rad and Nm s/rad.
     """
 
-    def __init__(self, hardware: ResolvedArm, clock: Clock = SYSTEM):
+    def __init__(self, hardware: ResolvedArm, clock: Clock = SYSTEM, written: Callable[[], None] = lambda: None):
         self.hardware, self.config, self._clock = hardware, hardware.config, clock
         self._states = states = StateReader(hardware, clock)
         self.published, self.await_fresh, self.newest = states.published, states.await_fresh, states.newest
-        self._commands = CommandWriter(hardware.name, hardware.n)
+        self._commands = CommandWriter(hardware.name, hardware.n, written)
         self._lower, self._upper = hardware.lower.tolist(), hardware.upper.tolist()
         types = [motor_type(motor.type) for motor in hardware.motors[: hardware.joints]]
         self._ranges = {

@@ -111,7 +111,7 @@ class ArmSession(Uncopied):
         clients: dict[str, ArmClient] = {}
         try:
             for name, arm in self._arms.items():
-                clients[name] = ArmClient(arm, runner.clock)
+                clients[name] = ArmClient(arm, runner.clock, runner.note_written)
             runner.start([client.descriptors for client in clients.values()])
         except BaseException:
             runner.stop()

@@ -44,6 +44,9 @@ class Runner(Protocol):
     def clock(self) -> Clock:
         """The caller's clock: what lets time pass for it, and for the arms."""
 
+    def note_written(self) -> None:
+        """A caller has written into a command block. Loops, which look at each tick, need not know."""
+
     def start(self, blocks: Sequence[Descriptors]) -> None:
         """Bring the arms up; `blocks` of each, in the order of the arms.
 
@@ -72,6 +75,9 @@ class ProcessRunner:
         self._arms, self._keys = arms, keys
         self._child: subprocess.Popen[bytes] | None = None
         self._lifeline: Lifeline | None = None
+
+    def note_written(self) -> None:
+        pass
 
     def start(self, blocks: Sequence[Descriptors]) -> None:
         self._lifeline = lifeline = Lifeline()
@@ -160,6 +166,9 @@ class ThreadRunner:
         self._error = errors.MotorError(failure) if failure else None
         self._settled.set()
 
+    def note_written(self) -> None:
+        pass
+
     def start(self, blocks: Sequence[Descriptors]) -> None:
         self._blocks = [BlockPair.of(descriptors.copies()) for descriptors in blocks]
         self._thread.start()
@@ -205,6 +214,9 @@ class StepRunner:
         while self._world.now() < until_s:
             if next(self._ticks, False) is False:  # the arms are off, or have failed
                 self._world.sleep(max(0.0, until_s - self._world.now()))
+
+    def note_written(self) -> None:
+        pass
 
     def start(self, blocks: Sequence[Descriptors]) -> None:
         from lerobot_robot_yam.control.loop_builder import build  # which the other runners do not need in here

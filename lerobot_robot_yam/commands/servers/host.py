@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 _LAND_AFTER_S = 30.0
 _LOCAL = "127.0.0.1"
+_RT_PRIORITY = 15  # below that of control loops: a flood of messages cannot delay them
+_SWITCH_S = 0.0005  # between the threads that send states and take commands
 # Sections of a rig's file: LeRobot's folder of calibration files, and what its arms are called.
 _SECTIONS = {"robot": ("robots", "follower"), "teleop": ("teleoperators", "leader")}
 
@@ -60,6 +62,7 @@ def _serve(args: argparse.Namespace) -> int:
     from lerobot_robot_yam.remote.wire.host_address import HostAddress
     from lerobot_robot_yam.remote.wire.transport import HostSockets
     from lerobot_robot_yam.system.paths import user_path
+    from lerobot_robot_yam.system.realtime import raise_threads
 
     if args.config_path is None:
         raise ConfigError("which arms? Give --config_path=rig.yaml, the file that yam-setup writes")
@@ -74,6 +77,8 @@ def _serve(args: argparse.Namespace) -> int:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda number, _: ended.append(number))
     _say_ready(address, groups, keys is not None)
+    sys.setswitchinterval(_SWITCH_S)
+    raise_threads(_RT_PRIORITY)
     server.run(lambda: bool(ended))
     return 0
 

@@ -6,6 +6,7 @@ import secrets
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from lerobot_robot_yam.control.process.lifeline import take_nudges
 from lerobot_robot_yam.errors import LinkError, YamError
 from lerobot_robot_yam.remote.client.host_question import Asker, Host
 from lerobot_robot_yam.remote.client.state_mirror import StateMirror
@@ -30,7 +31,7 @@ logger = logging.getLogger(__name__)
 
 _BEAT_S = 0.1
 _STOP_LOOK_S = 0.02
-_WAIT_S = 0.001  # for messages of the host, between two looks at what our program commands
+_WAIT_S = 0.02  # for messages of the host and commands of our program
 _LOST_S = 1.0  # without a word of the host: told in the log
 _ECHOES = 5  # before times of the host mean anything
 _START_S = 57.0  # less than what our program waits for us
@@ -46,6 +47,7 @@ class Link:
         mirror: for its states.
         commands: command blocks of the arms that are driven, by their number on the host; none: it only watches.
         leaders: keys of leaders' channels here and there, for followers that follow one.
+        nudged: descriptor that can be read when something was commanded; None: it only watches.
     """
 
     def __init__(
@@ -54,10 +56,11 @@ class Link:
         mirror: StateMirror,
         commands: Mapping[int, SharedBlock],
         leaders: Mapping[str, str],
+        nudged: int | None = None,
     ):
-        self._host, self._mirror, self._commands = host, mirror, commands
+        self._host, self._mirror, self._commands, self._nudged = host, mirror, commands, nudged
         self._leaders = {here.encode(): there.encode() for here, there in leaders.items()}
-        self._sockets = ClientSockets(host.address, host.client_key())
+        self._sockets = ClientSockets(host.address, host.client_key(), also=nudged)
         self._asker = Asker(host, self._sockets, self.turn)
         self._session = secrets.randbits(63) + 1 if commands else 0
         self._seen = dict.fromkeys(commands, 0)
@@ -109,12 +112,16 @@ class Link:
         return landed
 
     def turn(self) -> None:
-        """One round: wait a millisecond for the host, pass on what has come and what our program commands."""
-        self._sockets.wait(_WAIT_S)
+        """One round: wait a little, pass on what has come from the host, and what our program commands."""
+        sockets = self._sockets
+        came = sockets.wait(_WAIT_S)
         now = SYSTEM.now()
-        if (message := self._sockets.newest_states()) is not None:
+        if self._nudged is not None and self._nudged in came and not take_nudges(self._nudged):
+            sockets.ignore(self._nudged)  # it could be read without end
+            self._nudged = None
+        if sockets.states in came and (message := sockets.newest_states()) is not None:
             self._take_states(message)
-        while (message := self._sockets.receive()) is not None:
+        while sockets.commands in came and (message := sockets.receive()) is not None:
             self._hear(message)
         self._send_commands(now)
         self._look_at_stop(now)

@@ -24,13 +24,13 @@ from lerobot_robot_yam.remote.client.state_mirror import MirroredArm, StateMirro
 from lerobot_robot_yam.remote.wire.host_address import HostAddress
 from lerobot_robot_yam.state.records import BlockPair, Descriptors, lock_path
 from lerobot_robot_yam.system.log_thread import log_from_a_thread
-from lerobot_robot_yam.system.realtime import request_realtime
+from lerobot_robot_yam.system.realtime import raise_threads, request_realtime
 from lerobot_robot_yam.system.runtime_files import FileLock
 
 logger = logging.getLogger("lerobot_robot_yam.remote.client.link_process")
 
 RT_PRIORITY = 15  # below that of control loops
-_TURNS = 20  # between two looks at the parent
+_TURNS = 5  # between two looks at the parent, 20 ms
 NOT_DOWN = 3  # exit status: the arms are in the air, or nobody knows
 
 
@@ -82,6 +82,7 @@ def main() -> int:
             _answer(error=f"link process failed: {error!r}", kind="YamError")
             return 1
         logger.info("link to %s: %s", job["host"], request_realtime(RT_PRIORITY))
+        raise_threads(RT_PRIORITY)  # ZeroMQ's, which send and receive
         _answer(ready=True)
         try:
             while not must_stop():
@@ -108,7 +109,8 @@ def _link(job: dict[str, Any], ends: contextlib.ExitStack) -> Link:
     mirror = StateMirror(arms, [pair.states for pair in pairs], keys)
     ends.callback(mirror.close)
     commands = {arm.number: pair.commands for arm, pair in zip(arms, pairs, strict=True)}
-    link = Link(Host(HostAddress.of(job["host"]), job["key"]), mirror, commands, {k: h for h, k in keys.items()})
+    host, leaders = Host(HostAddress.of(job["host"]), job["key"]), {here: there for there, here in keys.items()}
+    link = Link(host, mirror, commands, leaders, job["lifeline"])
     ends.callback(link.close)
     return link
 

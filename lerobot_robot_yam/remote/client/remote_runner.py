@@ -39,6 +39,10 @@ class RemoteRunner(ProcessRunner):
             "search": all(arm.config.gripper_search for arm in self._arms),
         }
 
+    def note_written(self) -> None:
+        if self._lifeline is not None:
+            self._lifeline.nudge()
+
     def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
         """Have the host land them; True when it says that they are down."""
         link = self._child

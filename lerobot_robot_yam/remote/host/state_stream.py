@@ -8,11 +8,13 @@ from collections.abc import Callable, Sequence
 from lerobot_robot_yam.remote.host.hosted_group import HostedGroup
 from lerobot_robot_yam.remote.wire.link_messages import States, pack_states
 from lerobot_robot_yam.system.clock import SYSTEM
+from lerobot_robot_yam.system.realtime import request_scheduling
 
 logger = logging.getLogger(__name__)
 
-_GLANCE_S = 0.0002
-_EARLY_S = 0.0004  # before a tick is due, it is looked for
+_RT_PRIORITY = 15  # below that of control loops
+_GLANCE_S = 0.00015
+_EARLY_S = 0.0002  # before a tick is due, it is looked for
 _QUIET_S = 0.1  # between two messages while no arm runs
 
 
@@ -47,6 +49,7 @@ class StateStream:
             self._thread.join()
 
     def _stream(self) -> None:
+        request_scheduling(_RT_PRIORITY)
         while not self._ended.is_set():
             try:
                 self._await_tick()

@@ -7,6 +7,7 @@ cannot be delivered now is worth nothing later.
 import contextlib
 import logging
 from collections.abc import Iterator
+from typing import Any
 
 from lerobot_robot_yam.errors import BusError, ConfigError, LinkError
 from lerobot_robot_yam.remote.wire.curve_keys import ClientKey, HostKeys
@@ -52,12 +53,13 @@ class ClientSockets:
         address: the host.
         key: this client's; None: none, which only a host on this computer takes.
         states: False: without the one for states.
+        also: a descriptor that ends a wait when it can be read, and is not read here; None: none.
 
     Attributes:
         commands, states: the sockets.
     """
 
-    def __init__(self, address: HostAddress, key: ClientKey | None, states: bool = True):
+    def __init__(self, address: HostAddress, key: ClientKey | None, states: bool = True, also: int | None = None):
         self._context = zmq.Context()
         self.commands = _prepare(self._context.socket(zmq.DEALER), _QUEUED, MOST_ANSWER_BYTES)
         self.commands.setsockopt(zmq.IMMEDIATE, 1)  # nothing waits for a connection that is not there
@@ -68,6 +70,10 @@ class ClientSockets:
             self.states.setsockopt(zmq.CONFLATE, 1)
             self.states.setsockopt(zmq.SUBSCRIBE, b"")
             self._keyed(self.states, key).connect(address.states)
+        self._poller = zmq.Poller()
+        for polled in (self.commands, self.states, also):
+            if polled is not None:
+                self._poller.register(polled, zmq.POLLIN)
 
     @staticmethod
     def _keyed(socket: Socket, key: ClientKey | None) -> Socket:
@@ -99,12 +105,13 @@ class ClientSockets:
         except zmq.Again:
             return None
 
-    def wait(self, within_s: float) -> None:
-        """Wait until something has come."""
-        poller = zmq.Poller()
-        for socket in filter(None, (self.commands, self.states)):
-            poller.register(socket, zmq.POLLIN)
-        poller.poll(max(0, round(within_s * 1e3)))
+    def ignore(self, also: int) -> None:
+        """Wait no longer for the other descriptor."""
+        self._poller.unregister(also)
+
+    def wait(self, within_s: float) -> set[Any]:
+        """Wait until something has come; returns the sockets, and the other descriptor, that have something."""
+        return {polled for polled, _ in self._poller.poll(max(0, round(within_s * 1e3)))}
 
     def close(self) -> None:
         """Let go. Idempotent."""
