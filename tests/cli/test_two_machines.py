@@ -12,12 +12,12 @@ pytestmark = [pytest.mark.alone, pytest.mark.long]
 SECONDS = 8
 
 
-@pytest.fixture(scope="module", params=["", ", gate: always"], ids=["at LeRobot's rate", "coupled"])
+@pytest.fixture(scope="module", params=[{}, {"gate": "always"}], ids=["at LeRobot's rate", "coupled"])
 def recorded(request, shared_commands, tmp_path_factory):
     commands, directory = shared_commands, tmp_path_factory.mktemp("link")
     workstation = directory / "ws"
     workstation.mkdir(mode=0o700)
-    with running_host(rig_file(directory, commands.rig, request.param), directory) as host:
+    with running_host(rig_file(directory, commands.rig, **request.param), directory) as host:
         with pytest.MonkeyPatch.context() as monkeypatch:
             monkeypatch.setenv("YAM_RUNTIME_DIR", str(workstation))
             status = commands.run(

@@ -9,6 +9,8 @@ import sys
 import threading
 import time
 
+import yaml
+
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import LinkError
 from lerobot_robot_yam.remote.client.host_question import Host, hello
@@ -20,7 +22,7 @@ from lerobot_robot_yam.remote.wire.host_address import HostAddress
 from lerobot_robot_yam.remote.wire.transport import HostSockets
 from lerobot_robot_yam.session.arm_session import ArmSession
 from tests.support.paths import ROOT
-from tests.support.rigged import sim_config
+from tests.support.rigged import STOPS, sim_config
 
 FOLLOWERS, LEADERS = ("follower_left", "follower_right"), ("leader_left", "leader_right")
 _START_S = 60.0
@@ -37,27 +39,25 @@ def free_port():
                 return port
 
 
-def rig_file(directory, rig, leads="", arms=FOLLOWERS + LEADERS):
-    """The file of a rig with these arms. `leads`: more options of leaders, as a YAML mapping's inside."""
-    common = f"interface: yam_sim, can_options: {{rig: {rig.name}}}, gravity_factor: [1, 1, 1, 1, 1, 1]"
-    sections = []
+def rig_file(directory, rig, arms=FOLLOWERS + LEADERS, **leads):
+    """The file of a rig with these arms. `leads`: options of leaders, each of which then leads its follower."""
+    document = {}
     for section, role, gripper in (("robot", "follower", "linear_4310"), ("teleop", "leader", "yam_teaching_handle")):
-        stops = ", gripper_stops_rad: [3.25, -3.3]" if role == "follower" else ""
-        own = [channel for channel in arms if channel.startswith(role)]
-        if not own:
-            continue
-        lines = [f"{section}:", f"  type: {'bi_' * (len(own) == 2)}yam_{role}"]
-        for channel in own:
-            more = f", follower: {channel.replace('leader', 'follower')}{leads}" if leads and role == "leader" else ""
-            arm = f"{common}, channel: {channel}, gripper: {gripper}{stops}{more}"
-            side = channel.rpartition("_")[2]
-            if len(own) == 2:
-                lines.append(f"  {side}_arm_config: {{{arm}}}")
-            else:
-                lines += [f"  {part}" for part in f"{{{arm}}}"[1:-1].replace(", gripper", "\n  gripper").split("\n  ")]
-        sections.append("\n".join(lines))
+        own = {}
+        for channel in (channel for channel in arms if channel.startswith(role)):
+            arm = {"channel": channel, "gripper": gripper, "interface": "yam_sim", "can_options": {"rig": rig.name}}
+            arm["gravity_factor"] = [1.0] * 6
+            if role == "follower":
+                arm["gripper_stops_rad"] = STOPS
+            elif leads:
+                arm |= {"follower": channel.replace("leader", "follower"), **leads}
+            own[f"{channel.rpartition('_')[2]}_arm_config"] = arm
+        if len(own) == 2:
+            document[section] = {"type": f"bi_yam_{role}", **own}
+        elif own:
+            document[section] = {"type": f"yam_{role}", **next(iter(own.values()))}
     path = directory / "rig.yaml"
-    path.write_text("\n".join(sections) + "\n")
+    path.write_text(yaml.safe_dump(document))
     return path
 
 
@@ -144,9 +144,14 @@ class ServedArms:
         self._end.set()
         self._thread.join()
 
-    def session(self, group="robot", key=None):
+    def session(self, group="robot", key=None, address=None):
         """A session of that group over a link, not yet started; its arms have their names of the host."""
         count = next(len(found.arms) for found in self.groups if found.role == group)
         prefixes = ("",) if count == 1 else ("left_", "right_")
-        device = HostedDevice(Host(self.address, key), group, prefixes)
+        return self.session_at(address or self.address, prefixes, group, key)
+
+    @staticmethod
+    def session_at(address, prefixes, group="robot", key=None):
+        """The same of any host."""
+        device = HostedDevice(Host(address, key), group, prefixes)
         return ArmSession([ArmConfig(**options) for options in device.options.values()], device.runner())

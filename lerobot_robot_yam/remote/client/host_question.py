@@ -11,7 +11,7 @@ from typing import Any
 from lerobot_robot_yam import errors
 from lerobot_robot_yam.errors import LinkError, YamError
 from lerobot_robot_yam.remote.wire.curve_keys import ClientKey
-from lerobot_robot_yam.remote.wire.host_address import HostAddress
+from lerobot_robot_yam.remote.wire.host_address import HostAddress, package_version
 from lerobot_robot_yam.remote.wire.link_messages import Kind, kind_of, pack_ask, unpack_json
 from lerobot_robot_yam.remote.wire.transport import ClientSockets, reaching
 
@@ -106,4 +106,10 @@ def hello(host: Host) -> dict[str, Any]:
     Raises:
         LinkError: no answer comes, or it has another version of this package.
     """
-    return host.ask("hello", computer=platform.node())
+    told = host.ask("hello", computer=platform.node())
+    theirs, ours = told.get("package"), package_version()
+    if theirs != ours:
+        raise LinkError(
+            f"{host.address} has lerobot_robot_yam {theirs}, this computer {ours}; install the same version on both"
+        )
+    return told

@@ -4,7 +4,6 @@ Nothing is energised but by a client that asks for it. Targets go through the se
 and limits them as it does a local program's; a client that is silent for too long has its arms landed.
 """
 
-import importlib.metadata
 import logging
 import platform
 import queue
@@ -15,11 +14,13 @@ from lerobot_robot_yam.errors import ConfigError, LinkError, YamError
 from lerobot_robot_yam.remote.host.host_tools import HostTools
 from lerobot_robot_yam.remote.host.hosted_group import HostedGroup, Phase, Reply
 from lerobot_robot_yam.remote.host.state_stream import StateStream
+from lerobot_robot_yam.remote.wire.host_address import package_version
 from lerobot_robot_yam.remote.wire.link_messages import (
     VERSION,
     Beat,
     Echo,
     Kind,
+    OtherVersionError,
     kind_of,
     number_of,
     pack_answer,
@@ -99,11 +100,20 @@ class HostServer:
                 self._ask(client, unpack_json(message))
             else:
                 raise LinkError(f"a message of kind {kind.name} is none for a host")
+        except OtherVersionError as error:
+            self._note_refused(error, received_s)
+            self._sockets.answer(client, pack_answer(0, {}))  # by which the client knows, too
         except LinkError as error:
+            self._note_refused(error, received_s)
+        except Exception:
+            logger.exception("a message could not be handled; it has no effect")
             self._refused += 1
-            if self._refused == 1 or received_s - self._told_s > _TOLD_S:
-                logger.warning("%d messages refused so far; the last: %s", self._refused, error)
-                self._told_s = received_s
+
+    def _note_refused(self, error: LinkError, now: float) -> None:
+        self._refused += 1
+        if self._refused == 1 or now - self._told_s > _TOLD_S:
+            logger.warning("%d messages refused so far; the last: %s", self._refused, error)
+            self._told_s = now
 
     def _group_of(self, number: int) -> HostedGroup:
         for group in self._groups:
@@ -130,9 +140,8 @@ class HostServer:
         self._look_at_stop()
         if any(self._stops.values()) and not self._stopped[0]:  # somebody released here what is latched there
             self._follow()
-        by_hand = any(group.led_by_hand for group in self._groups)
         for group in self._groups:
-            if group.silent_s() > self._land_after_s and not by_hand:
+            if group.silent_s() > self._land_after_s and not any(other.led_by_hand for other in self._groups):
                 group.land(f"its client has been silent for {self._land_after_s:g} s")
 
     def _ask(self, client: bytes, asked: Mapping[str, Any]) -> None:
@@ -189,7 +198,7 @@ class HostServer:
         stop = EmergencyStop()
         return {
             "version": VERSION,
-            "package": importlib.metadata.version("lerobot_robot_yam"),
+            "package": package_version(),
             "computer": platform.node(),
             "land_after_s": self._land_after_s,
             "groups": {group.role: group.told() for group in self._groups},

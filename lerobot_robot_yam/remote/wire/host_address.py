@@ -1,6 +1,7 @@
 """Where a host is, and what of this computer a client tells it."""
 
 import getpass
+import importlib.metadata
 import os
 import socket
 import zlib
@@ -76,6 +77,14 @@ def who() -> str:
     except (KeyError, OSError):  # a user without a name, in a container
         user = str(os.getuid())
     return f"{user}@{socket.gethostname()} (process {os.getpid()})"
+
+
+def package_version() -> str:
+    """Of this package; empty where it runs from a checkout that is not installed."""
+    try:
+        return importlib.metadata.version("lerobot_robot_yam")
+    except importlib.metadata.PackageNotFoundError:
+        return ""
 
 
 def machine_number() -> int:

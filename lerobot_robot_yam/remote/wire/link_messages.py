@@ -32,6 +32,10 @@ _STATES = struct.Struct("<QQBQB")
 _ARM = struct.Struct("<BQH")
 
 
+class OtherVersionError(LinkError):
+    """A message of another version of this package."""
+
+
 class Kind(IntEnum):
     """What a message is."""
 
@@ -103,7 +107,7 @@ def kind_of(message: bytes) -> Kind:
     if magic != _MAGIC:
         raise LinkError("a message is not of this protocol")
     if (version, layout) != (VERSION, LAYOUT):
-        raise LinkError(
+        raise OtherVersionError(
             "the other computer has another version of lerobot_robot_yam (its messages differ); install the same "
             "version on both"
         )

@@ -163,6 +163,17 @@ def test_hostile_messages_have_no_effect(served, session, stranger, count):
     assert session[ARM].observe().mode is Mode.TRACK
 
 
+def test_a_client_of_another_version_hears_that_it_is_one(served, stranger):
+    message = bytearray(wire.pack_ask(1, "hello"))
+    message[4] ^= 1  # the layout of the records
+    deadline = time.monotonic() + 5.0
+    while (answer := stranger.receive()) is None:
+        assert time.monotonic() < deadline
+        stranger.send(bytes(message))
+        stranger.wait(0.05)
+    assert wire.kind_of(answer) is wire.Kind.ANSWER
+
+
 def test_nothing_listens_beyond_this_computer_without_keys():
     with pytest.raises(ConfigError, match="no client is paired.*yam-host pair"):
         HostSockets(HostAddress("0.0.0.0"), None)
