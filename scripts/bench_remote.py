@@ -128,7 +128,9 @@ def hosting(rig: Any, directory: Path) -> Iterator[tuple[HostAddress, int]]:
     with open(directory / "host.txt", "wb") as said:
         process = subprocess.Popen([sys.executable, *command], cwd=ROOT, stdout=said, stderr=said)
     try:
-        while process.poll() is None:
+        while True:
+            if process.poll() is not None:
+                raise RuntimeError(f"yam-host has ended: {(directory / 'host.txt').read_text()}")
             with contextlib.suppress(LinkError):
                 hello(Host(address))
                 break

@@ -5,7 +5,9 @@ import pytest
 from lerobot.datasets import LeRobotDataset
 
 from tests.cli.test_record import BI_KEYS
+from tests.cli.test_rollout import INFERENCES, correct, records
 from tests.support.hosted import rig_file, running_host
+from tests.support.rolling import Rollout, config, data_set
 
 pytestmark = [pytest.mark.alone, pytest.mark.long]
 
@@ -72,3 +74,39 @@ def test_replay_over_the_link_and_all_arms_land(recorded):
     )
     assert status == 0, commands.output()[-4000:]
     commands.assert_landed()
+
+
+@pytest.fixture
+def rollout(commands):
+    rollout = Rollout(commands)
+    yield rollout
+    rollout.abandon()
+
+
+@pytest.mark.parametrize("strategy, inference", [("base", "sync"), ("base", "rtc"), ("dagger", "sync")])
+def test_a_policy_drives_the_arms_over_the_link(rollout, tmp_path, monkeypatch, strategy, inference):
+    workstation = tmp_path / "ws"
+    workstation.mkdir(mode=0o700)
+    document = config("dagger" if strategy == "dagger" else "rollout", inference=INFERENCES[inference])
+    document["strategy"] = {"type": strategy}
+    with running_host(rig_file(tmp_path, rollout.rig), tmp_path) as host:
+        monkeypatch.setenv("YAM_RUNTIME_DIR", str(workstation))
+        document["robot"] = {"type": "bi_yam_remote", "host": str(host.address)}
+        if strategy == "dagger":
+            document["teleop"] = {"type": "bi_yam_remote_leader", "host": str(host.address)}
+            document["dataset"] = data_set(rollout.root, num_episodes=2, episode_time_s=3, reset_time_s=1)
+        else:
+            document["duration"] = SECONDS
+        rollout.begin(document, "sines", amplitude=0.3)
+        if strategy == "dagger":
+            rollout.wait_moved(0.15)
+            correct(rollout, 1)
+            rollout.wait_said("Resuming autonomous mode")
+            rollout.watch(1.5)
+            correct(rollout, 2)
+        assert rollout.end() == 0, rollout.commands.output()[-4000:] + host.said()
+        rollout.assert_moved(0.15)
+        rollout.assert_ended_well()
+        assert not list(workstation.iterdir())
+    if strategy == "dagger":
+        assert list(records(rollout.root, 2).features["action"]["names"]) == BI_KEYS
