@@ -212,7 +212,7 @@ def test_the_emergency_stop_of_each_computer_is_that_of_both(rig, tmp_path, monk
         try:
             here.latch("somebody shouted")
             wait(lambda: session[name].mode() is Mode.STOPPED)
-            assert there.reason().startswith("workstation: ")
+            assert there.reason().startswith("workstation ")
             here.release()
             wait(lambda: session[name].mode() is Mode.HOLD)
             assert not there.latched and not here.latched

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError, LinkError, YamError
+from lerobot_robot_yam.remote.host.client_stops import ClientStops
 from lerobot_robot_yam.remote.host.host_tools import HostTools
 from lerobot_robot_yam.remote.host.hosted_group import HostedGroup, Phase, Reply
 from lerobot_robot_yam.remote.host.state_stream import StateStream
@@ -30,7 +31,6 @@ from lerobot_robot_yam.remote.wire.link_messages import (
     unpack_command,
     unpack_json,
 )
-from lerobot_robot_yam.remote.wire.mirrored_stop import MirroredStop
 from lerobot_robot_yam.remote.wire.transport import HostSockets
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.system.clock import SYSTEM
@@ -38,8 +38,8 @@ from lerobot_robot_yam.system.clock import SYSTEM
 logger = logging.getLogger(__name__)
 
 _LOOK_S = 0.02
+_MOST_OPEN = 1000
 _TOLD_S = 10.0  # between two lines about messages that were refused
-_STOPPED_ELSEWHERE = "workstation"
 
 
 class HostServer:
@@ -56,11 +56,10 @@ class HostServer:
         self._sockets, self._groups, self._land_after_s, self._tools = sockets, groups, land_after_s, tools
         for group in groups:
             group.leaders = frozenset(arm.key for other in groups for arm in other.arms if other is not group)
-        self._stop = MirroredStop(_STOPPED_ELSEWHERE)
-        self._stops: dict[int, bool] = {}  # by machine, whether the emergency stop is latched there
-        self._stopped = (False, 0)
-        self._stream = StateStream(groups, sockets.publish, lambda: self._stopped)
+        self._stops = ClientStops()
+        self._stream = StateStream(groups, sockets.publish, lambda: self._stops.stopped)
         self._refused, self._told_s = 0, SYSTEM.now()
+        self._open: set[tuple[bytes, int]] = set()  # questions that are not answered yet
         self._replies: queue.SimpleQueue[tuple[bytes, bytes]] = queue.SimpleQueue()  # of any thread
 
     def run(self, must_end: Callable[[], bool]) -> None:
@@ -123,31 +122,25 @@ class HostServer:
 
     def _beat(self, client: bytes, beat: Beat, received_s: float) -> None:
         held = [group.heard(beat.session) for group in self._groups]
-        if self._stops.get(beat.machine, False) != bool(beat.stopped):
-            self._stops[beat.machine] = bool(beat.stopped)
-            self._follow()
+        self._stops.hear(beat.machine, bool(beat.stopped), received_s)
         self._sockets.answer(client, pack_echo(Echo(beat.sent_s, received_s, SYSTEM.now(), any(held))))
 
-    def _follow(self) -> None:
-        self._stop.follow(any(self._stops.values()), "its emergency stop is latched; release it there")
-        self._look_at_stop()
-
-    def _look_at_stop(self) -> None:
-        by = next((machine for machine, stopped in self._stops.items() if stopped), 0)
-        self._stopped = (True, 0 if self._stop.own else by) if self._stop.latched else (False, 0)
-
     def _look(self) -> None:
-        self._look_at_stop()
-        if any(self._stops.values()) and not self._stopped[0]:  # somebody released here what is latched there
-            self._follow()
+        self._stops.look(SYSTEM.now())
         for group in self._groups:
             if group.silent_s() > self._land_after_s and not any(other.led_by_hand for other in self._groups):
                 group.land(f"its client has been silent for {self._land_after_s:g} s")
 
     def _ask(self, client: bytes, asked: Mapping[str, Any]) -> None:
         number = asked["number"]
+        if (client, number) in self._open:  # asked again while it waits
+            return
+        if len(self._open) >= _MOST_OPEN:
+            self._open.clear()
+        self._open.add((client, number))
 
         def reply(fields: Mapping[str, Any]) -> None:
+            self._open.discard((client, number))
             self._replies.put((client, pack_answer(number, fields)))
 
         try:
@@ -184,13 +177,12 @@ class HostServer:
             if action == "latch":
                 stop.latch(f"{text_of(asked, 'who')}: {text_of(asked, 'why')}")
             elif action == "release":
-                self._stops.clear()  # a machine whose own stop is latched still says so ten times a second
                 stop.release()
             elif action != "status":
                 raise LinkError(f"an emergency stop has no {action!r}")
         except OSError as error:
             raise ConfigError(f"the host's emergency stop: {error}") from error
-        self._look_at_stop()
+        self._stops.look(SYSTEM.now())
         heard = [group.role for group in self._groups if group.phase is not Phase.FREE]
         reply({"latched": stop.latched, "reason": stop.reason(), "heard_by": heard})
 

@@ -3,6 +3,7 @@
 import contextlib
 import logging
 import shlex
+import signal
 import subprocess
 import sys
 import threading
@@ -74,5 +75,5 @@ class HostTools:
         if self._thread is not None:
             if self._running is not None:
                 with contextlib.suppress(OSError):
-                    self._running.kill()
+                    self._running.send_signal(signal.SIGINT)  # it removes its lock
             self._thread.join()

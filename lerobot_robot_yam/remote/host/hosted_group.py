@@ -22,6 +22,7 @@ Reply = Callable[[Mapping[str, Any]], None]
 
 _LED = (Gate.APPROACH, Gate.ENGAGED, Gate.FINE, Gate.RECENTRE)
 _OUT_OF_HOME_RAD = 0.3
+_MOST_WAITING = 8  # who asks again has another connection
 
 
 class Phase(Enum):
@@ -116,7 +117,7 @@ class HostedGroup:
                 return
             if self.phase is Phase.LANDING:
                 raise ChannelInUseError(f"the host's {self.role} still lands its arms; try again in a moment")
-            self._waiting[:] = [reply]
+            self._waiting = [*self._waiting[-_MOST_WAITING:], reply]
             if self.phase is Phase.FREE:
                 self.phase, self.holder = Phase.STARTING, Holder(session, who)
                 self._work(lambda: self._start(search))
@@ -152,7 +153,7 @@ class HostedGroup:
             elif self.phase is Phase.STARTING:
                 reply({"error": "the arms are being energised; ask again", "kind": "LifeCycleError"})
             else:
-                self._waiting[:] = [reply]
+                self._waiting = [*self._waiting[-_MOST_WAITING:], reply]
                 self._begin_landing()
 
     def land(self, why: str) -> None:

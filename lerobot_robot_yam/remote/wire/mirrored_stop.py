@@ -24,17 +24,13 @@ class MirroredStop:
         self._stop, self._prefix = EmergencyStop(), f"{other}: "
 
     @property
-    def latched(self) -> bool:
-        """Whether it is latched here, by whomever."""
-        return self._stop.latched
-
-    @property
     def own(self) -> bool:
         """Whether it is latched here, and not because the other computer says so."""
-        return self._stop.latched and not self._taken_over
+        return self._stop.latched and not self.taken_over
 
     @property
-    def _taken_over(self) -> bool:
+    def taken_over(self) -> bool:
+        """Whether it is latched here because the other computer says so."""
         return self._stop.reason().startswith(self._prefix)
 
     def follow(self, stopped: bool, why: str) -> None:
@@ -42,6 +38,6 @@ class MirroredStop:
         with contextlib.suppress(OSError, ConfigError):  # then this object alone says that it is latched
             if stopped and not self._stop.latched:
                 self._stop.latch(self._prefix + why)
-            elif not stopped and self._stop.latched and self._taken_over:
+            elif not stopped and self._stop.latched and self.taken_over:
                 self._stop.release()
                 logger.warning("emergency stop released, as on the other computer")

@@ -145,10 +145,11 @@ def hostile(seed, count):
         if kind == 0:
             yield draw.randbytes(draw.randrange(1, 3000))
         elif kind == 1:
-            yield bytes(message[:8]) + draw.randbytes(draw.randrange(1500))
+            if message[3] != wire.Kind.BEAT:  # by which anybody may latch an emergency stop
+                yield bytes(message[:8]) + draw.randbytes(draw.randrange(1500))
         elif kind == 2:
             message[draw.randrange(8, len(message))] ^= draw.randrange(1, 256)
-            if message[3] != wire.Kind.BEAT:  # a changed beat may say that an emergency stop is latched
+            if message[3] != wire.Kind.BEAT:
                 yield bytes(message)
         else:
             yield wire.pack_ask(draw.getrandbits(40), **draw.choice(asks))
