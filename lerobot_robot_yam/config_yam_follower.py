@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from lerobot.cameras.configs import CameraConfig
 from lerobot.robots.config import RobotConfig
@@ -12,6 +12,9 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.option import option
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.registration import register_as
+
+if TYPE_CHECKING:
+    from lerobot_robot_yam.session.arm_session import Isolation
 
 
 @dataclass(kw_only=True)
@@ -50,6 +53,10 @@ class FollowerOptions(ABC):
     @abstractmethod
     def arms(self) -> Mapping[str, ArmConfig]:
         """The arms by feature prefix, in canonical order."""
+
+    def runs(self) -> "Isolation":
+        """Where the control loop runs, see `ArmSession`."""
+        return self.isolation
 
     def all_cameras(self) -> dict[str, CameraConfig]:
         """Every camera under the name that its images have in observations.
@@ -99,7 +106,7 @@ class FollowerArmConfig(ArmConfig):
         """No checks yet: they come with the other arm's, and know which side this is."""
 
 
-def _refuse(device: str, config: Any) -> None:
+def refuse_follower(device: str, config: Any) -> None:
     """Refuse a config of which no robot can be made; raises RefusedConfigError."""
     from lerobot_robot_yam.face.devices.command_check import check_command  # LeRobot's start must not wait for these
     from lerobot_robot_yam.face.devices.config_refusal import refuse
@@ -118,7 +125,7 @@ class YamFollowerConfig(RobotConfig, FollowerOptions, ArmConfig):
     """One follower arm: LeRobot's fields, `FollowerOptions`, and every field of `ArmConfig` (channel, gripper, …)."""
 
     def __post_init__(self) -> None:
-        _refuse("yam_follower", self)
+        refuse_follower("yam_follower", self)
 
     def arms(self) -> dict[str, ArmConfig]:
         return {"": self}
@@ -138,7 +145,7 @@ class BiYamFollowerConfig(RobotConfig, FollowerOptions):
     right_arm_config: FollowerArmConfig
 
     def __post_init__(self) -> None:
-        _refuse("bi_yam_follower", self)
+        refuse_follower("bi_yam_follower", self)
 
     def arms(self) -> dict[str, FollowerArmConfig]:
         return {"left_": self.left_arm_config, "right_": self.right_arm_config}

@@ -64,6 +64,10 @@ class PolicyServerError(YamError, ConnectionError):
     """A policy server cannot be reached, has failed, or does not answer in time; nothing was sent to the robot."""
 
 
+class LinkError(YamError, ConnectionError):
+    """The computer that has the arms cannot be reached, does not answer, or said something that is no message."""
+
+
 class PlanError(YamError, RuntimeError):
     """A motion cannot be planned as asked: out of reach, beyond a limit, through a singularity, too near; or the
     command is malformed. Nothing moves.

@@ -53,7 +53,7 @@ class FollowerBase(ArmDevice, Robot):
         self._use_degrees = options.use_degrees and options.action_space == "joint"
         self.name = recorded_name(self.name, options.use_degrees, options.action_space)
         self.robot_type = self.name
-        self._arms = self._make_arms("follower", arms, self._use_degrees, options.isolation)
+        self._arms = self._make_arms("follower", arms, self._use_degrees, options.runs())
         self._speak(options.action_space, [(side.hardware.arm, side.hardware.gripper) for side in self._arms.sides])
         cameras = options.all_cameras()
         self._camera_configs = {name: beside_arms(camera, arms.values()) for name, camera in cameras.items()}

@@ -3,13 +3,16 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from lerobot_robot_yam.arm.config import ArmConfig, lead_of
 from lerobot_robot_yam.arm.leaders.lead_config import LeadConfig, LeadOptions, check_leads
 from lerobot_robot_yam.arm.option import option
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.operator_keys.meanings import Meaning, button_meanings
+
+if TYPE_CHECKING:
+    from lerobot_robot_yam.session.arm_session import Isolation
 
 
 @dataclass(kw_only=True)
@@ -118,6 +121,10 @@ class LeaderOptions(ABC):
     @abstractmethod
     def arms(self) -> Mapping[str, LeaderArmConfig]:
         """The arms by feature prefix, in canonical order."""
+
+    def runs(self) -> "Isolation":
+        """Where the control loop runs, see `ArmSession`."""
+        return self.isolation
 
 
 BUTTON_OPTIONS = ("estop_button", "gate_button", "fine_button")

@@ -47,7 +47,7 @@ class LeaderBase(ArmDevice, Teleoperator):
         followers = [resolve_profiles(arm.follower_arm or arm.arm, arm.ee_gripper) for arm in arms.values()]
         handles = {prefix for prefix, (_, gripper) in zip(arms, followers, strict=True) if gripper.motor is not None}
         joints_in_degrees = options.use_degrees and options.action_space == "joint"
-        self._arms = self._make_arms("leader", arms, joints_in_degrees, options.isolation, handles)
+        self._arms = self._make_arms("leader", arms, joints_in_degrees, options.runs(), handles)
         self._lower, self._upper = np.zeros(len(self._arms.keys)), np.ones(len(self._arms.keys))
         for side, arm, (follower, _) in zip(self._arms.sides, arms.values(), followers, strict=True):
             if side.joints:

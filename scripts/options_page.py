@@ -14,6 +14,7 @@ from lerobot_robot_yam.config_yam_env import YamEnvConfig
 from lerobot_robot_yam.config_yam_follower import FollowerOptions
 from lerobot_robot_yam.config_yam_realsense import YamRealsenseCameraConfig
 from lerobot_robot_yam.config_yam_rig import YamRigConfig
+from lerobot_robot_yam.face.remote.remote_device import RemoteOptions
 from lerobot_strategy_yam.config_yam_dagger import YamDaggerStrategyConfig
 from lerobot_teleoperator_yam.config_yam_hand_guide import (
     BiYamHandGuideConfig,
@@ -62,6 +63,13 @@ _SECTIONS = [
         "A rollout that you share with the policy",
         "Options of `lerobot-rollout --strategy.type=yam_dagger`. See [rollout](rollout.md#corrections-arm-by-arm).",
         YamDaggerStrategyConfig,
+    ),
+    (
+        "Arms of another computer",
+        "Options of `yam_remote`, `bi_yam_remote`, and of the teleoperators `yam_remote_leader` and\n"
+        "`bi_yam_remote_leader`, which have those of a robot or a teleoperator, too. See\n"
+        "[two machines](two-machines.md).",
+        RemoteOptions,
     ),
     (
         "A rig's file",

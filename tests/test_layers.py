@@ -21,6 +21,7 @@ STOREYS = (
     "cameras",
     "setup",
     "waldo",
+    "remote",
     "face",
     "plugin",  # the packages' own modules, which LeRobot finds by their names
     "viewer",
@@ -39,6 +40,7 @@ RIG_ROOMS = (
     "lockstep",
     "operator",
 )
+REMOTE_ROOMS = ("wire", "host", "client")
 # "" is the loop and the arm's controller
 CONTROL_ROOMS = ("laws", "gripper", "safety", "teleop", "passive", "preflight", "", "process")
 MAY_IMPORT_LEROBOT = ("face", "plugin", "commands")
@@ -82,6 +84,8 @@ def allowed(name, imported):
     (ours, room), (theirs, their_room) = place(name), place(imported)
     if ours == theirs == "rig" and room and their_room:
         return RIG_ROOMS.index(their_room) <= RIG_ROOMS.index(room)
+    if ours == theirs == "remote":
+        return REMOTE_ROOMS.index(their_room) <= REMOTE_ROOMS.index(room)
     if ours == theirs == "control":
         return CONTROL_ROOMS.index(their_room) <= CONTROL_ROOMS.index(room)
     return STOREYS.index(theirs) <= STOREYS.index(ours)
@@ -115,4 +119,5 @@ def test_the_rule_can_fail():
     assert not allowed("lerobot_robot_yam.control.loop", "lerobot_robot_yam.yam_follower")
     assert not allowed("lerobot_robot_yam.rig.world.world", "lerobot_robot_yam.control.arm_controller")
     assert not allowed("lerobot_robot_yam.rig.bus.channel", "lerobot_robot_yam.rig.server.server")
+    assert not allowed("lerobot_robot_yam.remote.wire.transport", "lerobot_robot_yam.remote.client.link")
     assert not allowed("lerobot_robot_yam.errors", "lerobot_robot_yam.damiao.codec")

@@ -4,6 +4,7 @@ yam-doctor                                             all CAN interfaces, camer
 yam-doctor --config_path=configs/real/record.yaml      the arms and cameras of a LeRobot run config
 yam-doctor --channel can_follower_l:yam:linear_4310 --channel can_leader_l:yam:yam_teaching_handle
 yam-doctor --interface yam_sim --rig NAME --channel follower_left      a virtual rig
+yam-doctor --host 192.168.1.20                         the arms of another computer, and that computer (yam-host)
 
 Exit status: 0 healthy, 1 problems, 2 wrong usage. Warnings and notes do not change it.
 """
@@ -17,6 +18,7 @@ from pathlib import Path
 
 from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL
 from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS
+from lerobot_robot_yam.commands.lib.host_option import add_host_arguments, run_tool
 from lerobot_robot_yam.doctor.check_adapters import RULES_DIRECTORIES, check_adapters, read_rules
 from lerobot_robot_yam.doctor.check_calibration import check_calibrations
 from lerobot_robot_yam.doctor.check_cameras import DEV, check_cameras, read_cameras
@@ -106,6 +108,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--verbose", action="store_true", help="also tables of everything that was measured")
     parser.add_argument("--json", action="store_true", help="one JSON object instead of text")
     parser.add_argument("--sysfs", type=Path, default=SYSFS, help="where sysfs is (a copy of another computer's)")
+    add_host_arguments(parser)
     return parser
 
 
@@ -129,6 +132,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of `yam-doctor`; returns the exit status."""
     args = _parser().parse_args(arguments)
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s %(message)s")
+    if args.arms_host is not None:
+        return run_tool("yam-doctor", args, tool="doctor")
     try:
         plan = _plan(args)
     except ConfigError as error:

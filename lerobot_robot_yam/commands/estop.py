@@ -4,21 +4,26 @@ yam-estop release    let arms move again, each from where it is, with its next t
                      has ended since
 yam-estop status     say whether it is latched, by whom and why; exit status 1 if it is
 
-It reaches all arms that this user drives on this machine, from any shell; root's reaches those of every user. It says
-which running sessions hear it. If there is no such session, an arm may go on moving, and a warning in capitals says so;
-the exit status stays 0, since no session that starts later energises its arms. Exit status 1: some arms could not be
-reached.
+yam-estop --host 192.168.1.20          latch that of another computer's arms; with release and status, too
+
+Without --host it reaches all arms that this user drives on this machine, from any shell; root's reaches those of every
+user. It says which running sessions hear it. If there is no such session, an arm may go on moving, and a warning in
+capitals says so; the exit status stays 0, since no session that starts later energises its arms. Exit status 1: some
+arms could not be reached.
 """
 
 import argparse
 import contextlib
+import getpass
 import json
 import os
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from platform import node
 
-from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.commands.lib.host_option import add_host_arguments, ask_host
+from lerobot_robot_yam.errors import ConfigError, YamError
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.system.runtime_files import ENV_RUNTIME_DIR, runtime_dir, runtime_dirs, sessions
 
@@ -38,7 +43,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("action", nargs="?", choices=("latch", "release", "status"), default="latch")
     parser.add_argument("--why", default="yam-estop", help="the reason, for others to read")
     parser.add_argument("--json", action="store_true", help="answer in JSON")
+    add_host_arguments(parser)
     options = parser.parse_args(arguments)
+    if options.arms_host is not None:
+        return _on_host(options)
     stops = [EmergencyStop(directory) for directory in _directories(options.action)]
     before = {stop.directory: stop.reason() for stop in stops if stop.latched}
     missed = _act(stops, options.action, options.why)
@@ -61,6 +69,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return int(bool(latched))
     # To stop is to stop the arms of all users; to release, only one's own.
     return int(bool(missed) if options.action == "latch" else stops[0].directory in missed)
+
+
+def _on_host(options: argparse.Namespace) -> int:
+    """The same on the computer that has the arms."""
+    try:
+        answer = ask_host(options, "estop", action=options.action, why=options.why, who=f"{getpass.getuser()}@{node()}")
+    except YamError as error:
+        sys.stderr.write(f"yam-estop: {_NOT[options.action]}: {error}; use the hardware's emergency stop\n")
+        return 1
+    heard = answer["heard_by"]
+    if options.json:
+        fields = {"latched": answer["latched"], "reason": answer["reason"], "heard_by": heard}
+        sys.stdout.write(json.dumps(fields) + "\n")
+    else:
+        what = f"latched: {answer['reason']}" if answer["latched"] else "not latched"
+        by = f"; arms that hear it: {', '.join(heard) or 'none are driven'}" if answer["latched"] else ""
+        sys.stdout.write(f"emergency stop of {options.arms_host} {what}{by}\n")
+    return int(bool(answer["latched"])) if options.action == "status" else 0
 
 
 def _directories(action: str) -> list[Path]:

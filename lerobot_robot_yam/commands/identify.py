@@ -5,6 +5,7 @@ yam-identify --channel can_follower_l --name left --bind left.json  remembers it
 yam-identify --channel can_follower_l --check left.json             is it still that arm? exit status 1 when not
 yam-identify --channel can_follower_l --wiggle                      ENERGISES the arm: its gripper closes and opens,
                                                                     its last joint turns a little
+yam-identify --channel can_follower_l --host 192.168.1.20           an arm of another computer; read-only
 
 Only --wiggle energises anything, and asks first (--yes for scripts).
 """
@@ -29,6 +30,7 @@ from lerobot_robot_yam.commands.lib.arm_command import (
     table,
     tell,
 )
+from lerobot_robot_yam.commands.lib.host_option import add_host_arguments, run_tool
 from lerobot_robot_yam.control.preflight.binding import bind, check_identity
 from lerobot_robot_yam.control.preflight.fingerprint import Fingerprint, read_fingerprint
 from lerobot_robot_yam.control.preflight.role import Role, likely_gripper
@@ -80,7 +82,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--calibration", metavar="PATH", help="with --wiggle: the gripper's stored stops; it does not move then"
     )
     parser.add_argument("--yes", action="store_true", help="with --wiggle: do not ask")
+    add_host_arguments(parser)
     args = parser.parse_args(arguments)
+    if args.arms_host is not None:
+        if args.bind or args.check or args.wiggle:
+            parser.error("with --host an arm is only looked at: bind, check and wiggle it at its own computer")
+        return run_tool("yam-identify", args, tool="identify", channel=args.channel)
     if args.bind and args.check:
         parser.error("--bind and --check exclude each other")
     return run_command("yam-identify", lambda: _identify(args))

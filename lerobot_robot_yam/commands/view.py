@@ -6,6 +6,7 @@ yam-view --channel can_follower_l  drive one arm
 yam-view --dataset data/NAME       a LeRobot data set: check it, play it in 3-D; with --config_path send it to the arms
 yam-view --host 0.0.0.0            for browsers of other computers, too, which need the token in the address it prints
 yam-view --token                   ask for a token on this computer, too, where other people have accounts
+yam-view --remote 192.168.1.20     also the arms of another computer, where yam-host runs (docs/two-machines.md)
 yam-view --desktop                 MuJoCo's own viewer instead of a browser; it drives arms as above, by the mouse
 
 The page has an emergency stop. Ctrl-C ends the page; other sessions go on.
@@ -14,12 +15,14 @@ HAZARD: with --config_path or --channel a person at the page can ENERGISE the ar
 """
 
 import argparse
+import contextlib
 import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from lerobot_robot_yam.commands.lib.arm_command import run_command, tell, with_likely_gripper
 from lerobot_robot_yam.commands.lib.desktop_command import add_desktop_arguments, run_desktop_command
+from lerobot_robot_yam.commands.lib.host_option import add_host_arguments
 from lerobot_robot_yam.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -40,6 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--token", action="store_true", help="ask for a token on this computer, too")
     parser.add_argument("--dataset", metavar="PATH_OR_REPO_ID", help="LeRobot data set to look at")
     add_desktop_arguments(parser)
+    add_host_arguments(parser, "--remote")
     args = parser.parse_args(arguments)
     return run_command("yam-view", lambda: _view(args))
 
@@ -64,7 +68,7 @@ def _view(args: argparse.Namespace) -> int:
     page = Page(args.host, args.port, args.token)
     live = Live(page.server)
     parts: list[Part] = [live, SessionDesks(page.server)]
-    with served(page, parts):
+    with _watched(args), served(page, parts):
         moving = None if plan is None else Moving(page.server, plan, live.place_of)
         if moving is not None:
             parts.append(moving)
@@ -76,6 +80,17 @@ def _view(args: argparse.Namespace) -> int:
         tell(f"open {page.url} in a browser; Ctrl-C {ends}, other sessions go on")
         page.run(parts)
     return 0
+
+
+def _watched(args: argparse.Namespace) -> contextlib.AbstractContextManager[None]:
+    """While it is entered the arms of `--remote` are seen here."""
+    if args.arms_host is None:
+        return contextlib.nullcontext()
+    from lerobot_robot_yam.remote.client.host_question import Host
+    from lerobot_robot_yam.remote.client.host_watch import watched
+    from lerobot_robot_yam.remote.wire.host_address import HostAddress
+
+    return watched(Host(HostAddress.of(args.arms_host), args.key))
 
 
 def _plan(args: argparse.Namespace) -> "DrivingPlan | None":

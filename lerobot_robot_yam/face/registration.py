@@ -31,11 +31,16 @@ from lerobot_robot_yam.system.other_plugins import distribution_of, is_foreign, 
 
 # LeRobot's modules that hold a registry, and our modules that register types there.
 REGISTRIES = {
-    "lerobot.robots.config": ("lerobot_robot_yam.config_yam_follower", "lerobot_robot_yam.config_yam_rig"),
+    "lerobot.robots.config": (
+        "lerobot_robot_yam.config_yam_follower",
+        "lerobot_robot_yam.config_yam_remote",
+        "lerobot_robot_yam.config_yam_rig",
+    ),
     "lerobot.teleoperators.config": (
         "lerobot_teleoperator_yam.config_yam_leader",
         "lerobot_teleoperator_yam.config_yam_hand_guide",
         "lerobot_teleoperator_yam.config_yam_passive_leader",
+        "lerobot_teleoperator_yam.config_yam_remote_leader",
         "lerobot_teleoperator_yam.config_yam_rig_leaders",
     ),
     "lerobot.envs.configs": ("lerobot_robot_yam.config_yam_env",),

@@ -3,7 +3,7 @@
 import dataclasses
 import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -34,16 +34,20 @@ logger = logging.getLogger(__name__)
 class ArmClient:
     """One arm of a running session. One thread writes; reading is free.
 
+    Args:
+        hardware, clock: the arm, and by what it lives.
+        written: called after each command.
+
     Attributes:
         published, await_fresh, newest: of its `StateReader`.
         kp, kd: (joints,) the arm's own gains, Nm/rad and Nm s/rad.
     """
 
-    def __init__(self, hardware: ResolvedArm, clock: Clock = SYSTEM):
+    def __init__(self, hardware: ResolvedArm, clock: Clock = SYSTEM, written: Callable[[], None] = lambda: None):
         self.hardware, self.config, self._clock = hardware, hardware.config, clock
         self._states = states = StateReader(hardware, clock)
         self.published, self.await_fresh, self.newest = states.published, states.await_fresh, states.newest
-        self._commands = CommandWriter(hardware.name, hardware.n)
+        self._commands = CommandWriter(hardware.name, hardware.n, written)
         self._lower, self._upper = hardware.lower.tolist(), hardware.upper.tolist()
         types = [motor_type(motor.type) for motor in hardware.motors[: hardware.joints]]
         self._ranges = {
@@ -58,6 +62,18 @@ class ArmClient:
     def descriptors(self) -> Descriptors:
         """Of the memory of both blocks, for the loop. Raises LifeCycleError: closed."""
         return Descriptors(self._states.block.descriptor, self._commands.descriptor)
+
+    def payload(self) -> bytes | None:
+        """The state record as last published, for a process that passes it on; None before the first.
+
+        Raises:
+            LifeCycleError: closed.
+        """
+        return self._states.block.read_bytes()
+
+    def sequence(self) -> int:
+        """Number of that record; even. Raises LifeCycleError: closed."""
+        return self._states.block.sequence()
 
     def close(self) -> None:
         """Let go of the blocks; the arm is not touched."""
@@ -88,6 +104,7 @@ class ArmClient:
         kp: Vector | None = None,
         kd: Vector | None = None,
         coupled: tuple[str, float] | None = None,
+        given_s: float | None = None,
     ) -> tuple[np.ndarray, float | None]:
         """Give a target; the loop moves the set-point there under its limits.
 
@@ -98,6 +115,7 @@ class ArmClient:
             kp, kd: (n,) gains for this target instead of the configured ones, Nm/rad and Nm s/rad.
             coupled: channel key of the leader whose present action this is, and for how many seconds from now on the
                 loop may take the targets of each tick from there.
+            given_s: when the target was given, the clock's time, of one that comes from another computer; None: now.
 
         Returns:
             The joints and gripper position really asked for, after the limits; those held while the arm takes no
@@ -129,7 +147,7 @@ class ArmClient:
         self._limit_log.note(limited)
         now = self._clock.now()
         permission = None if coupled is None else (coupled[0], now + coupled[1])
-        self._commands.write_target(now, target, options, permission)
+        self._commands.write_target(now if given_s is None else given_s, target, options, permission)
         return np.array(target[: hw.joints]), target[-1] if hw.has_gripper else None
 
     def _validated_options(self, **given: Vector | None) -> dict[str, np.ndarray]:
@@ -197,16 +215,26 @@ class ArmClient:
             kp, kd: (joints,) Nm/rad and Nm s/rad.
 
         Raises:
-            ActionError: wrong shape or not finite; nothing was sent.
-            ConfigError: what a configuration would be refused for, such as damping that is too weak; nothing was sent.
+            ActionError, ConfigError: see `checked_gains`; nothing was sent.
             StaleStateError: the control loop does not answer.
         """
+        own_gains = self.checked_gains(kp, kd)
+        self._request(Request.GAINS, own_gains)
+        j = self.hardware.joints
+        self.kp, self.kd = np.array(own_gains[:j]), np.array(own_gains[self.hardware.n :][:j])
+
+    def checked_gains(self, kp: Vector, kd: Vector) -> Numbers:
+        """Gains of the joints as a request GAINS takes them: kp of all motors, and then their kd; NaN of a gripper.
+
+        Raises:
+            ActionError: wrong shape or not finite.
+            ConfigError: what a configuration would be refused for, such as damping that is too weak.
+        """
         hw, name = self.hardware, self.config.name
-        given = [finite_vector(name, what, value, hw.joints) for what, value in (("kp", kp), ("kd", kd))]
-        ResolvedArm(dataclasses.replace(self.config, kp=given[0].tolist(), kd=given[1].tolist()))
+        given = [finite_vector(name, what, value, hw.joints).tolist() for what, value in (("kp", kp), ("kd", kd))]
+        ResolvedArm(dataclasses.replace(self.config, kp=given[0], kd=given[1]))
         gripper = [math.nan] * hw.has_gripper
-        self._request(Request.GAINS, [*given[0].tolist(), *gripper, *given[1].tolist(), *gripper])
-        self.kp, self.kd = given
+        return [*given[0], *gripper, *given[1], *gripper]
 
     def cut_torque(self) -> None:
         """HAZARD: cut torque at once; an arm that does not lie falls. Afterwards it is off.
@@ -289,8 +317,15 @@ class ArmClient:
             clock.sleep(_LOOK_S)
         save_range(name, Path(path), self.hardware.gripper.name, learn(name, seen))
 
+    def ask(self, request: Request, own_gains: Numbers = ()) -> int:
+        """Write a request without waiting; its number is `ArmState.answered` when the loop has carried it out or not.
+
+        `own_gains` are not looked at: `checked_gains` does that.
+        """
+        return self._commands.write_request(request, own_gains)
+
     def _request(self, request: Request, own_gains: Numbers = ()) -> None:
-        number = self._commands.write_request(request, own_gains)
+        number = self.ask(request, own_gains)
         deadline = self._clock.now() + _REQUEST_TIMEOUT_S
         while True:
             state = self.published()

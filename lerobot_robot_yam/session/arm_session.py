@@ -21,9 +21,10 @@ from lerobot_robot_yam.system.uncopyable import Uncopied
 
 logger = logging.getLogger(__name__)
 
-Isolation = Literal["process", "thread", "lockstep"]
+MakeRunner = Callable[[list[ResolvedArm], list[str]], Runner]
+Isolation = Literal["process", "thread", "lockstep"] | MakeRunner
 _IN_TROUBLE = (Mode.FAULT, Mode.LAND, Mode.OFF)
-_RUNNERS: dict[str, Callable[[list[ResolvedArm], list[str]], Runner]] = {
+_RUNNERS: dict[str, MakeRunner] = {
     "process": ProcessRunner,
     "thread": ThreadRunner,
     "lockstep": StepRunner,
@@ -41,17 +42,18 @@ class ArmSession(Uncopied):
     Args:
         configs: the arms; names and channels must differ, rates must agree.
         isolation: "process" (the loop cannot be disturbed by the caller's interpreter), "thread" (for debugging) or
-            "lockstep" (the loop ticks while the caller sleeps on `clock`; only on a rig in lock-step).
+            "lockstep" (the loop ticks while the caller sleeps on `clock`; only on a rig in lock-step); or what makes
+            another `Runner`.
 
     Raises:
         ConfigError: the configurations cannot be used together.
     """
 
     def __init__(self, configs: Sequence[ArmConfig], isolation: Isolation = "process"):
-        if isolation not in _RUNNERS:
+        if not callable(isolation) and isolation not in _RUNNERS:
             raise ConfigError(f"isolation is one of {', '.join(_RUNNERS)}, not {isolation!r}")
         check_together(configs)
-        self._isolation = isolation
+        self._make_runner = isolation if callable(isolation) else _RUNNERS[isolation]
         self._arms: dict[str, ResolvedArm] = {}
         self._keys: list[str] = []
         for config in configs:
@@ -105,11 +107,11 @@ class ArmSession(Uncopied):
         if self._runner is not None:
             raise LifeCycleError("this session is running already")
         arms = [arm if search_grippers else arm.without_search() for arm in self._arms.values()]
-        runner = _RUNNERS[self._isolation](arms, self._keys)
+        runner = self._make_runner(arms, self._keys)
         clients: dict[str, ArmClient] = {}
         try:
             for name, arm in self._arms.items():
-                clients[name] = ArmClient(arm, runner.clock)
+                clients[name] = ArmClient(arm, runner.clock, runner.note_written)
             runner.start([client.descriptors for client in clients.values()])
         except BaseException:
             runner.stop()
@@ -128,22 +130,28 @@ class ArmSession(Uncopied):
         if self._runner is not None and not self._forked:
             self._runner.land()
 
-    def stop(self) -> None:
+    def stop(self) -> bool:
         """Land every arm, cut torque, end the loop. Idempotent; Ctrl-C does not hurry it.
 
         In a forked child it lets go of what belongs to the parent, whose arms go on.
+
+        Returns:
+            Whether nothing drives these arms any more. They are in the air still, and land later, where the emergency
+            stop is latched or something is in their way.
         """
         runner, self._runner = self._runner, None
         if runner is None:
-            return
+            return True
         clients = list(self._clients.values())
         try:
             if self._forked:
-                return
-            if runner.stop(lambda: all(client.off for client in clients)):
+                return False
+            ended = runner.stop(lambda: all(client.off for client in clients))
+            if ended:
                 for client, key in zip(clients, self._keys, strict=True):
                     if not client.off:
                         _bury(client.config, key)
+            return ended
         finally:
             self._let_go()
 
@@ -210,6 +218,11 @@ class ArmSession(Uncopied):
 def _bury(config: ArmConfig, key: str) -> None:
     """Report an arm whose control process and stand-by have both died, and remove their files."""
     logger.critical("%s: nothing drives the arm any more; its motors have switched themselves off", config.name)
+    clear_away(config, key)
+
+
+def clear_away(config: ArmConfig, key: str) -> None:
+    """Remove the files of an arm whose process here was killed; not if another has taken its place."""
     with contextlib.suppress(OSError, YamError):
         lock = FileLock(lock_path(key), config.channel)
         lock.acquire()

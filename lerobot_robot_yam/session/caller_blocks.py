@@ -3,7 +3,7 @@
 import math
 import os
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -132,10 +132,11 @@ class CommandWriter:
     Args:
         name: of the arm, for messages.
         motors: how many it has, the gripper's included.
+        written: called after each record.
     """
 
-    def __init__(self, name: str, motors: int):
-        self._name, self._pid = name, os.getpid()
+    def __init__(self, name: str, motors: int, written: Callable[[], None] = lambda: None):
+        self._name, self._pid, self._written = name, os.getpid(), written
         self._lock = threading.Lock()
         self._block = SharedBlock(None, COMMAND_DTYPE, create=True)
         self._pack = packed(COMMAND_DTYPE, motors)[0].pack
@@ -223,3 +224,4 @@ class CommandWriter:
         ]
         values += [self._leader, self._coupled_until_s]
         self._block.write_bytes(self._pack(*values, self._asked, self._requests))
+        self._written()

@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from lerobot_robot_yam import errors
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
@@ -44,6 +44,9 @@ class Runner(Protocol):
     def clock(self) -> Clock:
         """The caller's clock: what lets time pass for it, and for the arms."""
 
+    def note_written(self) -> None:
+        """A caller has written into a command block. Loops, which look at each tick, need not know."""
+
     def start(self, blocks: Sequence[Descriptors]) -> None:
         """Bring the arms up; `blocks` of each, in the order of the arms.
 
@@ -66,16 +69,20 @@ class ProcessRunner:
     """The loop in another process, which the caller's interpreter cannot disturb."""
 
     clock: Clock = SYSTEM
+    _program = "lerobot_robot_yam.control.process.control_process"
 
     def __init__(self, arms: list[ResolvedArm], keys: list[str]):
         self._arms, self._keys = arms, keys
         self._child: subprocess.Popen[bytes] | None = None
         self._lifeline: Lifeline | None = None
 
+    def note_written(self) -> None:
+        pass
+
     def start(self, blocks: Sequence[Descriptors]) -> None:
         self._lifeline = lifeline = Lifeline()
         self._child = child = subprocess.Popen(
-            [sys.executable, "-P", "-m", "lerobot_robot_yam.control.process.control_process"],
+            [sys.executable, "-P", "-m", self._program],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             pass_fds=[lifeline.far_end, *(descriptor for pair in blocks for descriptor in pair)],
@@ -83,7 +90,7 @@ class ProcessRunner:
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
         )
         job = {
-            "arms": [dataclasses.asdict(arm.config) for arm in self._arms],
+            **self._job(),
             "keys": self._keys,
             "blocks": blocks,
             "lifeline": lifeline.far_end,
@@ -103,6 +110,10 @@ class ProcessRunner:
         reply = json.loads(line)
         if "error" in reply:
             raise getattr(errors, reply["kind"], YamError)(reply["error"])
+
+    def _job(self) -> dict[str, Any]:
+        """What the process is told, besides how it reaches us."""
+        return {"arms": [dataclasses.asdict(arm.config) for arm in self._arms]}
 
     def land(self) -> None:
         if self._child is not None and self._child.poll() is None:
@@ -155,6 +166,9 @@ class ThreadRunner:
         self._error = errors.MotorError(failure) if failure else None
         self._settled.set()
 
+    def note_written(self) -> None:
+        pass
+
     def start(self, blocks: Sequence[Descriptors]) -> None:
         self._blocks = [BlockPair.of(descriptors.copies()) for descriptors in blocks]
         self._thread.start()
@@ -200,6 +214,9 @@ class StepRunner:
         while self._world.now() < until_s:
             if next(self._ticks, False) is False:  # the arms are off, or have failed
                 self._world.sleep(max(0.0, until_s - self._world.now()))
+
+    def note_written(self) -> None:
+        pass
 
     def start(self, blocks: Sequence[Descriptors]) -> None:
         from lerobot_robot_yam.control.loop_builder import build  # which the other runners do not need in here

@@ -1,5 +1,6 @@
 """Scheduling and locked memory: a loop asks the kernel for them, and reports what it gets."""
 
+import contextlib
 import ctypes
 import gc
 import os
@@ -28,9 +29,16 @@ def request_realtime(priority: int) -> str:
     gc.collect()
     gc.freeze()
     _LIBC.prctl(_PR_SET_TIMERSLACK, 1000, 0, 0, 0)
-    scheduling = _request_scheduling(priority)
+    scheduling = request_scheduling(priority)
     locked = _LIBC.mlockall(_MCL_CURRENT | _MCL_FUTURE) == 0
     return f"{scheduling}, memory {'locked' if locked else 'not locked'}"
+
+
+def raise_threads(priority: int) -> None:
+    """Ask for SCHED_FIFO at `priority` for all threads that this process has now; refused, they go on as ever."""
+    for thread in os.listdir("/proc/self/task"):
+        with contextlib.suppress(OSError):  # needs privilege or RLIMIT_RTPRIO; or it has ended
+            os.sched_setscheduler(int(thread), os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
 
 
 def spare_what_is_loaded() -> None:
@@ -60,7 +68,8 @@ def avoid_oom_killer() -> str:
     return f"out-of-memory score {score}"
 
 
-def _request_scheduling(priority: int) -> str:
+def request_scheduling(priority: int) -> str:
+    """Ask for the calling thread to be scheduled so; returns what was granted, see `request_realtime`."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
         return f"SCHED_FIFO {priority}"

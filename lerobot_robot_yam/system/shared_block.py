@@ -106,7 +106,7 @@ class SharedBlock:
         """Publish one record. Only the creator may call this."""
         self.write_bytes(record.tobytes())
 
-    def write_bytes(self, payload: bytes) -> None:
+    def write_bytes(self, payload: bytes | bytearray) -> None:
         """Publish one record, given as the bytes of `dtype`. Only the creator may call this."""
         writing = self._sequence[0] | 1  # odd already where a signal has broken off the last one
         self._sequence[0] = writing

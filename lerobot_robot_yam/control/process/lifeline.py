@@ -5,6 +5,7 @@ closes the caller's end then, as it does however the caller ends. No program can
 open or to write.
 """
 
+import contextlib
 import os
 import select
 import socket
@@ -30,6 +31,11 @@ class Lifeline:
         """Close the other end here: a process that inherits it has been started."""
         self._far.close()
 
+    def nudge(self) -> None:
+        """Have a poll of the far end for what can be read come back. Waits for nothing, and fails for nothing."""
+        with contextlib.suppress(OSError):  # closed; or so many nudges wait already that one more says nothing
+            self._near.send(b"\0", socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
+
     @property
     def cut(self) -> bool:
         """Whether no process has the other end any more."""
@@ -39,6 +45,11 @@ class Lifeline:
         """Let go: the far end takes this process for gone. Idempotent."""
         self._near.close()
         self._far.close()
+
+
+def take_nudges(descriptor: int) -> bool:
+    """Take what `Lifeline.nudge` has left at a far end that can be read; False: the other end is gone."""
+    return bool(os.read(descriptor, 4096))
 
 
 def hung_up(descriptor: int, within_s: float) -> bool:

@@ -1,0 +1,44 @@
+"""The options `--host` and `--key` of commands that also work on the arms of another computer."""
+
+import argparse
+import platform
+import sys
+
+from lerobot_robot_yam.errors import YamError
+
+_TOOL_S = 150.0
+
+
+def add_host_arguments(parser: argparse.ArgumentParser, name: str = "--host") -> None:
+    """Which host; `name` where --host means something else."""
+    parser.add_argument(
+        name, dest="arms_host", metavar="ADDRESS", help="the arms are of the computer where this yam-host runs"
+    )
+    parser.add_argument("--key", metavar="FILE", help=f"with {name}: this computer's key file (yam-host pair)")
+
+
+def ask_host(args: argparse.Namespace, op: str, within_s: float = 2.0, **fields: object) -> dict:
+    """Ask the host that the arguments name.
+
+    Raises:
+        YamError: it does not answer, or refuses.
+    """
+    from lerobot_robot_yam.remote.client.host_question import Host  # needs pyzmq
+    from lerobot_robot_yam.remote.wire.host_address import HostAddress
+
+    return Host(HostAddress.of(args.arms_host), args.key).ask(op, within_s, computer=platform.node(), **fields)
+
+
+def run_tool(program: str, args: argparse.Namespace, **fields: object) -> int:
+    """Have the host run a command of the same name there, print what it says, and return its exit status.
+
+    2: the host does not answer, or refuses.
+    """
+    try:
+        done = ask_host(args, "tool", _TOOL_S, json=args.json, **fields)
+    except YamError as error:
+        sys.stderr.write(f"{program}: {error}\n")
+        return 2
+    sys.stderr.write(str(done["err"]))
+    sys.stdout.write(str(done["out"]))
+    return int(done["status"])

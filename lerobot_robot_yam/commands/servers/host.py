@@ -1,0 +1,178 @@
+"""Have the arms of this computer driven from another one, by LeRobot's own commands there (docs/two-machines.md).
+
+yam-host --config_path=rig.yaml           serve the arms of a rig's file, to programs of this computer
+yam-host --config_path=rig.yaml --listen 192.168.1.20      to paired computers, too
+yam-host pair workstation                 make keys for a computer; carry the file to it
+yam-host status                           say what the host that runs here serves, and who has it
+
+HAZARD: a paired computer can ENERGISE the arms. Starting yam-host energises nothing. However it ends, they land.
+"""
+
+import argparse
+import dataclasses
+import logging
+import signal
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lerobot_robot_yam.commands.lib.arm_command import run_command, seconds, tell
+from lerobot_robot_yam.errors import ConfigError
+
+if TYPE_CHECKING:
+    from lerobot_robot_yam.remote.host.hosted_group import HostedGroup
+    from lerobot_robot_yam.remote.wire.host_address import HostAddress
+
+_LAND_AFTER_S = 30.0
+_LOCAL = "127.0.0.1"
+_RT_PRIORITY = 15  # below that of control loops: a flood of messages cannot delay them
+_SWITCH_S = 0.0005  # between the threads that send states and take commands
+# Sections of a rig's file: LeRobot's folder of calibration files, and what its arms are called.
+_SECTIONS = {"robot": ("robots", "follower"), "teleop": ("teleoperators", "leader")}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of `yam-host`; returns the exit status."""
+    parser = argparse.ArgumentParser(
+        prog="yam-host", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("action", nargs="?", choices=("serve", "pair", "status"), default="serve")
+    parser.add_argument("name", nargs="?", help="pair: what the other computer is called here")
+    parser.add_argument("--config_path", type=Path, help="the rig's file, as yam-setup writes it")
+    parser.add_argument("--listen", default=_LOCAL, help="address, or address:port (default 127.0.0.1: this computer)")
+    parser.add_argument("--keys", type=Path, help="directory of this host's keys (default ~/.config/yam/host-keys)")
+    parser.add_argument("--key", help="status: key file, if the host takes no others")
+    parser.add_argument("--out", type=Path, help="pair: the file to make (default NAME.yam-key.json)")
+    parser.add_argument(
+        "--land_after_s",
+        type=seconds,
+        default=_LAND_AFTER_S,
+        help="a client that is silent for so long has its arms landed, s (default 30)",
+    )
+    args = parser.parse_args(arguments)
+    action = {"serve": _serve, "pair": _pair, "status": _status}[args.action]
+    return run_command("yam-host", lambda: action(args))
+
+
+def _serve(args: argparse.Namespace) -> int:
+    from lerobot_robot_yam.remote.host.host_server import HostServer
+    from lerobot_robot_yam.remote.host.host_tools import HostTools
+    from lerobot_robot_yam.remote.wire.curve_keys import HostKeys, keys_directory
+    from lerobot_robot_yam.remote.wire.host_address import HostAddress
+    from lerobot_robot_yam.remote.wire.transport import HostSockets
+    from lerobot_robot_yam.system.paths import user_path
+    from lerobot_robot_yam.system.realtime import raise_threads
+
+    if args.config_path is None:
+        raise ConfigError("which arms? Give --config_path=rig.yaml, the file that yam-setup writes")
+    logging.getLogger().setLevel(logging.INFO)
+    groups = groups_of(args.config_path)
+    address = HostAddress.of(args.listen)
+    keys = HostKeys.load(args.keys or keys_directory())
+    channels = {channel: words for group in groups for channel, words in group.channels.items()}
+    tools = HostTools(user_path(args.config_path).absolute(), channels)
+    server = HostServer(HostSockets(address, keys), groups, args.land_after_s, tools)
+    ended: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda number, _: ended.append(number))
+    _say_ready(address, groups, keys is not None)
+    sys.setswitchinterval(_SWITCH_S)
+    raise_threads(_RT_PRIORITY)
+    server.run(lambda: bool(ended))
+    return 0
+
+
+def _say_ready(address: "HostAddress", groups: "Sequence[HostedGroup]", keyed: bool) -> None:
+    served = "; ".join(f"{group.role}: {', '.join(arm.key for arm in group.arms)}" for group in groups)
+    who = "paired computers" if keyed else "programs of this computer, WITHOUT KEYS"
+    tell(f"yam-host serves {served}\nlistening on {address} for {who}; nothing is energised yet. Ctrl-C lands and ends")
+
+
+def groups_of(path: Path) -> "list[HostedGroup]":
+    """The arms of a rig's file.
+
+    Raises:
+        ConfigError: there is no such file, or what no session would start with.
+    """
+    from lerobot.robots.config import RobotConfig
+    from lerobot.teleoperators.config import TeleoperatorConfig
+
+    from lerobot_robot_yam.doctor.kit.targets import calibration_root
+    from lerobot_robot_yam.face.devices.config_refusal import arm_config
+    from lerobot_robot_yam.face.devices.rig_device import rig_device
+    from lerobot_robot_yam.remote.host.hosted_group import HostedGroup
+    from lerobot_robot_yam.system.paths import user_path
+    from lerobot_robot_yam.system.strict_yaml import read_yaml
+
+    path = user_path(path)
+    if not path.is_file():
+        raise ConfigError(f"there is no {path}, the rig's file; yam-setup writes it")
+    document = read_yaml(path)
+    registries: dict[str, Any] = {"robot": RobotConfig, "teleop": TeleoperatorConfig}
+    groups: list[HostedGroup] = []
+    for section, (folder, role) in _SECTIONS.items():
+        if not isinstance(document.get(section), Mapping):
+            continue
+        device: Any = rig_device(registries[section], section, {"file": str(path), "cameras": False})
+        if not hasattr(device, "arms") or "passive" in device.type or "hand" in device.type:
+            raise ConfigError(f"{path}, {section}: yam-host serves followers and leaders, no {device.type}")
+        kind = device.type.replace("i2rt_", "")
+        directory = Path(device.calibration_dir or calibration_root() / folder / kind) / "yam"
+        arms, options = {}, {}
+        for prefix, arm in device.arms().items():
+            config = arm_config(arm, f"{prefix}{role}")
+            ident = f"{prefix}{device.id}" if device.id else arm.channel
+            config.calibration_path = config.calibration_path or str(directory / f"{ident}_gripper.json")
+            arms[prefix], options[prefix] = config, {**_options(arm), "name": config.name}
+        groups.append(HostedGroup(section, kind, arms, options, sum(len(group.arms) for group in groups)))
+    if not groups:
+        raise ConfigError(f"{path} has no arms, neither robot nor teleop; yam-setup writes such a file")
+    return groups
+
+
+def _options(arm: Any) -> dict[str, Any]:
+    """Options of an arm as its device in LeRobot has them, without LeRobot's own."""
+    from lerobot_robot_yam.arm.config import ArmConfig
+    from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
+
+    kind: Any = LeaderArmConfig if isinstance(arm, LeaderArmConfig) else ArmConfig
+    plain = {field.name: getattr(arm, field.name) for field in dataclasses.fields(kind)}
+    return {
+        name: dataclasses.asdict(value) if dataclasses.is_dataclass(value) and not isinstance(value, type) else value
+        for name, value in plain.items()
+    }
+
+
+def _pair(args: argparse.Namespace) -> int:
+    from lerobot_robot_yam.remote.wire.curve_keys import keys_directory, pair
+
+    if args.name is None:
+        raise ConfigError("which computer? Give it a name: yam-host pair workstation")
+    target = args.out or Path(f"{args.name}.yam-key.json")
+    pair(args.keys or keys_directory(), args.name, target)
+    tell(
+        f"made {target}: carry it to {args.name} (scp), remove it here, and name it there as key, such as "
+        f"--robot.key={target}. Whoever has it can drive the arms. A host that runs has to be started anew"
+    )
+    return 0
+
+
+def _status(args: argparse.Namespace) -> int:
+    from lerobot_robot_yam.remote.client.host_question import Host, hello
+    from lerobot_robot_yam.remote.wire.curve_keys import keys_directory, paired
+    from lerobot_robot_yam.remote.wire.host_address import HostAddress
+
+    names = paired(args.keys or keys_directory())
+    sys.stdout.write(f"paired: {', '.join(names) or 'none'}\n")
+    told = hello(Host(HostAddress.of(args.listen), args.key))
+    sys.stdout.write(f"{told['computer']} serves, lerobot_robot_yam {told['package']}\n")
+    for role, group in told["groups"].items():
+        keys = ", ".join(arm["key"] for arm in group["arms"].values())
+        sys.stdout.write(f"{role} ({keys}): {group['phase']}{' for ' * bool(group['holder'])}{group['holder']}\n")
+    sys.stdout.write(f"emergency stop: {told['stop'] or 'not latched'}\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

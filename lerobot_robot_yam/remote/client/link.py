@@ -1,0 +1,205 @@
+"""A client's link to a host: states come, commands and signs of life go, the emergency stop goes both ways."""
+
+import logging
+import math
+import secrets
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from lerobot_robot_yam.control.process.lifeline import take_nudges
+from lerobot_robot_yam.errors import LinkError, YamError
+from lerobot_robot_yam.remote.client.host_question import Asker, Host
+from lerobot_robot_yam.remote.client.state_mirror import StateMirror
+from lerobot_robot_yam.remote.wire.clock_offset import ClockOffset
+from lerobot_robot_yam.remote.wire.host_address import machine_number, who
+from lerobot_robot_yam.remote.wire.link_messages import (
+    Beat,
+    Command,
+    Kind,
+    kind_of,
+    pack_beat,
+    pack_command,
+    unpack_echo,
+    unpack_states,
+)
+from lerobot_robot_yam.remote.wire.mirrored_stop import MirroredStop
+from lerobot_robot_yam.remote.wire.transport import ClientSockets
+from lerobot_robot_yam.system.clock import SYSTEM
+from lerobot_robot_yam.system.shared_block import SharedBlock
+
+logger = logging.getLogger(__name__)
+
+_BEAT_S = 0.1
+_STOP_LOOK_S = 0.02
+_WAIT_S = 0.02  # for messages of the host and commands of our program
+_LOST_S = 1.0  # without a word of the host: told in the log
+_ECHOES = 5  # before times of the host mean anything
+_START_S = 57.0  # less than what our program waits for us
+_GONE_S = 5.0  # without a word of the host while it should land the arms: it does that alone
+LAND_S = 75.0  # longer than a landing takes
+
+
+class Link:
+    """To one host.
+
+    Args:
+        host: which.
+        mirror: for its states.
+        commands: command blocks of the arms that are driven, by their number on the host; none: it only watches.
+        leaders: keys of leaders' channels here and there, for followers that follow one.
+        nudged: descriptor that can be read when something was commanded; None: it only watches.
+    """
+
+    def __init__(
+        self,
+        host: Host,
+        mirror: StateMirror,
+        commands: Mapping[int, SharedBlock],
+        leaders: Mapping[str, str],
+        nudged: int | None = None,
+    ):
+        self._host, self._mirror, self._commands, self._nudged = host, mirror, commands, nudged
+        self._leaders = {here.encode(): there.encode() for here, there in leaders.items()}
+        self._sockets = ClientSockets(host.address, host.client_key(), also=nudged)
+        self._asker = Asker(host, self._sockets, self.turn)
+        self._session = secrets.randbits(63) + 1 if commands else 0
+        self._seen = dict.fromkeys(commands, 0)
+        self._drives = False  # the host takes commands
+        self._sequence = 0
+        self._clock, self._stop = ClockOffset(), MirroredStop(f"host {host.address}")
+        self._machine, self._stopped = machine_number(), False
+        self._beat_s = self._look_s = -math.inf
+        self._heard_s, self._lost, self._run = SYSTEM.now(), False, 0
+
+    @property
+    def up(self) -> bool:
+        """Whether the host's states are known, and its clock."""
+        return len(self._clock) >= _ECHOES and self._mirror.complete
+
+    def start(self, group: str, search: bool) -> None:
+        """Have the host energise a group; until then nothing is commanded.
+
+        Raises:
+            YamError: what the host says, or that it says nothing.
+        """
+        self._asker.ask("start", _START_S, group=group, session=self._session, who=who(), search=search)
+        self._drives = True
+        deadline = SYSTEM.now() + _GONE_S
+        while not self.up:
+            self.turn()
+            if SYSTEM.now() > deadline:
+                self.stop(group)
+                raise LinkError(f"{self._host.address}: no states come; is port {self._host.address.port + 1} open?")
+
+    def stop(self, group: str) -> bool:
+        """Have the host land the group; whether its arms are down. Says so in the log where they are not."""
+        self._drives = False
+        landed = False
+        deadline = SYSTEM.now() + LAND_S
+        while SYSTEM.now() < deadline:
+            try:
+                landed = bool(self._asker.ask("stop", _GONE_S, group=group, session=self._session)["landed"])
+                break
+            except LinkError as error:
+                if SYSTEM.now() - self._heard_s > _GONE_S:
+                    logger.error("%s; it lands the arms by itself once it has missed this computer for long", error)
+                    break
+            except YamError as error:
+                logger.warning("%s", error)
+                SYSTEM.sleep(_BEAT_S)
+        if landed:
+            self._mirror.note_landed()
+        return landed
+
+    def turn(self) -> None:
+        """One round: wait a little, pass on what has come from the host, and what our program commands."""
+        sockets = self._sockets
+        came = sockets.wait(_WAIT_S)
+        now = SYSTEM.now()
+        if self._nudged is not None and self._nudged in came and not take_nudges(self._nudged):
+            sockets.ignore(self._nudged)  # it could be read without end
+            self._nudged = None
+        if sockets.states in came and (message := sockets.newest_states()) is not None:
+            self._take_states(message)
+        while sockets.commands in came and (message := sockets.receive()) is not None:
+            self._hear(message)
+        self._send_commands(now)
+        self._look_at_stop(now)
+        if now - self._beat_s >= (_BEAT_S if len(self._clock) >= _ECHOES else _STOP_LOOK_S):
+            self._beat_s = now
+            self._sockets.send(pack_beat(Beat(self._session, self._machine, now, self._stopped)))
+        if now - self._heard_s > _LOST_S and not self._lost:
+            self._lost = True
+            logger.error("%s: no word of the host; the arms hold there", self._host.address)
+
+    def _hear(self, message: bytes) -> None:
+        """Any message but of states."""
+        try:
+            if kind_of(message) is not Kind.ECHO:
+                self._asker.hear(message)
+                return
+            echo = unpack_echo(message)
+        except LinkError as error:
+            logger.warning("%s: %s", self._host.address, error)
+            return
+        now = SYSTEM.now()
+        self._clock.add(echo, now)
+        self._heard_s = now
+        if self._lost:
+            self._lost = False
+            logger.warning("%s: the host is back", self._host.address)
+
+    def _take_states(self, message: bytes) -> None:
+        try:
+            if kind_of(message) is not Kind.STATES:
+                raise LinkError("what comes is no state")
+            states = unpack_states(message)
+        except LinkError as error:
+            logger.warning("%s: %s", self._host.address, error)
+            return
+        if states.run != self._run:  # the host has been started anew; its computer may have been, too
+            self._run = states.run
+            self._clock.clear()
+        if len(self._clock) >= _ECHOES:
+            self._mirror.write(states.arms, self._clock.offset_s)
+        if states.stopped_by != self._machine:
+            self._stop.follow(bool(states.stopped), "its emergency stop is latched; `yam-estop release` there")
+
+    def _look_at_stop(self, now: float) -> None:
+        """A stop of our own is told at once."""
+        if now - self._look_s >= _STOP_LOOK_S:
+            self._look_s = now
+            if self._stop.own is not self._stopped:
+                self._stopped, self._beat_s = not self._stopped, -math.inf
+
+    def _send_commands(self, now: float) -> None:
+        """Pass on command records that are new, with their times by the host's clock."""
+        if not self._drives or len(self._clock) < _ECHOES:
+            return
+        for arm, block in self._commands.items():
+            sequence = block.sequence()
+            if sequence == self._seen[arm]:
+                continue
+            record = block.glance()
+            if record is None:  # being written: at the next look
+                continue
+            self._seen[arm] = sequence
+            self._sequence += 1
+            command = record.copy()
+            command["target_stamp_s"] += self._clock.offset_s
+            command["coupled_until_s"] += self._clock.offset_s
+            leader = command["leader"].item()
+            if leader:
+                command["leader"] = self._leaders.get(leader, b"")
+            self._sockets.send(pack_command(Command(self._session, self._sequence, arm, command.tobytes())))
+
+    def close(self) -> None:
+        """Let go of sockets and blocks."""
+        self._sockets.close()
+        self._mirror.close()
+
+
+def host_keys(told: Mapping[str, Any]) -> dict[str, str]:
+    """Of a hello: the key of each arm's channel on the host, by its number as text."""
+    arms: Sequence[Mapping[str, Any]] = [arm for group in told["groups"].values() for arm in group["arms"].values()]
+    return {str(arm["number"]): str(arm["key"]) for arm in arms}

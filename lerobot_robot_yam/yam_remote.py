@@ -1,0 +1,17 @@
+"""Follower arms of another computer as a LeRobot robot: as the local ones, whose names they have in data sets."""
+
+from lerobot_robot_yam.config_yam_remote import BiYamRemoteConfig, YamRemoteConfig
+from lerobot_robot_yam.face.remote.remote_device import RemoteDevice
+from lerobot_robot_yam.yam_follower import BiYamFollower, YamFollower
+
+
+class YamRemote(RemoteDevice, YamFollower):
+    """One YAM arm that another computer drives."""
+
+    config_class = YamRemoteConfig
+
+
+class BiYamRemote(RemoteDevice, BiYamFollower):
+    """Two YAM arms that another computer drives."""
+
+    config_class = BiYamRemoteConfig

@@ -1,0 +1,64 @@
+"""Robot and teleoperator whose arms another computer has: what LeRobot sees of them is what it sees of local ones."""
+
+import time
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.config_yam_remote import BiYamRemoteConfig, YamRemoteConfig
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.face.devices.config_refusal import RefusedConfigError
+from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.state.records import coupling_number
+from lerobot_robot_yam.yam_remote import BiYamRemote
+from lerobot_teleoperator_yam.config_yam_remote_leader import BiYamRemoteLeaderConfig
+from lerobot_teleoperator_yam.yam_remote_leader import BiYamRemoteLeader
+from tests.support.hosted import free_port, rig_file, running_host
+
+pytestmark = [pytest.mark.long, pytest.mark.alone]
+
+
+@pytest.fixture(scope="module")
+def host(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("host")
+    with running_rig() as rig, running_host(rig_file(directory, rig, gate="always", mirror=False), directory) as host:
+        yield host
+
+
+def test_followers_follow_leaders_at_loop_rate_and_their_keys_are_those_of_local_ones(host):
+    robot = BiYamRemote(BiYamRemoteConfig(host=str(host.address), observe_velocity=True))
+    leader = BiYamRemoteLeader(BiYamRemoteLeaderConfig(host=str(host.address)))
+    assert list(robot.action_features) == list(leader.action_features)
+    assert robot.name == "bi_yam_follower" and "left_joint_1.vel" in robot.observation_features
+    assert robot.is_calibrated and leader.is_calibrated and not robot.is_connected
+    robot.connect()
+    try:
+        leader.connect()
+        with pytest.raises(ConfigError, match="on their own computer"):
+            robot.calibrate()
+        begin = time.monotonic()
+        while time.monotonic() - begin < 2.0:
+            action = leader.get_action()
+            sent = robot.send_action(action)
+            assert sent.keys() == action.keys() and np.isfinite(list(sent.values())).all()
+            time.sleep(0.03)
+        followed = [state.coupled_to for state in robot._arms.newest()]
+        assert followed == [coupling_number(side.key) for side in leader._arms.sides]
+        observation = robot.get_observation()
+        assert max(abs(observation[key] - action[key]) for key in action) < 0.1
+    finally:
+        robot.disconnect()
+        leader.disconnect()
+
+
+def test_what_cannot_be_is_refused_in_one_line(host):
+    with pytest.raises(RefusedConfigError, match="its type here is bi_yam_remote"):
+        YamRemoteConfig(host=str(host.address))
+    with pytest.raises(RefusedConfigError, match="runs on the host"):
+        BiYamRemoteConfig(host=str(host.address), isolation="thread")
+    with pytest.raises(RefusedConfigError, match="no yam-host answers at"):
+        BiYamRemoteConfig(host=f"127.0.0.1:{free_port()}")
+    with pytest.raises(RefusedConfigError, match="write NAME or ADDRESS"):
+        BiYamRemoteConfig(host="")
+    with pytest.raises(RefusedConfigError, match="No such file"):
+        BiYamRemoteConfig(host=str(host.address), key="no.json")

@@ -1,0 +1,49 @@
+"""The offset between two clocks, by echoes of which some were held up."""
+
+import math
+import random
+
+import pytest
+
+from lerobot_robot_yam.remote.wire.clock_offset import ClockOffset
+from lerobot_robot_yam.remote.wire.link_messages import Echo
+
+AHEAD_S = 1234.5
+
+
+def exchange(clock, sent_s, there_s, back_s, thinks_s=0.001):
+    """An echo whose ways take these times."""
+    received_s = sent_s + there_s + AHEAD_S
+    clock.add(Echo(sent_s, received_s, received_s + thinks_s, 1), sent_s + there_s + thinks_s + back_s)
+
+
+def test_equal_ways_give_the_offset_itself():
+    clock = ClockOffset()
+    exchange(clock, 10.0, 0.02, 0.02)
+    assert clock.offset_s == pytest.approx(AHEAD_S, abs=1e-9) and clock.error_s == pytest.approx(0.02)
+
+
+def test_the_quickest_echo_counts_and_the_error_bounds_what_is_wrong():
+    clock, draw = ClockOffset(), random.Random(1)
+    for number in range(40):
+        exchange(clock, float(number), 0.001 + draw.expovariate(100), 0.001 + draw.expovariate(50))
+        assert abs(clock.offset_s - AHEAD_S) <= clock.error_s
+    assert clock.error_s < 0.005
+
+
+def test_old_echoes_are_forgotten():
+    clock = ClockOffset()
+    exchange(clock, 0.0, 0.0001, 0.0001)
+    for number in range(60):
+        exchange(clock, 1.0 + number, 0.05, 0.05)
+    assert clock.error_s == pytest.approx(0.05)
+
+
+def test_what_cannot_be_does_not_count():
+    clock = ClockOffset()
+    clock.add(Echo(5.0, 1.0, 2.0, 1), 5.5)  # the host thought for longer than the echo took
+    clock.add(Echo(5.0, 2.0, 1.0, 1), 9.0)
+    assert math.isnan(clock.offset_s) and len(clock) == 0
+    exchange(clock, 0.0, 0.1, 0.1)
+    clock.clear()
+    assert math.isnan(clock.offset_s) and len(clock) == 0
