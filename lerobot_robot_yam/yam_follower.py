@@ -14,7 +14,7 @@ from lerobot.robots.robot import Robot
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
 
 from lerobot_robot_yam.arm.config_checks import check_switches
-from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerOptions, YamFollowerConfig
+from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, YamFollowerConfig
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.face.datasets.recording import recorded_name
 from lerobot_robot_yam.face.desk.session_desk import SessionDesk
@@ -24,6 +24,7 @@ from lerobot_robot_yam.face.devices.images import beside_arms, newest_images
 from lerobot_robot_yam.face.recorder.episode_log import EpisodeLog
 from lerobot_robot_yam.face.recorder.record_command import saves_finished_episode
 from lerobot_robot_yam.face.rl.motor_bus import MotorBus
+from lerobot_robot_yam.follower_options import FollowerOptions
 from lerobot_robot_yam.state.records import ArmState
 from lerobot_robot_yam.system.clock import Clock
 

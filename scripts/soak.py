@@ -41,6 +41,7 @@ def arguments(given: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument(
         "--coupled", action="store_true", help="leaders lead at loop rate, behind a gate, with force feedback"
     )
+    parser.add_argument("--link", action="store_true", help="a yam-host has the arms, and they are reached over a link")
     parser.add_argument("--json", type=Path, help="write the figures to this file")
     parser.add_argument("--plot", type=Path, help="save a plot of the run to this file")
     parser.add_argument("--verbose", action="store_true", help="a line for every fault and every recovery")
@@ -111,6 +112,7 @@ class Judge:
 def soak(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     """Run it; returns the report."""
     from soak.devices import keys, make_devices
+    from soak.host import hosting
     from soak.injector import Injector
     from soak.operator import Operator
     from soak.teleop import Teleoperation
@@ -118,14 +120,16 @@ def soak(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     from lerobot_robot_yam.rig.client.rig_control import RigControl, wait_ended
 
     rig = RigControl.start(seed=args.seed)
-    robot, leader = make_devices(rig.name, folder, args.coupled)
+    ends = contextlib.ExitStack()
+    host, parent = ends.enter_context(hosting(rig.name, folder, args.coupled)) if args.link else (None, os.getpid())
+    robot, leader = make_devices(rig.name, folder, args.coupled, host)
     begin_s = time.monotonic()
     judge = Judge({"rig": rig.name, "arms": robot.jobs() | leader.jobs()}, begin_s)
     schedule = make_schedule(args.minutes * 60.0, args.seed, args.pace, args.kinds)
     injector: Injector | None = None
     left_over = 0
     try:
-        injector = Injector(rig.name, keys(rig.name), schedule)
+        injector = Injector(rig.name, keys(rig.name), schedule, parent)
 
         def violation(invariant: str, channel: str, what: str) -> None:
             assert injector is not None
@@ -155,6 +159,7 @@ def soak(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     finally:
         if injector is not None:
             injector.end()
+        ends.close()
         judge.end()
         rig.end()
         rig.close()
@@ -164,6 +169,7 @@ def soak(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
         "seed": args.seed,
         "pace": args.pace,
         "coupled": args.coupled,
+        "link": args.link,
         "injected": dict(injector.injected),
         "left_over": left_over,
         "judge": judge.summary,

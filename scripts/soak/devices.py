@@ -11,15 +11,19 @@ import numpy as np
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
 from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerArmConfig
+from lerobot_robot_yam.config_yam_remote import BiYamRemoteConfig
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.state.faults import RESPONSES, Trouble
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE, Limited, channel_key, state_path
 from lerobot_robot_yam.system.shared_block import SharedBlock
 from lerobot_robot_yam.yam_follower import BiYamFollower
+from lerobot_robot_yam.yam_remote import BiYamRemote
 from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig
+from lerobot_teleoperator_yam.config_yam_remote_leader import BiYamRemoteLeaderConfig
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
 from lerobot_teleoperator_yam.yam_leader import BiYamLeader
+from lerobot_teleoperator_yam.yam_remote_leader import BiYamRemoteLeader
 from soak.checks import GRIPPER
 from soak.schedule import CAMERA, CHANNELS, FOLLOWERS, LEADERS
 
@@ -72,12 +76,12 @@ class Device:
     @property
     def max_state_age_s(self) -> float:
         """Age from which on a state is an error."""
-        return float(self.device.config.left_arm_config.max_state_age_s)
+        return float(next(iter(self.device.config.arms().values())).max_state_age_s)
 
     def jobs(self) -> dict[str, dict[str, Any]]:
         """What the monitor has to know of the arms, by channel."""
         found = {}
-        arms = self.device.config.arms() if hasattr(self.device.config, "arms") else {}
+        arms = self.device.config.arms()
         for channel, config in zip(self.channels, arms.values(), strict=True):
             hardware = ResolvedArm(config)
             speed = np.full(GRIPPER + 1, np.nan)
@@ -145,16 +149,17 @@ class Device:
             self.device.disable_torque()
 
 
-def make_devices(rig: str, folder: Path, coupled: bool = False) -> tuple[Device, Device]:
-    """Robot and teleoperator, with a camera and a torque clip; maybe with coupling, gate and force feedback."""
-    common: dict[str, Any] = {
-        "interface": "yam_sim",
-        "gravity_factor": [1.0] * 6,
-        "can_options": {"rig": rig},
-        "torque_limit_nm": TORQUE_LIMIT_NM,
-    }
-    left, right = (FollowerArmConfig(channel=channel, gripper="linear_4310", **common) for channel in FOLLOWERS)
+def make_devices(rig: str, folder: Path, coupled: bool = False, host: str | None = None) -> tuple[Device, Device]:
+    """Robot and teleoperator, with a camera and a torque clip; maybe with coupling, gate and force feedback.
+
+    host: address of the yam-host that has the arms (`soak.host`); None: they are driven from here.
+    """
     camera = YamSimCameraConfig(camera=CAMERA, rig=rig, width=160, height=120, fps=15)
+    if host is not None:
+        robot: Any = BiYamRemote(BiYamRemoteConfig(id="soak", host=host, cameras={CAMERA: camera}))
+        leader: Any = BiYamRemoteLeader(BiYamRemoteLeaderConfig(id="soak", host=host))
+        return Device(robot, FOLLOWERS, rig), Device(leader, LEADERS, rig)
+    left, right = (FollowerArmConfig(**options) for options in follower_options(rig))
     robot = BiYamFollower(
         BiYamFollowerConfig(
             id="soak",
@@ -164,12 +169,31 @@ def make_devices(rig: str, folder: Path, coupled: bool = False) -> tuple[Device,
             cameras={CAMERA: camera},
         )
     )
-    leaders = [LeaderArmConfig(channel=channel, **common) for channel in LEADERS]
-    for arm, follower in zip(leaders, FOLLOWERS, strict=True):
-        if coupled:
-            arm.follower, arm.gate, arm.bilateral = follower, "auto", _BILATERAL
-    first, second = leaders
+    first, second = (LeaderArmConfig(**options) for options in leader_options(rig, coupled))
     leader = BiYamLeader(
         BiYamLeaderConfig(id="soak", calibration_dir=folder / "leader", left_arm_config=first, right_arm_config=second)
     )
     return Device(robot, FOLLOWERS, rig), Device(leader, LEADERS, rig)
+
+
+def _common(rig: str) -> dict[str, Any]:
+    return {
+        "interface": "yam_sim",
+        "gravity_factor": [1.0] * 6,
+        "can_options": {"rig": rig},
+        "torque_limit_nm": TORQUE_LIMIT_NM,
+    }
+
+
+def follower_options(rig: str) -> list[dict[str, Any]]:
+    """Options of both followers, left and right."""
+    return [{"channel": channel, "gripper": "linear_4310", **_common(rig)} for channel in FOLLOWERS]
+
+
+def leader_options(rig: str, coupled: bool) -> list[dict[str, Any]]:
+    """Options of both leaders, left and right."""
+    found = []
+    for channel, follower in zip(LEADERS, FOLLOWERS, strict=True):
+        leads = {"follower": follower, "gate": "auto", "bilateral": _BILATERAL} if coupled else {}
+        found.append({"channel": channel, **_common(rig), **leads})
+    return found

@@ -57,10 +57,12 @@ class Injector(threading.Thread):
         rig: name of the rig.
         keys: of the state blocks, by channel.
         schedule: what and when.
+        parent: process whose children the control processes are.
     """
 
-    def __init__(self, rig: str, keys: Mapping[str, str], schedule: Sequence[Injection]):
+    def __init__(self, rig: str, keys: Mapping[str, str], schedule: Sequence[Injection], parent: int):
         super().__init__(name="soak-injector", daemon=True)
+        self._parent = parent
         self._rig = RigControl(rig, hold=False)
         self._keys, self._schedule = keys, list(schedule)
         self._begin_s = math.inf
@@ -210,7 +212,7 @@ class Injector(threading.Thread):
         rig.log("undone", injection=injection.number)
 
     def _control_pid(self, channel: str) -> int:
-        """The control process that drives a channel, a child of ours; 0 when it has ended or never ran."""
+        """The control process that drives a channel, not its stand-by; 0 when it has ended or never ran."""
         try:
             block = SharedBlock(state_path(self._keys[channel]), STATE_DTYPE, create=False)
         except (FileNotFoundError, YamError):
@@ -224,7 +226,7 @@ class Injector(threading.Thread):
             fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
         except OSError:
             return 0
-        return pid if int(fields[1]) == os.getpid() and fields[0] not in "ZT" else 0
+        return pid if int(fields[1]) == self._parent and fields[0] not in "ZT" else 0
 
     def end(self) -> None:
         """Stop, put everything right. Idempotent."""
