@@ -123,7 +123,7 @@ class Link:
             self._take_states(message)
         while sockets.commands in came and (message := sockets.receive()) is not None:
             self._hear(message)
-        self._send_commands(now)
+        self._send_commands()
         self._look_at_stop(now)
         if now - self._beat_s >= (_BEAT_S if len(self._clock) >= _ECHOES else _STOP_LOOK_S):
             self._beat_s = now
@@ -172,7 +172,7 @@ class Link:
             if self._stop.own is not self._stopped:
                 self._stopped, self._beat_s = not self._stopped, -math.inf
 
-    def _send_commands(self, now: float) -> None:
+    def _send_commands(self) -> None:
         """Pass on command records that are new, with their times by the host's clock."""
         if not self._drives or len(self._clock) < _ECHOES:
             return

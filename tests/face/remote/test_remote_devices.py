@@ -1,5 +1,7 @@
 """Robot and teleoperator whose arms another computer has: what LeRobot sees of them is what it sees of local ones."""
 
+import os
+import signal
 import time
 
 import numpy as np
@@ -10,10 +12,13 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.devices.config_refusal import RefusedConfigError
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.state.records import coupling_number
+from lerobot_robot_yam.system.clock import SYSTEM
+from lerobot_robot_yam.system.runtime_files import runtime_dir, sessions
 from lerobot_robot_yam.yam_remote import BiYamRemote
 from lerobot_teleoperator_yam.config_yam_remote_leader import BiYamRemoteLeaderConfig
 from lerobot_teleoperator_yam.yam_remote_leader import BiYamRemoteLeader
 from tests.support.hosted import free_port, rig_file, running_host
+from tests.support.rigged import carry
 
 pytestmark = [pytest.mark.long, pytest.mark.alone]
 
@@ -62,3 +67,37 @@ def test_what_cannot_be_is_refused_in_one_line(host):
         BiYamRemoteConfig(host="")
     with pytest.raises(RefusedConfigError, match="No such file"):
         BiYamRemoteConfig(host=str(host.address), key="no.json")
+
+
+def test_nobody_lands_a_leader_that_a_person_has_in_the_hand(tmp_path):
+    """The workstation is gone; the host lands the arms once the leaders lie at their rest."""
+    with running_rig() as rig:
+        file = rig_file(tmp_path, rig, gate="always")
+        with running_host(file, tmp_path, "--land_after_s=2") as host:
+            robot = BiYamRemote(BiYamRemoteConfig(host=str(host.address)))
+            leader = BiYamRemoteLeader(BiYamRemoteLeaderConfig(host=str(host.address)))
+            rest = np.array(rig.state()["arms"]["leader_left"]["q"][:6])
+            robot.connect()
+            leader.connect()
+            carry(rig, SYSTEM, "leader_left", rest + [0.0, 0.6, 0.6, 0.0, 0.0, 0.0])
+            rig.hand("leader_left", [30.0], [(rest + [0.0, 0.6, 0.6, 0.0, 0.0, 0.0]).tolist()], 0.0)
+            robot.send_action(leader.get_action())
+            for key, pid in sessions(runtime_dir()).items():
+                if key.startswith("remote.") and key.endswith("left"):
+                    os.kill(int(pid), signal.SIGKILL)
+            time.sleep(6.0)
+            assert len(driven(rig)) == 4, host.said()
+            rig.release("leader_left")
+            carry(rig, SYSTEM, "leader_left", rest)
+            deadline = time.monotonic() + 30.0
+            while driven(rig):
+                assert time.monotonic() < deadline, host.said()
+                time.sleep(0.1)
+            robot.disconnect()
+            leader.disconnect()
+
+
+def driven(rig):
+    """Channels of arms that have torque."""
+    arms = rig.state()["arms"]
+    return [channel for channel, arm in arms.items() if any(motor["enabled"] for motor in arm["motors"].values())]
