@@ -178,6 +178,7 @@ def in_range(name, value):
     [
         ("lockstep", 400),
         pytest.param("lockstep", 10_000, marks=pytest.mark.long),
+        pytest.param("live", 10_000, marks=[pytest.mark.long, pytest.mark.alone]),
     ],
 )
 def test_random_messages(kind, count, capfd):
@@ -224,6 +225,25 @@ def test_random_messages(kind, count, capfd):
         assert arm.observe().mode is Mode.STOPPED  # the page still answers
     said = capfd.readouterr()
     assert "Traceback" not in said.err + said.out, said.err
+
+
+@pytest.mark.long
+def test_random_messages_beside_a_browser_that_controls_the_arm(station, controlling):
+    gui, scene = station.page.server.gui, station.page.server.scene
+    sender = Sender(1, gui._gui_input_handle_from_uuid | scene._handle_from_node_name)
+    before, holder = station.state.setpoint_q, station.driver.desk.holder
+    with contextlib.ExitStack() as stack:
+        line, other = (stack.enter_context(contextlib.closing(Line(station.page))) for _ in range(2))
+        for number in range(10_000):
+            raw, malformed = sender.message()
+            (other if malformed else line).send(raw)
+            if number % 10 == 0:
+                station.round()
+                assert station.state.mode is Mode.HOLD and station.driver.desk.holder == holder
+                np.testing.assert_array_equal(station.state.setpoint_q, before)
+    assert controlling.was_told("asks for control")  # a press that was good: the page has heard them
+    controlling.set("joint_1, rad", 0.2)
+    station.run(lambda: station.state.q[0] > 0.18)
 
 
 def test_what_is_sent_is_varied():
