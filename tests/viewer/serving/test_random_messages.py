@@ -19,6 +19,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.viewer.live.live import Live
+from lerobot_robot_yam.viewer.moving import heartbeat
 from lerobot_robot_yam.viewer.serving.incoming import MalformedError, passes
 from lerobot_robot_yam.viewer.serving.page import Page
 from tests.support.rigged import rig_of, session_on, sim_config
@@ -211,7 +212,7 @@ def test_random_messages(kind, count, capfd):
                 assert np.abs(state.q - before.q).max() < STILL_RAD
                 assert np.abs(state.setpoint_q - before.setpoint_q).max() < STILL_RAD
         assert modes <= {before.mode, Mode.STOPPED}
-        assert len(values) > count / 50 and all(in_range(name, value) for name, value in values)
+        assert len(values) > count / 200 and all(in_range(name, value) for name, value in values)
 
         EmergencyStop().release()
         session.clock.sleep(0.1)
@@ -228,7 +229,10 @@ def test_random_messages(kind, count, capfd):
 
 
 @pytest.mark.long
-def test_random_messages_beside_a_browser_that_controls_the_arm(station, controlling):
+def test_random_messages_beside_a_browser_that_controls_the_arm(station, monkeypatch):
+    monkeypatch.setattr(heartbeat, "SILENT_S", 10.0)  # on a busy machine the flood may cost a browser its control
+    controlling = station.browser()
+    station.take_control(controlling)
     gui, scene = station.page.server.gui, station.page.server.scene
     sender = Sender(1, gui._gui_input_handle_from_uuid | scene._handle_from_node_name)
     before, holder = station.state.setpoint_q, station.driver.desk.holder
