@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 # As root, without a graphics card, with little shared memory.
 _OPTIONS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--disable-dev-shm-usage"]
-_COLOURS = 128  # of a picture: enough for a page, and a third of the size
+_COLOURS = 256  # of a picture: enough for a page, in a third of the size
 _PATIENCE_MS = 60_000  # of a browser that draws without a graphics card on a busy machine
 
 
@@ -82,6 +82,6 @@ def take_picture(page: "Page", directory: Path) -> Image.Image:
     path = Path(os.environ.get("YAM_DOCS_PICTURE") or directory / "page.png")
     page.screenshot(path=path)
     picture = Image.open(path).convert("RGB")
-    picture.quantize(_COLOURS).save(path, optimize=True)
+    picture.quantize(_COLOURS, Image.Quantize.MAXCOVERAGE).save(path, optimize=True)
     assert np.asarray(picture.convert("L")).std() > 10.0, "a page of one colour"
     return picture
