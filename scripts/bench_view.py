@@ -30,13 +30,17 @@ import zstandard
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+from lerobot_robot_yam.state.desk_post import running_desks
+from lerobot_robot_yam.system.runtime_files import runtime_dir
+
 ROOT = Path(__file__).resolve().parent.parent
 CASES = ("alone", "page", "page and browser")
 CHROMIUM = ["chromium", "--headless=new", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader"]
 _SIDE_CAR = Path("meta", "yam_episodes.jsonl")
 _LOOP = re.compile(r"control loop: (\d+) cycles, (\d+) overruns, .* p99 ([\d.]+), p99.9 ([\d.]+), max ([\d.]+)")
 _HEAD = 16  # bytes before the compressed messages: their lengths, see viser's _message_producer
-_WARM_S = 12.0  # what a recording takes until its first frame, about
+_WARM_S = 1.0  # of a recording, that does not count
+_LOOKED_S = 0.2
 
 
 class Looker:
@@ -83,20 +87,27 @@ def cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def record(seconds: float) -> dict[str, Any]:
-    """One episode; what its side-car and the control loops say of it."""
-    with tempfile.TemporaryDirectory() as folder:
-        data = Path(folder, "data")
+def record(seconds: float) -> tuple[dict[str, Any], float]:
+    """One episode; what its side-car and the control loops say of it, and when it began, s of the monotonic clock."""
+    with tempfile.TemporaryDirectory() as folder, open(Path(folder, "said"), "w+") as said:
+        data, begun_s = Path(folder, "data"), 0.0
         command = [str(Path(sys.executable).with_name("lerobot-record")), "--config_path=configs/sim/record.yaml"]
         command += [f"--dataset.root={data}", "--dataset.no_stamp=true", "--dataset.num_episodes=1"]
         command += [f"--dataset.episode_time_s={seconds}", "--dataset.reset_time_s=0"]
-        run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+        run = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=said, stderr=said)
+        while run.poll() is None:
+            desks = running_desks(runtime_dir()) if not begun_s else {}
+            if any(status.get("phase") == "recording" for status in desks.values()):
+                begun_s = time.monotonic()
+            time.sleep(_LOOKED_S)
+        said.seek(0)
+        text = said.read()
         if run.returncode:
-            raise SystemExit(run.stderr[-4000:])
+            raise SystemExit(text[-4000:])
         row = json.loads((data / _SIDE_CAR).read_text().splitlines()[-1])
-    loops = [tuple(map(float, found)) for found in _LOOP.findall(run.stdout + run.stderr)]
+    loops = [tuple(map(float, found)) for found in _LOOP.findall(text)]
     gaps_ms = np.diff(row["times_s"]) * 1e3
-    return {
+    figures = {
         "frames": row["frames"],
         "achieved_fps": row["achieved_fps"],
         "late_frames": row["late_frames"],
@@ -108,12 +119,13 @@ def record(seconds: float) -> dict[str, Any]:
         "loop_p999_ms": max(loop[3] for loop in loops),
         "loop_max_ms": max(loop[4] for loop in loops),
     }
+    return figures, begun_s
 
 
 def measure(case: str, seconds: float) -> dict[str, Any]:
     """One row."""
     if case == "alone":
-        return record(seconds)
+        return record(seconds)[0]
     with page() as (url, pid), contextlib.ExitStack() as stack:
         looker = stack.enter_context(contextlib.closing(Looker(url))) if case != "page" else None
         if case == "chromium":
@@ -126,13 +138,13 @@ def measure(case: str, seconds: float) -> dict[str, Any]:
             )
             stack.callback(browser.wait)
             stack.callback(os.killpg, browser.pid, signal.SIGTERM)
-        before_s, begun_s = cpu_s(pid), time.monotonic()
-        row = record(seconds)
-        row["page_cpu"] = (cpu_s(pid) - before_s) / (time.monotonic() - begun_s)
+        used_s, started_s = cpu_s(pid), time.monotonic()
+        row, begun_s = record(seconds)
+        row["page_cpu"] = (cpu_s(pid) - used_s) / (time.monotonic() - started_s)
         if looker is not None:
-            moves_s = np.array(looker.moves_s)
-            moves_s = moves_s[(moves_s > begun_s + _WARM_S) & (moves_s < begun_s + _WARM_S + seconds / 2)]
-            row["updates_hz"] = len(moves_s) / (seconds / 2)
+            moves_s, span_s = np.array(looker.moves_s) - begun_s - _WARM_S, seconds - 2 * _WARM_S
+            moves_s = moves_s[(moves_s > 0.0) & (moves_s < span_s)]
+            row["updates_hz"] = len(moves_s) / span_s
             row["update_gap_ms"] = float(np.diff(moves_s).max() * 1e3) if len(moves_s) > 1 else None
     return row
 

@@ -1,20 +1,25 @@
 """yam-view as a user runs it, and pages of it in a real headless Chromium of the system, driven by Playwright."""
 
 import contextlib
+import os
 import shutil
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
+from PIL import Image
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
 # As root, without a graphics card, with little shared memory.
 _OPTIONS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--disable-dev-shm-usage"]
+_COLOURS = 256  # of a picture: enough for a page, in a third of the size
 _PATIENCE_MS = 60_000  # of a browser that draws without a graphics card on a busy machine
 
 
@@ -51,13 +56,32 @@ def chromium() -> Iterator["Browser"]:
             browser.close()
 
 
+def open_page(browser: "Browser", url: str, errors: list[str], width: int = 1280, height: int = 900) -> "Page":
+    """A page of a person of its own; `errors` collects what its console and its scripts complain of."""
+    page = browser.new_page(viewport={"width": width, "height": height})
+    page.on("console", lambda said: errors.append(said.text) if said.type == "error" else None)
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.set_default_timeout(_PATIENCE_MS)
+    page.goto(url)
+    return page
+
+
 @contextlib.contextmanager
 def browser_page(url: str, errors: list[str], width: int = 1280, height: int = 900) -> Iterator["Page"]:
-    """A page in a browser; `errors` collects what its console and its scripts complain of."""
+    """`open_page` in a browser of its own."""
     with chromium() as browser:
-        page = browser.new_page(viewport={"width": width, "height": height})
-        page.on("console", lambda said: errors.append(said.text) if said.type == "error" else None)
-        page.on("pageerror", lambda error: errors.append(str(error)))
-        page.set_default_timeout(_PATIENCE_MS)
-        page.goto(url)
-        yield page
+        yield open_page(browser, url, errors, width, height)
+
+
+def take_picture(page: "Page", directory: Path) -> Image.Image:
+    """What a page shows, written to this directory, or with YAM_DOCS_PICTURE=PATH to where docs/ have it."""
+    warning = page.locator(".mantine-Notification-root", has_text="Software WebGL")
+    if warning.is_visible():
+        warning.get_by_role("button").click()
+        warning.wait_for(state="detached")
+    path = Path(os.environ.get("YAM_DOCS_PICTURE") or directory / "page.png")
+    page.screenshot(path=path)
+    picture = Image.open(path).convert("RGB")
+    picture.quantize(_COLOURS, Image.Quantize.MAXCOVERAGE).save(path, optimize=True)
+    assert np.asarray(picture.convert("L")).std() > 10.0, "a page of one colour"
+    return picture

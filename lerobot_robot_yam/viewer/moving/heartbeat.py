@@ -12,7 +12,7 @@ from collections.abc import Callable
 import viser
 
 SILENT_S = 0.4  # a page that has not answered for so long is lost: with a round of the driver, the arms hold in 0.5 s
-_ASKED_S = 0.1
+_ASKED_S = 0.05
 _ITEM = "yam-view"
 
 

@@ -11,7 +11,7 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ActionError
 from lerobot_robot_yam.viewer.moving.driver import Driver
 
-_SIZE_M = 0.12
+_SIZE_PX = 90.0  # of an arrow, however far away: one of the length of the tool is too thin for a mouse
 _SHOWN = 5e-4  # m, and of the quaternion: smaller changes are not shown
 
 Place = tuple[np.ndarray, np.ndarray]
@@ -34,7 +34,7 @@ class ToolHandle:
         self._dragging: int | None = None  # the browser that does
         root = f"/moving/{hardware.name}"
         self._base = scene.add_frame(root, show_axes=False, visible=False)
-        self._handle = scene.add_transform_controls(f"{root}/tool", scale=_SIZE_M, depth_test=False)
+        self._handle = scene.add_transform_controls(f"{root}/tool", scale=_SIZE_PX, fixed=True, depth_test=False)
         self._handle.on_update(self._dragged)
 
     async def _dragged(self, event: viser.TransformControlsEvent) -> None:

@@ -1,9 +1,12 @@
-"""A data set in a real browser: the table, the player, the figures, the pictures; and an episode on an arm."""
+"""A data set in a real browser: the table, the player, the figures, the pictures; and an episode on an arm.
+
+YAM_DOCS_PICTURE=docs/view_data.png has the first test write the picture of the page there.
+"""
 
 import pytest
 
 from tests.support import big_sets
-from tests.support.browser import browser_page, yam_view
+from tests.support.browser import browser_page, take_picture, yam_view
 from tests.support.paths import ROOT
 
 pytestmark = [pytest.mark.long, pytest.mark.alone]
@@ -34,6 +37,7 @@ def test_a_data_set_is_opened_scrubbed_and_seen(tmp_path):
         page.wait_for_function(
             "([image, old]) => image.src !== old", arg=[picture.element_handle(), seen], timeout=WAIT_MS
         )
+        take_picture(page, tmp_path)
     assert not errors
 
 

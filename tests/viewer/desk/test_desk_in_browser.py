@@ -3,17 +3,13 @@
 YAM_DOCS_PICTURE=docs/view_desk.png has the test write it there.
 """
 
-import os
 import subprocess
 import sys
-from pathlib import Path
 
-import numpy as np
 import pytest
-from PIL import Image
 
 from lerobot_robot_yam.face.recorder import outcomes
-from tests.support.browser import browser_page, yam_view
+from tests.support.browser import browser_page, take_picture, yam_view
 from tests.support.paths import ROOT
 
 pytestmark = [pytest.mark.long, pytest.mark.alone]
@@ -61,9 +57,3 @@ def test_a_session_is_labelled_by_button_and_by_key(tmp_path):
         recording.kill()
         recording.wait()
     assert [row.outcome for row in outcomes.read(root).values()] == LABELS and not errors
-
-
-def take_picture(page, directory):
-    picture = Path(os.environ.get("YAM_DOCS_PICTURE") or directory / "page.png")
-    page.screenshot(path=picture)
-    assert np.asarray(Image.open(picture).convert("L")).std() > 10.0

@@ -1,20 +1,17 @@
 """The page with two followers at work, two leaders and three open cameras, in a real browser.
 
-YAM_DOCS_PICTURE=PATH has the test write the picture there.
+YAM_DOCS_PICTURE=docs/view_live.png has the test write its picture there.
 """
 
 import contextlib
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from lerobot_robot_yam.arm.collision.workspace import KeepOut, WorkspaceConfig
 from lerobot_robot_yam.rig.client.rendered_camera import RigCamera
 from lerobot_robot_yam.rig.client.rig_control import running_rig
-from tests.support.browser import browser_page, yam_view
+from tests.support.browser import browser_page, take_picture, yam_view
 from tests.support.rigged import session_on, sim_config, track
 
 FOLLOWERS, LEADERS = ("follower_left", "follower_right"), ("leader_left", "leader_right")
@@ -48,15 +45,11 @@ def at_work():
 @pytest.mark.alone
 def test_the_page_as_docs_show_it(tmp_path):
     errors = []
-    path = Path(os.environ.get("YAM_DOCS_PICTURE", tmp_path / "view_live.png")).absolute()
     with at_work() as (rig, followers), yam_view() as url, browser_page(url, errors, *SIZE) as page:
         for name in (*FOLLOWERS, *LEADERS):
             page.get_by_text(name).first.wait_for()
         track(followers, POSES, 6.0, gripper=0.8)
         track(followers, {name: np.array(pose) + 0.25 for name, pose in POSES.items()}, 1.0, gripper=0.2)
-        page.screenshot(path=path)
+        scene = np.asarray(take_picture(page, tmp_path))[:, : SIZE[0] // 2]
     assert not errors
-    picture = Image.open(path)
-    assert picture.size == SIZE
-    scene = np.asarray(picture.convert("RGB"))[:, : SIZE[0] // 2]
     assert len(np.unique(scene.reshape(-1, 3), axis=0)) > 1000  # arms, table and pictures, not one colour

@@ -1,30 +1,36 @@
-"""An arm of the virtual rig is moved in a real browser, by slider.
+"""An arm of the virtual rig is moved in a real browser: by slider, by mouse, and by one browser after another.
 
 YAM_DOCS_PICTURE=docs/view_move.png has the test write the picture of the page there.
 """
 
 import contextlib
-import os
 import threading
-from pathlib import Path
+import time
 
+import mujoco
 import numpy as np
 import pytest
-from PIL import Image
 
+from lerobot_robot_yam.arm.kinematics import YamKinematics, pose_errors
 from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.viewer.live.live import Live
+from lerobot_robot_yam.viewer.moving import heartbeat
 from lerobot_robot_yam.viewer.moving.control_desk import Stage
 from lerobot_robot_yam.viewer.moving.driving_plan import plan_of
 from lerobot_robot_yam.viewer.moving.moving import Moving
 from lerobot_robot_yam.viewer.serving.page import Page, served
-from tests.support.browser import browser_page
+from tests.support.browser import browser_page, chromium, open_page, take_picture
 from tests.support.rigged import sim_config
 from tests.viewer.conftest import ARM, RAISED
 
 pytestmark = [pytest.mark.long, pytest.mark.alone]
 
-SIZE = (900, 700)  # drawn without a graphics card: a larger page answers too seldom
+JOINT = "joint_1, rad"
+SIZE = (900, 700)
+PATIENT_S = (
+    10.0  # a browser without a graphics card answers seldom; tests/viewer/moving/test_moving.py has the real time
+)
 
 
 class MovingView:
@@ -32,11 +38,11 @@ class MovingView:
 
     def __init__(self, rig, directory):
         self.page, self._stopped = Page(port=0), threading.Event()
-        live = Live(self.page.server)
+        self.live = Live(self.page.server)
         plan = plan_of([sim_config(rig, ARM)], directory / "poses.json")
-        self.moving = Moving(self.page.server, plan, live.place_of)
+        self.moving = Moving(self.page.server, plan, self.live.place_of)
         self.driver = self.moving.driver
-        self.parts = [live, self.moving, self]
+        self.parts = [self.live, self.moving, self]
 
     def update(self, now_s):
         """Of the page: end it."""
@@ -63,7 +69,8 @@ def rig():
 
 
 @pytest.fixture
-def view(rig, tmp_path):
+def view(rig, tmp_path, monkeypatch):
+    monkeypatch.setattr(heartbeat, "SILENT_S", PATIENT_S)
     view = MovingView(rig, tmp_path)
     thread = threading.Thread(target=view.run)
     thread.start()
@@ -88,31 +95,120 @@ def slide(tab, label, value):
     field.press("Enter")
 
 
-def take_control(view, tab, rig):
-    rig.set_pose(ARM, q=RAISED)
+def take_control(view, tab):
     tab.get_by_role("button", name="connect …").click()
     tab.get_by_text("HAZARD").wait_for()
-    rig.set_pose(ARM, q=RAISED)
     tab.get_by_role("button", name="energise", exact=True).click()
     wait(tab, lambda: view.driver.desk.stage is Stage.ENABLED)
     tab.get_by_role("button", name="take control").click()
     wait(tab, lambda: view.driver.desk.stage is Stage.CONTROL)
 
 
-def test_an_arm_is_moved_by_slider(view, rig, tmp_path):
+def raise_arm(view, tab):
+    """Off the table, elbow and shoulder bent."""
+    for joint, value in zip(range(1, 7), RAISED, strict=True):
+        slide(tab, f"joint_{joint}, rad", value)
+    wait(tab, lambda: np.abs(view.state.q - RAISED).max() < 0.05)
+
+
+def test_an_arm_is_moved_by_slider(view, tmp_path):
     errors = []
     with browser_page(view.page.url, errors, *SIZE) as tab:
         tab.get_by_text("WATCHING").wait_for()
-        slide(tab, "joint_1, rad", 0.3)
+        slide(tab, JOINT, 0.3)
         tab.get_by_text("the arms are not connected").first.wait_for()
-        take_control(view, tab, rig)
-        slide(tab, "joint_1, rad", 0.4)
+        take_control(view, tab)
+        raise_arm(view, tab)
+        slide(tab, JOINT, 0.4)
         wait(tab, lambda: abs(view.state.q[0] - 0.4) < 0.02)
         take_picture(tab, tmp_path)
     assert not errors
 
 
-def take_picture(tab, directory):
-    path = Path(os.environ.get("YAM_DOCS_PICTURE") or directory / "page.png")
-    tab.screenshot(path=path)
-    assert np.asarray(Image.open(path).convert("L")).std() > 10.0
+def test_an_arm_is_held_back_from_itself_and_the_page_says_from_what(view):
+    errors = []
+    with browser_page(view.page.url, errors, *SIZE) as tab:
+        take_control(view, tab)
+        raise_arm(view, tab)
+        slide(tab, "joint_5, rad", 1.57)
+        tab.get_by_text(f"held back: {ARM} link3 – {ARM} gripper").first.wait_for()
+        wait(tab, lambda: view.state.mode is Mode.HOLD)
+        assert 1.0 < view.state.q[4] < 1.35
+    assert not errors
+
+
+def on_canvas(view, point_m):
+    """Where the page draws a point of the scene: x, y in pixels."""
+    (client,) = view.page.server.get_clients().values()
+    camera, turn = client.camera, np.empty(9)
+    mujoco.mju_quat2Mat(turn, camera.wxyz)
+    x, y, depth = turn.reshape(3, 3).T @ (point_m - camera.position)
+    focal_px = SIZE[1] / 2 / np.tan(camera.fov / 2)
+    return np.array(SIZE) / 2 + focal_px * np.array([x, y]) / depth
+
+
+def tool_in_scene(view):
+    """(4, 4) of the tool that the page draws."""
+    base_m, _ = view.live.place_of(view.driver.session.key(ARM))
+    pose = YamKinematics("yam", "linear_4310").fk(view.state.setpoint_q)
+    pose[:3, 3] += base_m
+    return pose
+
+
+def test_the_tool_is_dragged_by_the_mouse(view):
+    errors = []
+    with browser_page(view.page.url, errors, *SIZE) as tab:
+        take_control(view, tab)
+        raise_arm(view, tab)
+        before = tool_in_scene(view)
+        start, down = before[:3, 3], before[:3, 0]  # x points down where a tool points forward
+        grip_m = start + 0.18 * down  # about the middle of the arrow
+        tab.mouse.move(*on_canvas(view, grip_m))
+        tab.mouse.down()
+        tab.mouse.move(*on_canvas(view, grip_m - 0.1 * down), steps=10)
+        tab.mouse.up()
+        wait(tab, lambda: (start - tool_in_scene(view)[:3, 3]) @ down > 0.07)
+        wait(tab, lambda: view.state.mode is Mode.HOLD)
+        after = tool_in_scene(view)
+        position_m, angle_rad = pose_errors(before, after)
+        assert position_m < 0.13 and angle_rad < 0.05
+        assert np.linalg.norm(np.cross(after[:3, 3] - start, down)) < 0.01
+    assert not errors
+
+
+def test_control_is_handed_over_between_two_browsers(view):
+    errors = []
+    with chromium() as browser:
+        first, second = (open_page(browser, view.page.url, errors, *SIZE) for _ in range(2))
+        take_control(view, first)
+        holder = view.driver.desk.holder
+        second.get_by_role("button", name="take control").click()
+        first.get_by_text("asks for control").first.wait_for()
+        before = view.state.setpoint_q
+        slide(second, JOINT, 0.4)
+        second.get_by_text(f"browser {holder} controls the arms; press").wait_for()
+        np.testing.assert_array_equal(view.state.setpoint_q, before)
+        first.get_by_role("button", name="give control").click()
+        wait(first, lambda: view.driver.desk.holder not in (None, holder))
+        slide(second, JOINT, 0.4)
+        wait(second, lambda: abs(view.state.q[0] - 0.4) < 0.02)
+    assert not errors
+
+
+def test_the_arm_holds_when_the_tab_that_controls_it_is_closed(view):
+    errors = []
+    with browser_page(view.page.url, errors, *SIZE) as tab:
+        take_control(view, tab)
+        raise_arm(view, tab)
+        slide(tab, JOINT, 3.0)
+        wait(tab, lambda: view.state.q[0] > 0.5)
+        tab.close()
+        deadline_s = time.monotonic() + 10.0
+        while view.state.mode is not Mode.HOLD and time.monotonic() < deadline_s:
+            time.sleep(0.01)
+        time.sleep(0.5)  # to come to rest
+        stopped = view.state.setpoint_q[0]
+        time.sleep(0.5)
+        assert view.driver.desk.stage is Stage.ENABLED and view.state.mode is Mode.HOLD
+        assert view.state.setpoint_q[0] == stopped < 2.5
+    assert not errors
