@@ -60,6 +60,12 @@ class HostedGroup:
         arms: by prefix, in canonical order.
         options: what a client is told of each, by prefix: the options of LeRobot's device.
         first: number of the first arm among all arms of the host.
+
+    Attributes:
+        phase, holder: what it does, and for which client.
+        leaders: keys of the arms that its followers may follow; set by the server.
+        channels: its CAN channels, and what names each on a command line.
+        dropped: commands that were not the holder's, too old, or not newer than the last.
     """
 
     def __init__(
@@ -77,15 +83,13 @@ class HostedGroup:
         ]
         self.prefixes = list(arms)
         self.channels = {config.channel: config.on_command_line for config in arms.values()}
-        self.phase, self.holder = Phase.FREE, None
-        self.leaders: frozenset[str] = frozenset()  # keys of all arms of the host, set by the server
-        self.dropped = 0  # commands that were not the holder's, too old, or not newer than the last
+        self.phase = Phase.FREE
+        self.holder: Holder | None = None
+        self.leaders: frozenset[str] = frozenset()
+        self.dropped = 0
         self._lock = threading.Lock()  # of phase, holder and waiting
         self._waiting: list[Reply] = []
         self._worker: threading.Thread | None = None
-
-    phase: Phase
-    holder: Holder | None
 
     def told(self) -> dict[str, Any]:
         """What a hello says of it."""

@@ -77,6 +77,7 @@ def test_commands_look_at_the_arms_of_a_host(tmp_path, capsys):
         assert ARM in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_watching_shows_the_arms_that_run_and_nothing_else():
     with running_rig(arms=[ARM]) as rig, ServedArms(rig, ARM) as served:
         key = served.address.key(ARM)

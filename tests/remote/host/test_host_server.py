@@ -22,7 +22,7 @@ from tests.support.hosted import ServedArms
 from tests.support.rigged import track
 
 ARM = "follower_left"
-POSE, FAR = [0.2, 0.5, 0.5, 0.0, 0.0, 0.1], [-0.8, 1.5, 1.5, 0.5, 0.5, 0.5]
+POSE, FAR = [0.1, 0.2, 0.2, 0.0, 0.0, 0.1], [-0.8, 1.5, 1.5, 0.5, 0.5, 0.5]
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def served():
 def session(served):
     session = served.session()
     session.start()
-    track(session, {ARM: POSE}, 1.0)
+    track(session, {ARM: POSE}, 0.5)
     yield session
     session.stop()
 
@@ -81,7 +81,7 @@ def target(number=1, age_s=0.0, request=(Request.NONE, 0)):
     return record.tobytes()
 
 
-def stays(session, seconds=0.3):
+def stays(session, seconds=0.2):
     """Whether the arm is not asked to go anywhere."""
     before = session[ARM].published().setpoint_q
     time.sleep(seconds)
@@ -111,7 +111,7 @@ def test_commands_that_are_repeated_or_old_are_dropped(served, session, stranger
     group.holder.sequence = newest
 
 
-@pytest.mark.parametrize("leader", ["../../../etc/passwd", "rig.leader_left", "x" * 200])
+@pytest.mark.parametrize("leader", ["../../../etc/passwd", "rig.leader_left"])
 def test_a_follower_follows_leaders_of_the_host_only(served, session, stranger, leader):
     group = served.groups[0]
     newest = group.holder.sequence
