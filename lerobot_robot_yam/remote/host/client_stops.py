@@ -1,7 +1,11 @@
-"""The emergency stops of workstations on the host: latched here while they are latched there."""
+"""The emergency stops of workstations on the host: latched here while they are latched there.
+
+Programs of the host's own user and runtime directory share its latch: to mirror that would keep it latched for ever.
+"""
 
 from dataclasses import dataclass
 
+from lerobot_robot_yam.remote.wire.host_address import machine_number
 from lerobot_robot_yam.remote.wire.mirrored_stop import MirroredStop
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 
@@ -21,16 +25,19 @@ class ClientStops:
     """Of all machines whose programs have said something.
 
     Attributes:
-        stopped: whether the emergency stop is latched here, and the machine because of which; 0: the host's own.
+        stopped: whether the emergency stop is latched here, and the machine because of which.
     """
 
     def __init__(self) -> None:
         self._stop = EmergencyStop()
         self._machines: dict[int, _Machine] = {}
-        self.stopped = (False, 0)
+        self._own = machine_number()
+        self.stopped = (False, self._own)
 
     def hear(self, number: int, stopped: bool, now: float) -> None:
         """A beat of a machine says whether it is latched there. When it no longer is, what that has latched ends."""
+        if number == self._own:
+            return
         machine = self._machines.get(number)
         if machine is None:
             if len(self._machines) >= _MOST:
@@ -49,7 +56,7 @@ class ClientStops:
                 if machine.stopped and now - machine.heard_s < _GONE_S:
                     machine.mirror.follow(True, _WHY)
                     break
-        by = 0
+        by = self._own
         if latched := self._stop.latched:
-            by = next((number for number, machine in self._machines.items() if machine.mirror.taken_over), 0)
+            by = next((number for number, machine in self._machines.items() if machine.mirror.taken_over), by)
         self.stopped = (latched, by)

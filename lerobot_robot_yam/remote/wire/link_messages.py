@@ -88,7 +88,7 @@ class States(NamedTuple):
     run: int  # a random number of this run of the host
     sequence: int
     stopped: int  # whether the emergency stop is latched on the host
-    stopped_by: int  # the machine whose stop that is; 0: the host's own
+    stopped_by: int  # the machine whose stop that is, the host or a client's
     arms: Sequence[ArmNews]
 
 

@@ -19,6 +19,7 @@ from lerobot_robot_yam.remote.client.host_question import Host, hello
 from lerobot_robot_yam.remote.client.host_rig import HostedDevice
 from lerobot_robot_yam.remote.wire.host_address import HostAddress
 from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.system.runtime_files import runtime_dir, sessions
 from tests.support.hosted import ServedArms, free_port
@@ -69,6 +70,25 @@ def test_requests_are_answered(session):
         arm.write_target(POSE, 0.5)
     arm.hold()
     assert arm.mode() is Mode.HOLD
+
+
+def test_an_emergency_stop_of_one_computer_alone_ends_with_its_release(session):
+    """Host and client share the latch here: neither may tell the other of it, and latch it anew."""
+    stop, arm = EmergencyStop(), session[ARM]
+    for _ in range(3):
+        stop.latch("a test")
+        _wait(lambda: arm.mode() is Mode.STOPPED)
+        stop.release()
+        _wait(lambda: arm.mode() is Mode.HOLD)
+        time.sleep(0.2)  # what was on its way has come
+        assert not stop.latched
+
+
+def _wait(condition):
+    deadline = time.monotonic() + 5.0
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
 
 
 def test_a_refusal_of_the_host_says_why(session):
