@@ -49,7 +49,7 @@ def yam_view(*arguments: str, patient: bool = False) -> Iterator[str]:
         yield said.split()[1]
     finally:
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=20)
+        _, said = process.communicate(timeout=60)
     assert process.returncode == 130 and "Traceback" not in said, said
 
 
