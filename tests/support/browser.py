@@ -23,10 +23,24 @@ _COLOURS = 256  # of a picture: enough for a page, in a third of the size
 _PATIENCE_MS = 60_000  # of a browser that draws without a graphics card on a busy machine
 
 
+PATIENT_S = 10.0  # that a page may be silent in tests: without a graphics card a browser answers too seldom
+_PATIENT = f"""
+import sys
+from lerobot_robot_yam.commands.view import main
+from lerobot_robot_yam.viewer.moving import heartbeat
+heartbeat.SILENT_S = {PATIENT_S}
+sys.exit(main(sys.argv[1:]))
+"""
+
+
 @contextlib.contextmanager
-def yam_view(*arguments: str) -> Iterator[str]:
-    """Run `yam-view` on a free port; yields the address that it prints. It ends by Ctrl-C."""
-    command = [sys.executable, "-m", "lerobot_robot_yam.commands.view", "--port", "0", *arguments]
+def yam_view(*arguments: str, patient: bool = False) -> Iterator[str]:
+    """Run `yam-view` on a free port; yields the address that it prints. It ends by Ctrl-C.
+
+    patient: a browser keeps its control for PATIENT_S without an answer.
+    """
+    program = ["-c", _PATIENT] if patient else ["-m", "lerobot_robot_yam.commands.view"]
+    command = [sys.executable, *program, "--port", "0", *arguments]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     assert process.stderr is not None
     try:
@@ -35,7 +49,7 @@ def yam_view(*arguments: str) -> Iterator[str]:
         yield said.split()[1]
     finally:
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=20)
+        _, said = process.communicate(timeout=60)
     assert process.returncode == 130 and "Traceback" not in said, said
 
 

@@ -46,8 +46,8 @@ def test_an_episode_is_sent_to_the_arms_of_a_rig_and_laid_over_its_camera(tmp_pa
     errors = []
     config = str(ROOT / "configs" / "sim" / "record.yaml")
     with (
-        yam_view("--dataset", str(root), "--config_path", config) as url,
-        browser_page(url, errors, 1600, 1200) as page,
+        yam_view("--dataset", str(root), "--config_path", config, patient=True) as url,
+        browser_page(url, errors, 1200, 900) as page,
     ):
         page.get_by_role("button", name="connect …").click(timeout=WAIT_MS)
         page.get_by_role("button", name="energise", exact=True).click()

@@ -20,7 +20,7 @@ from lerobot_robot_yam.viewer.moving.control_desk import Stage
 from lerobot_robot_yam.viewer.moving.driving_plan import plan_of
 from lerobot_robot_yam.viewer.moving.moving import Moving
 from lerobot_robot_yam.viewer.serving.page import Page, served
-from tests.support.browser import browser_page, chromium, open_page, take_picture
+from tests.support.browser import PATIENT_S, browser_page, chromium, open_page, take_picture
 from tests.support.rigged import sim_config
 from tests.viewer.conftest import ARM, RAISED
 
@@ -28,9 +28,6 @@ pytestmark = [pytest.mark.long, pytest.mark.alone]
 
 JOINT = "joint_1, rad"
 SIZE = (900, 700)
-PATIENT_S = (
-    10.0  # a browser without a graphics card answers seldom; tests/viewer/moving/test_moving.py has the real time
-)
 
 
 class MovingView:
@@ -70,7 +67,7 @@ def rig():
 
 @pytest.fixture
 def view(rig, tmp_path, monkeypatch):
-    monkeypatch.setattr(heartbeat, "SILENT_S", PATIENT_S)
+    monkeypatch.setattr(heartbeat, "SILENT_S", PATIENT_S)  # test_moving.py has the real limit
     view = MovingView(rig, tmp_path)
     thread = threading.Thread(target=view.run)
     thread.start()

@@ -22,6 +22,7 @@ from lerobot_robot_yam.viewer.live.live import Live
 from lerobot_robot_yam.viewer.moving import heartbeat
 from lerobot_robot_yam.viewer.serving.incoming import MalformedError, passes
 from lerobot_robot_yam.viewer.serving.page import Page
+from tests.support.browser import PATIENT_S
 from tests.support.rigged import rig_of, session_on, sim_config
 from tests.viewer.serving.test_guarded_server import browser
 from tests.viewer.serving.test_incoming import CAMERA, Controls
@@ -230,7 +231,7 @@ def test_random_messages(kind, count, capfd):
 
 @pytest.mark.long
 def test_random_messages_beside_a_browser_that_controls_the_arm(station, monkeypatch):
-    monkeypatch.setattr(heartbeat, "SILENT_S", 10.0)  # on a busy machine the flood may cost a browser its control
+    monkeypatch.setattr(heartbeat, "SILENT_S", PATIENT_S)  # on a busy machine the flood may cost a browser its control
     controlling = station.browser()
     station.take_control(controlling)
     gui, scene = station.page.server.gui, station.page.server.scene
