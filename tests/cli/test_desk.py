@@ -95,15 +95,16 @@ def rollout(commands):
     rollout.abandon()
 
 
-def begin(rollout, strategy, **document):
+def begin(rollout, **document):
     """Start a rollout of a policy that moves the arms, without a terminal; its desk."""
-    rollout.begin(config("dagger" if strategy == "dagger" else "rollout", **document), "sines", amplitude=0.3)
+    name = "dagger" if document["strategy"]["type"] == "dagger" else "rollout"
+    rollout.begin(config(name, **document), "sines", amplitude=0.3)
     return Desk(rollout.process)
 
 
 def test_a_policys_episodes_are_labelled(rollout):
     dataset = data_set(rollout.root, num_episodes=2, episode_time_s=60, reset_time_s=60)
-    desk = begin(rollout, "episodic", strategy={"type": "episodic"}, dataset=dataset)
+    desk = begin(rollout, strategy={"type": "episodic"}, dataset=dataset)
     desk.wait(2.0, phase="recording", saved=0)
     desk.ask("failure")
     desk.wait(0.5, phase="resetting")
@@ -116,7 +117,7 @@ def test_a_policys_episodes_are_labelled(rollout):
 
 
 def test_a_rollout_without_keys_can_be_ended(rollout):
-    desk = begin(rollout, "base", strategy={"type": "base"}, duration=600)
+    desk = begin(rollout, strategy={"type": "base"}, duration=600)
     status = desk.wait(3.0, phase="autonomous")
     assert set(status["offers"]) == {"stop"} and 590.0 < status["elapsed_s"] + status["left_s"] < 610.0
     desk.ask("stop")
@@ -126,7 +127,7 @@ def test_a_rollout_without_keys_can_be_ended(rollout):
 
 def test_a_person_takes_over_from_a_policy_and_gives_back(rollout):
     dataset = data_set(rollout.root, num_episodes=1, episode_time_s=60, reset_time_s=1)
-    desk = begin(rollout, "dagger", strategy={"type": "dagger"}, dataset=dataset)
+    desk = begin(rollout, strategy={"type": "dagger"}, dataset=dataset)
     desk.wait(2.0, phase="autonomous")
     desk.ask("correct")
     desk.wait(phase="correcting")
