@@ -34,11 +34,16 @@ def request_realtime(priority: int) -> str:
     return f"{scheduling}, memory {'locked' if locked else 'not locked'}"
 
 
-def raise_threads(priority: int) -> None:
-    """Ask for SCHED_FIFO at `priority` for all threads that this process has now; refused, they go on as ever."""
-    for thread in os.listdir("/proc/self/task"):
+def raise_threads(priority: int, named: str) -> None:
+    """Ask for SCHED_FIFO at `priority` for the threads whose names begin so; refused, they go on as ever.
+
+    libzmq's threads get their names once they have set their own scheduling. Changed before, that ends the process.
+    """
+    for thread in Path("/proc/self/task").iterdir():
         with contextlib.suppress(OSError):  # needs privilege or RLIMIT_RTPRIO; or it has ended
-            os.sched_setscheduler(int(thread), os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+            if (thread / "comm").read_text().startswith(named):
+                policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+                os.sched_setscheduler(int(thread.name), policy, os.sched_param(priority))
 
 
 def spare_what_is_loaded() -> None:

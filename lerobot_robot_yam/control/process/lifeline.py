@@ -49,7 +49,10 @@ class Lifeline:
 
 def take_nudges(descriptor: int) -> bool:
     """Take what `Lifeline.nudge` has left at a far end that can be read; False: the other end is gone."""
-    return bool(os.read(descriptor, 4096))
+    try:
+        return bool(os.read(descriptor, 4096))
+    except ConnectionResetError:
+        return False
 
 
 def hung_up(descriptor: int, within_s: float) -> bool:

@@ -82,7 +82,7 @@ def main() -> int:
             _answer(error=f"link process failed: {error!r}", kind="YamError")
             return 1
         logger.info("link to %s: %s", job["host"], request_realtime(RT_PRIORITY))
-        raise_threads(RT_PRIORITY)  # ZeroMQ's, which send and receive
+        raise_threads(RT_PRIORITY, "ZMQbg/IO")  # which send and receive
         _answer(ready=True)
         try:
             while not must_stop():
