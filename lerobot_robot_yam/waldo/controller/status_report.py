@@ -20,7 +20,7 @@ from lerobot_robot_yam.waldo.kinematics.frames import FRAMES, check_frame, to_co
 from lerobot_robot_yam.waldo.planning.enablement import axes_enabled, joints_enabled
 from lerobot_robot_yam.waldo.planning.planner import Planner
 
-STATUS_HZ = 100  # the most that the contract has: on a busy computer hardly a gap grows to 30 ms
+STATUS_HZ = 100  # the most that the contract has: one late turn does not yet make an interval of 30 ms
 _PROBE_S = 0.2  # between two looks at where the tool may go
 _MOVED_RAD = 1e-3  # since the last one
 _AHEAD_S = 1e-3  # over which the speed of the tool is taken from the joints'
