@@ -14,6 +14,7 @@ _SCHED_ATTR = struct.Struct("<IIQiIQQQII")  # size, policy, flags, nice, priorit
 _SHORT_SLICE_NS = 100_000  # the shortest slice that Linux >= 6.12 grants without privilege
 _PR_SET_TIMERSLACK = 29
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
+_GIVING_WAY_NICE = 2  # two thirds of an ordinary share: on a full machine pictures come late, not never
 _OOM_SCORES = (-900, 0)  # of -1000 … 1000; only root may go below the score that a process was started with
 
 
@@ -53,6 +54,17 @@ def spare_what_is_loaded() -> None:
     quarter as many have come on top: in the middle of an episode, while nobody sends the arms a target.
     """
     gc.freeze()
+
+
+def give_way() -> None:
+    """Have this process take the time that others leave it. For one in a session of its own, see `start_new_session`.
+
+    Linux shares the processors among sessions first (autogroup): a nice value alone counts only within one.
+    """
+    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # it preempts nobody by waking up
+    os.setpriority(os.PRIO_PROCESS, 0, _GIVING_WAY_NICE)
+    with contextlib.suppress(OSError):  # a kernel without them, or somebody else's was set within 0.1 s
+        Path("/proc/self/autogroup").write_text(str(_GIVING_WAY_NICE))
 
 
 def avoid_oom_killer() -> str:

@@ -37,3 +37,22 @@ def test_without_privilege_it_gets_short_slices():
     )
     answer = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=True)
     assert answer.stdout.startswith("normal scheduling with 0.1 ms slices, memory ")
+
+
+GIVE_WAY = """
+import os
+from lerobot_robot_yam.system.realtime import give_way
+give_way()
+print(os.sched_getscheduler(0) == os.SCHED_BATCH, os.getpriority(os.PRIO_PROCESS, 0))
+if os.path.exists("/proc/self/autogroup"):
+    print(open("/proc/self/autogroup").read().split()[-1])
+"""
+
+
+def test_a_process_that_gives_way_does_so_for_its_session():
+    ask = [sys.executable, "-c", GIVE_WAY]
+    answer = subprocess.run(ask, capture_output=True, text=True, check=True, start_new_session=True)
+    policy, nice, *session = answer.stdout.split()
+    assert policy == "True"
+    assert int(nice) > 0
+    assert session in ([], [nice])

@@ -8,8 +8,8 @@ height, fps]}, {"do": "stall", "camera": name, "until_s": monotonic time}. Answe
 camera} or {"error": text}. With --on-demand it draws only when told to: {"do": "draw", "anew": whether the world was
 restarted}, answered by {"drawn": true}.
 
-It ends when its input does, so it never outlives the rig. It preempts no other process, and skips pictures that are
-late.
+It ends when its input does, so it never outlives the rig. It gives way to other processes, and skips pictures that are
+late: cameras of hardware cost a recording no time either.
 """
 
 import argparse
@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.rig.client.launch import add_scene_arguments, options_of
+from lerobot_robot_yam.system.realtime import give_way
 
 if TYPE_CHECKING:
     from lerobot_robot_yam.rig.render.drawing import Drawing
@@ -89,7 +90,7 @@ def main() -> int:
     answers = os.dup(1)
     os.dup2(2, 1)  # prints of libraries must not mix with the answers
     if not args.on_demand:
-        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # never preempt physics or control by waking up
+        give_way()
     try:
         drawing = _draw_for(args.rig, args.scene, options_of(args))
     except YamError as error:

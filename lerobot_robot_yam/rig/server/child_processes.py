@@ -151,7 +151,8 @@ class CameraService:
     def _start(self) -> None:
         command = [sys.executable, "-P", "-m", "lerobot_robot_yam.rig.render.renderer", "--rig", self._rig]
         command += self._arguments
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
+        pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "bufsize": 0}
+        self._process = subprocess.Popen(command, start_new_session=True, **pipes)  # a session that gives way
         assert self._process.stdout is not None
         os.set_blocking(self._process.stdout.fileno(), False)
         self._tail = b""
