@@ -116,4 +116,4 @@ def test_an_arm_that_switches_off_on_a_bad_wire_keeps_the_other_one_waiting_for_
         assert longest_s < 0.1
     finally:
         rig.clear_faults(LEFT)
-        session.discard()
+        session.stop()

@@ -63,7 +63,8 @@ FAULTS = {
     ),
     "leap": Injected(Trouble.IMPLAUSIBLE, on_motor("reading", {"position_rad": 2.0}), MOVING),
     "turn": Injected(Trouble.IMPLAUSIBLE, on_motor("reading", {"position_rad": -2 * math.pi}), MOVING),
-    "garbled": Injected(Trouble.IMPLAUSIBLE, on_motor("corrupt_rate", 0.3, all_bytes=True), MOVING),
+    # Of those with another motor's number in them nothing is known but that an answer is missing.
+    "garbled": Injected(Trouble.IMPLAUSIBLE, on_motor("corrupt_rate", 0.3), MOVING),
     "foreign-driver": Injected(
         Trouble.FOREIGN_DRIVER,
         on_channel("foreign", {"id": 3, "rate_hz": 100.0}),
