@@ -3,11 +3,11 @@
 import logging
 import math
 import secrets
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from lerobot_robot_yam.control.process.lifeline import take_nudges
-from lerobot_robot_yam.errors import LinkError, YamError
+from lerobot_robot_yam.errors import LifeCycleError, LinkError, YamError
 from lerobot_robot_yam.remote.client.host_question import Asker, Host
 from lerobot_robot_yam.remote.client.state_mirror import StateMirror
 from lerobot_robot_yam.remote.wire.clock_offset import ClockOffset
@@ -76,20 +76,29 @@ class Link:
         """Whether the host's states are known, and its clock."""
         return len(self._clock) >= _ECHOES and self._mirror.complete
 
-    def start(self, group: str, search: bool) -> None:
+    def start(self, group: str, search: bool, unwanted: Callable[[], bool]) -> None:
         """Have the host energise a group; until then nothing is commanded.
+
+        Args:
+            group: which.
+            search: whether stops of grippers are sought.
+            unwanted: asked again and again; once it says True the host lets go of the group.
 
         Raises:
             YamError: what the host says, or that it says nothing.
+            LifeCycleError: unwanted.
         """
-        self._asker.ask("start", _START_S, group=group, session=self._session, who=who(), search=search)
-        self._drives = True
+        fields = {"group": group, "session": self._session, "who": who(), "search": search}
+        self._drives = bool(self._asker.ask("start", _START_S, unwanted, **fields))
         deadline = SYSTEM.now() + _GONE_S
-        while not self.up:
+        while not self.up and self._drives and not unwanted():
             self.turn()
             if SYSTEM.now() > deadline:
                 self.stop(group)
                 raise LinkError(f"{self._host.address}: no states come; is port {self._host.address.port + 1} open?")
+        if unwanted():
+            self.stop(group)
+            raise LifeCycleError("nobody waits for the arms any more; the host has let go of them")
 
     def stop(self, group: str) -> bool:
         """Have the host land the group; whether its arms are down. Says so in the log where they are not."""
