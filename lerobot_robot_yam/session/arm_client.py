@@ -71,9 +71,9 @@ class ArmClient:
         """
         return self._states.block.read_bytes()
 
-    def sequence(self) -> int:
-        """Number of that record; even. Raises LifeCycleError: closed."""
-        return self._states.block.sequence()
+    def next_state(self) -> tuple[int, float]:
+        """Number of that record, and when the loop should publish the next one, s. Raises LifeCycleError: closed."""
+        return self._states.block.sequence(), self._states.due_s()
 
     def close(self) -> None:
         """Let go of the blocks; the arm is not touched."""

@@ -5,6 +5,7 @@ import dataclasses
 import logging
 import os
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Literal
 
 from lerobot_robot_yam.arm.config import VIRTUAL, ArmConfig, check_together
@@ -112,8 +113,8 @@ class ArmSession(Uncopied):
         self._pid = os.getpid()
         clients: dict[str, ArmClient] = {}
         try:
-            for name, arm in self._arms.items():
-                clients[name] = ArmClient(arm, runner.clock, runner.note_written)
+            for number, (name, arm) in enumerate(self._arms.items()):
+                clients[name] = ArmClient(arm, runner.clock, partial(runner.note_written, number))
             runner.start([client.descriptors for client in clients.values()])
         except BaseException:
             runner.stop()

@@ -19,8 +19,6 @@ from lerobot_robot_yam.errors import YamError
 
 logger = logging.getLogger(__name__)
 
-_LOOK_S = 0.02
-
 
 class Caller:
     """Waits for the job. Make it first, in the main thread.
@@ -53,13 +51,17 @@ class Caller:
     def _end(self, *_: object) -> None:
         self._ended = True
 
-    def watch(self) -> None:
-        """Begin to look whether it is there, in a thread: no thread survives a fork, so fork before."""
-        threading.Thread(target=self._watch, name="yam-parent", daemon=True).start()
+    def watch(self, every_s: float) -> None:
+        """Begin to look whether it is there, in a thread: no thread survives a fork, so fork before.
 
-    def _watch(self) -> None:
+        Args:
+            every_s: between two looks whether it has begun to exit. Once it has exited that is known at once.
+        """
+        threading.Thread(target=self._watch, args=[every_s], name="yam-parent", daemon=True).start()
+
+    def _watch(self, every_s: float) -> None:
         """Looking at a dying process may mean to free its memory, which can take a while."""
-        while not (hung_up(self.job["lifeline"], _LOOK_S) or self._exit.reached()):
+        while not (hung_up(self.job["lifeline"], every_s) or self._exit.reached()):
             pass
         self._gone = True
 

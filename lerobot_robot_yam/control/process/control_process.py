@@ -31,6 +31,7 @@ from lerobot_robot_yam.system.runtime_files import FileLock, runtime_dir
 logger = logging.getLogger("lerobot_robot_yam.control.process.control_process")
 
 RT_PRIORITY = 20
+_PARENT_LOOK_S = 0.02
 
 
 def control(
@@ -84,7 +85,7 @@ def main() -> int:
         arms = [ResolvedArm(LeadArmConfig(**arm)) for arm in job["arms"]]
     passive = passive_of(arms[0].config) is not None  # such leaders need nobody to land them
     stand_by_pid = 0 if passive else stand_by.spawn(arms, keys, pairs, RT_PRIORITY)
-    caller.watch()
+    caller.watch(_PARENT_LOOK_S)
 
     def watch_stand_by() -> None:
         nonlocal stand_by_pid

@@ -3,6 +3,7 @@
 import logging
 import math
 import secrets
+import struct
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -24,6 +25,7 @@ from lerobot_robot_yam.remote.wire.link_messages import (
 )
 from lerobot_robot_yam.remote.wire.mirrored_stop import MirroredStop
 from lerobot_robot_yam.remote.wire.transport import ClientSockets
+from lerobot_robot_yam.state.records import COMMAND_DTYPE, KEY_BYTES
 from lerobot_robot_yam.system.clock import SYSTEM
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
@@ -37,6 +39,10 @@ _ECHOES = 5  # before times of the host mean anything
 _START_S = 57.0  # less than what our program waits for us
 _GONE_S = 5.0  # without a word of the host while it should land the arms: it does that alone
 LAND_S = 75.0  # longer than a landing takes
+_TIME = struct.Struct("<d")
+_TIMES_AT = [COMMAND_DTYPE.fields[name][1] for name in ("target_stamp_s", "coupled_until_s")]  # type: ignore[index]
+_LEADER_AT = COMMAND_DTYPE.fields["leader"][1]  # type: ignore[index]
+_LEADER = slice(_LEADER_AT, _LEADER_AT + KEY_BYTES)
 
 
 class Link:
@@ -68,6 +74,7 @@ class Link:
         self._sequence = 0
         self._clock, self._stop = ClockOffset(), MirroredStop(f"host {host.address}")
         self._machine, self._stopped = machine_number(), False
+        self._theirs: bool | None = None  # whether the host's stop is latched, if it has said so since the last look
         self._beat_s = self._look_s = -math.inf
         self._heard_s, self._lost, self._run = SYSTEM.now(), False, 0
 
@@ -160,8 +167,6 @@ class Link:
 
     def _take_states(self, message: bytes) -> None:
         try:
-            if kind_of(message) is not Kind.STATES:
-                raise LinkError("what comes is no state")
             states = unpack_states(message)
         except LinkError as error:
             logger.warning("%s: %s", self._host.address, error)
@@ -171,13 +176,15 @@ class Link:
             self._clock.clear()
         if len(self._clock) >= _ECHOES:
             self._mirror.write(states.arms, self._clock.offset_s)
-        if states.stopped_by != self._machine:
-            self._stop.follow(bool(states.stopped), "its emergency stop is latched; `yam-estop release` there")
+        self._theirs = None if states.stopped_by == self._machine else bool(states.stopped)
 
     def _look_at_stop(self, now: float) -> None:
-        """A stop of our own is told at once."""
+        """Follow the host's stop. One of our own is told at once."""
         if now - self._look_s >= _STOP_LOOK_S:
             self._look_s = now
+            theirs, self._theirs = self._theirs, None
+            if theirs is not None:
+                self._stop.follow(theirs, "its emergency stop is latched; `yam-estop release` there")
             if self._stop.own is not self._stopped:
                 self._stopped, self._beat_s = not self._stopped, -math.inf
 
@@ -189,18 +196,17 @@ class Link:
             sequence = block.sequence()
             if sequence == self._seen[arm]:
                 continue
-            record = block.glance()
-            if record is None:  # being written: at the next look
+            payload = block.glance_bytes()
+            if payload is None:  # being written: at the next look
                 continue
             self._seen[arm] = sequence
             self._sequence += 1
-            command = record.copy()
-            command["target_stamp_s"] += self._clock.offset_s
-            command["coupled_until_s"] += self._clock.offset_s
-            leader = command["leader"].item()
-            if leader:
-                command["leader"] = self._leaders.get(leader, b"")
-            self._sockets.send(pack_command(Command(self._session, self._sequence, arm, command.tobytes())))
+            record = bytearray(payload)
+            for at in _TIMES_AT:
+                _TIME.pack_into(record, at, _TIME.unpack_from(record, at)[0] + self._clock.offset_s)
+            if leader := payload[_LEADER].rstrip(b"\0"):
+                record[_LEADER] = self._leaders.get(leader, b"").ljust(KEY_BYTES, b"\0")
+            self._sockets.send(pack_command(Command(self._session, self._sequence, arm, record)))
 
     def close(self) -> None:
         """Let go of sockets and blocks."""

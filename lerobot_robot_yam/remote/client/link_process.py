@@ -24,6 +24,7 @@ from lerobot_robot_yam.system.runtime_files import FileLock
 logger = logging.getLogger("lerobot_robot_yam.remote.client.link_process")
 
 RT_PRIORITY = 15  # below that of control loops
+_PARENT_LOOK_S = 0.1
 NOT_DOWN = 3  # exit status: the arms are in the air, or nobody knows
 
 
@@ -31,7 +32,7 @@ def main() -> int:
     """Entry point of the process."""
     caller = Caller()
     job = caller.job
-    caller.watch()
+    caller.watch(_PARENT_LOOK_S)
     with log_from_a_thread(), contextlib.ExitStack() as ends:
         with caller.hears_of_errors("link process"):
             link = _link(job, ends)
