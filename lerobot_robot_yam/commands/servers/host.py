@@ -62,7 +62,7 @@ def _serve(args: argparse.Namespace) -> int:
     from lerobot_robot_yam.remote.wire.host_address import HostAddress
     from lerobot_robot_yam.remote.wire.transport import HostSockets
     from lerobot_robot_yam.system.paths import user_path
-    from lerobot_robot_yam.system.realtime import raise_threads, request_scheduling
+    from lerobot_robot_yam.system.realtime import raise_threads, request_scheduling, spare_what_is_loaded
 
     if args.config_path is None:
         raise ConfigError("which arms? Give --config_path=rig.yaml, the file that yam-setup writes")
@@ -78,6 +78,7 @@ def _serve(args: argparse.Namespace) -> int:
         signal.signal(number, lambda number, _: ended.append(number))
     _say_ready(address, groups, keys is not None)
     sys.setswitchinterval(_SWITCH_S)
+    spare_what_is_loaded()
     request_scheduling(_RT_PRIORITY)
     raise_threads(_RT_PRIORITY, "ZMQbg/IO")
     server.run(lambda: bool(ended))

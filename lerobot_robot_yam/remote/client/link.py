@@ -32,7 +32,8 @@ from lerobot_robot_yam.system.shared_block import SharedBlock
 logger = logging.getLogger(__name__)
 
 _BEAT_S = 0.1
-_STOP_LOOK_S = 0.02
+_STOP_LOOK_S = 0.04
+_FIRST_S = 0.02  # between signs of life until the host's clock is known
 _WAIT_S = 0.02  # for messages of the host and commands of our program
 _LOST_S = 1.0  # without a word of the host: told in the log
 _ECHOES = 5  # before times of the host mean anything
@@ -141,7 +142,7 @@ class Link:
             self._hear(message)
         self._send_commands()
         self._look_at_stop(now)
-        if now - self._beat_s >= (_BEAT_S if len(self._clock) >= _ECHOES else _STOP_LOOK_S):
+        if now - self._beat_s >= (_BEAT_S if len(self._clock) >= _ECHOES else _FIRST_S):
             self._beat_s = now
             self._sockets.send(pack_beat(Beat(self._session, self._machine, now, self._stopped)))
         if now - self._heard_s > _LOST_S and not self._lost:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from lerobot_robot_yam.errors import LifeCycleError, StaleStateError, YamError
+from lerobot_robot_yam.errors import GripperError, LifeCycleError, StaleStateError, YamError
 from lerobot_robot_yam.remote.wire.link_messages import ArmNews
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession
@@ -25,6 +25,7 @@ _NUMBER = struct.Struct("<Q")
 _AHEAD_S = 0.05  # by which a command may seem to come from the future: clocks are known that well
 _PERMITTED_MOST_S = 0.5  # for which a client may permit a follower to go on with its leader
 _REFUSED = "the host refuses: {}"
+_OPTIONS = ("dq", "kp", "kd")  # of a target; NaN: not given
 _Values = Sequence[Any]  # of a command record
 
 
@@ -40,7 +41,10 @@ class HostedArm:
     def __init__(self, number: int, session: ArmSession, name: str):
         self.number, self.key = number, session.key(name)
         self._session, self._name = session, name
-        self._layout, self._at = packed(COMMAND_DTYPE, session.hardware(name).n)
+        self._hardware = session.hardware(name)
+        self._layout, self._at = packed(COMMAND_DTYPE, self._hardware.n)
+        starts = {field: self._at[field] for field in ("q", *_OPTIONS, "own_kp", "own_kd")}
+        self._joints = {field: slice(start, start + self._hardware.joints) for field, start in starts.items()}
         self._client: ArmClient | None = None
         self._targets = self._requests = 0  # newest numbers of the client's
         self._asked = (0, 0)  # number of the newest request here, and what the client calls it
@@ -50,10 +54,9 @@ class HostedArm:
     @property
     def calibrated(self) -> bool:
         """Whether its gripper's stops are configured or stored, or need not be."""
-        hardware = self._session.hardware(self._name)
-        config = hardware.config
+        config = self._hardware.config
         known = config.gripper_stops_rad is not None or Path(config.calibration_path or "").is_file()
-        return known or not hardware.has_gripper
+        return known or not self._hardware.has_gripper
 
     def begin(self) -> None:
         """The session runs."""
@@ -74,7 +77,7 @@ class HostedArm:
 
         A request goes first: the client has waited for its answer before it gave a target.
         """
-        client, hardware = self._client, self._session.hardware(self._name)
+        client = self._client
         if client is None:
             return False
         command = self._layout.unpack(record)
@@ -85,7 +88,7 @@ class HostedArm:
             return True
         self._targets = command[self._at["target_sequence"]]
         now, given_s = SYSTEM.now(), command[self._at["target_stamp_s"]]
-        if not -_AHEAD_S <= now - given_s <= hardware.config.command_timeout_s:  # NaN, too
+        if not -_AHEAD_S <= now - given_s <= self._hardware.config.command_timeout_s:  # NaN, too
             return False
         try:
             self._write_target(client, command, min(given_s, now), leaders)
@@ -93,11 +96,6 @@ class HostedArm:
             logger.debug("%s: a client's target was not taken: %s", self._name, error)
             return False
         return True
-
-    def _joints(self, command: _Values, field: str) -> Sequence[float]:
-        """Of a field with a value per motor, those of the joints."""
-        start = self._at[field]
-        return command[start : start + self._session.hardware(self._name).joints]
 
     def _ask(self, client: ArmClient, command: _Values) -> None:
         number = self._requests
@@ -107,7 +105,7 @@ class HostedArm:
                 raise LifeCycleError(f"{self._name}: an arm that does not lie falls; cut torque at its own computer")
             gains: Sequence[float] = ()
             if request is Request.GAINS:
-                gains = client.checked_gains(self._joints(command, "own_kp"), self._joints(command, "own_kd"))
+                gains = client.checked_gains(*(command[self._joints[field]] for field in ("own_kp", "own_kd")))
         except (YamError, ValueError) as error:
             self._refused = (number, _REFUSED.format(error))
             return
@@ -115,13 +113,16 @@ class HostedArm:
         self._asked = (client.ask(request, gains), number)
 
     def _write_target(self, client: ArmClient, command: _Values, given_s: float, leaders: Collection[str]) -> None:
-        hardware = client.hardware
-        gripper = command[self._at["q"] + hardware.joints] if hardware.has_gripper else None
-        if client.newest().mode is Mode.FLOAT:
+        joints = self._joints
+        gripper = command[joints["q"].stop] if self._hardware.has_gripper else None
+        try:
+            mode = client.newest().mode
+        except GripperError:  # an arm that is guided may float on all the same
+            mode = client.mode()
+        if mode is Mode.FLOAT:
             client.guide_on(gripper)
             return
-        rows = {field: self._joints(command, field) for field in ("dq", "kp", "kd")}
-        options = {field: row for field, row in rows.items() if not all(map(math.isnan, row))}
+        options = {field: row for field in _OPTIONS if not all(map(math.isnan, row := command[joints[field]]))}
         coupled = None
         if leader := command[self._at["leader"]].rstrip(b"\0").decode(errors="replace"):
             stamp_s, until_s = (command[self._at[name]] for name in ("target_stamp_s", "coupled_until_s"))
@@ -129,7 +130,7 @@ class HostedArm:
             if leader not in leaders or not 0.0 <= permitted_s <= _PERMITTED_MOST_S:
                 raise LifeCycleError(f"{self._name}: cannot follow {leader} for {permitted_s:g} s")
             coupled = (leader, permitted_s)
-        client.write_target(self._joints(command, "q"), gripper, **options, coupled=coupled, given_s=given_s)
+        client.write_target(command[joints["q"]], gripper, **options, coupled=coupled, given_s=given_s)
 
     def news(self) -> ArmNews | None:
         """Its newest state, with the answer to its client's newest request; None while it does not run."""

@@ -13,7 +13,7 @@ from lerobot_robot_yam.system.realtime import request_scheduling
 logger = logging.getLogger(__name__)
 
 _RT_PRIORITY = 15  # below that of control loops
-_AFTER_S = 0.0001  # a tick is due: most have been published by then
+_AFTER_S = 0.0003  # a tick is due: nearly all have been published by then, and need not be looked for
 _GLANCE_S = 0.00015
 _LATE_S = 0.004  # a tick that is later is not waited for
 _LEAST_S = 0.002  # between two messages: a loop may tick as fast as its wire allows, or no more
@@ -67,12 +67,12 @@ class StateStream:
         if lead is None:
             self._ended.wait(_QUIET_S)
             return
-        before, due_s = lead.next_state()
-        if before == self._sent:
+        newest, due_s = lead.next_state()
+        if newest == self._sent:
             SYSTEM.sleep(max(_LEAST_S, due_s + _AFTER_S - SYSTEM.now()))
-            while lead.next_state()[0] == before and SYSTEM.now() < due_s + _LATE_S:
+            while (newest := lead.next_state()[0]) == self._sent and SYSTEM.now() < due_s + _LATE_S:
                 SYSTEM.sleep(_GLANCE_S)
-        self._sent = lead.next_state()[0]
+        self._sent = newest
 
     def _send(self) -> None:
         news = [found for group in self._groups for arm in group.arms if (found := arm.news()) is not None]

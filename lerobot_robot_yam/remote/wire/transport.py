@@ -171,8 +171,10 @@ class HostSockets:
 
     def publish(self, message: bytes) -> None:
         """Send to all who watch. Of one thread."""
-        with contextlib.suppress(zmq.Again):
+        try:
             self.states.send(message, zmq.NOBLOCK)
+        except zmq.Again:
+            pass
 
     def close(self) -> None:
         """Let go. Idempotent."""
