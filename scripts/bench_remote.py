@@ -3,9 +3,12 @@
     python scripts/bench_remote.py --json outputs/bench_remote.json
 
 Two arms of the virtual rig on one computer, over its loopback; a client at 60 Hz. Takes about a minute; `--quick` a
-short look. Both sides have one clock here, so that every time is true. LeRobot's own pattern for a robot elsewhere
-(lerobot/robots/lekiwi: a loop that takes a command, reads, and sends JSON) is measured beside it, with nothing to
-drive, at its rate and at ours.
+short look. Both sides have one clock here, so that every time is true. Beside it, with nothing to drive:
+
+- LeRobot's own pattern for a robot elsewhere (lerobot/robots/lekiwi: a loop that takes a command, reads, and sends
+  JSON), at its rate and at ours;
+- the vendor's (i2rt, scripts/minimum_gello.py: a server of calls per arm), where `portal` is installed
+  (`pip install portal`).
 """
 
 import argparse
@@ -20,11 +23,12 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import zmq
+from bench.remote_peers import RATE_HZ, cpu_s, lekiwi, percentiles, portal_calls
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import LinkError
@@ -39,7 +43,7 @@ from lerobot_robot_yam.system.shared_block import SharedBlock
 
 ROOT = Path(__file__).resolve().parent.parent
 ARMS = ("follower_left", "follower_right")
-RATE_HZ, PORT = 60.0, 5690
+PORT = 5690
 _LOOK_S = 0.00005
 _AT = {name: STATE_DTYPE.fields[name][1] for name in ("tick", "target_sequence")}  # type: ignore[index]
 
@@ -71,16 +75,6 @@ class Watch:
         self._end.set()
         self._thread.join()
         self._block.close()
-
-
-def percentiles(seconds: list[float]) -> dict[str, float]:
-    """In ms."""
-    return {f"p{share}_ms": round(float(np.percentile(seconds, share)) * 1e3, 2) for share in (50, 99)}
-
-
-def cpu_s(pid: int) -> float:
-    """Time that all threads of a process have run until now: what the scheduler has counted."""
-    return sum(int(path.read_text().split()[0]) for path in Path(f"/proc/{pid}/task").glob("*/schedstat")) / 1e9
 
 
 def drive(session: ArmSession, watch: Watch, seconds: float) -> list[float]:
@@ -176,58 +170,6 @@ def local(rig: Any, seconds: float) -> dict[str, Any]:
         session.stop()
 
 
-def lekiwi(rate_hz: float, seconds: float) -> dict[str, Any]:
-    """LeRobot's pattern: what a client reads was sampled how long ago, and how long a command waits for the loop."""
-    context = zmq.Context()
-    sockets: dict[str, zmq.Socket[bytes]] = {}
-    for name, kind, options in (
-        ("take", zmq.PULL, {zmq.CONFLATE: 1}),
-        ("tell", zmq.PUSH, {zmq.SNDHWM: 2}),
-        ("command", zmq.PUSH, {zmq.CONFLATE: 1}),
-        ("observe", zmq.PULL, {zmq.CONFLATE: 1}),
-    ):
-        sockets[name] = context.socket(kind)
-        for option, value in (options | {zmq.LINGER: 0}).items():
-            sockets[name].setsockopt(option, value)
-    for name, end, port in (
-        ("take", "bind", 5),
-        ("tell", "bind", 6),
-        ("command", "connect", 5),
-        ("observe", "connect", 6),
-    ):
-        getattr(sockets[name], end)(f"tcp://127.0.0.1:{PORT + port}")
-    keys = [f"{side}_joint_{n}.pos" for side in ("left", "right") for n in range(7)]
-    latency: list[float] = []
-    ages: list[float] = []
-    ended = threading.Event()
-
-    def host() -> None:
-        while not ended.is_set():
-            begin = time.monotonic()
-            with contextlib.suppress(zmq.Again):
-                latency.append(time.monotonic() - json.loads(sockets["take"].recv(zmq.NOBLOCK))["at"])
-            with contextlib.suppress(zmq.Again):
-                sockets["tell"].send(
-                    json.dumps(dict.fromkeys(keys, 0.5) | {"at": time.monotonic()}).encode(), zmq.NOBLOCK
-                )
-            time.sleep(max(0.0, 1.0 / rate_hz - (time.monotonic() - begin)))
-
-    thread = threading.Thread(target=host)
-    thread.start()
-    newest, begin = 0.0, time.monotonic()
-    for number in range(int(seconds * RATE_HZ)):
-        with contextlib.suppress(zmq.Again):
-            newest = json.loads(sockets["observe"].recv(zmq.NOBLOCK))["at"]
-        if newest:
-            ages.append(time.monotonic() - newest)
-        sockets["command"].send(json.dumps(dict.fromkeys(keys, 0.5) | {"at": time.monotonic()}).encode())
-        time.sleep(max(0.0, begin + (number + 1) / RATE_HZ - time.monotonic()))
-    ended.set()
-    thread.join()
-    context.destroy(linger=0)
-    return {"age": percentiles(ages), "latency": percentiles(latency)}
-
-
 def main() -> int:
     """Measure, and print a table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -240,9 +182,13 @@ def main() -> int:
         cases: dict[str, Callable[[], dict[str, Any]]] = {
             "local": lambda: local(rig, seconds),
             "link": lambda: over_the_link(rig, Path(directory), seconds),
-            "lekiwi at 30 Hz": lambda: lekiwi(30.0, seconds),
-            "lekiwi at 250 Hz": lambda: lekiwi(250.0, seconds),
+            "lekiwi at 30 Hz": lambda: lekiwi(30.0, seconds, PORT + 5),
+            "lekiwi at 250 Hz": lambda: lekiwi(250.0, seconds, PORT + 5),
         }
+        if find_spec("portal") is None:
+            print("the vendor's pattern is left out: portal is not installed (pip install portal)")
+        else:
+            cases["portal"] = lambda: portal_calls(seconds, [PORT + 10, PORT + 11])
         for name, measure in cases.items():
             rows[name] = measure()
             print(name, json.dumps(rows[name]), flush=True)

@@ -32,6 +32,18 @@ def finite_vector(arm: str, what: str, value: object, n: int) -> np.ndarray:
     return vector
 
 
+def finite_floats(arm: str, what: str, value: object, n: int) -> list[float]:
+    """The same as a list; numpy, which a caller that wakes up seldom finds outside the caches, is not needed for one.
+
+    Raises:
+        ActionError: see `finite_vector`.
+    """
+    if isinstance(value, list | tuple) and len(value) == n:
+        if all(type(item) is float and math.isfinite(item) for item in value):
+            return list(value)
+    return finite_vector(arm, what, value, n).tolist()
+
+
 def finite_number(arm: str, what: str, value: object) -> float:
     """`value` as a float. Raises ActionError: no number, NaN or infinity."""
     try:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.arm.validation import check_range, finite_number, finite_vector
+from lerobot_robot_yam.arm.validation import check_range, finite_floats, finite_number, finite_vector
 from lerobot_robot_yam.control.gripper.stored_stops import await_stored
 from lerobot_robot_yam.control.gripper.trigger_range import learn, save_range
 from lerobot_robot_yam.damiao.tables import motor_type
@@ -71,9 +71,9 @@ class ArmClient:
         """
         return self._states.block.read_bytes()
 
-    def sequence(self) -> int:
-        """Number of that record; even. Raises LifeCycleError: closed."""
-        return self._states.block.sequence()
+    def next_state(self) -> tuple[int, float]:
+        """Number of that record, and when the loop should publish the next one, s. Raises LifeCycleError: closed."""
+        return self._states.block.sequence(), self._states.due_s()
 
     def close(self) -> None:
         """Let go of the blocks; the arm is not touched."""
@@ -127,7 +127,7 @@ class ArmClient:
             YamError: it has failed or is silent, see `observe`.
         """
         hw, name, relative = self.hardware, self.config.name, self.config.max_relative_target
-        target: list[float] = finite_vector(name, "q", q, hw.joints).tolist()
+        target = finite_floats(name, "q", q, hw.joints)
         options = self._validated_options(dq=dq, kp=kp, kd=kd)
         if gripper is not None and hw.has_gripper:
             target.append(finite_number(name, "gripper", gripper))

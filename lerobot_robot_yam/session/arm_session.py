@@ -5,6 +5,7 @@ import dataclasses
 import logging
 import os
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Literal
 
 from lerobot_robot_yam.arm.config import VIRTUAL, ArmConfig, check_together
@@ -66,6 +67,7 @@ class ArmSession(Uncopied):
             self._keys.append(channel_key(config.interface, config.channel, rig))
         self._clients: dict[str, ArmClient] = {}
         self._runner: Runner | None = None
+        self._starting: Runner | None = None  # while it brings the arms up
         self._pid = 0  # of the process that has started it
 
     def __getitem__(self, name: str) -> ArmClient:
@@ -107,18 +109,20 @@ class ArmSession(Uncopied):
         if self._runner is not None:
             raise LifeCycleError("this session is running already")
         arms = [arm if search_grippers else arm.without_search() for arm in self._arms.values()]
-        runner = self._make_runner(arms, self._keys)
+        runner = self._starting = self._make_runner(arms, self._keys)
+        self._pid = os.getpid()
         clients: dict[str, ArmClient] = {}
         try:
-            for name, arm in self._arms.items():
-                clients[name] = ArmClient(arm, runner.clock, runner.note_written)
+            for number, (name, arm) in enumerate(self._arms.items()):
+                clients[name] = ArmClient(arm, runner.clock, partial(runner.note_written, number))
             runner.start([client.descriptors for client in clients.values()])
         except BaseException:
             runner.stop()
             for client in clients.values():
                 client.close()
+            self._starting = None
             raise
-        self._clients, self._runner, self._pid = clients, runner, os.getpid()
+        self._clients, self._runner, self._starting = clients, runner, None
 
     @property
     def clock(self) -> Clock:
@@ -126,9 +130,13 @@ class ArmSession(Uncopied):
         return SYSTEM if self._runner is None else self._runner.clock
 
     def begin_stop(self) -> None:
-        """Have every arm begin to land, without waiting; `stop` has to follow."""
-        if self._runner is not None and not self._forked:
-            self._runner.land()
+        """Have every arm begin to land, without waiting; `stop` has to follow.
+
+        While another thread waits in `start`, that fails, or it ends with arms that land.
+        """
+        runner = self._runner or self._starting
+        if runner is not None and not self._forked:
+            runner.land()
 
     def stop(self) -> bool:
         """Land every arm, cut torque, end the loop. Idempotent; Ctrl-C does not hurry it.

@@ -79,10 +79,14 @@ class StateReader:
 
     def _await_tick(self, block: SharedBlock, sequence: int, within_s: float) -> None:
         """Let the tick after record `sequence` end if it should so soon; one that is late is not waited for."""
-        due = block.peek(*PUBLISHED) + self._period_s
+        due = self.due_s()
         if due - within_s < self._clock.now():
             while block.sequence() == sequence and self._clock.now() < due + _LATE_S:
                 self._clock.sleep(_GLANCE_S)
+
+    def due_s(self) -> float:
+        """When the loop should publish the next state. Raises LifeCycleError: not connected."""
+        return self.block.peek(*PUBLISHED) + self._period_s
 
     def newest(self) -> ArmState:
         """The newest state, without waiting. Raises YamError: see `ArmClient.observe`."""

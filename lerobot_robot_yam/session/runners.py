@@ -44,8 +44,8 @@ class Runner(Protocol):
     def clock(self) -> Clock:
         """The caller's clock: what lets time pass for it, and for the arms."""
 
-    def note_written(self) -> None:
-        """A caller has written into a command block. Loops, which look at each tick, need not know."""
+    def note_written(self, arm: int) -> None:
+        """A caller has written into this arm's command block. Loops, which look at each tick, need not know."""
 
     def start(self, blocks: Sequence[Descriptors]) -> None:
         """Bring the arms up; `blocks` of each, in the order of the arms.
@@ -76,7 +76,7 @@ class ProcessRunner:
         self._child: subprocess.Popen[bytes] | None = None
         self._lifeline: Lifeline | None = None
 
-    def note_written(self) -> None:
+    def note_written(self, arm: int) -> None:
         pass
 
     def start(self, blocks: Sequence[Descriptors]) -> None:
@@ -166,7 +166,7 @@ class ThreadRunner:
         self._error = errors.MotorError(failure) if failure else None
         self._settled.set()
 
-    def note_written(self) -> None:
+    def note_written(self, arm: int) -> None:
         pass
 
     def start(self, blocks: Sequence[Descriptors]) -> None:
@@ -215,7 +215,7 @@ class StepRunner:
             if next(self._ticks, False) is False:  # the arms are off, or have failed
                 self._world.sleep(max(0.0, until_s - self._world.now()))
 
-    def note_written(self) -> None:
+    def note_written(self, arm: int) -> None:
         pass
 
     def start(self, blocks: Sequence[Descriptors]) -> None:

@@ -9,7 +9,7 @@ import pytest
 import torch
 from hypothesis import strategies as st
 
-from lerobot_robot_yam.arm.validation import finite_vector
+from lerobot_robot_yam.arm.validation import finite_floats, finite_vector
 from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerArmConfig, YamFollowerConfig
 from lerobot_robot_yam.errors import ActionError
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
@@ -96,7 +96,10 @@ def test_a_vector_is_finite_and_private_or_refused(value, n):
         vector = finite_vector("arm", "q", value, n)
     except ActionError as error:
         assert "arm" in str(error) and "q" in str(error)
+        with pytest.raises(ActionError):
+            finite_floats("arm", "q", value, n)
         return
+    assert finite_floats("arm", "q", value, n) == vector.tolist()
     assert vector.shape == (n,) and vector.dtype == np.float64 and np.isfinite(vector).all()
     assert not isinstance(value, str | bytes) and not any(isinstance(item, str | bytes) for item in value)
     if isinstance(value, np.ndarray):

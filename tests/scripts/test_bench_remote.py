@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from importlib.util import find_spec
 
 import pytest
 
@@ -17,6 +18,8 @@ def test_a_short_run_reports_every_figure(tmp_path):
     run = subprocess.run(command, capture_output=True, text=True, timeout=280)
     assert run.returncode == 0, run.stderr
     rows = json.loads(report.read_text())["rows"]
-    assert list(rows) == ["local", "link", "lekiwi at 30 Hz", "lekiwi at 250 Hz"]
+    portal = ["portal"] * (find_spec("portal") is not None)
+    assert list(rows) == ["local", "link", "lekiwi at 30 Hz", "lekiwi at 250 Hz", *portal]
+    assert ("portal is not installed" in run.stdout) is not bool(portal)
     assert rows["link"]["states"] > 300 and rows["link"]["added_age"]["p99_ms"] > 0
     assert all(row["latency"]["p50_ms"] > 0 for row in rows.values())

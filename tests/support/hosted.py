@@ -116,12 +116,13 @@ class ServedArms:
         rig: it.
         channels: of its arms; followers are the robot, leaders the teleoperator.
         keys, land_after_s: see `HostServer`.
+        fields: of each arm's config, see `sim_config`.
     """
 
-    def __init__(self, rig, *channels, keys=None, land_after_s=30.0):
+    def __init__(self, rig, *channels, keys=None, land_after_s=30.0, **fields):
         configs = {
-            "robot": [sim_config(rig, channel) for channel in channels if channel.startswith("follower")],
-            "teleop": [sim_config(rig, channel) for channel in channels if channel.startswith("leader")],
+            role: [sim_config(rig, channel, **fields) for channel in channels if channel.startswith(prefix)]
+            for role, prefix in (("robot", "follower"), ("teleop", "leader"))
         }
         self.groups, first = [], 0
         for role, arms in configs.items():

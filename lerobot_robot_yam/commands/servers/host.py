@@ -9,13 +9,14 @@ HAZARD: a paired computer can ENERGISE the arms. Starting yam-host energises not
 """
 
 import argparse
-import dataclasses
+import json
 import logging
 import signal
+import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from lerobot_robot_yam.commands.lib.arm_command import run_command, seconds, tell
 from lerobot_robot_yam.errors import ConfigError
@@ -28,8 +29,6 @@ _LAND_AFTER_S = 30.0
 _LOCAL = "127.0.0.1"
 _RT_PRIORITY = 15  # below that of control loops: a flood of messages cannot delay them
 _SWITCH_S = 0.0005  # between the threads that send states and take commands
-# Sections of a rig's file: LeRobot's folder of calibration files, and what its arms are called.
-_SECTIONS = {"robot": ("robots", "follower"), "teleop": ("teleoperators", "leader")}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -91,58 +90,31 @@ def _say_ready(address: "HostAddress", groups: "Sequence[HostedGroup]", keyed: b
 
 
 def groups_of(path: Path) -> "list[HostedGroup]":
-    """The arms of a rig's file.
+    """The arms of a rig's file, which another process reads: LeRobot's parser loads torch, 700 MB that would stay here.
 
     Raises:
         ConfigError: there is no such file, or what no session would start with.
     """
-    from lerobot.robots.config import RobotConfig
-    from lerobot.teleoperators.config import TeleoperatorConfig
-
-    from lerobot_robot_yam.doctor.kit.targets import calibration_root
-    from lerobot_robot_yam.face.devices.config_refusal import arm_config
-    from lerobot_robot_yam.face.devices.rig_device import rig_device
+    from lerobot_robot_yam.arm.config import LeadArmConfig
     from lerobot_robot_yam.remote.host.hosted_group import HostedGroup
     from lerobot_robot_yam.system.paths import user_path
-    from lerobot_robot_yam.system.strict_yaml import read_yaml
 
     path = user_path(path)
     if not path.is_file():
         raise ConfigError(f"there is no {path}, the rig's file; yam-setup writes it")
-    document = read_yaml(path)
-    registries: dict[str, Any] = {"robot": RobotConfig, "teleop": TeleoperatorConfig}
+    reader = [sys.executable, "-P", "-m", "lerobot_robot_yam.commands.servers.rig_reader", str(path)]
+    said = subprocess.run(reader, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True).stdout
+    if not said:
+        raise ConfigError(f"{path} cannot be read; see above")
+    found = json.loads(said)
+    if "error" in found:
+        raise ConfigError(found["error"])
     groups: list[HostedGroup] = []
-    for section, (folder, role) in _SECTIONS.items():
-        if not isinstance(document.get(section), Mapping):
-            continue
-        device: Any = rig_device(registries[section], section, {"file": str(path), "cameras": False})
-        if not hasattr(device, "arms") or "passive" in device.type or "hand" in device.type:
-            raise ConfigError(f"{path}, {section}: yam-host serves followers and leaders, no {device.type}")
-        kind = device.type.replace("i2rt_", "")
-        directory = Path(device.calibration_dir or calibration_root() / folder / kind) / "yam"
-        arms, options = {}, {}
-        for prefix, arm in device.arms().items():
-            config = arm_config(arm, f"{prefix}{role}")
-            ident = f"{prefix}{device.id}" if device.id else arm.channel
-            config.calibration_path = config.calibration_path or str(directory / f"{ident}_gripper.json")
-            arms[prefix], options[prefix] = config, {**_options(arm), "name": config.name}
-        groups.append(HostedGroup(section, kind, arms, options, sum(len(group.arms) for group in groups)))
-    if not groups:
-        raise ConfigError(f"{path} has no arms, neither robot nor teleop; yam-setup writes such a file")
+    for group in found["groups"]:
+        arms = {prefix: LeadArmConfig(**fields) for prefix, fields in group["arms"].items()}
+        first = sum(len(other.arms) for other in groups)
+        groups.append(HostedGroup(group["role"], group["device"], arms, group["options"], first))
     return groups
-
-
-def _options(arm: Any) -> dict[str, Any]:
-    """Options of an arm as its device in LeRobot has them, without LeRobot's own."""
-    from lerobot_robot_yam.arm.config import ArmConfig
-    from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
-
-    kind: Any = LeaderArmConfig if isinstance(arm, LeaderArmConfig) else ArmConfig
-    plain = {field.name: getattr(arm, field.name) for field in dataclasses.fields(kind)}
-    return {
-        name: dataclasses.asdict(value) if dataclasses.is_dataclass(value) and not isinstance(value, type) else value
-        for name, value in plain.items()
-    }
 
 
 def _pair(args: argparse.Namespace) -> int:

@@ -1,18 +1,14 @@
 """The control process: `python -m lerobot_robot_yam.control.process.control_process`, started by `ArmSession`.
 
-One JSON line on standard input says which arms; one on standard output says "ready" or what went wrong. It imports
-neither lerobot nor torch, lives in a separate session so that Ctrl-C does not reach it, and lands its arms when it
-is told to (SIGTERM) or when its parent is gone.
+It imports neither lerobot nor torch, lives in a separate session so that Ctrl-C does not reach it, and lands its arms
+when it is told to (SIGTERM) or when its parent is gone.
 """
 
 import contextlib
 import gc
-import json
 import logging
 import os
-import signal
 import sys
-import threading
 from collections.abc import Callable, Sequence
 
 import can
@@ -24,8 +20,7 @@ from lerobot_robot_yam.control.passive import passive_loop
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
 from lerobot_robot_yam.control.preflight.open_bus import keeps_awake, open_bus
 from lerobot_robot_yam.control.process import stand_by
-from lerobot_robot_yam.control.process.lifeline import ProcessEnd, hung_up
-from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.control.process.caller import Caller
 from lerobot_robot_yam.state.desk_post import forget_the_dead
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.records import BlockPair, Descriptors, lock_path
@@ -81,54 +76,16 @@ def control(
         loop.run(on_ready, must_land)
 
 
-def _answer(**fields: object) -> None:
-    with contextlib.suppress(OSError):  # a parent that no longer listens is noticed by `must_land`
-        sys.stdout.write(json.dumps(fields) + "\n")
-        sys.stdout.flush()
-
-
 def main() -> int:
     """Entry point of the process."""
-    logging.basicConfig(
-        level=logging.INFO,
-        format="%(levelname)s %(asctime)s %(name)s %(message)s",
-        datefmt="%Y-%m-%d %H:%M:%S",
-    )
-    logging.raiseExceptions = False  # the terminal may be gone while the arms still have to land
-    for name in (signal.SIGINT, signal.SIGHUP, signal.SIGPIPE):
-        signal.signal(name, signal.SIG_IGN)
-    stop = False
-
-    def request_stop(*_: object) -> None:
-        nonlocal stop
-        stop = True
-
-    signal.signal(signal.SIGTERM, request_stop)
-    job = json.loads(sys.stdin.readline())
-    parent = int(job["parent_pid"])
-    try:
-        parent_end = ProcessEnd(parent)
-    except FileNotFoundError:
-        return 1  # nothing has been energised
+    caller = Caller()
+    job = caller.job
     keys, pairs = job["keys"], [BlockPair.of(Descriptors(*descriptors)) for descriptors in job["blocks"]]
-    try:
+    with caller.hears_of_errors("control process"):  # a file has changed since the caller resolved them
         arms = [ResolvedArm(LeadArmConfig(**arm)) for arm in job["arms"]]
-    except YamError as error:  # a file has changed since the caller resolved them
-        _answer(error=str(error), kind=type(error).__name__)
-        return 1
     passive = passive_of(arms[0].config) is not None  # such leaders need nobody to land them
     stand_by_pid = 0 if passive else stand_by.spawn(arms, keys, pairs, RT_PRIORITY)
-
-    orphaned = False
-
-    def watch_parent() -> None:
-        """Runs in a thread: looking at a dying process may mean to free its memory, which can take a while."""
-        nonlocal orphaned
-        while not (hung_up(job["lifeline"], _PARENT_LOOK_S) or parent_end.reached()):
-            pass
-        orphaned = True
-
-    threading.Thread(target=watch_parent, name="yam-parent", daemon=True).start()
+    caller.watch(_PARENT_LOOK_S)
 
     def watch_stand_by() -> None:
         nonlocal stand_by_pid
@@ -141,26 +98,15 @@ def main() -> int:
             logger.warning("the stand-by has died: should this process be killed, the arms will fall; connect again")
 
     def must_land() -> bool:
-        nonlocal stop
-        if not stop and (orphaned or os.getppid() != parent):
-            logger.warning("the process that started this one (%d) is gone, or runs another program: landing", parent)
-            stop = True
         watch_stand_by()
-        return stop
+        return caller.wants_an_end()
 
     def tell(failure: str) -> None:
-        _answer(**({"error": failure, "kind": "MotorError"} if failure else {"ready": True}))
+        caller.answer(**({"error": failure, "kind": "MotorError"} if failure else {"ready": True}))
 
-    with log_from_a_thread():
+    with log_from_a_thread(), caller.hears_of_errors("control process"):
         try:
             control(arms, keys, pairs, tell, must_land, realtime=True)
-        except YamError as error:
-            _answer(error=str(error), kind=type(error).__name__)
-            return 1
-        except Exception as error:
-            logger.exception("control process failed")
-            _answer(error=f"control process failed: {error!r}", kind="YamError")
-            return 1
         finally:
             forget_the_dead(runtime_dir())  # a caller that was killed has left its part of the page's desk
     return 0

@@ -78,8 +78,11 @@ class Asker:
             raise LinkError(f"{self._host.address} answers with what is no answer")
         self._answer = unpack_json(message)
 
-    def ask(self, op: str, within_s: float, **fields: Any) -> dict[str, Any]:
-        """See `Host.ask`. It is asked again and again: an answer may get lost with its connection."""
+    def ask(
+        self, op: str, within_s: float, unwanted: Callable[[], bool] = lambda: False, **fields: Any
+    ) -> dict[str, Any]:
+        """See `Host.ask`; empty once `unwanted` says True. An answer may get lost with its connection, so it is asked
+        again and again."""
         number, deadline, again_s = next(self._numbers), time.monotonic() + within_s, 0.0
         while (now := time.monotonic()) < deadline:
             if now >= again_s and self._sockets.send(pack_ask(number, op, **fields)):
@@ -87,6 +90,8 @@ class Asker:
             self._turn()
             if self._answer.get("number") == number:
                 return _checked(self._answer)
+            if unwanted():
+                return {}
         raise LinkError(
             f"no yam-host answers at {self._host.address} within {within_s:g} s: is it running, and is this computer "
             "paired? `yam-host status` says so there"

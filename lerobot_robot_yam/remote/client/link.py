@@ -3,11 +3,12 @@
 import logging
 import math
 import secrets
-from collections.abc import Mapping, Sequence
+import struct
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from lerobot_robot_yam.control.process.lifeline import take_nudges
-from lerobot_robot_yam.errors import LinkError, YamError
+from lerobot_robot_yam.errors import LifeCycleError, LinkError, YamError
 from lerobot_robot_yam.remote.client.host_question import Asker, Host
 from lerobot_robot_yam.remote.client.state_mirror import StateMirror
 from lerobot_robot_yam.remote.wire.clock_offset import ClockOffset
@@ -24,19 +25,25 @@ from lerobot_robot_yam.remote.wire.link_messages import (
 )
 from lerobot_robot_yam.remote.wire.mirrored_stop import MirroredStop
 from lerobot_robot_yam.remote.wire.transport import ClientSockets
+from lerobot_robot_yam.state.records import COMMAND_DTYPE, KEY_BYTES
 from lerobot_robot_yam.system.clock import SYSTEM
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
 logger = logging.getLogger(__name__)
 
 _BEAT_S = 0.1
-_STOP_LOOK_S = 0.02
+_STOP_LOOK_S = 0.04
+_FIRST_S = 0.02  # between signs of life until the host's clock is known
 _WAIT_S = 0.02  # for messages of the host and commands of our program
 _LOST_S = 1.0  # without a word of the host: told in the log
 _ECHOES = 5  # before times of the host mean anything
 _START_S = 57.0  # less than what our program waits for us
 _GONE_S = 5.0  # without a word of the host while it should land the arms: it does that alone
 LAND_S = 75.0  # longer than a landing takes
+_TIME = struct.Struct("<d")
+_TIMES_AT = [COMMAND_DTYPE.fields[name][1] for name in ("target_stamp_s", "coupled_until_s")]  # type: ignore[index]
+_LEADER_AT = COMMAND_DTYPE.fields["leader"][1]  # type: ignore[index]
+_LEADER = slice(_LEADER_AT, _LEADER_AT + KEY_BYTES)
 
 
 class Link:
@@ -68,6 +75,7 @@ class Link:
         self._sequence = 0
         self._clock, self._stop = ClockOffset(), MirroredStop(f"host {host.address}")
         self._machine, self._stopped = machine_number(), False
+        self._theirs: bool | None = None  # whether the host's stop is latched, if it has said so since the last look
         self._beat_s = self._look_s = -math.inf
         self._heard_s, self._lost, self._run = SYSTEM.now(), False, 0
 
@@ -76,20 +84,29 @@ class Link:
         """Whether the host's states are known, and its clock."""
         return len(self._clock) >= _ECHOES and self._mirror.complete
 
-    def start(self, group: str, search: bool) -> None:
+    def start(self, group: str, search: bool, unwanted: Callable[[], bool]) -> None:
         """Have the host energise a group; until then nothing is commanded.
+
+        Args:
+            group: which.
+            search: whether stops of grippers are sought.
+            unwanted: asked again and again; once it says True the host lets go of the group.
 
         Raises:
             YamError: what the host says, or that it says nothing.
+            LifeCycleError: unwanted.
         """
-        self._asker.ask("start", _START_S, group=group, session=self._session, who=who(), search=search)
-        self._drives = True
+        fields = {"group": group, "session": self._session, "who": who(), "search": search}
+        self._drives = bool(self._asker.ask("start", _START_S, unwanted, **fields))
         deadline = SYSTEM.now() + _GONE_S
-        while not self.up:
+        while not self.up and self._drives and not unwanted():
             self.turn()
             if SYSTEM.now() > deadline:
                 self.stop(group)
                 raise LinkError(f"{self._host.address}: no states come; is port {self._host.address.port + 1} open?")
+        if unwanted():
+            self.stop(group)
+            raise LifeCycleError("nobody waits for the arms any more; the host has let go of them")
 
     def stop(self, group: str) -> bool:
         """Have the host land the group; whether its arms are down. Says so in the log where they are not."""
@@ -125,7 +142,7 @@ class Link:
             self._hear(message)
         self._send_commands()
         self._look_at_stop(now)
-        if now - self._beat_s >= (_BEAT_S if len(self._clock) >= _ECHOES else _STOP_LOOK_S):
+        if now - self._beat_s >= (_BEAT_S if len(self._clock) >= _ECHOES else _FIRST_S):
             self._beat_s = now
             self._sockets.send(pack_beat(Beat(self._session, self._machine, now, self._stopped)))
         if now - self._heard_s > _LOST_S and not self._lost:
@@ -151,8 +168,6 @@ class Link:
 
     def _take_states(self, message: bytes) -> None:
         try:
-            if kind_of(message) is not Kind.STATES:
-                raise LinkError("what comes is no state")
             states = unpack_states(message)
         except LinkError as error:
             logger.warning("%s: %s", self._host.address, error)
@@ -162,13 +177,15 @@ class Link:
             self._clock.clear()
         if len(self._clock) >= _ECHOES:
             self._mirror.write(states.arms, self._clock.offset_s)
-        if states.stopped_by != self._machine:
-            self._stop.follow(bool(states.stopped), "its emergency stop is latched; `yam-estop release` there")
+        self._theirs = None if states.stopped_by == self._machine else bool(states.stopped)
 
     def _look_at_stop(self, now: float) -> None:
-        """A stop of our own is told at once."""
+        """Follow the host's stop. One of our own is told at once."""
         if now - self._look_s >= _STOP_LOOK_S:
             self._look_s = now
+            theirs, self._theirs = self._theirs, None
+            if theirs is not None:
+                self._stop.follow(theirs, "its emergency stop is latched; `yam-estop release` there")
             if self._stop.own is not self._stopped:
                 self._stopped, self._beat_s = not self._stopped, -math.inf
 
@@ -180,18 +197,17 @@ class Link:
             sequence = block.sequence()
             if sequence == self._seen[arm]:
                 continue
-            record = block.glance()
-            if record is None:  # being written: at the next look
+            payload = block.glance_bytes()
+            if payload is None:  # being written: at the next look
                 continue
             self._seen[arm] = sequence
             self._sequence += 1
-            command = record.copy()
-            command["target_stamp_s"] += self._clock.offset_s
-            command["coupled_until_s"] += self._clock.offset_s
-            leader = command["leader"].item()
-            if leader:
-                command["leader"] = self._leaders.get(leader, b"")
-            self._sockets.send(pack_command(Command(self._session, self._sequence, arm, command.tobytes())))
+            record = bytearray(payload)
+            for at in _TIMES_AT:
+                _TIME.pack_into(record, at, _TIME.unpack_from(record, at)[0] + self._clock.offset_s)
+            if leader := payload[_LEADER].rstrip(b"\0"):
+                record[_LEADER] = self._leaders.get(leader, b"").ljust(KEY_BYTES, b"\0")
+            self._sockets.send(pack_command(Command(self._session, self._sequence, arm, record)))
 
     def close(self) -> None:
         """Let go of sockets and blocks."""

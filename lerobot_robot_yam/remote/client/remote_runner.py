@@ -25,6 +25,7 @@ class RemoteRunner(ProcessRunner):
     def __init__(self, device: HostedDevice, arms: list[ResolvedArm], keys: list[str]):
         super().__init__(arms, keys)
         self._device = device
+        self._written: set[int] = set()
 
     def _job(self) -> dict[str, Any]:
         device = self._device
@@ -39,7 +40,16 @@ class RemoteRunner(ProcessRunner):
             "search": all(arm.config.gripper_search for arm in self._arms),
         }
 
-    def note_written(self) -> None:
+    def note_written(self, arm: int) -> None:
+        """Nudge the link process once all arms have something new, or one has so again: a caller writes to both right
+        after each other. What it was not nudged for it passes on with the next state.
+        """
+        again = arm in self._written
+        self._written.add(arm)
+        if len(self._written) == len(self._arms):
+            self._written.clear()
+        elif not again:
+            return
         if self._lifeline is not None:
             self._lifeline.nudge()
 

@@ -1,7 +1,6 @@
 """The host's states as this computer's programs read them: in a block per arm, with all times by our clock."""
 
 import contextlib
-import math
 import os
 import struct
 from collections.abc import Mapping, Sequence
@@ -17,11 +16,11 @@ from lerobot_robot_yam.state.records import STATE_DTYPE, coupling_number, state_
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
 _AT = {name: STATE_DTYPE.fields[name][1] for name in STATE_DTYPE.names or ()}  # type: ignore[index]
-_TIMES = [
-    (_AT[name], struct.Struct(f"<{math.prod(STATE_DTYPE[name].shape)}d"))
-    for name in ("stamp_s", "asked_s", "motor_stamp_s", "handle_stamp_s", "action_stamp_s")
-]
-_NUMBER = struct.Struct("<Q")
+_TIMES_AT = [_AT[name] for name in ("stamp_s", "asked_s", "handle_stamp_s", "action_stamp_s")]
+_MOTOR_TIMES_AT, _MOTOR_TIMES = _AT["motor_stamp_s"], struct.Struct(f"<{MAX_MOTORS}d")
+_MODE_AT, _GATE_AT, _JOINTS_AT, _MOTORS_AT = (_AT[name] for name in ("mode", "gate", "joints", "motors"))
+_OWNER_AT, _ANSWERED_AT, _COUPLED_AT = (_AT[name] for name in ("owner_pid", "request_sequence", "coupled_to"))
+_TIME, _NUMBER = struct.Struct("<d"), struct.Struct("<Q")
 _MODES, _GATES = {int(mode) for mode in Mode}, {int(gate) for gate in Gate}
 
 
@@ -73,17 +72,19 @@ class StateMirror:
                 continue
             record = bytearray(payload)
             if (
-                record[_AT["mode"]] not in _MODES
-                or record[_AT["gate"]] not in _GATES
-                or not record[_AT["joints"]] <= record[_AT["motors"]] <= MAX_MOTORS
+                record[_MODE_AT] not in _MODES
+                or record[_GATE_AT] not in _GATES
+                or not record[_JOINTS_AT] <= record[_MOTORS_AT] <= MAX_MOTORS
             ):
                 continue
-            for at, layout in _TIMES:
-                layout.pack_into(record, at, *[time_s - ahead_s for time_s in layout.unpack_from(record, at)])
-            coupled_at = _AT["coupled_to"]
-            coupled = self._coupled.get(_NUMBER.unpack_from(record, coupled_at)[0], 0)
-            for name, value in (("owner_pid", self._pid), ("request_sequence", answered), ("coupled_to", coupled)):
-                _NUMBER.pack_into(record, _AT[name], value)
+            for at in _TIMES_AT:
+                _TIME.pack_into(record, at, _TIME.unpack_from(record, at)[0] - ahead_s)
+            times = _MOTOR_TIMES.unpack_from(record, _MOTOR_TIMES_AT)
+            _MOTOR_TIMES.pack_into(record, _MOTOR_TIMES_AT, *[time_s - ahead_s for time_s in times])
+            coupled = self._coupled.get(_NUMBER.unpack_from(record, _COUPLED_AT)[0], 0)
+            _NUMBER.pack_into(record, _COUPLED_AT, coupled)
+            _NUMBER.pack_into(record, _OWNER_AT, self._pid)
+            _NUMBER.pack_into(record, _ANSWERED_AT, answered)
             block.write_bytes(record)
             if number not in self._last:
                 self._publish(number)
@@ -98,8 +99,8 @@ class StateMirror:
     def note_landed(self) -> None:
         """The host has said that all arms are down: the last state may have got lost."""
         for number, record in self._last.items():
-            if record[_AT["mode"]] != Mode.OFF:
-                record[_AT["mode"]] = Mode.OFF
+            if record[_MODE_AT] != Mode.OFF:
+                record[_MODE_AT] = Mode.OFF
                 self._blocks[number].write_bytes(record)
 
     def close(self) -> None:

@@ -37,7 +37,7 @@ from lerobot_robot_yam.system.clock import SYSTEM
 
 logger = logging.getLogger(__name__)
 
-_LOOK_S = 0.02
+_LOOK_S = 0.04
 _MOST_OPEN = 1000
 _TOLD_S = 10.0  # between two lines about messages that were refused
 
@@ -56,6 +56,7 @@ class HostServer:
         self._sockets, self._groups, self._land_after_s, self._tools = sockets, groups, land_after_s, tools
         for group in groups:
             group.leaders = frozenset(arm.key for other in groups for arm in other.arms if other is not group)
+        self._group_of = {arm.number: group for group in groups for arm in group.arms}
         self._stops = ClientStops()
         self._stream = StateStream(groups, sockets.publish, lambda: self._stops.stopped)
         self._refused, self._told_s = 0, SYSTEM.now()
@@ -92,7 +93,9 @@ class HostServer:
             kind = kind_of(message)
             if kind is Kind.COMMAND:
                 command = unpack_command(message)
-                self._group_of(command.arm).take(command)
+                if command.arm not in self._group_of:
+                    raise LinkError(f"there is no arm {command.arm}")
+                self._group_of[command.arm].take(command)
             elif kind is Kind.BEAT:
                 self._beat(client, unpack_beat(message), received_s)
             elif kind is Kind.ASK:
@@ -113,12 +116,6 @@ class HostServer:
         if self._refused == 1 or now - self._told_s > _TOLD_S:
             logger.warning("%d messages refused so far; the last: %s", self._refused, error)
             self._told_s = now
-
-    def _group_of(self, number: int) -> HostedGroup:
-        for group in self._groups:
-            if any(arm.number == number for arm in group.arms):
-                return group
-        raise LinkError(f"there is no arm {number}")
 
     def _beat(self, client: bytes, beat: Beat, received_s: float) -> None:
         held = [group.heard(beat.session) for group in self._groups]

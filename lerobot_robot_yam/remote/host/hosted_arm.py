@@ -5,15 +5,16 @@ import math
 import struct
 from collections.abc import Collection, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from lerobot_robot_yam.errors import LifeCycleError, StaleStateError, YamError
+from lerobot_robot_yam.errors import GripperError, LifeCycleError, StaleStateError, YamError
 from lerobot_robot_yam.remote.wire.link_messages import ArmNews
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.state.modes import Gate, Mode
-from lerobot_robot_yam.state.records import COMMAND_DTYPE, STATE_DTYPE, Request
+from lerobot_robot_yam.state.records import COMMAND_DTYPE, STATE_DTYPE, Request, packed
 from lerobot_robot_yam.system.clock import SYSTEM
 
 logger = logging.getLogger(__name__)
@@ -24,6 +25,8 @@ _NUMBER = struct.Struct("<Q")
 _AHEAD_S = 0.05  # by which a command may seem to come from the future: clocks are known that well
 _PERMITTED_MOST_S = 0.5  # for which a client may permit a follower to go on with its leader
 _REFUSED = "the host refuses: {}"
+_OPTIONS = ("dq", "kp", "kd")  # of a target; NaN: not given
+_Values = Sequence[Any]  # of a command record
 
 
 class HostedArm:
@@ -38,6 +41,10 @@ class HostedArm:
     def __init__(self, number: int, session: ArmSession, name: str):
         self.number, self.key = number, session.key(name)
         self._session, self._name = session, name
+        self._hardware = session.hardware(name)
+        self._layout, self._at = packed(COMMAND_DTYPE, self._hardware.n)
+        starts = {field: self._at[field] for field in ("q", *_OPTIONS, "own_kp", "own_kd")}
+        self._joints = {field: slice(start, start + self._hardware.joints) for field, start in starts.items()}
         self._client: ArmClient | None = None
         self._targets = self._requests = 0  # newest numbers of the client's
         self._asked = (0, 0)  # number of the newest request here, and what the client calls it
@@ -47,10 +54,9 @@ class HostedArm:
     @property
     def calibrated(self) -> bool:
         """Whether its gripper's stops are configured or stored, or need not be."""
-        hardware = self._session.hardware(self._name)
-        config = hardware.config
+        config = self._hardware.config
         known = config.gripper_stops_rad is not None or Path(config.calibration_path or "").is_file()
-        return known or not hardware.has_gripper
+        return known or not self._hardware.has_gripper
 
     def begin(self) -> None:
         """The session runs."""
@@ -71,18 +77,18 @@ class HostedArm:
 
         A request goes first: the client has waited for its answer before it gave a target.
         """
-        client, hardware = self._client, self._session.hardware(self._name)
+        client = self._client
         if client is None:
             return False
-        command = np.frombuffer(record, COMMAND_DTYPE, count=1)[0]
-        if command["request_sequence"] > self._requests:
-            self._requests = int(command["request_sequence"])
+        command = self._layout.unpack(record)
+        if command[self._at["request_sequence"]] > self._requests:
+            self._requests = command[self._at["request_sequence"]]
             self._ask(client, command)
-        if command["target_sequence"] <= self._targets:
+        if command[self._at["target_sequence"]] <= self._targets:
             return True
-        self._targets = int(command["target_sequence"])
-        now, given_s = SYSTEM.now(), float(command["target_stamp_s"])
-        if not -_AHEAD_S <= now - given_s <= hardware.config.command_timeout_s:  # NaN, too
+        self._targets = command[self._at["target_sequence"]]
+        now, given_s = SYSTEM.now(), command[self._at["target_stamp_s"]]
+        if not -_AHEAD_S <= now - given_s <= self._hardware.config.command_timeout_s:  # NaN, too
             return False
         try:
             self._write_target(client, command, min(given_s, now), leaders)
@@ -91,39 +97,40 @@ class HostedArm:
             return False
         return True
 
-    def _ask(self, client: ArmClient, command: np.void) -> None:
+    def _ask(self, client: ArmClient, command: _Values) -> None:
         number = self._requests
         try:
-            request = Request(int(command["request"]))
+            request = Request(command[self._at["request"]])
             if request is Request.CUT_TORQUE:
                 raise LifeCycleError(f"{self._name}: an arm that does not lie falls; cut torque at its own computer")
             gains: Sequence[float] = ()
             if request is Request.GAINS:
-                j = client.hardware.joints
-                gains = client.checked_gains(command["own_kp"][:j], command["own_kd"][:j])
+                gains = client.checked_gains(*(command[self._joints[field]] for field in ("own_kp", "own_kd")))
         except (YamError, ValueError) as error:
             self._refused = (number, _REFUSED.format(error))
             return
         self._answered = self._asked[1]
         self._asked = (client.ask(request, gains), number)
 
-    def _write_target(self, client: ArmClient, command: np.void, given_s: float, leaders: Collection[str]) -> None:
-        hardware = client.hardware
-        j = hardware.joints
-        gripper = float(command["q"][j]) if hardware.has_gripper else None
-        if client.mode() is Mode.FLOAT:
+    def _write_target(self, client: ArmClient, command: _Values, given_s: float, leaders: Collection[str]) -> None:
+        joints = self._joints
+        gripper = command[joints["q"].stop] if self._hardware.has_gripper else None
+        try:
+            mode = client.newest().mode
+        except GripperError:  # an arm that is guided may float on all the same
+            mode = client.mode()
+        if mode is Mode.FLOAT:
             client.guide_on(gripper)
             return
-        options = {
-            field: command[field][:j].tolist() for field in ("dq", "kp", "kd") if not np.isnan(command[field][:j]).all()
-        }
+        options = {field: row for field in _OPTIONS if not all(map(math.isnan, row := command[joints[field]]))}
         coupled = None
-        if leader := command["leader"].item().decode(errors="replace"):
-            permitted_s = float(command["coupled_until_s"] - command["target_stamp_s"])  # from when it arrives on
+        if leader := command[self._at["leader"]].rstrip(b"\0").decode(errors="replace"):
+            stamp_s, until_s = (command[self._at[name]] for name in ("target_stamp_s", "coupled_until_s"))
+            permitted_s = until_s - stamp_s  # from when it arrives on
             if leader not in leaders or not 0.0 <= permitted_s <= _PERMITTED_MOST_S:
                 raise LifeCycleError(f"{self._name}: cannot follow {leader} for {permitted_s:g} s")
             coupled = (leader, permitted_s)
-        client.write_target(command["q"][:j], gripper, **options, coupled=coupled, given_s=given_s)
+        client.write_target(command[joints["q"]], gripper, **options, coupled=coupled, given_s=given_s)
 
     def news(self) -> ArmNews | None:
         """Its newest state, with the answer to its client's newest request; None while it does not run."""
@@ -152,18 +159,13 @@ class HostedArm:
         """Whether it has states."""
         return self._client is not None
 
-    @property
-    def period_s(self) -> float:
-        """Of its control loop."""
-        return 1.0 / max(self._session.hardware(self._name).config.rate_hz, 100.0)
-
-    def sequence(self) -> int:
-        """Number of its newest state in its block."""
+    def next_state(self) -> tuple[int, float]:
+        """Number of its newest state in its block, and when the next one is due, s."""
         client = self._client
         try:
-            return 0 if client is None else client.sequence()
+            return (0, 0.0) if client is None else client.next_state()
         except (YamError, ValueError):  # closed meanwhile
-            return 0
+            return 0, 0.0
 
     def away(self, gates: Collection[Gate], by_rad: float) -> bool:
         """Whether its gate is one of these, and a joint is farther than that from where the arm lands."""

@@ -8,7 +8,7 @@ from enum import Enum
 from typing import Any
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.errors import ChannelInUseError, LinkError, YamError
+from lerobot_robot_yam.errors import ChannelInUseError, LifeCycleError, LinkError, YamError
 from lerobot_robot_yam.remote.host.hosted_arm import HostedArm
 from lerobot_robot_yam.remote.wire.link_messages import Command
 from lerobot_robot_yam.session.arm_session import ArmSession
@@ -89,6 +89,8 @@ class HostedGroup:
         self.dropped = 0
         self._lock = threading.Lock()  # of phase, holder and waiting
         self._waiting: list[Reply] = []
+        self._unwanted = False  # they land as soon as they have been energised
+        self._over = 0  # session of the client that has let go last
         self._worker: threading.Thread | None = None
 
     def told(self) -> dict[str, Any]:
@@ -111,6 +113,7 @@ class HostedGroup:
 
         Raises:
             ChannelInUseError: another client has them.
+            LifeCycleError: this one has let go of them already.
         """
         with self._lock:
             holder = self.holder
@@ -119,7 +122,9 @@ class HostedGroup:
             if self.phase is Phase.RUNNING:
                 reply({"ready": True})
                 return
-            if self.phase is Phase.LANDING:
+            if session == self._over:  # this question was overtaken
+                raise LifeCycleError(f"this client has let go of the host's {self.role}")
+            if self.phase is Phase.LANDING or self._unwanted:
                 raise ChannelInUseError(f"the host's {self.role} still lands its arms; try again in a moment")
             self._waiting = [*self._waiting[-_MOST_WAITING:], reply]
             if self.phase is Phase.FREE:
@@ -141,9 +146,13 @@ class HostedGroup:
         with self._lock:
             if "error" in answer:
                 self.phase, self.holder = Phase.FREE, None
+                answer, self._unwanted = {"landed": True} if self._unwanted else answer, False
             else:
-                self.phase = Phase.RUNNING
-            self._answer(answer)
+                self.phase = Phase.LANDING if self._unwanted else Phase.RUNNING
+            if self.phase is not Phase.LANDING:
+                self._answer(answer)
+                return
+        self._land()
 
     @property
     def _who(self) -> str:
@@ -152,18 +161,17 @@ class HostedGroup:
     def stop(self, session: int, reply: Reply) -> None:
         """Land the arms of this client, and let go of them. One that has none is told that they are down."""
         with self._lock:
+            self._over = session
             if self.holder is None or self.holder.session != session:
                 reply({"landed": True})
-            elif self.phase is Phase.STARTING:
-                reply({"error": "the arms are being energised; ask again", "kind": "LifeCycleError"})
-            else:
-                self._waiting = [*self._waiting[-_MOST_WAITING:], reply]
-                self._begin_landing()
+                return
+            self._begin_landing()
+            self._waiting = [*self._waiting[-_MOST_WAITING:], reply]
 
     def land(self, why: str) -> None:
         """Land them without being asked, if they are in the air."""
         with self._lock:
-            if self.phase is Phase.RUNNING:
+            if self.phase in (Phase.STARTING, Phase.RUNNING):
                 logger.warning("%s: lands, %s", self.role, why)
                 self._begin_landing()
 
@@ -171,6 +179,10 @@ class HostedGroup:
         if self.phase is Phase.RUNNING:
             self.phase = Phase.LANDING
             self._work(self._land)
+        elif self.phase is Phase.STARTING and not self._unwanted:
+            self._unwanted = True
+            self._answer({"error": "the host lets go of the arms again", "kind": "LifeCycleError"})
+            self._session.begin_stop()
 
     def _land(self) -> None:
         landed = False
@@ -182,7 +194,7 @@ class HostedGroup:
             arm.end()
         logger.info("%s: let go of by %s, %s", self.role, self._who, "landed" if landed else "NOT DOWN YET")
         with self._lock:
-            self.phase, self.holder = Phase.FREE, None
+            self.phase, self.holder, self._unwanted = Phase.FREE, None, False
             self._answer({"landed": landed})
 
     def _answer(self, fields: Mapping[str, Any]) -> None:
@@ -228,9 +240,6 @@ class HostedGroup:
 
     def close(self) -> None:
         """Land, and wait until that has ended."""
-        worker = self._worker
-        if self.phase is Phase.STARTING and worker is not None:
-            worker.join()
         self.land("the host ends")
         if self._worker is not None:
             self._worker.join()

@@ -13,8 +13,10 @@ from lerobot_robot_yam.system.realtime import request_scheduling
 logger = logging.getLogger(__name__)
 
 _RT_PRIORITY = 15  # below that of control loops
+_AFTER_S = 0.0003  # a tick is due: nearly all have been published by then, and need not be looked for
 _GLANCE_S = 0.00015
-_EARLY_S = 0.0002  # before a tick is due, it is looked for
+_LATE_S = 0.004  # a tick that is later is not waited for
+_LEAST_S = 0.002  # between two messages: a loop may tick as fast as its wire allows, or no more
 _QUIET_S = 0.1  # between two messages while no arm runs
 
 
@@ -35,6 +37,7 @@ class StateStream:
     ):
         self._groups, self._publish, self._stopped = groups, publish, stopped
         self._run, self._sequence = secrets.randbits(63) + 1, 0
+        self._sent = 0  # number of the state that was there when the last message was made
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._stream, name="yam-states", daemon=True)
 
@@ -64,11 +67,12 @@ class StateStream:
         if lead is None:
             self._ended.wait(_QUIET_S)
             return
-        before, begin = lead.sequence(), SYSTEM.now()
-        period_s = lead.period_s
-        SYSTEM.sleep(max(0.0, period_s - _EARLY_S))
-        while lead.sequence() == before and SYSTEM.now() - begin < 2.0 * period_s:
-            SYSTEM.sleep(_GLANCE_S)
+        newest, due_s = lead.next_state()
+        if newest == self._sent:
+            SYSTEM.sleep(max(_LEAST_S, due_s + _AFTER_S - SYSTEM.now()))
+            while (newest := lead.next_state()[0]) == self._sent and SYSTEM.now() < due_s + _LATE_S:
+                SYSTEM.sleep(_GLANCE_S)
+        self._sent = newest
 
     def _send(self) -> None:
         news = [found for group in self._groups for arm in group.arms if (found := arm.news()) is not None]

@@ -30,6 +30,8 @@ _BEAT = struct.Struct("<QQdB")
 _ECHO = struct.Struct("<dddB")
 _STATES = struct.Struct("<QQBQB")
 _ARM = struct.Struct("<BQH")
+_TEXTS_AT = STATE_DTYPE.fields["refusal"][1]  # type: ignore[index]
+_NO_TEXTS = bytes(STATE_DTYPE.itemsize - _TEXTS_AT)
 
 
 class OtherVersionError(LinkError):
@@ -53,7 +55,7 @@ class Command(NamedTuple):
     session: int
     sequence: int
     arm: int  # its number in the host's hello
-    record: bytes  # of COMMAND_DTYPE
+    record: bytes | bytearray  # of COMMAND_DTYPE
 
 
 class Beat(NamedTuple):
@@ -199,16 +201,19 @@ def unpack_echo(message: bytes) -> Echo:
 
 
 def pack_states(states: States) -> bytes:
-    """Zeros at the end of a record, where texts are that are mostly empty, do not travel."""
+    """The texts at the end of a record do not travel where they are empty."""
     parts = [_HEADS[Kind.STATES], _STATES.pack(*states[:4], len(states.arms))]
     for arm, answered, record in states.arms:
-        record = record.rstrip(b"\0")
+        if record.endswith(_NO_TEXTS):
+            record = record[:_TEXTS_AT]
         parts += [_ARM.pack(arm, answered, len(record)), record]
     return b"".join(parts)
 
 
 def unpack_states(message: bytes) -> States:
-    """Raises LinkError: wrong sizes."""
+    """Raises LinkError: something else, or wrong sizes."""
+    if not message.startswith(_HEADS[Kind.STATES]) and kind_of(message) is not Kind.STATES:
+        raise LinkError("what comes is no state")
     try:
         at = _HEAD.size + _STATES.size
         run, sequence, stopped, stopped_by, count = _STATES.unpack_from(message, _HEAD.size)

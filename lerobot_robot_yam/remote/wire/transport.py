@@ -154,10 +154,12 @@ class HostSockets:
         except zmq.ZMQError as error:
             self.close()
             raise BusError(f"cannot listen on {address}: {error}; does another yam-host run?") from error
+        self._poller = zmq.Poller()
+        self._poller.register(self.commands, zmq.POLLIN)
 
     def receive(self, within_s: float) -> tuple[bytes, bytes] | None:
         """(client, message), None if nothing comes in that time. What has more than one part is dropped."""
-        if not self.commands.poll(round(within_s * 1e3)):
+        if not self._poller.poll(round(within_s * 1e3)):
             return None
         parts = self.commands.recv_multipart()
         return (parts[0], parts[1]) if len(parts) == 2 else (parts[0], b"")
@@ -169,8 +171,10 @@ class HostSockets:
 
     def publish(self, message: bytes) -> None:
         """Send to all who watch. Of one thread."""
-        with contextlib.suppress(zmq.Again):
+        try:
             self.states.send(message, zmq.NOBLOCK)
+        except zmq.Again:
+            pass
 
     def close(self) -> None:
         """Let go. Idempotent."""

@@ -3,6 +3,7 @@
 import json
 import stat
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -56,6 +57,7 @@ def test_groups_are_those_of_the_file(tmp_path):
     json.dumps([robot.told(), teleop.told()])
 
 
+@pytest.mark.long
 def test_leaders_without_motors_are_refused(tmp_path):
     path = tmp_path / "rig.yaml"
     path.write_text("teleop: {type: yam_passive_leader, channel: can9}\n")
@@ -66,6 +68,7 @@ def test_leaders_without_motors_are_refused(tmp_path):
 @pytest.mark.long
 def test_commands_look_at_the_arms_of_a_host(tmp_path, capsys):
     with running_rig(arms=[ARM]) as rig, running_host(rig_file(tmp_path, rig, arms=[ARM]), tmp_path) as host:
+        assert "torch" not in Path(f"/proc/{host.process.pid}/maps").read_text()  # 700 MB of a small computer
         there = ["--host", str(host.address)]
         assert main(["status", "--listen", str(host.address), "--keys", str(tmp_path)]) == 0
         assert f"robot (rig-{rig.name.partition('-')[2]}.{ARM}): free" in capsys.readouterr().out

@@ -1,0 +1,93 @@
+"""The process that has started this one to have arms: says which, is answered, and may end it or end itself.
+
+One JSON line on standard input says which arms; one on standard output says "ready" or what went wrong. This process
+has a session of its own, so that Ctrl-C does not reach it, and goes on when its terminal has gone.
+"""
+
+import contextlib
+import json
+import logging
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+from lerobot_robot_yam.control.process.lifeline import ProcessEnd, hung_up
+from lerobot_robot_yam.errors import YamError
+
+logger = logging.getLogger(__name__)
+
+
+class Caller:
+    """Waits for the job. Make it first, in the main thread.
+
+    Attributes:
+        job: what it has asked for.
+
+    Raises:
+        SystemExit: it has gone already.
+    """
+
+    def __init__(self) -> None:
+        logging.basicConfig(
+            level=logging.INFO,
+            format="%(levelname)s %(asctime)s %(name)s %(message)s",
+            datefmt="%Y-%m-%d %H:%M:%S",
+        )
+        logging.raiseExceptions = False  # the terminal may be gone while the arms still have to land
+        for name in (signal.SIGINT, signal.SIGHUP, signal.SIGPIPE):
+            signal.signal(name, signal.SIG_IGN)
+        self._ended = self._gone = False
+        signal.signal(signal.SIGTERM, self._end)
+        self.job: dict[str, Any] = json.loads(sys.stdin.readline())
+        self._pid = int(self.job["parent_pid"])
+        try:
+            self._exit = ProcessEnd(self._pid)
+        except FileNotFoundError:
+            raise SystemExit(1) from None  # nothing has been energised
+
+    def _end(self, *_: object) -> None:
+        self._ended = True
+
+    def watch(self, every_s: float) -> None:
+        """Begin to look whether it is there, in a thread: no thread survives a fork, so fork before.
+
+        Args:
+            every_s: between two looks whether it has begun to exit. Once it has exited that is known at once.
+        """
+        threading.Thread(target=self._watch, args=[every_s], name="yam-parent", daemon=True).start()
+
+    def _watch(self, every_s: float) -> None:
+        """Looking at a dying process may mean to free its memory, which can take a while."""
+        while not (hung_up(self.job["lifeline"], every_s) or self._exit.reached()):
+            pass
+        self._gone = True
+
+    def wants_an_end(self) -> bool:
+        """Whether the arms have to land: it has said so (SIGTERM), is gone, or runs another program."""
+        if not self._ended and (self._gone or os.getppid() != self._pid):
+            gone = "the process that started this one (%d) is gone, or runs another program: landing"
+            logger.warning(gone, self._pid)
+            self._ended = True
+        return self._ended
+
+    def answer(self, **fields: object) -> None:
+        """Say one line; one who no longer listens is noticed otherwise."""
+        with contextlib.suppress(OSError):
+            sys.stdout.write(json.dumps(fields) + "\n")
+            sys.stdout.flush()
+
+    @contextlib.contextmanager
+    def hears_of_errors(self, of: str) -> Iterator[None]:
+        """What fails inside the block is its answer, and ends this process with status 1. `of`: what this is."""
+        try:
+            yield
+            return
+        except YamError as error:
+            self.answer(error=str(error), kind=type(error).__name__)
+        except Exception as error:
+            logger.exception("%s failed", of)
+            self.answer(error=f"{of} failed: {error!r}", kind="YamError")
+        raise SystemExit(1)
