@@ -14,7 +14,6 @@ from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import COMMAND_DTYPE, STATE_DTYPE, Request
-from lerobot_robot_yam.system.clock import SYSTEM
 
 logger = logging.getLogger(__name__)
 
@@ -66,7 +65,7 @@ class HostedArm:
         """Pass on what is new in a client's command record. False: a target in it was not taken.
 
         Args:
-            record: of COMMAND_DTYPE, by the host's clock.
+            record: of COMMAND_DTYPE, by the clock of the host's arms.
             leaders: keys of the arms that a follower may follow.
 
         A request goes first: the client has waited for its answer before it gave a target.
@@ -81,7 +80,7 @@ class HostedArm:
         if command["target_sequence"] <= self._targets:
             return True
         self._targets = int(command["target_sequence"])
-        now, given_s = SYSTEM.now(), float(command["target_stamp_s"])
+        now, given_s = self._session.clock.now(), float(command["target_stamp_s"])
         if not -_AHEAD_S <= now - given_s <= hardware.config.command_timeout_s:  # NaN, too
             return False
         try:
