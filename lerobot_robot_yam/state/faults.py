@@ -1,9 +1,5 @@
-"""The fault table: what happens when something fails. The control loop, the documentation and the tests read it.
+"""The fault table: what happens when something fails. The control loop, `fault_page` and the tests read it."""
 
-python -m lerobot_robot_yam.state.faults > docs/faults.md
-"""
-
-import sys
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -22,7 +18,7 @@ class Response(StrEnum):
     REFUSE = "refused"
 
 
-_MEANING = {
+MEANING = {
     Response.GO_ON: "does what it did",
     Response.HOLD: "holds with every motor that still obeys; targets are ignored until it is re-armed",
     Response.HOLD_UNTIL_TARGET: "brakes and holds; the next target moves it on, from where it is",
@@ -294,49 +290,3 @@ RESPONSES: dict[Trouble, Rule] = {
         "not needed: it is led again once it holds or tracks",
     ),
 }
-
-
-def document() -> str:
-    """The table as Markdown."""
-    lines = [
-        "# What happens when something fails",
-        "",
-        "One row for each fault: how it is noticed, what the arms do, and how an arm is brought back. The arm is",
-        "the one concerned, the peer is the other arm of the same robot. An arm that lands already goes on landing",
-        "with the motors that still obey. If these cannot fold it, it sinks slowly onto what it meets.",
-        "",
-        "`python -m lerobot_robot_yam.state.faults > docs/faults.md` writes this page from the loop's own table.",
-        "",
-        "| an arm | means |",
-        "|---|---|",
-        *(f"| {response} | {meaning} |" for response, meaning in _MEANING.items()),
-        "",
-        "| fault | noticed by | the arm | its peer | the caller sees | within | to re-arm |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for trouble, rule in RESPONSES.items():
-        cells = (trouble, rule.sign, rule.arm, rule.peer, rule.caller, f"{rule.within_s:g} s", rule.rearm)
-        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-    lines += [
-        "",
-        "When power fails, or control process and stand-by are both killed, nothing commands the motors. 0.4 s",
-        "later their own watchdog ends torque and the arm falls. Only mechanics can help then.",
-        "",
-        "While the emergency stop is latched, nothing lands: followers hold and leaders float. The loop goes on",
-        "commanding them after its caller has gone, and `yam-estop release` then lands them at once. A leader that",
-        "floats away by itself is held.",
-        "",
-        "Re-arming asks every motor at least three times where it is. It is refused while motors answer more often",
-        "than they are asked: a second arm is on the channel, and nobody knows whose answers are right. It is also",
-        "refused while a motor that has kept its torque reads where it cannot be, and while the answers of a motor",
-        "contradict each other: a garbled one would say that it has let go, or is elsewhere.",
-        "",
-        "A motor goes on with its last command until the next one comes. A joint whose last command accelerated it",
-        f"exceeds its speed limit by up to {STALE_OVERSHOOT_RAD_S} rad/s (arm stretched out). After a tick that is",
-        f"late by 10 ms, it exceeds it by up to {stale_overshoot_rad_s(0.01):g} rad/s.",
-    ]
-    return "\n".join(lines) + "\n"
-
-
-if __name__ == "__main__":
-    sys.stdout.write(document())

@@ -18,6 +18,7 @@ from lerobot_robot_yam.remote.wire.host_address import HostAddress
 from soak.devices import follower_options, leader_options
 
 _START_S, _END_S = 30.0, 90.0
+_LAND_AFTER_S = 2.0  # after a link process was killed; a person waits longer
 
 
 @contextlib.contextmanager
@@ -40,7 +41,7 @@ def hosting(rig: str, folder: Path, coupled: bool) -> Iterator[tuple[str, int]]:
     address = HostAddress("127.0.0.1", _free_port())
     command = ["-m", "lerobot_robot_yam.commands.servers.host", f"--config_path={path}", f"--listen={address}"]
     process = subprocess.Popen(
-        [sys.executable, *command, f"--keys={folder / 'keys'}"],
+        [sys.executable, *command, f"--keys={folder / 'keys'}", f"--land_after_s={_LAND_AFTER_S}"],
         env=os.environ | {"HF_LEROBOT_CALIBRATION": str(folder / "calibration")},
     )
     try:

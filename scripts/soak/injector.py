@@ -17,6 +17,7 @@ from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.rig.client.rig_control import RigControl
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.records import STATE_DTYPE, state_path
+from lerobot_robot_yam.system.runtime_files import runtime_dir, sessions
 from lerobot_robot_yam.system.shared_block import SharedBlock
 from soak.schedule import CAMERA, CHANNELS, LOSS_RATE, Injection
 
@@ -25,6 +26,12 @@ logger = logging.getLogger("soak")
 _POLL_S = 0.01
 _SEEN_S = 0.05  # a loop sees the release of an emergency stop at its next tick, however late that is
 _GAP_S = 0.2  # at least, between two that were kept waiting
+_SIGNALS = {
+    "kill_control": signal.SIGKILL,
+    "stop_control": signal.SIGSTOP,
+    "kill_link": signal.SIGKILL,
+    "stop_link": signal.SIGSTOP,
+}
 _FOR_CALLER = frozenset({"caller_stall", "malformed_action", "far_action"})
 _CHANNEL_FAULTS = {
     "second_arm": "second_arm",
@@ -70,7 +77,9 @@ class Injector(threading.Thread):
         self.injected: Counter[str] = Counter()
         self.log: list[tuple[float, Injection]] = []  # when what really happened, monotonic s
         self.error: BaseException | None = None
+        self.cut: set[str] = set()  # channels whose link was killed; whoever connects anew takes them out
         self._active: list[tuple[float, Injection]] = []
+        self._stopped: dict[int, int] = {}  # processes of links, by the injection
         self._lock = threading.RLock()  # of the connection and the list
         self._paused = threading.Event()
         self._ended = threading.Event()
@@ -157,8 +166,9 @@ class Injector(threading.Thread):
             self.for_caller.put(injection)
             return
         pid = 0
-        if injection.kind in ("kill_control", "stop_control"):
-            pid = self._control_pid(injection.channel)
+        if injection.kind in _SIGNALS:
+            find = self._link_pid if injection.kind.endswith("_link") else self._control_pid
+            pid = find(injection.channel)
             if not pid:
                 self.injected[f"{injection.kind}, but there was none"] += 1
                 return
@@ -190,10 +200,13 @@ class Injector(threading.Thread):
             EmergencyStop().latch("soak")
         elif kind == "push":
             rig.push(channel, injection.motor, injection.value, injection.seconds)
-        elif kind in ("kill_control", "stop_control"):
-            number = signal.SIGKILL if kind == "kill_control" else signal.SIGSTOP
+        elif kind in _SIGNALS:
+            if kind == "kill_link":
+                self.cut.add(channel)
+            elif kind == "stop_link":
+                self._stopped[injection.number] = pid
             with contextlib.suppress(ProcessLookupError):
-                os.kill(pid, number)
+                os.kill(pid, _SIGNALS[kind])
         else:
             raise ValueError(kind)
 
@@ -209,6 +222,9 @@ class Injector(threading.Thread):
             rig.fault(channel, injection.motor or None, *_VALUES[kind])
         elif kind == "emergency_stop":
             EmergencyStop().release()
+        elif kind == "stop_link":
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self._stopped.pop(injection.number), signal.SIGCONT)
         rig.log("undone", injection=injection.number)
 
     def _control_pid(self, channel: str) -> int:
@@ -227,6 +243,12 @@ class Injector(threading.Thread):
         except OSError:
             return 0
         return pid if int(fields[1]) == self._parent and fields[0] not in "ZT" else 0
+
+    @staticmethod
+    def _link_pid(channel: str) -> int:
+        """The link process of the device that a channel's arm belongs to; 0 when there is none."""
+        found = sessions(runtime_dir()).items()
+        return next((int(pid) for key, pid in found if key.startswith("remote.") and key.endswith(channel)), 0)
 
     def end(self) -> None:
         """Stop, put everything right. Idempotent."""

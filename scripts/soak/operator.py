@@ -48,7 +48,7 @@ class Operator:
         self._rig, self._injector, self._violation = rig, injector, violation
         self._coupled = coupled
         self._chance = random.Random(f"{seed} operator")
-        self._stopped_at_end = False
+        self._lands_late = False  # not when it is disconnected
         self._guided_until_s = 0.0  # the hands know where to go until then
         self._used: set[str] = set()  # devices that have been connected before
         self.counts: Counter[str] = Counter()
@@ -69,9 +69,11 @@ class Operator:
                 remedy = device.remedy()
                 if remedy == "re-arm" and self._rearm(device):
                     return
-        if remedy == "nothing" and self._works(device):
-            self.counts["recovered by itself"] += 1
-            return
+        while remedy == "nothing" and time.monotonic() - begin < PATIENCE_S:
+            if self._works(device):
+                self.counts["recovered by itself"] += 1
+                return
+            time.sleep(0.05)  # a link that stalls
         self.disconnect(device)
         self.connect(device)
 
@@ -106,6 +108,8 @@ class Operator:
 
     def disconnect(self, device: Device) -> None:
         """Land; things may go wrong on the way."""
+        if self._coupled and self._injector.cut & set(device.channels):
+            self._bring_home()
         if device.channels == LEADERS:
             self.let_go()
         logger.info("%s: disconnecting", device.name)
@@ -114,7 +118,8 @@ class Operator:
             device.device.disconnect()
         except Exception as error:
             self._violation("each recovery succeeds", device.name, f"disconnect: {type(error).__name__}: {error}")
-        self._stopped_at_end = EmergencyStop().latched  # then its control loop lands it when that is released
+        # Its control loop lands it when the stop is released, or its host when it has missed the link for long.
+        self._lands_late = EmergencyStop().latched or bool(self._injector.cut & set(device.channels))
         self.counts["disconnected"] += 1
         logger.info("%s: disconnected in %.1f s", device.name, time.monotonic() - begin)
 
@@ -134,15 +139,18 @@ class Operator:
                     if attempt == _ATTEMPTS - 1:
                         raise
                     time.sleep(1.0)
+            self._injector.cut -= set(device.channels)
             logger.info("%s: connected in %.1f s", device.name, time.monotonic() - begin)
         self.counts["connected"] += 1
 
     def check_limp(self, device: Device) -> None:
-        """Nothing is energised after disconnecting, or after the release of an emergency stop that came before that."""
+        """Nothing is energised after disconnecting, or soon after an emergency stop's release or a link's death."""
         deadline = time.monotonic() + _LATE_LANDING_S
         time.sleep(_SETTLE_S)  # what could not be reached lets go by itself
-        while self._stopped_at_end and self._energised(device) and time.monotonic() < deadline:
+        while self._lands_late and self._energised(device) and time.monotonic() < deadline:
             time.sleep(_SETTLE_S)
+        if self._lands_late:
+            time.sleep(_SETTLE_S)  # who has landed it lets go of it
         for channel, energised in self._energised(device).items():
             self._violation("nothing energised afterwards", channel, ", ".join(energised))
 
@@ -171,6 +179,14 @@ class Operator:
                 self._rig.hand(channel, *hand_path(self._chance, q, _HAND_S))
         self.counts["hands took the leaders"] += 1
         self._guided_until_s = time.monotonic() + lasts_s
+
+    def _bring_home(self) -> None:
+        """Bring the leaders home and let go: no host lands arms while somebody seems to lead them."""
+        for channel in LEADERS:
+            home = [0.0] * len(self._rig.state()["arms"][channel]["q"])
+            self._rig.hand(channel, [BACK_S, BACK_S + _SETTLE_S], [home, home], [0.0, 0.0], gives_way=False)
+        time.sleep(BACK_S + _SETTLE_S)
+        self.let_go()
 
     def let_go(self) -> None:
         """Both leaders."""

@@ -28,7 +28,7 @@ class Injection:
     Attributes:
         number: its place in the schedule.
         at_s: seconds since the soak began; a little later when an arm is just being repaired.
-        kind: a name in `KINDS`.
+        kind: a name in `KINDS` or `LINK_KINDS`.
         channel: whose arm; empty when it concerns no arm in particular.
         motor: of that arm; empty when it concerns no motor in particular.
         value: fault code, number of answers, offsets of a reading, share of answers, latency in s, times at which
@@ -127,6 +127,12 @@ KINDS: dict[str, tuple[float, Callable[[random.Random], dict[str, Any]]]] = {
     "far_action": (6.0, lambda rng: {"value": round(rng.uniform(-8.0, 8.0), 2)}),
 }
 
+# Of the link's process of a device, where a yam-host has the arms.
+LINK_KINDS: dict[str, tuple[float, Callable[[random.Random], dict[str, Any]]]] = {
+    "kill_link": (90.0, lambda rng: {"channel": rng.choice(CHANNELS)}),
+    "stop_link": (30.0, lambda rng: _on_channel(rng, 0.05, 2.0)),
+}
+
 
 def make_schedule(
     duration_s: float, seed: int, pace: float = 1.0, kinds: Sequence[str] = tuple(KINDS)
@@ -136,12 +142,12 @@ def make_schedule(
     Args:
         duration_s: length of the soak.
         seed: the same seed gives the same list, and a longer soak begins like a shorter one.
-        pace: so many times as often as `KINDS` says.
+        pace: so many times as often as `KINDS` and `LINK_KINDS` say.
         kinds: only these.
     """
     found = []
     for kind in kinds:
-        gap_s, details = KINDS[kind]
+        gap_s, details = (KINDS | LINK_KINDS)[kind]
         rng = random.Random(f"{seed} {kind}")  # each kind has its own chance: leaving one out changes no other
         at_s = rng.uniform(0.0, gap_s / pace) if kind == _EVEN else rng.expovariate(pace / gap_s)
         while at_s < duration_s:

@@ -152,6 +152,16 @@ def test_a_short_soak_of_coupled_arms(tmp_path):
 
 @pytest.mark.long
 @pytest.mark.alone
+@pytest.mark.parametrize("options", [[], ["--coupled"]], ids=["apart", "coupled"])
+def test_a_short_soak_over_a_link_that_dies(tmp_path, options):
+    kinds = ["--kinds", "kill_link", "stop_link", "lost_replies"]
+    more = ["--link", "--minutes", "1", "--pace", "6", "--seed", "2", *kinds, *options]
+    figures, _ = run_soak(tmp_path, *more, timeout_s=300)
+    assert figures["injected"]["kill_link"] > 1 and figures["injected"]["stop_link"] > 2
+
+
+@pytest.mark.long
+@pytest.mark.alone
 @pytest.mark.timeout(2400)
 @pytest.mark.parametrize("options", [[], ["--coupled"]], ids=["apart", "coupled"])
 def test_twenty_minutes(tmp_path, options):

@@ -22,7 +22,7 @@ from lerobot_robot_yam.remote.wire.host_address import HostAddress
 from lerobot_robot_yam.remote.wire.transport import HostSockets
 from lerobot_robot_yam.session.arm_session import ArmSession
 from tests.support.paths import ROOT
-from tests.support.rigged import STOPS, sim_config
+from tests.support.rigged import STOPS, isolation_of, sim_config
 
 FOLLOWERS, LEADERS = ("follower_left", "follower_right"), ("leader_left", "leader_right")
 _START_S = 60.0
@@ -110,7 +110,7 @@ def running_host(file, directory, *options, port=None):
 
 
 class ServedArms:
-    """A host in a thread of the tests, for arms of a live rig.
+    """A host in a thread of the tests, for arms of a live rig, or of one in lock-step (`link_in_step`).
 
     Args:
         rig: it.
@@ -130,7 +130,8 @@ class ServedArms:
             by_prefix = dict(zip(prefixes, arms, strict=False))
             if by_prefix:
                 options = {prefix: dataclasses.asdict(arm) for prefix, arm in by_prefix.items()}
-                self.groups.append(HostedGroup(role, f"yam_{role}", by_prefix, options, first))
+                group = HostedGroup(role, f"yam_{role}", by_prefix, options, first, isolation_of(rig))
+                self.groups.append(group)
                 first += len(arms)
         self.address = HostAddress("127.0.0.1", free_port())
         self.server = HostServer(HostSockets(self.address, keys), self.groups, land_after_s, HostTools(None, {}))

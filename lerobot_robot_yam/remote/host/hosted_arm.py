@@ -15,7 +15,6 @@ from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import COMMAND_DTYPE, STATE_DTYPE, Request, packed
-from lerobot_robot_yam.system.clock import SYSTEM
 
 logger = logging.getLogger(__name__)
 
@@ -72,7 +71,7 @@ class HostedArm:
         """Pass on what is new in a client's command record. False: a target in it was not taken.
 
         Args:
-            record: of COMMAND_DTYPE, by the host's clock.
+            record: of COMMAND_DTYPE, by the clock of the host's arms.
             leaders: keys of the arms that a follower may follow.
 
         A request goes first: the client has waited for its answer before it gave a target.
@@ -87,7 +86,7 @@ class HostedArm:
         if command[self._at["target_sequence"]] <= self._targets:
             return True
         self._targets = command[self._at["target_sequence"]]
-        now, given_s = SYSTEM.now(), command[self._at["target_stamp_s"]]
+        now, given_s = self._session.clock.now(), command[self._at["target_stamp_s"]]
         if not -_AHEAD_S <= now - given_s <= self._hardware.config.command_timeout_s:  # NaN, too
             return False
         try:

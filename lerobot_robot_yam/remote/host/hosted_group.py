@@ -11,7 +11,7 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import ChannelInUseError, LifeCycleError, LinkError, YamError
 from lerobot_robot_yam.remote.host.hosted_arm import HostedArm
 from lerobot_robot_yam.remote.wire.link_messages import Command
-from lerobot_robot_yam.session.arm_session import ArmSession
+from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
 from lerobot_robot_yam.state.modes import Gate
 from lerobot_robot_yam.system.clock import SYSTEM
 
@@ -60,6 +60,7 @@ class HostedGroup:
         arms: by prefix, in canonical order.
         options: what a client is told of each, by prefix: the options of LeRobot's device.
         first: number of the first arm among all arms of the host.
+        isolation: where their control loop runs, see `ArmSession`.
 
     Attributes:
         phase, holder: what it does, and for which client.
@@ -75,9 +76,10 @@ class HostedGroup:
         arms: Mapping[str, ArmConfig],
         options: Mapping[str, Mapping[str, Any]],
         first: int,
+        isolation: Isolation = "process",
     ):
         self.role, self.device, self.options = role, device, options
-        self._session = ArmSession(list(arms.values()))
+        self._session = ArmSession(list(arms.values()), isolation)
         self.arms = [
             HostedArm(first + number, self._session, config.name) for number, config in enumerate(arms.values())
         ]

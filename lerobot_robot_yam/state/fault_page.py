@@ -1,0 +1,70 @@
+"""The page of the fault tables: `python -m lerobot_robot_yam.state.fault_page > docs/faults.md`."""
+
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from lerobot_robot_yam.state.faults import MEANING, RESPONSES, STALE_OVERSHOOT_RAD_S, Rule, stale_overshoot_rad_s
+from lerobot_robot_yam.state.link_faults import LINK_RESPONSES
+
+
+def _table(rules: Mapping[Any, Rule]) -> list[str]:
+    """Lines of Markdown, a row for each fault, which is a text."""
+    lines = [
+        "| fault | noticed by | the arm | its peer | the caller sees | within | to re-arm |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for fault, rule in rules.items():
+        cells = (fault, rule.sign, rule.arm, rule.peer, rule.caller, f"{rule.within_s:g} s", rule.rearm)
+        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return lines
+
+
+def document() -> str:
+    """The table as Markdown."""
+    lines = [
+        "# What happens when something fails",
+        "",
+        "One row for each fault: how it is noticed, what the arms do, and how an arm is brought back. The arm is",
+        "the one concerned, the peer is the other arm of the same robot. An arm that lands already goes on landing",
+        "with the motors that still obey. If these cannot fold it, it sinks slowly onto what it meets.",
+        "",
+        "`python -m lerobot_robot_yam.state.fault_page > docs/faults.md` writes this page from the loop's own table.",
+        "",
+        "| an arm | means |",
+        "|---|---|",
+        *(f"| {response} | {meaning} |" for response, meaning in MEANING.items()),
+        "",
+        *_table(RESPONSES),
+    ]
+    lines += [
+        "",
+        "When power fails, or control process and stand-by are both killed, nothing commands the motors. 0.4 s",
+        "later their own watchdog ends torque and the arm falls. Only mechanics can help then.",
+        "",
+        "While the emergency stop is latched, nothing lands: followers hold and leaders float. The loop goes on",
+        "commanding them after its caller has gone, and `yam-estop release` then lands them at once. A leader that",
+        "floats away by itself is held.",
+        "",
+        "Re-arming asks every motor at least three times where it is. It is refused while motors answer more often",
+        "than they are asked: a second arm is on the channel, and nobody knows whose answers are right. It is also",
+        "refused while a motor that has kept its torque reads where it cannot be, and while the answers of a motor",
+        "contradict each other: a garbled one would say that it has let go, or is elsewhere.",
+        "",
+        "A motor goes on with its last command until the next one comes. A joint whose last command accelerated it",
+        f"exceeds its speed limit by up to {STALE_OVERSHOOT_RAD_S} rad/s (arm stretched out). After a tick that is",
+        f"late by 10 ms, it exceeds it by up to {stale_overshoot_rad_s(0.01):g} rad/s.",
+        "",
+        "## Arms of another computer",
+        "",
+        "The arms are the host's, and what the table above says happens there as with local ones. These faults come",
+        "on top ([two machines](two-machines.md)). Both arms of a robot do the same. A person who has a leader in the",
+        "hand when the workstation's program dies feels it land, as a local one.",
+        "",
+        *_table(LINK_RESPONSES),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    sys.stdout.write(document())

@@ -1,0 +1,82 @@
+"""Arms of a host whose rig is in lock-step, driven over the link: the world stands still while messages travel."""
+
+from functools import partial
+
+from lerobot_robot_yam.remote.client.link import Link
+from lerobot_robot_yam.remote.client.state_mirror import MirroredArm, StateMirror
+from lerobot_robot_yam.state.records import BlockPair
+
+
+class LinkInStep:
+    """A `Runner` and the caller's clock. Link, sockets and host are the shipped ones; the link runs in this thread.
+
+    Args:
+        served: the host, `ServedArms` of a rig in lock-step.
+        late: what is commanded reaches the host only once the world has gone on.
+        device, arms, keys: as of `RemoteRunner`.
+    """
+
+    def __init__(self, served, late, device, arms, keys):
+        self._group, self._late, self._device, self._arms, self._keys = served.groups[0], late, device, arms, keys
+        self._link = None
+        self._pairs = []
+        self._written = 0
+
+    @classmethod
+    def on(cls, served, late, device):
+        """What makes it, as `HostedDevice.runner` does."""
+        return partial(cls, served, late, device)
+
+    @property
+    def clock(self):
+        return self
+
+    @property
+    def _world(self):
+        return self._group._session.clock
+
+    def now(self):
+        return self._world.now()
+
+    def sleep(self, seconds):
+        if self._link is None:
+            return
+        if self._late:
+            self._world.sleep(seconds)
+        self._turn_until(lambda: self._group.holder.sequence == self._written)
+        if not self._late:
+            self._world.sleep(seconds)
+        self._turn_until(lambda: self._ticks() == [arm._client.published().tick for arm in self._group.arms])
+
+    def _ticks(self):
+        return [int(pair.states.read()["tick"]) for pair in self._pairs]
+
+    def _turn_until(self, condition):
+        while not condition():
+            self._link.turn()
+
+    def note_written(self):
+        self._written += 1
+
+    def start(self, blocks):
+        device = self._device
+        self._pairs = [BlockPair.of(descriptors.copies()) for descriptors in blocks]
+        arms = [
+            MirroredArm(number, there, here, arm.config)
+            for number, there, here, arm in zip(device.numbers, device.host_keys, self._keys, self._arms, strict=True)
+        ]
+        mirror = StateMirror(arms, [pair.states for pair in self._pairs], device.all_keys)
+        commands = {number: pair.commands for number, pair in zip(device.numbers, self._pairs, strict=True)}
+        self._link = Link(device.host, mirror, commands, {})
+        self._link.start(device.group, search=True)
+
+    def land(self):
+        """`stop` does."""
+
+    def stop(self, off=lambda: True):
+        link, self._link = self._link, None
+        landed = link.stop(self._device.group)
+        link.close()
+        for pair in self._pairs:
+            pair.commands.close()
+        return landed and off()
