@@ -73,7 +73,8 @@ def _view(args: argparse.Namespace) -> int:
         if moving is not None:
             parts.append(moving)
         if args.dataset is not None:
-            parts.append(_data(page, args, None if moving is None else moving.driver))
+            # Parts are closed from the last one on: a video or a camera must not delay the landing of the arms.
+            parts.insert(0, _data(page, args, None if moving is None else moving.driver))
         if moving is not None:
             moving.driver.start()
         ends = "ends the page" if moving is None else "ends the page and lands its arms"

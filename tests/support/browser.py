@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 _OPTIONS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--disable-dev-shm-usage"]
 _COLOURS = 256  # of a picture: enough for a page, in a third of the size
 _PATIENCE_MS = 60_000  # of a browser that draws without a graphics card on a busy machine
+_END_S = 15.0  # from Ctrl-C to the end: arms land at 0.6 rad/s, which takes 5 s
 
 
 PATIENT_S = 10.0  # that a page may be silent in tests: without a graphics card a browser answers too seldom
@@ -49,7 +50,7 @@ def yam_view(*arguments: str, patient: bool = False) -> Iterator[str]:
         yield said.split()[1]
     finally:
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=60)
+        _, said = process.communicate(timeout=_END_S)
     assert process.returncode == 130 and "Traceback" not in said, said
 
 
