@@ -1,6 +1,7 @@
 """yam-view as a user runs it, and pages of it in a real headless Chromium of the system, driven by Playwright."""
 
 import contextlib
+import io
 import os
 import shutil
 import signal
@@ -89,14 +90,17 @@ def browser_page(url: str, errors: list[str], width: int = 1280, height: int = 9
 
 
 def take_picture(page: "Page", directory: Path) -> Image.Image:
-    """What a page shows, written to this directory, or with YAM_DOCS_PICTURE=PATH to where docs/ have it."""
+    """What a page shows, written as `keep_picture` says."""
     warning = page.locator(".mantine-Notification-root", has_text="Software WebGL")
     if warning.is_visible():
         warning.get_by_role("button").click()
         warning.wait_for(state="detached")
-    path = Path(os.environ.get("YAM_DOCS_PICTURE") or directory / "page.png")
-    page.screenshot(path=path)
-    picture = Image.open(path).convert("RGB")
+    return keep_picture(Image.open(io.BytesIO(page.screenshot())), directory)
+
+
+def keep_picture(picture: Image.Image, directory: Path) -> Image.Image:
+    """Write a picture to this directory, or with YAM_DOCS_PICTURE=PATH to where docs/ have it; returns it in RGB."""
+    path, picture = Path(os.environ.get("YAM_DOCS_PICTURE") or directory / "page.png"), picture.convert("RGB")
     picture.quantize(_COLOURS, Image.Quantize.MAXCOVERAGE).save(path, optimize=True)
     assert np.asarray(picture.convert("L")).std() > 10.0, "a page of one colour"
     return picture
