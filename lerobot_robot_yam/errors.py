@@ -60,6 +60,10 @@ class EmergencyStopError(YamError, RuntimeError):
     """The emergency stop is latched: no other arm is energised until it is released."""
 
 
+class DatasetError(YamError, RuntimeError):
+    """A data set is damaged: it cannot be repaired, or a picture of it cannot be decoded."""
+
+
 class PolicyServerError(YamError, ConnectionError):
     """A policy server cannot be reached, has failed, or does not answer in time; nothing was sent to the robot."""
 

@@ -59,7 +59,6 @@ def _view(args: argparse.Namespace) -> int:
         return run_desktop_command(args)
     from lerobot_robot_yam.viewer.desk.session_desks import SessionDesks
     from lerobot_robot_yam.viewer.live.live import Live
-    from lerobot_robot_yam.viewer.moving.moving import Moving
     from lerobot_robot_yam.viewer.serving.page import Page, Part, served
 
     if args.dataset is not None and args.channel is not None:
@@ -69,14 +68,19 @@ def _view(args: argparse.Namespace) -> int:
     live = Live(page.server)
     parts: list[Part] = [live, SessionDesks(page.server)]
     with _watched(args), served(page, parts):
-        moving = None if plan is None else Moving(page.server, plan, live.place_of)
-        if moving is not None:
+        driver = None
+        if plan is not None:
+            from lerobot_robot_yam.viewer.moving.moving import Moving
+
+            moving = Moving(page.server, plan, live.place_of)
+            driver = moving.driver
             parts.append(moving)
         if args.dataset is not None:
-            parts.append(_data(page, args, None if moving is None else moving.driver))
-        if moving is not None:
-            moving.driver.start()
-        ends = "ends the page" if moving is None else "ends the page and lands its arms"
+            # Parts are closed from the last one on: a video or a camera must not delay the landing of the arms.
+            parts.insert(0, _data(page, args, driver))
+        if driver is not None:
+            driver.start()
+        ends = "ends the page" if driver is None else "ends the page and lands its arms"
         tell(f"open {page.url} in a browser; Ctrl-C {ends}, other sessions go on")
         page.run(parts)
     return 0

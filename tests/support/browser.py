@@ -1,6 +1,7 @@
 """yam-view as a user runs it, and pages of it in a real headless Chromium of the system, driven by Playwright."""
 
 import contextlib
+import io
 import os
 import shutil
 import signal
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 _OPTIONS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--disable-dev-shm-usage"]
 _COLOURS = 256  # of a picture: enough for a page, in a third of the size
 _PATIENCE_MS = 60_000  # of a browser that draws without a graphics card on a busy machine
+_END_S = 15.0  # from Ctrl-C to the end: arms land at 0.6 rad/s, which takes 5 s
 
 
 PATIENT_S = 10.0  # that a page may be silent in tests: without a graphics card a browser answers too seldom
@@ -49,7 +51,7 @@ def yam_view(*arguments: str, patient: bool = False) -> Iterator[str]:
         yield said.split()[1]
     finally:
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=60)
+        _, said = process.communicate(timeout=_END_S)
     assert process.returncode == 130 and "Traceback" not in said, said
 
 
@@ -88,14 +90,17 @@ def browser_page(url: str, errors: list[str], width: int = 1280, height: int = 9
 
 
 def take_picture(page: "Page", directory: Path) -> Image.Image:
-    """What a page shows, written to this directory, or with YAM_DOCS_PICTURE=PATH to where docs/ have it."""
+    """What a page shows, written as `keep_picture` says."""
     warning = page.locator(".mantine-Notification-root", has_text="Software WebGL")
     if warning.is_visible():
         warning.get_by_role("button").click()
         warning.wait_for(state="detached")
-    path = Path(os.environ.get("YAM_DOCS_PICTURE") or directory / "page.png")
-    page.screenshot(path=path)
-    picture = Image.open(path).convert("RGB")
+    return keep_picture(Image.open(io.BytesIO(page.screenshot())), directory)
+
+
+def keep_picture(picture: Image.Image, directory: Path) -> Image.Image:
+    """Write a picture to this directory, or with YAM_DOCS_PICTURE=PATH to where docs/ have it; returns it in RGB."""
+    path, picture = Path(os.environ.get("YAM_DOCS_PICTURE") or directory / "page.png"), picture.convert("RGB")
     picture.quantize(_COLOURS, Image.Quantize.MAXCOVERAGE).save(path, optimize=True)
     assert np.asarray(picture.convert("L")).std() > 10.0, "a page of one colour"
     return picture

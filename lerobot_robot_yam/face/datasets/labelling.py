@@ -14,9 +14,8 @@ import pyarrow.parquet as pq
 from lerobot.datasets import LeRobotDataset, add_features, delete_episodes
 from lerobot.utils.constants import SUCCESS as FRAME_COLUMN
 
-from lerobot_robot_yam.errors import ConfigError, YamError
+from lerobot_robot_yam.errors import ConfigError, DatasetError, YamError
 from lerobot_robot_yam.face.datasets.layout import Progress
-from lerobot_robot_yam.face.datasets.repair.dataset_on_disk import DatasetError
 from lerobot_robot_yam.face.datasets.repair.rebuild import verify
 from lerobot_robot_yam.face.datasets.side_cars import copy_side_cars
 from lerobot_robot_yam.face.datasets.written_aside import written_aside

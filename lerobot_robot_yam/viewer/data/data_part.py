@@ -5,7 +5,7 @@ import html
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import viser
@@ -24,8 +24,10 @@ from lerobot_robot_yam.viewer.data.recorded_arms import ARM, GRIPPER, recorded_a
 from lerobot_robot_yam.viewer.data.recorded_figures import RecordedFigures
 from lerobot_robot_yam.viewer.data.replay_desk import ReplayDesk
 from lerobot_robot_yam.viewer.data.scene_match import SceneMatch
-from lerobot_robot_yam.viewer.moving.driver import Driver
 from lerobot_robot_yam.viewer.serving.handles import put
+
+if TYPE_CHECKING:  # it loads the inverse kinematics, which a data set without arms does without
+    from lerobot_robot_yam.viewer.moving.driver import Driver
 
 _WIDTH_PX = 380
 _SUCCESS_COLUMN = "success"  # of the episodes' metadata, in copies of yam-label
@@ -57,7 +59,7 @@ class DataPart:
         cameras: Mapping[str, Mapping[str, Any]] | None = None,
         arm: str = ARM,
         gripper: str = GRIPPER,
-        driver: Driver | None = None,
+        driver: "Driver | None" = None,
     ):
         known = known or {}
         self._data = data = open_dataset(root)

@@ -1,11 +1,13 @@
 """Decodes the pictures that are to be seen, in a thread: what is asked last counts."""
 
+import contextlib
 import threading
 
 import numpy as np
 
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.face.datasets.check.opened_dataset import OpenedDataset, RecordedEpisode
+from lerobot_robot_yam.face.datasets.dataset_pictures import DatasetPictures
 
 Wish = tuple[RecordedEpisode, int]
 """An episode and a frame of it."""
@@ -46,17 +48,16 @@ class PictureReader:
             return None if self._ending else wish
 
     def _run(self) -> None:
-        while (wish := self._next()) is not None:
-            from lerobot_robot_yam.face.datasets.dataset_pictures import picture  # LeRobot: seconds, the first time
-
-            read: dict[str, np.ndarray | str] = {}
-            for camera in self._data.cameras:
-                try:
-                    read[camera] = picture(self._data, wish[0], camera, wish[1])
-                except YamError as error:
-                    read[camera] = str(error)
-            with self._wanted:
-                self._read = read
+        with contextlib.closing(DatasetPictures(self._data)) as pictures:
+            while (wish := self._next()) is not None:
+                read: dict[str, np.ndarray | str] = {}
+                for camera in self._data.cameras:
+                    try:
+                        read[camera] = pictures.picture(wish[0], camera, wish[1])
+                    except YamError as error:
+                        read[camera] = str(error)
+                with self._wanted:
+                    self._read = read
 
     def close(self) -> None:
         """End the thread. Idempotent."""

@@ -2,14 +2,17 @@
 
 import html
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import viser
 
 from lerobot_robot_yam.face.datasets.check.flags import Flag
 from lerobot_robot_yam.face.datasets.check.opened_dataset import RecordedEpisode
 from lerobot_robot_yam.viewer.data.recorded_arms import RecordedArm, motion_of
-from lerobot_robot_yam.viewer.moving.driver import Driver
 from lerobot_robot_yam.viewer.serving.handles import pressed, put
+
+if TYPE_CHECKING:  # it loads the inverse kinematics, which a data set without arms does without
+    from lerobot_robot_yam.viewer.moving.driver import Driver
 
 LEAST_SPEED, MOST_SPEED = 0.1, 2.0
 
@@ -26,7 +29,7 @@ class ReplayDesk:
     """
 
     def __init__(
-        self, gui: viser.GuiApi, driver: Driver, prefixes: Sequence[str], arms: Sequence[RecordedArm], fps: float
+        self, gui: viser.GuiApi, driver: "Driver", prefixes: Sequence[str], arms: Sequence[RecordedArm], fps: float
     ):
         self._driver, self._prefixes, self._arms, self._fps = driver, list(prefixes), arms, fps
         self._episode: RecordedEpisode | None = None

@@ -61,7 +61,7 @@ class Desktop:
         if shown == self._shown:
             return False
         self._shown = shown
-        if self._control is not None:
+        if self._control is not None and self._control.on:
             self._control.watch("other arms have come or gone")
         self.scene = DesktopScene(known, self._control.keys if self._control else ())
         return True

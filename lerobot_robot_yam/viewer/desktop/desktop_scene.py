@@ -10,7 +10,7 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.rig.world.scenery import add_scenery
 from lerobot_robot_yam.viewer.live.placement import row_of
 
-_GRIP_M = 0.025  # half the edge of the box that is dragged
+_GRIP_M = 0.045  # half the edge of the box that is dragged; the motor of a gripper, 36 mm, is inside
 _GRIP_RGBA = (0.95, 0.5, 0.1, 0.5)
 
 

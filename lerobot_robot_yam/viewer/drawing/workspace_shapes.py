@@ -2,11 +2,11 @@
 
 import mujoco
 import numpy as np
-import trimesh
 import viser
 
 from lerobot_robot_yam.arm.model import base_quat
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.viewer.drawing.primitives import box
 
 _BOX, _FLOOR = (230, 60, 40), (230, 150, 40)
 _OPACITY = 0.25
@@ -26,7 +26,7 @@ def add_workspace(scene: viser.SceneApi, root: str, hardware: ResolvedArm) -> No
         position, quat = np.empty(3), np.empty(4)
         mujoco.mju_rotVecQuat(position, np.array(center_m, float) - base, turned_back)
         mujoco.mju_mulQuat(quat, turned_back, base_quat(yaw_rad))
-        mesh = trimesh.creation.box(size_m)
+        mesh = box(size_m)
         scene.add_mesh_simple(
             f"{root}/workspace/{index} {name.replace('/', ' ')}",
             mesh.vertices,

@@ -1,6 +1,6 @@
 """Shapes of a profile as triangles, and triangles as STL: the only form in which Commander shows anything.
 
-trimesh would do it, but is no dependency of this package outside of yam-view.
+trimesh would do it, but is no dependency of this package.
 """
 
 import numpy as np

@@ -1,14 +1,13 @@
 """Under X11 LeRobot listens with pynput: a pressed key arrives there. Needs Xvfb, and pynput in the environment."""
 
 import importlib.util
-import os
-import shutil
 import subprocess
 import sys
 
 import pytest
 
 from tests.support.paths import ROOT
+from tests.support.virtual_screen import virtual_screen
 
 PROGRAM = """
 import sys, time
@@ -34,27 +33,9 @@ assert heard == keys, heard
 """
 
 
-@pytest.fixture
-def display():
-    there = {"Xvfb": shutil.which("Xvfb"), "pynput": importlib.util.find_spec("pynput")}
-    if missing := [name for name, found in there.items() if found is None]:
-        pytest.skip(f"the keys of X11 are not tested: there is no {' and no '.join(missing)}")
-    read, write = os.pipe()
-    server = subprocess.Popen(
-        ["Xvfb", "-displayfd", str(write), "-screen", "0", "640x480x8", "-nolisten", "tcp"],
-        pass_fds=[write],
-        stderr=subprocess.DEVNULL,
-    )
-    os.close(write)
-    with open(read) as numbers:
-        yield f":{numbers.readline().strip()}"
-    server.terminate()
-    server.wait()
-
-
-def test_every_key_of_lerobots_arrives(display):
-    environment = os.environ | {"DISPLAY": display}
-    for name in ("WAYLAND_DISPLAY", "XDG_SESSION_TYPE"):
-        environment.pop(name, None)
+def test_every_key_of_lerobots_arrives():
+    if importlib.util.find_spec("pynput") is None:
+        pytest.skip("the keys of X11 are not tested: there is no pynput")
     keys = ["right", "left", "esc", "space", "tab", "enter", "s", "h"]
-    subprocess.run([sys.executable, "-c", PROGRAM, *keys], check=True, cwd=ROOT, env=environment, timeout=120)
+    with virtual_screen() as screen:
+        subprocess.run([sys.executable, "-c", PROGRAM, *keys], check=True, cwd=ROOT, env=screen, timeout=120)

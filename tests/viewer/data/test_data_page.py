@@ -61,7 +61,7 @@ def test_an_episode_is_sent_to_the_arms_of_a_rig_and_laid_over_its_camera(tmp_pa
         page.get_by_role("button", name="go on").click()
         page.get_by_text("replayed; the arms hold").wait_for(timeout=WAIT_MS)
         page.get_by_role("tab", name="Match a scene").click()
-        page.get_by_role("textbox", name="live camera").click()
+        page.get_by_label("live camera").first.click()
         page.get_by_role("option", name="top", exact=True).click()
         page.wait_for_function("[...document.images].some(image => image.naturalWidth === 320)", timeout=WAIT_MS)
         page.get_by_role("button", name="land").click()

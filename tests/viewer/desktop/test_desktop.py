@@ -3,6 +3,7 @@
 import contextlib
 import time
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -101,6 +102,20 @@ def test_a_scene_without_arms_and_a_grip():
     assert max(pose_errors(scene.grip("a"), pose)) < 1e-9
     grip = scene.model.body("drag a")
     assert scene.model.nmocap == 1 and not scene.model.geom_contype[grip.geomadr[0]]
+
+
+@pytest.mark.parametrize("gripper", ["linear_4310", "linear_3507", "crank_4310", "flexible_4310", "no_gripper"])
+def test_the_box_at_a_tool_can_be_clicked_from_all_sides(gripper):
+    scene = DesktopScene({"a": arm_of(gripper=gripper)}, ["a"])
+    scene.show("a", Q, 1.0)
+    scene.refresh()
+    scene.put_grip("a", scene.tool("a"))
+    scene.refresh()
+    site, seen = scene.data.site("a/tcp_site"), np.empty(1, np.int32)
+    for side in site.xmat.reshape(3, 3).T[:2]:
+        for eye in (side, -side):
+            mujoco.mj_ray(scene.model, scene.data, site.xpos + 0.2 * eye, -eye, None, 1, -1, seen)
+            assert seen[0] == scene.model.body("drag a").geomadr[0], scene.model.geom(seen[0]).name
 
 
 def test_it_watches_until_it_is_told_to_control(dragged):

@@ -5,7 +5,6 @@ import contextlib
 import pytest
 
 from lerobot_robot_yam.rig.client.rig_control import running_rig
-from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.viewer.live.rig_world import RigWorld
 from tests.support.browser import browser_page, yam_view
@@ -14,24 +13,11 @@ from tests.support.rigged import arm_on
 pytestmark = pytest.mark.long
 
 ARM = "follower_left"
-NOTE_CLICKS = """
-addEventListener("click", () => { window.clickedMs = performance.timeOrigin + performance.now() }, true)
-"""
 
 
 def shows(page, text):
     """Wait until a text is to be seen on the page."""
     page.get_by_text(text).first.wait_for()
-
-
-def click_to_latch_s(page):
-    """Click the emergency stop; how long after the click its file was there."""
-    stop = EmergencyStop()
-    page.evaluate(NOTE_CLICKS)
-    page.get_by_role("button", name="EMERGENCY STOP").click()
-    while not stop.latched:
-        page.wait_for_timeout(5)
-    return (stop.directory / "emergency-stop").stat().st_mtime - page.evaluate("window.clickedMs") / 1e3
 
 
 def test_an_arm_is_shown_and_stopped_and_comes_back():
@@ -46,7 +32,7 @@ def test_an_arm_is_shown_and_stopped_and_comes_back():
             banner = page.locator("#yam-banner")
             assert banner.is_hidden()
 
-            assert click_to_latch_s(page) < 1.0  # on a machine that does nothing else within 0.1 s
+            page.get_by_role("button", name="EMERGENCY STOP").click()
             banner.get_by_text("EMERGENCY STOP: yam-view").wait_for()
             shows(page, "STOPPED")
             assert arm.observe().mode is Mode.STOPPED

@@ -11,6 +11,7 @@ from lerobot_robot_yam.arm.model import VISUAL_GROUP, build_spec
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.viewer.drawing.primitives import joined
 from lerobot_robot_yam.viewer.drawing.shapes import meshes
 from lerobot_robot_yam.waldo.kinematics.serial_chain import SerialChain
 from lerobot_robot_yam.waldo.model.arm_model import ArmModel
@@ -71,7 +72,7 @@ def test_the_urdf_is_one_chain_of_meshes():
 
 def drawn(spec_model, body):
     """What yam-view draws of a link, in one mesh, in the link's frame."""
-    return trimesh.util.concatenate([mesh for mesh, _ in meshes(spec_model, body, (VISUAL_GROUP,))])
+    return trimesh.Trimesh(*joined([mesh for mesh, _ in meshes(spec_model, body, (VISUAL_GROUP,))]))
 
 
 @pytest.mark.parametrize(

@@ -127,7 +127,7 @@ def _unreadable(data: OpenedDataset, path: Path, error: Exception) -> None:
 def _tasks(data: OpenedDataset) -> dict[int, str]:
     path = data.root / "meta" / "tasks.parquet"
     try:
-        table = pq.read_table(path).to_pydict()
+        table = pq.ParquetFile(path).read().to_pydict()  # read_table imports pandas first
         (text,) = [name for name in table if name != "task_index"]  # LeRobot's index, whatever its name
         return dict(zip(table["task_index"], table[text], strict=True))
     except (pa.ArrowException, OSError, ValueError, KeyError) as error:

@@ -47,7 +47,7 @@ def decode(path: Path, start_s: float, length: int, fps: float, step: int) -> Th
             stream.codec_context.thread_count = 1  # more would wait for pictures that nobody wants
         for target in wanted:
             video.seek(round((start_s + (target + 0.5) / fps) / stream.time_base), stream=stream)
-            pictures = _pictures(video, stream, start_s, fps)
+            pictures = numbered(video, stream, start_s, fps)
             if step == 1:
                 inside = takewhile(lambda one: one[0] < length, pictures)
                 found = {frame: _small(picture) for frame, picture in inside if frame >= 0}
@@ -62,9 +62,10 @@ def decode(path: Path, start_s: float, length: int, fps: float, step: int) -> Th
     return Thumbnails(np.array(frames, int), images)
 
 
-def _pictures(
+def numbered(
     video: av.container.InputContainer, stream: av.VideoStream, start_s: float, fps: float
 ) -> Iterator[tuple[int, av.VideoFrame]]:
+    """Pictures from where the video stands, and which frames of the episode that begins at start_s they are."""
     for picture in video.decode(stream):
         if picture.pts is not None and stream.time_base is not None:
             yield round((float(picture.pts * stream.time_base) - start_s) * fps), picture

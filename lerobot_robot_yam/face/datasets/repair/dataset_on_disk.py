@@ -10,12 +10,7 @@ import pyarrow.parquet as pq
 from lerobot.datasets.feature_utils import get_hf_features_from_features
 from lerobot.datasets.utils import DatasetInfo
 
-from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.face.datasets.repair.parquet_salvage import salvage
-
-
-class DatasetError(YamError, RuntimeError):
-    """A data set is damaged beyond what can be repaired."""
 
 
 @dataclass

@@ -27,8 +27,9 @@ from lerobot.datasets.depth_utils import dequantize_depth
 from lerobot.datasets.io_utils import cast_stats_to_numpy, load_info, load_stats, load_tasks
 from lerobot.datasets.video_utils import decode_video_frames
 
+from lerobot_robot_yam.errors import DatasetError
 from lerobot_robot_yam.face.datasets.layout import Progress, clip_columns, frame_count, is_depth
-from lerobot_robot_yam.face.datasets.repair.dataset_on_disk import Clip, DatasetError, Episode, Findings
+from lerobot_robot_yam.face.datasets.repair.dataset_on_disk import Clip, Episode, Findings
 
 _INTERRUPTED = "{}: rows of an episode {} whose saving was interrupted"
 _TOLERANCE_S = 1e-4  # LeRobot's own, between a frame and its time in the video

@@ -1,0 +1,72 @@
+"""How soon a click on the emergency stop of the page stops an arm of the virtual rig, in a real browser.
+
+`-s` shows it; docs/measured.md has the figures.
+"""
+
+import contextlib
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.state.modes import Mode
+from tests.support.browser import browser_page, yam_view
+from tests.support.rigged import session_on, sim_config
+
+pytestmark = [pytest.mark.long, pytest.mark.alone]
+
+ARM = "follower_left"
+CLICKS = 20
+WAIT_S = 30.0
+SOON_MS = 100.0  # of most clicks, on a machine that does other things, too
+NOTE_CLICKS = """
+addEventListener("click", event => { window.clickedMs = performance.timeOrigin + event.timeStamp }, true)
+"""
+
+
+def when(arm, mode):
+    """Wait for a mode of an arm; the time (monotonic, s) of the first state that has it."""
+    deadline_s = time.monotonic() + WAIT_S
+    while (state := arm.published()).mode is not mode:
+        assert time.monotonic() < deadline_s, state.mode
+        time.sleep(0.001)
+    return state.stamp_s
+
+
+def click(page, arm):
+    """Click the emergency stop; how long after that its file was there, and the loop had stopped the arm, s."""
+    stop = EmergencyStop()
+    with ThreadPoolExecutor() as beside:
+        stopped = beside.submit(when, arm, Mode.STOPPED)
+        page.get_by_role("button", name="EMERGENCY STOP", exact=True).click()
+        stopped_s = stopped.result() + time.time() - time.monotonic()
+    clicked_s = page.evaluate("window.clickedMs") / 1e3
+    return (stop.directory / "emergency-stop").stat().st_mtime - clicked_s, stopped_s - clicked_s
+
+
+def test_every_click_stops_the_arm():
+    errors, times_s = [], []
+    with running_rig(arms=[ARM]) as rig, yam_view() as url, contextlib.ExitStack() as stack:
+        session = session_on(rig, sim_config(rig, ARM))
+        stack.callback(session.stop)
+        session.start()
+        page = stack.enter_context(browser_page(url, errors))
+        page.get_by_text("HOLD").first.wait_for()
+        page.evaluate(NOTE_CLICKS)
+        stack.callback(EmergencyStop().release)  # else the arm would not land
+        for _ in range(CLICKS):
+            times_s.append(click(page, session[ARM]))
+            EmergencyStop().release()
+            when(session[ARM], Mode.HOLD)
+            page.locator("#yam-banner").wait_for(state="hidden")
+    latched_ms, stopped_ms = 1e3 * np.sort(times_s, axis=0).T
+    sys.stdout.write(
+        f"ms after the click: latched {latched_ms.round()}, median {np.median(latched_ms):.0f}; "
+        f"arm stopped {stopped_ms.round()}, median {np.median(stopped_ms):.0f}"
+    )
+    assert not errors
+    assert 0.0 < np.median(stopped_ms) < SOON_MS
