@@ -55,7 +55,7 @@ class LinkInStep:
         while not condition():
             self._link.turn()
 
-    def note_written(self):
+    def note_written(self, arm):
         self._written += 1
 
     def start(self, blocks):
@@ -68,7 +68,7 @@ class LinkInStep:
         mirror = StateMirror(arms, [pair.states for pair in self._pairs], device.all_keys)
         commands = {number: pair.commands for number, pair in zip(device.numbers, self._pairs, strict=True)}
         self._link = Link(device.host, mirror, commands, {})
-        self._link.start(device.group, search=True)
+        self._link.start(device.group, search=True, unwanted=lambda: False)
 
     def land(self):
         """`stop` does."""
