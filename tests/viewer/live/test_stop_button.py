@@ -1,7 +1,7 @@
 """How soon a click on the emergency stop of the page stops an arm of the virtual rig, in a real browser.
 
-`-s` shows it; docs/measured.md has the figures. The file of the latch has the time of the kernel's last tick, 4 ms. When
-the loop has stopped is an upper bound: this test may see that state late.
+`-s` shows it; docs/measured.md has the figures. The file of the latch has the time of the kernel's last tick, 4 ms. The
+time of the stop is an upper bound: this test may see that state late.
 """
 
 import contextlib
