@@ -1,6 +1,7 @@
 """A data set in a real browser: the table, the player, the figures, the pictures; and an episode on an arm.
 
-YAM_DOCS_PICTURE=docs/view_data.png has the first test write the picture of the page there.
+YAM_DOCS_PICTURE=docs/view_data.png has the first test write the picture of the page there. That of the second test is
+docs/view_match.png.
 """
 
 import pytest
@@ -42,7 +43,7 @@ def test_a_data_set_is_opened_scrubbed_and_seen(tmp_path):
 
 
 def test_an_episode_is_sent_to_the_arms_of_a_rig_and_laid_over_its_camera(tmp_path):
-    root = big_sets.write(tmp_path / "data", 1, 60, cameras=("top",), size=(96, 128))
+    root = big_sets.write(tmp_path / "data", 2, 60, cameras=("top",), size=(96, 128))
     errors = []
     config = str(ROOT / "configs" / "sim" / "record.yaml")
     with (
@@ -64,6 +65,11 @@ def test_an_episode_is_sent_to_the_arms_of_a_rig_and_laid_over_its_camera(tmp_pa
         page.get_by_label("live camera").first.click()
         page.get_by_role("option", name="top", exact=True).click()
         page.wait_for_function("[...document.images].some(image => image.naturalWidth === 320)", timeout=WAIT_MS)
+        other = page.get_by_label("compare with")
+        other.fill("1")
+        other.press("Enter")
+        page.wait_for_timeout(1000)
+        take_picture(page, tmp_path)
         page.get_by_role("button", name="land").click()
         page.get_by_text("the arms have landed").wait_for(timeout=WAIT_MS)
     assert not errors
