@@ -47,11 +47,12 @@ class TwoComputers:
         host.wait()
         return host
 
-    def start(self, phase):
-        """The workstation's program, and the host anew where that was killed."""
+    def start(self, phase, wired=False):
+        """The workstation's program, over the wire or not, and the host anew where that was killed."""
         if self.host.process.poll() is not None:
             self.host = self._start_host(self.host.address.port)
-        self._station = Workstation(self.wire.address, phase, self._directory / "ws")
+        address = self.wire.address if wired else self.host.address
+        self._station = Workstation(address, phase, self._directory / "ws")
         return self._station
 
     def tidy(self):
@@ -60,14 +61,16 @@ class TwoComputers:
         self.rig.release(LEADER)
         if self._station is not None:
             self._station.kill()
+            if LEADER in self.torque():
+                self.bring_home()
             try:
                 self.wait_down()
             finally:
                 self._station.end()
 
-    def work(self, phase):
+    def work(self, phase, wired=False):
         """The workstation, once it is in that phase."""
-        station = self.start(phase)
+        station = self.start(phase, wired)
         station.wait_said("connected")
         if phase == "engaged":
             self.take(self.rest + AWAY)

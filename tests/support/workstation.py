@@ -42,11 +42,15 @@ class Caller:
         self._phase, self._told = phase, False
         self._sessions = [self._connected(address, "robot")]
         self._begin_s, self._tick = time.monotonic(), 0
-        if phase in ("engaged", "homing"):
-            while phase == "homing" and time.monotonic() < self._begin_s + _AWAY_S:
-                self._arm.write_target(AWAY, 0.5)
-                time.sleep(_PERIOD_S)
-            self._sessions.append(self._connected(address, "teleop"))
+        try:
+            if phase in ("engaged", "homing"):
+                while phase == "homing" and time.monotonic() < self._begin_s + _AWAY_S:
+                    self._arm.write_target(AWAY, 0.5)
+                    time.sleep(_PERIOD_S)
+                self._sessions.append(self._connected(address, "teleop"))
+        except YamError:
+            self.close()
+            raise
         tell(connected=phase)
 
     @staticmethod
@@ -101,13 +105,14 @@ def tell(**fields):
 
 def main(address, phase):
     """Drive until an error comes; returns the exit status."""
-    try:
-        with contextlib.closing(Caller(HostAddress.of(address), phase)) as caller:
+    with contextlib.ExitStack() as ends:
+        try:
+            caller = ends.enter_context(contextlib.closing(Caller(HostAddress.of(address), phase)))
             while True:
                 caller.turn()
                 time.sleep(_PERIOD_S)
-    except YamError as error:
-        tell(error=type(error).__name__, text=str(error))
+        except YamError as error:
+            tell(error=type(error).__name__, text=str(error))
     return 1
 
 
