@@ -109,6 +109,7 @@ class Driver:
     def connect(self) -> None:
         """Energise the arms, which hold where they are. A person has confirmed it. Raises YamError: what failed."""
         self.desk.begin()
+        self._said.clear()  # what was told of the last session is news of this one
         try:
             self.session.start()
             self.arms = {config.name: DrivenArm(self.session[config.name]) for config in self.plan.configs}
