@@ -43,7 +43,8 @@ def test_a_program_that_ends_while_the_host_energises_has_the_arm_landed_at_once
         program = subprocess.Popen([sys.executable, "-c", PROGRAM, str(served.address)], cwd=ROOT)
         wait(lambda: motors(all))
         os.kill(program.pid, number)
-        assert program.wait() != 0
+        wait(lambda: program.poll() is not None)
+        assert program.returncode != 0
         wait(lambda: group.phase is Phase.FREE)
         wait(lambda: not list(runtime_dir().glob("*remote*")))
         assert not motors(any)
