@@ -86,6 +86,16 @@ def test_the_host_is_killed(lab, phase):
     assert station.left() == []
 
 
+def test_a_host_is_killed_while_it_energises(lab):
+    station = lab.start("idle")
+    wait(lambda: lab.torque(), 30.0, station.log)
+    lab.host.process.kill()
+    station.process.wait(20.0)
+    assert set(station.said("error")) <= {"LinkError", "StaleStateError"}, station.said("text")
+    lab.wait_down()
+    assert station.left() == []
+
+
 @pytest.mark.parametrize("phase", ["idle", "engaged", "policy"])
 def test_the_hosts_control_process_is_killed(lab, phase):
     station = lab.work(phase)
@@ -99,7 +109,7 @@ def test_the_hosts_control_process_is_killed(lab, phase):
 
 
 def test_a_short_cut_changes_nothing(lab):
-    station = lab.work("policy")
+    station = lab.work("policy", wired=True)
     lab.wire.stalled = True
     time.sleep(0.15)
     lab.wire.stalled = False
@@ -109,7 +119,7 @@ def test_a_short_cut_changes_nothing(lab):
 
 @pytest.mark.parametrize("phase", ["engaged", "policy", "homing"])
 def test_a_cut_holds_the_arms(lab, phase):
-    station = lab.work(phase)
+    station = lab.work(phase, wired=True)
     lab.wire.stalled = True
     check(lab, LinkFault.LINK_CUT)
     station.wait_said("error")
@@ -121,7 +131,7 @@ def test_a_cut_holds_the_arms(lab, phase):
 
 
 def test_a_link_that_stays_away_lands_the_arms(lab):
-    station = lab.work("policy")
+    station = lab.work("policy", wired=True)
     lab.wire.stalled = True
     time.sleep(LAND_AFTER_S - 1.0)
     assert lab.mode is Mode.HOLD

@@ -38,7 +38,7 @@ _WAIT_S = 0.02  # for messages of the host and commands of our program
 _LOST_S = 1.0  # without a word of the host: told in the log
 _ECHOES = 5  # before times of the host mean anything
 _START_S = 57.0  # less than what our program waits for us
-_GONE_S = 5.0  # without a word of the host while it should land the arms: it does that alone
+_GONE_S = 5.0  # without a word of the host: nothing more comes of what it was asked; it lands the arms alone
 LAND_S = 75.0  # longer than a landing takes
 _TIME = struct.Struct("<d")
 _TIMES_AT = [COMMAND_DTYPE.fields[name][1] for name in ("target_stamp_s", "coupled_until_s")]  # type: ignore[index]
@@ -68,7 +68,7 @@ class Link:
         self._host, self._mirror, self._commands, self._nudged = host, mirror, commands, nudged
         self._leaders = {here.encode(): there.encode() for here, there in leaders.items()}
         self._sockets = ClientSockets(host.address, host.client_key(), also=nudged)
-        self._asker = Asker(host, self._sockets, self.turn)
+        self._asker = Asker(host, self._sockets, self._turn_while_there)
         self._session = secrets.randbits(63) + 1 if commands else 0
         self._seen = dict.fromkeys(commands, 0)
         self._drives = False  # the host takes commands
@@ -148,6 +148,12 @@ class Link:
         if now - self._heard_s > _LOST_S and not self._lost:
             self._lost = True
             logger.error("%s: no word of the host; the arms hold there", self._host.address)
+
+    def _turn_while_there(self) -> None:
+        """One round while the host is asked for something, which takes long. Raises LinkError: the host has gone."""
+        self.turn()
+        if SYSTEM.now() - self._heard_s > _GONE_S:
+            raise LinkError(f"{self._host.address}: no word of the host for {_GONE_S:g} s; look there what it does")
 
     def _hear(self, message: bytes) -> None:
         """Any message but of states."""
