@@ -75,27 +75,6 @@ def test_the_link_process_is_killed(lab, phase):
     assert station.left() == []
 
 
-@pytest.mark.parametrize("phase", PHASES)
-def test_the_host_is_killed(lab, phase):
-    station = lab.work(phase)
-    lab.host.process.kill()
-    check(lab, LinkFault.HOST_DEAD)
-    lab.rig.release(LEADER)
-    check_told(station, "StaleStateError")
-    lab.wait_down()
-    assert station.left() == []
-
-
-def test_a_host_is_killed_while_it_energises(lab):
-    station = lab.start("idle")
-    wait(lambda: lab.torque(), 30.0, station.log)
-    lab.host.process.kill()
-    station.process.wait(20.0)
-    assert set(station.said("error")) <= {"LinkError", "StaleStateError"}, station.said("text")
-    lab.wait_down()
-    assert station.left() == []
-
-
 @pytest.mark.parametrize("phase", ["idle", "engaged", "policy"])
 def test_the_hosts_control_process_is_killed(lab, phase):
     station = lab.work(phase)
@@ -163,3 +142,27 @@ def test_a_second_client_changes_nothing(lab):
         ServedArms.session_at(lab.host.address, ("",)).start()
     check(lab, LinkFault.SECOND_CLIENT)
     assert station.process.poll() is None and station.said("wrong") == []
+
+
+# From here on the host is killed by each test: a new one may not outlive the test that starts it.
+
+
+@pytest.mark.parametrize("phase", PHASES)
+def test_the_host_is_killed(lab, phase):
+    station = lab.work(phase)
+    lab.host.process.kill()
+    check(lab, LinkFault.HOST_DEAD)
+    lab.rig.release(LEADER)
+    check_told(station, "StaleStateError")
+    lab.wait_down()
+    assert station.left() == []
+
+
+def test_a_host_is_killed_while_it_energises(lab):
+    station = lab.start("idle")
+    wait(lambda: lab.torque(), 30.0, station.log)
+    lab.host.process.kill()
+    station.process.wait(20.0)
+    assert set(station.said("error")) <= {"LinkError", "StaleStateError"}, station.said("text")
+    lab.wait_down()
+    assert station.left() == []
