@@ -41,6 +41,7 @@ def test_followers_are_where_the_leaders_are_when_connect_returns(rig, tmp_path)
 
 
 @pytest.mark.alone
+@pytest.mark.long
 def test_followers_of_a_program_of_ones_own_stay_where_they_are(rig, tmp_path):
     """It may have more than one pair, or lead its followers later."""
     with single_pair(rig, tmp_path) as (follower, _):

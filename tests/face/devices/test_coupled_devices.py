@@ -166,6 +166,7 @@ def test_a_follower_whose_leaders_process_dies_holds(shared_rig, tmp_path):
         assert max(shared_rig.watch("follower_left")["max_speed_rad_s"][:6]) < 0.5
 
 
+@pytest.mark.long
 def test_a_leader_whose_followers_process_dies_floats(shared_rig, tmp_path, capfd):
     with coupled(shared_rig, tmp_path) as (device, robot):
         kill_control_process(robot)
