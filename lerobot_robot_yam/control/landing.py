@@ -178,7 +178,7 @@ class Landing:
         elif self.phase is Phase.LOWER:
             if self._setpoint.arrived or self._stuck(error.max() > _CONTACT_RAD, now, patience_s=0.1):
                 self._give_way(q, usable)
-                self._enter(Phase.SINK if self._sinks or self._carriers_out() else Phase.FADE, now)
+                self._enter(Phase.SINK if self._sinks or self._carriers(~usable) else Phase.FADE, now)
         elif self.phase is Phase.FADE:
             self.share = max(0.0, self.share - dt / _FADE_S)
             self._end_when_still(q, dq, usable, now, _STILL_S, self.share == 0.0)
@@ -211,7 +211,7 @@ class Landing:
 
     def _barred(self, reason: str, now: float) -> None:
         """Something is in the way: go round; hold where that is barred, too, or sink where a motor is out."""
-        out, over = self._carriers_out(), self._over_the_top() if self._lies_at_rest else []
+        out, over = self._carriers(self._out), self._over_the_top() if self._lies_at_rest else []
         if over and not self._goes_round:
             self._goes_round = True
             logger.warning("%s: on its way down %s; it goes round, over the top", self._arm, reason)
@@ -230,14 +230,14 @@ class Landing:
             logger.error("%s: cannot land, %s; it sinks slowly where it is", self._arm, reason)
             self._enter(Phase.SINK, now)
 
-    def _carriers_out(self) -> list[str]:
-        """Joints that carry, and whose motors have been out since this move began: limp, or not heard."""
+    def _carriers(self, out: np.ndarray) -> list[str]:
+        """Joints that carry, and whose motors are out, (n,) bool: limp, or not heard."""
         base, first, _, last = self._roles
         if first is None or last is None:  # any of them may
             carriers = [joint for joint in range(self._n) if joint != base]
         else:
             carriers = list(range(first, last + 1))
-        return [f"joint_{joint + 1}" for joint in carriers if self._out[joint]]
+        return [f"joint_{joint + 1}" for joint in carriers if out[joint]]
 
     def _over_the_top(self) -> list[np.ndarray]:
         """Poses on the way over an obstacle; empty for an arm without shoulder or elbow."""

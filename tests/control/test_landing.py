@@ -1,5 +1,7 @@
 """Landed means: cutting torque then moves no body by more than 1 cm. From random end poses, by the rig's truth."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -17,6 +19,7 @@ from tests.support.rigged import arm_on, either_rig, pause, track
 from tests.support.tiers import spread
 
 CHANNEL = "follower_left"
+UNHEARD_AFTER = 20  # ticks
 
 
 rig = either_rig(CHANNEL)
@@ -116,18 +119,24 @@ def test_an_arm_that_lies_already_stays_where_it_is(rig):
     assert farthest < 0.03
 
 
-def plan_of_landing(q, struck=None):
-    """The phase after ten seconds of an arm that follows at once; `struck`: (phase, joint, rad) that throw it back."""
+def plan_of_landing(q, struck=None, unheard=None):
+    """The phases within ten seconds of an arm that follows at once. `struck`: (phase, joint, rad) that throw it back.
+
+    unheard: (phase, joint) that is not heard any more once it has moved for a while.
+    """
     hardware = ResolvedArm(ArmConfig(channel="x", name="left"))
     joints = hardware.joints
     q = np.array([hardware.lower[0] + q[0], *q[1:]])
     most, end = np.full(hardware.n, 30.0), np.full(hardware.n, 5.0)  # rad/s²
     setpoint = SetPoint(hardware.speed_limit, most, hardware.lower, hardware.upper, end)
     setpoint.seed(np.append(q, 0.5))
-    landing = Landing(hardware, q, setpoint, 0.0)
+    landing, phases, usable = Landing(hardware, q, setpoint, 0.0), [], np.ones(joints, bool)
     for tick in range(1, 2500):
         now = tick * 0.004
-        landing.advance(q, np.zeros(joints), np.ones(joints, bool), now)
+        if unheard is not None and phases[-UNHEARD_AFTER:] == [unheard[0]] * UNHEARD_AFTER:
+            usable[unheard[1]] = False
+        landing.advance(q, np.zeros(joints), usable, now)
+        phases.append(landing.phase)
         if struck is not None and landing.phase is struck[0]:
             setpoint.fall_back(*struck[1:])
             struck = None
@@ -136,17 +145,37 @@ def plan_of_landing(q, struck=None):
         if landing.phase is Phase.LANDED:
             break
     assert struck is None
-    return landing.phase
+    return [phase for phase, _ in itertools.groupby(phases)]
 
 
 @pytest.mark.parametrize("beyond_rad", [0.0, 0.07, 0.14])
 def test_an_arm_lands_whose_base_stands_beyond_its_range(beyond_rad):
-    assert plan_of_landing([-beyond_rad, 1.0, 1.0, 0.0, 0.0, 0.0]) is Phase.LANDED
+    assert plan_of_landing([-beyond_rad, 1.0, 1.0, 0.0, 0.0, 0.0])[-1] is Phase.LANDED
 
 
 @pytest.mark.parametrize("phase", [Phase.FOLD, Phase.LOWER])
 def test_a_joint_that_is_struck_while_it_lands_goes_on_as_fast_as_others(phase):
-    assert plan_of_landing([1.0, 0.0, 0.0, 1.0, 0.0, 0.0], (phase, 1, 1.2)) is Phase.LANDED
+    assert plan_of_landing([1.0, 0.0, 0.0, 1.0, 0.0, 0.0], (phase, 1, 1.2))[-1] is Phase.LANDED
+
+
+@pytest.mark.parametrize("joint, then", [(3, Phase.SINK), (4, Phase.FADE)])
+def test_a_wrist_that_is_not_heard_on_its_way_down_sinks(joint, then):
+    phases = plan_of_landing([0.0, 1.0, 1.0, 0.0, 0.0, 0.0], unheard=(Phase.LOWER, joint))
+    assert phases[-3:] == [Phase.LOWER, then, Phase.LANDED]
+
+
+@pytest.mark.long
+def test_a_wrist_that_is_not_believed_on_its_way_down_does_not_fall(rig):
+    with arm_on(rig, CHANNEL) as arm:
+        arm.move_to([0.2, 0.5, 0.5, 0.5, 0.0, 0.0], speed_rad_s=1.0)
+        port = arm._session[CHANNEL]
+        rest = port.hardware.rest_q
+        port.land()
+        while np.abs(port.published().q - rest)[1:4].max() > 0.3:  # only the wrist is above its resting place
+            arm.clock.sleep(0.004)
+        rig.fault(CHANNEL, "joint_4", "reading", {"position_rad": 2 * np.pi})
+        moved, _ = land_and_watch(rig, arm, CHANNEL)
+    assert moved <= MOST_M
 
 
 def test_a_limp_arm_that_is_pushed_does_not_come_free(rig, caplog, capfd):
