@@ -49,6 +49,10 @@ class ArmPanel:
             self._text.content = describe(self._arm)
             self._plot.update(now_s)
 
+    def hide(self) -> None:
+        """It is not updated any more."""
+        self._folder.visible = False
+
     def close(self) -> None:
         """Take it off the page; first what is in it, so that no update is on its way to something that is gone."""
         if self._plot is not None:

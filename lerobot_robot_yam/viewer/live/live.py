@@ -15,6 +15,7 @@ from lerobot_robot_yam.viewer.live.watched_rigs import WatchedRigs
 
 _GHOST_RAD = 0.005  # a set-point that is nearer than this is not drawn
 _EYE_M, _LOOKS_AT_M = (1.3, 1.5, 1.1), (-0.3, 0.0, 0.15)  # two followers and their leaders, from the front
+_LEAVE_S = 3.0  # of a hidden panel; a browser without a graphics card draws a picture a second at worst
 _NOBODY = "<p style='padding:0 0.8em;color:#888'>no arm runs on this computer</p>"
 
 
@@ -57,7 +58,8 @@ class _Shown:
             self._ghost.pose(state.setpoint_q, state.gripper_setpoint)
 
     def close(self) -> None:
-        self.panel.close()
+        """Take it off the page, but for the panel, which is hidden; see `Live`."""
+        self.panel.hide()
         for figure in (self._figure, self._ghost):
             if figure is not None:
                 figure.remove()
@@ -65,6 +67,9 @@ class _Shown:
 
 class Live:
     """Shows the arms, says what is wrong with them, and has the emergency stop.
+
+    A slow browser puts updates off to its next picture, but removes at once what is to be removed: it then misses what
+    it should update, and says so in its console. So panels are hidden first, and removed when that has been drawn.
 
     Args:
         server: viser's.
@@ -75,6 +80,7 @@ class Live:
         self._watched = WatchedArms()
         self._rigs = WatchedRigs(server)
         self._shown: dict[str, _Shown] = {}
+        self._leaving: list[tuple[float, ArmPanel]] = []  # when to remove them
         server.scene.configure_default_lights(cast_shadow=False)  # a browser without a graphics card draws, too
         server.initial_camera.position, server.initial_camera.look_at = _EYE_M, _LOOKS_AT_M
         self._grid = server.scene.add_grid("/floor", width=6.0, height=6.0, cell_size=0.1, section_size=0.5)
@@ -96,7 +102,7 @@ class Live:
     def update(self, now_s: float) -> None:
         """Read, and draw what has changed."""
         self._watched.update(now_s)
-        self._keep()
+        self._keep(now_s)
         looked_at = bool(self._server.get_clients())
         self._rigs.update(now_s, looked_at)
         for shown in self._shown.values():
@@ -108,11 +114,15 @@ class Live:
         lines += [f"{arm.name}: {line}" for arm in self.arms.values() for line in warnings(arm)]
         self._banner.show(lines, now_s)
 
-    def _keep(self) -> None:
+    def _keep(self, now_s: float) -> None:
         """Have a drawing of each arm that runs, at its place, and of its rig."""
         arms, before = self.arms, list(self._shown)
         for key in [key for key, shown in self._shown.items() if shown.arm is not arms.get(key)]:
-            self._shown.pop(key).close()
+            shown = self._shown.pop(key)
+            shown.close()
+            self._leaving.append((now_s + _LEAVE_S, shown.panel))
+        while self._leaving and self._leaving[0][0] <= now_s:
+            self._leaving.pop(0)[1].close()
         for key in sorted(arms.keys() - self._shown.keys())[:1]:  # one a round: to draw it anew takes a moment
             self._shown[key] = _Shown(self._server, arms[key])
         moved = self._rigs.keep({arm.rig for arm in arms.values() if arm.rig})
