@@ -9,7 +9,8 @@
 
 If both ways are barred the arm holds, says so and tries again. The third time it sinks slowly onto what is below it.
 An arm without one of the motors that carry it may never get there, since a limp wrist stands in its way. It sinks onto
-what it has met on its way down.
+what it has met on its way down. It also sinks, and does not fade, if one is out at the end of `lower`: nobody knows
+where its joint is then.
 
 An arm whose model is wrong hangs off its set-point. A torque that a wrong load or factor explains is learnt then; any
 other torque means an obstacle. An unknown load makes the soft wrist sag. The wrist is lowered next, so that is no
