@@ -13,8 +13,9 @@ from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.handle_check import prepare_handle
 from lerobot_robot_yam.damiao.handle_encoder import HandleEncoder
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
+from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import Fault
-from lerobot_robot_yam.errors import ChannelInUseError
+from lerobot_robot_yam.errors import ChannelInUseError, MotorError
 
 ARM = [MotorSpec(f"joint{i + 1}", i + 1, kind) for i, kind in enumerate(["DM4340"] * 3 + ["DM4310"] * 3)]
 GRIPPER = MotorSpec("gripper", 7, "DM4310")
@@ -38,6 +39,16 @@ def test_bring_up_and_exchange_with_a_follower():
         assert np.all(chain.stamp_s <= time.monotonic())
         assert all(chain.special(SpecialCommand.DISABLE))
         assert chain.fault.tolist() == [Fault.DISABLED] * 7
+
+
+def test_a_lossy_wire_is_asked_again(rig):
+    with can.Bus(interface="yam_sim", channel="follower_left", rig=rig.name) as bus:
+        chain = MotorChain(bus, ARM, channel="follower_left")
+        rig.fault("follower_left", 3, "drop_next", 4)
+        assert chain.read_register(2, Register.TMAX) == 28.0
+        rig.fault("follower_left", 3, "drop_next", 5)
+        with pytest.raises(MotorError, match=r"motor joint3 \(id 3\) did not answer reading register TMAX"):
+            chain.read_register(2, Register.TMAX)
 
 
 def test_a_leader_has_a_handle():
