@@ -28,7 +28,7 @@ from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.system.runtime_files import ENV_RUNTIME_DIR, runtime_dir, runtime_dirs, sessions
 
 _UNHEARD = (
-    "NO SESSION RUNS HERE THAT HEARS IT: if an arm moves, use the hardware's emergency stop. It is driven by another "
+    "NO SESSION RUNS HERE THAT HEARS IT: if an arm moves, switch its power off. It is driven by another "
     f'user (sudo "$(which yam-estop)"), in a container, with another {ENV_RUNTIME_DIR}, or by other software. '
     "Latched all the same: no session starts\n"
 )
@@ -76,7 +76,7 @@ def _on_host(options: argparse.Namespace) -> int:
     try:
         answer = ask_host(options, "estop", action=options.action, why=options.why, who=f"{getpass.getuser()}@{node()}")
     except YamError as error:
-        sys.stderr.write(f"yam-estop: {_NOT[options.action]}: {error}; use the hardware's emergency stop\n")
+        sys.stderr.write(f"yam-estop: {_NOT[options.action]}: {error}; switch the arms' power off\n")
         return 1
     heard = answer["heard_by"]
     if options.json:
@@ -141,7 +141,7 @@ def _say(
 def _complain(action: str, stops: Sequence[EmergencyStop], missed: Mapping[Path, OSError]) -> None:
     if len(missed) == len(stops) and action != "status":
         reasons = "; ".join(map(str, missed.values()))
-        sys.stderr.write(f"yam-estop: NOTHING IS STOPPED OR RELEASED: {reasons}; use the hardware's emergency stop\n")
+        sys.stderr.write(f"yam-estop: NOTHING IS STOPPED OR RELEASED: {reasons}; switch the arms' power off\n")
         return
     for directory, error in missed.items():
         sys.stderr.write(

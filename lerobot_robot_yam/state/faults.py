@@ -20,11 +20,13 @@ class Response(StrEnum):
 
 MEANING = {
     Response.GO_ON: "does what it did",
-    Response.HOLD: "holds with every motor that still obeys; targets are ignored until it is re-armed",
+    Response.HOLD: "holds with every motor that still obeys (one that has cut its torque is limp); targets are ignored "
+    "until it is re-armed",
     Response.HOLD_UNTIL_TARGET: "brakes and holds; the next target moves it on, from where it is",
     Response.STOP: "emergency stop, latched: followers hold, leaders float",
     Response.LAND: "folds down and cuts torque there",
-    Response.LOST: "cannot be reached: its motors keep the last command for 0.4 s, then their own watchdog ends torque",
+    Response.LOST: "cannot be reached: its motors keep the last command for 0.4 s, then end torque by themselves, and "
+    "it falls",
     Response.REFUSE: "is not energised",
 }
 
@@ -146,9 +148,9 @@ FAULT_TROUBLE: dict[int, Trouble] = {
     Fault.OVERLOAD: Trouble.OVERLOAD,
     Fault.DISABLED: Trouble.DISABLED,
 }
-"""Which trouble a fault nibble stands for; undocumented codes count as overload."""
+"""Which trouble a motor's fault code stands for; undocumented codes count as overload."""
 
-_CUT = "fault nibble 0x{:X} in a reply; the motor has cut its own torque"
+_CUT = "the motor reports code 0x{:X}; it has no torque then"
 
 RESPONSES: dict[Trouble, Rule] = {
     **{trouble: _hold(_CUT.format(code), TICK_S) for code, trouble in FAULT_TROUBLE.items()},
@@ -231,7 +233,8 @@ RESPONSES: dict[Trouble, Rule] = {
         "its process is gone (exception, signal, kill -9), or executes another program", PARENT_S, "—"
     ),
     Trouble.CAMERA_DEAD: Rule(
-        "a camera is gone; its image is older than 0.8 s while the machine has time for us, or for 3 s than 0.5 s",
+        "a camera is gone; its newest image is older than 0.8 s; or, on a busy computer, has been older than 0.5 s for "
+        "3 s",
         Response.HOLD_UNTIL_TARGET,
         Response.HOLD_UNTIL_TARGET,
         "StaleStateError that names the camera; arms hold, and land when the caller disconnects",

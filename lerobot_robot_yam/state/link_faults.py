@@ -100,15 +100,15 @@ LINK_RESPONSES: dict[LinkFault, Rule] = {
     ),
     LinkFault.WORKSTATION_STOP: _both(
         Response.STOP,
-        "`yam-estop` there; the host latches its own. A link that is down carries no stop: use the hardware's",
+        "`yam-estop` there; the host latches its own. A link that is down carries no stop: switch the power off",
         "observations go on; actions are answered with the pose held",
         STOPPED_S,
         "`yam-estop release` there; motion resumes from the measured pose",
     ),
     LinkFault.HOST_STOP: _both(
         Response.STOP,
-        "`yam-estop` on the host, or from elsewhere with `--host`; the workstation latches its own, also when the link "
-        "has been away",
+        "`yam-estop` on the host, or from elsewhere with `--host`; the workstation latches its own, once the "
+        "link is back if it is away",
         "observations go on; actions are answered with the pose held",
         TICK_S,
         "`yam-estop release` on the host, or with `--host`",

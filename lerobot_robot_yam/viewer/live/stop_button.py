@@ -30,7 +30,10 @@ class StopButton:
         if event.client is None:
             return
         with event.client.gui.add_modal("Release the emergency stop?") as question:
-            event.client.gui.add_markdown("Arms go on from where they are, with their next target. Look at them first.")
+            event.client.gui.add_markdown(
+                "Arms move at once: those of running sessions go on to their targets, those of ended sessions land. "
+                "Look at them first."
+            )
             yes = event.client.gui.add_button("release", color="red")
             no = event.client.gui.add_button("keep it")
 
