@@ -141,7 +141,10 @@ class Context:
                 return True
             # The adapter's return does not bring a socket back that was opened before.
             end_s = math.inf if cause.kind == "adapter_gone" else cause.end_s
-            if concerned and cause.kind in _CUTS and min(at_s, end_s) - cause.start_s > WATCHDOG_S - _WATCHDOG_SLACK_S:
+            # A shorter one is enough if it began as its arm was switched off: the motor has not heard of it.
+            unheard = not self.arms[channel].enabled and at_s - cause.start_s < WATCHDOG_S + _WATCHDOG_SLACK_S
+            least_s = 0.0 if unheard else WATCHDOG_S - _WATCHDOG_SLACK_S
+            if concerned and cause.kind in _CUTS and min(at_s, end_s) - cause.start_s > least_s:
                 return True
         return False
 

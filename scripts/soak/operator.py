@@ -22,6 +22,7 @@ _HAND_S = 40.0
 _LIFTED_S, _HOME_S = (6.0, 20.0), (0.2, 5.0)  # some stays at home are too short to release, or to get there
 _IMPATIENT = 0.25  # how often the operator tries before the fault is gone
 _ATTEMPTS = 3
+_REST_RAD_S = 1.0
 _SETTLE_S = 0.6  # the motors' watchdog, and a little
 _LATE_LANDING_S = 15.0  # a stretched arm takes less
 
@@ -66,6 +67,7 @@ class Operator:
             remedy = device.remedy()
         if remedy == "re-arm":
             with self._injector.quiet():
+                self._let_swing(device)
                 remedy = device.remedy()
                 if remedy == "re-arm" and self._rearm(device):
                     return
@@ -76,6 +78,15 @@ class Operator:
             time.sleep(0.05)  # a link that stalls
         self.disconnect(device)
         self.connect(device)
+
+    def _let_swing(self, device: Device) -> None:
+        """Wait for joints without torque to come to rest, as a person does: those of a wrist fall at 11 rad/s."""
+        deadline = time.monotonic() + PATIENCE_S
+        while time.monotonic() < deadline:
+            arms = self._rig.state()["arms"]
+            if all(abs(dq) < _REST_RAD_S for channel in device.channels for dq in arms[channel]["dq"]):
+                return
+            time.sleep(0.05)
 
     def _rearm(self, device: Device) -> bool:
         try:

@@ -72,6 +72,19 @@ def test_communication_is_lost_only_where_the_schedule_has_cut_it(soak, what, cu
     assert (not lost) is excused
 
 
+@pytest.mark.parametrize("switched_off", [True, False])
+def test_a_motor_that_was_out_while_its_arm_was_switched_off_ends_by_its_watchdog(soak, switched_off):
+    context = soak.context.Context([CHANNEL, PEER], [(CHANNEL, PEER)])
+    for motor in ("joint_2", "joint_3"):
+        context.take(event("motor_enabled", 9.0, channel=CHANNEL, motor=motor))
+    context.take(injected(0, "motor_silent", 10.0, motor="joint_3"))
+    if switched_off:
+        context.take(event("motor_disabled", 10.01, channel=CHANNEL, motor="joint_2"))
+    context.take(event("undone", 10.1, injection=0))
+    lost = context.take(event("motor_fault", 10.4, channel=CHANNEL, motor="joint_3", fault=0xD))
+    assert (not lost) is switched_off
+
+
 def test_trouble_needs_a_cause(soak):
     context = soak.context.Context([CHANNEL, PEER], [(CHANNEL, PEER)])
     context.take(injected(0, "lost_replies", 10.0))
