@@ -37,6 +37,7 @@ _SETTLE_S = 10.0  # a rig ends about a second after its last client, a renderer 
 _WORKER = "PYTEST_XDIST_WORKER" in os.environ
 _MARK = f"YAM_RUNTIME_DIR={RUNTIME}\0".encode()
 _TRACKER = "multiprocessing.resource_tracker"
+_LONGEST = "test_conformance.py"  # one test of a minute
 _elders = set(os.listdir("/proc"))  # they ran before any test did
 _stillness = Stillness(Path(os.environ.setdefault("YAM_TEST_STILLNESS", str(RUNTIME) + "-stillness")))
 _begun = 0.0  # the present attempt at a test
@@ -91,7 +92,8 @@ def _disturbed() -> bool:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """A failure on a machine that stood still is tried again. Modules that need the machine alone come first.
 
-    One after another (with --no-loadscope-reorder): between others, each time one worker would wait for the other.
+    One after another (with --no-loadscope-reorder): between others, each time one worker would wait for the other. Then
+    comes the longest module: at the end all others would wait for it.
     """
     for item in items:
         if item.path.parent.name == "cli" and item.get_closest_marker("timeout") is None:
@@ -100,7 +102,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if item.path.parent.name != "properties" and "lockstep" not in item.nodeid:
             item.add_marker(pytest.mark.flaky(reruns=2, condition=_disturbed))
     alone = {item.path for item in items if _is_alone(item)}
-    items.sort(key=lambda item: item.path not in alone)
+    items.sort(key=lambda item: (item.path not in alone, item.path.name != _LONGEST))
 
 
 def _locked(path: Path, kind: int) -> IO[str]:
