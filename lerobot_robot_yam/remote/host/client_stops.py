@@ -1,7 +1,8 @@
 """The emergency stops of workstations on the host: latched here while they are latched there.
 
 A machine's programs have a link each, and look at its latch at different times: it is latched there while one of them
-says so. Programs of the host's own user and runtime directory share its latch: to mirror that would keep it latched for ever.
+says so. Programs of the host's own user and runtime directory share its latch: to mirror that would keep it latched for
+ever.
 """
 
 from dataclasses import dataclass, field

@@ -52,7 +52,7 @@ class MirroredStop:
             self.unwritten = stopped
             if not self._failed:
                 logger.error(
-                    "%s: its emergency stop cannot be %s here, and is tried again: %s; see whether %s can be written to",
+                    "%s: its emergency stop cannot be %s here, and is tried again: %s; can %s be written to?",
                     self._other,
                     "latched" if stopped else "released",
                     error,
