@@ -1,11 +1,18 @@
 """The stop of a workstation, which its programs tell by a link each."""
 
+import time
+
 import pytest
 
 from lerobot_robot_yam.remote.host.client_stops import ClientStops
+from lerobot_robot_yam.remote.host.hosted_group import Phase
 from lerobot_robot_yam.remote.wire.host_address import machine_number
+from lerobot_robot_yam.remote.wire.link_messages import Beat, pack_beat
+from lerobot_robot_yam.remote.wire.transport import ClientSockets
+from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.system.runtime_files import runtime_dir
+from tests.support.hosted import ServedArms
 
 ROBOT, TELEOP = b"robot", b"teleop"
 STATION, OTHER = 5, 6
@@ -84,3 +91,31 @@ def test_a_stop_that_cannot_be_latched_is_known_and_tried_again(stop):
         in_the_way.unlink()
     stops.look(20.1)
     assert stop.latched and not stops.unwritten
+
+
+@pytest.mark.long
+def test_arms_land_while_a_stop_cannot_be_latched(stop):
+    in_the_way = runtime_dir() / "emergency-stop"
+    with running_rig(arms=["follower_left"]) as rig, ServedArms(rig, "follower_left") as served:
+        (group,), answers = served.groups, []
+        sockets = ClientSockets(served.address, None, states=False)
+
+        def beat_until(condition, stopped):
+            deadline = time.monotonic() + 20.0
+            while not condition():
+                assert time.monotonic() < deadline
+                sockets.send(pack_beat(Beat(7, STATION, time.monotonic(), stopped)))
+                sockets.wait(0.05)
+                sockets.receive()
+
+        group.start(7, "a test", True, answers.append)
+        beat_until(lambda: group.phase is Phase.RUNNING, stopped=False)
+        in_the_way.symlink_to("/nowhere")
+        try:
+            beat_until(lambda: group.phase is Phase.FREE, stopped=True)
+            assert not any(motor["enabled"] for motor in rig.state()["arms"]["follower_left"]["motors"].values())
+        finally:
+            in_the_way.unlink()
+        beat_until(lambda: stop.latched, stopped=True)
+        beat_until(lambda: not stop.latched, stopped=False)
+        sockets.close()
