@@ -1,7 +1,8 @@
 """The emergency stop of everything that one user drives on this machine: latched by anybody, released on purpose.
 
 A file is the latch: it outlives its maker, and looking whether it is there costs a loop 4 µs a tick. On a disk
-that is full no file can be made. The sticky bit of the directory is the latch then: a change of mode needs no room.
+that is full, or with no descriptor left, no file can be made. The sticky bit of the directory is the latch then: a
+change of mode needs neither room nor a descriptor.
 """
 
 import contextlib
@@ -22,6 +23,7 @@ logger = logging.getLogger(__name__)
 _FILE = "emergency-stop"
 _MOST_BYTES = 65536
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.ENOMEM)
+_NO_DESCRIPTOR = (errno.EMFILE, errno.ENFILE)
 _NO_ROOM = "unknown: there was no room to write it down"
 
 
@@ -97,6 +99,16 @@ class EmergencyStop:
         if self._own:
             with contextlib.suppress(ConfigError):
                 runtime_dir()  # a log-out may have had it removed
+        try:
+            self._write(why)
+        except OSError as error:
+            if not self._own or error.errno not in _NO_DESCRIPTOR:
+                raise
+            os.chmod(self.directory, stat.S_IMODE(os.stat(self.directory).st_mode) | stat.S_ISVTX)
+        self._unwritten = False
+        logger.error("emergency stop: %s; release it with `yam-estop release`", why)
+
+    def _write(self, why: str) -> None:
         with self._inside() as directory:
             try:
                 file = os.open(_FILE, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600, dir_fd=directory)
@@ -112,8 +124,6 @@ class EmergencyStop:
                 with contextlib.suppress(OSError), open(file, "w") as text:
                     os.fchmod(file, 0o644)  # a user whom root stops must be able to read why
                     text.write(json.dumps(data) + "\n")
-        self._unwritten = False
-        logger.error("emergency stop: %s; release it with `yam-estop release`", why)
 
     def release(self) -> None:
         """Let arms move again: each from where it is, with its next target. Raises OSError: it cannot be removed."""

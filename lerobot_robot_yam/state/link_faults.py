@@ -100,7 +100,8 @@ LINK_RESPONSES: dict[LinkFault, Rule] = {
     ),
     LinkFault.WORKSTATION_STOP: _both(
         Response.STOP,
-        "`yam-estop` there; the host latches its own. A link that is down carries no stop: switch the power off",
+        "`yam-estop` there; the host latches its own, and lands if it cannot write that down. A link that is down "
+        "carries no stop: switch the power off",
         "observations go on; actions are answered with the pose held",
         STOPPED_S,
         "`yam-estop release` there; motion resumes from the measured pose",

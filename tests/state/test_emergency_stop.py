@@ -1,5 +1,6 @@
 """The emergency stop: latched for everything on this machine, released on purpose, no jump afterwards."""
 
+import resource
 import threading
 import time
 
@@ -169,6 +170,20 @@ def test_a_stop_while_the_arms_come_up_ends_the_start_and_they_land_when_it_is_r
         starting.join(20.0)
         assert len(raised) == 1 and "latched while the arms came up" in raised[0]
         assert not any(on())
+
+
+def test_it_is_latched_without_a_descriptor_left(stop):
+    """A program may have all that it can have: connections, for one."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (3, hard))
+    try:
+        stop.latch("a test")
+        assert EmergencyStop().latched
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    assert "unknown" in EmergencyStop().reason()
+    EmergencyStop().release()
+    assert not EmergencyStop().latched
 
 
 @pytest.mark.parametrize("begin", ["asked to land", "the session ends"])

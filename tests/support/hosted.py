@@ -21,6 +21,7 @@ from lerobot_robot_yam.remote.host.hosted_group import HostedGroup
 from lerobot_robot_yam.remote.wire.host_address import HostAddress
 from lerobot_robot_yam.remote.wire.transport import HostSockets
 from lerobot_robot_yam.session.arm_session import ArmSession
+from lerobot_robot_yam.system.runtime_files import runtime_dir
 from tests.support.paths import ROOT
 from tests.support.rigged import STOPS, isolation_of, sim_config
 
@@ -96,6 +97,7 @@ class HostProcess:
         if self.process.poll() is None:
             self.process.terminate()
             self.process.wait(90)
+        (runtime_dir() / "host-address").unlink(missing_ok=True)  # of one that was killed
 
 
 @contextlib.contextmanager

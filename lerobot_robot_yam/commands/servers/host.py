@@ -9,12 +9,14 @@ HAZARD: a paired computer can ENERGISE the arms. Starting yam-host energises not
 """
 
 import argparse
+import contextlib
 import json
 import logging
+import resource
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,9 +41,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("action", nargs="?", choices=("serve", "pair", "status"), default="serve")
     parser.add_argument("name", nargs="?", help="pair: what the other computer is called here")
     parser.add_argument("--config_path", type=Path, help="the rig's file, as yam-setup writes it")
-    parser.add_argument("--listen", default=_LOCAL, help="address, or address:port (default 127.0.0.1: this computer)")
+    parser.add_argument("--listen", help="address, or address:port (default 127.0.0.1: this computer alone)")
     parser.add_argument("--keys", type=Path, help="directory of this host's keys (default ~/.config/yam/host-keys)")
-    parser.add_argument("--key", help="status: key file, if the host takes no others")
     parser.add_argument("--out", type=Path, help="pair: the file to make (default NAME.yam-key.json)")
     parser.add_argument(
         "--land_after_s",
@@ -60,6 +61,7 @@ def _serve(args: argparse.Namespace) -> int:
     from lerobot_robot_yam.remote.wire.curve_keys import HostKeys, keys_directory
     from lerobot_robot_yam.remote.wire.host_address import HostAddress
     from lerobot_robot_yam.remote.wire.transport import HostSockets
+    from lerobot_robot_yam.system.log_thread import log_from_a_thread
     from lerobot_robot_yam.system.paths import user_path
     from lerobot_robot_yam.system.realtime import raise_threads, request_scheduling
 
@@ -67,7 +69,9 @@ def _serve(args: argparse.Namespace) -> int:
         raise ConfigError("which arms? Give --config_path=rig.yaml, the file that yam-setup writes")
     logging.getLogger().setLevel(logging.INFO)
     groups = groups_of(args.config_path)
-    address = HostAddress.of(args.listen)
+    address = HostAddress.of(args.listen or _LOCAL)
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))  # whoever reaches the port can have many connections
     keys = HostKeys.load(args.keys or keys_directory())
     channels = {channel: words for group in groups for channel, words in group.channels.items()}
     tools = HostTools(user_path(args.config_path).absolute(), channels)
@@ -79,8 +83,27 @@ def _serve(args: argparse.Namespace) -> int:
     sys.setswitchinterval(_SWITCH_S)
     request_scheduling(_RT_PRIORITY)
     raise_threads(_RT_PRIORITY, "ZMQbg/IO")
-    server.run(lambda: bool(ended))
+    with _noted(address, None if keys is None else keys.file), log_from_a_thread():
+        server.run(lambda: bool(ended))
     return 0
+
+
+def _note() -> Path:
+    """Where a host notes its address and its key, for `yam-host status`."""
+    from lerobot_robot_yam.system.runtime_files import runtime_dir
+
+    return runtime_dir() / "host-address"
+
+
+@contextlib.contextmanager
+def _noted(address: "HostAddress", key: Path | None) -> Iterator[None]:
+    with contextlib.suppress(OSError):  # then it has to be told where that is
+        _note().write_text(json.dumps({"address": str(address), "key": key and str(key.absolute())}))
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):
+            _note().unlink()
 
 
 def _say_ready(address: "HostAddress", groups: "Sequence[HostedGroup]", keyed: bool) -> None:
@@ -133,16 +156,21 @@ def _pair(args: argparse.Namespace) -> int:
 
 def _status(args: argparse.Namespace) -> int:
     from lerobot_robot_yam.remote.client.host_question import Host, hello
-    from lerobot_robot_yam.remote.wire.curve_keys import keys_directory, paired
+    from lerobot_robot_yam.remote.wire.curve_keys import HostKeys, keys_directory, paired
     from lerobot_robot_yam.remote.wire.host_address import HostAddress
 
-    names = paired(args.keys or keys_directory())
-    sys.stdout.write(f"paired: {', '.join(names) or 'none'}\n")
-    told = hello(Host(HostAddress.of(args.listen), args.key))
+    directory = args.keys or keys_directory()
+    sys.stdout.write(f"paired: {', '.join(paired(directory)) or 'none'}\n")
+    keys = HostKeys.load(directory)
+    at: dict[str, str | None] = {"address": args.listen or _LOCAL, "key": None if keys is None else str(keys.file)}
+    if args.listen is None:
+        with contextlib.suppress(OSError, ValueError):
+            at = json.loads(_note().read_text())
+    told = hello(Host(HostAddress.of(str(at["address"])), at["key"]))
     sys.stdout.write(f"{told['computer']} serves, lerobot_robot_yam {told['package']}\n")
     for role, group in told["groups"].items():
-        keys = ", ".join(arm["key"] for arm in group["arms"].values())
-        sys.stdout.write(f"{role} ({keys}): {group['phase']}{' for ' * bool(group['holder'])}{group['holder']}\n")
+        arms = ", ".join(arm["key"] for arm in group["arms"].values())
+        sys.stdout.write(f"{role} ({arms}): {group['phase']}{' for ' * bool(group['holder'])}{group['holder']}\n")
     sys.stdout.write(f"emergency stop: {told['stop'] or 'not latched'}\n")
     return 0
 

@@ -143,7 +143,7 @@ class Link:
         self._send_commands()
         self._look_at_stop(now)
         if now - self._beat_s >= (_BEAT_S if len(self._clock) >= _ECHOES else _FIRST_S):
-            self._beat_s = now
+            self._beat_s, self._stopped = now, self._stop.own  # as it is now: other links of ours may have told it
             self._sockets.send(pack_beat(Beat(self._session, self._machine, now, self._stopped)))
         if now - self._heard_s > _LOST_S and not self._lost:
             self._lost = True
@@ -193,7 +193,7 @@ class Link:
             if theirs is not None:
                 self._stop.follow(theirs, "its emergency stop is latched; `yam-estop release` there")
             if self._stop.own is not self._stopped:
-                self._stopped, self._beat_s = not self._stopped, -math.inf
+                self._beat_s = -math.inf
 
     def _send_commands(self) -> None:
         """Pass on command records that are new, with their times by the host's clock."""

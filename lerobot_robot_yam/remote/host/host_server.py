@@ -119,12 +119,14 @@ class HostServer:
 
     def _beat(self, client: bytes, beat: Beat, received_s: float) -> None:
         held = [group.heard(beat.session) for group in self._groups]
-        self._stops.hear(beat.machine, bool(beat.stopped), received_s)
+        self._stops.hear(beat.machine, client, bool(beat.stopped), received_s)
         self._sockets.answer(client, pack_echo(Echo(beat.sent_s, received_s, SYSTEM.now(), any(held))))
 
     def _look(self) -> None:
         self._stops.look(SYSTEM.now())
         for group in self._groups:
+            if self._stops.unwritten:
+                group.land("a workstation's emergency stop cannot be latched here")
             if group.silent_s() > self._land_after_s and not any(other.led_by_hand for other in self._groups):
                 group.land(f"its client has been silent for {self._land_after_s:g} s")
 

@@ -1,7 +1,8 @@
 """Keys of host and clients (CURVE, Curve25519), in files that only their user can read.
 
 The host has one pair, and a file with the public key of each client that may use it. A client has one file: its pair,
-and the host's public key. `yam-host pair` makes both.
+and the host's public key. `yam-host pair` makes both. The file of the host's pair is that of a client, too, for
+`yam-host status`.
 """
 
 import json
@@ -36,10 +37,11 @@ class ClientKey:
 
 @dataclass(frozen=True)
 class HostKeys:
-    """What a host has: its pair, and a directory of the public keys of its clients, as pyzmq's authenticator wants."""
+    """What a host has: its pair, its file, and a directory of clients' public keys, as pyzmq's authenticator wants."""
 
     public: bytes
     secret: bytes
+    file: Path
     clients: Path
 
     @classmethod
@@ -47,7 +49,8 @@ class HostKeys:
         """From its directory; None: no client was paired yet. Raises ConfigError: see `ClientKey.load`."""
         if not (directory / _HOST).exists() or not any((directory / _CLIENTS).glob("*.key")):
             return None
-        return cls(**_read(directory / _HOST, ("public", "secret")), clients=directory / _CLIENTS)
+        file = directory / _HOST
+        return cls(**_read(file, ("public", "secret")), file=file, clients=directory / _CLIENTS)
 
 
 def keys_directory() -> Path:
@@ -79,11 +82,10 @@ def pair(directory: Path, name: str, target: Path) -> None:
         (directory / _CLIENTS).mkdir(mode=0o700, parents=True, exist_ok=True)
         if not (directory / _HOST).exists():
             public, secret = zmq.curve_keypair()
-            _write(directory / _HOST, {"public": public.decode(), "secret": secret.decode()})
+            _write(directory / _HOST, ClientKey(public, secret, host=public))
         host = _read(directory / _HOST, ("public", "secret"))
         public, secret = zmq.curve_keypair()
-        key = ClientKey(public, secret, host["public"])
-        _write(target, {field: value.decode() for field, value in asdict(key).items()})
+        _write(target, ClientKey(public, secret, host["public"]))
         client.write_text(f'metadata\ncurve\n    public-key = "{public.decode()}"\n')
     except OSError as error:
         raise ConfigError(f"the keys cannot be written: {error}") from error
@@ -94,7 +96,8 @@ def paired(directory: Path) -> list[str]:
     return sorted(path.stem for path in (directory / _CLIENTS).glob("*.key"))
 
 
-def _write(path: Path, fields: dict[str, str]) -> None:
+def _write(path: Path, key: ClientKey) -> None:
+    fields = {field: value.decode() for field, value in asdict(key).items()}
     with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
         file.write(json.dumps(fields, indent=1) + "\n")
 

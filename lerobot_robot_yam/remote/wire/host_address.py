@@ -7,6 +7,7 @@ import socket
 import zlib
 from dataclasses import dataclass
 from ipaddress import ip_address
+from pathlib import Path
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.state.records import channel_key
@@ -15,6 +16,7 @@ from lerobot_robot_yam.system.runtime_files import runtime_dir
 PORT = 5570  # of commands; states have the next one
 INTERFACE = "remote"  # of an arm on a host, in place of python-can's
 _PORT_MOST = 65534
+_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")  # drawn at each start; /etc/machine-id is copied with an image
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,16 @@ def package_version() -> str:
 
 
 def machine_number() -> int:
-    """By which the host knows this computer, user and runtime directory, which share one emergency stop."""
-    own = f"{socket.gethostname()} {os.getuid()} {runtime_dir()}"
+    """By which the host knows this computer, user and runtime directory, which share one emergency stop.
+
+    Computers of one image have the same name and the same users. Containers have the kernel of their computer.
+
+    Raises:
+        ConfigError: this computer cannot be told from others.
+    """
+    try:
+        boot = _BOOT_ID.read_text().strip()
+    except OSError as error:
+        raise ConfigError(f"{_BOOT_ID}: {error.strerror}; is /proc mounted?") from error
+    own = f"{boot} {socket.gethostname()} {os.getuid()} {runtime_dir()}"
     return zlib.crc32(own.encode()) + 1

@@ -4,7 +4,6 @@ Each tells the other only of a stop of its own, never of one that it has taken o
 what came from the other computer, and is released here, is latched again at its next word.
 """
 
-import contextlib
 import logging
 
 from lerobot_robot_yam.errors import ConfigError
@@ -18,10 +17,15 @@ class MirroredStop:
 
     Args:
         other: what the other computer is called here; reasons of stops that come from it begin with that.
+
+    Attributes:
+        unwritten: the other computer's stop cannot be latched here.
     """
 
     def __init__(self, other: str):
-        self._stop, self._prefix = EmergencyStop(), f"{other}: "
+        self._stop, self._other, self._prefix = EmergencyStop(), other, f"{other}: "
+        self._failed = False
+        self.unwritten = False
 
     @property
     def own(self) -> bool:
@@ -34,10 +38,26 @@ class MirroredStop:
         return self._stop.reason().startswith(self._prefix)
 
     def follow(self, stopped: bool, why: str) -> None:
-        """Latch as the other computer does, or release what was latched because of it."""
-        with contextlib.suppress(OSError, ConfigError):  # then this object alone says that it is latched
+        """Latch as the other computer does, or release what was latched because of it.
+
+        To be called again and again: what fails is tried again by the next call.
+        """
+        try:
             if stopped and not self._stop.latched:
-                self._stop.latch(self._prefix + why)
+                EmergencyStop().latch(self._prefix + why)  # an object that has failed to latch never tries again
             elif not stopped and self._stop.latched and self.taken_over:
                 self._stop.release()
                 logger.warning("emergency stop released, as on the other computer")
+        except (OSError, ConfigError) as error:
+            self.unwritten = stopped
+            if not self._failed:
+                logger.error(
+                    "%s: its emergency stop cannot be %s here, and is tried again: %s; can %s be written to?",
+                    self._other,
+                    "latched" if stopped else "released",
+                    error,
+                    self._stop.directory,
+                )
+            self._failed = True
+        else:
+            self.unwritten = self._failed = False

@@ -27,6 +27,7 @@ logger = logging.getLogger(__name__)
 _QUEUED = 64  # commands: at 60 Hz, with two arms, half a second of them
 _BUFFER_BYTES = 1 << 18  # of the kernel: 0.3 s of states
 _ALIVE_MS, _DEAD_MS = 1000, 3000  # ZMTP's own heartbeat: ends connections that the network has forgotten
+_GREETING_MS = 5000  # for keys to be exchanged: a connection that never begins to is not kept for 30 s
 _RETRY_MS, _RETRY_MOST_MS = 100, 1000
 
 Socket = zmq.Socket[bytes]
@@ -41,6 +42,7 @@ def _prepare(socket: Socket, queued: int, most_bytes: int) -> Socket:
     socket.setsockopt(zmq.RCVBUF, _BUFFER_BYTES)
     socket.setsockopt(zmq.HEARTBEAT_IVL, _ALIVE_MS)
     socket.setsockopt(zmq.HEARTBEAT_TIMEOUT, _DEAD_MS)
+    socket.setsockopt(zmq.HANDSHAKE_IVL, _GREETING_MS)
     socket.setsockopt(zmq.RECONNECT_IVL, _RETRY_MS)
     socket.setsockopt(zmq.RECONNECT_IVL_MAX, _RETRY_MOST_MS)
     return socket
@@ -143,6 +145,7 @@ class HostSockets:
                 self._authenticator = ThreadAuthenticator(self._context)
                 self._authenticator.start()
                 self._authenticator.configure_curve(domain="*", location=str(keys.clients))
+                self._authenticator.certs.setdefault("*", {})[keys.public] = True  # of `yam-host status`
             self.commands = _prepare(self._context.socket(zmq.ROUTER), _QUEUED, MOST_BYTES)
             self.states = _prepare(self._context.socket(zmq.PUB), 1, MOST_BYTES)
             self.states.setsockopt(zmq.CONFLATE, 1)

@@ -1,6 +1,9 @@
 """yam-host: what it refuses, makes and says; and commands of this package that look at its arms with --host."""
 
+import contextlib
 import json
+import os
+import socket
 import stat
 import time
 from pathlib import Path
@@ -13,13 +16,14 @@ from lerobot_robot_yam.commands.identify import main as yam_identify
 from lerobot_robot_yam.commands.servers.host import groups_of, main
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.remote.client.host_question import Host
-from lerobot_robot_yam.remote.client.host_watch import watched
+from lerobot_robot_yam.remote.client.host_watch import watched, watched_key
 from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState, state_path
 from lerobot_robot_yam.system.runtime_files import runtime_dir, sessions
 from lerobot_robot_yam.system.shared_block import SharedBlock
-from tests.support.hosted import ServedArms, free_port, rig_file, running_host
+from tests.support.hosted import HostProcess, ServedArms, free_port, rig_file, running_host
 
 ARM = "follower_left"
 
@@ -81,15 +85,69 @@ def test_commands_look_at_the_arms_of_a_host(tmp_path, capsys):
 
 
 @pytest.mark.long
+def test_status_asks_the_host_that_runs_here(tmp_path, capsys):
+    """It listens elsewhere than by default, and has keys: it is told neither."""
+    assert main(["pair", "workstation", f"--keys={tmp_path / 'keys'}", f"--out={tmp_path / 'key.json'}"]) == 0
+    file = rig_file(tmp_path, SimpleNamespace(name="a-rig"), arms=[ARM])
+    host = HostProcess(file, tmp_path)
+    try:
+        deadline = time.monotonic() + 60.0
+        while main(["status", f"--keys={tmp_path}"]) != 0:  # the running host says which keys it has
+            assert time.monotonic() < deadline and host.process.poll() is None, host.said()
+        said = capsys.readouterr().out
+        assert said.count(": free\n") == 1, said
+    finally:
+        host.end()
+
+
+@pytest.mark.long
+def test_a_host_answers_while_its_terminal_is_on_hold(tmp_path):
+    """What it does it also logs: here that an emergency stop was latched."""
+    os.mkfifo(tmp_path / "host.txt")
+    terminal = os.open(tmp_path / "host.txt", os.O_RDONLY | os.O_NONBLOCK)
+    keyboard = os.open(tmp_path / "host.txt", os.O_WRONLY | os.O_NONBLOCK)
+    host = HostProcess(rig_file(tmp_path, SimpleNamespace(name="a-rig"), arms=[ARM]), tmp_path)
+    try:
+        host.wait()
+        with contextlib.suppress(BlockingIOError):
+            while os.write(keyboard, b"."):
+                pass
+        asked = {"who": "a test", "why": "a test"}
+        assert Host(host.address).ask("estop", action="latch", **asked)["latched"]
+        assert not Host(host.address).ask("estop", action="release", **asked)["latched"]
+    finally:
+        os.close(terminal)
+        os.close(keyboard)
+        EmergencyStop().release()
+        host.end()
+
+
+@pytest.mark.long
+def test_a_connection_that_never_greets_is_closed(tmp_path):
+    file = rig_file(tmp_path, SimpleNamespace(name="a-rig"), arms=[ARM])
+    with running_host(file, tmp_path) as host:
+        with socket.create_connection((host.address.host, host.address.port), 10.0) as silent:
+            while silent.recv(64):  # its own greeting, then the end
+                pass
+        limits = Path(f"/proc/{host.process.pid}/limits").read_text().splitlines()
+        soft, hard = next(line for line in limits if line.startswith("Max open files")).split()[3:5]
+        assert soft == hard
+
+
+@pytest.mark.long
 def test_watching_shows_the_arms_that_run_and_nothing_else():
     with running_rig(arms=[ARM]) as rig, ServedArms(rig, ARM) as served:
-        key = served.address.key(ARM)
+        driven_as = served.address.key(ARM)
+        key = watched_key(driven_as)
+        session = served.session()
         with watched(Host(served.address)):
             assert not state_path(key).is_symlink()  # nothing runs
+            session.start()
+            assert driven_as in sessions(runtime_dir())
+            time.sleep(0.5)
+            assert key not in sessions(runtime_dir())
+            session.stop()
         (group,) = served.groups
-        session = served.session()
-        session.start()
-        session.stop()
         answers = []
         group.start(5, "a test", True, answers.append)
         deadline = time.monotonic() + 20.0

@@ -3,7 +3,8 @@
 import pytest
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.remote.wire.host_address import PORT, HostAddress
+from lerobot_robot_yam.remote.wire import host_address
+from lerobot_robot_yam.remote.wire.host_address import PORT, HostAddress, machine_number
 
 
 @pytest.mark.parametrize(
@@ -32,3 +33,23 @@ def test_a_channel_has_another_name_here():
     address = HostAddress("pi", 6000)
     assert address.channel("can_follower_l") == "pi:6000/can_follower_l"
     assert address.key("can_follower_l") == "remote.pi-6000-can_follower_l"
+
+
+def test_computers_of_one_image_have_different_numbers(tmp_path, monkeypatch):
+    """Name, user and runtime directory are the same there; each start draws another boot id."""
+    numbers = []
+    for boot in ("6f1c", "6f1c", "93ab"):
+        (tmp_path / "boot_id").write_text(f"{boot}\n")
+        monkeypatch.setattr(host_address, "_BOOT_ID", tmp_path / "boot_id")
+        numbers.append(machine_number())
+    assert numbers[0] == numbers[1] != numbers[2]
+    (tmp_path / "boot_id").unlink()
+    with pytest.raises(ConfigError, match="is /proc mounted"):
+        machine_number()
+
+
+def test_another_runtime_directory_has_another_number(tmp_path, monkeypatch):
+    here = machine_number()
+    monkeypatch.setenv("YAM_RUNTIME_DIR", str(tmp_path))
+    tmp_path.chmod(0o700)
+    assert machine_number() != here
