@@ -42,12 +42,14 @@ def stopped(monkeypatch):
     stop.release()
 
 
-def connected(host):
+@pytest.fixture
+def session(host):
     rig, served = host
     device = HostedDevice(Host(served.address), "robot", ("",))
     session = ArmSession([sim_config(rig, ARM)], LinkInStep.on(served, False, device))
     session.start()
-    return session
+    yield session
+    session.stop()
 
 
 def let_go(served):
@@ -74,9 +76,9 @@ def drive(session):
             pytest.fail("a target was taken that nobody carries out")
 
 
-def test_a_client_hears_that_its_arms_were_let_go_and_does_not_see_anothers(host):
+def test_a_client_hears_that_its_arms_were_let_go_and_does_not_see_anothers(host, session):
     _, served = host
-    session, (group,) = connected(host), served.groups
+    (group,) = served.groups
     let_go(served)
     assert Host(served.address).ask("start", 30.0, who="another", search=False, **OTHER)["ready"]
     with pytest.raises(MotorError, match="has let go of the arms .another client may have them.; connect again"):
@@ -85,23 +87,19 @@ def test_a_client_hears_that_its_arms_were_let_go_and_does_not_see_anothers(host
     assert group.phase is Phase.RUNNING and group.holder.session == OTHER["session"]
 
 
-def test_a_client_hears_that_its_arms_were_let_go_in_the_air(host, request):
+def test_a_client_hears_that_its_arms_were_let_go_in_the_air(host, session, stopped):
     _, served = host
-    session = connected(host)
-    request.getfixturevalue("stopped")
     let_go(served)
     with pytest.raises(MotorError, match="has let go of the arms"):
         drive(session)
     assert not session.stop()
 
 
-def test_who_asks_again_whether_its_arms_are_down_hears_the_same(host, request):
+def test_who_asks_again_whether_its_arms_are_down_hears_the_same(host, session, stopped):
     _, served = host
-    ask = Host(served.address).ask
-    assert ask("start", 30.0, who="another", search=False, **OTHER)["ready"]
-    request.getfixturevalue("stopped")
-    assert [ask("stop", 30.0, **OTHER)["landed"] for _ in range(3)] == [False] * 3
-    assert ask("stop", 30.0, group="robot", session=6)["landed"]  # it never had them
+    ours, ask = {"group": "robot", "session": served.groups[0].holder.session}, Host(served.address).ask
+    assert [ask("stop", 30.0, **ours)["landed"] for _ in range(3)] == [False] * 3
+    assert ask("stop", 30.0, **OTHER)["landed"]  # it never had them
 
 
 def test_arms_are_let_go_when_their_start_is_given_up(monkeypatch):
