@@ -20,7 +20,7 @@ from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import ArmState, Descriptors, Limited, Request
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
 
-_REQUEST_TIMEOUT_S = 1.0
+REQUEST_TIMEOUT_S = 1.0  # without an answer: the caller is told that it has failed
 _LET_GO_S = 1.0
 _SEARCH_TIMEOUT_S = 20.0
 _TRIGGER_S, _LOOK_S = 8.0, 0.01
@@ -322,11 +322,11 @@ class ArmClient:
 
         `own_gains` are not looked at: `checked_gains` does that.
         """
-        return self._commands.write_request(request, own_gains)
+        return self._commands.write_request(self._clock.now(), request, own_gains)
 
     def _request(self, request: Request, own_gains: Numbers = ()) -> None:
         number = self.ask(request, own_gains)
-        deadline = self._clock.now() + _REQUEST_TIMEOUT_S
+        deadline = self._clock.now() + REQUEST_TIMEOUT_S
         while True:
             state = self.published()
             if state.answered == number:

@@ -149,7 +149,7 @@ class CommandWriter:
         self._leader, self._coupled_until_s = b"", -math.inf
         self._options = [self._unset] * len(_GRIPPER_OPTIONS)
         self._own = [*self._unset, *self._unset]
-        self._asked, self._requests = Request.NONE, 0
+        self._asked, self._requests, self._asked_s = Request.NONE, 0, -math.inf
         self._write()
 
     @property
@@ -192,10 +192,11 @@ class CommandWriter:
             self._number += 1
             self._write()
 
-    def write_request(self, request: Request, own_gains: Sequence[float] = ()) -> int:
+    def write_request(self, stamp_s: float, request: Request, own_gains: Sequence[float] = ()) -> int:
         """Write a request, and return its number; a target the loop has not looked at yet is void.
 
         Args:
+            stamp_s: when it was made, the clock's time.
             request: what is asked for.
             own_gains: with GAINS: kp of all motors, and then their kd.
 
@@ -204,7 +205,7 @@ class CommandWriter:
         """
         self._check_process()
         with self._lock:
-            self._asked = request
+            self._asked, self._asked_s = request, stamp_s
             self._own = list(own_gains) or self._own
             self._requests += 1
             self._stamp_s = self._coupled_until_s = -math.inf
@@ -226,6 +227,6 @@ class CommandWriter:
             *(value for row in self._options for value in row),
             *self._own,
         ]
-        values += [self._leader, self._coupled_until_s]
-        self._block.write_bytes(self._pack(*values, self._asked, self._requests))
+        values += [self._leader, self._coupled_until_s, self._asked_s, self._asked, self._requests]
+        self._block.write_bytes(self._pack(*values))
         self._written()

@@ -71,7 +71,8 @@ LINK_RESPONSES: dict[LinkFault, Rule] = {
     ),
     LinkFault.LINK_CUT: _both(
         Response.HOLD_UNTIL_TARGET,
-        "no target for `command_timeout_s`. Targets that come when they are older are not taken",
+        "no target for `command_timeout_s`. Targets that come when they are older are not taken, nor requests that are "
+        "older than 1 s",
         _STALE,
         SILENT_S,
         "not needed: the next target, under the speed limits",
@@ -80,7 +81,7 @@ LINK_RESPONSES: dict[LinkFault, Rule] = {
         Response.LAND,
         f"no sign of life for `--land_after_s`, {LAND_AFTER_S:g} s; not while a leader is engaged and away from its "
         "rest: then once it is back there",
-        _STALE,
+        f"{_STALE}; once the link is back MotorError: the host has let go of the arms",
         LAND_AFTER_S,
         "connect again",
     ),

@@ -114,6 +114,7 @@ COMMAND_DTYPE = np.dtype(
         ("own_kd", "f8", MAX_MOTORS),
         ("leader", f"S{KEY_BYTES}"),  # key of the leader whose present action the target is; empty: of none
         ("coupled_until_s", "f8"),  # until then the loop may take the targets of each tick from that leader's state
+        ("request_stamp_s", "f8"),
         ("request", "u1"),
         ("request_sequence", "u8"),
     ]

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.commands.estop import main as yam_estop
-from lerobot_robot_yam.errors import StaleStateError
+from lerobot_robot_yam.errors import MotorError, StaleStateError
+from lerobot_robot_yam.remote.client.host_question import Host
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
@@ -118,6 +119,45 @@ def test_a_stall_holds_the_arm_and_tells_the_caller_and_then_it_goes_on(wired):
     time.sleep(0.5)
     assert np.abs(observe(session).setpoint_q - held).max() < 0.01  # old commands have no effect
     assert np.abs(lead(session, POSES[1]).q - POSES[1]).max() < 0.05
+
+
+def test_a_request_that_failed_in_a_stall_is_not_carried_out_after_it(wired):
+    """Neither as it arrives at last, nor with the next target, whose record has it, too."""
+    session, wire, served = wired
+    session.start()
+    lead(session, POSES[0], 1.0)
+    host_arm = served.groups[0]._session[ARM]
+    for broken in (False, True):
+        wire.stalled = True
+        if broken:
+            wire.drop()
+        with pytest.raises(StaleStateError):
+            session[ARM].float()
+        time.sleep(0.3)
+        wire.stalled = False
+        observe(session)
+        time.sleep(0.5)
+        assert host_arm.mode() is Mode.HOLD
+        assert np.abs(lead(session, POSES[1]).q - POSES[1]).max() < 0.05
+        assert host_arm.mode() in (Mode.HOLD, Mode.TRACK) and served.groups[0].dropped > 0
+
+
+def test_a_program_that_was_idle_hears_that_its_arm_was_let_go(rig, wired):
+    """It does not see, nor seem to drive, what another one does with the arm."""
+    session, wire, served = wired
+    session.start()
+    wire.stalled = True
+    wait(lambda: served.groups[0].holder is None and down(rig), 20.0)
+    Host(served.address).ask("start", 30.0, group="robot", session=5, who="another", search=False)
+    wire.stalled = False
+    deadline = time.monotonic() + 10.0
+    with pytest.raises(MotorError, match="has let go of the arms"):
+        while time.monotonic() < deadline:
+            with contextlib.suppress(StaleStateError):
+                session[ARM].write_target(POSES[0], 0.5)
+                pytest.fail("a target was taken that nobody carries out")
+            time.sleep(0.005)
+    assert session.stop() and enabled(rig)
 
 
 def test_a_broken_connection_is_made_again(wired):

@@ -25,6 +25,7 @@ from lerobot_robot_yam.remote.wire.link_messages import (
 )
 from lerobot_robot_yam.remote.wire.mirrored_stop import MirroredStop
 from lerobot_robot_yam.remote.wire.transport import ClientSockets
+from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import COMMAND_DTYPE, KEY_BYTES
 from lerobot_robot_yam.system.clock import SYSTEM
 from lerobot_robot_yam.system.shared_block import SharedBlock
@@ -41,9 +42,10 @@ _START_S = 57.0  # less than what our program waits for us
 _GONE_S = 5.0  # without a word of the host: nothing more comes of what it was asked; it lands the arms alone
 LAND_S = 75.0  # longer than a landing takes
 _TIME = struct.Struct("<d")
-_TIMES_AT = [COMMAND_DTYPE.fields[name][1] for name in ("target_stamp_s", "coupled_until_s")]  # type: ignore[index]
+_TIMES_AT = [COMMAND_DTYPE.fields[name][1] for name in ("target_stamp_s", "coupled_until_s", "request_stamp_s")]  # type: ignore[index]
 _LEADER_AT = COMMAND_DTYPE.fields["leader"][1]  # type: ignore[index]
 _LEADER = slice(_LEADER_AT, _LEADER_AT + KEY_BYTES)
+_LET_GO = "the host has let go of the arms (another client may have them); connect again"
 
 
 class Link:
@@ -71,7 +73,8 @@ class Link:
         self._asker = Asker(host, self._sockets, self._turn_while_there)
         self._session = secrets.randbits(63) + 1 if commands else 0
         self._seen = dict.fromkeys(commands, 0)
-        self._drives = False  # the host takes commands
+        self._drives, self._begin_s = False, math.inf  # the host takes commands; since when
+        self._let_go = False  # it has let go of the arms without being asked: their states may be another client's
         self._sequence = 0
         self._clock, self._stop = ClockOffset(), MirroredStop(f"host {host.address}")
         self._machine, self._stopped = machine_number(), False
@@ -97,7 +100,12 @@ class Link:
             LifeCycleError: unwanted.
         """
         fields = {"group": group, "session": self._session, "who": who(), "search": search}
-        self._drives = bool(self._asker.ask("start", _START_S, unwanted, **fields))
+        try:
+            self._drives = bool(self._asker.ask("start", _START_S, unwanted, **fields))
+        except LinkError:
+            self.stop(group)  # it may have energised them by now
+            raise
+        self._begin_s = SYSTEM.now()
         deadline = SYSTEM.now() + _GONE_S
         while not self.up and self._drives and not unwanted():
             self.turn()
@@ -125,7 +133,7 @@ class Link:
                 logger.warning("%s", error)
                 SYSTEM.sleep(_BEAT_S)
         if landed:
-            self._mirror.note_landed()
+            self._mirror.note(Mode.OFF)
         return landed
 
     def turn(self) -> None:
@@ -168,6 +176,9 @@ class Link:
         now = SYSTEM.now()
         self._clock.add(echo, now)
         self._heard_s = now
+        if self._drives and not echo.held and echo.sent_s > self._begin_s:
+            self._drives, self._let_go = False, True
+            self._mirror.note(Mode.LAND, _LET_GO)
         if self._lost:
             self._lost = False
             logger.warning("%s: the host is back", self._host.address)
@@ -181,7 +192,8 @@ class Link:
         if states.run != self._run:  # the host has been started anew; its computer may have been, too
             self._run = states.run
             self._clock.clear()
-        if len(self._clock) >= _ECHOES:
+        quiet_s = SYSTEM.now() - self._heard_s  # after so long the arms may be another client's
+        if len(self._clock) >= _ECHOES and quiet_s < _LOST_S and not self._let_go:
             self._mirror.write(states.arms, self._clock.offset_s)
         self._theirs = None if states.stopped_by == self._machine else bool(states.stopped)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from lerobot_robot_yam.errors import GripperError, LifeCycleError, StaleStateError, YamError
 from lerobot_robot_yam.remote.wire.link_messages import ArmNews
-from lerobot_robot_yam.session.arm_client import ArmClient
+from lerobot_robot_yam.session.arm_client import REQUEST_TIMEOUT_S, ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import COMMAND_DTYPE, STATE_DTYPE, Request, packed
@@ -68,7 +68,7 @@ class HostedArm:
         self._client = None
 
     def take(self, record: bytes, leaders: Collection[str]) -> bool:
-        """Pass on what is new in a client's command record. False: a target in it was not taken.
+        """Pass on what is new in a client's command record. False: something in it was too old, or not taken.
 
         Args:
             record: of COMMAND_DTYPE, by the clock of the host's arms.
@@ -80,13 +80,20 @@ class HostedArm:
         if client is None:
             return False
         command = self._layout.unpack(record)
+        now, taken = self._session.clock.now(), True
         if command[self._at["request_sequence"]] > self._requests:
             self._requests = command[self._at["request_sequence"]]
-            self._ask(client, command)
+            age_s = now - command[self._at["request_stamp_s"]]
+            if taken := -_AHEAD_S <= age_s <= REQUEST_TIMEOUT_S:
+                self._ask(client, command)
+            else:
+                logger.warning(
+                    "%s: a request that is %.1f s old is dropped; its client took it for failed", self._name, age_s
+                )
         if command[self._at["target_sequence"]] <= self._targets:
-            return True
+            return taken
         self._targets = command[self._at["target_sequence"]]
-        now, given_s = self._session.clock.now(), command[self._at["target_stamp_s"]]
+        given_s = command[self._at["target_stamp_s"]]
         if not -_AHEAD_S <= now - given_s <= self._hardware.config.command_timeout_s:  # NaN, too
             return False
         try:
@@ -94,7 +101,7 @@ class HostedArm:
         except YamError as error:
             logger.debug("%s: a client's target was not taken: %s", self._name, error)
             return False
-        return True
+        return taken
 
     def _ask(self, client: ArmClient, command: _Values) -> None:
         number = self._requests

@@ -93,6 +93,7 @@ class HostedGroup:
         self._waiting: list[Reply] = []
         self._unwanted = False  # they land as soon as they have been energised
         self._over = 0  # session of the client that has let go last
+        self._landed = (0, True)  # session whose arms were landed last, and whether they came down
         self._worker: threading.Thread | None = None
 
     def told(self) -> dict[str, Any]:
@@ -161,11 +162,13 @@ class HostedGroup:
         return "" if self.holder is None else self.holder.who
 
     def stop(self, session: int, reply: Reply) -> None:
-        """Land the arms of this client, and let go of them. One that has none is told that they are down."""
+        """Land the arms of this client, and let go of them. Asked again it gives the same answer; one that never had
+        them is told that they are down."""
         with self._lock:
             self._over = session
             if self.holder is None or self.holder.session != session:
-                reply({"landed": True})
+                last, landed = self._landed
+                reply({"landed": landed or session != last})
                 return
             self._begin_landing()
             self._waiting = [*self._waiting[-_MOST_WAITING:], reply]
@@ -196,6 +199,8 @@ class HostedGroup:
             arm.end()
         logger.info("%s: let go of by %s, %s", self.role, self._who, "landed" if landed else "NOT DOWN YET")
         with self._lock:
+            assert self.holder is not None
+            self._landed = (self.holder.session, landed)
             self.phase, self.holder, self._unwanted = Phase.FREE, None, False
             self._answer({"landed": landed})
 

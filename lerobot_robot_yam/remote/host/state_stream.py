@@ -36,7 +36,7 @@ class StateStream:
         stopped: Callable[[], tuple[bool, int]],
     ):
         self._groups, self._publish, self._stopped = groups, publish, stopped
-        self._run, self._sequence = secrets.randbits(63) + 1, 0
+        self._run = secrets.randbits(63) + 1
         self._sent = 0  # number of the state that was there when the last message was made
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._stream, name="yam-states", daemon=True)
@@ -76,6 +76,5 @@ class StateStream:
 
     def _send(self) -> None:
         news = [found for group in self._groups for arm in group.arms if (found := arm.news()) is not None]
-        self._sequence += 1
         stopped, by = self._stopped()
-        self._publish(pack_states(States(self._run, self._sequence, int(stopped), by, news)))
+        self._publish(pack_states(States(self._run, int(stopped), by, news)))

@@ -4,7 +4,8 @@ An echo that was sent at t0, arrived at the host at t1, left it at t2 and came b
 
     offset = ((t1 - t0) + (t2 - t3)) / 2        wrong by at most half of (t3 - t0) - (t2 - t1)
 
-(RFC 5905, section 8). Of a window of echoes the one with the shortest round trip counts.
+(RFC 5905, section 8). Of a window of echoes the one with the shortest round trip counts. It counts no longer once an
+echo contradicts it: the monotonic clock of a computer that sleeps stands still.
 """
 
 import math
@@ -14,6 +15,7 @@ from typing import NamedTuple
 from lerobot_robot_yam.remote.wire.link_messages import Echo
 
 _WINDOW = 50  # echoes, 5 s: two clocks drift apart by 0.1 ms in that time
+_DRIFT_S = 0.001  # that much is no contradiction
 
 
 class _Measured(NamedTuple):
@@ -42,11 +44,13 @@ class ClockOffset:
         if round_trip_s < 0.0 or echo.answered_s < echo.received_s:
             return
         offset_s = ((echo.received_s - echo.sent_s) + (echo.answered_s - now)) / 2.0
+        if abs(offset_s - self.offset_s) > self.error_s + round_trip_s / 2.0 + _DRIFT_S:  # False for NaN
+            self.clear()
         self._measured.append(_Measured(round_trip_s, offset_s))
         best = min(self._measured)
         self.offset_s, self.error_s = best.offset_s, best.round_trip_s / 2.0
 
     def clear(self) -> None:
-        """Forget: the host is another one, or has booted."""
+        """Forget: the host is another one, or has booted, or one of both has slept."""
         self._measured.clear()
         self.offset_s, self.error_s = math.nan, math.inf

@@ -28,7 +28,7 @@ _MAGIC = b"YR"
 _COMMAND = struct.Struct("<QQB")
 _BEAT = struct.Struct("<QQdB")
 _ECHO = struct.Struct("<dddB")
-_STATES = struct.Struct("<QQBQB")
+_STATES = struct.Struct("<QBQB")
 _ARM = struct.Struct("<BQH")
 _TEXTS_AT = STATE_DTYPE.fields["refusal"][1]  # type: ignore[index]
 _NO_TEXTS = bytes(STATE_DTYPE.itemsize - _TEXTS_AT)
@@ -73,7 +73,7 @@ class Echo(NamedTuple):
     sent_s: float  # of the beat, as the client's clock had it
     received_s: float  # the host's clock
     answered_s: float  # the host's clock
-    held: int  # whether the beat's session has arms
+    held: int  # whether the beat's session has arms; one that has had some and has none any more has lost them
 
 
 class ArmNews(NamedTuple):
@@ -88,7 +88,6 @@ class States(NamedTuple):
     """The newest states of all arms that run."""
 
     run: int  # a random number of this run of the host
-    sequence: int
     stopped: int  # whether the emergency stop is latched on the host
     stopped_by: int  # the machine whose stop that is, the host or a client's
     arms: Sequence[ArmNews]
@@ -202,7 +201,7 @@ def unpack_echo(message: bytes) -> Echo:
 
 def pack_states(states: States) -> bytes:
     """The texts at the end of a record do not travel where they are empty."""
-    parts = [_HEADS[Kind.STATES], _STATES.pack(*states[:4], len(states.arms))]
+    parts = [_HEADS[Kind.STATES], _STATES.pack(*states[:3], len(states.arms))]
     for arm, answered, record in states.arms:
         if record.endswith(_NO_TEXTS):
             record = record[:_TEXTS_AT]
@@ -216,7 +215,7 @@ def unpack_states(message: bytes) -> States:
         raise LinkError("what comes is no state")
     try:
         at = _HEAD.size + _STATES.size
-        run, sequence, stopped, stopped_by, count = _STATES.unpack_from(message, _HEAD.size)
+        run, stopped, stopped_by, count = _STATES.unpack_from(message, _HEAD.size)
         if count > _MOST_ARMS:
             raise LinkError("a state message has too many arms")
         arms = []
@@ -232,4 +231,4 @@ def unpack_states(message: bytes) -> States:
         raise LinkError(f"a state message is too short: {error}") from error
     if at != len(message):
         raise LinkError("a state message is too long")
-    return States(run, sequence, stopped, stopped_by, arms)
+    return States(run, stopped, stopped_by, arms)

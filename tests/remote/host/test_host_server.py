@@ -136,7 +136,7 @@ def hostile(seed, count):
         wire.pack_command(wire.Command(draw.getrandbits(64), 1 << 60, 0, target())),
         wire.pack_beat(wire.Beat(draw.getrandbits(64), 1, 0.0, 0)),
         wire.pack_ask(1, "start", group="robot", session=4, who="x", search=True),
-        wire.pack_states(wire.States(1, 1, 0, 0, [])),
+        wire.pack_states(wire.States(1, 0, 0, [])),
         wire.pack_echo(wire.Echo(0.0, 0.0, 0.0, 0)),
     ]
     asks = [{"op": op, "group": group} for op in ("start", "stop", "estop", "", 3, None) for group in ("robot", 7, "x")]

@@ -11,9 +11,9 @@ from lerobot_robot_yam.remote.wire.link_messages import Echo
 AHEAD_S = 1234.5
 
 
-def exchange(clock, sent_s, there_s, back_s, thinks_s=0.001):
+def exchange(clock, sent_s, there_s, back_s, thinks_s=0.001, ahead_s=AHEAD_S):
     """An echo whose ways take these times."""
-    received_s = sent_s + there_s + AHEAD_S
+    received_s = sent_s + there_s + ahead_s
     clock.add(Echo(sent_s, received_s, received_s + thinks_s, 1), sent_s + there_s + thinks_s + back_s)
 
 
@@ -37,6 +37,25 @@ def test_old_echoes_are_forgotten():
     for number in range(60):
         exchange(clock, 1.0 + number, 0.05, 0.05)
     assert clock.error_s == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("slept_s", [40.0, -40.0, 0.05])
+def test_what_was_known_before_a_computer_slept_counts_no_longer(slept_s):
+    """The workstation (its clock has stood still, so the host's is ahead by more), or the host."""
+    clock = ClockOffset()
+    for number in range(20):
+        exchange(clock, 0.1 * number, 0.0001, 0.0001)
+    exchange(clock, 3.0, 0.01, 0.01, ahead_s=AHEAD_S + slept_s)
+    assert clock.offset_s == pytest.approx(AHEAD_S + slept_s, abs=1e-9) and len(clock) == 1
+
+
+def test_clocks_that_drift_are_no_contradiction():
+    """By 100 ppm, over the quickest of links: what is known is never thrown away."""
+    clock = ClockOffset()
+    for number in range(200):
+        sent_s = 0.1 * number
+        exchange(clock, sent_s, 0.00003, 0.00003, ahead_s=AHEAD_S + 100e-6 * sent_s)
+        assert len(clock) == min(number + 1, 50)
 
 
 def test_what_cannot_be_does_not_count():

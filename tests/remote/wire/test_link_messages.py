@@ -28,7 +28,7 @@ ECHO = wire.Echo(1.0, 2.0, 2.5, 1)
 def states():
     quiet, speaking = np.zeros(2, STATE_DTYPE)
     speaking["message"], speaking["q"] = b"joint 3 is hot", np.arange(len(speaking["q"]))
-    return wire.States(2**63, 4, 1, 6, [wire.ArmNews(0, 1, quiet.tobytes()), wire.ArmNews(1, 2, speaking.tobytes())])
+    return wire.States(2**63, 1, 6, [wire.ArmNews(0, 1, quiet.tobytes()), wire.ArmNews(1, 2, speaking.tobytes())])
 
 
 PACKED = {
