@@ -107,7 +107,9 @@ class JointInterface:
                 motor_q[-1] = self.gripper.stops.motor(float(motor_q[-1]))
                 motor_dq[-1] *= self.gripper.stops.span_rad
         direction = self._hardware.direction
-        self.chain.feedback.assume(self._map.motor(motor_q), motor_dq * direction, record["motor_stamp_s"][slots])
+        assumed_rad = self._map.motor(motor_q)
+        self.chain.feedback.assume(assumed_rad, motor_dq * direction, record["motor_stamp_s"][slots])
+        self.chain.feedback.distrust(np.flatnonzero(record["distrusted"][slots]).tolist(), assumed_rad)
         for _ in range(3):
             if all(self.chain.refresh(timeout_s=0.01)):
                 break
