@@ -116,12 +116,12 @@ class FaultResponse:
             self._floating.check(arm.name)
         failed = np.flatnonzero(~arm.usable).tolist()
         distrusted, believed_rad = np.flatnonzero(arm.chain.distrusted).tolist(), arm.chain.position_rad
-        again = arm.interface.clear_and_enable(failed)
+        let_go = arm.interface.clear_and_enable(failed)
         before = arm.setpoint.q.copy()
         arm.seed_joints()
-        before[again] = arm.setpoint.q[again]  # they have sagged
-        for joint in set(failed) - set(again):  # its place is unknown; perhaps it still holds
-            arm.setpoint.reseed(joint, before[joint])
+        before[let_go] = arm.setpoint.q[let_go]  # they have sagged
+        for motor in set(failed) - set(let_go):  # it holds on to where it was sent, whether it is heard by now or not
+            arm.setpoint.reseed(motor, float(before[motor]))
         arm.compute_command(arm.chain.clock.now(), 0.0)
         for _ in range(_REARM_TICKS):
             finding = arm.interface.exchange(arm.impedance.commands)
