@@ -85,6 +85,8 @@ class FaultResponse:
     def rearm(self) -> None:
         """Enable again what has failed, and hold the measured pose. Blocks for some ticks.
 
+        An arm whose own trouble has ended goes on holding as long as the other one is in trouble.
+
         Raises:
             MotorError: a motor still does not obey; those that do again hold where they are.
             LifeCycleError: this trouble needs a new connection, or the arm holds because of another that is in trouble.
@@ -102,8 +104,11 @@ class FaultResponse:
             self._floating.check(arm.name)
             arm.enter(Mode.FLOAT)
         logger.info("%s: re-armed", arm.name)
-        status.halted, self._halted_afloat, self._peer = False, False, None
+        peer, self._peer = self._peer, None
+        status.halted, self._halted_afloat = False, False
         status.trouble, status.message, status.limited = None, "", Limited.NOTHING
+        if peer is not None and peer.trouble is not None:  # it was in trouble, too
+            self.halt(peer)
 
     def _rearm(self) -> None:
         arm, status = self._actuation, self._status
