@@ -217,6 +217,12 @@ class ArmController:
                 arm.enter(Mode.TRACK)
         setpoint.track(coupling.target, coupling.velocity, now)
 
+    def change_gains(self, kp: np.ndarray, kd: np.ndarray) -> None:
+        """Go over to other gains (n,) of its own, NaN as configured. Raises LifeCycleError: the arm lands."""
+        if self.mode is Mode.LAND:
+            raise LifeCycleError(f"{self.name}: it lands with the configured gains; change them once it is up again")
+        self.actuation.change_gains(kp, kd)
+
     def held_back(self, by: str) -> None:
         """The workspace holds the set-point back, `by` names the parts; empty when it does not."""
         if self._progress.by_workspace(by):

@@ -75,7 +75,7 @@ class ControllerBlocks:
             try:
                 request = Request(int(command["request"]))
                 if request is Request.GAINS:
-                    controller.actuation.change_gains(command["own_kp"][self._slots], command["own_kd"][self._slots])
+                    controller.change_gains(command["own_kp"][self._slots], command["own_kd"][self._slots])
                 else:
                     controller.request(request, now)
             except YamError as error:
