@@ -61,7 +61,7 @@ class ArmController:
         self.bring_up = BringUp(arm, self._floating)
         self.landing = LandingResponse(arm)
         self.faults = FaultResponse(arm, self.landing, self.bring_up, self._floating)
-        self._stop = StopResponse(arm, self.landing, self.faults)
+        self._stop = StopResponse(arm, self.landing, self.faults, self._floating)
         self._progress = ProgressMonitor(self.name, hardware.joint_names)
         self._last_target_at = -math.inf
         self.lead: Lead | None = None

@@ -76,7 +76,7 @@ class FaultResponse:
         self._peer = peer
         if status.mode in (Mode.HOLD, Mode.TRACK, Mode.FLOAT, Mode.STOPPED, Mode.BRING_UP):
             logger.warning("%s: holds: %s is in trouble: %s", status.name, peer.name, peer.trouble)
-            self._halted_afloat |= status.floats and status.mode in (Mode.FLOAT, Mode.STOPPED)
+            self._halted_afloat |= status.floats and status.afloat
             status.halted = True
             status.limited |= Limited.PEER
             if status.mode in (Mode.TRACK, Mode.FLOAT):

@@ -45,7 +45,7 @@ def document() -> str:
         "",
         "While the emergency stop is latched, nothing lands: followers hold and leaders float. The loop goes on",
         "commanding them after its caller has gone, and `yam-estop release` then lands them at once. A leader that",
-        "floats away by itself is held.",
+        "floats away by itself, lands, or is known not to be in balance, is held.",
         "",
         "Re-arming asks every motor at least three times where it is. It is refused",
         "",
