@@ -89,6 +89,8 @@ class StopResponse:
             self._stop()
         elif self._status.mode is Mode.STOPPED:
             self._resume(now)
+        elif self._status.limited:  # hardly ever; flags take long to combine
+            self._status.limited &= ~Limited.EMERGENCY_STOP  # of an arm in trouble, which answers the next stop, too
 
     def _stop(self) -> None:
         arm, status = self._actuation, self._status
