@@ -53,7 +53,7 @@ class Request(IntEnum):
     REARM = 5
     GUIDE = 6  # float, and let the gripper follow targets
     GAINS = 7  # use the command's own_kp and own_kd
-    CUT_TORQUE = 8  # at once, wherever the arm is
+    CUT_TORQUE = 8  # at once, also in the air; refused while the arm lands or is stopped
 
 
 ACTION_SLOTS = MAX_MOTORS + 1  # of a follower with a gripper more than its leader has
