@@ -61,7 +61,7 @@ class ArmController:
         self.bring_up = BringUp(arm, self._floating)
         self.landing = LandingResponse(arm)
         self.faults = FaultResponse(arm, self.landing, self.bring_up, self._floating)
-        self._stop = StopResponse(arm, self.landing, self.faults)
+        self._stop = StopResponse(arm, self.landing, self.faults, self._floating)
         self._progress = ProgressMonitor(self.name, hardware.joint_names)
         self._last_target_at = -math.inf
         self.lead: Lead | None = None
@@ -216,6 +216,12 @@ class ArmController:
             if status.mode is Mode.HOLD:
                 arm.enter(Mode.TRACK)
         setpoint.track(coupling.target, coupling.velocity, now)
+
+    def change_gains(self, kp: np.ndarray, kd: np.ndarray) -> None:
+        """Go over to other gains (n,) of its own, NaN as configured. Raises LifeCycleError: the arm lands."""
+        if self.mode is Mode.LAND:
+            raise LifeCycleError(f"{self.name}: it lands with the configured gains; change them once it is up again")
+        self.actuation.change_gains(kp, kd)
 
     def held_back(self, by: str) -> None:
         """The workspace holds the set-point back, `by` names the parts; empty when it does not."""

@@ -19,6 +19,7 @@ class ArmStatus:
         stopped: the emergency stop is latched. The loop says so before anything is asked or decided.
         must_land: it lands as soon as the emergency stop is released.
         halted: it takes no targets until it is re-armed, because the other arm is in trouble.
+        stops_afloat: during the emergency stop that is latched it floats, rather than holds.
     """
 
     def __init__(self, name: str, floats: bool):
@@ -27,7 +28,7 @@ class ArmStatus:
         self.trouble: Trouble | None = None
         self.message = ""
         self.limited = Limited.NOTHING
-        self.stopped = self.must_land = self.halted = False
+        self.stopped = self.must_land = self.halted = self.stops_afloat = False
 
     @property
     def mode(self) -> Mode:
@@ -42,7 +43,7 @@ class ArmStatus:
     @property
     def afloat(self) -> bool:
         """Whether only the model carries it."""
-        return self._mode is Mode.FLOAT or (self._mode is Mode.STOPPED and self.floats)
+        return self._mode is Mode.FLOAT or (self._mode is Mode.STOPPED and self.stops_afloat)
 
     def check(self, mode: Mode) -> None:
         """Raises LifeCycleError: the table of transitions does not lead from the present mode to this one."""

@@ -76,7 +76,7 @@ class FaultResponse:
         self._peer = peer
         if status.mode in (Mode.HOLD, Mode.TRACK, Mode.FLOAT, Mode.STOPPED, Mode.BRING_UP):
             logger.warning("%s: holds: %s is in trouble: %s", status.name, peer.name, peer.trouble)
-            self._halted_afloat |= status.floats and status.mode in (Mode.FLOAT, Mode.STOPPED)
+            self._halted_afloat |= status.floats and status.afloat
             status.halted = True
             status.limited |= Limited.PEER
             if status.mode in (Mode.TRACK, Mode.FLOAT):
@@ -84,6 +84,8 @@ class FaultResponse:
 
     def rearm(self) -> None:
         """Enable again what has failed, and hold the measured pose. Blocks for some ticks.
+
+        An arm whose own trouble has ended goes on holding as long as the other one is in trouble.
 
         Raises:
             MotorError: a motor still does not obey; those that do again hold where they are.
@@ -102,8 +104,11 @@ class FaultResponse:
             self._floating.check(arm.name)
             arm.enter(Mode.FLOAT)
         logger.info("%s: re-armed", arm.name)
-        status.halted, self._halted_afloat, self._peer = False, False, None
+        peer, self._peer = self._peer, None
+        status.halted, self._halted_afloat = False, False
         status.trouble, status.message, status.limited = None, "", Limited.NOTHING
+        if peer is not None and peer.trouble is not None:  # it was in trouble, too
+            self.halt(peer)
 
     def _rearm(self) -> None:
         arm, status = self._actuation, self._status
@@ -116,12 +121,12 @@ class FaultResponse:
             self._floating.check(arm.name)
         failed = np.flatnonzero(~arm.usable).tolist()
         distrusted, believed_rad = np.flatnonzero(arm.chain.distrusted).tolist(), arm.chain.position_rad
-        again = arm.interface.clear_and_enable(failed)
+        let_go = arm.interface.clear_and_enable(failed)
         before = arm.setpoint.q.copy()
         arm.seed_joints()
-        before[again] = arm.setpoint.q[again]  # they have sagged
-        for joint in set(failed) - set(again):  # its place is unknown; perhaps it still holds
-            arm.setpoint.reseed(joint, before[joint])
+        before[let_go] = arm.setpoint.q[let_go]  # they have sagged
+        for motor in set(failed) - set(let_go):  # it holds on to where it was sent, whether it is heard by now or not
+            arm.setpoint.reseed(motor, float(before[motor]))
         arm.compute_command(arm.chain.clock.now(), 0.0)
         for _ in range(_REARM_TICKS):
             finding = arm.interface.exchange(arm.impedance.commands)

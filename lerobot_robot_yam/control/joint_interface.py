@@ -20,7 +20,7 @@ from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import Quantiser, SpecialCommand
 from lerobot_robot_yam.damiao.handle_encoder import HandleEncoder
 from lerobot_robot_yam.damiao.registers import Register
-from lerobot_robot_yam.damiao.tables import Fault
+from lerobot_robot_yam.damiao.tables import Fault, motor_type
 from lerobot_robot_yam.errors import MotorError, YamError
 from lerobot_robot_yam.state.faults import SILENT_S
 
@@ -36,6 +36,7 @@ _REARM_ATTEMPTS = 2  # 27 ms each for seven motors, and the loop must not seem t
 _SOON_S = 0.02  # where no loop waits
 _OFF_S = 0.01  # three times, during which the other arm gets no commands
 _PUSHED_RAD = 0.5  # a hand or a load can push a joint this far from a set-point that it holds
+_OFF_SHARE = 0.15  # of a motor's range, by which its torque may differ from what its command gives where it is
 
 
 class JointInterface:
@@ -107,7 +108,9 @@ class JointInterface:
                 motor_q[-1] = self.gripper.stops.motor(float(motor_q[-1]))
                 motor_dq[-1] *= self.gripper.stops.span_rad
         direction = self._hardware.direction
-        self.chain.feedback.assume(self._map.motor(motor_q), motor_dq * direction, record["motor_stamp_s"][slots])
+        assumed_rad = self._map.motor(motor_q)
+        self.chain.feedback.assume(assumed_rad, motor_dq * direction, record["motor_stamp_s"][slots])
+        self.chain.feedback.distrust(np.flatnonzero(record["distrusted"][slots]).tolist(), assumed_rad)
         for _ in range(3):
             if all(self.chain.refresh(timeout_s=0.01)):
                 break
@@ -148,7 +151,7 @@ class JointInterface:
     def clear_and_enable(self, motors: Sequence[int]) -> list[int]:
         """Believe these motors again, clear the faults of those that have one, and enable them: without torque.
 
-        Nothing is sent to a silent motor: it may still hold its joint. Returns the others.
+        Nothing is sent to a silent motor: it may still hold its joint. Returns those that had let go.
 
         Raises:
             MotorError: one is where its joint cannot be, contradicts itself, or two answer for it. Those that were
@@ -197,25 +200,33 @@ class JointInterface:
                 self.disbelieve([i for i in heard if i not in off], believed_rad)
                 raise
             self.read()
-            return heard
+            return off
 
     def _compare(self, motors: Sequence[int], believed_rad: np.ndarray) -> None:
         """
         Raises:
             MotorError: some say to be where they cannot have got from where they were sent last, and from where they
-                were believed, `believed_rad`, (n,) motor coordinates.
+                were believed, `believed_rad`, (n,) motor coordinates. Or they work with another torque than their last
+                command gives there, kp (q* − q) + kd (dq* − dq) + tau: a joint that was pushed away pulls back.
         """
-        low = high = self.sent[:, mit_laws.Q]
+        sent = self.sent
+        low = high = sent[:, mit_laws.Q]
         if self.gripper is not None:  # what it presses on may have kept it from where it was sent
             low, high, believed = low.copy(), high.copy(), float(self._map.position(believed_rad)[-1])
             low[-1], high[-1] = min(low[-1], believed), max(high[-1], believed)
         gap = np.maximum(low - self.motor_q, self.motor_q - high)
-        lying = [index for index in motors if gap[index] > _PUSHED_RAD]
+        range_nm = np.array([motor_type(motor.type).torque_max_nm for motor in self._hardware.motors])
+        spring_nm = sent[:, mit_laws.KP] * (sent[:, mit_laws.Q] - self.motor_q)
+        damping_nm = sent[:, mit_laws.KD] * (sent[:, mit_laws.DQ] - self.motor_dq)
+        gives_nm = np.clip(spring_nm + damping_nm + sent[:, mit_laws.TAU], -range_nm, range_nm)
+        off = (gap > _PUSHED_RAD) | (np.abs(gives_nm - self.tau) > _OFF_SHARE * range_nm)
+        lying = [index for index in motors if off[index]]
         if not lying:
             return
         told = "; ".join(
             f"{self._hardware.motors[index].name} (id {self._hardware.motors[index].can_id}) still reads "
-            f"{self.motor_q[index]:.2f} rad and was sent to {self.sent[index, mit_laws.Q]:.2f}"
+            f"{self.motor_q[index]:.2f} rad and was sent to {sent[index, mit_laws.Q]:.2f}, and works with "
+            f"{self.tau[index]:.1f} Nm where its command gives {gives_nm[index]:.1f}"
             for index in lying
         )
         raise MotorError(

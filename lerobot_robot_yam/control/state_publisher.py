@@ -17,7 +17,7 @@ logger = logging.getLogger(__name__)
 
 _MEASURED = ("q", "dq", "tau", "setpoint", "motor_stamp_s", "temp_mos_c", "temp_rotor_c", "offset_rad")  # NaN at first
 _ACTION = ("action", "action_dq", "action_stamp_s")
-_PER_MOTOR = (*_MEASURED, "fault", "lost")
+_PER_MOTOR = (*_MEASURED, "fault", "distrusted", "lost")
 
 
 class ControllerBlocks:
@@ -75,7 +75,7 @@ class ControllerBlocks:
             try:
                 request = Request(int(command["request"]))
                 if request is Request.GAINS:
-                    controller.actuation.change_gains(command["own_kp"][self._slots], command["own_kd"][self._slots])
+                    controller.change_gains(command["own_kp"][self._slots], command["own_kd"][self._slots])
                 else:
                     controller.request(request, now)
             except YamError as error:
@@ -128,6 +128,7 @@ class ControllerBlocks:
         per_motor["temp_mos_c"][:] = chain.temp_mos_c
         per_motor["temp_rotor_c"][:] = chain.temp_rotor_c
         per_motor["fault"][:] = chain.fault
+        per_motor["distrusted"][:] = chain.distrusted
         per_motor["lost"][:] = chain.lost
         self._ended = status.mode is Mode.OFF
         self.published_mode = status.mode

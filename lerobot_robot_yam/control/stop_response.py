@@ -12,8 +12,9 @@ import numpy as np
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.actuation import Actuation
 from lerobot_robot_yam.control.fault_response import FaultResponse
+from lerobot_robot_yam.control.float_monitor import FloatMonitor
 from lerobot_robot_yam.control.landing_response import LandingResponse
-from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.errors import LifeCycleError, YamError
 from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
@@ -78,9 +79,9 @@ class StopTriggers:
 class StopResponse:
     """Responses of one arm."""
 
-    def __init__(self, actuation: Actuation, landing: LandingResponse, faults: FaultResponse):
+    def __init__(self, actuation: Actuation, landing: LandingResponse, faults: FaultResponse, floating: FloatMonitor):
         self._actuation, self._status = actuation, actuation.status
-        self._landing, self._faults = landing, faults
+        self._landing, self._faults, self._floating = landing, faults, floating
 
     def check(self, now: float) -> None:
         """One tick: stop while the emergency stop is latched, go on once it is released."""
@@ -88,6 +89,8 @@ class StopResponse:
             self._stop()
         elif self._status.mode is Mode.STOPPED:
             self._resume(now)
+        elif self._status.limited:  # hardly ever; flags take long to combine
+            self._status.limited &= ~Limited.EMERGENCY_STOP  # of an arm in trouble, which answers the next stop, too
 
     def _stop(self) -> None:
         arm, status = self._actuation, self._status
@@ -101,8 +104,19 @@ class StopResponse:
             self._landing.cancel()
             status.must_land = True
         arm.stop_moving()
+        status.stops_afloat = status.floats and self._may_float()
         arm.enter(Mode.STOPPED)
         self._press_less()
+
+    def _may_float(self) -> bool:
+        """Whether the arm floats, or would as far as is known; of one that lands it is not known."""
+        if self._status.mode in (Mode.FLOAT, Mode.LAND):
+            return self._status.mode is Mode.FLOAT
+        try:
+            self._floating.check(self._actuation.name)
+        except LifeCycleError:
+            return False
+        return True
 
     def _press_less(self) -> None:
         """Reduce what the joints pull with to what carries a load: a person may be in the arm's way."""
@@ -128,7 +142,7 @@ class StopResponse:
                 return
             arm.enter(Mode.BRING_UP)
             return
-        floats = status.floats and not (status.must_land or status.halted)
+        floats = status.stops_afloat and not (status.must_land or status.halted)
         arm.enter(Mode.FLOAT if floats else Mode.HOLD)
         if status.must_land:
             status.must_land = False

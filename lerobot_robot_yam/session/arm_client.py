@@ -216,6 +216,7 @@ class ArmClient:
 
         Raises:
             ActionError, ConfigError: see `checked_gains`; nothing was sent.
+            LifeCycleError: it lands, or is off.
             StaleStateError: the control loop does not answer.
         """
         own_gains = self.checked_gains(kp, kd)

@@ -196,7 +196,8 @@ class ArmSession(Uncopied):
             LifeCycleError: an arm still fails, or needs a new connection; those that hold because of it go on holding.
             MotorError: a gripper's stops are not found.
         """
-        for client in sorted(self._clients.values(), key=lambda client: client.mode() not in _IN_TROUBLE):
+        in_trouble = [client for client in self._clients.values() if client.mode() in _IN_TROUBLE]
+        for client in (*in_trouble, *self._clients.values()):  # who came first has waited for the others
             client.rearm()
         for client in self._clients.values():
             client.await_gripper()

@@ -240,6 +240,7 @@ class YamArm(Uncopied):
 
         Raises:
             ActionError, ConfigError: what a configuration would be refused for; nothing changes.
+            LifeCycleError: it lands, or is off.
         """
         self._client.change_gains(kp, kd)
 

@@ -17,7 +17,7 @@ class Mode(IntEnum):
     LAND = 5  # on its way to a pose in which torque can be cut
     FAULT = 6  # a motor is lost or reports a fault; the others hold
     OFF = 7  # landed, torque cut
-    STOPPED = 8  # emergency stop: a follower holds, a leader floats
+    STOPPED = 8  # emergency stop: a follower holds, a leader floats if it is in balance
 
 
 TRANSITIONS: dict[Mode, frozenset[Mode]] = {

@@ -53,7 +53,7 @@ class Request(IntEnum):
     REARM = 5
     GUIDE = 6  # float, and let the gripper follow targets
     GAINS = 7  # use the command's own_kp and own_kd
-    CUT_TORQUE = 8  # at once, wherever the arm is
+    CUT_TORQUE = 8  # at once, also in the air; refused while the arm lands or is stopped
 
 
 ACTION_SLOTS = MAX_MOTORS + 1  # of a follower with a gripper more than its leader has
@@ -78,6 +78,7 @@ STATE_DTYPE = np.dtype(
         ("temp_mos_c", "f4", MAX_MOTORS),
         ("temp_rotor_c", "f4", MAX_MOTORS),
         ("fault", "u1", MAX_MOTORS),
+        ("distrusted", "u1", MAX_MOTORS),  # readings are not used any more; q is where it was believed last
         ("lost", "u8", MAX_MOTORS),
         ("offset_rad", "f8", MAX_MOTORS),  # motor angle at joint zero: what a successor needs to know
         ("gripper_stops_rad", "f8", 2),  # closed, open; NaN until they are known

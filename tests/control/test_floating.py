@@ -1,5 +1,9 @@
 """An arm whose model is wrong is not let float, or not fast, or not for long; and a hand feels nothing of that."""
 
+import contextlib
+import threading
+import time
+
 import numpy as np
 import pytest
 
@@ -9,7 +13,9 @@ from lerobot_robot_yam.errors import LifeCycleError, MotorError
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
-from tests.support.rigged import lockstep_rig, session_on, sim_config, track
+from lerobot_robot_yam.state.records import STATE_DTYPE, channel_key, state_path
+from lerobot_robot_yam.system.shared_block import SharedBlock
+from tests.support.rigged import lockstep_rig, rig_of, session_on, sim_config, track
 from tests.support.tiers import spread
 
 LEADER, FOLLOWER = "leader_left", "follower_left"
@@ -111,6 +117,64 @@ def test_the_emergency_stop_ends_it(rig, started):
         assert session[LEADER].published().trouble is Trouble.RUNAWAY
     finally:
         stop.release()
+
+
+@pytest.mark.parametrize("mode", [Mode.HOLD, Mode.LAND])
+def test_the_emergency_stop_holds_a_leader_that_would_run_away(rig, started, mode):
+    session = started(LEADER)
+    session[LEADER].hold()
+    rig.push(LEADER, "gripper", [0.0, 0.0, 10.0], 30.0)  # it has lost 1 kg
+    session.clock.sleep(0.5)
+    if mode is Mode.LAND:
+        session[LEADER].land()
+        session.clock.sleep(0.5)
+    assert session[LEADER].mode() is mode
+    stop = EmergencyStop()
+    try:
+        stop.latch("a test")
+        session.clock.sleep(0.2)
+        rig.watch_start(LEADER)
+        session.clock.sleep(1.0)
+        assert session[LEADER].mode() is Mode.STOPPED
+        assert fastest(rig, LEADER) < 0.5
+    finally:
+        stop.release()
+    session.clock.sleep(0.3)
+    assert session[LEADER].mode() is mode
+
+
+@pytest.mark.long
+@pytest.mark.alone
+def test_the_emergency_stop_holds_a_leader_that_was_refused_and_lands():
+    with rig_of("live", arms=[LEADER]) as rig:
+        session = session_on(rig, sim_config(rig, LEADER, payload_mass_kg=1.0))
+        stop, refused = EmergencyStop(), threading.Event()
+
+        def start():
+            with contextlib.suppress(MotorError):
+                session.start()
+            refused.set()
+
+        threading.Thread(target=start).start()
+        try:
+            deadline, path = time.monotonic() + 30.0, state_path(channel_key("yam_sim", LEADER, rig.name))
+            while not path.exists():
+                assert time.monotonic() < deadline
+                time.sleep(0.01)
+            with contextlib.closing(SharedBlock(path, STATE_DTYPE, create=False)) as block:
+                while (record := block.read()) is None or record["mode"] != Mode.LAND:
+                    assert time.monotonic() < deadline
+                    time.sleep(0.002)
+                stop.latch("a test")
+                rig.watch_start(LEADER)
+                time.sleep(1.0)
+                assert block.read()["mode"] == Mode.STOPPED
+            assert fastest(rig, LEADER) < 0.5
+        finally:
+            stop.release()
+            assert refused.wait(60.0)
+            session.stop()
+        assert not energised(rig, LEADER)
 
 
 def test_a_hand_feels_nothing_below_the_speed(rig, started):

@@ -157,13 +157,22 @@ def test_single_ones_are_not_used_and_not_told(rig, held):
         assert state.trouble is None and abs(state.q[1] - POSE[1]) < 0.02
 
 
-def test_a_motor_that_goes_on_lying_is_not_believed_again(rig, held):
-    """Its turn is not counted anew: with power it cannot have lost it, and the arm would be thrown round."""
-    rig.fault(CHANNEL, "joint_2", "reading", {"position_rad": 6.283})
+LIES = [(f"joint_{joint}", way * lie) for joint in (2, 5) for lie in (0.45, 0.3, 0.2) for way in (1, -1)]
+LIES += [("joint_2", 0.1), ("joint_2", -0.1), ("joint_2", 6.283)]
+
+
+@pytest.mark.parametrize("motor, lie_rad", spread(LIES, 2, len(LIES) - 1))
+def test_a_motor_that_goes_on_lying_is_not_believed_again(rig, held, motor, lie_rad):
+    """Its turn is not counted anew: with power it cannot have lost it, and the arm would be thrown round.
+
+    Where a hand could have pushed it to, its torque would be another one.
+    """
+    rig.fault(CHANNEL, motor, "reading", {"position_rad": lie_rad})
     held.clock.sleep(0.1)
     judge = Judge(rig, held)
+    before = judge.tool()
     for _ in range(2):
-        with pytest.raises(LifeCycleError, match="joint_2.*still reads 7.2"):
+        with pytest.raises(LifeCycleError, match=f"{motor}.*still reads .* rad and was sent to"):
             held[CHANNEL].rearm()
         held.clock.sleep(0.2)
     judge.check("re-armed in vain")
@@ -172,6 +181,19 @@ def test_a_motor_that_goes_on_lying_is_not_believed_again(rig, held):
     held.clock.sleep(0.2)
     assert held[CHANNEL].observe().mode is Mode.HOLD
     judge.check("re-armed")
+    assert np.linalg.norm(judge.tool() - before) < MOST_M
+
+
+def test_a_joint_that_is_pushed_from_where_it_was_sent_is_believed_again(rig, held):
+    rig.fault(CHANNEL, "joint_2", "reading", {"position_rad": 6.283})
+    held.clock.sleep(0.1)
+    rig.clear_faults(CHANNEL)
+    rig.push(CHANNEL, "link4", [0.0, 0.0, -70.0], 2.0)
+    held.clock.sleep(0.8)
+    held[CHANNEL].rearm()
+    state, there = held[CHANNEL].observe(), rig.state()["arms"][CHANNEL]["q"][1]
+    assert state.mode is Mode.HOLD and state.q[1] == pytest.approx(there, abs=0.02)
+    assert abs(there - POSE[1]) > 0.2
 
 
 def test_a_gripper_that_goes_on_lying_is_not_believed_again(rig, held):

@@ -106,6 +106,26 @@ def test_an_arm_in_trouble_is_no_exception(rig, running):
     assert session[CHANNEL].mode() is Mode.HOLD
 
 
+def test_an_arm_in_trouble_presses_less_at_the_second_stop_too(rig, running):
+    session = running()
+    track(session, {CHANNEL: NEAR}, 1.5)
+    rig.fault(CHANNEL, "joint_6", "nibble", int(Fault.OVERLOAD))
+    session.clock.sleep(0.1)
+    EmergencyStop().latch("a test")
+    session.clock.sleep(0.1)
+    EmergencyStop().release()
+    session.clock.sleep(0.1)
+    assert Limited.EMERGENCY_STOP not in session[CHANNEL].published().limited
+    rig.push(CHANNEL, "link4", [0.0, 60.0, 0.0], 0.5)
+    session.clock.sleep(0.4)
+    rig.fault(CHANNEL, "joint_1", "stuck")  # where it was pushed to
+    session.clock.sleep(0.3)
+    assert session[CHANNEL].mode() is Mode.FAULT and pull_nm(session) > 10.0
+    EmergencyStop().latch("somebody is in there")
+    session.clock.sleep(0.1)
+    assert pull_nm(session) < 5.2
+
+
 def test_what_the_effort_limit_has_stopped_can_be_released_while_it_is_still_blocked(rig, running):
     session = running(effort_limit_nm=[10.0, 45.0, 45.0, 20.0, 20.0, 20.0])
     press(rig, session)

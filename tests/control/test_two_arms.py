@@ -94,6 +94,29 @@ def test_an_arm_that_holds_because_of_the_other_is_not_released_alone(rig):
         session.stop()
 
 
+def test_of_two_arms_in_trouble_the_one_re_armed_first_waits_for_the_other(rig):
+    session = session_on(rig, sim_config(rig, LEFT), sim_config(rig, RIGHT))
+    session.start()
+    try:
+        for channel in (LEFT, RIGHT):
+            rig.fault(channel, "joint_6", "nibble", int(Fault.OVERLOAD), sticky=channel == RIGHT)
+        both = {LEFT, RIGHT}
+        wait_for(session.clock, "it is noticed", lambda: {session[c].mode() for c in both} == {Mode.FAULT}, 1.0)
+        with pytest.raises(LifeCycleError, match="cannot re-arm.*joint_6"):
+            session.rearm()
+        track(session, {LEFT: AWAY}, 0.2)
+        assert session[LEFT].mode() is Mode.HOLD
+        assert Limited.PEER in session[LEFT].published().limited
+        rig.clear_faults(RIGHT)
+        rig.fault(LEFT, "joint_5", "nibble", int(Fault.OVERLOAD))
+        wait_for(session.clock, "it is noticed", lambda: session[LEFT].mode() is Mode.FAULT, 1.0)
+        session.rearm()
+        track(session, {LEFT: AWAY, RIGHT: AWAY}, 0.2)
+        assert {session[channel].mode() for channel in both} == {Mode.TRACK}
+    finally:
+        session.stop()
+
+
 @pytest.mark.parametrize("latency_s", [0.0, 0.04])
 def test_an_arm_that_switches_off_on_a_bad_wire_keeps_the_other_one_waiting_for_no_long(rig, latency_s):
     """A stand-by takes a loop for hung that has not ticked for 0.14 s."""

@@ -1,10 +1,13 @@
 """An arm lands whatever its model says that it weighs: slowly, down to where cutting torque moves nothing."""
 
+import math
+
 import numpy as np
 import pytest
 
 from lerobot_robot_yam.control.landing import LANDING_SPEED_RAD_S
 from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.records import Request
 from tests.support.landed import MOST_M
 from tests.support.rigged import lockstep_rig, session_on, sim_config, track
 
@@ -74,6 +77,24 @@ def test_an_arm_lands_whose_model_is_wrong(rig, pose, fields, load_kg):
     assert moved <= MOST_M
     assert np.sort(speeds, axis=0)[-BRIEF].max() < 2 * LANDING_SPEED_RAD_S
     assert np.median(speeds.max(axis=1)) < LANDING_SPEED_RAD_S
+
+
+def test_gains_that_are_given_while_an_arm_lands_are_refused(rig):
+    """Soft ones would let it fall: its model carries less than it weighs."""
+    session = session_on(rig, sim_config(rig, CHANNEL, gravity_factor=[0.8] * 6))
+    session.start()
+    try:
+        track(session, {CHANNEL: OUT}, 1.6)
+        session[CHANNEL].land()
+        session.clock.sleep(0.2)
+        rig.watch_start(CHANNEL)
+        session[CHANNEL].ask(Request.GAINS, [*[1.0] * 6, math.nan, *[0.1] * 6, math.nan])
+        session.clock.sleep(1.5)
+        assert max(rig.watch(CHANNEL)["max_speed_rad_s"][:6]) < 2 * LANDING_SPEED_RAD_S
+        assert "it lands with the configured gains" in session[CHANNEL].published().refusal
+        assert session._runner._loop._controllers[0].actuation.impedance.own_gains
+    finally:
+        session.discard()
 
 
 @pytest.mark.long

@@ -12,10 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lerobot_robot_yam.control.landing import LANDING_SPEED_RAD_S
 from lerobot_robot_yam.errors import MotorError, StaleStateError, YamError
 from lerobot_robot_yam.rig.client.rig_control import runs
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE, channel_key, lock_path, state_path
 from lerobot_robot_yam.system.shared_block import SharedBlock
@@ -133,6 +135,27 @@ def test_who_takes_over_during_an_emergency_stop_waits_for_its_release(rig, capf
         session.stop()
     said = capfd.readouterr().err
     assert "taken over within" in said and "bring-up" not in said and "stand-by failed" not in said
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("lie_rad", [0.3, -0.3])
+def test_a_motor_that_was_not_believed_is_landed_unseen(rig, lie_rad):
+    channel = "follower_left"
+    session = start(rig, channel)
+    try:
+        stretch(session, 1.5, channel)
+        rig.fault(channel, "joint_2", "reading", {"position_rad": lie_rad})
+        time.sleep(1.0)
+        assert session[channel].published().trouble is Trouble.IMPLAUSIBLE
+        rig.truth_start(channel, 30.0)
+        os.kill(control_pid(session), signal.SIGKILL)
+        wait_mode(session[channel], Mode.OFF, 20.0)
+        truth = rig.truth(channel)
+    finally:
+        session.stop()
+    assert np.abs(truth["dq"][:, 1]).max() < 2 * LANDING_SPEED_RAD_S
+    time.sleep(0.5)
+    assert moved_after_cut_m(rig, channel) < MOST_M
 
 
 def wait_mode(arm, mode, timeout_s=1.0):

@@ -16,6 +16,7 @@ from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE, channel_key, state_path
 from lerobot_robot_yam.system.shared_block import SharedBlock
 from tests.support.rigged import lockstep_rig, running_arm, sim_config, track
+from tests.support.tiers import spread
 
 CHANNEL = "follower_left"
 POSE = np.array([0.2, 1.0, 1.1, -0.3, 0.1, 0.1])
@@ -84,6 +85,22 @@ def test_who_takes_over_leaves_a_joint_that_is_not_heard_where_it_was_sent(rig, 
     slot = 1
     record["fault"][slot] = Fault.OVER_CURRENT  # it had let go before it fell silent
     assert heir_of(record).actuation.setpoint.q[1] == pytest.approx(record["q"][slot])
+
+
+@pytest.mark.parametrize("lie_rad", spread([0.3, 0.45, -0.3], 1))
+def test_who_takes_over_does_not_believe_a_motor_that_was_not_believed(rig, heir_of, session, lie_rad):
+    """As old as its last good reading is by then, the joint could have got where it says."""
+    track(session, {CHANNEL: POSE}, 1.5)
+    rig.fault(CHANNEL, "joint_2", "reading", {"position_rad": lie_rad})
+    session.clock.sleep(1.0)
+    assert session[CHANNEL].mode() is Mode.FAULT
+    arm = heir_of(record_of(rig)).actuation
+    for _ in range(5):
+        arm.interface.exchange(arm.impedance.commands)
+        arm.interface.read()
+    assert arm.chain.distrusted.tolist() == [False, True, *[False] * 5]
+    assert abs(arm.q[1] - POSE[1]) < 0.05
+    assert np.abs(arm.setpoint.q[:6] - POSE).max() < 0.05
 
 
 def test_who_takes_over_from_soft_gains_holds_the_arm_where_a_hand_keeps_it(rig, heir_of, session):
