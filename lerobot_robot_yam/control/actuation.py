@@ -75,6 +75,7 @@ class Actuation:
         self._bad = np.zeros(hw.n, dtype=bool)
         self.usable, self.all_usable = ~self._bad, True
         self.landing: Landing | None = None
+        self._sunk = np.zeros(hw.joints, dtype=bool)
         self.grips = False
         self.assist: tuple[np.ndarray, np.ndarray] | None = None
         self.bus_loss = BusLoss()
@@ -98,6 +99,22 @@ class Actuation:
         """(n,) as `q`, but a joint that is not heard, and may obey all the same, is where it was sent."""
         return self.q if self.all_usable else np.where(self._unheard(), self.setpoint.q, self.q)
 
+    @property
+    def sunk(self) -> np.ndarray:
+        """(joints,) bool, joints that a landing has let sink unheard: they have left their set-points.
+
+        Until they are heard again they only get damping.
+        """
+        return self._sunk if self.landing is None else self._sunk | self.landing.sunk
+
+    def adopt(self, sunk: np.ndarray) -> None:
+        """Go on for a loop that has died, and that has let these joints sink, (joints,) bool."""
+        self._sunk = sunk
+
+    def end_landing(self) -> None:
+        """Land no more; what has sunk stays so."""
+        self._sunk, self.landing = self.sunk, None
+
     def check(self, now: float) -> Finding:
         """Find out which motors can be relied on from here on."""
         finding = self.interface.check(now)
@@ -108,6 +125,12 @@ class Actuation:
                     self.setpoint.reseed(int(joint), float(self.interface.sent[joint, mit_laws.Q]))
             self._bad, self.usable = finding.bad, ~finding.bad
             self.all_usable = bool(self.usable.all())
+        if self._sunk.any():  # hardly ever
+            heard = self._sunk & (self.usable & np.isfinite(self.chain.stamp_s))[: self.hardware.joints]
+            start = self.setpoint.reseed if self.landing is None else self.setpoint.fall_back
+            for joint in np.flatnonzero(heard):
+                start(int(joint), float(self.q[joint]))
+            self._sunk = self._sunk & ~heard
         return finding
 
     def _unheard(self) -> np.ndarray:
@@ -130,6 +153,11 @@ class Actuation:
 
     def compute_command(self, now: float, dt: float) -> None:
         """From state and set-point to the commands of the next `send`. now, dt: s."""
+        self._compute_command(now, dt)
+        if self._sunk.any():
+            self.impedance.sink(self._sunk)
+
+    def _compute_command(self, now: float, dt: float) -> None:
         q: np.ndarray = self.interface.motor_q
         dq: np.ndarray = self.interface.motor_dq
         self.impedance.before = self.interface.before

@@ -289,6 +289,10 @@ class Impedance:
             limited |= self._grip(now, setpoint, float(q[-1]), gripper)
         return limited | Limited.TORQUE if self._clip(q, dq) else limited
 
+    def sink(self, joints: np.ndarray) -> None:
+        """Leave these joints, (joints,) bool, only damping of the commands that have just been made."""
+        mit_laws.sink(self.commands[: self._hardware.joints], joints, _MOST_KD)
+
     def _grip(self, now: float, setpoint: SetPoint, motor_rad: float, measured: tuple[float, float]) -> Limited:
         """Turn the gripper's row into a command of its motor, with limited force."""
         assert self._gripper is not None

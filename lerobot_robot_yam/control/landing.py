@@ -133,6 +133,11 @@ class Landing:
             return None
         return self._shares, np.where(self._answers, self.damping, 1.0)
 
+    @property
+    def sunk(self) -> np.ndarray:
+        """(n,) bool, joints that have lost stiffness while their motors did not answer: nobody knows where they are."""
+        return ~self._answers & (self._shares < 1.0)
+
     def advance(self, q: np.ndarray, dq: np.ndarray, usable: np.ndarray, now: float, explained: bool = True) -> None:
         """One tick; sets `phase`, `share` (of stiffness and feed-forward), `damping` (its share), `learns` (what the
         model misses), and the set-point.

@@ -55,7 +55,7 @@ class LandingResponse:
 
     def cancel(self) -> None:
         """Land no more."""
-        self._actuation.landing = None
+        self._actuation.end_landing()
 
     def _obeys_unbelieved(self) -> bool:
         """Whether a motor answers, though its readings are not used: it has its torque, and must be brought down."""
