@@ -234,7 +234,6 @@ class ArmController:
             self.landing.land(now)
         elif request is Request.CUT_TORQUE:
             arm.enter(Mode.LAND)
-            self.landing.cancel()
             arm.switch_off()
         elif request is Request.REARM:
             self.faults.rearm()
