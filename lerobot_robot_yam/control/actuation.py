@@ -107,6 +107,13 @@ class Actuation:
         """
         return self._sunk if self.landing is None else self._sunk | self.landing.sunk
 
+    @property
+    def pulls(self) -> np.ndarray:
+        """(joints,) the way, -1 or 1, in which its weight pulls a joint that is not heard and may obey; else 0."""
+        weight_nm, j = self.impedance.weight_nm, slice(self.hardware.joints)
+        carried = self._unheard()[j] & ~self._sunk & (np.abs(weight_nm) > self.hardware.arm.coulomb_friction_nm)
+        return np.where(carried, -np.sign(weight_nm), 0.0)
+
     def adopt(self, sunk: np.ndarray) -> None:
         """Go on for a loop that has died, and that has let these joints sink, (joints,) bool."""
         self._sunk = sunk

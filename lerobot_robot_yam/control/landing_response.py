@@ -81,7 +81,7 @@ class LandingResponse:
         before = landing.phase
         q, dq, usable = arm.q[joints], arm.interface.dq[joints], arm.usable[joints]
         explained = arm.impedance.explains(q, np.where(usable, arm.setpoint.q[joints] - q, 0.0))
-        landing.advance(q, dq, usable, now, explained)
+        landing.advance(q, dq, usable, now, explained, arm.pulls)
         if landing.phase is Phase.OBSTRUCTED and before is not Phase.OBSTRUCTED:
             status.trouble, status.message = Trouble.OBSTRUCTED, "landing is obstructed; holding"
         if landing.phase is Phase.LANDED:
