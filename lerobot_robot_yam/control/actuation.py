@@ -31,6 +31,7 @@ LEFT_BEHIND_RAD = 0.05  # more than an arm lags with its own gains
 _FREE_RAD = 0.1  # a joint this far behind its set-point, and
 _FREE_SPEED = 1.1  # faster than this share of its speed limit, has come free
 _JUST_NOW_S = 0.02
+_GOES_ON = (Mode.BRING_UP, Mode.HOLD, Mode.TRACK)  # and carries no more what a landing has found there
 _TOLD_AFLOAT = Limited.JOINT_LIMIT | Limited.TORQUE  # told as long as it lasts
 _TOLD_S = 0.1  # a caller that looks 30 times a second sees it
 _GRIPPER_ACCELERATION = 60.0  # strokes/s²
@@ -121,6 +122,7 @@ class Actuation:
     def end_landing(self) -> None:
         """Land no more; what has sunk stays so."""
         self._sunk, self.landing = self.sunk, None
+        self.setpoint.limit_acceleration(np.full(self.hardware.joints, ACCELERATION_LIMIT_RAD_S2))
 
     def check(self, now: float) -> Finding:
         """Find out which motors can be relied on from here on."""
@@ -190,7 +192,7 @@ class Actuation:
             return
         self._catch(now)
         fade = None if self.landing is None else self.landing.fade
-        learns = self.landing is not None and self.landing.learns
+        learns = None if status.mode in _GOES_ON else self.landing is not None and self.landing.learns
         stopped = status.mode is Mode.STOPPED
         tracks = self.config.track_integral and status.mode is Mode.TRACK
         holding = (stopped or tracks or status.mode is Mode.HOLD) and self.all_usable
