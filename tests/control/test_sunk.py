@@ -62,12 +62,14 @@ def test_an_emergency_stop_does_not_pull_a_joint_to_where_it_was_sent(rig, sunk)
     check_that_damping_is_all(rig, session)
 
 
+@pytest.mark.long
 def test_a_defect_of_our_own_code_does_not_either(rig, sunk):
     session, controller = sunk
     controller.faults.fail(ValueError("a test"))
     check_that_damping_is_all(rig, session)
 
 
+@pytest.mark.long
 def test_a_joint_that_is_heard_again_is_held_where_it_is(rig, sunk):
     session, controller = sunk
     EmergencyStop().latch("a test")
@@ -80,7 +82,7 @@ def test_a_joint_that_is_heard_again_is_held_where_it_is(rig, sunk):
     assert there > REST[1] + 0.15
 
 
-@pytest.mark.parametrize("heard", [False, True])
+@pytest.mark.parametrize("heard", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_who_takes_over_knows_of_it(rig, sunk, heard):
     session, controller = sunk
     block = SharedBlock(state_path(channel_key("yam_lockstep", CHANNEL, rig.name)), STATE_DTYPE, create=False)
