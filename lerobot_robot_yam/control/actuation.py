@@ -31,6 +31,7 @@ LEFT_BEHIND_RAD = 0.05  # more than an arm lags with its own gains
 _FREE_RAD = 0.1  # a joint this far behind its set-point, and
 _FREE_SPEED = 1.1  # faster than this share of its speed limit, has come free
 _JUST_NOW_S = 0.02
+_GOES_ON = (Mode.BRING_UP, Mode.HOLD, Mode.TRACK)  # and carries no more what a landing has found there
 _TOLD_AFLOAT = Limited.JOINT_LIMIT | Limited.TORQUE  # told as long as it lasts
 _TOLD_S = 0.1  # a caller that looks 30 times a second sees it
 _GRIPPER_ACCELERATION = 60.0  # strokes/s²
@@ -75,6 +76,7 @@ class Actuation:
         self._bad = np.zeros(hw.n, dtype=bool)
         self.usable, self.all_usable = ~self._bad, True
         self.landing: Landing | None = None
+        self._sunk = np.zeros(hw.joints, dtype=bool)
         self.grips = False
         self.assist: tuple[np.ndarray, np.ndarray] | None = None
         self.bus_loss = BusLoss()
@@ -98,6 +100,30 @@ class Actuation:
         """(n,) as `q`, but a joint that is not heard, and may obey all the same, is where it was sent."""
         return self.q if self.all_usable else np.where(self._unheard(), self.setpoint.q, self.q)
 
+    @property
+    def sunk(self) -> np.ndarray:
+        """(joints,) bool, joints that a landing has let sink unheard: they have left their set-points.
+
+        Until they are heard again they only get damping.
+        """
+        return self._sunk if self.landing is None else self._sunk | self.landing.sunk
+
+    @property
+    def pulls(self) -> np.ndarray:
+        """(joints,) the way, -1 or 1, in which its weight pulls a joint that is not heard and may obey; else 0."""
+        weight_nm, j = self.impedance.weight_nm, slice(self.hardware.joints)
+        carried = self._unheard()[j] & ~self._sunk & (np.abs(weight_nm) > self.hardware.arm.coulomb_friction_nm)
+        return np.where(carried, -np.sign(weight_nm), 0.0)
+
+    def adopt(self, sunk: np.ndarray) -> None:
+        """Go on for a loop that has died, and that has let these joints sink, (joints,) bool."""
+        self._sunk = sunk
+
+    def end_landing(self) -> None:
+        """Land no more; what has sunk stays so."""
+        self._sunk, self.landing = self.sunk, None
+        self.setpoint.limit_acceleration(np.full(self.hardware.joints, ACCELERATION_LIMIT_RAD_S2))
+
     def check(self, now: float) -> Finding:
         """Find out which motors can be relied on from here on."""
         finding = self.interface.check(now)
@@ -108,6 +134,12 @@ class Actuation:
                     self.setpoint.reseed(int(joint), float(self.interface.sent[joint, mit_laws.Q]))
             self._bad, self.usable = finding.bad, ~finding.bad
             self.all_usable = bool(self.usable.all())
+        if self._sunk.any():  # hardly ever
+            heard = self._sunk & (self.usable & np.isfinite(self.chain.stamp_s))[: self.hardware.joints]
+            start = self.setpoint.reseed if self.landing is None else self.setpoint.fall_back
+            for joint in np.flatnonzero(heard):
+                start(int(joint), float(self.q[joint]))
+            self._sunk = self._sunk & ~heard
         return finding
 
     def _unheard(self) -> np.ndarray:
@@ -130,6 +162,11 @@ class Actuation:
 
     def compute_command(self, now: float, dt: float) -> None:
         """From state and set-point to the commands of the next `send`. now, dt: s."""
+        self._compute_command(now, dt)
+        if self._sunk.any():
+            self.impedance.sink(self._sunk)
+
+    def _compute_command(self, now: float, dt: float) -> None:
         q: np.ndarray = self.interface.motor_q
         dq: np.ndarray = self.interface.motor_dq
         self.impedance.before = self.interface.before
@@ -155,7 +192,7 @@ class Actuation:
             return
         self._catch(now)
         fade = None if self.landing is None else self.landing.fade
-        learns = self.landing is not None and self.landing.learns
+        learns = None if status.mode in _GOES_ON else self.landing is not None and self.landing.learns
         stopped = status.mode is Mode.STOPPED
         tracks = self.config.track_integral and status.mode is Mode.TRACK
         holding = (stopped or tracks or status.mode is Mode.HOLD) and self.all_usable

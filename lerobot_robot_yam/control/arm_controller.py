@@ -88,14 +88,17 @@ class ArmController:
         An arm of which no motor is enabled is left alone.
         """
         arm = self.actuation
+        slots, joints = arm.hardware.slots, arm.hardware.joints
+        sunk = record["sunk"][slots].astype(bool)
         arm.interface.adopt(record)
+        arm.adopt(sunk[:joints])
         arm.check(now)
         if np.isfinite(arm.chain.stamp_s).all() and not arm.usable.any():  # all have answered
             self.status.enter(Mode.OFF)
             return
-        slots, joints = arm.hardware.slots, arm.hardware.joints
         before = record["setpoint"][slots]
         holds_it = np.abs(before - arm.q) < (_SEED_RAD if record["own_gains"] else LEFT_BEHIND_RAD)
+        holds_it &= ~sunk  # it is where it is heard, if it is
         unheard = record["stamp_s"] - record["motor_stamp_s"][slots] > SILENT_S  # but perhaps it obeys
         holds_it |= unheard & (record["fault"][slots] == Fault.NORMAL) & ~np.isfinite(arm.chain.stamp_s)
         holds_it[joints:] = np.isfinite(before[joints:])  # its grip, however thick
@@ -237,7 +240,6 @@ class ArmController:
             self.landing.land(now)
         elif request is Request.CUT_TORQUE:
             arm.enter(Mode.LAND)
-            self.landing.cancel()
             arm.switch_off()
         elif request is Request.REARM:
             self.faults.rearm()

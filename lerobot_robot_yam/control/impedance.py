@@ -240,7 +240,7 @@ class Impedance:
         gripper: tuple[float, float],
         holding: bool,
         stopped: bool,
-        learns: bool,
+        learns: bool | None,
         fade: tuple[np.ndarray, np.ndarray] | None,
     ) -> Limited:
         """Hold or track the set-point.
@@ -251,7 +251,8 @@ class Impedance:
             gripper: measured rate and torque of the gripper, strokes/s and Nm.
             holding: the arm holds, with all its motors; no targets come, or `track_integral` is set.
             stopped: the emergency stop is latched: what is made up for sag stays, since more of it would move the arm.
-            learns: the arm lands and hangs off its set-point: the model is wrong, and what it misses is learnt.
+            learns: the arm lands and hangs off its set-point: the model is wrong, and what it misses is learnt. False
+                keeps what has been learnt, None lets it fade away.
             fade: (joints,) shares of stiffness with feed-forward, and of the landing's damping, that are left while
                 landing ends; None: the arm's own.
         """
@@ -278,9 +279,9 @@ class Impedance:
         tau[j] += beside
         if learns:
             self._landing = self._landing or HoldIntegral.for_landing(hw.kp[j], hw.torque_limit_nm[j])
-            self._landing.advance(error, dt, True, self._clipped)
         if self._landing is not None:
-            tau[j] += self._landing.tau
+            passes_s = 0.0 if learns is False else dt
+            tau[j] += self._landing.advance(error, passes_s, learns is not None, self._clipped)
         mit_laws.follow(out, q_set, dq_set, self.kp, self.kd, tau)
         if fade is not None:
             share, damping = fade
@@ -288,6 +289,10 @@ class Impedance:
         if self._gripper is not None:
             limited |= self._grip(now, setpoint, float(q[-1]), gripper)
         return limited | Limited.TORQUE if self._clip(q, dq) else limited
+
+    def sink(self, joints: np.ndarray) -> None:
+        """Leave these joints, (joints,) bool, only damping of the commands that have just been made."""
+        mit_laws.sink(self.commands[: self._hardware.joints], joints, _MOST_KD)
 
     def _grip(self, now: float, setpoint: SetPoint, motor_rad: float, measured: tuple[float, float]) -> Limited:
         """Turn the gripper's row into a command of its motor, with limited force."""

@@ -10,7 +10,8 @@
 If both ways are barred the arm holds, says so and tries again. The third time it sinks slowly onto what is below it.
 An arm without one of the motors that carry it may never get there, since a limp wrist stands in its way. It sinks onto
 what it has met on its way down. It also sinks, and does not fade, if one is out at the end of `lower`: nobody knows
-where its joint is then.
+where its joint is then. A motor that is not heard may obey: its set-point is lowered, as its weight pulls by the model,
+to the end of its range or to where it hangs. Only then does its stiffness fade.
 
 An arm whose model is wrong hangs off its set-point. A torque that a wrong load or factor explains is learnt then; any
 other torque means an obstacle. An unknown load makes the soft wrist sag. The wrist is lowered next, so that is no
@@ -107,6 +108,8 @@ class Landing:
         self._before = now
         self.share = self.damping = 1.0
         self._shares: np.ndarray = np.ones(n)  # of each joint
+        self._lowers = ~self._out  # with its stiffness, unheard
+        self._lower_rad, self._upper_rad = hardware.lower[:n], hardware.upper[:n]
         self._lag_rad = _SAG_NM / np.maximum(kp, 1.0)
         self._begin_move(self._rest if lies else self._fold, now)
 
@@ -133,7 +136,20 @@ class Landing:
             return None
         return self._shares, np.where(self._answers, self.damping, 1.0)
 
-    def advance(self, q: np.ndarray, dq: np.ndarray, usable: np.ndarray, now: float, explained: bool = True) -> None:
+    @property
+    def sunk(self) -> np.ndarray:
+        """(n,) bool, joints that have lost stiffness while their motors did not answer: nobody knows where they are."""
+        return ~self._answers & (self._shares < 1.0)
+
+    def advance(
+        self,
+        q: np.ndarray,
+        dq: np.ndarray,
+        usable: np.ndarray,
+        now: float,
+        explained: bool = True,
+        pulls: np.ndarray | float = 0.0,
+    ) -> None:
         """One tick; sets `phase`, `share` (of stiffness and feed-forward), `damping` (its share), `learns` (what the
         model misses), and the set-point.
 
@@ -142,6 +158,7 @@ class Landing:
             usable: (n,) bool, joints whose motors answer; the others cannot be waited for.
             now: s.
             explained: a wrong model can be why the arm is not where its set-point is.
+            pulls: (n,) the way, -1 or 1, in which its weight pulls a joint that is not heard and may obey; else 0.
         """
         left = np.abs(self._setpoint.target[: self._n] - self._setpoint.q[: self._n])
         if self.phase in (Phase.FOLD, Phase.LOWER) and (left > self._left + _FELL_BACK_RAD).any():
@@ -184,9 +201,13 @@ class Landing:
             self.share = max(0.0, self.share - dt / _FADE_S)
             self._end_when_still(q, dq, usable, now, _STILL_S, self.share == 0.0)
         elif self.phase is Phase.SINK:
-            before, most = self._setpoint.q[: self._n], _SINK_RAD_S * dt
+            before, most = self._setpoint.q[: self._n].copy(), _SINK_RAD_S * dt
             trail = np.clip(q, before - most, before + most)
             self._give_way(self._pressed_less(trail, q), usable)
+            lowered = before + most * pulls
+            inside = (lowered >= self._lower_rad) & (lowered <= self._upper_rad)
+            self._lowers = inside & (lowered != before) & (self._shares > 0.0) & ~usable & self._sinks
+            self._give_way(lowered, self._lowers)
             slow = np.abs(np.where(usable, dq, 0.0)).max() < _SINK_RAD_S
             if not slow:
                 self.share, self.damping = min(self.share + dt / _STIFFEN_S, 1.0), 1.0
@@ -194,12 +215,14 @@ class Landing:
                 self.share = max(self.share - dt / _SINK_S, 0.0)
             else:
                 self.damping = max(self.damping - dt / _SINK_S, _LOOSE)
-            loose = self.share == 0.0 and self.damping == _LOOSE
+            loose = self.share == 0.0 and self.damping == _LOOSE and not self._shares[~usable].any()
             self._end_when_still(q, dq, usable, now, _SUNK_S, loose)
 
         self.learns = self._may_learn and explained and self.fade is None
         if self.fade is not None:
-            self._shares = np.where(usable, self.share, np.minimum(self._shares, self.share))
+            fade_s = _FADE_S if self.phase is Phase.FADE else _SINK_S
+            fading = np.where(self._lowers, self._shares, np.maximum(self._shares - dt / fade_s, 0.0))
+            self._shares = np.where(usable, self.share, fading)
 
     def _end_when_still(
         self, q: np.ndarray, dq: np.ndarray, usable: np.ndarray, now: float, still_s: float, loose: bool
@@ -221,7 +244,7 @@ class Landing:
             self._go([self._fold], now)
         elif out:
             logger.warning("%s: %s, and %s is out; it sinks where it is", self._arm, reason, ", ".join(out))
-            self._enter(Phase.SINK, now)
+            self._sink(now)
         elif (barred := self._barred_times + 1) < _TRIES:
             self._barred_times = barred
             self._enter(Phase.OBSTRUCTED, now)
@@ -229,7 +252,11 @@ class Landing:
             logger.error(text, self._arm, reason)
         else:
             logger.error("%s: cannot land, %s; it sinks slowly where it is", self._arm, reason)
-            self._enter(Phase.SINK, now)
+            self._sink(now)
+
+    def _sink(self, now: float) -> None:
+        self._sinks = True
+        self._enter(Phase.SINK, now)
 
     def _carriers(self, out: np.ndarray) -> list[str]:
         """Joints that carry, and whose motors are out, (n,) bool: limp, or not heard."""

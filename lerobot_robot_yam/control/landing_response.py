@@ -40,6 +40,8 @@ class LandingResponse:
         if arm.gripper is not None:
             arm.gripper.stop_search()
         joints = arm.hardware.joints
+        for joint in np.flatnonzero(~np.isfinite(arm.setpoint.q)):  # a defect of our own code: it goes on from here
+            arm.setpoint.reseed(int(joint), float(arm.q[joint]))
         if joints:
             arm.landing = Landing(arm.hardware, arm.q[:joints], arm.setpoint, now)
         else:
@@ -55,7 +57,7 @@ class LandingResponse:
 
     def cancel(self) -> None:
         """Land no more."""
-        self._actuation.landing = None
+        self._actuation.end_landing()
 
     def _obeys_unbelieved(self) -> bool:
         """Whether a motor answers, though its readings are not used: it has its torque, and must be brought down."""
@@ -81,7 +83,7 @@ class LandingResponse:
         before = landing.phase
         q, dq, usable = arm.q[joints], arm.interface.dq[joints], arm.usable[joints]
         explained = arm.impedance.explains(q, np.where(usable, arm.setpoint.q[joints] - q, 0.0))
-        landing.advance(q, dq, usable, now, explained)
+        landing.advance(q, dq, usable, now, explained, arm.pulls)
         if landing.phase is Phase.OBSTRUCTED and before is not Phase.OBSTRUCTED:
             status.trouble, status.message = Trouble.OBSTRUCTED, "landing is obstructed; holding"
         if landing.phase is Phase.LANDED:

@@ -17,7 +17,7 @@ logger = logging.getLogger(__name__)
 
 _MEASURED = ("q", "dq", "tau", "setpoint", "motor_stamp_s", "temp_mos_c", "temp_rotor_c", "offset_rad")  # NaN at first
 _ACTION = ("action", "action_dq", "action_stamp_s")
-_PER_MOTOR = (*_MEASURED, "fault", "distrusted", "lost")
+_PER_MOTOR = (*_MEASURED, "sunk", "fault", "distrusted", "lost")
 
 
 class ControllerBlocks:
@@ -122,6 +122,7 @@ class ControllerBlocks:
         per_motor["dq"][:] = interface.dq
         per_motor["tau"][:] = interface.tau
         per_motor["setpoint"][:] = arm.setpoint.asked[0]
+        per_motor["sunk"][: len(arm.sunk)] = arm.sunk
         record["own_gains"] = arm.impedance.own_gains
         per_motor["motor_stamp_s"][:] = chain.stamp_s
         record["asked_s"] = min(chain.asked_s.tolist())

@@ -72,6 +72,7 @@ STATE_DTYPE = np.dtype(
         ("dq", "f8", MAX_MOTORS),
         ("tau", "f8", MAX_MOTORS),
         ("setpoint", "f8", MAX_MOTORS),
+        ("sunk", "u1", MAX_MOTORS),  # a landing has let the joint sink unheard: it has left its set-point
         ("own_gains", "u1"),  # held to it with its own gains, not with softer ones of a target
         ("motor_stamp_s", "f8", MAX_MOTORS),  # when each motor took the sample that it has sent
         ("asked_s", "f8"),  # when the oldest of the commands went out that these answer

@@ -15,7 +15,7 @@ from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.rig.client.rig_control import RigControl
 from lerobot_robot_yam.state.modes import Mode
 from tests.support.landed import MOST_M
-from tests.support.rigged import arm_on, either_rig, pause, track
+from tests.support.rigged import arm_on, either_rig, pause, rig_of, track
 from tests.support.tiers import spread
 
 CHANNEL = "follower_left"
@@ -232,6 +232,32 @@ def test_a_motor_that_obeys_and_is_not_heard_stays_where_it_was_sent(rig, motor)
         rig.fault(CHANNEL, motor, "loss_rate", 1.0)
         arm.clock.sleep(0.6)
         moved, speed = land_and_watch(rig, arm, CHANNEL)
+    assert moved <= MOST_M
+    assert speed <= 2 * LANDING_SPEED_RAD_S
+
+
+@pytest.mark.parametrize(
+    "motor, rest",
+    spread(
+        [
+            ("joint_2", [0.0, 0.6, 3.0, 0.0, 0.0, 0.0]),
+            ("joint_2", [0.0, 0.9, 3.0, 0.0, 0.0, 0.0]),
+            ("joint_2", [0.0, 1.0, 2.0, 0.0, 0.0, 0.0]),  # upright: it falls over late, and unseen
+            ("joint_2", [0.0, 2.1, 2.5, 0.0, 0.0, 0.0]),
+            ("joint_3", [0.0, 1.6, 2.6, 0.0, 0.0, 0.0]),
+            ("joint_4", [0.0, 1.2, 1.2, 0.5, 0.0, 0.0]),
+        ],
+        0,
+    ),
+)
+def test_a_joint_that_is_not_heard_sinks_as_slowly_as_the_others(motor, rest):
+    """Its motor obeys: its set-point brings it down."""
+    with rig_of("lockstep", arms=[CHANNEL]) as rig:
+        rig.set_pose(CHANNEL, rest)
+        with arm_on(rig, CHANNEL, rest_q_rad=rest) as arm:
+            rig.fault(CHANNEL, motor, "loss_rate", 1.0)
+            arm.clock.sleep(0.2)
+            moved, speed = land_and_watch(rig, arm, CHANNEL)
     assert moved <= MOST_M
     assert speed <= 2 * LANDING_SPEED_RAD_S
 

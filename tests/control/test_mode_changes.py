@@ -250,6 +250,10 @@ def test_commands_that_cannot_be_sent_are_replaced_by_the_last_good_ones(rig, se
     assert controller_of(session).mode is Mode.FAULT
     assert all(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())
     assert np.abs(q_of(rig) - POSE).max() < 0.05
+    session[CHANNEL].land()
+    session.clock.sleep(8.0)
+    assert session[CHANNEL].mode() is Mode.OFF
+    assert np.abs(q_of(rig) - session[CHANNEL].hardware.rest_q)[1:3].max() < 0.15
 
 
 @pytest.mark.parametrize("stopped", [False, True])

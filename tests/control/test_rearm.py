@@ -120,3 +120,36 @@ def test_an_arm_comes_up_and_comes_back_on_a_wire_that_loses_frames_either_way(r
         pause(rig, 0.5)  # until the motors have noticed
         session.start()
         session.discard()
+
+
+def test_what_a_landing_has_set_ends_with_it(rig):
+    """The emergency stop interrupts a landing, and trouble ends it. What its load weighs there is nothing elsewhere."""
+    rest = [0.0, 1.9, 1.9, 0.0, 0.0, 0.0]  # far out, where a load weighs most
+    session = session_on(rig, sim_config(rig, CHANNEL, rest_q_rad=rest, hold_integral=False))
+    session.start()
+    stop = EmergencyStop()
+    try:
+        go(session, [0.0, 1.5, 1.5, 0.0, 0.0, 0.0])
+        rig.fault(CHANNEL, None, "payload_kg", 1.5)
+        session.clock.sleep(0.5)
+        session[CHANNEL].land()
+        arm = session._runner._loop._controllers[0].actuation
+        while np.abs(arm.impedance.sag_nm).max() < 2.0:
+            session.clock.sleep(0.02)
+            assert session[CHANNEL].mode() is Mode.LAND
+        stop.latch("a test")
+        session.clock.sleep(0.1)
+        assert np.abs(arm.impedance.sag_nm).max() > 2.0  # the load is still there
+        rig.fault(CHANNEL, "joint_6", "nibble", int(Fault.OVERLOAD))
+        session.clock.sleep(0.1)
+        stop.release()
+        session.clock.sleep(0.1)
+        assert np.abs(arm.impedance.sag_nm).max() > 2.0
+        session[CHANNEL].rearm()
+        session.clock.sleep(2.0)
+        assert session[CHANNEL].mode() is Mode.HOLD
+        assert arm.setpoint.acceleration_limit[:6].tolist() == [30.0] * 6
+        assert np.abs(arm.impedance.sag_nm).max() < 0.1
+    finally:
+        stop.release()
+        session.discard()

@@ -129,6 +129,12 @@ def fade(out: np.ndarray, share: np.ndarray, kd: np.ndarray) -> None:
     out[:, KD] = kd
 
 
+def sink(out: np.ndarray, joints: np.ndarray, kd: float) -> None:
+    """Leave these joints, (n,) bool, of the commands in `out` damping kd and nothing else."""
+    out[joints, DQ] = out[joints, KP] = out[joints, TAU] = 0.0
+    out[joints, KD] = kd
+
+
 def clip_torque(
     out: np.ndarray,
     q: np.ndarray,
