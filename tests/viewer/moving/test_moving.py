@@ -127,8 +127,7 @@ def test_what_cannot_be_is_refused_and_nothing_moves(station, controlling):
         ([0.3, 0.0, 0.3], [1.0, 0.0, math.inf, 0.0]),
     ):
         controlling.drag_tool(ARM, position, quat)
-    until_s = time.monotonic() + 0.3
-    station.run(lambda: time.monotonic() > until_s)
+    rounds(station, 0.3)
     with pytest.raises(ActionError, match="no motor 7"):
         station.driver.move(ARM, 7, 0.0)
     assert station.state.mode is Mode.HOLD
@@ -141,6 +140,39 @@ def test_what_has_waited_too_long_is_not_done(station, controlling):
     time.sleep(0.6)  # the driver's thread is busy
     station.run(lambda: controlling.was_told("the command is old"))
     assert station.driver.arms[ARM].goal is None
+
+
+def rounds(station, seconds):
+    until_s = time.monotonic() + seconds
+    station.run(lambda: time.monotonic() > until_s)
+
+
+def test_what_the_network_has_kept_is_not_done(station, controlling):
+    before = station.state.setpoint_q
+    controlling.stalled = True
+    controlling.press("take control")
+    controlling.set(JOINT, 0.5)
+    station.run(lambda: controlling.was_told("is lost: they hold"))
+    rounds(station, 0.3)
+    controlling.stalled = False
+    station.run(lambda: station.driver.desk.holder == 0)
+    rounds(station, 0.2)
+    assert controlling.was_told("nothing was done") and station.driver.arms[ARM].goal is None
+    np.testing.assert_array_equal(station.state.setpoint_q, before)
+    controlling.set(JOINT, 0.2)
+    station.run(lambda: station.state.q[0] > 0.1)
+
+
+def test_nothing_is_energised_by_a_confirmation_that_the_network_has_kept(station, rig):
+    browser = station.browser()
+    browser.press("connect …")
+    station.run(lambda: "energise" in browser.labels())
+    browser.stalled = True
+    browser.press("energise")
+    rounds(station, 0.6)
+    browser.stalled = False
+    station.run(lambda: browser.was_told("the command is old"))
+    assert not enabled(rig) and station.driver.desk.stage is Stage.WATCHING
 
 
 @pytest.mark.long
