@@ -1,6 +1,6 @@
 """Show the arms that run on this computer in a browser: where they are, what they are doing, what is wrong.
 
-yam-view                           watch every session; it can neither slow nor stop one
+yam-view                           watch every session, and label and lead on what a LeRobot command records
 yam-view --config_path=rig.yaml    drive the followers of a rig's file or run config from the page, too
 yam-view --channel can_follower_l  drive one arm
 yam-view --dataset data/NAME       a LeRobot data set: check it, play it in 3-D; with --config_path send it to the arms
@@ -9,7 +9,7 @@ yam-view --token                   ask for a token on this computer, too, where 
 yam-view --remote 192.168.1.20     also the arms of another computer, where yam-host runs (docs/two-machines.md)
 yam-view --desktop                 MuJoCo's own viewer instead of a browser; it drives arms as above, by the mouse
 
-The page has an emergency stop. Ctrl-C ends the page; other sessions go on.
+The page has an emergency stop, and buttons that end a LeRobot command. Ctrl-C ends the page; other sessions go on.
 
 HAZARD: with --config_path or --channel a person at the page can ENERGISE the arms. However the page ends, they land.
 """
