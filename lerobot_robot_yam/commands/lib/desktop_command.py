@@ -8,6 +8,7 @@ from lerobot_robot_yam.commands.lib.arm_command import (
     ask,
     need_terminal,
     tell,
+    tell_landed,
     with_likely_gripper,
 )
 from lerobot_robot_yam.doctor.kit.targets import from_config
@@ -58,9 +59,8 @@ def run_desktop_command(args: argparse.Namespace) -> int:
         session.start()
         run_desktop(DragControl(session, [config.name for config in configs]))
     finally:
-        session.stop()
-    tell("the arms have landed")
-    return 0
+        landed = session.stop()
+    return tell_landed(landed)
 
 
 def driven(args: argparse.Namespace) -> list[ArmConfig]:
