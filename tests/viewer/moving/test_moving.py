@@ -175,6 +175,20 @@ def test_nothing_is_energised_by_a_confirmation_that_the_network_has_kept(statio
     assert not enabled(rig) and station.driver.desk.stage is Stage.WATCHING
 
 
+def test_other_browsers_cannot_make_the_commands_of_the_one_in_control_wait(station, controlling):
+    other = station.browser()
+    for number in range(50):
+        other.set(JOINT, 0.001 * (number % 7))
+        other.press("take control")
+    deadline = time.monotonic() + 10.0
+    while not any("too many of your commands" in notice.text for notice in station.driver.notices):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    assert len(list(station.driver._orders.of_a_round())) < 10
+    controlling.set(JOINT, 0.2)
+    station.run(lambda: station.state.q[0] > 0.1)
+
+
 @pytest.mark.long
 def test_an_emergency_stop_ends_the_way_to_a_goal_for_good(station, controlling):
     controlling.set(JOINT, 2.0)
