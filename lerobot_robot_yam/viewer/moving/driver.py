@@ -338,6 +338,7 @@ class Driver:
     def close(self) -> None:
         """Land the arms, and wait for that. Idempotent."""
         self._ended.set()
+        self.session.begin_stop()  # else arms that come up would be waited for
         self.heartbeat.close()
         if self._thread.ident is not None:
             self._thread.join()

@@ -1,5 +1,6 @@
 """The page drives an arm of the virtual rig, asked by browsers through their WebSockets."""
 
+import contextlib
 import math
 import time
 
@@ -9,9 +10,14 @@ import pytest
 
 from lerobot_robot_yam.arm.kinematics import YamKinematics, pose_errors
 from lerobot_robot_yam.errors import ActionError
+from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.viewer.moving.control_desk import Stage
+from lerobot_robot_yam.viewer.moving.driver import Driver
+from lerobot_robot_yam.viewer.moving.driving_plan import plan_of
+from lerobot_robot_yam.viewer.serving.page import Page
+from tests.support.rigged import sim_config
 from tests.viewer.conftest import ARM
 
 JOINT = "joint_1, rad"
@@ -264,3 +270,22 @@ def test_the_arm_lands_when_the_page_ends(station, controlling, rig):
     station.moving.close()
     assert not enabled(rig)
     np.testing.assert_allclose(rig.state()["arms"][ARM]["q"][:3], 0.0, atol=0.05)
+
+
+@pytest.mark.long
+def test_arms_that_come_up_while_the_page_ends_are_not_waited_for(tmp_path):
+    with running_rig(arms=[ARM]) as rig, contextlib.closing(Page(port=0)) as page:
+        plan = plan_of([sim_config(rig, ARM, gripper_stops_rad=None)], tmp_path / "poses.json")
+        driver, openings = Driver(plan, page.server), []
+
+        def connect():
+            driver.connect()
+            openings.append(driver.arms[ARM].client.published().gripper)
+
+        with contextlib.closing(driver):
+            driver.ask_freely(0, connect)
+            driver.start()
+            while not enabled(rig):  # its gripper seeks its stops then
+                time.sleep(0.01)
+        assert not enabled(rig)
+        assert openings in ([], [None])  # they were not found
