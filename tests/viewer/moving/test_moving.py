@@ -223,6 +223,21 @@ def test_gains_are_changed_and_reset(station, controlling):
     station.run(lambda: controlling.value("kp joint_1") == configured[0])
 
 
+def test_what_another_browser_sets_is_put_back(station, controlling):
+    other, client = station.browser(), station.driver.arms[ARM].client
+    controlling.set("kp joint_1", 40.0)
+    controlling.set("name", "mine")
+    station.run(lambda: other.value("name") == "mine")
+    other.set("kp joint_1", 20.0)
+    other.set("name", "theirs")
+    other.press("take control")
+    station.run(lambda: other.was_told("has been asked"))
+    controlling.press("use these gains")
+    controlling.press("save the present pose")
+    station.run(lambda: controlling.was_told("saved in") and controlling.value("pose") == "mine")
+    assert client.kp[0] == 40.0 and controlling.value("kp joint_1") == 40.0
+
+
 def test_a_pose_is_saved_and_gone_to_softly(station, controlling):
     controlling.set("name", "start")
     controlling.press("save the present pose")
