@@ -64,7 +64,7 @@ def _view(args: argparse.Namespace) -> int:
         raise ConfigError("a data set is sent to the arms of a config: give --config_path, not --channel")
     plan = driving_plan(args)
     page = Page(args.host, args.port, args.token)
-    live = Live(page.server)
+    live = Live(page.server, page.troubles)
     parts: list[Part] = [live, SessionDesks(page.server)]
     with _watched(args), served(page, parts):
         driver = None
