@@ -96,7 +96,7 @@ class Driver:
         self._queue(Order(browser, self.connect, False, self.heartbeat.given_s(browser)))
 
     def ask_freely(self, browser: int, work: Callable[[], object]) -> None:
-        """The same for what needs no control, and energises nothing: any thread may ask, and arrival counts."""
+        """Have something done that needs no control and energises nothing; any thread may ask. Its arrival counts."""
         self._queue(Order(browser, work, False, time.monotonic()))
 
     def ask_to_leave(self, browser: int) -> None:
@@ -245,7 +245,7 @@ class Driver:
 
     def round(self) -> None:
         """What is due: lost browsers, orders, targets."""
-        if self.desk.holder is not None and self.heartbeat.lost():
+        if self.heartbeat.lost() and self.desk.holder is not None:
             self.leave(self.desk.holder)
         for order in self._orders.of_a_round():
             self._carry_out(order)

@@ -20,6 +20,7 @@ from viser._messages import LocalStorageGetItemRequestMessage, LocalStorageGetIt
 SILENT_S = 0.4
 OLD_S = 0.5  # a command that was given before is not done any more: the person has seen nothing happen
 _ASKED_S = 0.05  # each question makes the page draw its scene once
+_HELD_UP_S = 0.1  # between two rounds of the driver
 _MOST_OPEN = 16  # questions to a page that hangs
 _ITEM = "yam-view"
 
@@ -46,6 +47,7 @@ class Heartbeat:
         self._confirming: set[int] = set()
         self._pulses: dict[int, _Pulse] = {}
         self._names = itertools.count()
+        self._looked_s = self._excused_s = -math.inf
         self._ended = threading.Event()
         # viser calls it in the order of what arrives, as it calls asynchronous callbacks of controls
         server._websock_server.register_handler(LocalStorageGetItemResponseMessage, self._take_answer)
@@ -74,12 +76,19 @@ class Heartbeat:
         return -math.inf if pulse is None else pulse.answered_s
 
     def lost(self) -> bool:
-        """Whether the browser that controls the arms has been silent for too long."""
+        """Whether the browser that controls the arms has been silent for too long. It is called in every round.
+
+        A page cannot answer while this process is held up itself. It then has its time anew, but not again and again.
+        """
+        now_s, before_s = time.monotonic(), self._looked_s
+        self._looked_s = now_s
+        if now_s - before_s > _HELD_UP_S and now_s - self._excused_s > 2 * SILENT_S:
+            self._excused_s = now_s
         holder = self._holder()
         if holder is None:
             return False
         pulse = self._pulses.get(holder)
-        return pulse is None or time.monotonic() - max(pulse.begun_s, pulse.answered_s) > SILENT_S
+        return pulse is None or now_s - max(pulse.begun_s, pulse.answered_s, self._excused_s) > SILENT_S
 
     def _run(self) -> None:
         while not self._ended.wait(_ASKED_S):

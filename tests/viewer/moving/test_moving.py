@@ -291,11 +291,11 @@ def test_the_arm_lands_when_the_page_ends(station, controlling, rig):
 def test_arms_that_come_up_while_the_page_ends_are_not_waited_for(tmp_path):
     with running_rig(arms=[ARM]) as rig, contextlib.closing(Page(port=0)) as page:
         plan = plan_of([sim_config(rig, ARM, gripper_stops_rad=None)], tmp_path / "poses.json")
-        driver, openings = Driver(plan, page.server), []
+        driver, stops = Driver(plan, page.server), []
 
         def connect():
             driver.connect()
-            openings.append(driver.arms[ARM].client.published().gripper)
+            stops.append(driver.arms[ARM].client.published().gripper_stops_rad)
 
         with contextlib.closing(driver):
             driver.ask_freely(0, connect)
@@ -303,4 +303,4 @@ def test_arms_that_come_up_while_the_page_ends_are_not_waited_for(tmp_path):
             while not enabled(rig):  # its gripper seeks its stops then
                 time.sleep(0.01)
         assert not enabled(rig)
-        assert openings in ([], [None])  # they were not found
+        assert stops in ([], [None])  # they were not found
