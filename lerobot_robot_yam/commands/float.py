@@ -20,6 +20,7 @@ from lerobot_robot_yam.commands.lib.arm_command import (
     each_arm,
     run_command,
     tell,
+    tell_landed,
     with_likely_gripper,
 )
 from lerobot_robot_yam.commands.lib.floating.float_console import FloatConsole
@@ -63,19 +64,18 @@ def _float(args: argparse.Namespace) -> int:
     tell(_hazard(hardware))
     if not args.yes and ask(f"Type {_WORD} to go on:") != _WORD:
         raise ConfigError("not confirmed; nothing was energised")
-    _drive(session, configs, args.output, loaded)
-    tell("the arms have landed")
-    return 0
+    return tell_landed(_drive(session, configs, args.output, loaded))
 
 
-def _drive(session: ArmSession, configs: Sequence[ArmConfig], output: Path, loaded: Trajectory | None) -> None:
-    """Energise the arms, do as the keys say, and land them however that ends."""
+def _drive(session: ArmSession, configs: Sequence[ArmConfig], output: Path, loaded: Trajectory | None) -> bool:
+    """Energise the arms, do as the keys say, and land them however that ends; returns whether they are down."""
     with key_terminal() as terminal:
         try:
             session.start()
             FloatConsole(session, [config.name for config in configs], terminal, output, loaded).run()
         finally:
-            session.stop()
+            landed = session.stop()
+    return landed
 
 
 def _hazard(arms: Sequence[ResolvedArm]) -> str:

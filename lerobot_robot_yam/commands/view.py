@@ -1,6 +1,6 @@
 """Show the arms that run on this computer in a browser: where they are, what they are doing, what is wrong.
 
-yam-view                           watch every session; it can neither slow nor stop one
+yam-view                           watch every session, and label and lead on what a LeRobot command records
 yam-view --config_path=rig.yaml    drive the followers of a rig's file or run config from the page, too
 yam-view --channel can_follower_l  drive one arm
 yam-view --dataset data/NAME       a LeRobot data set: check it, play it in 3-D; with --config_path send it to the arms
@@ -9,7 +9,7 @@ yam-view --token                   ask for a token on this computer, too, where 
 yam-view --remote 192.168.1.20     also the arms of another computer, where yam-host runs (docs/two-machines.md)
 yam-view --desktop                 MuJoCo's own viewer instead of a browser; it drives arms as above, by the mouse
 
-The page has an emergency stop. Ctrl-C ends the page; other sessions go on.
+The page has an emergency stop, and buttons that end a LeRobot command. Ctrl-C ends the page; other sessions go on.
 
 HAZARD: with --config_path or --channel a person at the page can ENERGISE the arms. However the page ends, they land.
 """
@@ -20,14 +20,13 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from lerobot_robot_yam.commands.lib.arm_command import run_command, tell, with_likely_gripper
-from lerobot_robot_yam.commands.lib.desktop_command import add_desktop_arguments, run_desktop_command
+from lerobot_robot_yam.commands.lib.arm_command import run_command, tell
+from lerobot_robot_yam.commands.lib.desktop_command import add_desktop_arguments, driving_plan, run_desktop_command
 from lerobot_robot_yam.commands.lib.host_option import add_host_arguments
 from lerobot_robot_yam.errors import ConfigError
 
 if TYPE_CHECKING:
     from lerobot_robot_yam.viewer.moving.driver import Driver
-    from lerobot_robot_yam.viewer.moving.driving_plan import DrivingPlan
     from lerobot_robot_yam.viewer.serving.page import Page, Part
 
 _GRIPPER = "linear_4310"  # of a data set whose arms nobody names
@@ -63,9 +62,9 @@ def _view(args: argparse.Namespace) -> int:
 
     if args.dataset is not None and args.channel is not None:
         raise ConfigError("a data set is sent to the arms of a config: give --config_path, not --channel")
-    plan = _plan(args)
+    plan = driving_plan(args)
     page = Page(args.host, args.port, args.token)
-    live = Live(page.server)
+    live = Live(page.server, page.troubles)
     parts: list[Part] = [live, SessionDesks(page.server)]
     with _watched(args), served(page, parts):
         driver = None
@@ -95,17 +94,6 @@ def _watched(args: argparse.Namespace) -> contextlib.AbstractContextManager[None
     from lerobot_robot_yam.remote.wire.host_address import HostAddress
 
     return watched(Host(HostAddress.of(args.arms_host), args.key))
-
-
-def _plan(args: argparse.Namespace) -> "DrivingPlan | None":
-    """The arms to drive; None: none."""
-    from lerobot_robot_yam.viewer.moving.driving_plan import plan_of_arm, plan_of_file
-
-    if args.config_path is not None:
-        return plan_of_file(args.config_path, args.rig)
-    if args.channel is not None:
-        return plan_of_arm(with_likely_gripper(args, calibration_path=args.calibration))
-    return None
 
 
 def _data(page: "Page", args: argparse.Namespace, driver: "Driver | None") -> "Part":

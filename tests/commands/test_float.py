@@ -133,6 +133,23 @@ def test_a_replay_ends_when_keys_begin_to_spell_a_name(arm, console, tmp_path):
 
 
 @pytest.mark.long
+def test_arms_that_an_emergency_stop_keeps_in_the_air_have_not_landed(arm, console):
+    terminal = console(*arguments(arm))
+    lift(arm, RAISED, then_release=True)
+    EmergencyStop().latch("somebody shouted")
+    try:
+        terminal.wait_shown("only (only): STOPPED")
+        terminal.type(b"q")
+        terminal.wait_shown("THE ARMS ARE STILL IN THE AIR")
+        assert terminal.end() == 1 and "the arms have landed" not in terminal.shown
+        assert enabled(arm)
+    finally:
+        EmergencyStop().release()
+    while enabled(arm):
+        time.sleep(0.05)
+
+
+@pytest.mark.long
 def test_an_emergency_stop_ends_a_replay(arm, console, tmp_path):
     np.save(tmp_path / "trajectory.npy", {"trajectory": np.array([ROW, RAISED + [0.5]]), "timestamps": [0.0, 9.0]})
     terminal = console(*arguments(arm))

@@ -30,7 +30,7 @@ _PATIENT = f"""
 import sys
 from lerobot_robot_yam.commands.view import main
 from lerobot_robot_yam.viewer.moving import heartbeat
-heartbeat.SILENT_S = {PATIENT_S}
+heartbeat.SILENT_S = heartbeat.OLD_S = {PATIENT_S}
 sys.exit(main(sys.argv[1:]))
 """
 

@@ -29,11 +29,14 @@ class BrowserSocket:
 
     Attributes:
         alive: False: its script hangs, and its WebSocket stays open.
+        stalled: True: the network keeps what it sends, and delivers it, in order, when this is False again.
         notices: words of the notifications that it was shown.
     """
 
     def __init__(self, port):
         self.alive = True
+        self._kept = None
+        self._sending = threading.Lock()
         self.notices = []
         self._elements = {}  # by uuid: the message that made it, with the newest properties
         self._changed = threading.Condition()
@@ -53,9 +56,25 @@ class BrowserSocket:
         self._socket.close()
         self._thread.join()
 
+    @property
+    def stalled(self):
+        return self._kept is not None
+
+    @stalled.setter
+    def stalled(self, stalled):
+        with self._sending:
+            for message in self._kept or ():
+                self._socket.send(message)
+            self._kept = [] if stalled else None
+
     def send(self, kind, **fields):
         """Any message."""
-        self._socket.send(msgspec.msgpack.encode({"type": kind, **fields}))
+        message = msgspec.msgpack.encode({"type": kind, **fields})
+        with self._sending:
+            if self._kept is None:
+                self._socket.send(message)
+            else:
+                self._kept.append(message)
 
     def press(self, label):
         """A button of the page, or of a question."""

@@ -4,10 +4,7 @@ import argparse
 import subprocess
 import sys
 
-import pytest
-
-from lerobot_robot_yam.commands.lib.desktop_command import driven
-from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.commands.lib.desktop_command import driving_plan
 from tests.support.paths import ROOT
 
 WITHOUT_VISER = """
@@ -38,15 +35,8 @@ def test_without_viser():
     assert ended.stderr.count("pip install '.[view]'") == 2
 
 
-def named_by(config):
-    return driven(argparse.Namespace(config_path=ROOT / "configs" / config, rig=None))
-
-
-def test_followers_of_a_run_config_are_driven_and_nothing_else(tmp_path):
-    found = named_by("real/teleoperate.yaml")
+def test_followers_of_a_run_config_are_driven_and_nothing_else():
+    path = ROOT / "configs" / "real" / "teleoperate.yaml"
+    found = driving_plan(argparse.Namespace(config_path=path, rig=None)).configs
     assert [config.channel for config in found] == ["can_follower_l", "can_follower_r"]
     assert all(config.calibration_path and "robots" in config.calibration_path for config in found)
-    alone = tmp_path / "leaders.yaml"
-    alone.write_text("teleop: {type: yam_leader, channel: can_leader_l, id: left}\n")
-    with pytest.raises(ConfigError, match="no follower"):
-        driven(argparse.Namespace(config_path=alone, rig=None))

@@ -1,6 +1,7 @@
 """The controller with an arm on the virtual rig, over CAN frames: what Commander does unasked moves nothing; the arm is
 held whatever happens."""
 
+import asyncio
 import itertools
 import random
 
@@ -12,6 +13,7 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import ControllerError, YamError
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.waldo.controller.controller_process import operator_acts
 from lerobot_robot_yam.waldo.controller.real_arm import RealArm
 from tests.support.rigged import lockstep_rig
 from tests.support.waldo_desk import waldo_desk
@@ -288,3 +290,14 @@ def test_the_gripper_is_open_at_0_and_closed_at_1(rig, desk):
         assert desk.ask("wait_command", command_index=index) is True
         assert rig.state()["arms"][ARM]["opening"] == pytest.approx(opening, abs=0.05)
         assert desk.ask("status")["tool"]["positions"] == [pytest.approx(1.0 - opening, abs=0.05)]
+
+
+@LONG
+def test_an_arm_that_an_emergency_stop_keeps_in_the_air_has_not_landed(desk):
+    desk.drive()
+    EmergencyStop().latch("a test")
+    try:
+        with pytest.raises(ControllerError, match="STILL IN THE AIR"):
+            asyncio.run(operator_acts(desk.controller)["land"]())
+    finally:
+        EmergencyStop().release()

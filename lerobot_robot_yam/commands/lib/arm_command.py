@@ -22,6 +22,10 @@ from lerobot_robot_yam.state.records import channel_key, lock_path
 from lerobot_robot_yam.system.runtime_files import FileLock, rig_name
 
 CLEAR_SCREEN = "\x1b[H\x1b[J"
+_IN_THE_AIR = (
+    "THE ARMS ARE STILL IN THE AIR: their control loop holds them, and lands them as soon as it can. Clear their way. "
+    "If the emergency stop is latched, release it then: yam-estop release"
+)
 _INTERRUPTED = 130  # the shell's own status after Ctrl-C
 _PER_ARM = ("channel", "arm", "gripper", "name", "calibration")
 
@@ -147,6 +151,12 @@ def tell(text: str, end: str = "\n") -> None:
     """Words for the person at the terminal."""
     sys.stderr.write(text + end)
     sys.stderr.flush()
+
+
+def tell_landed(landed: bool) -> int:
+    """Say whether the arms are down, which `ArmSession.stop` returns; returns the exit status."""
+    tell("the arms have landed" if landed else _IN_THE_AIR)
+    return 0 if landed else 1
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -1,18 +1,21 @@
 """`yam-view --desktop`: which arms it drives, the question before they are energised, and their landing."""
 
 import argparse
+from typing import TYPE_CHECKING
 
-from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.commands.lib.arm_command import (
     add_arm_arguments,
     ask,
     need_terminal,
     tell,
+    tell_landed,
     with_likely_gripper,
 )
-from lerobot_robot_yam.doctor.kit.targets import from_config
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import user_path
+
+if TYPE_CHECKING:
+    from lerobot_robot_yam.viewer.moving.driving_plan import DrivingPlan
 
 _WORD = "drive"
 
@@ -41,38 +44,41 @@ def run_desktop_command(args: argparse.Namespace) -> int:
     from lerobot_robot_yam.viewer.desktop.drag_control import DragControl
 
     need_display()
-    if args.channel is None and args.config_path is None:
+    if args.channel is not None or args.config_path is not None:
+        need_terminal(args.yes)
+    plan = driving_plan(args)
+    if plan is None:
         run_desktop()
         return 0
-    need_terminal(args.yes)
-    configs = driven(args)
-    channels = " and ".join(config.channel for config in configs)
+    channels = " and ".join(config.channel for config in plan.configs)
     tell(
         f"HAZARD: this energises the arms on {channels}. They hold; after SPACE their tools go where you drag them. "
         "Keep clear of their way, and the emergency stop within reach. Grippers may close and open to find their stops."
     )
+    for note in plan.notes:
+        tell(note)
     if not args.yes and ask(f"Type {_WORD} to go on:") != _WORD:
         raise ConfigError("not confirmed; nothing was energised")
-    session = ArmSession(configs)
+    session = ArmSession(plan.configs)
     try:
         session.start()
-        run_desktop(DragControl(session, [config.name for config in configs]))
+        run_desktop(DragControl(session, [config.name for config in plan.configs]))
     finally:
-        session.stop()
-    tell("the arms have landed")
-    return 0
+        landed = session.stop()
+    return tell_landed(landed)
 
 
-def driven(args: argparse.Namespace) -> list[ArmConfig]:
-    """The arms that the arguments name: one by its channel, or the followers of a run config.
+def driving_plan(args: argparse.Namespace) -> "DrivingPlan | None":
+    """The arms that the arguments name: one by its channel, or those of a config; None: none.
 
     Raises:
-        ConfigError: the config cannot be used, or has no followers.
+        ConfigError: the config cannot be used.
         BusError: the channel cannot be opened.
     """
-    if args.config_path is None:
-        return [with_likely_gripper(args, calibration_path=args.calibration)]
-    followers = from_config(args.config_path, args.rig).followers
-    if not followers:
-        raise ConfigError(f"{args.config_path} has no follower")
-    return [target.driven for target in followers]
+    from lerobot_robot_yam.viewer.moving.driving_plan import plan_of_arm, plan_of_file
+
+    if args.config_path is not None:
+        return plan_of_file(args.config_path, args.rig)
+    if args.channel is not None:
+        return plan_of_arm(with_likely_gripper(args, calibration_path=args.calibration))
+    return None

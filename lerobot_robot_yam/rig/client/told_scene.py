@@ -7,12 +7,17 @@ import argparse
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from lerobot_robot_yam.errors import RigError
 from lerobot_robot_yam.rig.client import launch
 from lerobot_robot_yam.rig.scene.scene import SCENES, Scene, load_scene
 from lerobot_robot_yam.system.paths import user_path
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:  # else it would end the process
+        raise ValueError(message)
 
 
 def scene_path(rig: str) -> Path:
@@ -33,7 +38,7 @@ def told_scene(rig: str) -> Scene:
         RigError: no such rig runs, or one of another version.
         ConfigError: its file is no longer what the rig has read.
     """
-    parser = argparse.ArgumentParser()
+    parser = _Parser(add_help=False)
     launch.add_scene_arguments(parser)
     try:
         arguments = parser.parse_args(json.loads(scene_path(rig).read_text()))

@@ -9,7 +9,7 @@ import numpy as np
 
 from lerobot_robot_yam.arm.config import VIRTUAL, ArmConfig
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.rig.client.rig_control import RigControl
+from lerobot_robot_yam.rig.client.told_scene import told_scene
 from lerobot_robot_yam.system.runtime_files import runtime_dir
 
 logger = logging.getLogger(__name__)
@@ -29,10 +29,12 @@ def running_rigs() -> list[str]:
 
 
 def rig_cameras(rig: str) -> dict[str, dict[str, Any]]:
-    """LeRobot's options of the cameras of a rig, by a name that tells the rig; empty once it has ended."""
+    """LeRobot's options of the cameras of a rig, by a name that tells the rig; empty once it has ended.
+
+    The rig is asked nothing: a question would start one anew that was killed.
+    """
     try:
-        with RigControl(rig, hold=False) as control:
-            names = control.scene()["cameras"]
+        names = [camera.name for camera in told_scene(rig).cameras]
     except YamError as error:
         logger.debug("rig %s: %s", rig, error)
         return {}

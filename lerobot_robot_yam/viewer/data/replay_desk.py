@@ -63,7 +63,7 @@ class ReplayDesk:
         if replayed is not None:
             self._driver.pause(not replayed.paused)
 
-    def _asked(self, event: viser.GuiEvent) -> None:
+    async def _asked(self, event: viser.GuiEvent) -> None:
         client, episode, speed = event.client, self._episode, self._speed.value
         if client is not None and episode is not None:
             self._driver.ask(client.client_id, lambda: self._question(client, episode, speed))
@@ -74,12 +74,9 @@ class ReplayDesk:
             yes = client.gui.add_button("move the arms", color="red")
             no = client.gui.add_button("no")
 
-        def start(_: viser.GuiEvent) -> None:
-            question.close()
-            self._driver.ask(client.client_id, lambda: self._send_motion(episode, speed))
-
-        yes.on_click(start)
-        no.on_click(lambda _: question.close())
+        pressed(yes, lambda browser: self._driver.ask(browser, lambda: self._send_motion(episode, speed)))
+        for button in (yes, no):
+            pressed(button, lambda _: question.close())
 
     def _warning(self, episode: RecordedEpisode, speed: float) -> str:
         arms = ", ".join(f"{config.name} ({config.channel})" for config in self._driver.plan.configs)

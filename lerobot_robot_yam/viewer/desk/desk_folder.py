@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import viser
-from viser._messages import HotkeyKey
+from viser._messages import HotkeyKey, KeyModifier
 
 from lerobot_robot_yam.state.desk_post import Asked
 from lerobot_robot_yam.viewer.desk.success_rate import SuccessRate
 
 BY = "yam-view"
+MODIFIER: KeyModifier = "shift"  # of every key: W, A, S, D, Q and E alone move the camera of viser's scene
 # Of each meaning that has a button: what stands on it, its colour, and its key on the page.
 BUTTONS: dict[str, tuple[str, tuple[int, int, int] | None, HotkeyKey]] = {
     "success": ("success", (30, 150, 60), "S"),
@@ -49,7 +50,7 @@ class DeskFolder:
         with self._folder:
             self._text = gui.add_html("")
             for meaning, (label, colour, key) in BUTTONS.items():
-                button = gui.add_button(f"{label} [{key}]", color=colour, visible=False)
+                button = gui.add_button(f"{label} [{key_name(key)}]", color=colour, visible=False)
                 button.on_click(partial(self._clicked, meaning))
                 self._buttons[meaning] = button
 
@@ -82,6 +83,11 @@ class DeskFolder:
         self._folder.remove()
 
 
+def key_name(key: HotkeyKey) -> str:
+    """What a person presses: "Shift+S"."""
+    return f"{MODIFIER.capitalize()}+{key}"
+
+
 def describe(status: dict[str, Any], rate: SuccessRate | None) -> str:
     """The folder's HTML. rate: of the data set; None: there is none."""
     red = [status["disk_warning"]] if "disk_warning" in status else []
@@ -92,7 +98,8 @@ def describe(status: dict[str, Any], rate: SuccessRate | None) -> str:
     if rate is not None and "saved" in status:
         lines.append(html.escape(rate.words(status["saved"])))
     offers = status.get("offers", {})
-    lines += [f"<b>{BUTTONS[name][2]}</b>: {html.escape(words)}" for name, words in offers.items() if name in BUTTONS]
+    told = [(key_name(BUTTONS[name][2]), words) for name, words in offers.items() if name in BUTTONS]
+    lines += [f"<b>{key}</b>: {html.escape(words)}" for key, words in told]
     return f"<div style='padding:0 0.8em;font-size:13px'>{'<br>'.join(lines)}</div>"
 
 

@@ -8,7 +8,7 @@ from viser._messages import HotkeyKey
 
 from lerobot_robot_yam.state.desk_post import Asked, ask, forget_the_dead, running_desks
 from lerobot_robot_yam.system.runtime_files import runtime_dir
-from lerobot_robot_yam.viewer.desk.desk_folder import BUTTONS, DeskFolder
+from lerobot_robot_yam.viewer.desk.desk_folder import BUTTONS, MODIFIER, DeskFolder
 
 _LOOK_S = 0.25
 
@@ -30,7 +30,7 @@ class SessionDesks:
         self._commands = [self._on_key(meaning, label, key) for meaning, (label, _, key) in BUTTONS.items()]
 
     def _on_key(self, meaning: str, label: str, key: HotkeyKey) -> viser.CommandHandle:
-        command = self._gui.add_command(f"session: {label}", hotkey=key)
+        command = self._gui.add_command(f"session: {label}", hotkey=key, modifier=MODIFIER)
         command.on_trigger(lambda _: self.press(meaning))
         return command
 

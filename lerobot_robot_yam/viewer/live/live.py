@@ -1,5 +1,7 @@
 """The live part of the page: every arm that runs on this computer, as its state block tells it. It drives nothing."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import viser
 
@@ -73,10 +75,11 @@ class Live:
 
     Args:
         server: viser's.
+        troubles: of the page, as they are now: lines for the banner.
     """
 
-    def __init__(self, server: viser.ViserServer):
-        self._server = server
+    def __init__(self, server: viser.ViserServer, troubles: Sequence[str] = ()):
+        self._server, self._troubles = server, troubles
         self._watched = WatchedArms()
         self._rigs = WatchedRigs(server)
         self._shown: dict[str, _Shown] = {}
@@ -101,6 +104,14 @@ class Live:
 
     def update(self, now_s: float) -> None:
         """Read, and draw what has changed."""
+        try:
+            self._draw(now_s)
+        finally:  # whatever cannot be drawn, the banner is
+            lines = [*self._stop.update(), *self._troubles, *self._watched.lost(now_s)]
+            lines += [f"{arm.name}: {line}" for arm in self.arms.values() for line in warnings(arm)]
+            self._banner.show(lines, now_s)
+
+    def _draw(self, now_s: float) -> None:
         self._watched.update(now_s)
         self._keep(now_s)
         looked_at = bool(self._server.get_clients())
@@ -110,9 +121,6 @@ class Live:
             shown.panel.update(now_s, looked_at)
         if looked_at:
             self._cameras.update(now_s, self._rigs)
-        lines = self._stop.update() + self._watched.lost(now_s)
-        lines += [f"{arm.name}: {line}" for arm in self.arms.values() for line in warnings(arm)]
-        self._banner.show(lines, now_s)
 
     def _keep(self, now_s: float) -> None:
         """Have a drawing of each arm that runs, at its place, and of its rig."""

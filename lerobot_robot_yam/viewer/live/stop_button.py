@@ -1,45 +1,67 @@
 """The emergency stop of the page: one click latches it, and it asks before it lets go."""
 
+import logging
+
 import viser
 
+from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+
+logger = logging.getLogger(__name__)
 
 
 class StopButton:
     """Two buttons at the top of the panel. The stop is latched in the thread that hears the click, without a wait.
+
+    Each click has an `EmergencyStop` of its own: one that could not be written down says that it is latched for good.
 
     Args:
         gui: of the server.
     """
 
     def __init__(self, gui: viser.GuiApi):
-        self._stop = EmergencyStop()
+        self._seen = EmergencyStop()
+        self._failure = ""  # why the last click has stopped nothing
         self._button = gui.add_button("EMERGENCY STOP", color="red", icon=viser.Icon.HAND_STOP)
         self._release = gui.add_button("release the emergency stop …", visible=False)
-        self._button.on_click(lambda _: self._stop.latch("yam-view"))
+        self._button.on_click(lambda _: self._latch())
         self._release.on_click(self._ask)
 
     def update(self) -> list[str]:
         """Show what is so; returns lines for the banner."""
-        latched = self._stop.latched
+        latched = self._seen.latched
         if self._release.visible != latched:
             self._release.visible = latched
-        return [f"EMERGENCY STOP: {self._stop.reason()}"] if latched else []
+        if latched:
+            self._failure = ""
+            return [f"EMERGENCY STOP: {self._seen.reason()}"]
+        return [f"THE EMERGENCY STOP FAILED: {self._failure}; switch the power off"] if self._failure else []
+
+    def _latch(self) -> None:
+        try:
+            EmergencyStop().latch("yam-view")
+        except (OSError, YamError) as error:
+            self._failure = str(error)
+            logger.critical("the emergency stop failed: %s; switch the power off", error)
 
     def _ask(self, event: viser.GuiEvent) -> None:
-        if event.client is None:
+        client = event.client
+        if client is None:
             return
-        with event.client.gui.add_modal("Release the emergency stop?") as question:
-            event.client.gui.add_markdown(
+        with client.gui.add_modal("Release the emergency stop?") as question:
+            client.gui.add_markdown(
                 "Arms move at once: those of running sessions go on to their targets, those of ended sessions land. "
                 "Look at them first."
             )
-            yes = event.client.gui.add_button("release", color="red")
-            no = event.client.gui.add_button("keep it")
+            yes = client.gui.add_button("release", color="red")
+            no = client.gui.add_button("keep it")
 
         def release(_: viser.GuiEvent) -> None:
-            self._stop.release()
             question.close()
+            try:
+                EmergencyStop().release()
+            except (OSError, YamError) as error:
+                client.add_notification("emergency stop", f"it stays latched: {error}")
 
         yes.on_click(release)
         no.on_click(lambda _: question.close())

@@ -96,9 +96,13 @@ class ControlDesk:
         if browser != self.holder:
             raise LifeCycleError(f"nothing was done: browser {self.holder} controls the arms; press `take control`")
 
+    def is_free_for(self, browser: int) -> bool:
+        """Whether no other browser controls the arms."""
+        return self.holder in (None, browser)
+
     def check_unheld(self, browser: int) -> None:
         """Raises LifeCycleError: another browser controls the arms."""
-        if self.holder not in (None, browser):
+        if not self.is_free_for(browser):
             self.check(browser)
 
     def _hand_to(self, browser: int | None) -> None:

@@ -66,18 +66,19 @@ class ControlPanel:
     def _ask_to_connect(self, event: viser.GuiEvent) -> None:
         if event.client is None or event.client_id is None:
             return
-        browser, gui = event.client_id, event.client.gui
+        browser, gui, heartbeat = event.client_id, event.client.gui, self._driver.heartbeat
+        heartbeat.begin_question(browser)  # sent first, so answered before a person can confirm
         with gui.add_modal("Energise the arms?") as question:
             gui.add_markdown(self.hazard())
-            yes = gui.add_button("energise", color="red")
+            yes = pressed(gui.add_button("energise", color="red"), self._driver.ask_to_connect)
             no = gui.add_button("no")
 
-        def connect(_: viser.GuiEvent) -> None:
+        def close(_: int) -> None:
             question.close()
-            self._driver.ask_freely(browser, self._driver.connect)
+            heartbeat.end_question(browser)
 
-        yes.on_click(connect)
-        no.on_click(lambda _: question.close())
+        for button in (yes, no):
+            pressed(button, close)
 
     def hazard(self) -> str:
         """What will happen, for the person who has to confirm it."""

@@ -5,6 +5,7 @@ controls the arms is lost, they hold. When the page ends, they land.
 """
 
 import logging
+import math
 import threading
 import time
 from collections import deque
@@ -23,24 +24,16 @@ from lerobot_robot_yam.state.records import Limited
 from lerobot_robot_yam.viewer.moving.control_desk import ControlDesk, Stage
 from lerobot_robot_yam.viewer.moving.driven_arm import DrivenArm
 from lerobot_robot_yam.viewer.moving.driving_plan import DrivingPlan
-from lerobot_robot_yam.viewer.moving.heartbeat import Heartbeat
+from lerobot_robot_yam.viewer.moving.heartbeat import Heartbeat, too_old
 from lerobot_robot_yam.viewer.moving.held_back import HeldBack
+from lerobot_robot_yam.viewer.moving.orders import Order, Orders
 from lerobot_robot_yam.viewer.moving.replay import Replay
 
 logger = logging.getLogger(__name__)
 
 _PERIOD_S = 0.02
-_OLD_S = 0.5  # what has waited for longer is not done any more: the person has seen nothing happen
-_MOST_ORDERS = 50  # in a round: a page that sends more has them grow old
 _MOST_NOTICES = 50
 _REPEATED_S = 2.0  # the same notice is not given again before
-
-
-class _Order(NamedTuple):
-    browser: int
-    work: Callable[[], object]
-    controls: bool
-    given_s: float
 
 
 class Notice(NamedTuple):
@@ -64,6 +57,7 @@ class Driver:
         replayed: the recorded motion that all of them follow; None: none.
         notices: to show; whoever shows them takes them out.
         held_back: by name of an arm, the parts that it would bring too near.
+        heartbeat: of the browsers.
 
     Raises:
         ConfigError: the arms cannot be used together.
@@ -78,9 +72,9 @@ class Driver:
         self.notices: deque[Notice] = deque(maxlen=_MOST_NOTICES)
         self.held_back: dict[str, str] = {}
         self._guard = HeldBack([self.session.hardware(config.name) for config in plan.configs])
-        self._orders: deque[_Order] = deque()
+        self._orders = Orders()
         self._said: dict[Notice, float] = {}
-        self._heartbeat = Heartbeat(server, lambda: self.desk.holder)
+        self.heartbeat = Heartbeat(server, lambda: self.desk.holder)
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="yam-view-driver", daemon=True)
 
@@ -89,12 +83,29 @@ class Driver:
         self._thread.start()
 
     def ask(self, browser: int, work: Callable[[], object]) -> None:
-        """Have a command of the browser that controls the arms carried out; any thread may ask."""
-        self._orders.append(_Order(browser, work, True, time.monotonic()))
+        """Have a command of the browser that controls the arms carried out. Call it in the order of what arrives."""
+        try:
+            self.desk.check(browser)
+        except LifeCycleError as error:
+            self.say(browser, str(error))
+        else:
+            self._queue(Order(browser, work, True, self.heartbeat.given_s(browser)))
+
+    def ask_to_connect(self, browser: int) -> None:
+        """Have the arms connected; a person has confirmed it in a question that the heartbeat knows of."""
+        self._queue(Order(browser, self.connect, False, self.heartbeat.given_s(browser)))
 
     def ask_freely(self, browser: int, work: Callable[[], object]) -> None:
-        """The same for what needs no control."""
-        self._orders.append(_Order(browser, work, False, time.monotonic()))
+        """Have something done that needs no control and energises nothing; any thread may ask. Its arrival counts."""
+        self._queue(Order(browser, work, False, time.monotonic()))
+
+    def ask_to_leave(self, browser: int) -> None:
+        """This browser has gone: that is never too late to know."""
+        self._orders.add(Order(browser, lambda: self.leave(browser), False, math.inf), always=True)
+
+    def _queue(self, order: Order) -> None:
+        if not self._orders.add(order):
+            self.say(order.browser, "nothing was done: too many of your commands wait; give it again")
 
     def say(self, browser: int | None, text: str) -> None:
         """Give a notice, unless it was given just now."""
@@ -109,7 +120,7 @@ class Driver:
     def connect(self) -> None:
         """Energise the arms, which hold where they are. A person has confirmed it. Raises YamError: what failed."""
         self.desk.begin()
-        self._said.clear()  # what was told of the last session is news of this one
+        self._said = {}  # what was told of the last session is news of this one
         try:
             self.session.start()
             self.arms = {config.name: DrivenArm(self.session[config.name]) for config in self.plan.configs}
@@ -136,7 +147,7 @@ class Driver:
             self._hand_to(holder)
 
     def _hand_to(self, browser: int) -> None:
-        self._heartbeat.begin(browser)
+        self.heartbeat.begin(browser)
         self.say(None, f"browser {browser} controls the arms")
 
     def leave(self, browser: int) -> None:
@@ -234,19 +245,19 @@ class Driver:
 
     def round(self) -> None:
         """What is due: lost browsers, orders, targets."""
-        if self.desk.holder is not None and self._heartbeat.lost():
+        if self.heartbeat.lost() and self.desk.holder is not None:
             self.leave(self.desk.holder)
-        for _ in range(min(len(self._orders), _MOST_ORDERS)):
-            self._carry_out(self._orders.popleft())
+        for order in self._orders.of_a_round():
+            self._carry_out(order)
         if self.desk.stage in (Stage.ENABLED, Stage.CONTROL):
             self._drive()
 
-    def _carry_out(self, order: _Order) -> None:
+    def _carry_out(self, order: Order) -> None:
         try:
             if order.controls:
                 self.desk.check(order.browser)
-            if time.monotonic() - order.given_s > _OLD_S:
-                raise LifeCycleError("nothing was done: the page was busy, and the command is old; give it again")
+            if too_old(order.given_s):
+                raise LifeCycleError("nothing was done: the command is old, the page or its line slow; give it again")
             order.work()
         except YamError as error:
             self.say(order.browser, str(error))
@@ -327,7 +338,8 @@ class Driver:
     def close(self) -> None:
         """Land the arms, and wait for that. Idempotent."""
         self._ended.set()
-        self._heartbeat.close()
+        self.session.begin_stop()  # else arms that come up would be waited for
+        self.heartbeat.close()
         if self._thread.ident is not None:
             self._thread.join()
         self.session.stop()

@@ -1,4 +1,4 @@
-"""Which arms the page drives, and how: from a config, or from the options of one arm."""
+"""Which arms the page or the window drives, and how: from a config, or from the options of one arm."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -60,7 +60,7 @@ def plan_of(configs: Sequence[ArmConfig], poses: Path) -> DrivingPlan:
         if unplaced and any(config.workspace.keep_out for config in configs):
             notes.append("NO COLLISION CHECKING: the config does not say where the arms stand (base_position_m).")
         else:
-            notes.append(f"The config sets no collision margin. The page sets {MARGIN_M * 1000:.0f} mm.")
+            notes.append(f"The config sets no collision margin. yam-view sets {MARGIN_M * 1000:.0f} mm.")
             if unplaced:
                 notes.append("The config does not say where the arms stand: each arm is kept clear of itself only.")
             apart_m = _APART_M if unplaced else 0.0

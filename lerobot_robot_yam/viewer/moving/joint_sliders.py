@@ -7,7 +7,7 @@ import viser
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.viewer.moving.driver import Driver
-from lerobot_robot_yam.viewer.serving.handles import pressed, put
+from lerobot_robot_yam.viewer.serving.handles import kept, pressed, put
 
 _STEP_RAD, _STEP_OPENING = 0.001, 0.01
 _SHOWN = 0.002  # rad, or of the stroke: smaller changes are not shown
@@ -57,17 +57,18 @@ class JointSliders:
     def _add_gains(self, gui: viser.GuiApi) -> None:
         hw, name = self._hardware, self._hardware.name
         kp, kd = hw.kp[: hw.joints], hw.kd[: hw.joints]
+        may_set = self._driver.desk.is_free_for
         rows = [
             [
-                gui.add_number(f"{what} {joint}", float(value), min=0.0, step=_GAIN_STEP)
+                kept(gui.add_number(f"{what} {joint}", float(value), min=0.0, step=_GAIN_STEP), may_set)
                 for joint, value in zip(hw.joint_names, values, strict=True)
             ]
             for what, values in (("kp", kp), ("kd", kd))
         ]
 
-        def change() -> None:
+        def change(browser: int) -> None:
             given = [np.array([number.value for number in row]) for row in rows]
-            self._driver.change_gains(name, *given)
+            self._driver.ask(browser, lambda: self._driver.change_gains(name, *given))
 
         def reset() -> None:
             self._driver.change_gains(name, kp, kd)
@@ -75,7 +76,7 @@ class JointSliders:
                 for number, value in zip(row, values.tolist(), strict=True):
                     put(number, value=value)
 
-        pressed(gui.add_button("use these gains"), lambda browser: self._driver.ask(browser, change))
+        pressed(gui.add_button("use these gains"), change)
         pressed(gui.add_button("reset gains"), lambda browser: self._driver.ask(browser, reset))
 
     def update(self) -> None:

@@ -76,7 +76,7 @@ class Moving:
 
         @server.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:
-            driver.ask_freely(client.client_id, lambda: driver.leave(client.client_id))
+            driver.ask_to_leave(client.client_id)
 
     def update(self, now_s: float) -> None:
         """Show where the arms are, and what is to be said."""

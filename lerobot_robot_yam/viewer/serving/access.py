@@ -20,7 +20,6 @@ from websockets.http11 import Request, Response
 
 from lerobot_robot_yam.errors import ConfigError
 
-_LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")
 _HOST = re.compile(r"[\w.:\[\]-]+", re.ASCII)
 # viser's page is one file with its scripts and workers inside
 _POLICY = (
@@ -73,7 +72,7 @@ class Access:
     def _refusal(self, request: Request) -> str:
         host = request.headers.get("Host", "").lower()
         name = urlsplit(f"//{host}").hostname
-        if not _HOST.fullmatch(host) or (self._local and name not in _LOCAL_NAMES):
+        if not _HOST.fullmatch(host) or (self._local and not is_loopback(name or "")):
             return "this page is served under the names of this computer only"
         origin = request.headers.get("Origin")
         if origin is not None and urlsplit(origin.lower()).netloc != host:

@@ -22,3 +22,17 @@ def pressed(button: viser.GuiButtonHandle, work: Callable[[int], None]) -> viser
             work(event.client_id)
 
     return button
+
+
+def kept(handle: Any, may_set: Callable[[int], bool]) -> Any:
+    """Put back at once what is set by a browser that may not, as it stands on the page of all; returns the handle."""
+    good = [handle.value]
+
+    @handle.on_update
+    async def _(event: viser.GuiEvent) -> None:
+        if event.client_id is None or may_set(event.client_id):
+            good[0] = event.target.value
+        else:
+            put(handle, value=good[0])
+
+    return handle

@@ -4,6 +4,7 @@ import contextlib
 import errno
 import io
 import logging
+import math
 import secrets
 import socket
 import time
@@ -20,7 +21,9 @@ logger = logging.getLogger(__name__)
 
 _PERIOD_S = 0.05
 _PORTS_TRIED = 100
+_SAID_EVERY_S = 60.0
 _EVERYWHERE = ("", "0.0.0.0", "::")
+_FAILED = "A PART OF THIS PAGE HAS FAILED, {name}: what it shows is old. See the terminal of yam-view."
 
 
 class Part(Protocol):
@@ -43,12 +46,15 @@ class Page:
     Attributes:
         server: viser's.
         url: for a browser; with the token, if one is needed.
+        troubles: of parts that fail, for the banner.
 
     Raises:
         ConfigError: viser does not fit; nobody can listen there.
     """
 
     def __init__(self, host: str = "127.0.0.1", port: int = 8080, with_token: bool = False):
+        self.troubles: list[str] = []
+        self._said_s: dict[str, float] = {}
         token = secrets.token_urlsafe(24) if with_token or not is_loopback(host) else None
         gate = Gate(Access(host, token))
         port = _free_port(host, port)
@@ -61,15 +67,26 @@ class Page:
         self.url = f"http://{f'[{name}]' if ':' in name else name}:{self.server.get_port()}{query}"
 
     def run(self, parts: Sequence[Part]) -> None:
-        """Update the parts, until this is interrupted."""
+        """Update the parts, until this is interrupted. One that fails does not end the others."""
         due_s = time.monotonic()
         while True:
             now_s = time.monotonic()
             with self.server.atomic():
-                for part in parts:
-                    part.update(now_s)
+                failed = [type(part).__name__ for part in parts if not self._updated(part, now_s)]
+            self.troubles[:] = [_FAILED.format(name=name) for name in failed]
             due_s = max(due_s + _PERIOD_S, now_s)
             time.sleep(max(0.0, due_s - time.monotonic()))
+
+    def _updated(self, part: Part, now_s: float) -> bool:
+        try:
+            part.update(now_s)
+        except Exception:  # a defect: the page goes on, with its emergency stop, and so do the arms
+            name = type(part).__name__
+            if now_s - self._said_s.get(name, -math.inf) >= _SAID_EVERY_S:
+                self._said_s[name] = now_s
+                logger.exception("a part of the page has failed: %s", name)
+            return False
+        return True
 
     def close(self) -> None:
         """End the server. Idempotent."""

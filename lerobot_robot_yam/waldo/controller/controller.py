@@ -249,10 +249,13 @@ class Controller:
                 raise ControllerError(f"this controller has no hardware; {_NOT_HERE}")
             await asyncio.to_thread(self.real.arm)
 
-    async def land(self) -> None:
-        """Bring the real arm down and cut torque; commands move the simulated one from now on."""
+    async def land(self) -> bool:
+        """Bring the real arm down and cut torque; commands move the simulated one from now on.
+
+        Returns:
+            Whether it is down. Else its control loop holds it, and lands it as soon as it can.
+        """
         async with self._arming:
             if not self.in_simulator:
                 self._leave_hardware()
-            if self.real is not None:
-                await asyncio.to_thread(self.real.land)
+            return self.real is None or await asyncio.to_thread(self.real.land)

@@ -102,8 +102,13 @@ def operator_acts(controller: Controller) -> dict[str, Callable[[], Awaitable[st
         return f"{controller.hardware.name} is armed, and holds where it is"
 
     async def land() -> str:
-        await controller.land()
-        return f"{controller.hardware.name} has landed"
+        name = controller.hardware.name
+        if not await controller.land():
+            raise ControllerError(
+                f"{name.upper()} IS STILL IN THE AIR: its control loop holds it, and lands it as soon as it can. Clear "
+                "its way. If the emergency stop is latched, release it then: yam-estop release"
+            )
+        return f"{name} has landed"
 
     return {"about": about, "arm": arm, "land": land}
 

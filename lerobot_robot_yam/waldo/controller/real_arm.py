@@ -103,11 +103,10 @@ class RealArm:
         session.start()
         self._session = session
 
-    def land(self) -> None:
-        """Bring it down, cut torque, let go of the channel. Waits; idempotent."""
+    def land(self) -> bool:
+        """Bring it down, cut torque, let go of the channel. Waits; idempotent. False: it is in the air still."""
         session, self._session = self._session, None
-        if session is not None:
-            session.stop()
+        return session is None or session.stop()
 
     def trouble(self) -> str:
         """Why it neither takes targets nor floats as it was told to; empty: all is well."""

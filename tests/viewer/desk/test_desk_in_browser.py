@@ -38,15 +38,16 @@ def test_a_session_is_labelled_by_button_and_by_key(tmp_path):
 
             def ask(episode, button, key):
                 if episode % 2:
-                    page.keyboard.press(key)
+                    page.keyboard.press(f"Shift+{key}")
                 else:
-                    page.get_by_role("button", name=f"{button} [{key.upper()}]").click()
+                    page.get_by_role("button", name=f"{button} [Shift+{key.upper()}]").click()
 
             for episode, label in enumerate(LABELS):
                 shown(f"episode {episode} ({episode + 1} of 4): recording")
                 page.wait_for_timeout(2_000)
                 if episode == 3:
                     take_picture(page, tmp_path)
+                page.keyboard.press("q")  # moves the camera, and ends nothing
                 ask(episode, label, label[0])
                 if episode < 3:
                     shown(f"episode {episode} ({episode + 1} of 4): resetting")

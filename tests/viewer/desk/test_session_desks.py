@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from lerobot.datasets import LeRobotDataset
+from viser._messages import RegisterCommandMessage
 
 from lerobot_robot_yam.face.recorder import outcomes
 from lerobot_robot_yam.state.desk_post import Asked, DeskPost, ask, forget_the_dead, running_desks
@@ -22,6 +23,7 @@ from tests.support.armless import TASK, record
 from tests.support.paths import ROOT
 
 FPS, WAIT_S = 30, 30.0
+CAMERA_KEYS = {*"WASDQE", "arrowup", "arrowdown", "arrowleft", "arrowright"}  # of viser's CameraControls.tsx
 LABELS = ["success", "failure", "discard", "success"]
 
 
@@ -180,6 +182,8 @@ def test_keys_do_nothing_while_two_commands_run(operator, tmp_path):
     operator.wait_gone()
 
 
-def test_every_button_has_a_key_of_its_own():
-    keys = [key for _, _, key in BUTTONS.values()]
-    assert len(set(keys)) == len(keys)
+def test_every_button_has_a_key_of_its_own_that_moves_no_camera(operator):
+    told = operator.page.server._websock_server._broadcast_buffer.message_from_id.values()
+    keys = [message.props for message in told if isinstance(message, RegisterCommandMessage)]
+    assert len({key.hotkey for key in keys}) == len(keys) == len(BUTTONS)
+    assert not {key.hotkey for key in keys if key.modifier is None} & CAMERA_KEYS

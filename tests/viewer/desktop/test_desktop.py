@@ -1,6 +1,7 @@
 """The desktop window without a window: its model, its poses, its key, and an arm that is dragged by its tool."""
 
 import contextlib
+import io
 import time
 
 import mujoco
@@ -48,6 +49,13 @@ def dragged(session):
     """(session, control, scene) of an arm that can be dragged."""
     control = DragControl(session, [FOLLOWER])
     return session, control, DesktopScene({key: session.hardware(FOLLOWER) for key in control.keys}, control.keys)
+
+
+class Person(io.StringIO):
+    """At a terminal."""
+
+    def isatty(self):
+        return True
 
 
 def rounds(session, control, scene, seconds):
@@ -223,6 +231,14 @@ def test_space_drives_an_arm_of_its_own():
                 assert session[FOLLOWER].mode() is Mode.HOLD and desktop.texts()[0] == "watching"
         finally:
             session.stop()
+
+
+def test_the_question_says_that_a_collision_margin_is_set(monkeypatch, capsys):
+    monkeypatch.setattr("lerobot_robot_yam.viewer.desktop.desktop.need_display", lambda: None)
+    monkeypatch.setattr("sys.stdin", Person("no"))
+    assert main(["--desktop", "--channel", FOLLOWER, "--rig", "none", "--gripper", "linear_4310"]) == 1
+    told, asked, after = capsys.readouterr().err.partition("Type drive to go on:")
+    assert "yam-view sets 20 mm" in told and asked and "nothing was energised" in after
 
 
 def test_without_a_display(monkeypatch, capsys):

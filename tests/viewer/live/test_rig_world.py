@@ -82,6 +82,15 @@ def test_a_scene_of_a_file_is_found_from_anywhere(tmp_path, monkeypatch):
     assert (scene.name, scene.channels, scene.options.seed) == ("mine", ("follower_left",), 3)
 
 
+def test_a_rig_of_another_version_is_refused():
+    scene_path("later").write_text('["--later", "1"]')
+    try:
+        with pytest.raises(RigError, match="--later"):
+            told_scene("later")
+    finally:
+        scene_path("later").unlink()
+
+
 def test_no_rig_and_one_that_tells_another_scene_are_refused():
     with pytest.raises(RigError, match="does not say what it simulates"):
         RigWorld("nobody")

@@ -1,7 +1,7 @@
-"""How soon a click on the emergency stop of the page stops an arm of the virtual rig, in a real browser.
+"""A click on the emergency stop: how soon it stops an arm of the virtual rig, in a real browser; and one that fails.
 
-`-s` shows it; docs/measured.md has the figures. The file of the latch has the time of the kernel's last tick, 4 ms. The
-time of the stop is an upper bound: this test may see that state late.
+`-s` shows the times; docs/measured.md has the figures. The file of the latch has the time of the kernel's last tick,
+4 ms. The time of the stop is an upper bound: this test may see that state late.
 """
 
 import contextlib
@@ -15,10 +15,11 @@ import pytest
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.viewer.live.stop_button import StopButton
+from lerobot_robot_yam.viewer.serving.page import Page
 from tests.support.browser import browser_page, yam_view
+from tests.support.browser_socket import BrowserSocket
 from tests.support.rigged import session_on, sim_config
-
-pytestmark = [pytest.mark.long, pytest.mark.alone]
 
 ARM = "follower_left"
 CLICKS = 20
@@ -48,6 +49,8 @@ def click(page, arm):
     return (stop.directory / "emergency-stop").stat().st_mtime - clicked_s, stopped_s - clicked_s
 
 
+@pytest.mark.long
+@pytest.mark.alone
 def test_every_click_stops_the_arm():
     errors, times_s = [], []
     with running_rig(arms=[ARM]) as rig, yam_view() as url, contextlib.ExitStack() as stack:
@@ -69,3 +72,26 @@ def test_every_click_stops_the_arm():
         f"arm stopped {stopped_ms.round()}, median {np.median(stopped_ms):.0f}"
     )
     assert not errors
+
+
+def test_a_click_that_stops_nothing_says_so_and_the_next_one_stops():
+    with contextlib.ExitStack() as stack:
+        page = stack.enter_context(contextlib.closing(Page(port=0)))
+        button = StopButton(page.server.gui)
+        browser = stack.enter_context(contextlib.closing(BrowserSocket(page.server.get_port())))
+        stack.callback(EmergencyStop().release)
+
+        def said(words):
+            deadline_s = time.monotonic() + WAIT_S
+            while not any(words in line for line in button.update()):
+                assert time.monotonic() < deadline_s, button.update()
+                time.sleep(0.01)
+
+        in_its_way = EmergencyStop().directory / "emergency-stop"
+        in_its_way.symlink_to("nowhere")  # no file can be made in its place
+        browser.press("EMERGENCY STOP")
+        said("THE EMERGENCY STOP FAILED: [Errno 17]")
+        in_its_way.unlink()
+        browser.press("EMERGENCY STOP")
+        said("EMERGENCY STOP: yam-view (process")
+        assert EmergencyStop().latched

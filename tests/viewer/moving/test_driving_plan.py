@@ -56,7 +56,7 @@ def test_a_config_without_arms_is_refused(tmp_path):
 def test_the_collision_check_is_switched_on_and_the_person_is_told():
     found = plan_of_arm(ArmConfig(channel="can0"))
     assert margins(found) == [MARGIN_M]
-    assert any("The page sets 20 mm" in note for note in found.notes)
+    assert any("yam-view sets 20 mm" in note for note in found.notes)
 
 
 def test_a_margin_of_the_config_stays(tmp_path):

@@ -1,5 +1,6 @@
 """The page drives an arm of the virtual rig, asked by browsers through their WebSockets."""
 
+import contextlib
 import math
 import time
 
@@ -9,9 +10,14 @@ import pytest
 
 from lerobot_robot_yam.arm.kinematics import YamKinematics, pose_errors
 from lerobot_robot_yam.errors import ActionError
+from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.viewer.moving.control_desk import Stage
+from lerobot_robot_yam.viewer.moving.driver import Driver
+from lerobot_robot_yam.viewer.moving.driving_plan import plan_of
+from lerobot_robot_yam.viewer.serving.page import Page
+from tests.support.rigged import sim_config
 from tests.viewer.conftest import ARM
 
 JOINT = "joint_1, rad"
@@ -127,8 +133,7 @@ def test_what_cannot_be_is_refused_and_nothing_moves(station, controlling):
         ([0.3, 0.0, 0.3], [1.0, 0.0, math.inf, 0.0]),
     ):
         controlling.drag_tool(ARM, position, quat)
-    until_s = time.monotonic() + 0.3
-    station.run(lambda: time.monotonic() > until_s)
+    rounds(station, 0.3)
     with pytest.raises(ActionError, match="no motor 7"):
         station.driver.move(ARM, 7, 0.0)
     assert station.state.mode is Mode.HOLD
@@ -141,6 +146,53 @@ def test_what_has_waited_too_long_is_not_done(station, controlling):
     time.sleep(0.6)  # the driver's thread is busy
     station.run(lambda: controlling.was_told("the command is old"))
     assert station.driver.arms[ARM].goal is None
+
+
+def rounds(station, seconds):
+    until_s = time.monotonic() + seconds
+    station.run(lambda: time.monotonic() > until_s)
+
+
+def test_what_the_network_has_kept_is_not_done(station, controlling):
+    before = station.state.setpoint_q
+    controlling.stalled = True
+    controlling.press("take control")
+    controlling.set(JOINT, 0.5)
+    station.run(lambda: controlling.was_told("is lost: they hold"))
+    rounds(station, 0.3)
+    controlling.stalled = False
+    station.run(lambda: station.driver.desk.holder == 0)
+    rounds(station, 0.2)
+    assert controlling.was_told("nothing was done") and station.driver.arms[ARM].goal is None
+    np.testing.assert_array_equal(station.state.setpoint_q, before)
+    controlling.set(JOINT, 0.2)
+    station.run(lambda: station.state.q[0] > 0.1)
+
+
+def test_nothing_is_energised_by_a_confirmation_that_the_network_has_kept(station, rig):
+    browser = station.browser()
+    browser.press("connect …")
+    station.run(lambda: "energise" in browser.labels())
+    browser.stalled = True
+    browser.press("energise")
+    rounds(station, 0.6)
+    browser.stalled = False
+    station.run(lambda: browser.was_told("the command is old"))
+    assert not enabled(rig) and station.driver.desk.stage is Stage.WATCHING
+
+
+def test_other_browsers_cannot_make_the_commands_of_the_one_in_control_wait(station, controlling):
+    other = station.browser()
+    for number in range(50):
+        other.set(JOINT, 0.001 * (number % 7))
+        other.press("take control")
+    deadline = time.monotonic() + 10.0
+    while not any("too many of your commands" in notice.text for notice in station.driver.notices):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    assert len(list(station.driver._orders.of_a_round())) < 10
+    controlling.set(JOINT, 0.2)
+    station.run(lambda: station.state.q[0] > 0.1)
 
 
 @pytest.mark.long
@@ -169,6 +221,21 @@ def test_gains_are_changed_and_reset(station, controlling):
     controlling.press("reset gains")
     station.run(lambda: client.kp[0] == configured[0])
     station.run(lambda: controlling.value("kp joint_1") == configured[0])
+
+
+def test_what_another_browser_sets_is_put_back(station, controlling):
+    other, client = station.browser(), station.driver.arms[ARM].client
+    controlling.set("kp joint_1", 40.0)
+    controlling.set("name", "mine")
+    station.run(lambda: other.value("name") == "mine")
+    other.set("kp joint_1", 20.0)
+    other.set("name", "theirs")
+    other.press("take control")
+    station.run(lambda: other.was_told("has been asked"))
+    controlling.press("use these gains")
+    controlling.press("save the present pose")
+    station.run(lambda: controlling.was_told("saved in") and controlling.value("pose") == "mine")
+    assert client.kp[0] == 40.0 and controlling.value("kp joint_1") == 40.0
 
 
 def test_a_pose_is_saved_and_gone_to_softly(station, controlling):
@@ -218,3 +285,22 @@ def test_the_arm_lands_when_the_page_ends(station, controlling, rig):
     station.moving.close()
     assert not enabled(rig)
     np.testing.assert_allclose(rig.state()["arms"][ARM]["q"][:3], 0.0, atol=0.05)
+
+
+@pytest.mark.long
+def test_arms_that_come_up_while_the_page_ends_are_not_waited_for(tmp_path):
+    with running_rig(arms=[ARM]) as rig, contextlib.closing(Page(port=0)) as page:
+        plan = plan_of([sim_config(rig, ARM, gripper_stops_rad=None)], tmp_path / "poses.json")
+        driver, stops = Driver(plan, page.server), []
+
+        def connect():
+            driver.connect()
+            stops.append(driver.arms[ARM].client.published().gripper_stops_rad)
+
+        with contextlib.closing(driver):
+            driver.ask_freely(0, connect)
+            driver.start()
+            while not enabled(rig):  # its gripper seeks its stops then
+                time.sleep(0.01)
+        assert not enabled(rig)
+        assert stops in ([], [None])  # they were not found

@@ -67,7 +67,8 @@ def rig():
 
 @pytest.fixture
 def view(rig, tmp_path, monkeypatch):
-    monkeypatch.setattr(heartbeat, "SILENT_S", PATIENT_S)  # test_moving.py has the real limit
+    for limit in ("SILENT_S", "OLD_S"):
+        monkeypatch.setattr(heartbeat, limit, PATIENT_S)  # test_moving.py has the real limits
     view = MovingView(rig, tmp_path)
     thread = threading.Thread(target=view.run)
     thread.start()
@@ -99,6 +100,12 @@ def take_control(view, tab):
     wait(tab, lambda: view.driver.desk.stage is Stage.ENABLED)
     tab.get_by_role("button", name="take control").click()
     wait(tab, lambda: view.driver.desk.stage is Stage.CONTROL)
+    wait_heard(view, tab)
+
+
+def wait_heard(view, tab):
+    """Until the page that has control has answered: from then on it is obeyed."""
+    wait(tab, lambda: view.driver.heartbeat.given_s(view.driver.desk.holder) > 0.0)
 
 
 def raise_arm(view, tab):
@@ -187,6 +194,7 @@ def test_control_is_handed_over_between_two_browsers(view):
         np.testing.assert_array_equal(view.state.setpoint_q, before)
         first.get_by_role("button", name="give control").click()
         wait(first, lambda: view.driver.desk.holder not in (None, holder))
+        wait_heard(view, second)
         slide(second, JOINT, 0.4)
         wait(second, lambda: abs(view.state.q[0] - 0.4) < 0.02)
     assert not errors

@@ -27,6 +27,8 @@ def cookie_of(access):
         ([("Host", "localhost:9000")], True),  # through ssh, from another port
         ([("Host", "LOCALHOST:9000")], True),
         ([("Host", "[::1]:8080")], True),
+        ([("Host", "127.0.0.5:8080")], True),  # which `--host` takes
+        ([("Host", "127.0.0.5.evil.example")], False),
         ([("Host", "evil.example:8080")], False),  # a name that was made to lead here
         ([("Host", "127.0.0.1.evil.example")], False),
         ([("Host", "")], False),
