@@ -59,6 +59,7 @@ def replayed_error(truth, trajectory, ended_s, lag_s):
     return np.abs(np.array(there).T - trajectory.positions[:, :6])
 
 
+@pytest.mark.long
 def test_what_a_hand_does_is_recorded_saved_loaded_and_replayed(arm, console, tmp_path):
     terminal = console(*arguments(arm))
     lift(arm, RAISED)

@@ -125,6 +125,7 @@ def test_one_arm_and_its_leader(desk, tmp_path):
     assert (document["teleop"]["type"], document["teleop"]["channel"]) == ("yam_leader", "leader_left")
 
 
+@pytest.mark.long
 def test_what_is_wrong_is_named_and_what_we_can_repair_is_repaired(desk, tmp_path, capfd, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     for motor in ("joint_1", "joint_2"):

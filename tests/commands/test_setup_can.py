@@ -226,6 +226,7 @@ def test_without_rights_it_says_so_before_it_asks(capsys):
     assert "no right to write" in said and "sudo" in said and "--dry-run" in said
 
 
+@pytest.mark.long
 def test_at_a_terminal_adapters_are_plugged_in_one_after_another(debian, tmp_path):
     """Interrupted after the second name; run again it asks for the others only."""
     program = (sys.executable, "-m", "lerobot_robot_yam.commands.setup_can", f"--root={debian.root}", "--no-rights")

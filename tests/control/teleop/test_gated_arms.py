@@ -62,6 +62,7 @@ def pose(rig, channel):
     return np.array(rig.state()["arms"][channel]["q"])[:6]
 
 
+@pytest.mark.long
 def test_a_lift_a_return_and_a_second_lift_on_the_way_home(rig, started):
     session, arms = started(gate="auto")
     arms.run(2.0)

@@ -60,6 +60,7 @@ def seen(arms, before=0):
     return arms.gates[0][before:]
 
 
+@pytest.mark.long
 def test_both_gates_move_together(rig, arms):
     home = poses(rig, FOLLOWERS)
     rig.lift(LEADERS[0], LIFTED, 1.0)

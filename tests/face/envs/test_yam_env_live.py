@@ -24,6 +24,7 @@ def judge(observation):
     return True if len(LOOKS) == 3 else None
 
 
+@pytest.mark.long
 def test_the_live_rig_is_paced_and_a_callable_may_judge(tmp_path):
     LOOKS.clear()
     with running_rig(scene="lift_and_place", arms=["follower_left"]) as rig:
