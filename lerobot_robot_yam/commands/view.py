@@ -1,6 +1,6 @@
 """Show the arms that run on this computer in a browser: where they are, what they are doing, what is wrong.
 
-yam-view                           watch every session, and label and lead on what a LeRobot command records
+yam-view                           watch every session; label a LeRobot command's episodes, or end it
 yam-view --config_path=rig.yaml    drive the followers of a rig's file or run config from the page, too
 yam-view --channel can_follower_l  drive one arm
 yam-view --dataset data/NAME       a LeRobot data set: check it, play it in 3-D; with --config_path send it to the arms
