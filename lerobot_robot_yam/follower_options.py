@@ -4,7 +4,7 @@ Without LeRobot's robots: its registry loads all configs at once.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -87,9 +87,13 @@ class FollowerOptions(ABC):
         """Keys of all numbers of an observation: those of an action, then the optional ones."""
         from lerobot_robot_yam.face.devices.feature_names import motors_of
 
+        return self.action_keys() + self.optional_keys(motors_of(self.arms()))
+
+    def optional_keys(self, motors: Sequence[str]) -> list[str]:
+        """Keys of the numbers of an observation that are switched on, of motors in canonical order."""
         kinds = ["vel"] * self.observe_velocity + ["torque"] * self.observe_torque
         kinds += ["temp_mos", "temp_rotor"] * self.observe_temperature
-        return self.action_keys() + [f"{motor}.{kind}" for kind in kinds for motor in motors_of(self.arms())]
+        return [f"{motor}.{kind}" for kind in kinds for motor in motors]
 
 
 def refuse_follower(device: str, config: Any) -> None:

@@ -61,8 +61,7 @@ class FollowerBase(ArmDevice, Robot):
         self.cameras = make_cameras_from_configs(self._camera_configs)
         self._last_action: dict[str, Any] = {}
         self._coupled_s = -math.inf  # when a leader's action was passed on last
-        self._keys = options.state_keys()
-        self._extra_keys = self._keys[len(self._space.keys) :]
+        self._extra_keys = options.optional_keys(self._arms.motors)
         self.bus = MotorBus(self._arms, self.send_action)  # for LeRobot's RL stack
         self._episodes, self._desk = EpisodeLog(None), SessionDesk()
         self._guidance: HandGuidance | None = None
@@ -70,7 +69,8 @@ class FollowerBase(ArmDevice, Robot):
     @cached_property
     def observation_features(self) -> dict[str, type | tuple[int, int, int]]:
         """Positions of all arms first, in canonical order; then the optional values; then the images."""
-        return {**dict.fromkeys(self._keys, float), **self._image_features()}
+        keys = [*self._space.keys, *self._extra_keys]
+        return {**dict.fromkeys(keys, float), **self._image_features()}
 
     def _image_features(self) -> dict[str, tuple[int, int, int]]:
         features = {}
