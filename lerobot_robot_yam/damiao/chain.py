@@ -18,12 +18,9 @@ from lerobot_robot_yam.damiao.motor_spec import MotorSpec, check_specs
 from lerobot_robot_yam.damiao.receiver import Receiver
 from lerobot_robot_yam.damiao.registers import (
     REGISTERS,
-    Opcode,
     decode_value,
     encode_read,
     encode_refresh,
-    encode_store,
-    encode_write,
 )
 from lerobot_robot_yam.damiao.reply_matching import Request
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S, REGISTER_ID
@@ -217,47 +214,17 @@ class MotorChain:
             MotorError: no answer to any attempt.
             ConfigError: there is no such register.
         """
-        payload = encode_read(self.motors[motor].can_id, register)
-        return self._ask_register(motor, payload, timeout_s, attempts)
-
-    def write_register(
-        self, motor: int, register: int, value: float, timeout_s: float = 0.05, attempts: int = _REGISTER_ATTEMPTS
-    ) -> float | int:
-        """Set a register in RAM (see `store_registers`) and return the value the motor now holds.
-
-        Raises:
-            MotorError: no answer to any attempt.
-            ConfigError: unknown or read-only register, or a value it cannot hold.
-        """
-        payload = encode_write(self.motors[motor].can_id, register, value)
-        return self._ask_register(motor, payload, timeout_s, attempts)
-
-    def store_registers(self, motor: int, timeout_s: float = 0.2) -> None:
-        """Store the registers of a motor to flash; disable it first.
-
-        The content of the answer is not documented, so any frame of that motor confirms.
-
-        Raises:
-            MotorError: no answer.
-        """
         spec = self.motors[motor]
-        if self._ask(spec, encode_store(spec.can_id), timeout_s, lambda data: True) is None:
-            raise MotorError(
-                f"{self.channel}: motor {spec.name} (id {spec.can_id}) did not confirm storing its registers; "
-                "check its power and read them back"
-            )
-
-    def _ask_register(self, motor: int, payload: bytes, timeout_s: float, attempts: int) -> float | int:
-        spec, header = self.motors[motor], payload[:4]  # motor, opcode and register, which the answer repeats
+        payload = encode_read(spec.can_id, register)
+        header = payload[:4]  # motor, opcode and register, which the answer repeats
         for _ in range(attempts):
             data = self._ask(spec, payload, timeout_s, lambda data: len(data) == 8 and data[:4] == header)
             if data is not None:
-                return decode_value(payload[3], data[4:])
+                return decode_value(register, data[4:])
             self._receiver.late_registers += 1
-        verb = "reading" if payload[2] == Opcode.READ else "writing"
         raise MotorError(
-            f"{self.channel}: motor {spec.name} (id {spec.can_id}) did not answer {verb} register "
-            f"{REGISTERS[payload[3]].name}; check its power and cable"
+            f"{self.channel}: motor {spec.name} (id {spec.can_id}) did not answer reading register "
+            f"{REGISTERS[register].name}; check its power and cable"
         )
 
     def _ask(self, spec: MotorSpec, payload: bytes, timeout_s: float, answers: Callable[[bytes], bool]) -> bytes | None:

@@ -167,13 +167,9 @@ def test_receive_modes(mode):
         np.testing.assert_allclose(chain.position_rad, [0.5, -0.5], atol=2 * STEP_RAD)
 
 
-def test_registers_are_read_written_and_stored(bus, chain):
+def test_registers_are_read(chain):
     assert chain.read_register(3, Register.TMAX) == 10.0
-    assert chain.write_register(3, Register.TIMEOUT, 4000) == 4000
-    assert chain.read_register(3, Register.TIMEOUT) == 4000
     assert chain.read_register(2, Register.TIMEOUT) == 8000
-    chain.store_registers(3)
-    assert bus.sent[-1].data.hex() == "0400aa0100000000"
 
 
 def test_a_register_is_asked_for_again_and_the_late_answer_is_not_taken_for_feedback(bus, chain):
@@ -192,12 +188,6 @@ def test_a_register_answer_of_another_motor_or_register_does_not_count(bus, chai
     bus.put(0x11, encode_reply(1, Opcode.READ, Register.VMAX, 1.0))
     with pytest.raises(MotorError):
         chain.read_register(0, Register.PMAX, timeout_s=0.005, attempts=1)
-
-
-def test_a_motor_that_does_not_store_is_named(bus, chain):
-    bus.silent.add(6)
-    with pytest.raises(MotorError, match="joint6"):
-        chain.store_registers(5, timeout_s=0.005)
 
 
 def test_the_handle_is_asked_after_the_motors(bus):

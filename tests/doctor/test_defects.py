@@ -10,6 +10,7 @@ from lerobot_robot_yam.damiao import motor_inspection
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.registers import Register
+from lerobot_robot_yam.damiao.settings.register_access import RegisterAccess
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import MotorError
 from tests.support.doctor_desk import (
@@ -132,7 +133,7 @@ def test_a_handle_that_reports_by_itself(sick, capsys):
 def test_a_motor_that_is_energised_without_a_driver(sick, capsys):
     with can.Bus(interface="yam_sim", channel=FOLLOWER, rig=sick.name) as bus:
         chain = MotorChain(bus, MOTORS[:1], channel=FOLLOWER)
-        chain.write_register(0, Register.TIMEOUT, 0)
+        RegisterAccess(bus, FOLLOWER).write(MOTORS[0].can_id, Register.TIMEOUT, 0)
         chain.special(SpecialCommand.ENABLE)
     _, report = examine(capsys, *virtual(sick, FOLLOWER, samples=0))
     (problem,) = found(report, "problem", "joint_1", "energised although no session drives it")

@@ -13,6 +13,7 @@ from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.motor_inspection import listen, verify
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.damiao.registers import REGISTERS, Opcode, Register
+from lerobot_robot_yam.damiao.settings.register_access import RegisterAccess
 from lerobot_robot_yam.damiao.tables import REGISTER_ID, motor_type
 from lerobot_robot_yam.errors import ChannelInUseError, ConfigError, MotorError
 from tests.support.cases import for_all, numbers
@@ -169,13 +170,14 @@ def test_a_register_is_read_as_it_is_or_not_at_all(register, data, noise, fate):
 @for_all(register=st.integers(-3, 300), value=numbers())
 def test_a_written_register_holds_the_value(register, value):
     with RawRegisters(SPECS) as bus:
-        chain = MotorChain(bus, SPECS, channel="desk")
+        access, motor_id = RegisterAccess(bus, "desk"), SPECS[2].can_id
         try:
-            held = chain.write_register(2, register, value)
+            access.write(motor_id, register, value)
         except ConfigError as error:
             assert not bus.sent and str(error)
             return
         assert REGISTERS[register].writable
+        held = access.read(motor_id, register)
         if REGISTERS[register].kind == "uint32":
             assert held == value
         else:

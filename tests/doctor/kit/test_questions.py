@@ -80,7 +80,7 @@ def test_only_one_module_sends(path):
     """No other one can make a message, send on a bus, or knows of a command."""
     names = {node.attr for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Attribute)}
     names |= {node.id for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Name)}
-    commands = {"SpecialCommand", "MotorChain", "encode_mit", "prepare_handle", "write_register", "store_registers"}
+    commands = {"SpecialCommand", "MotorChain", "encode_mit", "prepare_handle", "RegisterAccess"}
     assert not names & commands
     if path.stem != "questions":
         assert not names & {"send", "send_many", "Message", "data_message", "BusPort"}
