@@ -25,12 +25,16 @@ def document() -> str:
     lines = [
         "# What happens when something fails",
         "",
-        "One row for each fault: how it is noticed, what the arms do, and how an arm is brought back. The arm is",
-        "the one concerned, the peer is the other arm of the same robot. An arm that lands already goes on landing",
-        "with the motors that still obey. If these cannot fold it, it sinks slowly onto what it meets.",
+        "One row for each fault: how it is noticed, what the arms do, and how an arm is brought back.",
         "",
-        "`scripts/run python -m lerobot_robot_yam.state.fault_page > docs/faults.md` writes this page from the table",
-        "that the control loop obeys.",
+        "Under a LeRobot command most faults end the command with an error, and the arms that can still be reached",
+        "land. Repair the cause and start the command again: that is what *connect again* means. *Re-arming* enables",
+        "the failed motors again while the others hold. It is for programs of your own: `robot.rearm()`.",
+        "",
+        "The arm is the one concerned, the peer is the other arm of the same robot. The caller is the program that",
+        "drives the arms, such as `lerobot-record`. *Within* is the longest time from the fault to what the arm does.",
+        "Bring-up is the start, when an arm is energised. An arm that is already landing when the fault comes goes on",
+        "landing with the motors that still obey. If these cannot fold it, it sinks slowly onto what it meets.",
         "",
         "| an arm | means |",
         "|---|---|",
@@ -66,6 +70,11 @@ def document() -> str:
         "dies, leaders land, too, even one that a person is holding. Local leaders do the same.",
         "",
         *_table(LINK_RESPONSES),
+        "",
+        "## For maintainers",
+        "",
+        "`scripts/run python -m lerobot_robot_yam.state.fault_page > docs/faults.md` writes this page from the table",
+        "that the control loop obeys.",
     ]
     return "\n".join(lines) + "\n"
 
