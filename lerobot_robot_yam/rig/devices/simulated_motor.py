@@ -27,8 +27,7 @@ from lerobot_robot_yam.damiao.tables import (
     Fault,
 )
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.devices.factory_registers import factory_registers
-from lerobot_robot_yam.rig.devices.flash import Flash
+from lerobot_robot_yam.rig.devices.flash import Flash, factory_registers
 from lerobot_robot_yam.rig.devices.motor_faults import FalseReading, LinkFaults
 from lerobot_robot_yam.rig.devices.packets import Frame
 from lerobot_robot_yam.rig.devices.thermometer import Thermometer
