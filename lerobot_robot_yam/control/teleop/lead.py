@@ -15,10 +15,10 @@ from lerobot_robot_yam.arm.leaders.lead_config import check_leads
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.laws.bilateral import BilateralForce
+from lerobot_robot_yam.control.laws.glide import LedHome
 from lerobot_robot_yam.control.laws.motion_filter import MotionFilter
 from lerobot_robot_yam.control.teleop.follower_view import FollowerView
 from lerobot_robot_yam.control.teleop.gate import GateMachine, Look
-from lerobot_robot_yam.control.teleop.led_home import LedHome
 from lerobot_robot_yam.control.teleop.target_ramp import TargetRamp
 from lerobot_robot_yam.control.teleop.trigger_pickup import NEAR, TriggerPickup
 from lerobot_robot_yam.errors import ConfigError
