@@ -44,7 +44,7 @@ class Glide:
         self.q = np.minimum(np.maximum(self.q, q - reach), q + reach)
 
 
-class LedHome:
+class SoftPull:
     """The soft pull that leads a leader somewhere while it floats: home, back to its follower, or along with it.
 
         tau = 0.3 kp (q_ramp − q) + c dq_ramp, 2 Nm at most,  damping c;  the ramp is never farther away than 2 Nm pull
