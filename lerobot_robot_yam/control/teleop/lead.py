@@ -17,10 +17,9 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.laws.bilateral import BilateralForce
 from lerobot_robot_yam.control.laws.glide import SoftPull
 from lerobot_robot_yam.control.laws.motion_filter import MotionFilter
+from lerobot_robot_yam.control.teleop.follower_target import NEAR, TargetRamp, TriggerPickup
 from lerobot_robot_yam.control.teleop.follower_view import FollowerView
 from lerobot_robot_yam.control.teleop.gate import GateMachine, Look
-from lerobot_robot_yam.control.teleop.target_ramp import TargetRamp
-from lerobot_robot_yam.control.teleop.trigger_pickup import NEAR, TriggerPickup
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import channel_key
