@@ -6,7 +6,7 @@ import math
 import time
 from pathlib import Path
 
-from lerobot_robot_yam.control.gripper.homing import GripperStops
+from lerobot_robot_yam.control.gripper.gripper_stops import GripperStops
 from lerobot_robot_yam.errors import GripperError
 from lerobot_robot_yam.system.paths import write_whole
 

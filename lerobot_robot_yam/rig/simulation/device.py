@@ -23,8 +23,8 @@ from lerobot_robot_yam.rig.judging.recorders import TruthRecorder, Watch
 from lerobot_robot_yam.rig.scene.scene import ArmPlacement, Scene, serial_number
 from lerobot_robot_yam.rig.simulation.grips import FirmGrip, SoftGrip
 from lerobot_robot_yam.rig.simulation.hand import ButtonPresses, Hand
-from lerobot_robot_yam.rig.world.mechanics import Ballast, Drive
 from lerobot_robot_yam.rig.world.outer_forces import OuterForces
+from lerobot_robot_yam.rig.world.shafts_and_masses import Ballast, Drive
 from lerobot_robot_yam.rig.world.world import World
 from lerobot_robot_yam.rig.world.world_model import gripper_stroke
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
