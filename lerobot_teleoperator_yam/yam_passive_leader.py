@@ -82,7 +82,7 @@ class PassiveLeaderBase(LeaderBase):
     def get_action(self) -> dict[str, float]:
         """As of a leader with motors. While the leaders are stopped the followers hold where they are.
 
-        They stay stopped after an emergency stop, see `passive_stop`: the last action may be of a leader that fell.
+        They stay stopped after an emergency stop, see `PassiveStop`: the last action may be of a leader that fell.
 
         Raises:
             LifeCycleError: they are stopped, and there has been no action yet.

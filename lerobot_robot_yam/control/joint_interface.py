@@ -33,6 +33,7 @@ _ASK_AT_LEAST = 3  # before motors are believed again: an answer may be somebody
 _AGREE = 2  # or garbled; so many have to agree
 _DOUBLED = 2  # and then there are more of them than questions; one may be a late one
 _REARM_ATTEMPTS = 2  # 27 ms each for seven motors, and the loop must not seem to hang
+_SWINGS_RAD_S = 1.0  # a joint without torque that hangs still is slower
 _SOON_S = 0.02  # where no loop waits
 _OFF_S = 0.01  # three times, during which the other arm gets no commands
 _PUSHED_RAD = 0.5  # a hand or a load can push a joint this far from a set-point that it holds
@@ -158,6 +159,7 @@ class JointInterface:
                 enabled are disabled again; one that had kept its torque keeps it, and is not believed.
         """
         chain, believed_rad, distrusted = self.chain, self.chain.position_rad, self.chain.distrusted
+        believed_rad_s, limp = chain.velocity_rad_s, chain.fault != Fault.NORMAL
         with chain.in_haste():
             chain.feedback.restart(motors)
             doubled, lost, rejected = chain.duplicates, chain.lost, chain.feedback.rejected
@@ -181,12 +183,9 @@ class JointInterface:
             # Not even that a motor has let go is believed of one answer. To clear its fault would cut its torque.
             garbled = [i for i in heard if answers[i] < _AGREE or chain.feedback.rejected[i] > rejected[i]]
             if garbled:
+                fastest_rad_s = np.maximum(np.abs(believed_rad_s), np.abs(chain.velocity_rad_s))
                 self.disbelieve(motors, believed_rad)
-                names = ", ".join(f"{chain.motors[i].name} (id {chain.motors[i].can_id})" for i in garbled)
-                raise MotorError(
-                    f"{self._config.name} ({self._config.channel}): the answers of {names} contradict each other, or "
-                    "come too seldom; check cable, plugs and termination, and re-arm again"
-                )
+                raise self._refusal(garbled, np.where(limp, fastest_rad_s, 0.0))
             off = [i for i in heard if chain.fault[i] != Fault.NORMAL]
             chain.special(SpecialCommand.CLEAR, _ANSWER_S, off)
             self.on_wait()
@@ -201,6 +200,21 @@ class JointInterface:
                 raise
             self.read()
             return off
+
+    def _refusal(self, garbled: Sequence[int], swings_rad_s: np.ndarray) -> MotorError:
+        """Of motors whose answers do not fit each other. A joint that swings does that, too, where it meets its stop.
+
+        swings_rad_s: (n,) speed of those without torque, else 0.
+        """
+        told = {i: f"{self.chain.motors[i].name} (id {self.chain.motors[i].can_id})" for i in garbled}
+        swinging = [i for i in garbled if i < self._hardware.joints and swings_rad_s[i] > _SWINGS_RAD_S]
+        if swinging:
+            what = ", ".join(f"{told[i]} still swings, at {swings_rad_s[i]:.0f} rad/s" for i in swinging)
+            remedy = "wait until it hangs still, and re-arm again; if it does, check cable, plugs and termination"
+        else:
+            what = f"the answers of {', '.join(told.values())} contradict each other, or come too seldom"
+            remedy = "check cable, plugs and termination, and re-arm again"
+        return MotorError(f"{self._config.name} ({self._config.channel}): {what}; {remedy}")
 
     def _compare(self, motors: Sequence[int], believed_rad: np.ndarray) -> None:
         """

@@ -6,7 +6,7 @@ import os
 import numpy as np
 
 from lerobot_robot_yam.control.arm_controller import ArmController
-from lerobot_robot_yam.control.gripper.homing import GripperStops
+from lerobot_robot_yam.control.gripper.gripper_stops import GripperStops
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.state.about import forget_about, tell_about
 from lerobot_robot_yam.state.faults import Trouble

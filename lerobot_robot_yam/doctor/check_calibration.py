@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from lerobot_robot_yam.arm.profile_files import load_gripper
-from lerobot_robot_yam.control.gripper.homing import check_span
-from lerobot_robot_yam.control.gripper.stored_stops import load_stops
+from lerobot_robot_yam.control.gripper.gripper_stops import check_span, load_stops
 from lerobot_robot_yam.doctor.kit.findings import Section
 from lerobot_robot_yam.doctor.kit.targets import Target
 from lerobot_robot_yam.errors import ConfigError, GripperError

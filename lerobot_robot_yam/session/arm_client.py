@@ -10,7 +10,7 @@ import numpy as np
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.arm.validation import check_range, finite_floats, finite_number, finite_vector
-from lerobot_robot_yam.control.gripper.stored_stops import await_stored
+from lerobot_robot_yam.control.gripper.gripper_stops import await_stored
 from lerobot_robot_yam.control.gripper.trigger_range import learn, save_range
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import LifeCycleError, MotorError, StaleStateError

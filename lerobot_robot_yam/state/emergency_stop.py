@@ -44,17 +44,17 @@ class EmergencyStop:
         self.directory = runtime_dir() if directory is None else directory
         self._name = str(self.directory / _FILE)
         self._unwritten = False  # latched, with no way to write it down
-        self._home: int | None = None  # inode of the directory in which it was seen: /dev/shm uses no number twice
+        self._seen_in: int | None = None  # inode of the directory in which it was seen: /dev/shm uses no number twice
 
     @property
     def latched(self) -> bool:
         """Whether the stop is set."""
         if os.access(self._name, os.F_OK) or self._marked:
-            if self._home is None:
-                self._home, self._unwritten = self._directory_number(), False
+            if self._seen_in is None:
+                self._seen_in, self._unwritten = self._directory_number(), False
             return True
-        home, self._home = self._home, None
-        if home is not None and home != self._directory_number():
+        seen_in, self._seen_in = self._seen_in, None
+        if seen_in is not None and seen_in != self._directory_number():
             with contextlib.suppress(OSError):  # then it stands for this object alone
                 self.latch(f"{self.directory} was removed with the stop in it, by a log-out perhaps")
             return True

@@ -14,8 +14,7 @@ import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.commands.identify import SPEED_RAD_S, WIGGLE_RAD, hazard, main
-from lerobot_robot_yam.control.gripper.homing import GripperStops
-from lerobot_robot_yam.control.gripper.stored_stops import save_stops
+from lerobot_robot_yam.control.gripper.gripper_stops import GripperStops, save_stops
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.session.yam_arm import YamArm
 

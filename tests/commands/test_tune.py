@@ -21,8 +21,7 @@ from lerobot_robot_yam.commands.lib.tune.tune_fit import torque_steps
 from lerobot_robot_yam.commands.lib.tune.tune_plan import MARGIN_M
 from lerobot_robot_yam.commands.lib.tune.tune_run import LEGS, Tuner
 from lerobot_robot_yam.commands.tune import main, tune
-from lerobot_robot_yam.control.gripper.homing import GripperStops
-from lerobot_robot_yam.control.gripper.stored_stops import save_stops
+from lerobot_robot_yam.control.gripper.gripper_stops import GripperStops, save_stops
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig

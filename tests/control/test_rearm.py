@@ -73,6 +73,20 @@ def test_a_motor_that_came_back_holds_though_another_one_stays_silent(rig, sessi
     assert abs(q_of(rig) - before)[1] < 0.02
 
 
+def test_a_refused_re_arm_of_a_joint_that_swings_says_so(rig, session):
+    """Its cable is well: a wrist without torque falls against its stop at 10 rad/s."""
+    go(session, [0.2, 1.6, 1.1, -0.3, 0.1, 0.1])
+    for joint in range(1, 7):
+        rig.fault(CHANNEL, f"joint_{joint}", "nibble", int(Fault.OVERLOAD))
+    session.clock.sleep(0.43)
+    assert abs(rig.state()["arms"][CHANNEL]["dq"][5]) > 8.0
+    with pytest.raises(LifeCycleError, match=r"joint_6 \(id 6\) still swings, at 1\d rad/s; wait until it hangs still"):
+        session[CHANNEL].rearm()
+    session.clock.sleep(2.0)
+    session[CHANNEL].rearm()
+    assert session[CHANNEL].mode() is Mode.HOLD
+
+
 def test_a_re_arm_survives_answers_that_get_lost(rig, session):
     go(session, POSE)
     rig.fault(CHANNEL, "joint_4", "nibble", int(Fault.OVERLOAD))

@@ -10,8 +10,7 @@ import pytest
 from hypothesis import strategies as st
 
 from lerobot_robot_yam.arm.profile_files import load_gripper
-from lerobot_robot_yam.control.gripper.homing import GripperStops, verify_stops
-from lerobot_robot_yam.control.gripper.stored_stops import load_stops, save_stops
+from lerobot_robot_yam.control.gripper.gripper_stops import GripperStops, load_stops, save_stops, verify_stops
 from lerobot_robot_yam.control.preflight.binding import Binding, check_identity
 from lerobot_robot_yam.control.preflight.fingerprint import Adapter, Fingerprint, MotorPrint
 from lerobot_robot_yam.errors import ChannelInUseError, ConfigError, GripperError, MotorError, StaleStateError

@@ -11,8 +11,7 @@ import time
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.control.gripper.homing import GripperStops
-from lerobot_robot_yam.control.gripper.stored_stops import save_stops
+from lerobot_robot_yam.control.gripper.gripper_stops import GripperStops, save_stops
 from lerobot_robot_yam.control.landing import LANDING_SPEED_RAD_S
 from lerobot_robot_yam.errors import ControllerError, YamError
 from lerobot_robot_yam.rig.client.rig_control import running_rig

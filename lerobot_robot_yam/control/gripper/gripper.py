@@ -9,8 +9,14 @@ import numpy as np
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.profile import GripperProfile
 from lerobot_robot_yam.control.gripper.force_limiter import ForceLimiter, GripForce
-from lerobot_robot_yam.control.gripper.homing import GripperStops, Search, find_stops, verify_stops
-from lerobot_robot_yam.control.gripper.stored_stops import load_stops, save_stops
+from lerobot_robot_yam.control.gripper.gripper_stops import (
+    GripperStops,
+    Search,
+    find_stops,
+    load_stops,
+    save_stops,
+    verify_stops,
+)
 from lerobot_robot_yam.control.laws import mit_laws
 from lerobot_robot_yam.errors import GripperError
 

@@ -1,10 +1,15 @@
-"""A point that glides to a goal with limited speed and acceleration, of n coordinates."""
+"""A point that glides to a goal with limited speed and acceleration, and the soft pull of an arm along with it."""
 
 import numpy as np
 
+_STIFFNESS = 0.3  # of the position gain
+_DAMPING = 0.2  # of the damping gain
+_MOST_NM = 2.0
+_ACCELERATION_RAD_S2 = 2.0
+
 
 class Glide:
-    """As made it is nowhere: `seed` first.
+    """A point of n coordinates. As made it is nowhere: `seed` first.
 
     Args:
         acceleration: (n,) unit/s², with which it starts and stops.
@@ -37,3 +42,32 @@ class Glide:
     def keep_near(self, q: np.ndarray, reach: np.ndarray) -> None:
         """Do not be farther than `reach` (n,) from q (n,)."""
         self.q = np.minimum(np.maximum(self.q, q - reach), q + reach)
+
+
+class SoftPull:
+    """The soft pull that leads a leader somewhere while it floats: home, back to its follower, or along with it.
+
+        tau = 0.3 kp (q_ramp − q) + c dq_ramp, 2 Nm at most,  damping c;  the ramp is never farther away than 2 Nm pull
+
+    A hand that holds the leader, or lifts it, feels no more than that.
+
+    Args:
+        kp, kd: (joints,) its gains.
+        acceleration_rad_s2: of the ramp.
+    """
+
+    def __init__(self, kp: np.ndarray, kd: np.ndarray, acceleration_rad_s2: float = _ACCELERATION_RAD_S2):
+        self._stiffness, self._damping = _STIFFNESS * kp, _DAMPING * kd
+        self._reach = _MOST_NM / np.maximum(self._stiffness, _MOST_NM)  # 1 rad at most
+        self._ramp = Glide(np.full(len(kp), acceleration_rad_s2))
+
+    def begin(self, q: np.ndarray) -> None:
+        """Start from where the arm is, q (joints,)."""
+        self._ramp.seed(q)
+
+    def advance(self, goal: np.ndarray, speed_rad_s: float, q: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """Torque and damping (joints,) of a tick of `dt` s, on the way to goal (joints,)."""
+        self._ramp.advance(goal, np.full(len(goal), speed_rad_s), dt)
+        self._ramp.keep_near(q, self._reach)
+        pull = self._stiffness * (self._ramp.q - q) + self._damping * self._ramp.dq
+        return np.minimum(np.maximum(pull, -_MOST_NM), _MOST_NM), self._damping

@@ -4,6 +4,7 @@ Nothing is energised and nothing lands. To everybody else such a leader is one t
 """
 
 import logging
+import math
 import os
 from collections.abc import Callable, Sequence
 
@@ -15,7 +16,6 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.gripper.handle_reader import HandleReader
 from lerobot_robot_yam.control.gripper.trigger_range import TriggerRange
 from lerobot_robot_yam.control.passive.passive_mapping import PassiveMapping
-from lerobot_robot_yam.control.passive.passive_stop import PassiveStop
 from lerobot_robot_yam.control.teleop.lead import Lead, make_leads
 from lerobot_robot_yam.damiao.bus_port import BusPort
 from lerobot_robot_yam.damiao.handle_encoder import HandleEncoder, HandleReport
@@ -31,6 +31,7 @@ logger = logging.getLogger(__name__)
 _UNKNOWN = ("temp_mos_c", "temp_rotor_c", "offset_rad", "gripper_stops_rad", "action", "action_dq", "action_stamp_s")
 _SILENT_S = 0.1  # 20 reports
 _AGAIN_S = 0.05  # after an error of the channel
+_RELEASED, _SQUEEZED = 0.3, 0.7  # of a trigger
 
 
 class PassiveArm:
@@ -133,6 +134,46 @@ class PassiveArm:
             self._lead.close()
         self._states.close(remove=True)
         forget_about(self._key)
+
+
+class PassiveStop:
+    """Of all leaders of a loop: they fall when a hand lets go of them to stop the arms. Ask once per tick.
+
+    A leader that lies on the table must not take its follower along once the stop is released. A gate that begins with
+    a lift or a button takes care of that. All other leaders stay stopped until their triggers are squeezed: then they
+    are in a hand. A squeeze also keeps what the follower's gripper may hold.
+
+    Args:
+        stop: the latch.
+        names: of the leaders that stay stopped until their triggers are squeezed, by number of the leader.
+    """
+
+    def __init__(self, stop: EmergencyStop, names: dict[int, str]):
+        self._stop, self._names = stop, names
+        self._stopped = self._told = False
+        self._least: dict[int, float] = {}  # of each trigger since the release
+
+    def check(self, triggers: Sequence[float]) -> bool:
+        """Whether the leaders are stopped. triggers: 0 released … 1 squeezed, NaN of a silent one."""
+        if self._stop.latched:
+            self._stopped, self._told = True, False
+            self._least = dict.fromkeys(self._names, math.inf)
+        elif self._stopped:
+            self._stopped = not self._confirmed(triggers)
+        return self._stopped
+
+    def _confirmed(self, triggers: Sequence[float]) -> bool:
+        """Whether all triggers are squeezed that have been released since the stop was."""
+        if self._names and not self._told:
+            which = " and ".join(self._names.values())
+            logger.warning("%s: squeeze the trigger, with the leader in your hand, to go on after the stop", which)
+            self._told = True
+        for index, least in self._least.items():
+            self._least[index] = min(least, triggers[index])  # NaN leaves it as it is
+        if not all(least < _RELEASED and triggers[index] > _SQUEEZED for index, least in self._least.items()):
+            return False
+        logger.info("leaders go on after the emergency stop")
+        return True
 
 
 def run(

@@ -15,12 +15,11 @@ from lerobot_robot_yam.arm.leaders.lead_config import check_leads
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.laws.bilateral import BilateralForce
+from lerobot_robot_yam.control.laws.glide import SoftPull
 from lerobot_robot_yam.control.laws.motion_filter import MotionFilter
+from lerobot_robot_yam.control.teleop.follower_target import NEAR, TargetRamp, TriggerPickup
 from lerobot_robot_yam.control.teleop.follower_view import FollowerView
 from lerobot_robot_yam.control.teleop.gate import GateMachine, Look
-from lerobot_robot_yam.control.teleop.led_home import LedHome
-from lerobot_robot_yam.control.teleop.target_ramp import TargetRamp
-from lerobot_robot_yam.control.teleop.trigger_pickup import NEAR, TriggerPickup
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import channel_key
@@ -114,8 +113,8 @@ class Lead:
         self._motion = MotionFilter(arm.joints)
         self._trigger = TriggerPickup()
         self._ramp = TargetRamp(config, self._home, self._lower, self._upper)
-        self._led = LedHome(arm.kp[: arm.joints], arm.kd[: arm.joints])
-        self._mirror = LedHome(arm.kp[: arm.joints], arm.kd[: arm.joints], _MIRROR_RAD_S2)
+        self._led = SoftPull(arm.kp[: arm.joints], arm.kd[: arm.joints])
+        self._mirror = SoftPull(arm.kp[: arm.joints], arm.kd[: arm.joints], _MIRROR_RAD_S2)
         self._mirrors = False
         gain = np.broadcast_to(np.array(config.bilateral, dtype=float), (arm.joints,))
         self._force = BilateralForce(gain, arm.kp[: arm.joints], arm.torque_limit_nm[: arm.joints])

@@ -27,12 +27,11 @@ from lerobot_robot_yam.damiao.tables import (
     Fault,
 )
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.devices.factory_registers import factory_registers
-from lerobot_robot_yam.rig.devices.flash import Flash
+from lerobot_robot_yam.rig.devices.flash import Flash, factory_registers
 from lerobot_robot_yam.rig.devices.motor_faults import FalseReading, LinkFaults
 from lerobot_robot_yam.rig.devices.packets import Frame
 from lerobot_robot_yam.rig.devices.thermometer import Thermometer
-from lerobot_robot_yam.rig.world.mechanics import Drive, LooseShaft
+from lerobot_robot_yam.rig.world.shafts_and_masses import Drive, LooseShaft
 from lerobot_robot_yam.rig.world.world import World
 
 # Gains of the motor's own loops in the modes whose commands carry no gains.

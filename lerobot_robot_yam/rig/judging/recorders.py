@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from lerobot_robot_yam.rig.bus.channel import Channel
-from lerobot_robot_yam.rig.world.mechanics import Drive
+from lerobot_robot_yam.rig.world.shafts_and_masses import Drive
 from lerobot_robot_yam.rig.world.world import World
 from lerobot_robot_yam.system.clock import Clock
 

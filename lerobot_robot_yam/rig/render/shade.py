@@ -12,7 +12,6 @@ import mujoco
 import numpy as np
 from OpenGL import GL
 
-from lerobot_robot_yam.rig.render.grain import grain
 from lerobot_robot_yam.rig.world.scenery import FLAT, TABLE
 
 _TABLE_PIXELS, _FLAT_PIXELS = (1024, 640), (96, 96)  # along x and y
@@ -21,6 +20,9 @@ _DARKNESS, _DARKEST = 0.42, 0.6  # parts of the table's brightness; the former u
 _USUAL_LEVEL = 0.45
 _SOFT_M = 0.016  # width of a shadow's edge
 _SUBPIXEL_BITS = 4
+_PLANK_M = 0.175  # of the table's grain: planks along x
+_LEVEL = 224.0  # grey levels, by which the table's colour is multiplied; 255 is all of it
+_TONE, _GRAIN, _SEAM = 6.0, 11.0, 38.0  # from plank to plank (sigma), within one (sigma), darker between two
 _BOX = mujoco.mjtGeom.mjGEOM_BOX
 _ROUND = (mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_CAPSULE)
 _SOLID = (_BOX, *_ROUND, mujoco.mjtGeom.mjGEOM_ELLIPSOID)
@@ -70,12 +72,34 @@ def _surfaces(model: mujoco.MjModel, context: mujoco.MjrContext) -> Iterator[_Su
     for geom, material in enumerate(model.geom_matid):
         name = "" if material < 0 else model.material(material).name
         if name == TABLE:
-            bright = grain(_TABLE_PIXELS, 2.0 * float(model.geom_size[geom][1]))
+            bright = _grain(_TABLE_PIXELS, 2.0 * float(model.geom_size[geom][1]))
         elif name.startswith(FLAT):
             bright = np.full(_FLAT_PIXELS[::-1], 255, np.uint8)
         else:
             continue
         yield _Surface(geom, int(context.texture[model.texture(name).id]), bright)
+
+
+def _grain(pixels: tuple[int, int], width_m: float) -> np.ndarray:
+    """(height, width) uint8 of a table that is `width_m` wide along y, the same each time. pixels: along x and y."""
+    width, height = pixels
+    random = np.random.default_rng(7)
+    planks = max(1, round(width_m / _PLANK_M))
+    plank = np.arange(height) * planks // height
+    fine, coarse = random.normal(size=(height, width)), random.normal(size=(height, width))
+    tone = _TONE * random.normal(size=planks)[plank][:, None]
+    streaks = _along(_along(fine, width // 6).T, 2).T + 0.8 * _along(_along(coarse, width // 3).T, 7).T
+    level = _LEVEL + tone + _GRAIN * streaks / streaks.std()
+    level[np.flatnonzero(np.diff(plank, prepend=0))] -= _SEAM
+    return np.clip(level, 0, 255).astype(np.uint8)
+
+
+def _along(noise: np.ndarray, length: int) -> np.ndarray:
+    """Moving average of `length` along rows that go round, with standard deviation 1."""
+    padded = np.concatenate([noise, noise[:, : length - 1]], axis=1)
+    total = np.cumsum(np.pad(padded, ((0, 0), (1, 0))), axis=1)
+    mean: np.ndarray = (total[:, length:] - total[:, :-length]) / length
+    return mean / mean.std()
 
 
 def _upload(texture: int, bright: np.ndarray) -> None:

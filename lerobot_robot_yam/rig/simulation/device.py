@@ -21,11 +21,10 @@ from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
 from lerobot_robot_yam.rig.judging.judge import Judge
 from lerobot_robot_yam.rig.judging.recorders import TruthRecorder, Watch
 from lerobot_robot_yam.rig.scene.scene import ArmPlacement, Scene, serial_number
-from lerobot_robot_yam.rig.simulation.button_presses import ButtonPresses
 from lerobot_robot_yam.rig.simulation.grips import FirmGrip, SoftGrip
-from lerobot_robot_yam.rig.simulation.hand import Hand
-from lerobot_robot_yam.rig.world.mechanics import Ballast, Drive
+from lerobot_robot_yam.rig.simulation.hand import ButtonPresses, Hand
 from lerobot_robot_yam.rig.world.outer_forces import OuterForces
+from lerobot_robot_yam.rig.world.shafts_and_masses import Ballast, Drive
 from lerobot_robot_yam.rig.world.world import World
 from lerobot_robot_yam.rig.world.world_model import gripper_stroke
 from lerobot_robot_yam.system.clock import SYSTEM, Clock

@@ -1,6 +1,6 @@
-"""A hand on an arm: it pulls the joints along a trajectory, with limited force, and squeezes a handle's trigger.
+"""A person's hands: they pull arms along trajectories, with limited force, squeeze triggers and press buttons.
 
-The arm's own motors work against or with it. As a person would, the hand lets go of an arm that works against it, as
+An arm's own motors work against or with it. As a person would, the hand lets go of an arm that works against it, as
 one does that lands.
 """
 
@@ -11,10 +11,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.rig.bus.channel import Channel
 from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
 from lerobot_robot_yam.rig.simulation.grips import FirmGrip, Grip, SoftGrip, Softness
 from lerobot_robot_yam.rig.world.world import World
 
+_BUTTONS = ("sync", "record")  # of a handle: the top one, the second one
 _PERIOD_S = 0.002  # of the target's interpolation
 # A joint's way to a path that begins elsewhere: faster than the planner's paths (1.2), slower than a fall (3). A path
 # begins elsewhere when the simulated clock slipped, or when a floating arm moved after its mover had looked at it.
@@ -181,3 +183,51 @@ class Hand:
             if self._then_release:
                 self.release()
             self._told("hand_arrived")
+
+
+class ButtonPresses:
+    """The thumb on the handles' buttons.
+
+    Args:
+        log: gets the channel, the button, and whether it is down now, at each edge.
+    """
+
+    def __init__(self, log: Callable[[str, str, bool], None]):
+        self._log = log
+        self._ends: dict[tuple[str, int], tuple[Channel, float]] = {}  # simulated times
+
+    def press(self, channel: Channel, button: str, until_sim_s: float, now_s: float) -> None:
+        """Hold a button down until a simulated time; a later end replaces an earlier one.
+
+        Raises:
+            ConfigError: no such button.
+        """
+        if button not in _BUTTONS:
+            raise ConfigError(f"a handle has the buttons {', '.join(_BUTTONS)}, not {button!r}")
+        index = _BUTTONS.index(button)
+        self._ends[channel.name, index] = channel, until_sim_s
+        self._move(channel, index, True, now_s)
+
+    def hold(self, channel: Channel, down: tuple[bool, bool], now_s: float) -> None:
+        """Hold both buttons down, or not, from now on."""
+        for index, one in enumerate(down):
+            self._ends.pop((channel.name, index), None)
+            self._move(channel, index, one, now_s)
+
+    def advance(self, sim_s: float, now_s: float) -> None:
+        """Let go of the buttons whose time has come."""
+        for key, (channel, end_s) in list(self._ends.items()):
+            if sim_s >= end_s:
+                del self._ends[key]
+                self._move(channel, key[1], False, now_s)
+
+    def _move(self, channel: Channel, index: int, down: bool, now_s: float) -> None:
+        handle = channel.handle
+        assert handle is not None  # the caller has looked
+        if handle.buttons[index] is down:
+            return
+        first, second = handle.buttons
+        event = handle.press((down, second) if index == 0 else (first, down))
+        self._log(channel.name, _BUTTONS[index], down)
+        if event is not None:
+            channel.emit(event, now_s)

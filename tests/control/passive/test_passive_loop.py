@@ -10,7 +10,6 @@ from lerobot_robot_yam.arm.leaders.lead_config import LeadConfig
 from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS, PassiveConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.passive import passive_loop
-from lerobot_robot_yam.control.passive.passive_stop import PassiveStop
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
@@ -162,7 +161,7 @@ def test_a_channel_that_is_gone_is_told_of_once_and_so_is_its_return(rig, caplog
     ],
 )
 def test_two_leaders_go_on_when_both_are_in_a_hand(stop, triggers, stopped):
-    both = PassiveStop(stop, {0: "left", 1: "right"})
+    both = passive_loop.PassiveStop(stop, {0: "left", 1: "right"})
     assert not both.check((0.0, 0.0))
     stop.latch("test")
     assert both.check((0.0, 0.0))

@@ -8,8 +8,7 @@ import time
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.control.gripper.homing import GripperStops
-from lerobot_robot_yam.control.gripper.stored_stops import save_stops
+from lerobot_robot_yam.control.gripper.gripper_stops import GripperStops, save_stops
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from tests.support.browser_socket import BrowserSocket
 from tests.support.crooked_arm import STOPS, arguments, scene

@@ -1,4 +1,4 @@
-"""An arm's mechanics: its motors' shafts, and what can be wrong with them and with the masses they carry."""
+"""Shafts of an arm's motors, and masses that it carries: how the physics is read, driven and disturbed there."""
 
 import math
 

@@ -12,8 +12,13 @@ from lerobot_robot_yam.arm.joint_map import TURN
 from lerobot_robot_yam.arm.profile_files import load_gripper
 from lerobot_robot_yam.control.gripper.force_limiter import ForceLimiter
 from lerobot_robot_yam.control.gripper.gripper import Gripper
-from lerobot_robot_yam.control.gripper.homing import GripperStops, find_stops, verify_stops
-from lerobot_robot_yam.control.gripper.stored_stops import load_stops, save_stops
+from lerobot_robot_yam.control.gripper.gripper_stops import (
+    GripperStops,
+    find_stops,
+    load_stops,
+    save_stops,
+    verify_stops,
+)
 from lerobot_robot_yam.errors import GripperError
 from tests.support.paths import GOLDEN
 

@@ -1,18 +1,23 @@
-"""The gripper's normalised coordinate and how its stops are found and verified.
+"""The gripper's normalised coordinate, how its stops are found and verified, and the file that keeps them.
 
 u = (motor − closed) / (open − closed), 0 closed … 1 open. The stroke exceeds one turn while a motor knows its angle
 within one turn only, so stored stops are never taken on trust: an angle that fits two turns is resolved by a gentle
 move towards open, with at most the calibration torque. An object between the fingers is not a stop.
 """
 
+import contextlib
+import json
 import logging
 import math
+import time
 from collections.abc import Generator
 from dataclasses import dataclass
+from pathlib import Path
 
 from lerobot_robot_yam.arm.joint_map import TURN
 from lerobot_robot_yam.arm.profile import Calibration
 from lerobot_robot_yam.errors import GripperError
+from lerobot_robot_yam.system.paths import write_whole
 
 logger = logging.getLogger(__name__)
 
@@ -21,6 +26,8 @@ _STOP_TOLERANCE_RAD = 0.06  # how far a stop may lie from where it was stored
 _NUDGE_RAD = 0.6  # a move of this length leaves the zone in which two turns fit
 _WRONG_WAY_RAD = 0.15  # against the command: more than play and a finger's spring
 _MOVED_RAD = 0.03  # less is play, not a move
+_FILE_VERSION = 1
+_STORE_TIMEOUT_S = 2.0  # of a disk that other things write to
 
 Search = Generator[tuple[float, float], tuple[float, float], "GripperStops"]
 """Yields (dq*, kd) for the gripper motor, is sent (now_s, motor_rad), returns the stops."""
@@ -150,3 +157,66 @@ def verify_stops(arm: str, calibration: Calibration, stored: GripperStops) -> Se
             "free its fingers and calibrate again (lerobot-calibrate)"
         )
     return GripperStops(stored.closed_rad, stored.open_rad, shift_rad=turns[0])
+
+
+def load_stops(arm: str, path: Path, gripper: str) -> GripperStops | None:
+    """Stored stops, or None when there is no file.
+
+    Raises:
+        GripperError: the file cannot be read, is damaged or belongs to another gripper.
+    """
+    try:
+        data = json.loads(path.read_text())
+        stops = GripperStops(float(data["closed_rad"]), float(data["open_rad"]))
+        owner, version = data["gripper"], data["version"]
+        if not math.isfinite(stops.closed_rad) or not math.isfinite(stops.open_rad):
+            raise ValueError("stops are not finite")
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise GripperError(
+            f"{arm}: the gripper calibration {path} cannot be read ({error}); correct `calibration_path`, or "
+            "the file's permissions"
+        ) from error
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+        raise GripperError(
+            f"{arm}: {path} is not a gripper calibration ({error}); delete it and calibrate again (lerobot-calibrate)"
+        ) from error
+    if owner != gripper or version != _FILE_VERSION:
+        raise GripperError(
+            f"{arm}: {path} was made for gripper {owner!r} (file version {version}), not {gripper!r}; delete it"
+        )
+    return stops
+
+
+def save_stops(arm: str, path: Path, gripper: str, stops: GripperStops) -> None:
+    """Write the stops; a crash in the middle leaves the old file. Raises GripperError: it cannot be written."""
+    data = {"version": _FILE_VERSION, "gripper": gripper, "closed_rad": stops.closed_rad, "open_rad": stops.open_rad}
+    try:
+        write_whole(path, json.dumps(data, indent=1) + "\n")
+    except OSError as error:
+        raise GripperError(
+            f"{arm}: the gripper's stops cannot be stored in {path} ({error}); make room, or correct "
+            "`calibration_path` or its permissions, then calibrate again (lerobot-calibrate)"
+        ) from error
+
+
+def await_stored(arm: str, path: Path, gripper: str, closed_rad: float, open_rad: float) -> None:
+    """Wait until the control loop has stored the stops that it has found. The loop goes on when it cannot store them.
+
+    Raises:
+        GripperError: the file is not there after 2 s.
+    """
+    deadline = time.monotonic() + _STORE_TIMEOUT_S
+    while True:
+        last = time.monotonic() > deadline
+        with contextlib.nullcontext() if last else contextlib.suppress(GripperError):  # the old file
+            stored = load_stops(arm, path, gripper)
+            if stored is not None and (stored.closed_rad, stored.open_rad) == (closed_rad, open_rad):
+                return
+        if last:
+            raise GripperError(
+                f"{arm}: nothing was stored in {path}; the log above says why. Correct that and "
+                "calibrate again (lerobot-calibrate), or the next start searches the stops"
+            )
+        time.sleep(0.02)

@@ -1,4 +1,4 @@
-"""The target of a follower in each state of the gate, continuous over all of them.
+"""What a leader asks of its follower: a target in each state of the gate, continuous over all of them.
 
     HOMING, IDLE   on the way home, or there; behind a gate with a button IDLE stays where it is
     APPROACH       start + s (leader − start),  s = (1 − cos(π t / T)) / 2,  T = max(approach_s, π/2 · gap / speed)
@@ -7,7 +7,8 @@
     RECENTRE       stays; the gripper as the trigger says
 
 A follower that takes no targets, because nobody passes them on, is waited for: the ramp stays at its set-point.
-Without a gate the follower is sent the leader from the beginning, and comes at its own speed limit.
+Without a gate the follower is sent the leader from the beginning, and comes at its own speed limit. The gripper's
+opening, from 0 closed to 1 open, is what the leader's trigger asks, see `TriggerPickup`.
 """
 
 import math
@@ -21,6 +22,7 @@ from lerobot_robot_yam.state.modes import Gate
 
 _ACCELERATION = 3.0  # rad/s²
 _GRIPPER_ACCELERATION, _GRIPPER_SPEED = 10.0, 1.0  # strokes/s², strokes/s
+NEAR = 0.05  # of the stroke: so near to the gripper's opening the trigger takes over
 
 Target = tuple[np.ndarray, np.ndarray]
 
@@ -131,3 +133,31 @@ class TargetRamp:
         speed[self._grips] = _GRIPPER_SPEED
         self._glide.advance(self._goal, speed, dt)
         return self._glide.q, self._glide.dq
+
+
+class TriggerPickup:
+    """A trigger cannot be led. While another has the gripper the trigger has no say, and then not before it has met or
+    passed the gripper's opening: a person who takes over drops nothing.
+    """
+
+    def __init__(self) -> None:
+        self._left: float | None = None  # opening that another has left behind
+        self._before = 1.0  # the trigger's at the last tick
+        self.opening: float | None = None  # None before the first report, and before anything is left
+
+    def leave(self, opening: float, trigger: float) -> None:
+        """Another has the gripper, and it is that far open; `trigger` as for `advance`."""
+        self._left = self.opening = opening
+        if not math.isnan(trigger):
+            self._before = 1.0 - trigger
+
+    def advance(self, trigger: float) -> None:
+        """One tick; `trigger` 0 released … 1 squeezed, NaN while the handle is silent: the opening stays."""
+        if math.isnan(trigger):
+            return
+        asks, before = 1.0 - trigger, self._before
+        self._before = asks
+        left = self._left
+        if left is not None and abs(asks - left) > NEAR and (asks - left) * (before - left) > 0.0:
+            return
+        self._left, self.opening = None, asks
