@@ -13,9 +13,9 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ConfigError, PlanError
 from lerobot_robot_yam.waldo.kinematics import inverse
 from lerobot_robot_yam.waldo.kinematics.serial_chain import SerialChain
-from lerobot_robot_yam.waldo.planning import line_timing, ruckig_motion
+from lerobot_robot_yam.waldo.planning import ruckig_motion
 from lerobot_robot_yam.waldo.planning.blend import look_times, overlap_s, superposed
-from lerobot_robot_yam.waldo.planning.line_path import Line, joint_path
+from lerobot_robot_yam.waldo.planning.line_motion import Line, joint_path, timed
 from lerobot_robot_yam.waldo.planning.motion_limits import HOME_RAD, STOP_FACTOR, joint_limits, shares
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan, standing
 from lerobot_robot_yam.waldo.planning.surroundings import Surroundings
@@ -147,7 +147,7 @@ class Planner:
             return standing(start_q)
         path = joint_path(self.chain, line, self.tool, start_q, self._names)
         self.surroundings.check(path.q)
-        return line_timing.timed(path, line.size, self.limits, share, duration_s, self._names)
+        return timed(path, line, self.limits, share, duration_s, self._names)
 
     def home(self, start_q: np.ndarray, *, speed: float = 0.0, accel: float = 1.0) -> Plan:
         """A move of the joints to `home_q`; as `joints`."""
