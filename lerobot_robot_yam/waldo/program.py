@@ -71,6 +71,14 @@ def radius(r: float) -> float:
     return 1e-3 * float(given)
 
 
+def swapped(position: float) -> float:
+    """Commander's gripper position (0 open … 1 closed) as ours (0 closed … 1 open), or ours as Commander's.
+
+    Here and nowhere else one becomes the other.
+    """
+    return 1.0 - position
+
+
 def numbers(what: str, values: object, count: int) -> np.ndarray:
     """`values` as (count,) finite floats. Raises PlanError: they are not."""
     try:

@@ -5,7 +5,7 @@ import pytest
 
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.waldo.controller.motion import Command
-from lerobot_robot_yam.waldo.gripper_sense import swapped
+from lerobot_robot_yam.waldo.program import swapped
 from tests.support.waldo_desk import waldo_desk
 
 MOVES = 5

@@ -13,12 +13,11 @@ from lerobot_robot_yam.waldo import program
 from lerobot_robot_yam.waldo.arm_choice import NO_TOOL, tool_key
 from lerobot_robot_yam.waldo.controller.controller import TICK_S, Controller
 from lerobot_robot_yam.waldo.controller.motion import Blend, Command, End
-from lerobot_robot_yam.waldo.gripper_sense import swapped
 from lerobot_robot_yam.waldo.kinematics.frames import of_command
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan
 from lerobot_robot_yam.waldo.planning.planner import Planner
 from lerobot_robot_yam.waldo.planning.streaming import Streaming
-from lerobot_robot_yam.waldo.program import Numbers, Pace
+from lerobot_robot_yam.waldo.program import Numbers, Pace, swapped
 
 _STILL_RAD_S = 0.05  # three steps in which the motors tell speed
 _ACTIONS = {"open": 0.0, "close": 1.0}  # Commander's positions

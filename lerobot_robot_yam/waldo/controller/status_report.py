@@ -16,10 +16,10 @@ from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.waldo.arm_choice import NO_TOOL
 from lerobot_robot_yam.waldo.controller.controller import TICK_S, Controller
 from lerobot_robot_yam.waldo.controller.requests_of_settings import SettingRequests
-from lerobot_robot_yam.waldo.gripper_sense import swapped
 from lerobot_robot_yam.waldo.kinematics.frames import FRAMES, check_frame, commanded, to_command
 from lerobot_robot_yam.waldo.kinematics.inverse import Bounds, descend
 from lerobot_robot_yam.waldo.planning.planner import Planner
+from lerobot_robot_yam.waldo.program import swapped
 
 STATUS_HZ = 100  # the most that the contract has: one late turn does not yet make an interval of 30 ms
 _PROBE_S = 0.2  # between two looks at where the tool may go
