@@ -213,3 +213,15 @@ def test_a_stop_on_a_line_leaves_the_tool_on_it(desk):
     along = way / np.linalg.norm(way)
     assert np.linalg.norm(np.cross(moved, along), axis=1).max() < 5e-4
     assert 0.02 < np.linalg.norm(moved[-1]) < 0.12 and not motion.dq.any()
+
+
+def test_a_preview_that_is_put_elsewhere_goes_on_from_there(dry_run):
+    dry, elsewhere, there = dry_run(), [30.0, *HOME[1:]], [40.0, *HOME[1:]]
+    dry.select_tool("LINEAR_4310")
+    assert dry.move_l([0, 0, 60, 0, 0, 0], rel=True, r=20) is None  # a corner to round, which never comes
+    dry.teleport(elsewhere, [1.0])
+    np.testing.assert_allclose(
+        np.degrees(dry.move_j(there).joint_trajectory_rad[[0, -1]]), [elsewhere, there], atol=0.01
+    )
+    np.testing.assert_allclose(dry.angles(), there, atol=0.01)
+    assert dry.tool.close().duration < 0.01 < dry.tool.open().duration

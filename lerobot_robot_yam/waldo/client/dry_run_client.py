@@ -133,8 +133,11 @@ class DryRunClient:
         return self._moved(program.pause(self._q, seconds))
 
     def teleport(self, angles_deg: Numbers, tool_positions: Numbers | None = None) -> int:
-        """As the client's."""
-        self._q = self._planner.within(np.radians(numbers("angles", angles_deg, len(self._q))))
+        """As the client's. A motion that was held back is dropped, as the controller cancels it."""
+        q = self._planner.within(np.radians(numbers("angles", angles_deg, len(self._q))))
+        if tool_positions is not None and len(tool_positions):
+            self._opening = float(np.clip(numbers("tool_positions", tool_positions, 1)[0], 0.0, 1.0))
+        self._q, self._held = q, None
         return 1
 
     def select_tool(self, tool_name: str, variant_key: str = "") -> int:
