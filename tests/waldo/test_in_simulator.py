@@ -225,3 +225,19 @@ def test_a_preview_that_is_put_elsewhere_goes_on_from_there(dry_run):
     )
     np.testing.assert_allclose(dry.angles(), there, atol=0.01)
     assert dry.tool.close().duration < 0.01 < dry.tool.open().duration
+
+
+@pytest.mark.parametrize("position", [2.0, -0.1, float("nan")])
+def test_the_preview_refuses_what_the_jaws_cannot_do_in_the_words_of_the_controller(desk, dry_run, position):
+    with pytest.raises(YamError) as previewed:
+        dry_run().tool.set_position(position)
+    with pytest.raises(YamError) as refused:
+        desk.ask("tool_action", tool_key="LINEAR_4310", action="move", params=[position])
+    assert str(previewed.value) == str(refused.value)
+
+
+def test_the_preview_says_the_pose_in_a_frame_as_the_controller_does(desk, dry_run):
+    for frame in ("WRF", "TRF"):
+        np.testing.assert_allclose(dry_run().pose(frame), desk.ask("pose", frame=frame), atol=1e-6)
+    with pytest.raises(YamError, match="there is no frame 'BASE'"):
+        dry_run().pose("BASE")
