@@ -238,3 +238,11 @@ def clear_away(config: ArmConfig, key: str) -> None:
         state_path(key).unlink(missing_ok=True)
         forget_about(key)
         lock.release()
+
+
+def still_in_the_air(who: str) -> str:
+    """What to tell people where `ArmSession.stop` returns False. `who`: with the verb, such as "THE ARMS ARE"."""
+    return (
+        f"{who} STILL IN THE AIR: the control loop goes on holding, and lands as soon as it can. Clear the way. If the "
+        "emergency stop is latched, release it then: yam-estop release"
+    )

@@ -8,7 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from lerobot_robot_yam.arm.profile import GripperProfile
 from lerobot_robot_yam.errors import PlanError
+from lerobot_robot_yam.waldo.arm_choice import NO_TOOL, tool_key
 from lerobot_robot_yam.waldo.kinematics.frames import commanded
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan, standing
 from lerobot_robot_yam.waldo.planning.planner import Planner
@@ -17,6 +19,7 @@ PROFILES = ("ruckig",)
 """Motion profiles: there is one, limited in speed, acceleration and jerk."""
 
 _LONGEST_S = 600.0  # of a delay or a duration
+_ACTIONS = {"open": 0.0, "close": 1.0}  # Commander's positions
 
 Numbers = Sequence[float] | np.ndarray
 
@@ -69,6 +72,29 @@ def radius(r: float) -> float:
     if given < 0.0:
         raise PlanError(f"r, a radius in mm, is 0 or more, not {r!r}")
     return 1e-3 * float(given)
+
+
+def jaw_position(gripper: GripperProfile, key: str, action: str, params: Sequence[float] | None) -> float:
+    """Where an action of a tool puts the jaws, 0 open … 1 closed. Raises PlanError: there is no such tool or action."""
+    fitted = tool_key(gripper)
+    if key != fitted or fitted == NO_TOOL:
+        raise PlanError(f"no tool {key!r} that moves; this arm has {fitted}")
+    if action in _ACTIONS:
+        return _ACTIONS[action]
+    if action != "move":
+        raise PlanError(f"{key}: an action is open, close or move, not {action!r}")
+    (position,) = numbers("position", params, 1)
+    if not 0.0 <= position <= 1.0:
+        raise PlanError(f"{key}: a position is 0 (open) to 1 (closed), not {position:g}")
+    return float(position)
+
+
+def swapped(position: float) -> float:
+    """Commander's gripper position (0 open … 1 closed) as ours (0 closed … 1 open), or ours as Commander's.
+
+    Here and nowhere else one becomes the other.
+    """
+    return 1.0 - position
 
 
 def numbers(what: str, values: object, count: int) -> np.ndarray:

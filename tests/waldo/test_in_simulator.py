@@ -5,7 +5,7 @@ import pytest
 
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.waldo.controller.motion import Command
-from lerobot_robot_yam.waldo.gripper_sense import swapped
+from lerobot_robot_yam.waldo.program import swapped
 from tests.support.waldo_desk import waldo_desk
 
 MOVES = 5
@@ -213,3 +213,31 @@ def test_a_stop_on_a_line_leaves_the_tool_on_it(desk):
     along = way / np.linalg.norm(way)
     assert np.linalg.norm(np.cross(moved, along), axis=1).max() < 5e-4
     assert 0.02 < np.linalg.norm(moved[-1]) < 0.12 and not motion.dq.any()
+
+
+def test_a_preview_that_is_put_elsewhere_goes_on_from_there(dry_run):
+    dry, elsewhere, there = dry_run(), [30.0, *HOME[1:]], [40.0, *HOME[1:]]
+    dry.select_tool("LINEAR_4310")
+    assert dry.move_l([0, 0, 60, 0, 0, 0], rel=True, r=20) is None  # a corner to round, which never comes
+    dry.teleport(elsewhere, [1.0])
+    np.testing.assert_allclose(
+        np.degrees(dry.move_j(there).joint_trajectory_rad[[0, -1]]), [elsewhere, there], atol=0.01
+    )
+    np.testing.assert_allclose(dry.angles(), there, atol=0.01)
+    assert dry.tool.close().duration < 0.01 < dry.tool.open().duration
+
+
+@pytest.mark.parametrize("position", [2.0, -0.1, float("nan")])
+def test_the_preview_refuses_what_the_jaws_cannot_do_in_the_words_of_the_controller(desk, dry_run, position):
+    with pytest.raises(YamError) as previewed:
+        dry_run().tool.set_position(position)
+    with pytest.raises(YamError) as refused:
+        desk.ask("tool_action", tool_key="LINEAR_4310", action="move", params=[position])
+    assert str(previewed.value) == str(refused.value)
+
+
+def test_the_preview_says_the_pose_in_a_frame_as_the_controller_does(desk, dry_run):
+    for frame in ("WRF", "TRF"):
+        np.testing.assert_allclose(dry_run().pose(frame), desk.ask("pose", frame=frame), atol=1e-6)
+    with pytest.raises(YamError, match="there is no frame 'BASE'"):
+        dry_run().pose("BASE")

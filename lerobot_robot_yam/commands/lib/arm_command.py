@@ -22,10 +22,6 @@ from lerobot_robot_yam.state.records import channel_key, lock_path
 from lerobot_robot_yam.system.runtime_files import FileLock, rig_name
 
 CLEAR_SCREEN = "\x1b[H\x1b[J"
-_IN_THE_AIR = (
-    "THE ARMS ARE STILL IN THE AIR: their control loop holds them, and lands them as soon as it can. Clear their way. "
-    "If the emergency stop is latched, release it then: yam-estop release"
-)
 _INTERRUPTED = 130  # the shell's own status after Ctrl-C
 _PER_ARM = ("channel", "arm", "gripper", "name", "calibration")
 
@@ -155,7 +151,9 @@ def tell(text: str, end: str = "\n") -> None:
 
 def tell_landed(landed: bool) -> int:
     """Say whether the arms are down, which `ArmSession.stop` returns; returns the exit status."""
-    tell("the arms have landed" if landed else _IN_THE_AIR)
+    from lerobot_robot_yam.session.arm_session import still_in_the_air  # loaded already by whoever has landed
+
+    tell("the arms have landed" if landed else still_in_the_air("THE ARMS ARE"))
     return 0 if landed else 1
 
 

@@ -52,8 +52,7 @@ class RemoteOptions:
 
     def runs(self) -> "Isolation":
         """On the host."""
-        made: Any = self._hosted.runner()
-        return made
+        return self._hosted.runner()
 
 
 class RemoteDevice:

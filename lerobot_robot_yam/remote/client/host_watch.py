@@ -14,7 +14,6 @@ from typing import Any
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import ChannelInUseError, YamError
 from lerobot_robot_yam.remote.client.host_question import Host, hello
-from lerobot_robot_yam.remote.client.host_rig import ours
 from lerobot_robot_yam.remote.client.link import Link
 from lerobot_robot_yam.remote.client.state_mirror import MirroredArm, StateMirror
 from lerobot_robot_yam.remote.wire.transport import reaching
@@ -40,7 +39,7 @@ class _Watched:
 
     @classmethod
     def of(cls, host: Host, told: dict[str, Any]) -> "_Watched":
-        options = ours(host.address, told["options"])
+        options = host.address.options(told["options"])
         config = ArmConfig(**{name: value for name, value in options.items() if name in _FIELDS})
         driven_as = host.address.key(str(told["options"]["channel"]))
         key = watched_key(driven_as)

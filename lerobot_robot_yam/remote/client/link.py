@@ -4,8 +4,7 @@ import logging
 import math
 import secrets
 import struct
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping
 
 from lerobot_robot_yam.control.process.lifeline import take_nudges
 from lerobot_robot_yam.errors import LifeCycleError, LinkError, YamError
@@ -231,9 +230,3 @@ class Link:
         """Let go of sockets and blocks."""
         self._sockets.close()
         self._mirror.close()
-
-
-def host_keys(told: Mapping[str, Any]) -> dict[str, str]:
-    """Of a hello: the key of each arm's channel on the host, by its number as text."""
-    arms: Sequence[Mapping[str, Any]] = [arm for group in told["groups"].values() for arm in group["arms"].values()]
-    return {str(arm["number"]): str(arm["key"]) for arm in arms}

@@ -5,9 +5,11 @@ import importlib.metadata
 import os
 import socket
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from ipaddress import ip_address
 from pathlib import Path
+from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.state.records import channel_key
@@ -15,6 +17,7 @@ from lerobot_robot_yam.system.runtime_files import runtime_dir
 
 PORT = 5570  # of commands; states have the next one
 INTERFACE = "remote"  # of an arm on a host, in place of python-can's
+_OF_THE_HOST = ("calibration_path", "identity_path", "tuning")  # options of an arm that are files there
 _PORT_MOST = 65534
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")  # drawn at each start; /etc/machine-id is copied with an image
 
@@ -70,6 +73,14 @@ class HostAddress:
     def key(self, channel: str) -> str:
         """Key under which this computer's programs find the state of the arm on that channel."""
         return channel_key(INTERFACE, self.channel(channel), None)
+
+    def options(self, there: Mapping[str, Any]) -> dict[str, Any]:
+        """Options of an arm of that computer with this one's name of its channel, and without the host's files."""
+        here = {**there, "interface": INTERFACE, "channel": self.channel(there["channel"]), "can_options": {}}
+        here |= dict.fromkeys(name for name in _OF_THE_HOST if name in there)
+        if there.get("follower") is not None:
+            here["follower"] = self.channel(there["follower"])
+        return here
 
 
 def who() -> str:

@@ -1,25 +1,79 @@
-"""The client that Commander's page uses: every call is a coroutine.
+"""The client that Commander's page uses: every call is a coroutine; and the status that it streams.
 
 async with AsyncRobotClient() as rbt:
     await rbt.move_j([0, 60, 60, -29, 0, 0], wait=True)
 """
 
 import asyncio
+import copy
 from collections.abc import AsyncIterator, Callable
+from enum import IntEnum
 from typing import Any
 
+import numpy as np
+from waldoctl import ActionState, ToolSpec, ToolState, ToolStatus
 from waldoctl import RobotClient as WaldoClient
-from waldoctl import ToolSpec
 
 from lerobot_robot_yam.errors import ControllerError
 from lerobot_robot_yam.waldo.client.motion_calls import MotionCalls
 from lerobot_robot_yam.waldo.client.query_calls import QueryCalls
 from lerobot_robot_yam.waldo.client.setting_calls import SettingCalls
-from lerobot_robot_yam.waldo.client.status_buffer import StatusBuffer
+from lerobot_robot_yam.waldo.kinematics.frames import FRAMES
 from lerobot_robot_yam.waldo.tool_catalog import bound_tool
 from lerobot_robot_yam.waldo.wire import MOST_BYTES, STREAM, decode, encode
 
 _AGAIN_S = 0.2  # before the stream looks for the controller again
+_VARIANT = {"variant_key": ""} if "variant_key" in getattr(ToolStatus, "__dataclass_fields__", {}) else {}
+_PLAIN = (
+    "action_current action_params executing_index completed_index last_checkpoint tcp_speed simulator_active "
+    "collision_active scene_epoch homed enabled link_health drive_health loop_health homing freedrive session_id"
+).split()
+
+
+class ControllerMode(IntEnum):
+    """What commands move; its name is displayed."""
+
+    SIMULATOR = 0
+    ROBOT = 1
+
+
+class StatusBuffer:
+    """One status. Lengths in mm, angles in deg; `speeds` in rad/s, torques in Nm, `tcp_speed` in mm/s.
+
+    The fields are those of the contract. `tool_status` is a new object each time: the host writes into it.
+    """
+
+    def __init__(self) -> None:
+        self.pose, self.angles, self.speeds = np.eye(4).reshape(16), np.zeros(6), np.zeros(6)
+        self.torques: np.ndarray = np.zeros(6)
+        self.torques_ext: np.ndarray | None = None  # no model of the tool's contact: not offered
+        self.io, self.joint_en = np.ones(1, np.int32), np.zeros(12, np.int32)
+        self.cart_en = {frame: np.zeros(12, np.int32) for frame in FRAMES}
+        self.tool_status = ToolStatus()
+        self.action_state = ActionState.IDLE
+        self.mode = ControllerMode.SIMULATOR
+
+    def take(self, message: dict[str, Any]) -> None:
+        """Write a status as it comes over the wire."""
+        for name in ("pose", "angles", "speeds", "torques", "io", "joint_en"):
+            getattr(self, name)[:] = message[name]
+        for frame in FRAMES:
+            self.cart_en[frame][:] = message["cart_en"][frame]
+        for name in _PLAIN:
+            setattr(self, name, message[name])
+        self.warnings = [tuple(warning) for warning in message["warnings"]]
+        self.error = None if message["error"] is None else tuple(message["error"])
+        self.collision_pairs = [tuple(pair) for pair in message["collision_pairs"]]
+        self.action_state = ActionState(message["action_state"])
+        self.mode = ControllerMode.SIMULATOR if message["simulator_active"] else ControllerMode.ROBOT
+        tool = dict(message["tool"])
+        tool["state"] = ToolState(tool["state"])
+        tool["positions"], tool["channels"] = tuple(tool["positions"]), tuple(tool["channels"])
+        self.tool_status = ToolStatus(**tool, **_VARIANT)
+
+    def copy(self) -> "StatusBuffer":
+        """A status that shares nothing with this one."""
+        return copy.deepcopy(self)
 
 
 class AsyncRobotClient(MotionCalls, QueryCalls, SettingCalls, WaldoClient):

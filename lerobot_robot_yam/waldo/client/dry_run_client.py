@@ -10,9 +10,9 @@ import numpy as np
 from waldoctl import DryRunResultData, ToolSpec
 
 from lerobot_robot_yam.waldo import program
-from lerobot_robot_yam.waldo.arm_choice import NO_TOOL, ArmChoice, tip
+from lerobot_robot_yam.waldo.arm_choice import NO_TOOL, ArmChoice, tip, tool_key
 from lerobot_robot_yam.waldo.kinematics import rotation
-from lerobot_robot_yam.waldo.kinematics.frames import to_command
+from lerobot_robot_yam.waldo.kinematics.frames import check_frame, to_command
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan
 from lerobot_robot_yam.waldo.planning.planner import Planner
 from lerobot_robot_yam.waldo.program import Numbers, Pace, numbers
@@ -38,15 +38,15 @@ class DryTool:
 
     def open(self, **_: Any) -> DryRunResultData | None:
         """Open the jaws."""
-        return self.set_position(0.0)
+        return self._client._jaws("open")
 
     def close(self, **_: Any) -> DryRunResultData | None:
         """Close them."""
-        return self.set_position(1.0)
+        return self._client._jaws("close")
 
     def set_position(self, position: float, **_: Any) -> DryRunResultData | None:
         """Move them, 0 open … 1 closed."""
-        return self._client._jaws(float(position))
+        return self._client._jaws("move", position)
 
 
 class DryRunClient:
@@ -82,7 +82,8 @@ class DryRunClient:
 
     def pose(self, frame: str = "WRF") -> list[float]:
         """Where the tool is, mm and deg."""
-        return list(to_command(self._planner.pose(self._q)).tolist())
+        here = self._planner.pose(self._q)
+        return list(to_command(np.eye(4) if check_frame(frame) == "TRF" else here).tolist())
 
     def move_j(
         self,
@@ -133,8 +134,11 @@ class DryRunClient:
         return self._moved(program.pause(self._q, seconds))
 
     def teleport(self, angles_deg: Numbers, tool_positions: Numbers | None = None) -> int:
-        """As the client's."""
-        self._q = self._planner.within(np.radians(numbers("angles", angles_deg, len(self._q))))
+        """As the client's. A motion that was held back is dropped, as the controller cancels it."""
+        q = self._planner.within(np.radians(numbers("angles", angles_deg, len(self._q))))
+        if tool_positions is not None and len(tool_positions):
+            self._opening = float(np.clip(numbers("tool_positions", tool_positions, 1)[0], 0.0, 1.0))
+        self._q, self._held = q, None
         return 1
 
     def select_tool(self, tool_name: str, variant_key: str = "") -> int:
@@ -171,10 +175,11 @@ class DryRunClient:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _jaws(self, position: float) -> DryRunResultData | None:
-        (goal,) = numbers("position", [position], 1)
+    def _jaws(self, action: str, *params: float) -> DryRunResultData | None:
+        gripper = self._hardware.gripper  # its tool may be selected on the page, which tells no preview
+        goal = program.jaw_position(gripper, tool_key(gripper), action, list(params))
         stroke_s = abs(goal - self._opening) / float(self._hardware.speed_limit[-1])
-        self._opening = float(goal)
+        self._opening = goal
         return self._moved(program.pause(self._q, stroke_s))
 
     def _moved(self, plan: Plan, r: float = 0.0) -> DryRunResultData | None:

@@ -16,12 +16,10 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ControllerError, YamError
 from lerobot_robot_yam.waldo.arm_choice import NO_TOOL, tip
 from lerobot_robot_yam.waldo.controller.motion import Motion
-from lerobot_robot_yam.waldo.controller.plant import Plant, Reading
+from lerobot_robot_yam.waldo.controller.plant import Plant, Reading, SimulatedArm
 from lerobot_robot_yam.waldo.controller.real_arm import RealArm
-from lerobot_robot_yam.waldo.controller.simulated_arm import SimulatedArm
-from lerobot_robot_yam.waldo.gripper_sense import swapped
 from lerobot_robot_yam.waldo.planning.planner import Planner
-from lerobot_robot_yam.waldo.program import numbers
+from lerobot_robot_yam.waldo.program import numbers, swapped
 
 TICK_S = 0.01
 _REST_S = 0.2  # after the last motion the arm is told to hold; its own loop would do so after 0.5 s

@@ -19,6 +19,7 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.process.lifeline import ProcessEnd
 from lerobot_robot_yam.errors import ControllerError, YamError
+from lerobot_robot_yam.session.arm_session import still_in_the_air
 from lerobot_robot_yam.waldo.arm_choice import ArmChoice
 from lerobot_robot_yam.waldo.controller.command_server import CommandServer
 from lerobot_robot_yam.waldo.controller.controller import Controller
@@ -104,10 +105,7 @@ def operator_acts(controller: Controller) -> dict[str, Callable[[], Awaitable[st
     async def land() -> str:
         name = controller.hardware.name
         if not await controller.land():
-            raise ControllerError(
-                f"{name.upper()} IS STILL IN THE AIR: its control loop holds it, and lands it as soon as it can. Clear "
-                "its way. If the emergency stop is latched, release it then: yam-estop release"
-            )
+            raise ControllerError(still_in_the_air(f"{name.upper()} IS"))
         return f"{name} has landed"
 
     return {"about": about, "arm": arm, "land": land}

@@ -8,20 +8,16 @@ from typing import Any
 import numpy as np
 
 from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
-from lerobot_robot_yam.errors import PlanError
 from lerobot_robot_yam.waldo import program
-from lerobot_robot_yam.waldo.arm_choice import NO_TOOL, tool_key
 from lerobot_robot_yam.waldo.controller.controller import TICK_S, Controller
 from lerobot_robot_yam.waldo.controller.motion import Blend, Command, End
-from lerobot_robot_yam.waldo.gripper_sense import swapped
 from lerobot_robot_yam.waldo.kinematics.frames import of_command
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan
 from lerobot_robot_yam.waldo.planning.planner import Planner
 from lerobot_robot_yam.waldo.planning.streaming import Streaming
-from lerobot_robot_yam.waldo.program import Numbers, Pace
+from lerobot_robot_yam.waldo.program import Numbers, Pace, swapped
 
 _STILL_RAD_S = 0.05  # three steps in which the motors tell speed
-_ACTIONS = {"open": 0.0, "close": 1.0}  # Commander's positions
 
 
 class MotionRequests:
@@ -108,7 +104,8 @@ class MotionRequests:
         return await self._unplanned(Command("checkpoint", str(label), label=str(label)))
 
     async def tool_action(self, tool_key: str, action: str, params: Sequence[float] | None = None) -> int:
-        opening = swapped(self._position(str(tool_key).upper(), action, params))
+        gripper = self._controller.hardware.gripper
+        opening = swapped(program.jaw_position(gripper, str(tool_key).upper(), action, params))
         return await self._unplanned(Command(f"tool {action}", str(tool_key), opening=opening))
 
     async def _unplanned(self, command: Command) -> int:
@@ -116,20 +113,6 @@ class MotionRequests:
         async with self._in_turn:
             self._controller.check_enabled()
             return self._motion.add(command, epoch)
-
-    def _position(self, key: str, action: str, params: Sequence[float] | None) -> float:
-        """Where the jaws are to go, as Commander counts. Raises PlanError: there is no such tool or action."""
-        fitted = tool_key(self._controller.hardware.gripper)
-        if key != fitted or fitted == NO_TOOL:
-            raise PlanError(f"no tool {key!r} that moves; this arm has {fitted}")
-        if action in _ACTIONS:
-            return _ACTIONS[action]
-        if action != "move":
-            raise PlanError(f"{key}: an action is open, close or move, not {action!r}")
-        (position,) = program.numbers("position", params, 1)
-        if not 0.0 <= position <= 1.0:
-            raise PlanError(f"{key}: a position is 0 (open) to 1 (closed), not {position:g}")
-        return float(position)
 
     # streams
 

@@ -1,6 +1,7 @@
 """What the controller says of its arm, 100 times a second, as plain values; and the queries that are parts of it.
 
-Lengths in mm, angles in deg, joint speeds in rad/s, torques in Nm, as the contract has them.
+Lengths in mm, angles in deg, joint speeds in rad/s, torques in Nm, as the contract has them. Which jog buttons are open
+is said too: whether a joint is off its limit, and the tool could go a little farther along or about an axis.
 """
 
 import asyncio
@@ -15,10 +16,10 @@ from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.waldo.arm_choice import NO_TOOL
 from lerobot_robot_yam.waldo.controller.controller import TICK_S, Controller
 from lerobot_robot_yam.waldo.controller.requests_of_settings import SettingRequests
-from lerobot_robot_yam.waldo.gripper_sense import swapped
-from lerobot_robot_yam.waldo.kinematics.frames import FRAMES, check_frame, to_command
-from lerobot_robot_yam.waldo.planning.enablement import axes_enabled, joints_enabled
+from lerobot_robot_yam.waldo.kinematics.frames import FRAMES, check_frame, commanded, to_command
+from lerobot_robot_yam.waldo.kinematics.inverse import Bounds, descend
 from lerobot_robot_yam.waldo.planning.planner import Planner
+from lerobot_robot_yam.waldo.program import swapped
 
 STATUS_HZ = 100  # the most that the contract has: one late turn does not yet make an interval of 30 ms
 _PROBE_S = 0.2  # between two looks at where the tool may go
@@ -28,6 +29,9 @@ _LATE_S = 2.0 * TICK_S
 _IDLE, _EXECUTING, _ERROR = 0, 1, 2  # ActionState
 _TOOL_OFF, _TOOL_IDLE, _TOOL_ACTIVE = 0, 1, 2  # ToolState
 _FAULT_CODE, _STOP_CODE = 1, 2  # of warnings
+_BAND_RAD = np.radians(1.0)  # a joint is at its limit when it is as near as this
+_PROBES = np.array([5.0] * 3 + [1.0] * 3)  # mm and degrees
+_JUMP_RAD = 0.5  # a solution that is farther is another way of holding the tool
 
 
 class StatusReport:
@@ -175,6 +179,24 @@ class StatusReport:
     def _loop(self) -> dict[str, Any]:
         periods = np.diff(self._ticks) if len(self._ticks) > 1 else np.zeros(1)
         return {"p99_period_s": float(np.quantile(periods, 0.99)), "overruns": int((periods > _LATE_S).sum())}
+
+
+def joints_enabled(planner: Planner, q: np.ndarray) -> np.ndarray:
+    """(2 n,) 1 or 0, int32: whether joint 1 may be jogged upwards, downwards, joint 2 upwards … at q (n,) rad."""
+    ways = np.stack([q < planner.upper - _BAND_RAD, q > planner.lower + _BAND_RAD], axis=1)
+    return ways.ravel().astype(np.int32)
+
+
+def axes_enabled(planner: Planner, q: np.ndarray) -> dict[str, np.ndarray]:
+    """By frame, (12,) 1 or 0, int32, X+ X− Y+ Y− … RZ−: whether the tool can go 5 mm or turn 1° that way from q."""
+    now = planner.pose(q)
+    steps = [sign * _PROBES * axis for axis in np.eye(6) for sign in (1.0, -1.0)]
+    targets = np.array([commanded(now, step, frame, rel=True) for frame in FRAMES for step in steps])
+    seeds = np.repeat(q[None], len(targets), axis=0)
+    bounds = Bounds(np.minimum(planner.lower, q), np.maximum(planner.upper, q))
+    found = descend(planner.chain, targets @ np.linalg.inv(planner.tool), seeds, bounds)
+    free = found.reached & (np.abs(found.q - q).max(axis=1) < _JUMP_RAD)
+    return dict(zip(FRAMES, free.astype(np.int32).reshape(len(FRAMES), -1), strict=True))
 
 
 def _listed(values: np.ndarray) -> list[Any]:

@@ -13,11 +13,10 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ConfigError, PlanError
 from lerobot_robot_yam.waldo.kinematics import inverse
 from lerobot_robot_yam.waldo.kinematics.serial_chain import SerialChain
-from lerobot_robot_yam.waldo.planning import line_timing, ruckig_motion
-from lerobot_robot_yam.waldo.planning.blend import look_times, overlap_s, superposed
-from lerobot_robot_yam.waldo.planning.line_path import Line, joint_path
+from lerobot_robot_yam.waldo.planning import ruckig_motion
+from lerobot_robot_yam.waldo.planning.line_motion import Line, joint_path, timed
 from lerobot_robot_yam.waldo.planning.motion_limits import HOME_RAD, STOP_FACTOR, joint_limits, shares
-from lerobot_robot_yam.waldo.planning.motion_plan import Plan, standing
+from lerobot_robot_yam.waldo.planning.motion_plan import Plan, overlap_s, sample_times, standing, superposed
 from lerobot_robot_yam.waldo.planning.surroundings import Surroundings
 
 _ROUNDING_RAD = 1e-4  # by which a target may miss a limit: degrees as text
@@ -147,7 +146,7 @@ class Planner:
             return standing(start_q)
         path = joint_path(self.chain, line, self.tool, start_q, self._names)
         self.surroundings.check(path.q)
-        return line_timing.timed(path, line.size, self.limits, share, duration_s, self._names)
+        return timed(path, line, self.limits, share, duration_s, self._names)
 
     def home(self, start_q: np.ndarray, *, speed: float = 0.0, accel: float = 1.0) -> Plan:
         """A move of the joints to `home_q`; as `joints`."""
@@ -168,7 +167,7 @@ class Planner:
             return standing(q)
         if t_s + lasts_s / 2.0 > plan.duration_s and np.abs(plan.dq[-1]).max() > _RESTS_RAD_S:
             return self.stop(q, dq)  # its path goes on in another plan
-        times = ruckig_motion.sample_times(lasts_s)
+        times = sample_times(lasts_s)
         way, speed = plan.at(t_s + times - times**2 / (2.0 * lasts_s))
         return Plan(times, way, speed * (1.0 - times / lasts_s)[:, None])
 
@@ -177,8 +176,7 @@ class Planner:
 
         Where rounding would break a limit or come too near to something, less of the corner is rounded, or none.
         """
-        paths = [self.pose(plan.at(look_times(plan))[0])[:, :3, 3] for plan in (first, second)]
-        overlap = overlap_s(first, second, paths[0], paths[1], radius_m)
+        overlap = overlap_s(first, second, self.pose, radius_m)
         for share in (1.0, 0.5, 0.25):
             plan = superposed(first, second, share * overlap)
             fast = np.abs(plan.dq).max(axis=0) > _SPEED_ROUNDING * self.limits.speed

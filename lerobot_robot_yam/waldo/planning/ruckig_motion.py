@@ -4,16 +4,13 @@ From rest to rest all coordinates keep the same share of their way (phase synchr
 straight line in joint space and does not depend on the speed. From a motion they only end at the same time.
 """
 
-import math
-
 import numpy as np
 import ruckig
 
 from lerobot_robot_yam.errors import PlanError
 from lerobot_robot_yam.waldo.planning.motion_limits import Limits
-from lerobot_robot_yam.waldo.planning.motion_plan import Plan, standing
+from lerobot_robot_yam.waldo.planning.motion_plan import Plan, sample_times, standing
 
-SAMPLE_S = 0.01  # between two points of a plan; a cubic through them is off by less than 1e-5 rad
 _LATE = 1.05  # of the duration asked for: how much longer a motion may take before it is refused
 _TINY = 1e-9
 _JERK_SHARES = (1.0, 0.999, 0.99, 0.9)
@@ -56,11 +53,6 @@ def brake(start: np.ndarray, speed: np.ndarray, deceleration: np.ndarray) -> Pla
     braked = np.minimum(times[:, None], lasts_s)
     dq = speed - np.sign(speed) * deceleration * braked
     return Plan(times, start + (speed + dq) / 2.0 * braked, dq)
-
-
-def sample_times(duration_s: float) -> np.ndarray:
-    """(k,) s, evenly from 0 to a duration, at most `SAMPLE_S` apart."""
-    return np.linspace(0.0, duration_s, max(math.ceil(duration_s / SAMPLE_S), 1) + 1)
 
 
 def _input(start: np.ndarray, speed: np.ndarray, limits: Limits) -> ruckig.InputParameter:

@@ -11,8 +11,7 @@ import numpy as np
 
 from lerobot_robot_yam.errors import PlanError
 from lerobot_robot_yam.waldo.kinematics.frames import AXES, check_frame
-from lerobot_robot_yam.waldo.planning.joint_jog import JointJog
-from lerobot_robot_yam.waldo.planning.line_jog import LineJog
+from lerobot_robot_yam.waldo.planning.jog import JointJog, LineJog
 from lerobot_robot_yam.waldo.planning.motion_limits import shares
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan
 from lerobot_robot_yam.waldo.planning.planner import Planner

@@ -7,10 +7,10 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import PlanError
+from lerobot_robot_yam.waldo.controller.status_report import axes_enabled, joints_enabled
 from lerobot_robot_yam.waldo.kinematics.frames import commanded
 from lerobot_robot_yam.waldo.kinematics.rotation import to_turn, to_vector
 from lerobot_robot_yam.waldo.kinematics.serial_chain import tool_centre
-from lerobot_robot_yam.waldo.planning.enablement import axes_enabled, joints_enabled
 from lerobot_robot_yam.waldo.planning.planner import Planner
 
 MOVES = 5

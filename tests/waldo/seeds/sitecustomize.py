@@ -21,15 +21,15 @@ def lower_case_tool_key(arm_choice):
     arm_choice.tool_key = lambda gripper: key(gripper).lower()
 
 
-def io_of_five(status_buffer):
-    take = status_buffer.StatusBuffer.take
+def io_of_five(async_client):
+    take = async_client.StatusBuffer.take
 
     def five(self, message):
         self.io = self.io[:1]
         take(self, message)
         self.io = self.io.repeat(5)
 
-    status_buffer.StatusBuffer.take = five
+    async_client.StatusBuffer.take = five
 
 
 def metres_in_pose(status_report):
@@ -85,7 +85,7 @@ def orphaned_controller(lifeline):
 SEEDS = {
     constructor_without_kwargs: W + "robot",
     lower_case_tool_key: W + "arm_choice",
-    io_of_five: W + "client.status_buffer",
+    io_of_five: W + "client.async_client",
     metres_in_pose: W + "controller.status_report",
     resume_replays_a_cancelled_move: W + "controller.controller",
     jog_without_expiry: W + "planning.streaming",

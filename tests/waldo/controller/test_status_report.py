@@ -6,9 +6,9 @@ import pytest
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.kinematics import YamKinematics
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.waldo.controller.status_report import axes_enabled, joints_enabled
 from lerobot_robot_yam.waldo.kinematics.frames import commanded
 from lerobot_robot_yam.waldo.kinematics.serial_chain import tool_centre
-from lerobot_robot_yam.waldo.planning.enablement import axes_enabled, joints_enabled
 from lerobot_robot_yam.waldo.planning.planner import Planner
 
 

@@ -1,8 +1,10 @@
-"""Jogging of the tool along and about axes. It goes on only as long as the place where it would come to rest is free.
+"""Jog commands: a speed of the joints, or of the tool along and about axes, that holds for a moment and then brakes.
 
-The tool's pose is moved on by the tool's speed, and the joints follow it by inverse kinematics, so that nothing drifts.
-Near a singularity it slows down with the joints that have to turn fast. At the end of the reach it stops; the same
-command given on does not try again, any other does.
+Each brakes at its end, at a limit, or before a thing. The same command given on does not try again, any other does.
+
+A jog of the tool moves the tool's pose on by the tool's speed, and the joints follow it by inverse kinematics, so that
+nothing drifts. It goes on only as long as the place where it would come to rest is free. Near a singularity it slows
+down with the joints that have to turn fast. At the end of the reach it stops.
 """
 
 import numpy as np
@@ -10,6 +12,7 @@ import numpy as np
 from lerobot_robot_yam.waldo.kinematics.inverse import Bounds, descend
 from lerobot_robot_yam.waldo.kinematics.rotation import cross, of_turn
 from lerobot_robot_yam.waldo.planning.motion_limits import (
+    JOG_SHARE,
     LINE_ACCELERATION_M_S2,
     LINE_ACCELERATION_RAD_S2,
     LINE_SPEED_M_S,
@@ -26,8 +29,51 @@ _TINY = 1e-9
 _JUMP_RAD = 0.6  # to where it would come to rest: another way of holding the tool
 
 
+class JointJog:
+    """One command that turns joints; renewed as long as a button is held.
+
+    Args:
+        planner: of the arm.
+        shares: (n,) signed, −1 … 1 of the jog speed.
+        accel: share 0 … 1 of the acceleration limit, for speeding up; it always brakes with all of it.
+        until_s: when it ends.
+
+    Attributes:
+        until_s: when it ends.
+    """
+
+    def __init__(self, planner: Planner, shares: np.ndarray, accel: float, until_s: float):
+        self._planner, self._shares, self._accel, self.until_s = planner, shares, accel, until_s
+        self._blocked = False
+
+    def renewed(self, newer: "JointJog") -> "JointJog":
+        """The newer command; what stood in the way of this one stands in the way of the same asked again."""
+        newer._blocked = self._blocked and np.array_equal(newer._shares, self._shares)
+        return newer
+
+    def step(self, q: np.ndarray, dq: np.ndarray, now_s: float, dt_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """The set-point (n,) rad and its speed (n,) rad/s one tick after these."""
+        limits = self._planner.limits
+        if now_s < self.until_s and not self._blocked:
+            there = self._towards(JOG_SHARE * limits.speed * self._shares, q, dq, dt_s)
+            stop = there[0] + there[1] * np.abs(there[1]) / (2.0 * limits.acceleration)
+            if self._planner.surroundings.first_conflict(np.array([q, stop])) is None:
+                return there
+            self._blocked = True
+        return self._towards(np.zeros(len(q)), q, dq, dt_s)
+
+    def _towards(self, wanted: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        planner, most = self._planner, self._planner.limits.acceleration
+        gains = (np.abs(wanted) > np.abs(dq)) & (wanted * dq >= 0.0)
+        step = np.where(gains, self._accel, 1.0) * most * dt
+        speed = dq + np.clip(wanted - dq, -step, step)
+        down, up = (_speed_within(room, most, dt) for room in (q - planner.lower, planner.upper - q))
+        speed = np.clip(speed, -down, up)
+        return q + speed * dt, speed
+
+
 class LineJog:
-    """One jog command; renewed as long as a button is held.
+    """One command that moves the tool; renewed as long as a button is held.
 
     Args:
         planner: of the arm.
@@ -153,6 +199,11 @@ class LineJog:
         self._begin(there, speed)
         self._off_line = bool(speed.any())
         return there, speed
+
+
+def _speed_within(room: np.ndarray, deceleration: np.ndarray, dt: float) -> np.ndarray:
+    """The speed at which one more tick still leaves room to brake:  v dt + v² / 2a = room;  0 without any room."""
+    return deceleration * (np.sqrt(dt**2 + 2.0 * np.maximum(room, 0.0) / deceleration) - dt)
 
 
 def _level(twist: np.ndarray) -> float:

@@ -1,4 +1,4 @@
-"""A straight line of the tool as a path of the joints: where they are, and how they turn, at shares of the way.
+"""A straight line of the tool, as a motion of the joints: first where they are on it, then when.
 
     p(s) = p0 + s Δp        R(s) = exp(s φ) R0        0 ≤ s ≤ 1,  φ the rotation vector from start to end
 
@@ -6,6 +6,9 @@ The joints at some shares come from inverse kinematics, each seeded from the one
 cubics through q and dq/ds = J⁻¹ (Δp, φ). The middle of each piece is looked at, and pieces are halved until all are
 straight. Where that does not succeed, or the joints would have to race, the line passes a singularity: two ways of
 holding the tool meet there, and an arm cannot go on at a finite speed.
+
+With the share s of the way, joints turn with q' ds/dt and accelerate with q'' (ds/dt)² + q' d²s/dt². One speed holds
+for all of a line: the highest that the tool may have, and that every joint can do everywhere on it.
 """
 
 import math
@@ -17,6 +20,15 @@ from lerobot_robot_yam.errors import PlanError
 from lerobot_robot_yam.waldo.kinematics.inverse import Bounds, descend
 from lerobot_robot_yam.waldo.kinematics.rotation import cross, of_turn, to_turn
 from lerobot_robot_yam.waldo.kinematics.serial_chain import SerialChain
+from lerobot_robot_yam.waldo.planning import ruckig_motion
+from lerobot_robot_yam.waldo.planning.motion_limits import (
+    LINE_ACCELERATION_M_S2,
+    LINE_ACCELERATION_RAD_S2,
+    LINE_RAMP_S,
+    LINE_SPEED_M_S,
+    LINE_SPEED_RAD_S,
+    Limits,
+)
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan
 
 STRAIGHT_M, STRAIGHT_RAD = 1e-4, 1e-3
@@ -26,6 +38,8 @@ _PIECE_M, _PIECE_RAD = 0.01, 0.05  # of the first division
 _DIVISIONS = 3  # how often it is halved
 _AHEAD_RAD = 0.5  # from one share to the next, that the rate there is believed
 _AT_LIMIT_RAD = 1e-6
+_SLOWEST = 0.1  # of the tool's full speed: where a joint allows no more than this, a singularity is near
+_TINY = 1e-9
 
 
 class Line(NamedTuple):
@@ -78,6 +92,44 @@ def joint_path(chain: SerialChain, line: Line, tool: np.ndarray, start_q: np.nda
         "the line passes a singularity, where the arm cannot keep the tool on it; "
         "move the joints there instead (move_j)"
     )
+
+
+def timed(
+    path: Plan, line: Line, joints: Limits, share: tuple[float, float], duration_s: float, names: list[str]
+) -> Plan:
+    """The motion along a line, as fast as the tool and each joint may go.
+
+    Args:
+        path: of the joints, see `joint_path`.
+        joints: their limits.
+        share: of the limits of speed and of acceleration.
+        duration_s: 0 as short as the limits allow.
+        names: of the joints.
+
+    Raises:
+        PlanError: a joint would have to race, or it takes longer than `duration_s`.
+    """
+    length, turn = (max(extent, _TINY) for extent in line.size)
+    speed = min(LINE_SPEED_M_S / length, LINE_SPEED_RAD_S / turn)
+    acceleration = share[1] * min(LINE_ACCELERATION_M_S2 / length, LINE_ACCELERATION_RAD_S2 / turn)
+    rates = np.maximum(np.abs(path.dq).max(axis=0), _TINY)
+    bends = np.maximum(np.abs(np.gradient(path.dq, path.times_s, axis=0)).max(axis=0), _TINY)
+    allowed = np.minimum(joints.speed / rates, np.sqrt(0.5 * joints.acceleration / bends))
+    slowest = int(allowed.argmin())
+    if allowed[slowest] < _SLOWEST * speed:
+        raise PlanError(
+            f"the line passes so near to a singularity that {names[slowest]} would have to turn "
+            f"{speed / allowed[slowest]:.0f} times faster than it may; move the joints there instead (move_j)"
+        )
+    acceleration = min(acceleration, share[1] * float((0.5 * joints.acceleration / rates).min()))
+    limits = Limits(
+        np.array([min(share[0] * speed, float(allowed.min()))]),
+        np.array([acceleration]),
+        np.array([acceleration / LINE_RAMP_S]),
+    )
+    way = ruckig_motion.move(np.zeros(1), np.zeros(1), np.ones(1), limits, duration_s)
+    q, rate = path.at(way.q[:, 0])
+    return Plan(way.times_s, q, rate * way.dq)
 
 
 def _divided(

@@ -9,7 +9,7 @@ from lerobot_robot_yam.errors import PlanError
 from lerobot_robot_yam.waldo.kinematics.frames import commanded
 from lerobot_robot_yam.waldo.kinematics.rotation import to_turn
 from lerobot_robot_yam.waldo.kinematics.serial_chain import tool_centre
-from lerobot_robot_yam.waldo.planning.line_path import STRAIGHT_M, STRAIGHT_RAD, Line
+from lerobot_robot_yam.waldo.planning.line_motion import STRAIGHT_M, STRAIGHT_RAD, Line
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan
 from lerobot_robot_yam.waldo.planning.planner import Planner
 

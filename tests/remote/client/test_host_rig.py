@@ -5,7 +5,7 @@ import select
 import pytest
 
 from lerobot_robot_yam.control.process.lifeline import Lifeline, take_nudges
-from lerobot_robot_yam.remote.client.remote_runner import RemoteRunner
+from lerobot_robot_yam.remote.client.host_rig import RemoteRunner
 
 
 @pytest.mark.parametrize(
