@@ -8,11 +8,13 @@ followers (option `follower`); with `mirror` they are where the followers are wh
 import logging
 import math
 import time
+from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 from lerobot.datasets import VideoEncodingManager
 from lerobot.rollout.strategies.core import RolloutStrategy, safe_push_to_hub
-from lerobot.utils.constants import OBS_STR
+from lerobot.utils.constants import ACTION, OBS_STR
 from lerobot.utils.feature_utils import build_dataset_frame
 from lerobot.utils.keyboard_input import create_key_listener
 from lerobot.utils.robot_utils import precise_sleep
@@ -21,11 +23,56 @@ from lerobot.utils.utils import log_say
 from lerobot_robot_yam.face.devices.feature_names import space_of
 from lerobot_robot_yam.face.operator_keys import requests
 from lerobot_strategy_yam.config_yam_dagger import YamDaggerStrategyConfig
-from lerobot_strategy_yam.episodes import Episodes
 from lerobot_strategy_yam.take_over_signals import HELP, TakeOverSignals, Wish
 from lerobot_strategy_yam.taken_arms import Action, TakenArms, WayBack
 
 logger = logging.getLogger(__name__)
+
+
+class _Episodes:
+    """Of the data set: frames are added without a gap, then the episode is kept or dropped.
+
+    Args:
+        dataset: LeRobot's, open to write.
+        features: of its frames.
+        task: of each frame.
+        longest: frames of an episode at most.
+
+    Attributes:
+        saved: how many were kept.
+    """
+
+    def __init__(self, dataset: Any, features: Mapping[str, Any], task: str, longest: int):
+        self._dataset, self._features, self._task, self._longest = dataset, features, task, longest
+        self._frames = self.saved = 0
+
+    @property
+    def full(self) -> bool:
+        """Whether the present one is as long as it may be."""
+        return self._frames >= self._longest
+
+    def add(self, observation: Mapping[str, Any], action: Mapping[str, float], intervention: bool) -> None:
+        """Add a frame: what was seen, and what was asked for then; by whom."""
+        frame = build_dataset_frame(self._features, observation, prefix=OBS_STR)
+        frame |= build_dataset_frame(self._features, action, prefix=ACTION)
+        self._dataset.add_frame(frame | {"task": self._task, "intervention": np.array([intervention])})
+        self._frames += 1
+
+    def keep(self) -> bool:
+        """Save the present one, unless it is empty; whether there was one."""
+        if not self._frames:
+            return False
+        self._dataset.save_episode()
+        logger.info("episode %d saved, %d frames", self.saved, self._frames)
+        self._frames, self.saved = 0, self.saved + 1
+        return True
+
+    def discard(self) -> None:
+        """Drop the present one."""
+        if self._frames:
+            self._dataset.clear_episode_buffer()
+            logger.info("episode %d discarded, %d frames", self.saved, self._frames)
+            self._frames = 0
 
 
 class YamDaggerStrategy(RolloutStrategy):
@@ -57,7 +104,7 @@ class YamDaggerStrategy(RolloutStrategy):
         self._rewinds = self._policy_runs = self._compiled = False
         longest = max(round(cfg.dataset.episode_time_s * cfg.fps), 1)
         task = cfg.dataset.single_task or cfg.task
-        self._episodes = Episodes(ctx.data.dataset, ctx.data.dataset_features, task, longest)
+        self._episodes = _Episodes(ctx.data.dataset, ctx.data.dataset_features, task, longest)
         self._seen: dict[str, Any] = {}
         self._listener = create_key_listener(self._signals.key, controls_help=HELP)
         requests.join(self._signals, first=True)

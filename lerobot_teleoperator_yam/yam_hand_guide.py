@@ -11,7 +11,7 @@ from lerobot.utils.decorators import check_if_already_connected, check_if_not_co
 from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.face.devices.feature_names import TOOL_NUMBERS, motor_names
 from lerobot_robot_yam.face.devices.hand_guidance import HandGuidance
-from lerobot_robot_yam.face.operator_keys.typed_keys import TypedKeys
+from lerobot_robot_yam.face.operator_keys.keyboard import TypedKeys
 from lerobot_robot_yam.face.recorder.record_command import saves_finished_episode
 from lerobot_robot_yam.system.uncopyable import Uncopied
 from lerobot_teleoperator_yam.config_yam_hand_guide import BiYamHandGuideConfig, YamHandGuideConfig

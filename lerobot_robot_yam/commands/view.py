@@ -98,7 +98,7 @@ def _watched(args: argparse.Namespace) -> contextlib.AbstractContextManager[None
 
 def _data(page: "Page", args: argparse.Namespace, driver: "Driver | None") -> "Part":
     from lerobot_robot_yam.doctor.kit.targets import Plan, from_config
-    from lerobot_robot_yam.face.datasets.located import locate
+    from lerobot_robot_yam.face.datasets.layout import locate
     from lerobot_robot_yam.viewer.data.data_part import DataPart
     from lerobot_robot_yam.viewer.data.recorded_arms import followers
 

@@ -7,18 +7,13 @@ now, if that is loaded already, else by an import hook at the moment it is. Ever
 Other plugins claim some of our names. Each device therefore has a spare name, and a name that is taken costs us that
 name only.
 
-The same moment serves for three messages. One says that LeRobot is newer than tested; one that the command's config
-file is no YAML (`config_file`). The third shortens LeRobot's page about FFmpeg: torchcodec tries FFmpeg 4 to 8, and
-LeRobot logs all attempts before it reads videos with PyAV, which has an FFmpeg with it. Where anything else than
-missing libraries was the reason, the page is shown as it is.
+The same moment serves for what is to be said before all else, see `start_messages`.
 """
 
 import importlib
 import importlib.abc
-import importlib.metadata
 import importlib.util
 import logging
-import re
 import sys
 from collections.abc import Callable, Sequence
 from importlib.machinery import ModuleSpec
@@ -26,7 +21,7 @@ from types import ModuleType
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.config_file import refuse_unreadable
+from lerobot_robot_yam.face.start_messages import refuse_unreadable, shorten_page_about_ffmpeg, warn_if_newer
 from lerobot_robot_yam.system.other_plugins import distribution_of, is_foreign, mixture
 
 # LeRobot's modules that hold a registry, and our modules that register types there.
@@ -49,16 +44,7 @@ REGISTRIES = {
     "lerobot.configs.policies": ("lerobot_robot_yam.face.openpi.configuration_openpi",),
 }
 
-NEWEST_TESTED = "0.6.2"  # the repository's state of August 2026; 0.6.1 is the package index's newest
-
-_BEGIN, _END = "[start of libtorchcodec loading traceback]", "[end of libtorchcodec loading traceback]"
-_ATTEMPT = re.compile(r"^FFmpeg version \d+:\n", re.MULTILINE)
-# The innermost exception of an attempt: the system's loader has not found FFmpeg.
-_MISSING = re.compile(r"^OSError: lib(?:av|sw)\w+\.so\.\d+: cannot open shared object file: No such file", re.MULTILINE)
-_INSTEAD = "FFmpeg's libraries are not installed: LeRobot reads videos with PyAV, which does as well"
-
 logger = logging.getLogger(__name__)
-_told_of_newer = False
 _registering: set[str] = set()  # modules that have called `register_as`: ours, not somebody else's of the same name
 
 
@@ -87,7 +73,7 @@ def register_types(lerobot_module: str) -> None:
     warn_if_newer()
     if not _registering:  # once: before the first of ours
         refuse_unreadable()
-    logging.getLogger("lerobot.utils.import_utils").addFilter(_shorten)  # adds it once
+    shorten_page_about_ffmpeg()
     for name in REGISTRIES[lerobot_module]:
         _register_types_of(name)
 
@@ -167,50 +153,3 @@ class _ThenRegister(importlib.abc.Loader):
             module.__spec__.loader = self._loader
         self._loader.exec_module(module)
         register_types(module.__name__)
-
-
-def warn_if_newer() -> None:
-    """Say so, once in a process, when the installed LeRobot is newer than any that this package is tested with."""
-    global _told_of_newer
-    if _told_of_newer:
-        return
-    _told_of_newer = True
-    try:
-        installed = importlib.metadata.version("lerobot")
-    except importlib.metadata.PackageNotFoundError:  # a source tree on the path, which has no version
-        return
-    if _release(installed) > _release(NEWEST_TESTED):
-        logger.warning(
-            "LeRobot %s is newer than %s, the newest that the YAM driver is tested with. "
-            "If something fails, look for a newer driver, or install that LeRobot",
-            installed,
-            NEWEST_TESTED,
-        )
-
-
-def _release(version: str) -> tuple[int, ...]:
-    """The first three numbers of a version, without what says of which pre-release or build it is."""
-    return tuple(int(number) for number in re.findall(r"\d+", version)[:3])
-
-
-class _Shorten(logging.Filter):
-    """Lets one line pass the first time, and nothing after that."""
-
-    told = False
-
-    def filter(self, record: logging.LogRecord) -> bool:
-        """Whether to show a record; one about FFmpeg's absence is shortened."""
-        if not _is_absence(record.getMessage()):
-            return True
-        record.msg, record.args = _INSTEAD, ()
-        told, self.told = self.told, True
-        return not told
-
-
-_shorten = _Shorten()
-
-
-def _is_absence(message: str) -> bool:
-    _, begun, rest = message.partition(_BEGIN)
-    attempts = _ATTEMPT.split(rest.partition(_END)[0])[1:]
-    return bool(begun and attempts) and all(_MISSING.search(attempt) for attempt in attempts)

@@ -15,7 +15,7 @@ from lerobot.teleoperators import TeleoperatorConfig, make_teleoperator_from_con
 
 import lerobot_robot_yam
 from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, YamFollowerConfig
-from lerobot_robot_yam.face.registration import NEWEST_TESTED
+from lerobot_robot_yam.face.start_messages import NEWEST_TESTED
 from lerobot_robot_yam.system import other_plugins
 from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, YamLeaderConfig
 from tests.support.plugins import THEIR_TYPES, write_metadata, write_plugin
@@ -138,7 +138,7 @@ def test_which_lerobot_is_newer(version, warned, tmp_path):
     write_metadata(tmp_path, "lerobot", version)
     done = run(
         tmp_path,
-        "from lerobot_robot_yam.face.registration import warn_if_newer; warn_if_newer(); warn_if_newer()",
+        "from lerobot_robot_yam.face.start_messages import warn_if_newer; warn_if_newer(); warn_if_newer()",
     )
     assert done.stderr.count("newer than") == warned, done.stderr
 

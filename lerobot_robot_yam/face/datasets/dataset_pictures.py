@@ -1,5 +1,11 @@
-"""Single pictures of a data set's videos, decoded by PyAV: LeRobot does the same, but loads torch for it."""
+"""Pictures of a data set's videos, decoded by PyAV: one at a time, or an episode's as small grey thumbnails.
 
+LeRobot does the same, but loads torch for it.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 
 import av
@@ -7,8 +13,9 @@ import numpy as np
 
 from lerobot_robot_yam.errors import DatasetError
 from lerobot_robot_yam.face.datasets.check.opened_dataset import OpenedDataset, RecordedEpisode
-from lerobot_robot_yam.face.datasets.check.thumbnails import numbered
 from lerobot_robot_yam.face.datasets.layout import is_depth
+
+WIDTH, HEIGHT = 64, 48  # of a thumbnail; a pixel is the mean of about 10 x 10 in a picture of 640 x 480
 
 
 class DatasetPictures:
@@ -44,9 +51,7 @@ class DatasetPictures:
 
     def _decoded(self, camera: str, path: Path, start_s: float, frame: int) -> av.VideoFrame:
         video, stream = self._opened(camera, path)
-        assert stream.time_base is not None
-        video.seek(round((start_s + (frame + 0.5) / self._data.fps) / stream.time_base), stream=stream)
-        for number, picture in numbered(video, stream, start_s, self._data.fps):
+        for number, picture in _pictures_from(frame, video, stream, start_s, self._data.fps):
             if number == frame:
                 return picture
             if number > frame:
@@ -74,3 +79,68 @@ def _grey(distances: np.ndarray) -> np.ndarray:
     low, high = float(distances.min()), float(distances.max())
     shade = ((distances - low) * (255.0 / max(high - low, 1e-9))).astype(np.uint8)
     return np.repeat(shade[..., None], 3, axis=2)
+
+
+@dataclass(frozen=True)
+class Thumbnails:
+    """Small grey pictures of one camera in an episode.
+
+    Attributes:
+        frames: (k,) numbers of the frames in the episode, growing.
+        images: (k, HEIGHT, WIDTH) uint8, grey.
+    """
+
+    frames: np.ndarray
+    images: np.ndarray
+
+
+def decode(path: Path, start_s: float, length: int, fps: float, step: int) -> Thumbnails:
+    """Pictures of the frames 0 … length - 1 that begin at start_s of a video.
+
+    Args:
+        step: 1 for all frames. Else the key frames at or just before every so many frames, and before the last: only
+            these are decoded. LeRobot makes every second frame a key frame.
+
+    Raises:
+        av.FFmpegError, OSError, EOFError: the video cannot be decoded.
+    """
+    with av.open(str(path)) as video:
+        if not video.streams.video:
+            raise EOFError("there are no pictures in it")
+        stream = video.streams.video[0]
+        if stream.time_base is None:
+            raise EOFError("it has no times")
+        found: dict[int, np.ndarray] = {}
+        wanted = range(1) if step == 1 else sorted({*range(0, length, step), length - 1})
+        if step > 1:
+            stream.codec_context.skip_frame = "NONKEY"
+            stream.codec_context.thread_count = 1  # more would wait for pictures that nobody wants
+        for target in wanted:
+            pictures = _pictures_from(target, video, stream, start_s, fps)
+            if step == 1:
+                inside = takewhile(lambda one: one[0] < length, pictures)
+                found = {frame: _small(picture) for frame, picture in inside if frame >= 0}
+            else:
+                frame, picture = next(pictures, (-1, None))
+                if picture is None:
+                    raise EOFError(f"it ends before frame {target} of the episode")
+                if 0 <= frame < length and frame not in found:
+                    found[frame] = _small(picture)
+    frames = sorted(found)
+    images = np.stack([found[frame] for frame in frames]) if frames else np.empty((0, HEIGHT, WIDTH), np.uint8)
+    return Thumbnails(np.array(frames, int), images)
+
+
+def _small(picture: av.VideoFrame) -> np.ndarray:
+    return picture.reformat(WIDTH, HEIGHT, "gray", interpolation="AREA").to_ndarray()
+
+
+def _pictures_from(
+    frame: int, video: av.container.InputContainer, stream: av.VideoStream, start_s: float, fps: float
+) -> Iterator[tuple[int, av.VideoFrame]]:
+    """Pictures from a frame on, or a little before, and which frames of the episode that begins at start_s they are."""
+    assert stream.time_base is not None
+    video.seek(round((start_s + (frame + 0.5) / fps) / stream.time_base), stream=stream)
+    for picture in video.decode(stream):
+        if picture.pts is not None:
+            yield round((float(picture.pts * stream.time_base) - start_s) * fps), picture

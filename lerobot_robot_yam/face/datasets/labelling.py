@@ -15,10 +15,9 @@ from lerobot.datasets import LeRobotDataset, add_features, delete_episodes
 from lerobot.utils.constants import SUCCESS as FRAME_COLUMN
 
 from lerobot_robot_yam.errors import ConfigError, DatasetError, YamError
+from lerobot_robot_yam.face.datasets.dataset_copy import copy_side_cars, written_aside
 from lerobot_robot_yam.face.datasets.layout import Progress
 from lerobot_robot_yam.face.datasets.repair.rebuild import verify
-from lerobot_robot_yam.face.datasets.side_cars import copy_side_cars
-from lerobot_robot_yam.face.datasets.written_aside import written_aside
 from lerobot_robot_yam.face.recorder.outcomes import DISCARD, SUCCESS, Outcome
 
 EPISODE_COLUMN = "success"

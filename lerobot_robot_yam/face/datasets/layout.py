@@ -1,6 +1,6 @@
-"""What the files of a LeRobot data set (format v3) say, for those who read them without LeRobot.
+"""Where a LeRobot data set (format v3) is, and what its files say, for those who read them without LeRobot.
 
-LeRobot takes seconds to import; nothing here needs it.
+LeRobot takes seconds to import: nothing here needs it, but to find a data set by its name.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -8,10 +8,40 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.system.paths import user_path
+
 Progress = Callable[[Iterable[Any]], Iterable[Any]]
 """Wraps a loop to show how far it is."""
 
 DEGREES_SUFFIX = "_degrees"  # of the name of a robot whose joints are recorded in degrees
+
+
+def locate(path_or_repo_id: str) -> Path:
+    """The directory of a data set, given itself or as the name that LeRobot stores it under, here or on the Hub.
+
+    One that is not on this computer is downloaded by LeRobot.
+
+    Raises:
+        ConfigError: there is no such data set, or it cannot be downloaded.
+    """
+    path = user_path(path_or_repo_id)
+    if path.is_dir():
+        return path
+    from lerobot.utils.constants import HF_LEROBOT_HOME
+
+    stored = HF_LEROBOT_HOME / path_or_repo_id
+    if (stored / "meta").is_dir():
+        return stored
+    from lerobot.datasets import LeRobotDataset  # seconds to import
+
+    try:
+        return Path(LeRobotDataset(path_or_repo_id).root)
+    except Exception as error:  # no such name, no network: LeRobot and the Hub raise anything
+        raise ConfigError(
+            f"{path_or_repo_id} is no directory, no data set in {HF_LEROBOT_HOME}, and cannot be had from the Hub: "
+            f"{type(error).__name__}: {str(error).partition(chr(10))[0][:200]}"
+        ) from error
 
 
 def clip_columns(key: str) -> list[str]:

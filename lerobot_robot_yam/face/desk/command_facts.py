@@ -1,23 +1,68 @@
-"""What can be known of the LeRobot command in this process, from its own objects: for a page beside it."""
+"""What can be known of the LeRobot command in this process, for a page beside it: by its own objects, and its pace."""
 
 import shutil
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Mapping
 from types import FrameType
 from typing import Any
 
-from lerobot_robot_yam.face.desk.disk_left import DiskLeft, disk_warning
-from lerobot_robot_yam.face.desk.tick_pace import TickPace
 from lerobot_robot_yam.face.operator_keys import requests, running_command
 from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation
+from lerobot_robot_yam.face.recorder.disk_guard import DiskLeft, disk_warning
 from lerobot_robot_yam.face.recorder.record_command import PACKAGE, callers
 
 _NAMES = ("record", "rollout", "eval")
 _SCRIPTS = {str(PACKAGE / "scripts" / f"lerobot_{name}.py"): f"lerobot-{name}" for name in _NAMES}
 _EVALUATION = "lerobot-eval"
 _LIVE = (Phase.RECORDING, Phase.AUTONOMOUS, Phase.CORRECTING)  # a data set may grow
+_LATE = 1.5  # of a tick's time, as `EpisodeFigures` counts
+_RECENT_S = 5.0  # whose ticks make a rate
+_KEPT = 4096  # times that nobody has counted yet
+
+
+class TickPace:
+    """How fast a command's loop really runs: of one loop after the other.
+
+    The loop itself only notes the time, in `tick`; another thread counts.
+    """
+
+    def __init__(self) -> None:
+        self._new = deque[float](maxlen=_KEPT)
+        self._recent = deque[float]()
+        self._run: float | None = None
+        self._late = 0
+
+    def tick(self) -> None:
+        """The loop has observed, just now."""
+        self._new.append(time.perf_counter())
+
+    def count(self, run: float, began_s: float, fps: float) -> tuple[float | None, int]:
+        """Ticks per second, of the last 5 s, and how many ticks of this run of the loop came late.
+
+        Args:
+            run: tells it from the one before.
+            began_s: when it began, on `time.perf_counter`.
+            fps: ticks per second that are asked for.
+
+        Returns:
+            None in the place of the rate, before there are two ticks.
+        """
+        if run != self._run:
+            self._run, self._late = run, 0
+            self._recent.clear()
+        while self._new:
+            at_s = self._new.popleft()
+            if at_s >= began_s:
+                self._late += bool(self._recent) and at_s - self._recent[-1] > _LATE / fps
+                self._recent.append(at_s)
+        while len(self._recent) > 1 and self._recent[-1] - self._recent[0] > _RECENT_S:
+            self._recent.popleft()
+        if len(self._recent) < 2:
+            return None, self._late
+        return (len(self._recent) - 1) / (self._recent[-1] - self._recent[0]), self._late
 
 
 class CommandFacts:

@@ -11,8 +11,7 @@ import time
 from types import FrameType
 
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.face.desk.command_facts import CommandFacts, command_of
-from lerobot_robot_yam.face.desk.tick_pace import TickPace
+from lerobot_robot_yam.face.desk.command_facts import CommandFacts, TickPace, command_of
 from lerobot_robot_yam.face.operator_keys import requests
 from lerobot_robot_yam.face.operator_keys.meanings import Meaning
 from lerobot_robot_yam.face.operator_keys.operator_keys import OperatorKeys

@@ -13,8 +13,7 @@ import numpy as np
 from lerobot_robot_yam.arm.config import ArmConfig, lead_of
 from lerobot_robot_yam.errors import ConfigError, YamError
 from lerobot_robot_yam.face.devices.feature_names import motor_names
-from lerobot_robot_yam.face.devices.follower_check import check_followers
-from lerobot_robot_yam.face.devices.pair_check import Models, Spoken, check_pair
+from lerobot_robot_yam.face.devices.pair_check import Models, Spoken, check_followers, check_pair
 from lerobot_robot_yam.face.recorder.record_command import stop_after_saving, tell_what_is_kept, under_a_command
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession, Isolation

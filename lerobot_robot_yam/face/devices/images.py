@@ -1,16 +1,22 @@
-"""The cameras of a robot: which rig they look at, their newest images, and some patience with one that is late."""
+"""The cameras of a run config: which rig they look at, one opened by itself, the newest images of all.
+
+There is some patience with one that is late.
+"""
 
 import dataclasses
+import importlib
 import logging
 import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+import draccus
 from lerobot.cameras.camera import Camera
 from lerobot.cameras.configs import CameraConfig
+from lerobot.cameras.utils import make_cameras_from_configs
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.errors import StaleStateError
+from lerobot_robot_yam.errors import CameraError, ConfigError, StaleStateError
 from lerobot_robot_yam.rig.scene.scene import Options
 from lerobot_robot_yam.system.runtime_files import rig_name
 
@@ -27,6 +33,7 @@ _DEAD_MS = 800
 PATIENCE_S = 3.0
 _GLANCE_S = 0.005
 _ASLEEP_S = 0.1  # between two glances, or more: somebody else had the machine, and the cameras no chance either
+_REGISTER = ("lerobot.cameras.opencv", "lerobot.cameras.realsense")  # as LeRobot's commands import them
 _SCENE_OPTIONS = {field.name for field in dataclasses.fields(Options)}
 
 
@@ -45,6 +52,32 @@ def beside_arms(camera: Any, arms: Iterable[ArmConfig]) -> Any:
         scene=camera.scene or said.get("scene"),
         rig_options=camera.rig_options or options,
     )
+
+
+def open_camera(name: str, options: Mapping[str, Any], arms: Iterable[ArmConfig] = ()) -> Camera:
+    """A camera that is connected; whoever opens it disconnects it.
+
+    Args:
+        name: what messages call it.
+        options: as in a run config, with its type.
+        arms: of that config; a camera `yam_sim` looks at their rig.
+
+    Raises:
+        ConfigError: LeRobot does not take these options.
+        CameraError: it cannot be opened.
+    """
+    for module in _REGISTER:
+        importlib.import_module(module)
+    try:
+        config = beside_arms(draccus.decode(CameraConfig, dict(options)), arms)
+    except Exception as error:  # draccus raises anything
+        raise ConfigError(f"camera {name}: {error}") from error
+    try:
+        (camera,) = make_cameras_from_configs({name: config}).values()
+        camera.connect()
+    except Exception as error:  # so do drivers of cameras
+        raise CameraError(f"camera {name} cannot be opened: {error}; does another program use it?") from error
+    return camera
 
 
 def newest_images(cameras: Mapping[str, Camera], configs: Mapping[str, CameraConfig]) -> tuple[dict[str, Any], bool]:

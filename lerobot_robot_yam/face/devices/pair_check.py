@@ -1,18 +1,25 @@
-"""Whether the actions of two devices of one process mean the same: a leader's and its follower's."""
+"""Leader and follower before they are energised: whether it can be led from here, and their actions mean the same."""
 
 import inspect
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from lerobot_robot_yam.arm.config import SOCKETCAN, ArmConfig, lead_of
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
-from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.errors import ChannelInUseError, ConfigError
+from lerobot_robot_yam.face.devices.command_options import channels_of
 from lerobot_robot_yam.face.devices.feature_names import space_of
 from lerobot_robot_yam.face.recorder.record_command import under_a_command
+from lerobot_robot_yam.state.records import channel_key
+from lerobot_robot_yam.system.runtime_files import runtime_dir, sessions
 
 Models = Sequence[tuple[ArmProfile, GripperProfile]]
 """Of each arm in canonical order: the arm and end effector that actions speak of."""
+
+_INTERFACES = Path("/sys/class/net")
 
 
 @dataclass(frozen=True)
@@ -56,4 +63,41 @@ def check_pair(one: Spoken, other: Spoken) -> None:
             raise ConfigError(
                 f"{both}: one speaks of {arm.name} with {gripper.name}, the other of {other_arm.name} with "
                 f"{other_gripper.name}; set follower_arm and ee_gripper of the leader's arm to what the follower is"
+            )
+
+
+def check_followers(leaders: Sequence[ArmConfig], driven: Collection[str]) -> None:
+    """Refuse followers (a leader's option `follower`) that this process cannot lead.
+
+    Args:
+        leaders: of the leaders' arms.
+        driven: keys of the channels whose arms this process drives.
+
+    Raises:
+        ConfigError: the command's robot has other channels; or there is no such CAN interface.
+        ChannelInUseError: another process drives it.
+    """
+    robot = channels_of("robot")
+    holders = sessions(runtime_dir())
+    for config in leaders:
+        lead = lead_of(config)
+        if lead is None:
+            continue
+        key = channel_key(config.interface, lead.follower, config.can_options.get("rig"))
+        if key in driven:
+            continue
+        if robot and lead.follower not in robot.values():
+            raise ConfigError(
+                f"{config.name}: its follower {lead.follower} is no arm of this command's robot, which has "
+                f"{', '.join(robot.values())}; set follower to one of these"
+            )
+        if key in holders:
+            raise ChannelInUseError(
+                f"{config.name}: its follower {lead.follower} is driven by process {holders[key]} (ps -p "
+                f"{holders[key]}), which takes no targets from here; end it first"
+            )
+        if config.interface == SOCKETCAN and not (_INTERFACES / lead.follower).exists():
+            raise ConfigError(
+                f"{config.name}: its follower's channel {lead.follower} is no CAN interface of this computer "
+                "(yam-setup-can --list shows them); is the adapter plugged in?"
             )

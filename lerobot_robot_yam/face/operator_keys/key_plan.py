@@ -1,4 +1,7 @@
-"""Which of LeRobot's keys brings a command closer to what a button means. Pure: no clock, no keyboard."""
+"""What a button does to a LeRobot command, and the same in words. Pure: no clock, no keyboard.
+
+A key of LeRobot's brings the command closer to what the button means; only a stop sets flags (`StopRequest`).
+"""
 
 import math
 from collections.abc import Callable, Mapping
@@ -7,6 +10,7 @@ from enum import Enum
 from typing import Any
 
 from lerobot_robot_yam.face.operator_keys.meanings import LABELS, Meaning
+from lerobot_robot_yam.face.recorder.record_command import AGAIN, LEAVE_LOOP, STOP
 
 RECORD = "lerobot-record"
 _KEY_S = 0.2  # a key is on its way for about 0.03 s, and is answered at the next frame
@@ -131,6 +135,35 @@ def rescue(now: Situation) -> str | None:
     return now.keys.get(Meaning.RERECORD) if empty else None
 
 
+class StopRequest:
+    """One press of a button that stops a command which records episode by episode. Its flags are set.
+
+    LeRobot's stop key sets two flags at once: stop, and leave the loop. A key is on its way for a moment. One that
+    arrives when the next episode has begun ends it before its first frame, and LeRobot, which then saves it, ends with
+    an error. So the button sets the same flags itself, one after the other:
+
+        stop       at once: no further episode begins, unless it has begun already
+        re-record  when the recorded episode has begun since, or the one to be saved has no frame: nobody wants it
+        leave      in a loop that was seen while the flags above were set: behind it comes no episode
+
+    Args:
+        now: the situation in which the button is pressed.
+    """
+
+    def __init__(self, now: Situation):
+        self._turn = now.turn if now.phase is Phase.RECORDING and now.frames else None
+        now.flags[STOP] = True
+
+    def advance(self, now: Situation) -> bool:
+        """Look at the command anew; whether nothing is left to do."""
+        if now.phase not in (Phase.RECORDING, Phase.RESETTING):
+            return not now.command
+        if now.turn != self._turn if now.phase is Phase.RECORDING else not now.frames:
+            now.flags[AGAIN] = True
+        now.flags[LEAVE_LOOP] = True
+        return True
+
+
 def refusal(meaning: Meaning, button: str, now: Situation) -> str:
     """Why a button that is no label does nothing now."""
     what = f"button {button} ({meaning})"
@@ -140,3 +173,67 @@ def refusal(meaning: Meaning, button: str, now: Situation) -> str:
         return f"{what}: means nothing to {now.command}"
     ends = ", which ends by itself in a moment" if now.ends_by_itself else ""
     return f"{what}: not now, {now.command} is {now.phase.value}{ends}"
+
+
+_WORDS = {
+    Meaning.PAUSE: "pauses the policy; once more: it goes on",
+    Meaning.CORRECT: "takes over from the policy; once more: ends the correction",
+    Meaning.GO_ON: "gives the arms back to the policy",
+    Meaning.SAVE: "keeps what was seen last, and what comes; once more: ends it",
+    Meaning.UPLOAD: "uploads the data set",
+    Meaning.STOP: "ends the command",
+}
+_OF_EPISODES = {
+    (Meaning.NEXT, Phase.RECORDING): "ends episode {episode}",
+    (Meaning.NEXT, Phase.RESETTING): "ends the reset, and saves episode {episode}",
+    (Meaning.RERECORD, Phase.RECORDING): "drops episode {episode}, and records it again after a reset",
+    (Meaning.RERECORD, Phase.RESETTING): "drops episode {episode}, and records it again now",
+    (Meaning.STOP, Phase.RECORDING): "ends and saves episode {episode}, then the command",
+    (Meaning.STOP, Phase.RESETTING): "saves episode {episode}, then ends the command",
+}
+_DROPPED = {
+    Meaning.NEXT: "ends the reset, and records episode {episode} again",
+    Meaning.RERECORD: "ends the reset, and records episode {episode} again",
+    Meaning.STOP: "ends the command; episode {episode} is dropped",
+}
+
+
+def offers(now: Situation, first: int, automatic: bool) -> dict[str, str]:
+    """Of each meaning that does something now, what that is.
+
+    Args:
+        now: what the command does.
+        first: episodes of the data set before this session.
+        automatic: episodes end by themselves.
+    """
+    found = {}
+    for meaning in Meaning:
+        words = _label(meaning, now, first, automatic) if meaning in LABELS else _key(meaning, now)
+        if words:
+            found[meaning.value] = words
+    return found
+
+
+def _key(meaning: Meaning, now: Situation) -> str:
+    goal = wanted(meaning, now)
+    stops = meaning is Meaning.STOP and now.flags
+    does = single_key(meaning, now) is not None if goal is None else step(goal, now) is not None
+    if not (does or stops):
+        return ""
+    if now.drops and meaning in _DROPPED:
+        return _DROPPED[meaning].format(episode=_count(now))
+    return _OF_EPISODES.get((meaning, now.phase), _WORDS.get(meaning, "")).format(episode=_count(now))
+
+
+def _label(meaning: Meaning, now: Situation, first: int, automatic: bool) -> str:
+    frames = frames_to_label(now, automatic)
+    if now.dataset is None or frames is None:
+        return ""
+    if not frames:
+        return f"labels episode {_count(now) - 1}" if _count(now) > first else ""
+    ends = single_key(meaning, now) is not None or now.phase is Phase.CORRECTING
+    return f"labels episode {_count(now)}{', and ends it' if ends else ''}"
+
+
+def _count(now: Situation) -> int:
+    return now.dataset.num_episodes if now.dataset is not None else 0

@@ -9,14 +9,13 @@ from queue import Empty, SimpleQueue
 from types import FrameType
 
 from lerobot_robot_yam.errors import ConfigError, YamError
-from lerobot_robot_yam.face.operator_keys import key_plan, key_words, requests, running_command
+from lerobot_robot_yam.face.operator_keys import key_plan, requests, running_command
 from lerobot_robot_yam.face.operator_keys.auto_episodes import AutoEpisodes, all_lifted, led_by_hand
 from lerobot_robot_yam.face.operator_keys.edges import RisingEdges, buttons_of
-from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation
+from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation, StopRequest
 from lerobot_robot_yam.face.operator_keys.keyboard import Keyboard, keyboard
 from lerobot_robot_yam.face.operator_keys.meanings import LABELS, Meaning
 from lerobot_robot_yam.face.operator_keys.requests import Press
-from lerobot_robot_yam.face.operator_keys.stop_request import StopRequest
 from lerobot_robot_yam.face.recorder.outcome_book import OutcomeBook
 from lerobot_robot_yam.state.records import ArmState
 
@@ -150,7 +149,7 @@ class OperatorKeys:
 
     def offers(self, now: Situation, first: int) -> dict[str, str]:
         """See `Doer`."""
-        return key_words.offers(now, first, self._automatic)
+        return key_plan.offers(now, first, self._automatic)
 
     def _answer(self, press: Press, now: Situation, now_s: float) -> None:
         button, meaning = press.by, press.meaning

@@ -62,7 +62,7 @@ class LiveCamera:
         self._thread.start()
 
     def _run(self, name: str, options: Mapping[str, Any], arms: Sequence[ArmConfig]) -> None:
-        from lerobot_robot_yam.face.single_camera import open_camera  # LeRobot: seconds
+        from lerobot_robot_yam.face.devices.images import open_camera  # LeRobot: seconds
 
         try:
             camera = open_camera(name, options, arms)

@@ -1,6 +1,7 @@
-"""Which key a button presses in which situation."""
+"""Which key a button presses in which situation, and what is said of it."""
 
 import itertools
+import math
 
 import pytest
 
@@ -8,6 +9,7 @@ from lerobot_robot_yam.face.operator_keys.key_plan import (
     Phase,
     Situation,
     frames_to_label,
+    offers,
     refusal,
     rescue,
     single_key,
@@ -25,8 +27,8 @@ POLICY_PHASES = (Phase.AUTONOMOUS, Phase.PAUSED, Phase.CORRECTING)
 class Dataset:
     """As much of a data set as a situation looks at."""
 
-    def __init__(self, frames):
-        self.writer, self.episode_buffer = self, {"size": frames}
+    def __init__(self, frames, count=0):
+        self.writer, self.episode_buffer, self.num_episodes = self, {"size": frames}, count
 
 
 def situation(phase, keys=EPISODES, frames=9, **more):
@@ -138,3 +140,44 @@ def test_a_button_that_does_nothing_says_why(meaning, keys):
     if meaning in LABELS or wanted(meaning, now) or single_key(meaning, now):
         return
     assert refusal(meaning, "left_top", now).startswith(f"button left_top ({meaning}): ")
+
+
+def recording(phase, frames=9, count=3, drops=False, left_s=math.inf):
+    data, flags = Dataset(frames, count), {"exit_early": False}
+    return Situation("lerobot-record", phase, EPISODES, data, 1.0, drops, left_s, flags)
+
+
+def test_while_an_episode_is_recorded():
+    words = offers(recording(Phase.RECORDING), 0, automatic=False)
+    assert set(words) == {"next", "rerecord", "stop", *LABELS}
+    assert words["next"] == "ends episode 3" and words["success"] == "labels episode 3, and ends it"
+
+
+def test_in_the_reset_labels_end_nothing():
+    words = offers(recording(Phase.RESETTING), 0, automatic=False)
+    assert words["next"] == "ends the reset, and saves episode 3" and words["success"] == "labels episode 3"
+
+
+def test_a_dropped_episode_has_no_label():
+    now = recording(Phase.RESETTING, drops=True)
+    words = offers(now, 0, automatic=False)
+    assert not set(LABELS) & set(words) and words["next"] == "ends the reset, and records episode 3 again"
+    assert offers(now, 0, automatic=True)["failure"] == "labels episode 2"  # what is dropped there was never one
+    assert "failure" not in offers(now, 3, automatic=True)  # and that one is an earlier session's
+
+
+def test_before_the_first_episode_there_is_only_the_end():
+    assert set(offers(recording(Phase.BETWEEN, frames=0), 3, automatic=False)) == {"stop"}
+
+
+@pytest.mark.parametrize("keys", [DAGGER, HIGHLIGHT, {}], ids=["dagger", "highlight", "no keys"])
+def test_a_strategy_offers_what_its_keys_do(keys):
+    for phase, meaning in itertools.product(Phase, set(Meaning) - set(LABELS)):
+        now = Situation("a strategy", phase, keys, Dataset(0, 0))
+        goal = wanted(meaning, now)
+        does = single_key(meaning, now) if goal is None else step(goal, now)
+        assert (meaning in offers(now, 0, automatic=False)) == (does is not None)
+
+
+def test_without_a_command_nothing_is_offered():
+    assert offers(Situation(), 0, automatic=False) == {}

@@ -15,7 +15,7 @@ from lerobot_robot_yam.face.operator_keys.operator_keys import OperatorKeys
 from lerobot_robot_yam.face.operator_keys.requests import Press
 from lerobot_strategy_yam.take_over_signals import TakeOverSignals
 from lerobot_teleoperator_yam.yam_leader import BiYamLeader
-from tests.face.operator_keys.test_key_words import recording
+from tests.face.operator_keys.test_key_plan import recording
 from tests.strategy.test_config import leading
 from tests.support.strategy_here import HereConfig
 

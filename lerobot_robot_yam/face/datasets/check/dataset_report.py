@@ -18,7 +18,7 @@ from lerobot_robot_yam.face.datasets.check.opened_dataset import (
     open_dataset,
 )
 from lerobot_robot_yam.face.datasets.check.row_checks import check_rows, statistics
-from lerobot_robot_yam.face.datasets.check.thumbnails import Thumbnails, decode
+from lerobot_robot_yam.face.datasets.dataset_pictures import Thumbnails, decode
 from lerobot_robot_yam.face.datasets.layout import Progress, frame_count, is_depth, value_names
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from lerobot_robot_yam.face.datasets.check.flags import Flag, Kind
 from lerobot_robot_yam.face.datasets.check.motion_checks import STILL_S, ArmMotion
-from lerobot_robot_yam.face.datasets.check.thumbnails import Thumbnails
+from lerobot_robot_yam.face.datasets.dataset_pictures import Thumbnails
 
 SAME_LEVELS = 4  # in any pixel: what coding makes of the same picture
 REPEATED_LEVELS = 2  # less: from one frame to the next little moves

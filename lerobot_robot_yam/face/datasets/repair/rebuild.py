@@ -11,10 +11,9 @@ from lerobot.datasets import LeRobotDataset, LeRobotDatasetMetadata
 from lerobot.datasets.io_utils import write_stats, write_table_one_row_group_per_episode
 
 from lerobot_robot_yam.errors import DatasetError
+from lerobot_robot_yam.face.datasets.dataset_copy import SIDE_CARS, copy_side_cars, written_aside
 from lerobot_robot_yam.face.datasets.layout import Progress, clip_columns
 from lerobot_robot_yam.face.datasets.repair.dataset_on_disk import Findings
-from lerobot_robot_yam.face.datasets.side_cars import SIDE_CARS, copy_side_cars
-from lerobot_robot_yam.face.datasets.written_aside import written_aside
 
 _REPLACED = ("data", "videos", "images", "episodes")  # directories whose content is written anew, or of no use
 

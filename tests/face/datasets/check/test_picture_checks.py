@@ -5,7 +5,7 @@ import numpy as np
 from lerobot_robot_yam.face.datasets.check.flags import Kind
 from lerobot_robot_yam.face.datasets.check.motion_checks import ArmMotion
 from lerobot_robot_yam.face.datasets.check.picture_checks import exposure, repeated, seen_arms, swapped
-from lerobot_robot_yam.face.datasets.check.thumbnails import HEIGHT, WIDTH, Thumbnails
+from lerobot_robot_yam.face.datasets.dataset_pictures import HEIGHT, WIDTH, Thumbnails
 
 FPS = 10
 MOVING, STILL = np.linspace(0, 2, 40)[:, None], np.zeros((40, 1))

@@ -2,8 +2,8 @@
 
 import pytest
 
-from lerobot_robot_yam.face.desk import tick_pace
-from lerobot_robot_yam.face.desk.tick_pace import TickPace
+from lerobot_robot_yam.face.desk import command_facts
+from lerobot_robot_yam.face.desk.command_facts import TickPace
 
 FPS = 30.0
 
@@ -12,7 +12,7 @@ FPS = 30.0
 def loop(monkeypatch):
     """Ticks at these times."""
     pace, now = TickPace(), [0.0]
-    monkeypatch.setattr(tick_pace.time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(command_facts.time, "perf_counter", lambda: now[0])
 
     def tick(*times_s):
         for now[0] in times_s:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.face.recorder.episode_figures import EpisodeFigures
+from lerobot_robot_yam.face.recorder.episode_log import EpisodeFigures
 
 
 def recorded(times_s, images=None, fps=30):

@@ -1,8 +1,11 @@
-"""Files of ours beside a data set that tell something of each episode, when a copy numbers its episodes anew."""
+"""A copy of a data set: it appears under its name only when it is whole, with our side-cars renumbered."""
 
 import json
 import logging
-from collections.abc import Sequence
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +15,23 @@ from lerobot_robot_yam.face.recorder.outcomes import OUTCOMES
 
 logger = logging.getLogger(__name__)
 
-SIDE_CARS = (SIDE_CAR, OUTCOMES)
+SIDE_CARS = (SIDE_CAR, OUTCOMES)  # files of ours beside a data set that tell something of each episode
+
+
+@contextmanager
+def written_aside(target: Path) -> Iterator[Path]:
+    """A path beside `target` to create a directory at: it becomes `target` at the end, or is removed after an error.
+
+    Whatever is written beside that path, in the same new directory, is removed at the end.
+    """
+    target.parent.mkdir(parents=True, exist_ok=True)
+    # A new name: a directory that exists already, whatever its name, is somebody's, and may be what is copied.
+    aside = Path(tempfile.mkdtemp(prefix=f"{target.name}.partial.", dir=target.parent))
+    try:
+        yield aside / "whole"  # not `aside` itself, which only its owner may read
+        (aside / "whole").rename(target)
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
 
 
 def copy_side_cars(root: Path, target: Path, kept: Sequence[int]) -> None:

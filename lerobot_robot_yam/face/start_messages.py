@@ -1,0 +1,107 @@
+"""What is said of a LeRobot command as soon as it loads our types: three messages.
+
+- LeRobot is newer than tested.
+- The command's config file is no YAML. LeRobot's reader ends with a traceback that names neither line nor cause.
+- FFmpeg is not installed, in place of LeRobot's page about that: torchcodec tries FFmpeg 4 to 8, and LeRobot logs all
+  attempts before it reads videos with PyAV, which has an FFmpeg with it. Where anything else than missing libraries was
+  the reason, the page is shown as it is.
+"""
+
+import importlib.metadata
+import logging
+import re
+import sys
+from pathlib import Path
+
+NEWEST_TESTED = "0.6.2"  # the repository's state of August 2026; 0.6.1 is the package index's newest
+
+_OPTION = "--config_path="
+_BAD_OPTIONS = 2  # exit status of a command that refuses its options, as argparse has it
+
+_BEGIN, _END = "[start of libtorchcodec loading traceback]", "[end of libtorchcodec loading traceback]"
+_ATTEMPT = re.compile(r"^FFmpeg version \d+:\n", re.MULTILINE)
+# The innermost exception of an attempt: the system's loader has not found FFmpeg.
+_MISSING = re.compile(r"^OSError: lib(?:av|sw)\w+\.so\.\d+: cannot open shared object file: No such file", re.MULTILINE)
+_INSTEAD = "FFmpeg's libraries are not installed: LeRobot reads videos with PyAV, which does as well"
+
+logger = logging.getLogger(__name__)
+_told_of_newer = False
+
+
+def warn_if_newer() -> None:
+    """Say so, once in a process, when the installed LeRobot is newer than any that this package is tested with."""
+    global _told_of_newer
+    if _told_of_newer:
+        return
+    _told_of_newer = True
+    try:
+        installed = importlib.metadata.version("lerobot")
+    except importlib.metadata.PackageNotFoundError:  # a source tree on the path, which has no version
+        return
+    if _release(installed) > _release(NEWEST_TESTED):
+        logger.warning(
+            "LeRobot %s is newer than %s, the newest that the YAM driver is tested with. "
+            "If something fails, look for a newer driver, or install that LeRobot",
+            installed,
+            NEWEST_TESTED,
+        )
+
+
+def _release(version: str) -> tuple[int, ...]:
+    """The first three numbers of a version, without what says of which pre-release or build it is."""
+    return tuple(int(number) for number in re.findall(r"\d+", version)[:3])
+
+
+def refuse_unreadable() -> None:
+    """End a LeRobot command whose config file YAML cannot read; what else is wrong with the file LeRobot says.
+
+    Raises:
+        SystemExit: names file, line and cause.
+    """
+    if not Path(*sys.argv[:1]).stem.startswith("lerobot"):
+        return
+    given = next((argument for argument in sys.argv[1:] if argument.startswith(_OPTION)), _OPTION)
+    path = Path(given.removeprefix(_OPTION))
+    if path.suffix not in (".yaml", ".yml"):
+        return
+    import yaml  # here: every process of ours loads this module
+
+    try:
+        yaml.safe_load(path.read_text())
+    except (OSError, UnicodeDecodeError):
+        return
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f", line {mark.line + 1}" if mark else ""
+        problem = getattr(error, "problem", None) or "cannot be read"
+        cause = "a tab; indent with blanks" if "'\\t'" in problem else f"{problem}; it is no YAML"
+        sys.stderr.write(f"error: {path}{line}: {cause}\n")
+        raise SystemExit(_BAD_OPTIONS) from None
+
+
+def shorten_page_about_ffmpeg() -> None:
+    """Have LeRobot say in one line, and once, that FFmpeg's libraries are missing. Idempotent."""
+    logging.getLogger("lerobot.utils.import_utils").addFilter(_shorten)
+
+
+class _Shorten(logging.Filter):
+    """Lets one line pass the first time, and nothing after that."""
+
+    told = False
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether to show a record; one about FFmpeg's absence is shortened."""
+        if not _is_absence(record.getMessage()):
+            return True
+        record.msg, record.args = _INSTEAD, ()
+        told, self.told = self.told, True
+        return not told
+
+
+_shorten = _Shorten()
+
+
+def _is_absence(message: str) -> bool:
+    _, begun, rest = message.partition(_BEGIN)
+    attempts = _ATTEMPT.split(rest.partition(_END)[0])[1:]
+    return bool(begun and attempts) and all(_MISSING.search(attempt) for attempt in attempts)
