@@ -22,8 +22,7 @@ from pathlib import Path
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.commands.lib.arm_command import ask, need_terminal, run_command, tell
 from lerobot_robot_yam.commands.lib.new_rig.answers import Answers
-from lerobot_robot_yam.commands.lib.new_rig.found_arms import Place, find_arms
-from lerobot_robot_yam.commands.lib.new_rig.found_cameras import find_cameras
+from lerobot_robot_yam.commands.lib.new_rig.found_parts import Place, find_arms, find_cameras
 from lerobot_robot_yam.commands.lib.new_rig.rig_document import difference, draw_rig, rig_text, write_rig
 from lerobot_robot_yam.commands.lib.new_rig.rig_plan import RigPlan, plan_rig
 from lerobot_robot_yam.doctor.check_channel import examine_channel

@@ -7,8 +7,8 @@ from typing import Any
 
 import yaml
 
-from lerobot_robot_yam.commands.lib.new_rig.found_arms import HANDLE
 from lerobot_robot_yam.commands.lib.new_rig.rig_plan import PlannedArm, RigPlan
+from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER
 from lerobot_robot_yam.errors import SetupError
 from lerobot_robot_yam.system.paths import write_whole
 from lerobot_robot_yam.system.strict_yaml import merge
@@ -48,8 +48,8 @@ def _words(arm: PlannedArm) -> list[str]:
     options = arm.options
     kind = options["arm"] if "kind" not in options else f"{options['kind']} station, follower {options['arm']}"
     load = f", {options['payload_mass_kg']:g} kg on the wrist" if "payload_mass_kg" in options else ""
-    end = options.get("gripper", HANDLE)
-    return [options["channel"], kind + load, "teaching handle" if end == HANDLE else end, arm.found.mark]
+    end = options.get("gripper", LEADER_GRIPPER)
+    return [options["channel"], kind + load, "teaching handle" if end == LEADER_GRIPPER else end, arm.found.mark]
 
 
 def _box(lines: list[str], width: int) -> list[str]:
