@@ -17,7 +17,7 @@ from lerobot_robot_yam.commands.lib.new_rig.answers import Answers, number, one_
 from lerobot_robot_yam.commands.lib.new_rig.found_parts import FOLLOWER, PASSIVE, FoundArm, FoundCamera, Place
 from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER
 from lerobot_robot_yam.errors import ConfigError, SetupError
-from lerobot_robot_yam.setup.wrist_watch import WristWatch
+from lerobot_robot_yam.setup.adapter_watch import WristWatch
 
 SIDES = ("left", "right")
 _SIDE_OF = {"l": "left", "left": "left", "r": "right", "right": "right"}

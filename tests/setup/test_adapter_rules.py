@@ -3,8 +3,7 @@
 import pytest
 
 from lerobot_robot_yam.errors import SetupError
-from lerobot_robot_yam.setup.adapter_rules import NamedAdapter
-from lerobot_robot_yam.setup.taken_names import check_free
+from lerobot_robot_yam.setup.adapter_rules import NamedAdapter, check_free
 
 ADAPTER = NamedAdapter("can_left", "00A1", None, "devices/usb1/1-2/1-2:1.0")
 RULE = 'SUBSYSTEM=="net", ATTRS{serial}=="%s", NAME="%s"\n'
