@@ -16,7 +16,6 @@ REQUESTS = {
     "VIDIOC_ENUM_FRAMESIZES": (v4l2.ENUM_FRAMESIZES, "v4l2_frmsizeenum", v4l2.SIZE),
     "VIDIOC_ENUM_FRAMEINTERVALS": (v4l2.ENUM_FRAMEINTERVALS, "v4l2_frmivalenum", v4l2.INTERVAL),
     "VIDIOC_QUERYCTRL": (v4l2.QUERYCTRL, "v4l2_queryctrl", v4l2.QUERY),
-    "VIDIOC_G_CTRL": (v4l2.G_CTRL, "v4l2_control", v4l2.CONTROL),
     "VIDIOC_S_CTRL": (v4l2.S_CTRL, "v4l2_control", v4l2.CONTROL),
 }
 # What the kernel fills in, and what the struct of ours reads there.
