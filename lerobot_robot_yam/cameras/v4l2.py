@@ -21,7 +21,7 @@ ENUM_FMT, FMT = 0xC0405602, struct.Struct("=III32sI16x")  # index, type, flags, 
 ENUM_FRAMESIZES, SIZE = 0xC02C564A, struct.Struct("=IIIII16x8x")  # index, fourcc, type, width, height
 ENUM_FRAMEINTERVALS, INTERVAL = 0xC034564B, struct.Struct("=IIIIIII16x8x")  # …, width, height, type, rate
 QUERYCTRL, QUERY = 0xC0445624, struct.Struct("=II32siiiiI8x")  # id, type, name, min, max, step, default, flags
-S_CTRL, CONTROL = 0xC008561C, struct.Struct("=Ii")
+S_CTRL, CONTROL = 0xC008561C, struct.Struct("=Ii")  # id, value
 _CAPTURE, _DISCRETE = 1, 1  # V4L2_BUF_TYPE_VIDEO_CAPTURE, V4L2_FRMSIZE_TYPE_DISCRETE
 _DISABLED = 0x1
 

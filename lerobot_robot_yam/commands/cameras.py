@@ -17,6 +17,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from lerobot_robot_yam.cameras.exposure_search import TARGET
 from lerobot_robot_yam.cameras.opening import Plugged, config_of, find_camera, listed, plugged_cameras
 from lerobot_robot_yam.cameras.role_names import ROLES, named_cameras, read_config, with_cameras
 from lerobot_robot_yam.cameras.video_devices import ROOT
@@ -47,7 +48,7 @@ def _parser() -> argparse.ArgumentParser:
     preview.add_argument("sheet", type=user_path, metavar="FILE.png")
     tune = works.add_parser("tune", help="find the exposure of one camera")
     tune.add_argument("camera", nargs="?", help="serial number, model, or role in the config; the only camera without")
-    tune.add_argument("--target", type=float, default=0.45, help="mean brightness, 0 to 1 (default 0.45)")
+    tune.add_argument("--target", type=float, default=TARGET, help="mean brightness, 0 to 1 (default %(default)s)")
     tune.add_argument("--sheet", type=user_path, metavar="FILE.png", help="write pictures of before and after")
     name = works.add_parser("name", help="write cameras by their roles into a config")
     name.add_argument("pairs", nargs="*", metavar="ROLE=SERIAL", help=f"without any, it asks ({', '.join(ROLES)}, …)")

@@ -18,9 +18,17 @@ import numpy as np
 from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.commands.lib.arm_command import run_command, table, tell
-from lerobot_robot_yam.commands.lib.feel_figures import SPEED_RAD_S, Effort, Motion, effort, motion, periods_s
-from lerobot_robot_yam.commands.lib.likeness import likeness
-from lerobot_robot_yam.commands.lib.state_recording import record_states
+from lerobot_robot_yam.commands.lib.feel_figures import (
+    SPEED_RAD_S,
+    Effort,
+    Motion,
+    effort,
+    likeness,
+    motion,
+    periods_s,
+)
+from lerobot_robot_yam.commands.lib.feel_sources import record_states, recorded_motion
+from lerobot_robot_yam.commands.lib.plot_file import plot_file
 from lerobot_robot_yam.state.records import channel_key
 from lerobot_robot_yam.system.paths import user_path
 from lerobot_robot_yam.system.runtime_files import rig_name
@@ -67,11 +75,37 @@ def _report(
         )
     sys.stdout.write("\n".join(said) + "\n")
     if plot is not None:
-        from lerobot_robot_yam.commands.lib.feel_plot import plot as save
-
-        save(plot, motion, effort, periods)
+        _save_plot(plot, motion, effort, periods)
         sys.stdout.write(f"picture: {plot}\n")
     return 0
+
+
+def _save_plot(path: Path, motion: Motion, effort: Effort | None, periods: Mapping[str, np.ndarray]) -> None:
+    """Both arms and their difference, feedback, periods. Raises ConfigError, see `plot_file`."""
+    n = len(motion.names)
+    rows = 2 + (effort is not None) + bool(periods)
+    with plot_file(path, (3.2 * n, 3.2 * rows), dpi=100) as figure:
+        grid = figure.add_gridspec(rows, n)
+        for joint, name in enumerate(motion.names):
+            axes = figure.add_subplot(grid[0, joint])
+            axes.plot(motion.times_s, motion.leader[:, joint], linewidth=1.0, label="leader")
+            axes.plot(motion.times_s, motion.follower[:, joint], linewidth=1.0, label="follower")
+            axes.set(title=name, xlabel="s", ylabel="rad" if joint == 0 else "")
+            if joint == 0:
+                axes.legend(fontsize=8)
+            axes = figure.add_subplot(grid[1, joint])
+            axes.plot(motion.times_s, (motion.follower - motion.leader)[:, joint] * 1e3, linewidth=0.7)
+            axes.set(xlabel="s", ylabel="follower - leader, mrad" if joint == 0 else "")
+            if effort is not None:
+                axes = figure.add_subplot(grid[2, joint])
+                axes.plot(effort.dq[:, joint], effort.feedback_nm[:, joint], ".", markersize=1.5)
+                axes.set(xlabel="leader, rad/s", ylabel="feedback, Nm" if joint == 0 else "")
+        if periods:
+            axes = figure.add_subplot(grid[-1, :])
+            for name, lasted_s in periods.items():
+                axes.hist(lasted_s * 1e3, bins=100, histtype="step", log=True, label=name)
+            axes.set(xlabel="period of the control loop, ms", ylabel="ticks")
+            axes.legend(fontsize=8)
 
 
 def watch(args: argparse.Namespace) -> int:
@@ -96,8 +130,6 @@ def watch(args: argparse.Namespace) -> int:
 
 def look_back(args: argparse.Namespace) -> int:
     """Report on an episode of a data set; returns the exit status. Raises ConfigError, see `recorded_motion`."""
-    from lerobot_robot_yam.commands.lib.feel_recording import recorded_motion
-
     return _report(recorded_motion(args.path, args.episode), None, [], args.plot, {})
 
 

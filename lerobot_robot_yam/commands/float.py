@@ -23,7 +23,7 @@ from lerobot_robot_yam.commands.lib.arm_command import (
     tell_landed,
     with_likely_gripper,
 )
-from lerobot_robot_yam.commands.lib.floating.float_console import FloatConsole
+from lerobot_robot_yam.commands.lib.float_console import FloatConsole
 from lerobot_robot_yam.commands.lib.key_terminal import key_terminal
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.session.arm_session import ArmSession

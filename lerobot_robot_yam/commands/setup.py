@@ -12,22 +12,29 @@ file has mistakes; 2 wrong arguments; 130 interrupted: run it again, it goes on.
 """
 
 import argparse
+import re
+import shlex
+import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.commands.lib.arm_command import ask, need_terminal, run_command, tell
 from lerobot_robot_yam.commands.lib.new_rig.answers import Answers
-from lerobot_robot_yam.commands.lib.new_rig.found_arms import Place, find_arms
-from lerobot_robot_yam.commands.lib.new_rig.found_cameras import find_cameras
-from lerobot_robot_yam.commands.lib.new_rig.rig_document import difference, rig_text, write_rig
-from lerobot_robot_yam.commands.lib.new_rig.rig_drawing import draw_rig
+from lerobot_robot_yam.commands.lib.new_rig.found_parts import Place, find_arms, find_cameras
+from lerobot_robot_yam.commands.lib.new_rig.rig_document import difference, draw_rig, rig_text, write_rig
 from lerobot_robot_yam.commands.lib.new_rig.rig_plan import RigPlan, plan_rig
-from lerobot_robot_yam.commands.lib.new_rig.rig_repairs import inspect_rig, repairs_of, run_repair
+from lerobot_robot_yam.doctor.check_channel import examine_channel
+from lerobot_robot_yam.doctor.kit.findings import Finding, Severity, empty_report
+from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Target
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import user_path
 
 FILE = "rig.yaml"  # which the run configs of configs/rig name
+_REPAIRS = {"yam-motors timeout": "motors", "yam-handle zero": "handle", "yam-handle report": "handle"}
+_COMMAND = re.compile(rf"(?:{'|'.join(_REPAIRS)})[^(;]*")
+_ONE_MOTOR = re.compile(r" --motor \d+")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -98,8 +105,9 @@ def _agreed(args: argparse.Namespace, changes: str) -> bool:
 
 
 def _repair(plan: RigPlan, args: argparse.Namespace) -> None:
-    findings = inspect_rig(plan, lambda text: tell(f"{text} …"))
-    commands = repairs_of(findings)
+    """Say what yam-doctor finds wrong with the arms, and run the commands of ours that repair it."""
+    findings = _inspected(plan)
+    commands = _repairs_of(findings)
     repaired = [finding for some in commands.values() for finding in some]
     for finding in findings:
         if finding not in repaired:
@@ -107,8 +115,37 @@ def _repair(plan: RigPlan, args: argparse.Namespace) -> None:
     for command, some in commands.items():
         more = f", and {len(some) - 1} more like it" if len(some) > 1 else ""
         tell(f"\n{some[0].severity}: {some[0].where}: {some[0].what}{more}\n  -> {command}")
-        if not args.dry_run and not run_repair(command, args.yes):
+        if not args.dry_run and not _run_repair(command, args.yes):
             tell("that was left as it is; yam-doctor will name it again")
+
+
+def _inspected(plan: RigPlan) -> list[Finding]:
+    """Problems and warnings of the arms with motors. Asks only; energises nothing."""
+    report = empty_report()
+    for arm in [*plan.followers.values(), *plan.leaders.values()]:
+        options = {key: value for key, value in arm.options.items() if key in ArmConfig.__dataclass_fields__}
+        if "kind" not in arm.options:
+            target = Target(ArmConfig(**{"name": arm.found.channel, "gripper": LEADER_GRIPPER, **options}))
+            examine_channel(target, None, 0, report, lambda text: tell(f"{text} …"))
+    found = [finding for section in report.values() for finding in section.findings]
+    return [finding for finding in found if finding.severity is not Severity.NOTE]
+
+
+def _repairs_of(findings: list[Finding]) -> dict[str, list[Finding]]:
+    """Commands of ours that repair findings, each with these; of several motors of an arm, one command for all."""
+    commands: dict[str, list[Finding]] = {}
+    for finding in findings:
+        if (match := _COMMAND.search(finding.remedy)) is not None:
+            commands.setdefault(_ONE_MOTOR.sub("", match[0]).strip(), []).append(finding)
+    return commands
+
+
+def _run_repair(command: str, sure: bool) -> bool:
+    """Run a command at this terminal, where it asks for itself; returns whether it succeeded."""
+    words = shlex.split(command)
+    program = [sys.executable, "-m", f"lerobot_robot_yam.commands.{_REPAIRS[' '.join(words[:2])]}"]
+    yes = ["--yes"] if sure and words[1] != "report" else []
+    return subprocess.run([*program, *words[1:], *yes], check=False).returncode == 0
 
 
 if __name__ == "__main__":

@@ -27,10 +27,10 @@ from lerobot_robot_yam.commands.lib.arm_command import (
     tell,
     with_likely_gripper,
 )
+from lerobot_robot_yam.commands.lib.plot_file import require_plot
 from lerobot_robot_yam.commands.lib.tune.least_squares import require_engine
 from lerobot_robot_yam.commands.lib.tune.tune_plan import MARGIN_M, SPEED_RAD_S
-from lerobot_robot_yam.commands.lib.tune.tune_plot import require_plot, save_plot
-from lerobot_robot_yam.commands.lib.tune.tune_report import report
+from lerobot_robot_yam.commands.lib.tune.tune_report import report, save_plot
 from lerobot_robot_yam.commands.lib.tune.tune_run import LEGS, Tuner
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.session.arm_session import Isolation

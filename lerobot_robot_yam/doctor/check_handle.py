@@ -4,7 +4,6 @@ from lerobot_robot_yam.damiao import handle_encoder
 from lerobot_robot_yam.damiao.handle_encoder import FIRMWARE_REQUIRED, TRIGGER_TRAVEL_RAD, HandleReport
 from lerobot_robot_yam.doctor.kit.findings import Section
 from lerobot_robot_yam.doctor.kit.questions import Questions
-from lerobot_robot_yam.doctor.kit.remedies import report_on_request, zero_trigger
 from lerobot_robot_yam.doctor.kit.targets import Target
 
 _REPORT_BYTES = 6
@@ -46,7 +45,7 @@ def inspect_handle(
         section.problem(where, what, "update its firmware with the arm vendor's tool")
     if frequency:
         what = f"reports by itself at {frequency} Hz, which takes the bus from the motors; it should wait to be asked"
-        section.problem(where, what, report_on_request(target))
+        section.problem(where, what, f"yam-handle report {target.config.on_command_line} 0")
     for name, value in (("firmware", firmware), ("report frequency", frequency), ("trigger", report)):
         if value is None:
             section.warn(where, f"its {name} is unknown: it does not tell", "run yam-doctor again")
@@ -55,13 +54,13 @@ def inspect_handle(
 
 
 def _check_trigger(target: Target, where: str, report: HandleReport, section: Section) -> None:
-    angle = abs(report.position_rad)
+    angle, zero = abs(report.position_rad), f"yam-handle zero {target.config.on_command_line}"
     if angle > TRIGGER_TRAVEL_RAD * _BEYOND:
         what = f"the trigger reads {report.position_rad:.3f} rad, beyond its travel of {TRIGGER_TRAVEL_RAD} rad"
-        section.problem(where, what, f"release the trigger, then set its zero: {zero_trigger(target)}")
+        section.problem(where, what, f"release the trigger, then set its zero: {zero}")
     elif report.trigger > _RELEASED:
         what = f"the trigger reads {report.trigger:.2f}: it is squeezed, or its zero is wrong"
-        section.warn(where, what, f"release it; if it still reads so, set its zero: {zero_trigger(target)}")
+        section.warn(where, what, f"release it; if it still reads so, set its zero: {zero}")
 
 
 def _report(data: bytes) -> HandleReport | None:

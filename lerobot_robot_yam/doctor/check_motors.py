@@ -17,7 +17,6 @@ from lerobot_robot_yam.damiao.tables import (
 )
 from lerobot_robot_yam.doctor.kit.findings import Section
 from lerobot_robot_yam.doctor.kit.questions import Answer, Questions
-from lerobot_robot_yam.doctor.kit.remedies import set_registers
 from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Target
 
 _ROUNDS = 3
@@ -150,7 +149,7 @@ def _doubled(target: Target, spec: MotorSpec, missing: Sequence[MotorSpec], sect
 
 def _become(target: Target, can_id: int, spec: MotorSpec) -> str:
     """The command that gives the motor with this id the ids of the profile's `spec`."""
-    return set_registers(target, can_id, {Register.ESC_ID: spec.can_id, Register.MST_ID: spec.feedback_id})
+    return _set_registers(target, can_id, {Register.ESC_ID: spec.can_id, Register.MST_ID: spec.feedback_id})
 
 
 def _read(questions: Questions, target: Target, spec: MotorSpec, answer: Answer) -> dict[str, Any]:
@@ -214,10 +213,21 @@ def _check_registers(target: Target, spec: MotorSpec, answer: Answer, row: Mappi
         elif not agrees(found, value):
             what = f"{name} is {found:g} instead of {value:g} {unit}{_consequence(register, found)}"
             again = _POWER_CYCLE if register is Register.TIMEOUT else ""
-            section.problem(where, what, set_registers(target, spec.can_id, {register: value}) + again)
+            section.problem(where, what, _set_registers(target, spec.can_id, {register: value}) + again)
     if unknown:
         what = f"{', '.join(unknown)} unknown: the motor does not tell"
         section.warn(where, what, "run yam-doctor again; if it stays so, check the motor's cable")
+
+
+def _set_registers(target: Target, motor_id: int, values: Mapping[Register, float]) -> str:
+    """The command that sets registers of a motor and stores them. The doctor prints it and changes nothing."""
+    where = target.config.on_command_line
+    if not values.keys().isdisjoint({Register.ESC_ID, Register.MST_ID}):
+        return f"yam-motors set-id {where} {motor_id} {int(values.get(Register.ESC_ID, motor_id))}"
+    if Register.TIMEOUT in values:
+        return f"yam-motors timeout {where} --motor {motor_id} {values[Register.TIMEOUT] * TIMEOUT_COUNT_S:g}"
+    settings = " ".join(f"{register.name}={value:.9g}" for register, value in values.items())
+    return f"yam-motors write {where} --motor {motor_id} {settings} --store"
 
 
 def _consequence(register: Register, found: float) -> str:

@@ -2,17 +2,21 @@
 
 A rules file, and not a systemd .link file: those cannot tell the channels of an adapter apart, and do not rename where
 predictable names are switched off, as on Raspberry Pi OS.
+
+Other rules, .link files and interfaces may have a name already, or name the same adapter: `check_free` looks.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 
 from lerobot_robot_yam.doctor.kit.can_adapters import CAN_TYPE, KERNEL_NAME, Adapter
 from lerobot_robot_yam.errors import SetupError
 
 RULES = "etc/udev/rules.d/70-yam-can.rules"  # before 80-net-setup-link.rules, which leaves a name that is given
+_RULES_FOLDERS = ("etc/udev/rules.d", "run/udev/rules.d", "usr/lib/udev/rules.d", "lib/udev/rules.d")
+_LINK_FOLDERS = ("etc/systemd/network", "run/systemd/network", "usr/lib/systemd/network", "lib/systemd/network")
 _HEAD = (
     "# Written by yam-setup-can; `yam-setup-can --undo` takes it away. Names of the arms' CAN adapters.\n"
     "# By serial number; by place (the USB port) where adapters share a serial number or have none.\n"
@@ -150,3 +154,50 @@ def _lines(named: NamedAdapter, by_place: bool) -> str:
 def _glob(place: str) -> str:
     """A place without the numbers that follow the order of discovery: of USB buses, and of controllers (xhci-hcd.1)."""
     return re.sub(r"(?<=/)\d+(?=-)", "*", re.sub(r"(?<=/usb)\d+|(?<=/xhci-hcd\.)\d+", "*", place))
+
+
+def check_free(root: Path, named: NamedAdapter, interface: str, ours: Collection[str]) -> None:
+    """Refuse a name that something else gives, and an adapter that something else names.
+
+    Args:
+        root: of the computer.
+        named: the name, and the adapter that shall have it.
+        interface: what the adapter is called now.
+        ours: names that our rules give already.
+
+    Raises:
+        SetupError: says where, and what to do.
+    """
+    for path, number, line in _lines_in(root, _RULES_FOLDERS, "*.rules"):
+        given = re.search(r'\bNAME:?="([^"]*)"', line)
+        if given is None:
+            continue
+        where = f"/{path}:{number}"
+        if given[1] == named.name:
+            raise SetupError(f"the name {named.name} is taken by {where}: take that line out, or choose another name")
+        marks = [mark for mark in (named.serial, named.place.rpartition("/")[2]) if mark]
+        if any(f'"{mark}"' in line for mark in marks):
+            raise SetupError(f"{interface} is named {given[1]} by {where}: take that line out first")
+    for path, number, line in _lines_in(root, _LINK_FOLDERS, "*.link"):
+        if re.fullmatch(rf"Name\s*=\s*{named.name}", line):
+            raise SetupError(f"the name {named.name} is taken by /{path}:{number}: take that file out")
+    there = (root / "sys/class/net" / named.name).exists()
+    if there and named.name != interface and named.name not in ours:
+        raise SetupError(f"the name {named.name} is taken by a network interface: choose another name")
+
+
+def _lines_in(root: Path, directories: tuple[str, ...], pattern: str) -> Iterator[tuple[str, int, str]]:
+    """Path below the root, number and text of each line that is no comment."""
+    seen = set()
+    for directory in directories:
+        for path in sorted((root / directory).glob(pattern)):
+            if path.resolve() in seen or path == root / RULES:
+                continue
+            seen.add(path.resolve())
+            try:
+                text = path.read_text(errors="replace")
+            except OSError:  # a link to nothing, or not for this user: `yam-setup-can --dry-run` needs no rights
+                continue
+            for number, line in enumerate(text.splitlines(), 1):
+                if not line.lstrip().startswith(("#", ";")):
+                    yield str(path.relative_to(root)), number, line.strip()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from lerobot.datasets import LeRobotDataset
 
-from lerobot_robot_yam.commands.lib.likeness import likeness
+from lerobot_robot_yam.commands.lib.feel_figures import likeness
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState, channel_key, state_path
 from lerobot_robot_yam.system.shared_block import SharedBlock

@@ -1,12 +1,12 @@
 """Looking through cameras from a command: a settled picture of each, their sheet, the search for an exposure."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from lerobot_robot_yam.cameras.contact_sheet import contact_sheet
 from lerobot_robot_yam.cameras.exposure_search import Brightness, brightness_of, find_exposure
 from lerobot_robot_yam.cameras.opening import Plugged
 from lerobot_robot_yam.cameras.picture_source import PictureSource, Wanted
@@ -14,6 +14,8 @@ from lerobot_robot_yam.errors import SetupError
 
 _SETTLE = 20  # pictures until a camera's own exposure has settled
 _TAKES = 5  # pictures until an exposure that was set shows
+_WIDTH, _HEIGHT, _WORDS = 480, 360, 44  # pixels of a field of the sheet, and of the words below it
+_GREY, _WHITE = 40, (255, 255, 255)
 
 
 class Bench:
@@ -73,7 +75,7 @@ class Bench:
         Raises:
             SetupError: the file cannot be written.
         """
-        sheet = cv2.cvtColor(contact_sheet(self._pictures), cv2.COLOR_RGB2BGR)
+        sheet = cv2.cvtColor(_sheet(self._pictures), cv2.COLOR_RGB2BGR)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(cv2.imencode(".png", sheet)[1].tobytes())
@@ -95,3 +97,25 @@ def _settled(source: PictureSource, count: int) -> tuple[np.ndarray, Brightness]
         colour = source.read().colour
     assert colour is not None, "colour was asked for"
     return colour, brightness_of(colour)
+
+
+def _sheet(pictures: Sequence[tuple[str, np.ndarray | None]]) -> np.ndarray:
+    """(rows · 404, columns · 480, 3) uint8 RGB: a field for each picture (height, width, 3), grey where there is none.
+
+    Args:
+        pictures: words, of which a newline begins a second line, and picture of each field.
+    """
+    columns = math.ceil(math.sqrt(len(pictures)))
+    rows = math.ceil(len(pictures) / columns)
+    sheet = np.full((rows * (_HEIGHT + _WORDS), columns * _WIDTH, 3), _GREY, np.uint8)
+    for place, (words, picture) in enumerate(pictures):
+        top, left = (place // columns) * (_HEIGHT + _WORDS), (place % columns) * _WIDTH
+        if picture is not None:
+            scale = min(_WIDTH / picture.shape[1], _HEIGHT / picture.shape[0])
+            small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)[:_HEIGHT, :_WIDTH]
+            y, x = top + (_HEIGHT - small.shape[0]) // 2, left + (_WIDTH - small.shape[1]) // 2
+            sheet[y : y + small.shape[0], x : x + small.shape[1]] = small
+        for line, text in enumerate(words.split("\n")[:2]):
+            where = (left + 6, top + _HEIGHT + 17 + 20 * line)
+            cv2.putText(sheet, text, where, cv2.FONT_HERSHEY_SIMPLEX, 0.48, _WHITE, 1, cv2.LINE_AA)
+    return sheet

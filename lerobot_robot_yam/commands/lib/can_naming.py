@@ -12,13 +12,19 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.commands.lib.arm_command import ask, own_bus, table, tell
 from lerobot_robot_yam.doctor.kit.can_adapters import Adapter, read_adapters
 from lerobot_robot_yam.errors import ConfigError, SetupError
-from lerobot_robot_yam.setup.adapter_rules import RULES, identify, parse_rules, rules_text, where_they_are, with_adapter
+from lerobot_robot_yam.setup.adapter_rules import (
+    RULES,
+    check_free,
+    identify,
+    parse_rules,
+    rules_text,
+    where_they_are,
+    with_adapter,
+)
+from lerobot_robot_yam.setup.adapter_watch import PlugWatch, WristWatch
 from lerobot_robot_yam.setup.link_unit import UNIT, UNIT_TEXT
-from lerobot_robot_yam.setup.plug_watch import PlugWatch
 from lerobot_robot_yam.setup.system_files import Change, SystemFiles
 from lerobot_robot_yam.setup.system_tools import SystemTools, check_undriven
-from lerobot_robot_yam.setup.taken_names import check_free
-from lerobot_robot_yam.setup.wrist_watch import WristWatch
 
 _PLUG = "plug in its adapter; if it is plugged in, pull it out and plug it in again"
 _WRIST = "turn its wrist by hand, a hand's width to and fro"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.commands.lib.likeness import likeness
+from lerobot_robot_yam.commands.lib.feel_figures import likeness
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import Limited

@@ -14,10 +14,10 @@ from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.commands.lib.arm_command import own_bus, tell
 from lerobot_robot_yam.commands.lib.can_naming import typed_line
 from lerobot_robot_yam.commands.lib.new_rig.answers import Answers, number, one_of
-from lerobot_robot_yam.commands.lib.new_rig.found_arms import FOLLOWER, HANDLE, PASSIVE, FoundArm, Place
-from lerobot_robot_yam.commands.lib.new_rig.found_cameras import FoundCamera
+from lerobot_robot_yam.commands.lib.new_rig.found_parts import FOLLOWER, PASSIVE, FoundArm, FoundCamera, Place
+from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER
 from lerobot_robot_yam.errors import ConfigError, SetupError
-from lerobot_robot_yam.setup.wrist_watch import WristWatch
+from lerobot_robot_yam.setup.adapter_watch import WristWatch
 
 SIDES = ("left", "right")
 _SIDE_OF = {"l": "left", "left": "left", "r": "right", "right": "right"}
@@ -144,7 +144,7 @@ def _leader(place: Place, arm: FoundArm, follower: PlannedArm, answers: Answers)
         options["kind"] = _choice(question, tuple(JOINT_SIGNS), (), answers)
         return PlannedArm(arm, {**options, "arm": led, "ee_gripper": gripper})
     options["arm"] = _choice(f"Which arm is on {arm.channel}? Read its label", arm.arms, [led], answers)
-    options |= {"gripper": HANDLE, "ee_gripper": gripper}
+    options |= {"gripper": LEADER_GRIPPER, "ee_gripper": gripper}
     options |= {} if options["arm"] == led else {"follower_arm": led}
     return PlannedArm(arm, {**options, **_weight(place, options["arm"])})
 

@@ -1,9 +1,12 @@
-"""The table of a tuning."""
+"""The table and the picture of a tuning."""
+
+from pathlib import Path
 
 import numpy as np
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.commands.lib.arm_command import table
+from lerobot_robot_yam.commands.lib.plot_file import plot_file
 from lerobot_robot_yam.commands.lib.tune.tune_fit import Fit
 from lerobot_robot_yam.commands.lib.tune.tune_motion import Holds
 
@@ -26,18 +29,18 @@ def report(hardware: ResolvedArm, found: Fit, before: Holds, after: Holds) -> st
     missed, left: rms of the weight that the profile and the tuning do not tell.
     """
     tuned, rows = found.tuning, []
-    may_rub = friction_rad(hardware, found)
+    may_rub = _friction_rad(hardware, found)
     for j, name in enumerate(hardware.joint_names):
         factor = _with(tuned.gravity_factor[j], tuned.gravity_factor_95[j], 3) if tuned.gravity_factor_95[j] else "–"
         rows.append(
             [
                 name,
                 factor,
-                f"{rms(found.missed_nm)[j]:.3f}",
-                f"{rms(found.rest_nm)[j]:.3f}",
+                f"{_rms(found.missed_nm)[j]:.3f}",
+                f"{_rms(found.rest_nm)[j]:.3f}",
                 _with(tuned.coulomb_nm[j], tuned.coulomb_nm_95[j], 3),
                 _with(tuned.viscous_nm_s[j], tuned.viscous_nm_s_95[j], 3),
-                *(f"{1e3 * value:.1f}" for value in (worst(before)[j], worst(after)[j], may_rub[j])),
+                *(f"{1e3 * value:.1f}" for value in (_worst(before)[j], _worst(after)[j], may_rub[j])),
             ]
         )
     lines = [table(_HEAD, rows)]
@@ -48,19 +51,51 @@ def report(hardware: ResolvedArm, found: Fit, before: Holds, after: Holds) -> st
     return "\n".join(lines)
 
 
-def worst(holds: Holds) -> np.ndarray:
+def save_plot(path: Path, hardware: ResolvedArm, found: Fit, before: Holds, after: Holds) -> None:
+    """Save a picture: what the weight misses before and after, friction over speed, and hold errors.
+
+    Raises:
+        ConfigError: matplotlib is missing, or the file cannot be written.
+    """
+    n, tuned = hardware.joints, found.tuning
+    with plot_file(path, (2.6 * n, 7.0), dpi=80) as figure:
+        grid = figure.add_gridspec(3, n)
+        for joint, name in enumerate(hardware.joint_names):
+            axes = figure.add_subplot(grid[0, joint])
+            for values, label in ((found.missed_nm, "profile"), (found.rest_nm, "tuned")):
+                axes.plot(found.samples.q[:, joint], values[:, joint], ".", markersize=2, label=label)
+            axes.set(title=name, xlabel="q, rad", ylabel="missed weight, Nm" if joint == 0 else "")
+            axes = figure.add_subplot(grid[1, joint])
+            speed = found.samples.dq[:, joint]
+            rubs = tuned.coulomb_nm[joint] * np.sign(speed) + tuned.viscous_nm_s[joint] * speed
+            order = np.argsort(speed)
+            axes.plot(speed, rubs + found.rest_nm[:, joint], ".", markersize=2, color="tab:grey")
+            axes.plot(speed[order], rubs[order], color="tab:red", linewidth=1.0)
+            axes.set(xlabel="dq, rad/s", ylabel="friction, Nm" if joint == 0 else "")
+        figure.axes[0].legend(fontsize=8)
+        axes = figure.add_subplot(grid[2, :])
+        may_rub = _friction_rad(hardware, found)
+        bars = [(_worst(before), "profile"), (_worst(after), "tuned"), (may_rub, "friction may hold")]
+        for place, (values, label) in enumerate(bars):
+            axes.bar(np.arange(n) + 0.25 * (place - 1), 1e3 * values, 0.22, label=label)
+        axes.set_xticks(range(n), hardware.joint_names)
+        axes.set(ylabel="largest hold error, mrad")
+        axes.legend(fontsize=8)
+
+
+def _worst(holds: Holds) -> np.ndarray:
     """(n,) rad, the largest distance from the set-point."""
     largest: np.ndarray = np.abs(holds.error_rad).max(axis=0)
     return largest
 
 
-def friction_rad(hardware: ResolvedArm, found: Fit) -> np.ndarray:
+def _friction_rad(hardware: ResolvedArm, found: Fit) -> np.ndarray:
     """(n,) rad by which Coulomb friction can hold a joint off its set-point."""
     off: np.ndarray = found.tuning.coulomb_nm / np.maximum(hardware.kp[: hardware.joints], 1e-9)
     return off
 
 
-def rms(values: np.ndarray) -> np.ndarray:
+def _rms(values: np.ndarray) -> np.ndarray:
     """(n,) of (k, n) with NaN."""
     root: np.ndarray = np.sqrt(np.nanmean(values**2, axis=0))
     return root

@@ -1,11 +1,12 @@
-"""The keys of yam-float: float, hold, land; record what a hand does, save, load and replay it."""
+"""The keys of yam-float: float, hold, land; record what a hand does, save, load and replay it. And its live table."""
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 
-from lerobot_robot_yam.commands.lib.arm_command import CLEAR_SCREEN, tell
-from lerobot_robot_yam.commands.lib.floating.float_table import FloatTable
+from lerobot_robot_yam.commands.lib.arm_command import CLEAR_SCREEN, table, tell
 from lerobot_robot_yam.commands.lib.key_terminal import QUIT, typed_keys
+from lerobot_robot_yam.control.actuation import gravity_model
 from lerobot_robot_yam.errors import LifeCycleError, StaleStateError, YamError
 from lerobot_robot_yam.face.operator_keys.user_terminal import UserTerminal
 from lerobot_robot_yam.session.arm_client import ArmClient
@@ -19,6 +20,7 @@ from lerobot_robot_yam.state.records import ArmState
 from lerobot_robot_yam.system.paths import user_path
 
 HELP = "f: float  h: hold  d: down, land  r: record  p: replay  s: save  l: load  q: land and quit"
+_HEAD = ("", "rad", "rad/s", "Nm", "gravity Nm", "stage °C", "coil °C")
 _LOOK_S = 0.01
 _SHOWN_S = 0.2
 _ENTER, _ESCAPE, _DELETE = ("\r", "\n"), "\x1b", ("\x7f", "\b")
@@ -62,7 +64,7 @@ class FloatConsole:
 
     def _meet(self) -> None:
         self._clients: list[ArmClient] = [self._session[name] for name in self._names]
-        self._tables = [FloatTable(client) for client in self._clients]
+        self._tables = [_Table(client) for client in self._clients]
 
     def run(self) -> None:
         """Let the arms float, and do as the keys say until `q` is typed or the terminal is closed.
@@ -209,3 +211,37 @@ class FloatConsole:
         if self._typed is not None:
             lines[-1] = f"file to load (Enter alone: {self._output}, Escape: none): {self._typed}"
         tell(CLEAR_SCREEN + "\n".join([*lines, HELP]))
+
+
+class _Table:
+    """What each joint of an arm does, what carries it, how warm its motor is; and the mean period since last shown."""
+
+    def __init__(self, client: ArmClient):
+        self._client, self._gravity = client, gravity_model(client.hardware)
+        self._seen: tuple[float, int] | None = None
+
+    def show(self, state: ArmState) -> str:
+        """The table as text."""
+        hw = self._client.hardware
+        weight: list[float] = []
+        if self._gravity is not None:
+            weight = (self._gravity.torque(state.q) * hw.arm.gravity_factor).tolist()
+        rows = [
+            [name, f"{q:+.3f}", f"{dq:+.2f}", f"{tau:+.2f}", f"{nm:+.2f}"]
+            for name, q, dq, tau, nm in zip(hw.joint_names, state.q, state.dq, state.tau_nm, weight, strict=True)
+        ]
+        if state.gripper is not None:
+            measured = (f"{state.gripper:.3f}", f"{state.gripper_rate:+.2f}", f"{state.gripper_tau_nm:+.2f}")
+            rows.append(["gripper", *measured, ""])
+        for row, stage, coil in zip(rows, state.temp_mos_c, state.temp_rotor_c, strict=True):
+            row += [f"{stage:.0f}", f"{coil:.0f}"]
+        trouble = f"  {state.message}" if state.message else ""
+        name = f"{hw.name} ({hw.config.channel})"
+        return f"{name}: {state.mode.name}{self._period(state)}{trouble}\n{table(_HEAD, rows)}"
+
+    def _period(self, state: ArmState) -> str:
+        before, self._seen = self._seen, (state.published_s, state.tick)
+        if before is None or state.tick <= before[1]:
+            return ""
+        period_s = (state.published_s - before[0]) / (state.tick - before[1])
+        return f"  period {period_s * 1e3:.2f} ms" if math.isfinite(period_s) else ""

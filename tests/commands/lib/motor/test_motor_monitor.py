@@ -3,7 +3,7 @@
 import can
 import pytest
 
-from lerobot_robot_yam.damiao.settings.traffic import Traffic
+from lerobot_robot_yam.commands.lib.motor.motor_monitor import Traffic
 
 
 def frame(identifier, at_s, **kinds):

@@ -3,8 +3,7 @@
 import pytest
 
 from lerobot_robot_yam.errors import SetupError
-from lerobot_robot_yam.setup.adapter_rules import NamedAdapter
-from lerobot_robot_yam.setup.taken_names import check_free
+from lerobot_robot_yam.setup.adapter_rules import NamedAdapter, check_free
 
 ADAPTER = NamedAdapter("can_left", "00A1", None, "devices/usb1/1-2/1-2:1.0")
 RULE = 'SUBSYSTEM=="net", ATTRS{serial}=="%s", NAME="%s"\n'
@@ -35,3 +34,9 @@ def test_what_is_free_or_our_own_is_not(tmp_path):
     write(tmp_path, "sys/class/net/can_left/address", "")
     check_free(tmp_path, ADAPTER, "can0", ["can_left"])
     check_free(tmp_path, ADAPTER, "can_left", [])
+
+
+def test_a_file_that_cannot_be_read_names_nothing(tmp_path):
+    write(tmp_path, "etc/udev/rules.d/70-net.rules", "")
+    (tmp_path / "etc/udev/rules.d/80-gone.rules").symlink_to("/nowhere")
+    check_free(tmp_path, ADAPTER, "can0", [])

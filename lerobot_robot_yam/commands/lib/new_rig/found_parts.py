@@ -1,28 +1,32 @@
-"""What is on each CAN channel: a follower, a leader, a leader without motors, or nothing. Asks only; energises nothing.
+"""The parts of a rig that are there: what is on each CAN channel, and the cameras. Energises nothing, opens no camera.
 
-Registers of motors and the versions of handles tell it, as in `yam-identify`.
+On a channel is a follower, a leader, a leader without motors, or nothing. Registers of motors and the versions of
+handles tell it, as in `yam-identify`; they are asked.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL, ArmConfig
 from lerobot_robot_yam.arm.mounting import arm_ids, gripper_id
 from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS, load_arm, load_gripper
+from lerobot_robot_yam.cameras.opening import config_of, plugged_cameras
+from lerobot_robot_yam.cameras.video_devices import ROOT
 from lerobot_robot_yam.commands.lib.arm_command import own_bus
 from lerobot_robot_yam.control.preflight.fingerprint import Fingerprint, read_fingerprint
 from lerobot_robot_yam.control.preflight.role import Role, likely_gripper
 from lerobot_robot_yam.damiao.settings.handle_access import HandleAccess
 from lerobot_robot_yam.doctor.check_session import driver_of
 from lerobot_robot_yam.doctor.kit.can_adapters import read_adapters
-from lerobot_robot_yam.doctor.kit.targets import Target
+from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Target
 from lerobot_robot_yam.errors import ChannelInUseError, SetupError, YamError
 from lerobot_robot_yam.rig.client.rig_control import RigControl
 from lerobot_robot_yam.system.runtime_files import rig_name
 
 FOLLOWER, LEADER, PASSIVE = "follower", "leader", "leader without motors"
-HANDLE = "yam_teaching_handle"
+_PIXELS = {"width": 640, "height": 480, "fps": 30}
 _IDS = sorted({can_id for name in ARMS for can_id in arm_ids(load_arm(name))})
 
 
@@ -49,7 +53,7 @@ class Place:
     @property
     def sysfs(self) -> Path:
         """Root of sysfs."""
-        return (self.root or Path("/")) / "sys"
+        return (self.root or ROOT) / "sys"
 
     def channels(self) -> list[str]:
         """Channels that there are.
@@ -94,6 +98,21 @@ class FoundArm:
     mark: str
 
 
+@dataclass(frozen=True)
+class FoundCamera:
+    """One camera.
+
+    Attributes:
+        label: for the person who names it.
+        options: LeRobot's config of it.
+        name: a name that suits it, empty without one.
+    """
+
+    label: str
+    options: dict[str, Any]
+    name: str = ""
+
+
 def find_arms(place: Place, channels: Sequence[str], tell: Callable[[str], None]) -> list[FoundArm]:
     """The arms on these channels; of a channel that has none, `tell` gets the reason.
 
@@ -119,13 +138,29 @@ def find_arms(place: Place, channels: Sequence[str], tell: Callable[[str], None]
     return found
 
 
+def find_cameras(place: Place) -> list[FoundCamera]:
+    """Cameras of the virtual rig; else of the computer.
+
+    Raises:
+        RigError: the rig cannot be reached.
+        CameraError: nothing tells a camera from another.
+    """
+    if place.rig is None:
+        root = place.root or ROOT
+        return [FoundCamera(str(one), config_of(one, root) | _PIXELS) for one in plugged_cameras(root)]
+    with RigControl(place.rig, hold=False) as rig:
+        names = rig.scene()["cameras"]
+    size = {"width": 320, "height": 240, "fps": 30}
+    return [FoundCamera(f"{name} of the rig", {"type": "yam_sim", "camera": name, **size}, name) for name in names]
+
+
 def _find(config: ArmConfig) -> FoundArm | None:
     with own_bus(config) as bus:
         found = read_fingerprint(bus, config.channel, config.interface, _IDS)
         devices = HandleAccess(bus, config.channel).devices() if found.handle_firmware else []
     arms = tuple(name for name in ARMS if found.motors and _fits(name, found))
     if len(devices) > 1:
-        return FoundArm(config.channel, PASSIVE, arms or ARMS, (HANDLE,), f"{len(devices)} encoders")
+        return FoundArm(config.channel, PASSIVE, arms or ARMS, (LEADER_GRIPPER,), f"{len(devices)} encoders")
     if not arms:
         if found.motors:
             kinds = ", ".join(f"{can_id}: {motor.kind}" for can_id, motor in sorted(found.motors.items()))
@@ -133,7 +168,7 @@ def _find(config: ArmConfig) -> FoundArm | None:
         return None
     if found.handle_firmware is not None:
         version = ".".join(map(str, found.handle_firmware))
-        return FoundArm(config.channel, LEADER, arms, (HANDLE,), f"handle {version}")
+        return FoundArm(config.channel, LEADER, arms, (LEADER_GRIPPER,), f"handle {version}")
     can_id = gripper_id(load_arm(arms[0]))
     motor = found.motors.get(can_id)
     likely = likely_gripper(Role(False, motor.gear_ratio if motor else None, can_id))

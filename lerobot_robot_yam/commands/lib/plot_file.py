@@ -1,0 +1,40 @@
+"""The picture that a command draws with matplotlib into the file of its option `--plot`."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from lerobot_robot_yam.errors import ConfigError
+
+
+def require_plot() -> Any:
+    """matplotlib's pyplot, drawing into files. Raises ConfigError: it is missing."""
+    try:
+        import matplotlib
+    except ImportError as error:
+        raise ConfigError('--plot needs matplotlib: pip install -e ".[bench]"') from error
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    return pyplot
+
+
+@contextmanager
+def plot_file(path: Path, size: tuple[float, float], dpi: int) -> Iterator[Any]:
+    """A figure of `size` inches to draw in; it is saved afterwards, as the ending of `path` says.
+
+    Raises:
+        ConfigError: matplotlib is missing, or the file cannot be written.
+    """
+    pyplot = require_plot()
+    figure = pyplot.figure(figsize=size, layout="constrained")
+    try:
+        yield figure
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            figure.savefig(path, dpi=dpi)
+        except (OSError, ValueError) as error:
+            raise ConfigError(f"{path} cannot be written: {error}") from error
+    finally:
+        pyplot.close(figure)
