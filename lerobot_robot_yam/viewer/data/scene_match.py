@@ -41,7 +41,7 @@ class SceneMatch:
         cameras: Mapping[str, Mapping[str, Any]],
         arms: Sequence[ArmConfig],
     ):
-        self._gui, self._cameras, self._arms = gui, dict(cameras), arms
+        self._cameras, self._arms = dict(cameras), arms
         self._rigs: dict[str, dict[str, dict[str, Any]]] = {}  # their cameras' options, by rig
         self._live_choice = gui.add_dropdown("live camera", (_NONE, *cameras))
         self._recorded = gui.add_dropdown("over it", tuple(recorded) or (_NONE,))

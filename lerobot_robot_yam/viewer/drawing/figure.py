@@ -76,13 +76,6 @@ class Figure:
             put(link, position, quat)
 
     @property
-    def tool(self) -> tuple[np.ndarray, np.ndarray]:
-        """Position (3,) m and w x y z (4,) of tcp_site in the frame of the base, as posed last."""
-        site, quat = self._data.site("tcp_site"), np.empty(4)
-        mujoco.mju_mat2Quat(quat, site.xmat)
-        return site.xpos.copy(), quat
-
-    @property
     def visible(self) -> bool:
         """Whether it is shown."""
         return bool(self._base.visible)

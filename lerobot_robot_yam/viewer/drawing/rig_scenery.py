@@ -31,7 +31,7 @@ class RigScenery:
     """
 
     def __init__(self, server: viser.ViserServer, world: RigWorld, origin_m: np.ndarray):
-        self._server, self._world, scene = server, world, server.scene
+        self._world, scene = world, server.scene
         root = f"/rigs/{world.name}"
         self._root = scene.add_frame(root, show_axes=False, position=origin_m)
         self._pictures = RenderedPictures(world.name)
