@@ -6,8 +6,7 @@ import mujoco
 import numpy as np
 import viser
 
-from lerobot_robot_yam.viewer.drawing.posing import put
-from lerobot_robot_yam.viewer.drawing.shapes import meshes
+from lerobot_robot_yam.viewer.drawing.bodies import add_body, put
 from lerobot_robot_yam.viewer.live.rendered_pictures import RenderedPictures
 from lerobot_robot_yam.viewer.live.rig_world import RigWorld
 
@@ -38,10 +37,7 @@ class RigScenery:
         self._things = []
         for thing in world.scene.things:
             body = world.model.body(thing.name).id
-            frame = scene.add_frame(f"{root}/{thing.name}", show_axes=False)
-            self._things.append((body, frame))
-            for index, (mesh, colour) in enumerate(meshes(world.model, body, _GROUPS)):
-                scene.add_mesh_simple(f"{root}/{thing.name}/{index}", mesh.vertices, mesh.faces, color=colour)
+            self._things.append((body, add_body(scene, f"{root}/{thing.name}", world.model, body, _GROUPS)))
         self._cameras = [
             (
                 world.model.camera(camera.name).id,

@@ -5,8 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import viser
 
-from lerobot_robot_yam.viewer.drawing.figure import Figure
-from lerobot_robot_yam.viewer.drawing.workspace_shapes import add_workspace
+from lerobot_robot_yam.viewer.drawing.figure import Figure, add_workspace
 from lerobot_robot_yam.viewer.live.arm_panel import ArmPanel, warnings
 from lerobot_robot_yam.viewer.live.banner import Banner
 from lerobot_robot_yam.viewer.live.camera_panel import CameraPanel
