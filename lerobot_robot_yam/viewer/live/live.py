@@ -80,7 +80,7 @@ class Live:
     def __init__(self, server: viser.ViserServer, troubles: Sequence[str] = ()):
         self._server, self._troubles = server, troubles
         self._watched = WatchedArms()
-        self._rigs = WatchedRigs(server)
+        self._rigs = WatchedRigs(server.scene)
         self._shown: dict[str, _Shown] = {}
         self._leaving: list[tuple[float, ArmPanel]] = []  # when to remove them
         server.scene.configure_default_lights(cast_shadow=False)  # a browser without a graphics card draws, too
