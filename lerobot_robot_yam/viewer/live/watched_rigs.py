@@ -31,13 +31,12 @@ class RigScenery:
     Args:
         scene: of the server.
         world: of the rig.
-        origin_m: (3,) where its origin is.
     """
 
-    def __init__(self, scene: viser.SceneApi, world: RigWorld, origin_m: np.ndarray):
+    def __init__(self, scene: viser.SceneApi, world: RigWorld):
         self._world = world
         root = f"/rigs/{world.name}"
-        self._root = scene.add_frame(root, show_axes=False, position=origin_m)
+        self._root = scene.add_frame(root, show_axes=False)
         self._pictures = RenderedPictures(world.name)
         self._things = []
         for thing in world.scene.things:
@@ -62,6 +61,10 @@ class RigScenery:
             f"{root}/contacts", np.zeros((1, 3)), _CONTACT, point_size=_CONTACT_M, point_shape="circle", visible=False
         )
         self._looked_s = self._pictured_s = -math.inf
+
+    def stand(self, origin_m: np.ndarray) -> None:
+        """Put its origin there, (3,)."""
+        self._root.position = origin_m
 
     def update(self, now_s: float, watched: bool) -> None:
         """Draw what has changed. watched: somebody looks, pictures are worth their while."""
@@ -140,8 +143,12 @@ class WatchedRigs:
                 self._unknown.add(name)
                 logger.warning("rig %s is not drawn: %s", name, error)
                 continue
-            self._sceneries[name] = RigScenery(self._scene, world, origin_of(len(self._sceneries)))
-        return before != list(self.worlds.values())
+            self._sceneries[name] = RigScenery(self._scene, world)
+        if before == list(self.worlds.values()):
+            return False
+        for number, scenery in enumerate(self._sceneries.values()):  # where `places` puts their arms
+            scenery.stand(origin_of(number))
+        return True
 
     def update(self, now_s: float, watched: bool) -> None:
         """Draw what has changed in them. watched: somebody looks."""
