@@ -20,8 +20,7 @@ from lerobot_robot_yam.viewer.data.episode_list import EpisodeList, describe
 from lerobot_robot_yam.viewer.data.episode_plot import EpisodePlot
 from lerobot_robot_yam.viewer.data.picture_reader import PictureReader
 from lerobot_robot_yam.viewer.data.playhead import Playhead
-from lerobot_robot_yam.viewer.data.recorded_arms import ARM, GRIPPER, recorded_arms
-from lerobot_robot_yam.viewer.data.recorded_figures import RecordedFigures
+from lerobot_robot_yam.viewer.data.recorded_arms import ARM, GRIPPER, RecordedFigures, recorded_arms
 from lerobot_robot_yam.viewer.data.replay_desk import ReplayDesk
 from lerobot_robot_yam.viewer.data.scene_match import SceneMatch
 from lerobot_robot_yam.viewer.serving.handles import put
