@@ -20,16 +20,26 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from lerobot_robot_yam.commands.lib.arm_command import run_command, tell
-from lerobot_robot_yam.commands.lib.desktop_command import add_desktop_arguments, driving_plan, run_desktop_command
+from lerobot_robot_yam.commands.lib.arm_command import (
+    add_arm_arguments,
+    ask,
+    need_terminal,
+    run_command,
+    tell,
+    tell_landed,
+    with_likely_gripper,
+)
 from lerobot_robot_yam.commands.lib.host_option import add_host_arguments
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.system.paths import user_path
 
 if TYPE_CHECKING:
     from lerobot_robot_yam.viewer.moving.driver import Driver
+    from lerobot_robot_yam.viewer.moving.driving_plan import DrivingPlan
     from lerobot_robot_yam.viewer.serving.page import Page, Part
 
 _GRIPPER = "linear_4310"  # of a data set whose arms nobody names
+_WORD = "drive"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -41,7 +51,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--port", type=int, default=8080, help="port, or the next free one (default 8080)")
     parser.add_argument("--token", action="store_true", help="ask for a token on this computer, too")
     parser.add_argument("--dataset", metavar="PATH_OR_REPO_ID", help="LeRobot data set to look at")
-    add_desktop_arguments(parser)
+    parser.add_argument("--desktop", action="store_true", help="a window of MuJoCo's viewer; no browser, no server")
+    parser.add_argument("--config_path", type=user_path, metavar="PATH", help="run config whose followers to drive")
+    add_arm_arguments(parser, required=False)
+    parser.add_argument("--calibration", metavar="PATH", help="the gripper's stored stops; else it seeks its stops")
+    parser.add_argument("--yes", action="store_true", help="do not ask before an arm is energised")
     add_host_arguments(parser, "--remote")
     args = parser.parse_args(arguments)
     return run_command("yam-view", lambda: _view(args))
@@ -55,7 +69,7 @@ def _view(args: argparse.Namespace) -> int:
     if args.config_path is not None and args.channel is not None:
         raise ConfigError("give --config_path or --channel, not both")
     if args.desktop:
-        return run_desktop_command(args)
+        return _desktop(args)
     from lerobot_robot_yam.viewer.desk.session_desks import SessionDesks
     from lerobot_robot_yam.viewer.live.live import Live
     from lerobot_robot_yam.viewer.serving.page import Page, Part, served
@@ -83,6 +97,58 @@ def _view(args: argparse.Namespace) -> int:
         tell(f"open {page.url} in a browser; Ctrl-C {ends}, other sessions go on")
         page.run(parts)
     return 0
+
+
+def _desktop(args: argparse.Namespace) -> int:
+    """Show the window of `--desktop`; returns the exit status.
+
+    Raises:
+        ConfigError: there is no screen, or nobody confirmed.
+        YamError: the arms cannot be driven.
+    """
+    from lerobot_robot_yam.session.arm_session import ArmSession  # MuJoCo and its viewer: --help does without
+    from lerobot_robot_yam.viewer.desktop.desktop import need_display, run_desktop
+    from lerobot_robot_yam.viewer.desktop.drag_control import DragControl
+
+    need_display()
+    if args.channel is not None or args.config_path is not None:
+        need_terminal(args.yes)
+    plan = driving_plan(args)
+    if plan is None:
+        run_desktop()
+        return 0
+    channels = " and ".join(config.channel for config in plan.configs)
+    tell(
+        f"HAZARD: this energises the arms on {channels}. They hold; after SPACE their tools go where you drag them. "
+        "Keep clear of their way, and the emergency stop within reach. Grippers may close and open to find their stops."
+    )
+    for note in plan.notes:
+        tell(note)
+    if not args.yes and ask(f"Type {_WORD} to go on:") != _WORD:
+        raise ConfigError("not confirmed; nothing was energised")
+    session = ArmSession(plan.configs)
+    try:
+        session.start()
+        run_desktop(DragControl(session, [config.name for config in plan.configs]))
+    finally:
+        landed = session.stop()
+    return tell_landed(landed)
+
+
+def driving_plan(args: argparse.Namespace) -> "DrivingPlan | None":
+    """The arms that the arguments name: one by its channel, or those of a config; None: none.
+
+    Raises:
+        ConfigError: the config cannot be used.
+        BusError: the channel cannot be opened.
+    """
+    from lerobot_robot_yam.viewer.moving.driving_plan import plan_of_arm, plan_of_file
+
+    if args.config_path is not None:
+        return plan_of_file(args.config_path, args.rig)
+    if args.channel is not None:
+        return plan_of_arm(with_likely_gripper(args, calibration_path=args.calibration))
+    return None
 
 
 def _watched(args: argparse.Namespace) -> contextlib.AbstractContextManager[None]:

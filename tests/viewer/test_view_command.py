@@ -4,7 +4,7 @@ import argparse
 import subprocess
 import sys
 
-from lerobot_robot_yam.commands.lib.desktop_command import driving_plan
+from lerobot_robot_yam.commands.view import driving_plan
 from tests.support.paths import ROOT
 
 WITHOUT_VISER = """
