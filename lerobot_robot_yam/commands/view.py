@@ -68,7 +68,10 @@ def _view(args: argparse.Namespace) -> int:
     if args.config_path is not None and args.channel is not None:
         raise ConfigError("give --config_path or --channel, not both")
     if args.desktop:
-        return _desktop(args)
+        if args.dataset is not None:
+            raise ConfigError("the window shows no data set: leave out --desktop or --dataset")
+        with _watched(args):
+            return _desktop(args)
     from lerobot_robot_yam.viewer.desk.session_desks import SessionDesks
     from lerobot_robot_yam.viewer.live.live import Live
     from lerobot_robot_yam.viewer.serving.page import Page, Part, served
