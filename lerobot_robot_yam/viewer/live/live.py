@@ -156,7 +156,7 @@ class Live:
 
     def _keep(self, now_s: float) -> None:
         """Have a drawing of each arm that runs, at its place, and of its rig."""
-        arms, before = self.arms, list(self._shown)
+        arms, before = self.arms, list(self._shown.values())
         for key in [key for key, shown in self._shown.items() if shown.arm is not arms.get(key)]:
             shown = self._shown.pop(key)
             shown.close()
@@ -166,7 +166,7 @@ class Live:
         for key in sorted(arms.keys() - self._shown.keys())[:1]:  # one a round: to draw it anew takes a moment
             self._shown[key] = _Shown(self._server, arms[key])
         moved = self._rigs.keep({arm.rig for arm in arms.values() if arm.rig})
-        if not moved and before == list(self._shown):
+        if not moved and before == list(self._shown.values()):
             return
         self._nobody.visible = not arms
         for key, place in places(arms, self._rigs.worlds).items():
