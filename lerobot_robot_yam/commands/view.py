@@ -38,8 +38,7 @@ if TYPE_CHECKING:
     from lerobot_robot_yam.viewer.moving.driving_plan import DrivingPlan
     from lerobot_robot_yam.viewer.serving.page import Page, Part
 
-_GRIPPER = "linear_4310"  # of a data set whose arms nobody names
-_WORD = "drive"
+_WORD = "drive"  # is typed before the arms of a window are energised
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -69,7 +68,10 @@ def _view(args: argparse.Namespace) -> int:
     if args.config_path is not None and args.channel is not None:
         raise ConfigError("give --config_path or --channel, not both")
     if args.desktop:
-        return _desktop(args)
+        if args.dataset is not None:
+            raise ConfigError("the window shows no data set: leave out --desktop or --dataset")
+        with _watched(args):
+            return _desktop(args)
     from lerobot_robot_yam.viewer.desk.session_desks import SessionDesks
     from lerobot_robot_yam.viewer.live.live import Live
     from lerobot_robot_yam.viewer.serving.page import Page, Part, served
@@ -166,7 +168,7 @@ def _data(page: "Page", args: argparse.Namespace, driver: "Driver | None") -> "P
     from lerobot_robot_yam.doctor.kit.targets import Plan, from_config
     from lerobot_robot_yam.face.datasets.layout import locate
     from lerobot_robot_yam.viewer.data.data_part import DataPart
-    from lerobot_robot_yam.viewer.data.recorded_arms import followers
+    from lerobot_robot_yam.viewer.data.recorded_arms import GRIPPER, followers
 
     plan = Plan() if args.config_path is None else from_config(args.config_path, args.rig)
     known = followers(plan)
@@ -176,7 +178,7 @@ def _data(page: "Page", args: argparse.Namespace, driver: "Driver | None") -> "P
         known=known,
         cameras=plan.cameras,
         arm=args.arm,
-        gripper=args.gripper or _GRIPPER,
+        gripper=args.gripper or GRIPPER,
         driver=driver if known else None,
     )
 

@@ -4,7 +4,7 @@ import argparse
 import subprocess
 import sys
 
-from lerobot_robot_yam.commands.view import driving_plan
+from lerobot_robot_yam.commands.view import driving_plan, main
 from tests.support.paths import ROOT
 
 WITHOUT_VISER = """
@@ -40,3 +40,10 @@ def test_followers_of_a_run_config_are_driven_and_nothing_else():
     found = driving_plan(argparse.Namespace(config_path=path, rig=None)).configs
     assert [config.channel for config in found] == ["can_follower_l", "can_follower_r"]
     assert all(config.calibration_path and "robots" in config.calibration_path for config in found)
+
+
+def test_the_window_refuses_a_data_set_and_asks_the_other_computer(capsys):
+    assert main(["--desktop", "--dataset", "data/mine"]) == 1
+    assert "the window shows no data set" in capsys.readouterr().err
+    assert main(["--desktop", "--remote", "127.0.0.1:1"]) == 1  # nobody is there
+    assert "127.0.0.1:1" in capsys.readouterr().err

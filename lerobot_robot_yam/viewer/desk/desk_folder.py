@@ -1,4 +1,4 @@
-"""One LeRobot command on the page: what it does, and buttons for what it can be asked now."""
+"""One LeRobot command on the page: what it does, its successes, and buttons for what it can be asked now."""
 
 import html
 from collections.abc import Callable
@@ -9,8 +9,9 @@ from typing import Any
 import viser
 from viser._messages import HotkeyKey, KeyModifier
 
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.face.recorder import outcomes
 from lerobot_robot_yam.state.desk_post import Asked
-from lerobot_robot_yam.viewer.desk.success_rate import SuccessRate
 
 BY = "yam-view"
 MODIFIER: KeyModifier = "shift"  # of every key: W, A, S, D, Q and E alone move the camera of viser's scene
@@ -30,6 +31,46 @@ BUTTONS: dict[str, tuple[str, tuple[int, int, int] | None, HotkeyKey]] = {
 _BANNER = "background:#c00;color:#fff;padding:0.5em;font-weight:bold"
 _SILENT_S = 3.0  # LeRobot may hold Python up while it saves
 _DAY_S = 86_400.0
+
+
+class SuccessRate:
+    """How many of a data set's episodes were successes, as their labels say; read anew when these have changed.
+
+    Args:
+        root: its folder.
+        first: episodes that were there before this session; all count from it.
+    """
+
+    def __init__(self, root: Path, first: int):
+        self._path, self._root, self._first = root / outcomes.OUTCOMES, root, first
+        self._seen: tuple[int, int] | None = None
+        self._labels: dict[int, str | None] = {}
+
+    def words(self, saved: int) -> str:
+        """One line. `saved`: episodes of the data set, of which some have no label."""
+        self._read()
+        labels = [label for episode, label in self._labels.items() if self._first <= episode < saved]
+        count = {kind: labels.count(kind) for kind in outcomes.KINDS}
+        judged = count[outcomes.SUCCESS] + count[outcomes.FAILURE]
+        share = f" ({count[outcomes.SUCCESS] / judged:.0%})" if judged else ""
+        found = [f"success {count[outcomes.SUCCESS]} of {judged}{share}"]
+        if count[outcomes.DISCARD]:
+            found.append(f"{count[outcomes.DISCARD]} to discard")
+        if without := saved - self._first - len(labels):
+            found.append(f"{without} without a label")
+        return ", ".join(found)
+
+    def _read(self) -> None:
+        try:
+            about = self._path.stat()
+            seen = about.st_mtime_ns, about.st_size
+            if seen != self._seen:
+                self._labels = {episode: row.outcome for episode, row in outcomes.read(self._root).items()}
+                self._seen = seen
+        except FileNotFoundError:
+            self._labels = {}
+        except (OSError, ConfigError):
+            self._seen = None  # half written; what was read before stays
 
 
 class DeskFolder:

@@ -1,4 +1,4 @@
-"""One arm in the scene: its profiles' shapes, posed by its joints.
+"""One arm in the scene: its profiles' shapes, posed by its joints, and the limits of its workspace.
 
 Each link is a frame below the one that carries it: a joint that turns is one message to the browsers, and a joint that
 stands is none.
@@ -10,13 +10,15 @@ import mujoco
 import numpy as np
 import viser
 
-from lerobot_robot_yam.arm.model import VISUAL_GROUP, build_spec
+from lerobot_robot_yam.arm.model import VISUAL_GROUP, base_quat, build_spec
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.viewer.drawing.posing import put
-from lerobot_robot_yam.viewer.drawing.shapes import meshes
+from lerobot_robot_yam.viewer.drawing.bodies import add_body, put
+from lerobot_robot_yam.viewer.drawing.primitives import box
 
 _GHOST = (70, 130, 255), 0.3
 _TOOL_AXES_M = 0.08
+_KEEP_OUT, _FLOOR, _LIMIT_OPACITY = (230, 60, 40), (230, 150, 40), 0.25
+_FLOOR_M = (1.4, 1.4, 0.001)
 
 
 class Figure:
@@ -40,10 +42,8 @@ class Figure:
         for body in range(1, model.nbody):
             name = f"{names[model.body_parentid[body]]}/{model.body(body).name}"
             names.append(name)
-            self._links.append((body, scene.add_frame(name, show_axes=False)))
-            for index, (mesh, colour) in enumerate(meshes(model, body, (VISUAL_GROUP,))):
-                shade, opacity = _GHOST if ghost else (colour, None)
-                scene.add_mesh_simple(f"{name}/{index}", mesh.vertices, mesh.faces, color=shade, opacity=opacity)
+            link = add_body(scene, name, model, body, (VISUAL_GROUP,), _GHOST if ghost else None)
+            self._links.append((body, link))
         if not ghost:
             site = model.site("tcp_site")
             scene.add_frame(
@@ -76,13 +76,6 @@ class Figure:
             put(link, position, quat)
 
     @property
-    def tool(self) -> tuple[np.ndarray, np.ndarray]:
-        """Position (3,) m and w x y z (4,) of tcp_site in the frame of the base, as posed last."""
-        site, quat = self._data.site("tcp_site"), np.empty(4)
-        mujoco.mju_mat2Quat(quat, site.xmat)
-        return site.xpos.copy(), quat
-
-    @property
     def visible(self) -> bool:
         """Whether it is shown."""
         return bool(self._base.visible)
@@ -95,3 +88,29 @@ class Figure:
     def remove(self) -> None:
         """Take it out of the scene, with everything below its base."""
         self._base.remove()
+
+
+def add_workspace(scene: viser.SceneApi, root: str, hardware: ResolvedArm) -> None:
+    """The floor of an arm's workspace, and the boxes that it keeps out of, below the frame of its base."""
+    workspace = hardware.config.workspace
+    base = np.array(workspace.base_position_m, float)
+    turned_back = np.empty(4)
+    mujoco.mju_negQuat(turned_back, base_quat(workspace.base_yaw_rad, hardware.tilt_rad))
+    rows = [(each.name, each.center_m, each.size_m, each.yaw_rad, _KEEP_OUT) for each in workspace.keep_out]
+    if workspace.floor_z_m is not None:
+        rows.append(("floor", [base[0], base[1], workspace.floor_z_m], list(_FLOOR_M), 0.0, _FLOOR))
+    for index, (name, center_m, size_m, yaw_rad, colour) in enumerate(rows):
+        position, quat = np.empty(3), np.empty(4)
+        mujoco.mju_rotVecQuat(position, np.array(center_m, float) - base, turned_back)
+        mujoco.mju_mulQuat(quat, turned_back, base_quat(yaw_rad))
+        mesh = box(size_m)
+        scene.add_mesh_simple(
+            f"{root}/workspace/{index} {name.replace('/', ' ')}",
+            mesh.vertices,
+            mesh.faces,
+            color=colour,
+            opacity=_LIMIT_OPACITY,
+            position=position,
+            wxyz=quat,
+            cast_shadow=False,
+        )

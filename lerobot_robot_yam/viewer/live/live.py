@@ -1,15 +1,16 @@
-"""The live part of the page: every arm that runs on this computer, as its state block tells it. It drives nothing."""
+"""The live part of the page: every arm and camera of this computer, as others use them. It drives and opens none."""
 
+import html
 from collections.abc import Sequence
 
 import numpy as np
 import viser
 
-from lerobot_robot_yam.viewer.drawing.figure import Figure
-from lerobot_robot_yam.viewer.drawing.workspace_shapes import add_workspace
+from lerobot_robot_yam.cameras.holders import holders
+from lerobot_robot_yam.cameras.video_devices import VideoDevice, video_devices
+from lerobot_robot_yam.viewer.drawing.figure import Figure, add_workspace
 from lerobot_robot_yam.viewer.live.arm_panel import ArmPanel, warnings
 from lerobot_robot_yam.viewer.live.banner import Banner
-from lerobot_robot_yam.viewer.live.camera_panel import CameraPanel
 from lerobot_robot_yam.viewer.live.placement import Place, places
 from lerobot_robot_yam.viewer.live.stop_button import StopButton
 from lerobot_robot_yam.viewer.live.watched_arms import WatchedArm, WatchedArms
@@ -18,6 +19,8 @@ from lerobot_robot_yam.viewer.live.watched_rigs import WatchedRigs
 _GHOST_RAD = 0.005  # a set-point that is nearer than this is not drawn
 _EYE_M, _LOOKS_AT_M = (1.3, 1.5, 1.1), (-0.3, 0.0, 0.15)  # two followers and their leaders, from the front
 _LEAVE_S = 3.0  # of a hidden panel; a browser without a graphics card draws a picture a second at worst
+_CAMERAS_S = 0.5
+_DEVICES_S = 5.0  # who has a device open is in as many files as there are processes
 _NOBODY = "<p style='padding:0 0.8em;color:#888'>no arm runs on this computer</p>"
 
 
@@ -67,6 +70,35 @@ class _Shown:
                 figure.remove()
 
 
+class _Cameras:
+    """A folder behind the arms: cameras that a rig draws now, and those that are plugged in. It opens none."""
+
+    def __init__(self, gui: viser.GuiApi):
+        self._folder = gui.add_folder("cameras", order=1e6, expand_by_default=False, visible=False)
+        with self._folder:
+            self._text = gui.add_html("")
+        self._devices: list[str] = []
+        self._shown_s = -_CAMERAS_S
+        self._looked_s = -_DEVICES_S
+
+    def update(self, now_s: float, rigs: WatchedRigs) -> None:
+        """Show them, now and then; the folder is there if there is one."""
+        if now_s - self._shown_s < _CAMERAS_S:
+            return
+        self._shown_s = now_s
+        if now_s - self._looked_s >= _DEVICES_S:
+            self._looked_s = now_s
+            self._devices = [_who_reads(device) for device in video_devices()]
+        lines = [html.escape(line) for line in rigs.cameras(now_s) + self._devices]
+        self._folder.visible = bool(lines)
+        self._text.content = f"<div style='padding:0 0.8em'>{'<br>'.join(lines)}</div>"
+
+
+def _who_reads(device: VideoDevice) -> str:
+    who = [f"{name} ({pid})" for pid, name in holders(device.nodes)]
+    return f"{device}: {'read by ' + ', '.join(who) if who else 'no process of yours reads it'}"
+
+
 class Live:
     """Shows the arms, says what is wrong with them, and has the emergency stop.
 
@@ -81,7 +113,7 @@ class Live:
     def __init__(self, server: viser.ViserServer, troubles: Sequence[str] = ()):
         self._server, self._troubles = server, troubles
         self._watched = WatchedArms()
-        self._rigs = WatchedRigs(server)
+        self._rigs = WatchedRigs(server.scene)
         self._shown: dict[str, _Shown] = {}
         self._leaving: list[tuple[float, ArmPanel]] = []  # when to remove them
         server.scene.configure_default_lights(cast_shadow=False)  # a browser without a graphics card draws, too
@@ -90,7 +122,7 @@ class Live:
         self._banner = Banner(server)
         self._stop = StopButton(server.gui)
         self._nobody = server.gui.add_html(_NOBODY)
-        self._cameras = CameraPanel(server.gui)
+        self._cameras = _Cameras(server.gui)
 
     @property
     def arms(self) -> dict[str, WatchedArm]:
@@ -124,7 +156,7 @@ class Live:
 
     def _keep(self, now_s: float) -> None:
         """Have a drawing of each arm that runs, at its place, and of its rig."""
-        arms, before = self.arms, list(self._shown)
+        arms, before = self.arms, list(self._shown.values())
         for key in [key for key, shown in self._shown.items() if shown.arm is not arms.get(key)]:
             shown = self._shown.pop(key)
             shown.close()
@@ -134,7 +166,7 @@ class Live:
         for key in sorted(arms.keys() - self._shown.keys())[:1]:  # one a round: to draw it anew takes a moment
             self._shown[key] = _Shown(self._server, arms[key])
         moved = self._rigs.keep({arm.rig for arm in arms.values() if arm.rig})
-        if not moved and before == list(self._shown):
+        if not moved and before == list(self._shown.values()):
             return
         self._nobody.visible = not arms
         for key, place in places(arms, self._rigs.worlds).items():

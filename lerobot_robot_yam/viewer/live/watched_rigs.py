@@ -1,30 +1,130 @@
-"""The virtual rigs of the arms that are watched: each is found by its arms, and drawn."""
+"""The virtual rigs of the arms that are watched: each is found by its arms, and drawn around them."""
 
 import logging
+import math
 from collections.abc import Iterable
 
+import mujoco
+import numpy as np
 import viser
 
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.viewer.drawing.rig_scenery import RigScenery
+from lerobot_robot_yam.viewer.drawing.bodies import add_body, put
 from lerobot_robot_yam.viewer.live.placement import origin_of
-from lerobot_robot_yam.viewer.live.rig_world import RigWorld
+from lerobot_robot_yam.viewer.live.rig_world import RenderedPictures, RigWorld
 
 logger = logging.getLogger(__name__)
+
+_GROUPS = (0, 2)  # shapes that cameras see
+_LOOK_S = 1.0
+_PICTURES_S = 0.25
+_ASPECT = 4 / 3  # of a camera that nobody has opened
+_FRUSTUM = 0.12
+_CONTACT = (255, 0, 60)
+_CONTACT_M = 0.012
+_SEEN = np.array([0.0, 1.0, 0.0, 0.0])  # MuJoCo's cameras look along -z with y up, viser's along z with y down
+
+
+class RigScenery:
+    """What stands around the arms of one rig: its table, props, cameras with their pictures, and what touches an arm.
+
+    Args:
+        scene: of the server.
+        world: of the rig.
+    """
+
+    def __init__(self, scene: viser.SceneApi, world: RigWorld):
+        self._world = world
+        root = f"/rigs/{world.name}"
+        self._root = scene.add_frame(root, show_axes=False)
+        self._pictures = RenderedPictures(world.name)
+        self._things = []
+        for thing in world.scene.things:
+            body = world.model.body(thing.name).id
+            self._things.append((body, add_body(scene, f"{root}/{thing.name}", world.model, body, _GROUPS)))
+        self._cameras = [
+            (
+                world.model.camera(camera.name).id,
+                scene.add_camera_frustum(
+                    f"{root}/cameras/{camera.name}",
+                    fov=math.radians(camera.fovy_deg),
+                    aspect=_ASPECT,
+                    scale=_FRUSTUM,
+                    thickness=0.002,
+                    cast_shadow=False,
+                    receive_shadow=False,
+                ),
+            )
+            for camera in world.scene.cameras
+        ]
+        self._contacts = scene.add_point_cloud(
+            f"{root}/contacts", np.zeros((1, 3)), _CONTACT, point_size=_CONTACT_M, point_shape="circle", visible=False
+        )
+        self._looked_s = self._pictured_s = -math.inf
+
+    def stand(self, origin_m: np.ndarray) -> None:
+        """Put its origin there, (3,)."""
+        self._root.position = origin_m
+
+    def update(self, now_s: float, watched: bool) -> None:
+        """Draw what has changed. watched: somebody looks, pictures are worth their while."""
+        if self._world.read():
+            self._draw()
+        if watched and now_s - self._looked_s >= _LOOK_S:
+            self._looked_s = now_s
+            self._pictures.look()
+        if watched and now_s - self._pictured_s >= _PICTURES_S:
+            self._pictured_s = now_s
+            for camera, (_, frustum) in zip(self._world.scene.cameras, self._cameras, strict=True):
+                self._show(camera.name, frustum)
+
+    def cameras(self, now_s: float) -> list[str]:
+        """A line for each camera that somebody has opened."""
+        return [f"{name}: {age_s * 1e3:.0f} ms old" for name, age_s in self._pictures.open_ones(now_s).items()]
+
+    def _draw(self) -> None:
+        data = self._world.data
+        for body, frame in self._things:
+            put(frame, data.xpos[body], data.xquat[body])
+        for index, frustum in self._cameras:
+            quat, seen = np.empty(4), np.empty(4)
+            mujoco.mju_mat2Quat(quat, data.cam_xmat[index])
+            mujoco.mju_mulQuat(seen, quat, _SEEN)
+            put(frustum, data.cam_xpos[index], seen)
+        points = [point for _, _, point in self._world.contacts()]
+        if points:
+            self._contacts.points = np.array(points, np.float16)
+        if self._contacts.visible != bool(points):
+            self._contacts.visible = bool(points)
+
+    def _show(self, camera: str, frustum: viser.CameraFrustumHandle) -> None:
+        if not self._pictures.is_open(camera):
+            if frustum.image is not None:
+                frustum.image = None
+            return
+        picture = self._pictures.newest(camera)
+        if picture is not None:
+            frustum.image = picture
+            frustum.aspect = picture.shape[1] / picture.shape[0]
+
+    def close(self) -> None:
+        """Take it out of the scene."""
+        self._pictures.close()
+        self._root.remove()
 
 
 class WatchedRigs:
     """All of them.
 
     Args:
-        server: viser's.
+        scene: of the server.
 
     Attributes:
         worlds: by the rig's name, in the order in which they stand beside each other.
     """
 
-    def __init__(self, server: viser.ViserServer):
-        self._server = server
+    def __init__(self, scene: viser.SceneApi):
+        self._scene = scene
         self.worlds: dict[str, RigWorld] = {}
         self._sceneries: dict[str, RigScenery] = {}
         self._unknown: set[str] = set()  # whose world nobody tells
@@ -43,8 +143,12 @@ class WatchedRigs:
                 self._unknown.add(name)
                 logger.warning("rig %s is not drawn: %s", name, error)
                 continue
-            self._sceneries[name] = RigScenery(self._server, world, origin_of(len(self._sceneries)))
-        return before != list(self.worlds.values())
+            self._sceneries[name] = RigScenery(self._scene, world)
+        if before == list(self.worlds.values()):
+            return False
+        for number, scenery in enumerate(self._sceneries.values()):  # where `places` puts their arms
+            scenery.stand(origin_of(number))
+        return True
 
     def update(self, now_s: float, watched: bool) -> None:
         """Draw what has changed in them. watched: somebody looks."""

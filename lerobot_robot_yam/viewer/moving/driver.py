@@ -22,12 +22,11 @@ from lerobot_robot_yam.session.trajectory import Trajectory
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 from lerobot_robot_yam.viewer.moving.control_desk import ControlDesk, Stage
-from lerobot_robot_yam.viewer.moving.driven_arm import DrivenArm
+from lerobot_robot_yam.viewer.moving.driven_arms import DrivenArm, Replay
 from lerobot_robot_yam.viewer.moving.driving_plan import DrivingPlan
 from lerobot_robot_yam.viewer.moving.heartbeat import Heartbeat, too_old
 from lerobot_robot_yam.viewer.moving.held_back import HeldBack
 from lerobot_robot_yam.viewer.moving.orders import Order, Orders
-from lerobot_robot_yam.viewer.moving.replay import Replay
 
 logger = logging.getLogger(__name__)
 

@@ -10,14 +10,14 @@ from lerobot_robot_yam.rig.client.rig_control import RigControl
 from lerobot_robot_yam.rig.client.rig_operations import RigOperations
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import find_lockstep
 from lerobot_robot_yam.session.arm_session import Isolation
+from lerobot_robot_yam.viewer.live.placement import Place
 from lerobot_robot_yam.viewer.moving.control_panel import ControlPanel
 from lerobot_robot_yam.viewer.moving.driver import Driver
 from lerobot_robot_yam.viewer.moving.driving_plan import DrivingPlan
 from lerobot_robot_yam.viewer.moving.joint_sliders import JointSliders
-from lerobot_robot_yam.viewer.moving.pose_panel import PosePanel
 from lerobot_robot_yam.viewer.moving.rig_panel import RigPanel
-from lerobot_robot_yam.viewer.moving.saved_poses import SavedPoses
-from lerobot_robot_yam.viewer.moving.tool_handle import Place, ToolHandle
+from lerobot_robot_yam.viewer.moving.saved_poses import PosePanel, SavedPoses
+from lerobot_robot_yam.viewer.moving.tool_handle import ToolHandle
 
 _NOTICE_S = 8.0
 

@@ -1,23 +1,27 @@
-"""Poses that a person has saved: a JSON file, by name of the pose and of the arm.
+"""Poses that a person has saved: a JSON file, by name of the pose and of the arm, and a folder of the panel.
 
 {"poses": {"above the table": {"left_robot": {"arm": "yam", "gripper": "linear_4310", "q_rad": [0.0, …],
                                               "opening": 1.0}}}}
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import viser
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.arm.validation import finite_number, finite_vector
-from lerobot_robot_yam.errors import ActionError, ConfigError
+from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError
 from lerobot_robot_yam.system.paths import write_whole
+from lerobot_robot_yam.viewer.moving.driver import Driver
+from lerobot_robot_yam.viewer.serving.handles import kept, pressed, put
 
 _MOST_BYTES = 1 << 20
 _MOST_NAME = 60
+_NONE = "(no pose is saved)"
 
 Pose = dict[str, np.ndarray]
 """Per arm, by name, (n,) of its motors: rad, and 0 … 1 of the gripper."""
@@ -123,3 +127,55 @@ class SavedPoses:
                 f"{arm.lower[motor]:.2f} … {arm.upper[motor]:.2f}"
             )
         return np.clip(values, arm.lower, arm.upper)
+
+
+class PosePanel:
+    """A folder: choose a pose and go there, save one, forget one.
+
+    Args:
+        gui: of the server.
+        driver: is asked for what is pressed.
+        poses: that are saved.
+    """
+
+    def __init__(self, gui: viser.GuiApi, driver: Driver, poses: SavedPoses):
+        self._driver, self._poses = driver, poses
+        with gui.add_folder("poses"):
+            self._chosen = kept(gui.add_dropdown("pose", poses.names or [_NONE]), driver.desk.is_free_for)
+            pressed(gui.add_button("go to it"), self._with(self._chosen, self._go))
+            name = kept(gui.add_text("name", ""), driver.desk.is_free_for)
+            pressed(gui.add_button("save the present pose"), self._with(name, self._save))
+            pressed(gui.add_button("forget it"), self._with(self._chosen, self._forget))
+
+    def _with(self, control: Any, work: Callable[[str], None]) -> Callable[[int], None]:
+        """Asks the driver to do this with what a control shows at the press."""
+
+        def asked(browser: int) -> None:
+            shown = str(control.value)
+            self._driver.ask(browser, lambda: work(shown))
+
+        return asked
+
+    def _go(self, name: str) -> None:
+        self._driver.glide(self._poses[name])
+
+    def _save(self, name: str) -> None:
+        arms = self._driver.arms
+        if not arms:
+            raise LifeCycleError("the arms are not connected; nothing was saved")
+        present = {
+            name: np.clip(arm.client.observe().positions, arm.hardware.lower, arm.hardware.upper)
+            for name, arm in arms.items()
+        }
+        self._poses.save(name, present)
+        self._offer(name.strip())
+        self._driver.say(None, f"saved in {self._poses.path}")
+
+    def _forget(self, name: str) -> None:
+        self._poses.forget(name)
+        self._offer()
+
+    def _offer(self, chosen: str | None = None) -> None:
+        names = self._poses.names or [_NONE]
+        self._chosen.options = names
+        put(self._chosen, value=names[0] if chosen is None else chosen)

@@ -9,13 +9,11 @@ import viser
 from lerobot_robot_yam.arm.kinematics import YamKinematics
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ActionError
+from lerobot_robot_yam.viewer.live.placement import Place
 from lerobot_robot_yam.viewer.moving.driver import Driver
 
 _SIZE_PX = 90.0  # of an arrow, however far away: one of the length of the tool is too thin for a mouse
 _SHOWN = 5e-4  # m, and of the quaternion: smaller changes are not shown
-
-Place = tuple[np.ndarray, np.ndarray]
-"""Position (3,) m and w x y z (4,) of the base of an arm in the scene."""
 
 
 class ToolHandle:

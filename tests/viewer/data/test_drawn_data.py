@@ -1,4 +1,4 @@
-"""What the page draws of a data set: curves, the overlay, the flags."""
+"""What the page draws of a data set: curves, the flags."""
 
 import numpy as np
 
@@ -6,7 +6,6 @@ from lerobot_robot_yam.face.datasets.check.flags import Flag, Kind
 from lerobot_robot_yam.face.datasets.check.opened_dataset import ACTION, STATE, RecordedEpisode
 from lerobot_robot_yam.viewer.data.episode_list import describe
 from lerobot_robot_yam.viewer.data.episode_plot import curves
-from lerobot_robot_yam.viewer.data.scene_match import overlaid
 
 NAMES = {STATE: ["a", "b"], ACTION: ["b"]}
 
@@ -33,13 +32,6 @@ def test_curves_of_a_value_without_action_beside_a_shorter_episode():
 def test_curves_of_a_long_episode_have_no_more_points_than_can_be_seen():
     times, _, _, _, now = curves(NAMES, "b", 19_999, episode(0, 20_000), None, 10)
     assert len(times) == 600 and times[-1] == 1999.9 and not np.isnan(now[-1])
-
-
-def test_an_overlay_has_the_size_of_the_live_picture_and_the_share_that_was_asked_for():
-    live, recorded = np.full((40, 60, 3), 200, np.uint8), np.full((20, 20, 3), 100, np.uint8)
-    for alpha, level in ((0.0, 200), (0.25, 175), (1.0, 100)):
-        both = overlaid(live, recorded, alpha)
-        assert both.shape == live.shape and both.dtype == np.uint8 and (both == level).all()
 
 
 def test_flags_are_told_with_their_frames_and_nothing_of_them_is_markup():

@@ -1,4 +1,4 @@
-"""The world of a rig, as others see it without asking it."""
+"""The world of a rig, and pictures of cameras that somebody has opened, as others see them without asking the rig."""
 
 import contextlib
 
@@ -9,10 +9,12 @@ import yaml
 from lerobot_robot_yam.arm.kinematics import YamKinematics
 from lerobot_robot_yam.errors import RigError, StaleStateError
 from lerobot_robot_yam.rig.client.launch import rig_path
+from lerobot_robot_yam.rig.client.rendered_camera import frame_dtype, frame_path
 from lerobot_robot_yam.rig.client.told_scene import scene_path, tell_scene, told_scene
 from lerobot_robot_yam.rig.scene.scene import load_scene
 from lerobot_robot_yam.rig.world.world import World, WorldBlock
-from lerobot_robot_yam.viewer.live.rig_world import RigWorld
+from lerobot_robot_yam.system.shared_block import SharedBlock
+from lerobot_robot_yam.viewer.live.rig_world import RenderedPictures, RigWorld
 
 OPTIONS = {"arms": ["follower_left"], "seed": 3}
 
@@ -99,3 +101,46 @@ def test_no_rig_and_one_that_tells_another_scene_are_refused():
         with pytest.raises(StaleStateError):
             RigWorld("shown")
         assert reader.current
+
+
+@pytest.fixture
+def pictures():
+    pictures = RenderedPictures("drawn")
+    yield pictures
+    pictures.close()
+
+
+def opened(camera, width, height):
+    """What the renderer has of an open camera, and a way to have it draw a grey picture."""
+    dtype = frame_dtype(width, height)
+    block = SharedBlock(frame_path("drawn", camera, width, height, 30), dtype, create=True)
+
+    def draw(grey):
+        record = np.zeros((), dtype)
+        record["rgb"] = grey
+        block.write(record)
+
+    return block, draw
+
+
+def test_each_picture_is_given_once_and_no_wider_than_a_frustum_needs(pictures):
+    block, draw = opened("top", 640, 480)
+    pictures.look()
+    assert pictures.is_open("top") and pictures.newest("top") is None
+    draw(100)
+    picture = pictures.newest("top")
+    assert picture.shape == (240, 320, 3) and (picture == 100).all()
+    assert pictures.newest("top") is None
+    draw(50)
+    assert (pictures.newest("top") == 50).all()
+    block.close()
+
+
+def test_a_camera_that_is_closed_is_forgotten_and_one_of_a_similar_name_is_another(pictures):
+    block, draw = opened("wrist-left", 32, 24)
+    draw(1)
+    pictures.look()
+    assert pictures.is_open("wrist-left") and not pictures.is_open("wrist")
+    block.close()
+    pictures.look()
+    assert not pictures.is_open("wrist-left") and pictures.newest("wrist-left") is None

@@ -11,8 +11,8 @@ from lerobot_robot_yam.arm.model import VISUAL_GROUP, build_spec
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.viewer.drawing.bodies import meshes
 from lerobot_robot_yam.viewer.drawing.primitives import joined
-from lerobot_robot_yam.viewer.drawing.shapes import meshes
 from lerobot_robot_yam.waldo.kinematics.serial_chain import SerialChain
 from lerobot_robot_yam.waldo.model.arm_model import ArmModel
 

@@ -1,4 +1,9 @@
-"""One arm on its way to a goal that a person changes while it moves. Its speed limits are the control loop's."""
+"""Arms on their way: one to a goal that a person changes while it moves, or all of them along a recorded motion.
+
+The control loop limits the speed of one arm that is moved; a recorded motion is slowed before it begins.
+"""
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -7,8 +12,8 @@ from lerobot_robot_yam.arm.kinematics import PoseTracker, YamKinematics
 from lerobot_robot_yam.arm.validation import finite_number
 from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError
 from lerobot_robot_yam.session.arm_client import ArmClient
-from lerobot_robot_yam.session.playback import APPROACH_RAD_S, Playback, approach_s, ready
-from lerobot_robot_yam.session.trajectory import soft_way
+from lerobot_robot_yam.session.playback import APPROACH_RAD_S, Playback, approach_s, ready, replay
+from lerobot_robot_yam.session.trajectory import Trajectory, soft_way
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 
@@ -16,6 +21,9 @@ _REACHED = 1e-3  # rad, or of the gripper's stroke
 _PROGRESS = 5e-3  # that an arm comes nearer to its goal, at least,
 _STUCK_S = 1.0  # within this time; else it holds where it is
 _OFF_M = 0.03  # a tool that ends farther from where it was dragged to is out of reach
+_RAMP_S = 0.4  # of a motion that is paused: from full speed to rest, and back
+_SETTLES_S = 1.0  # the set-points come to the last targets at their own speed
+_LONGEST_S = 0.1  # of a step of it: while nobody gives targets, the motion stands still, too
 
 
 class DrivenArm:
@@ -92,7 +100,7 @@ class DrivenArm:
     def _present(self) -> np.ndarray:
         """(n,) where it goes, or is asked to be. Raises YamError: it takes no targets."""
         state = self.client.newest()
-        check_takes_targets(self.client)
+        _check_takes_targets(self.client)
         return np.array(state.setpoints) if self.goal is None else self.goal.copy()
 
     def _set(self, goal: np.ndarray, now: float) -> None:
@@ -111,7 +119,7 @@ class DrivenArm:
             self._set(self._playback.trajectory.positions[-1], now)  # until it is there
         if self.goal is None:
             return True
-        check_takes_targets(self.client)
+        _check_takes_targets(self.client)
         joints = self.hardware.joints
         gripper = float(self.goal[-1]) if self.hardware.has_gripper else None
         self.client.write_target(self.goal[:joints], gripper)
@@ -125,7 +133,7 @@ class DrivenArm:
         return gap <= _REACHED or not stuck
 
 
-def check_takes_targets(client: ArmClient) -> None:
+def _check_takes_targets(client: ArmClient) -> None:
     """Raises LifeCycleError: this arm takes no targets now; says why."""
     state = client.newest()
     if Limited.PEER in state.limited:
@@ -136,3 +144,47 @@ def check_takes_targets(client: ArmClient) -> None:
         raise LifeCycleError(
             f"{client.config.name}: it takes no targets in mode {state.mode.name.lower()}; let it hold first"
         )
+
+
+class Replay:
+    """A motion on its way, with the way to its first pose before it.
+
+    Args:
+        clients: the arms. One that floats holds from now on.
+        trajectory: with a column for each of their motors.
+        now: by the arms' clock, s.
+
+    Attributes:
+        paused: whether it comes to rest, or stands still.
+        share: how much of it is done, 0 … 1.
+
+    Raises:
+        ActionError: it does not fit these arms; nothing moves.
+        YamError: one has failed or is silent.
+    """
+
+    def __init__(self, clients: Sequence[ArmClient], trajectory: Trajectory, now: float):
+        self._playback = replay(clients, trajectory)
+        self._then_s, self._place_s, self._rate = now, 0.0, 1.0
+        self._ended_s: float | None = None
+        self.paused, self.share = False, 0.0
+
+    def step(self, now: float) -> bool:
+        """Give the targets of this moment; True once the arms are at the last ones, or have had time to get there.
+
+        Raises:
+            YamError: one takes no targets, has failed or is silent.
+        """
+        passed_s, self._then_s = min(now - self._then_s, _LONGEST_S), now
+        most = passed_s / _RAMP_S
+        self._rate += float(np.clip((0.0 if self.paused else 1.0) - self._rate, -most, most))
+        self._place_s += self._rate * passed_s
+        self.share = min(self._place_s / self._playback.trajectory.seconds, 1.0)
+        if not self._playback.step(self._place_s):
+            return False
+        self._ended_s = now if self._ended_s is None else self._ended_s
+        return not self.late() or now - self._ended_s > _SETTLES_S
+
+    def late(self) -> str:
+        """The joint, with its arm, that is not where the motion ends; empty when all are."""
+        return self._playback.late()

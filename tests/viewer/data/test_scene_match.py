@@ -1,8 +1,17 @@
-"""Cameras that can be looked through."""
+"""A picture of a data set over what a camera sees now, and the cameras that can be looked through."""
+
+import numpy as np
 
 from lerobot_robot_yam.rig.client.launch import rig_path
 from lerobot_robot_yam.rig.client.told_scene import tell_scene
-from lerobot_robot_yam.viewer.data.live_camera import rig_cameras, running_rigs
+from lerobot_robot_yam.viewer.data.scene_match import overlaid, rig_cameras, running_rigs
+
+
+def test_an_overlay_has_the_size_of_the_live_picture_and_the_share_that_was_asked_for():
+    live, recorded = np.full((40, 60, 3), 200, np.uint8), np.full((20, 20, 3), 100, np.uint8)
+    for alpha, level in ((0.0, 200), (0.25, 175), (1.0, 100)):
+        both = overlaid(live, recorded, alpha)
+        assert both.shape == live.shape and both.dtype == np.uint8 and (both == level).all()
 
 
 def test_the_cameras_of_a_rig_are_known_and_one_that_was_killed_is_not_started():
