@@ -167,6 +167,7 @@ class Replay:
         self._playback = replay(clients, trajectory)
         self._then_s, self._place_s, self._rate = now, 0.0, 1.0
         self._ended_s: float | None = None
+        self._there = False  # at the step before
         self.paused, self.share = False, 0.0
 
     def step(self, now: float) -> bool:
@@ -183,7 +184,8 @@ class Replay:
         if not self._playback.step(self._place_s):
             return False
         self._ended_s = now if self._ended_s is None else self._ended_s
-        return not self.late() or now - self._ended_s > _SETTLES_S
+        there, self._there = self._there, not self.late()  # twice: a set-point that passes by is not there
+        return (there and self._there) or now - self._ended_s > _SETTLES_S
 
     def late(self) -> str:
         """The joint, with its arm, that is not where the motion ends; empty when all are."""
