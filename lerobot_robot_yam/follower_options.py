@@ -100,12 +100,12 @@ def refuse_follower(device: str, config: Any) -> None:
     """Refuse a config of which no robot can be made; raises RefusedConfigError."""
     from lerobot.robots.config import RobotConfig
 
-    from lerobot_robot_yam.face.devices.command_check import check_command  # LeRobot's start must not wait for these
+    from lerobot_robot_yam.face.devices.cli_check import check_cli  # LeRobot's start must not wait for these
     from lerobot_robot_yam.face.devices.config_refusal import refuse
 
     def check(_: Any) -> None:
         RobotConfig.__post_init__(config)
         joints_in_degrees = config.use_degrees and config.action_space == "joint"
-        check_command(device, config.action_keys(), joints_in_degrees, config.image_names())
+        check_cli(device, config.action_keys(), joints_in_degrees, config.image_names())
 
     refuse(device, config, "follower", check)

@@ -10,7 +10,7 @@ import numpy as np
 from lerobot_robot_yam.arm.config import SOCKETCAN, ArmConfig, lead_of
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 from lerobot_robot_yam.errors import ChannelInUseError, ConfigError
-from lerobot_robot_yam.face.devices.command_options import channels_of
+from lerobot_robot_yam.face.devices.cli_options import channels_of
 from lerobot_robot_yam.face.devices.feature_names import space_of
 from lerobot_robot_yam.face.recorder.record_command import under_a_command
 from lerobot_robot_yam.state.records import channel_key

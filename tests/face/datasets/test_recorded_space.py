@@ -13,7 +13,7 @@ import torch
 from lerobot.scripts import lerobot_record, lerobot_replay, lerobot_rollout
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.devices.command_check import check_command
+from lerobot_robot_yam.face.devices.cli_check import check_cli
 from lerobot_robot_yam.face.devices.feature_names import space_of
 from tests.policy_plugin.checkpoints import save_scripted, statistics
 from tests.support.recordings import KEYS, NOWHERE, POSE_TOOL, error_of, refused, robot, went_on, write_dataset
@@ -168,7 +168,7 @@ def test_a_checkpoint_that_does_not_tell_is_warned_of(tmp_path, monkeypatch, cap
     if trained is not None:
         (path / "train_config.json").write_text(json.dumps({"dataset": trained}))
     monkeypatch.setattr(sys, "argv", ["lerobot-rollout", f"--policy.path={path}"])
-    check_command("robot", KEYS[space], False)
+    check_cli("robot", KEYS[space], False)
     assert f"{path} does not tell joints from tool poses; this robot takes {NAMES[space]}" in caplog.text
 
 
@@ -188,15 +188,15 @@ def test_a_checkpoint_that_does_not_tell_is_warned_of(tmp_path, monkeypatch, cap
 def test_an_openpi_server_speaks_the_robots_space(monkeypatch, arguments, space, refusal):
     monkeypatch.setattr(sys, "argv", ["lerobot-rollout", "--policy.type=yam_openpi", *arguments])
     with pytest.raises(ConfigError, match=refusal) if refusal else contextlib.nullcontext():
-        check_command("robot", KEYS[space], False)
+        check_cli("robot", KEYS[space], False)
 
 
 def test_a_saved_openpi_policy_is_no_exception(monkeypatch, tmp_path):
     (tmp_path / "config.json").write_text('{"type": "yam_openpi", "action_space": "cartesian_position"}')
     monkeypatch.setattr(sys, "argv", ["lerobot-rollout", f"--policy.path={tmp_path}"])
-    check_command("robot", KEYS["ee"], False)
+    check_cli("robot", KEYS["ee"], False)
     with pytest.raises(ConfigError, match="of tool poses, this robot takes joint positions"):
-        check_command("robot", KEYS["joint"], False)
+        check_cli("robot", KEYS["joint"], False)
 
 
 def test_what_no_arm_can_be_driven_by_cannot_be_asked_for(command, capsys):

@@ -16,7 +16,7 @@ from lerobot.utils.feature_utils import hw_to_dataset_features
 
 from lerobot_robot_yam.errors import ActionError, ConfigError
 from lerobot_robot_yam.face.datasets.recording import Recording, of_checkpoint, of_dataset
-from lerobot_robot_yam.face.devices.command_check import check_command, unit_of
+from lerobot_robot_yam.face.devices.cli_check import check_cli, unit_of
 from lerobot_robot_yam.session.target_limits import refuse_degrees
 from tests.cli.conftest import ROOT
 from tests.policy_plugin.checkpoints import save_scripted, statistics
@@ -149,8 +149,8 @@ def test_async_client_looks_at_the_checkpoint_that_it_names(monkeypatch, tmp_pat
     path = save_scripted(tmp_path / "p", "nothing", arms=2, stats=statistics(2, degrees=True))
     monkeypatch.setattr(sys, "argv", ["robot_client", f"--pretrained_name_or_path={path}"])
     with pytest.raises(ConfigError, match="is in degrees, this robot in radians"):
-        check_command("robot", KEYS["joint"], False)
-    check_command("robot", KEYS["joint"], True)
+        check_cli("robot", KEYS["joint"], False)
+    check_cli("robot", KEYS["joint"], True)
 
 
 @pytest.mark.parametrize("unit, degrees, fits", [("deg", True, True), ("deg", False, False), ("rad", True, False)])
@@ -158,7 +158,7 @@ def test_an_openpi_server_speaks_the_robots_unit(monkeypatch, unit, degrees, fit
     arguments = ["lerobot-rollout", "--policy.type=yam_openpi", f"--policy.angle_unit={unit}"]
     monkeypatch.setattr(sys, "argv", arguments)
     with contextlib.nullcontext() if fits else pytest.raises(ConfigError, match="policy.angle_unit is in"):
-        check_command("robot", KEYS["joint"], degrees)
+        check_cli("robot", KEYS["joint"], degrees)
 
 
 @pytest.mark.parametrize(
@@ -182,14 +182,14 @@ def test_a_data_set_is_found_however_lerobot_takes_its_name(monkeypatch, tmp_pat
     places |= {"included": tmp_path / "data.yaml", "toml": tmp_path / "run.toml"}
     monkeypatch.setattr(sys, "argv", ["lerobot-replay", *(text.format(**places) for text in arguments)])
     with pytest.raises(ConfigError, match="is in degrees, this robot in radians"):
-        check_command("robot", KEYS["joint"], False)
-    check_command("robot", KEYS["joint"], True)
+        check_cli("robot", KEYS["joint"], False)
+    check_cli("robot", KEYS["joint"], True)
 
 
 @pytest.mark.parametrize("text", ["[", "include nowhere.yaml", "x", "null"])
 def test_what_is_no_data_set_is_left_to_lerobot(monkeypatch, text):
     monkeypatch.setattr(sys, "argv", ["lerobot-replay", f"--dataset={text}", "--dataset.episode=0"])
-    check_command("robot", KEYS["joint"], False)
+    check_cli("robot", KEYS["joint"], False)
 
 
 @pytest.mark.parametrize(
@@ -199,25 +199,25 @@ def test_the_checkpoint_from_which_a_training_begins_moves_nothing(monkeypatch, 
     path = save_scripted(tmp_path / "p", "nothing", arms=2, stats=statistics(2, degrees=True))
     monkeypatch.setattr(sys, "argv", [program, f"--policy.path={path}"])
     with pytest.raises(ConfigError, match="is in degrees") if refuses else contextlib.nullcontext():
-        check_command("robot", KEYS["joint"], False)
+        check_cli("robot", KEYS["joint"], False)
 
 
 def test_an_unknown_unit_is_said(monkeypatch, caplog):
     monkeypatch.setattr(sys, "argv", ["lerobot-rollout", "--policy.path=nobody/nothing"])
-    check_command("robot", KEYS["joint"], True)
+    check_cli("robot", KEYS["joint"], True)
     assert "nobody/nothing does not tell its unit; this robot is in degrees" in caplog.text
 
 
 @pytest.mark.parametrize("words", [[], ["script.py"], ["script.py", "--flag"], [""]])
 def test_a_script_of_ones_own_is_not_looked_at(monkeypatch, caplog, words):
     monkeypatch.setattr(sys, "argv", words)
-    check_command("robot", KEYS["joint"], False)
+    check_cli("robot", KEYS["joint"], False)
     assert not [record for record in caplog.records if record.name.startswith("lerobot_robot_yam")]
 
 
 def test_commands_without_a_recording_are_not_looked_at(monkeypatch, caplog):
     monkeypatch.setattr(sys, "argv", ["lerobot-record", f"--config_path={ROOT / 'configs' / 'sim' / 'record.yaml'}"])
-    check_command("robot", KEYS["joint"], True)
+    check_cli("robot", KEYS["joint"], True)
     assert not [record for record in caplog.records if record.name.startswith("lerobot_robot_yam")]
 
 

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.devices.command_check import check_command
+from lerobot_robot_yam.face.devices.cli_check import check_cli
 
 KEYS = [*(f"joint_{n}.pos" for n in range(1, 7)), "gripper.pos"]
 
@@ -21,7 +21,7 @@ def run(monkeypatch, tmp_path):
 
     def check(name, *arguments, cameras=()):
         monkeypatch.setattr(sys, "argv", [name, *arguments])
-        check_command("yam_follower", KEYS, False, cameras)
+        check_cli("yam_follower", KEYS, False, cameras)
 
     return check
 

@@ -29,8 +29,8 @@ from lerobot_robot_yam.arm.joint_map import TURN
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.datasets.layout import DEGREES_SUFFIX
 from lerobot_robot_yam.face.datasets.recording import Recording, of_checkpoint, of_dataset
-from lerobot_robot_yam.face.devices.command_options import given_options
-from lerobot_robot_yam.face.devices.command_targets import check_cameras, check_channels, check_data_set
+from lerobot_robot_yam.face.devices.cli_inputs import check_cameras, check_channels, check_data_set
+from lerobot_robot_yam.face.devices.cli_options import given_options
 from lerobot_robot_yam.face.devices.feature_names import TOOL_NUMBERS, space_of
 
 logger = logging.getLogger(__name__)
@@ -47,7 +47,7 @@ _RADIANS, _DEGREES = "radians", "degrees"
 _OURS = ("yam_follower", "bi_yam_follower")
 
 
-def check_command(device: str, keys: Sequence[str], use_degrees: bool, cameras: Collection[str] = ()) -> None:
+def check_cli(device: str, keys: Sequence[str], use_degrees: bool, cameras: Collection[str] = ()) -> None:
     """Refuse a LeRobot command that cannot work, or that replays, resumes or rolls out numbers of another meaning.
 
     Args:

@@ -9,7 +9,7 @@ from typing import Any
 from lerobot.utils.constants import OBS_IMAGES
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.devices.command_options import channels_of
+from lerobot_robot_yam.face.devices.cli_options import channels_of
 from lerobot_robot_yam.face.recorder.record_command import INFO, episodes_in, is_empty
 
 _RECORD = ("lerobot-record", "lerobot_record")
