@@ -14,6 +14,7 @@ from lerobot_robot_yam.system.shared_block import SharedBlock
 from soak.checks import GRIPPER, SetPointCheck, mode_of
 
 _KEPT, _AROUND_S = 500, 0.3
+_TOLD = ("stamp_s", "motor_stamp_s", "q", "dq", "tau", "setpoint")
 
 
 class Arm:
@@ -73,9 +74,18 @@ class Arm:
         found = []
         for record in self._history:
             if abs(float(record["stamp_s"]) - at_s) < _AROUND_S:
-                row = {name: record[name].round(4).tolist() for name in ("stamp_s", "q", "dq", "tau", "setpoint")}
+                row = {name: record[name].round(4).tolist() for name in _TOLD}
                 found.append(row | {name: int(record[name]) for name in ("mode", "limited", "tick")})
         return found
+
+    def reading_age_s(self, since_s: float, until_s: float) -> np.ndarray:
+        """(slots,) how old what the loop knew of each motor was at most, in what is kept of this time."""
+        ages = [
+            record["stamp_s"] - record["motor_stamp_s"]
+            for record in self._history
+            if since_s < float(record["stamp_s"]) < until_s
+        ]
+        return np.nan_to_num(np.max(ages, axis=0)) if ages else np.zeros(GRIPPER + 1)
 
     @property
     def driven(self) -> bool:

@@ -26,9 +26,11 @@ _TICK_S = 0.008  # how far a record's stamp may be from the tick that moved its 
 _JITTER_S = 0.012  # between a record's stamp and the clock that its tick went by: no tick moves farther
 _SMALL = 2e-3  # rad or strokes
 _AT_MEASURED = 0.03  # rad or strokes: a set-point so near to the measured pose has been seeded from it
+_MISSED_S = 0.03  # more between two records: the judge got no time to look
 _SETTLED_S = 0.15  # an arm that begins to land brakes from full speed first
 _CAME_FREE = "a joint that came free"
 _PRESSES_LESS = "a landing that meets something presses less"
+_REFUSED = "readings are refused: a joint keeps to what it was sent, which was clipped"
 _PEER_S = 0.15  # a peer has been told by then
 
 
@@ -66,7 +68,8 @@ class SetPointCheck:
     (re-arm, end of an emergency stop, floating to holding), when another process takes the arm over, where a landing
     gives way to what it has met, where a joint has come free, where an emergency stop finds the arm in trouble, and of
     the gripper when its force limiter lets go. It then has to lie on the measured pose, or as near to it as what an
-    emergency stop holds presses. That of a floating arm follows the arm and moves nothing, and neither does that of a
+    emergency stop holds presses. A joint in trouble whose torque is clipped keeps to what it was sent once its readings
+    are refused, which is nearer. That of a floating arm follows the arm and moves nothing, and neither does that of a
     joint without torque.
 
     Whether the arm truly was there, and truly came free, no record can tell: `take_seeds` gives what must be asked.
@@ -164,6 +167,10 @@ class SetPointCheck:
         if new is Mode.LAND and self._presses_less(record, before)[jumped].all():
             self.seeds[_PRESSES_LESS] += 1
             return []
+        clipped = bool(int(before["limited"]) & Limited.TORQUE)
+        if old is new is Mode.FAULT and clipped and self._presses_less(record, before)[jumped].all():
+            self.seeds[_REFUSED] += 1
+            return []
         slot = int(np.nanargmax(np.where(jumped, moved, 0.0)))
         way = f"{before['setpoint'][slot]:.3f} to {record['setpoint'][slot]:.3f}, measured {record['q'][slot]:.3f}"
         took_s = now - float(before["stamp_s"])
@@ -191,10 +198,12 @@ class SetPointCheck:
         return nearer
 
     def _on_measured(self, record: Any, before: Any) -> np.ndarray:
-        """(7,) which set-points lie where the arm is, or was a record ago."""
-        setpoint = self._of(record, "setpoint")
-        measured = np.minimum(np.abs(setpoint - self._of(record, "q")), np.abs(setpoint - self._of(before, "q")))
-        on_measured: np.ndarray = measured < self._within_rad(record, before)
+        """(7,) which set-points lie where the arm is, or was a record ago; or between, where records were missed."""
+        setpoint, here, there = self._of(record, "setpoint"), self._of(record, "q"), self._of(before, "q")
+        beside = np.minimum(np.abs(setpoint - here), np.abs(setpoint - there))
+        if float(record["stamp_s"]) - float(before["stamp_s"]) > _MISSED_S:
+            beside[(setpoint - here) * (setpoint - there) < 0.0] = 0.0
+        on_measured: np.ndarray = beside < self._within_rad(record, before)
         return on_measured
 
     def _within_rad(self, record: Any, before: Any) -> np.ndarray:

@@ -32,6 +32,7 @@ _LANDED_RAD = 0.1  # joints 2 to 4 so near to the resting pose: landed
 _CARRYING = slice(1, 4)  # joints 2 to 4 are parallel, and carry weight
 _KNOWN_POSE_S = 0.5  # a judge that got no time to look does not know how the arm lay
 _FALL_M, _FALL_S = 0.01, 1.0  # nothing moves farther than this after torque was cut by us
+_TURNED_RAD = 0.01  # no body moves as far as that unless a joint turns by this: the arms reach less than 1 m
 _TRUTH_RAD, _TRUTH_RAD_PER_S = 0.02, 3.0  # what a state may differ from the truth, and per second of its age
 _FRESH_S = 0.25
 _KNOWN_S = 0.012  # a command acts for a tick, on a state that is a tick old when it is sent, and each took its way
@@ -140,6 +141,7 @@ class Truth:
             since_s = float(seen["since_s"])
             age_s = np.array(seen["max_command_age_s"])[:n]
             oldest_s = np.maximum(age_s, self._age_s.get(channel, age_s))
+            oldest_s[GRIPPER:] = np.maximum(oldest_s, arm.reading_age_s(since_s - _SLOW_S, until_s)[:n])[GRIPPER:]
             late_s = np.maximum(oldest_s - _PUNCTUAL_S, 0.0)[:GRIPPER]
             self._age_s[channel] = age_s
             if not by_others and self._context.undisturbed(channel, since_s - _SETTLE_S, until_s, _PUSHES):
@@ -214,8 +216,11 @@ class Truth:
                 del self._cuts[channel]  # a hand moves a limp arm as it likes, and lets it fall
                 continue
             moved, body = _farthest(channel, before, pose)
-            off = np.abs(q[: len(self._arms[channel].rest_q)] - self._arms[channel].rest_q)[_CARRYING]
-            if (off > _LANDED_RAD).any():
+            joints = len(self._arms[channel].rest_q)
+            off = np.abs(q[:joints] - self._arms[channel].rest_q)[_CARRYING]
+            # The pose before was taken a moment before the cut, while the arm may still have been lowered.
+            turned = np.abs(np.array(pose["arms"][channel]["q"])[:joints] - q[:joints]).max() > _TURNED_RAD
+            if turned and (off > _LANDED_RAD).any():
                 self._note("moved_after_cut_m", moved, f"{channel} {body}")
                 if moved > _FALL_M:
                     where = f"at joints 2 to 4 of {np.round(q[_CARRYING], 2).tolist()} rad"
@@ -270,7 +275,8 @@ def allowed_speed_rad_s(limit_rad_s: np.ndarray, oldest_s: np.ndarray, slow: boo
 
     Args:
         limit_rad_s: (n,) of the set-points.
-        oldest_s: (n,) how long the oldest command was obeyed.
+        oldest_s: (n,) how long the oldest command was obeyed; of a gripper the age of its oldest reading, if that is
+            more.
         slow: the adapter kept back what the motors say.
     """
     allowed = _SPEED_FACTOR * limit_rad_s + _SPEED_SLACK

@@ -55,6 +55,21 @@ def test_a_hand_may_move_an_arm_whose_torque_was_cut(rig, soak, hand):
     assert found == ([] if hand else ["no torque cut above a landed pose"])
 
 
+def test_what_was_lowered_just_before_its_torque_was_cut_has_not_fallen(rig, soak):
+    """The judge's last look at the arm is from before the cut: the arm was still moving then."""
+    arm = soak.arm.Arm(CHANNEL, arms_of(rig, ResolvedArm(ArmConfig(channel=CHANNEL, interface="yam_sim")))[CHANNEL])
+    truth = soak.truth.Truth(rig, {CHANNEL: arm}, soak.context.Context([CHANNEL, PEER], [(CHANNEL, PEER)]))
+    rig.set_pose(CHANNEL, [0.0, 0.06, 0.04, -0.33, 0.0, 0.0])
+    truth.look()
+    rig.set_pose(CHANNEL, [0.0, 0.0, 0.0, -0.33, 0.0, 0.0])  # not the resting pose, but nothing falls from there
+    time.sleep(0.1)
+    at_s = time.monotonic()
+    truth.take({"kind": "motor_disabled", "channel": CHANNEL, "motor": "joint_2", "monotonic_s": at_s})
+    time.sleep(0.4)
+    truth.look()
+    assert not truth.judge()
+
+
 @pytest.mark.alone
 def test_the_monitor_sees_an_arm_fall(rig):
     """A whole judge against a real fall: torque cut in the air, by somebody who may not."""

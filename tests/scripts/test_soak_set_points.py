@@ -104,6 +104,29 @@ def test_the_set_point_of_a_floating_arm_follows_the_arm(soak):
     assert findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), held)  # beside the arm
 
 
+def test_a_joint_that_came_free_may_have_been_caught_between_two_looks(soak):
+    def found(setpoint, tick=76):
+        there = record(tick, np.full(7, setpoint), q=np.full(7, 0.1))
+        there["limited"] = Limited.CAME_FREE
+        return findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), [*ramp(0.0, 50), before, there])
+
+    before = record(50, np.zeros(7), q=np.full(7, 0.6))
+    assert not found(0.3)
+    assert found(0.3, tick=51) and found(0.8) and found(-0.4)
+
+
+def test_a_clipped_joint_whose_readings_are_refused_keeps_to_what_it_was_sent(soak):
+    def found(setpoint, limited=Limited.TORQUE, mode=Mode.FAULT):
+        rows = [record(tick, np.full(7, 0.4), mode, q=np.full(7, -0.7)) for tick in range(50)]
+        rows[49]["limited"] = limited
+        rows.append(record(50, np.full(7, setpoint), mode, q=np.full(7, -0.7)))
+        return findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), rows)
+
+    assert not found(-0.1)
+    assert found(-0.1, limited=0) and found(-0.1, mode=Mode.HOLD)
+    assert found(0.9) and found(-0.9)  # it presses more, or on the other side
+
+
 def test_the_gripper_may_start_again_from_where_its_force_limiter_held_it(soak):
     there = np.array([0.0] * 6 + [0.2])
     rows = [*ramp(0.0, 50), record(50, there)]
