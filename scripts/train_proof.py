@@ -19,6 +19,7 @@ from pathlib import Path
 from proof_report import write_report
 
 from lerobot_robot_yam.commands.data.gathering import damage
+from lerobot_robot_yam.system.own_commands import install_extra
 
 ROOT = Path(__file__).parent.parent
 STEP = Path("training_state", "training_step.json")
@@ -145,7 +146,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1000, help="of the first evaluation episode (default %(default)s)")
     options, overrides = parser.parse_known_args()
     if importlib.util.find_spec("accelerate") is None:
-        raise SystemExit("lerobot-train needs accelerate: pip install '.[train]'")
+        raise SystemExit(f"lerobot-train needs accelerate; {install_extra('train')}")
     out = options.out.resolve()
     out.mkdir(parents=True, exist_ok=True)
     gather(out, options.task, options.episodes)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from lerobot_robot_yam.errors import CameraError
+from lerobot_robot_yam.system.own_commands import as_root
 
 
 def holders(paths: Sequence[Path]) -> list[tuple[int, str]]:
@@ -47,7 +48,7 @@ def check_rights(path: Path) -> None:
     except KeyError:
         group = str(status.st_gid)
     remedy = (
-        '`sudo "$(which yam-setup-can)" --rights` gives it to the group video'
+        f"`{as_root('yam-setup-can --rights')}` gives it to the group video"
         if group == "root"
         else f"join the group {group} (`sudo usermod -aG {group} $USER`)"
     )

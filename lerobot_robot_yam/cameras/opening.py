@@ -10,6 +10,7 @@ from lerobot_robot_yam.cameras.picture_source import PictureSource, Wanted
 from lerobot_robot_yam.cameras.realsense_source import RealSenseSource, info, library, modes_of, plugged_in, serials
 from lerobot_robot_yam.cameras.video_devices import ROOT, VideoDevice, model_of, video_devices
 from lerobot_robot_yam.errors import CameraError
+from lerobot_robot_yam.system.own_commands import as_root
 
 
 @dataclass(frozen=True)
@@ -142,4 +143,4 @@ def _why_no_label() -> str:
         library()
     except CameraError as error:
         return f"The number on a RealSense's label is not known, because {error}"
-    return 'librealsense has no right to read it: `sudo "$(which yam-setup-can)" --rights`, then log in again'
+    return f"librealsense has no right to read it: `{as_root('yam-setup-can --rights')}`, then log in again"

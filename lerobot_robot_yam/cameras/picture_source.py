@@ -6,6 +6,7 @@ from typing import Protocol
 import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.system.own_commands import install_extra
 
 
 @dataclass(frozen=True)
@@ -62,9 +63,7 @@ class Limits:
 
 def no_depth(camera: str) -> ConfigError:
     """Of a camera that librealsense does not read."""
-    return ConfigError(
-        f"{camera}: depth takes librealsense: pip install '.[realsense]' in the clone, or set use_depth to false"
-    )
+    return ConfigError(f"{camera}: depth takes librealsense: set use_depth to false, or {install_extra('realsense')}")
 
 
 class PictureSource(Protocol):

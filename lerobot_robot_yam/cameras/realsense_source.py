@@ -10,6 +10,7 @@ from lerobot_robot_yam.cameras.holders import in_use
 from lerobot_robot_yam.cameras.picture_source import Limits, Picture, Wanted
 from lerobot_robot_yam.cameras.video_devices import VideoDevice
 from lerobot_robot_yam.errors import CameraError, ConfigError
+from lerobot_robot_yam.system.own_commands import install_extra
 
 _POLL_MS = 200
 _SILENT_S = 1.0  # a camera that is plugged in and gives nothing for so long is started again
@@ -27,7 +28,7 @@ def library() -> ModuleType:
         import pyrealsense2
     except ModuleNotFoundError as error:
         raise CameraError(
-            "pyrealsense2, the maker's library, is not installed: pip install '.[realsense]' in the clone"
+            f"pyrealsense2, the maker's library, is not installed; {install_extra('realsense')}"
         ) from error
     except ImportError as error:  # of its own libraries
         raise CameraError(f"pyrealsense2 cannot be loaded ({error}): sudo apt install libusb-1.0-0") from error

@@ -11,6 +11,7 @@ from lerobot_robot_yam.cameras.holders import check_rights, in_use
 from lerobot_robot_yam.cameras.picture_source import Limits, Picture, Wanted, no_depth
 from lerobot_robot_yam.cameras.video_devices import VideoDevice
 from lerobot_robot_yam.errors import CameraError, ConfigError
+from lerobot_robot_yam.system.own_commands import install_extra
 
 # OpenCV waits so long (s) for a picture of V4L2, 10 s otherwise, before it says that there is none. It reads this once.
 os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")
@@ -112,8 +113,8 @@ class UvcSource:
             if control is not None:
                 return node, control
         raise CameraError(
-            f"{self._device} offers no {name} over UVC: leave {name} out, or read it with librealsense (pip install "
-            "'.[realsense]' in the clone)"
+            f"{self._device} offers no {name} over UVC: leave {name} out, or read it with librealsense; "
+            f"{install_extra('realsense')}"
         )
 
     def _set(self, number: int, name: str, value: int, unit: int, automatic: int, off: int) -> None:

@@ -25,11 +25,12 @@ from platform import node
 from lerobot_robot_yam.commands.lib.host_option import add_host_arguments, ask_host
 from lerobot_robot_yam.errors import ConfigError, YamError
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.system.own_commands import as_root
 from lerobot_robot_yam.system.runtime_files import ENV_RUNTIME_DIR, runtime_dir, runtime_dirs, sessions
 
 _UNHEARD = (
     "NO SESSION RUNS HERE THAT HEARS IT: if an arm moves, switch its power off. It is driven by another "
-    f'user (sudo "$(which yam-estop)"), in a container, with another {ENV_RUNTIME_DIR}, or by other software. '
+    f"user ({as_root('yam-estop')}), in a container, with another {ENV_RUNTIME_DIR}, or by other software. "
     "Latched all the same: no session starts\n"
 )
 _NOT = {"latch": "NOT STOPPED", "release": "NOT RELEASED", "status": "NOT KNOWN"}
@@ -146,7 +147,7 @@ def _complain(action: str, stops: Sequence[EmergencyStop], missed: Mapping[Path,
     for directory, error in missed.items():
         sys.stderr.write(
             f"yam-estop: {_NOT[action]}: arms that are driven by way of {directory}, if any ({error.strerror}); "
-            f'their user can, and root: sudo "$(which yam-estop)" {action}\n'
+            f"their user can, and root: {as_root(f'yam-estop {action}')}\n"
         )
 
 

@@ -31,6 +31,7 @@ from lerobot_robot_yam.commands.lib.arm_command import (
 )
 from lerobot_robot_yam.commands.lib.host_option import add_host_arguments
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.system.own_commands import install_extra
 from lerobot_robot_yam.system.paths import user_path
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ def _view(args: argparse.Namespace) -> int:
     try:
         import viser  # noqa: F401  --help does without
     except ImportError as error:
-        raise ConfigError(f"yam-view needs viser ({error}): pip install '.[view]' in the clone") from error
+        raise ConfigError(f"yam-view needs viser ({error}); {install_extra('view')}") from error
     if args.config_path is not None and args.channel is not None:
         raise ConfigError("give --config_path or --channel, not both")
     if args.desktop:

@@ -10,8 +10,9 @@ import can
 
 from lerobot_robot_yam.errors import BusError
 from lerobot_robot_yam.system.clock import clock_of
+from lerobot_robot_yam.system.own_commands import as_root
 
-RESET_LINK = 'sudo "$(which yam-setup-can)" --reset'
+RESET_LINK = as_root("yam-setup-can --reset")
 """Command that takes a link down and up as the arms need it; the channel's name follows."""
 
 _STAMP_TRUST_S = 1.0  # a bus's own stamp is used when it lies at most this far in the past

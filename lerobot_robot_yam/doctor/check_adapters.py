@@ -7,10 +7,11 @@ from pathlib import Path
 from lerobot_robot_yam.doctor.kit.can_adapters import KERNEL_NAME, Adapter
 from lerobot_robot_yam.doctor.kit.findings import Section
 from lerobot_robot_yam.doctor.kit.usb import text_of
+from lerobot_robot_yam.system.own_commands import as_root
 
 RULES_DIRECTORIES = (Path("/etc/udev/rules.d"), Path("/usr/lib/udev/rules.d"))
 _PORT = re.compile(r'KERNELS==|ID_PATH|DEVPATH=="[^"]*-[\d*]')  # "*:1.0/net/*" is a function of any device
-_NAME = 'sudo "$(which yam-setup-can)" --no-rights'
+_NAME = as_root("yam-setup-can --no-rights")
 
 
 def read_rules(directories: Sequence[Path]) -> list[str]:

@@ -11,6 +11,7 @@ from typing import Any
 
 from lerobot_robot_yam.doctor.kit.findings import Section
 from lerobot_robot_yam.doctor.kit.usb import UsbDevice, text_of, usb_device
+from lerobot_robot_yam.system.own_commands import install_extra
 
 DEV = Path("/dev")
 _USB3_MBIT = 5000.0
@@ -97,7 +98,7 @@ def _check_configured(
         section.problem(f"cameras {', '.join(wanted)}", what, "plug the missing one in (lsusb -d 8086: lists them)")
     if wanted and find_spec("pyrealsense2") is None:
         what = "the package that LeRobot reads a RealSense with (pyrealsense2) is not installed"
-        section.problem(f"cameras {', '.join(wanted)}", what, 'pip install "lerobot[intelrealsense]"')
+        section.problem(f"cameras {', '.join(wanted)}", what, install_extra("realsense"))
     for name, camera in configured.items():
         serial = camera.get("serial_number_or_name")
         known = {c.usb.serial for c in cameras if c.usb}  # on its label, a RealSense has another number

@@ -12,9 +12,10 @@ from lerobot_robot_yam.doctor.kit.findings import Section
 from lerobot_robot_yam.doctor.kit.usb import SYSFS, text_of
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.system.other_plugins import mixture, overwritten
+from lerobot_robot_yam.system.own_commands import as_root
 from lerobot_robot_yam.system.sleep_lock import SWITCH_OFF, SleepLock, can_sleep
 
-_RIGHTS = 'sudo "$(which yam-setup-can)" --rights (then log in again)'
+_RIGHTS = f"{as_root('yam-setup-can --rights')} (then log in again)"
 _CPUS_MIN = 4  # the loop, LeRobot, the video encoder and the system
 # In another process, since what is granted stays granted.
 _ASK = (

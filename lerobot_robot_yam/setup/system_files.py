@@ -15,10 +15,11 @@ from typing import Any
 
 from lerobot_robot_yam.errors import SetupError
 from lerobot_robot_yam.setup.group_members import Member, without_members
+from lerobot_robot_yam.system.own_commands import as_root
 from lerobot_robot_yam.system.paths import write_whole
 
 JOURNAL = "var/lib/yam-setup-can/journal.json"
-_AS_ROOT = 'it takes root: sudo "$(which yam-setup-can)"'
+_AS_ROOT = f"it takes root: {as_root('yam-setup-can')}"
 _ACCOUNTS_LOCK = "etc/.pwd.lock"  # of lckpwdf(3): who changes users and groups holds it
 
 

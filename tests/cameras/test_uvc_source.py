@@ -94,7 +94,7 @@ def test_sizes_that_it_does_not_give(fed):
 @pytest.mark.parametrize(
     "wanted, words",
     [
-        (Wanted(SERIAL, depth=True), "depth takes librealsense: pip install"),
+        (Wanted(SERIAL, depth=True), "depth takes librealsense: set use_depth to false, or install it"),
         (Wanted(SERIAL, exposure=100), "offers no exposure over UVC: leave exposure out"),
         (Wanted(SERIAL, white_balance=4000), "offers no white_balance over UVC"),
     ],

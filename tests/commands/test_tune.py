@@ -26,6 +26,7 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.session.yam_arm import YamArm
+from lerobot_robot_yam.system.own_commands import install_extra
 from tests.support.deviating import CHANNEL, STOPS, VISCOUS_NM_S, deviation, scene, true_gravity
 from tests.support.rigged import sim_config
 from tests.support.terminal import Terminal
@@ -247,4 +248,5 @@ def test_what_the_engine_needs_is_asked_for(tmp_path, capsys, monkeypatch):
 
     monkeypatch.delattr(sysid, "calculate_intervals")  # as mujoco leaves it without its extra
     assert main(["--channel", "can9", "--out", str(tmp_path / "new.yaml"), "--yes", "--gripper", "linear_4310"]) == 1
-    assert 'yam-tune needs mujoco.sysid: pip install -e ".[sysid]"' in capsys.readouterr().err
+    err = capsys.readouterr().err
+    assert "yam-tune needs mujoco.sysid" in err and install_extra("sysid") in err

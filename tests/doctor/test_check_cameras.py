@@ -29,7 +29,7 @@ def test_a_realsense_without_the_package_that_reads_it(sysfs, monkeypatch):
     sysfs.realsense("video0", "2-1", "5000")
     assert check(sysfs).findings == []  # nobody wants it
     (problem,) = check(sysfs, {"top": {"type": "intelrealsense"}}).findings
-    assert "pyrealsense2" in problem.what and "lerobot[intelrealsense]" in problem.remedy
+    assert "pyrealsense2" in problem.what and ".[realsense]" in problem.remedy
 
 
 def test_a_realsense_on_usb_3(sysfs):

@@ -7,9 +7,10 @@ import pytest
 
 from lerobot_robot_yam.doctor.check_link import IP_COMMAND, check_links, parse_links, tool_output
 from lerobot_robot_yam.doctor.kit.findings import Section, Severity
+from lerobot_robot_yam.system.own_commands import as_root
 from tests.support.doctor_desk import RECORDED, recorded
 
-RESET = 'sudo "$(which yam-setup-can)" --reset can_follower_l'
+RESET = as_root("yam-setup-can --reset can_follower_l")
 AGAIN = (
     "sudo ip link set can_follower_l down && sudo ip link set can_follower_l up txqueuelen 100 type can bitrate 1000000"
 )

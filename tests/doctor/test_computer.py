@@ -5,9 +5,10 @@ import pytest
 
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.rig.client.sim_bus import YamSimBus
+from lerobot_robot_yam.system.own_commands import as_root
 from tests.support.doctor_desk import FOLLOWER, LEADER, LEADER_ARM, Sysfs, examine, found, replay_tools
 
-RESET = 'sudo "$(which yam-setup-can)" --reset can_follower_l'
+RESET = as_root("yam-setup-can --reset can_follower_l")
 
 
 @pytest.mark.parametrize(

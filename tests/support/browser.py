@@ -59,7 +59,7 @@ def yam_view(*arguments: str, patient: bool = False) -> Iterator[str]:
 def chromium() -> Iterator["Browser"]:
     """A browser; where there is none the test is skipped, aloud."""
     playwright = pytest.importorskip(
-        "playwright.sync_api", reason="needs Playwright: pip install '.[test]' in the clone"
+        "playwright.sync_api", reason='needs Playwright: pip install -e ".[test]" in the clone'
     )
     program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if program is None:

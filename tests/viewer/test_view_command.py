@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 from lerobot_robot_yam.commands.view import driving_plan, main
+from lerobot_robot_yam.system.own_commands import install_extra
 from tests.support.paths import ROOT
 
 WITHOUT_VISER = """
@@ -32,7 +33,7 @@ def test_without_viser():
     ended = subprocess.run([sys.executable, "-c", WITHOUT_VISER], capture_output=True, text=True, timeout=120)
     assert ended.returncode == 0, ended.stderr
     assert "--host" in ended.stdout and "Traceback" not in ended.stderr
-    assert ended.stderr.count("pip install '.[view]'") == 2
+    assert ended.stderr.count(install_extra("view")) == 2
 
 
 def test_followers_of_a_run_config_are_driven_and_nothing_else():

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.system.own_commands import install_extra
 
 
 def require_plot() -> Any:
@@ -13,7 +14,7 @@ def require_plot() -> Any:
     try:
         import matplotlib
     except ImportError as error:
-        raise ConfigError('--plot needs matplotlib: pip install -e ".[bench]"') from error
+        raise ConfigError(f"--plot needs matplotlib; {install_extra('bench')}") from error
     matplotlib.use("Agg")
     from matplotlib import pyplot
 

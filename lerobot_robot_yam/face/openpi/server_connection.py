@@ -23,6 +23,7 @@ from lerobot_robot_yam.face.openpi.wire_format import (
     decode_message,
     encode_message,
 )
+from lerobot_robot_yam.system.own_commands import install_extra
 
 try:
     from websockets.exceptions import ConnectionClosed, InvalidStatus, InvalidURI, WebSocketException
@@ -31,8 +32,7 @@ try:
     from websockets.sync.connection import Connection
 except ImportError as error:
     raise ConfigError(
-        f"policies on an openpi server need websockets, msgpack and pillow ({error}): pip install '.[openpi]' in the "
-        "clone of this package"
+        f"policies on an openpi server need websockets, msgpack and pillow ({error}); {install_extra('openpi')}"
     ) from error
 
 logger = logging.getLogger(__name__)

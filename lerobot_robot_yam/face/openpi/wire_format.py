@@ -11,14 +11,12 @@ from typing import Any
 import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.system.own_commands import install_extra
 
 try:
     import msgpack
 except ImportError as error:
-    raise ConfigError(
-        f"openpi's protocol needs websockets and msgpack ({error}): pip install '.[openpi]' in the clone of this "
-        "package"
-    ) from error
+    raise ConfigError(f"openpi's protocol needs websockets and msgpack ({error}); {install_extra('openpi')}") from error
 
 PROMPT_KEY = "prompt"
 ENDPOINT_KEY, INFER, RESET = "endpoint", "infer", "reset"  # RoboArena's `policy_server.py`: what a message asks for

@@ -13,14 +13,13 @@ from lerobot_robot_yam.errors import BusError, ConfigError, LinkError
 from lerobot_robot_yam.remote.wire.curve_keys import ClientKey, HostKeys
 from lerobot_robot_yam.remote.wire.host_address import HostAddress
 from lerobot_robot_yam.remote.wire.link_messages import MOST_ANSWER_BYTES, MOST_BYTES
+from lerobot_robot_yam.system.own_commands import install_extra
 
 try:
     import zmq
     from zmq.auth.thread import ThreadAuthenticator
 except ImportError as error:
-    raise ConfigError(
-        f"arms on another computer need pyzmq ({error}): pip install '.[remote]' in the clone of this package"
-    ) from error
+    raise ConfigError(f"arms on another computer need pyzmq ({error}); {install_extra('remote')}") from error
 
 logger = logging.getLogger(__name__)
 

@@ -31,6 +31,7 @@ from lerobot_robot_yam.doctor.kit.findings import Section, Severity, empty_repor
 from lerobot_robot_yam.doctor.kit.questions import Questions, harmless
 from lerobot_robot_yam.doctor.kit.targets import from_option
 from lerobot_robot_yam.errors import LifeCycleError
+from lerobot_robot_yam.system.own_commands import as_root
 from tests.support.desk_bus import DeskBus
 
 MODULES = sorted(Path(doctor.__path__[0]).rglob("*.py"))
@@ -160,7 +161,7 @@ def test_no_buffer_space_while_asking(monkeypatch):
     examine_channel(from_option("can_x", "socketcan", None), link, 1, report, lambda text: None)
     (problem,) = report["channels"].findings
     assert "No buffer space" in problem.what
-    assert problem.remedy == 'sudo "$(which yam-setup-can)" --reset can_x'
+    assert problem.remedy == as_root("yam-setup-can --reset can_x")
 
 
 def test_histogram():

@@ -14,6 +14,7 @@ from lerobot.policies import get_policy_class
 
 from lerobot_robot_yam.errors import ActionError, ConfigError, PolicyServerError, YamError
 from lerobot_robot_yam.face.openpi.configuration_openpi import YamOpenpiConfig
+from lerobot_robot_yam.system.own_commands import install_extra
 from tests.face.openpi.conftest import batch_of
 from tests.support.openpi_server import TRACEBACK, OpenpiServer, answering, counting, zeros
 
@@ -265,4 +266,4 @@ def test_without_the_extra_it_says_which_one():
     """
     done = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True, check=True)
     assert "ConfigError" in done.stdout and "import of msgpack" in done.stdout
-    assert "pip install '.[openpi]' in the clone of this package" in done.stdout
+    assert install_extra("openpi") in done.stdout

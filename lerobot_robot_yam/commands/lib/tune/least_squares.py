@@ -8,6 +8,7 @@ import numpy as np
 from mujoco import sysid
 
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.system.own_commands import install_extra
 
 _OFF = 0.01  # of the range: how far from a bound the engine likes to begin
 
@@ -31,7 +32,7 @@ class Solution(NamedTuple):
 def require_engine() -> None:
     """Raises ConfigError: `mujoco.sysid` lacks what it needs (it leaves out then what it cannot import)."""
     if not hasattr(sysid, "calculate_intervals"):
-        raise ConfigError('yam-tune needs mujoco.sysid: pip install -e ".[sysid]"')
+        raise ConfigError(f"yam-tune needs mujoco.sysid; {install_extra('sysid')}")
 
 
 def solve(names: Sequence[str], bounds: np.ndarray, rows: np.ndarray, measured: np.ndarray) -> Solution:

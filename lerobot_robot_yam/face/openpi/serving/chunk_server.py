@@ -28,6 +28,7 @@ from lerobot_robot_yam.face.openpi.wire_format import (
     decode_message,
     encode_message,
 )
+from lerobot_robot_yam.system.own_commands import install_extra
 
 try:
     from websockets.exceptions import ConnectionClosed
@@ -35,9 +36,7 @@ try:
     from websockets.http11 import Request, Response
     from websockets.sync.server import ServerConnection, serve
 except ImportError as error:
-    raise ConfigError(
-        f"yam-policy-server needs websockets, too ({error}): pip install '.[openpi]' in the clone of this package"
-    ) from error
+    raise ConfigError(f"yam-policy-server needs websockets, too ({error}); {install_extra('openpi')}") from error
 
 logger = logging.getLogger(__name__)
 _wire_logger = logging.getLogger(f"{__name__}.wire")

@@ -1,0 +1,20 @@
+"""What a person types to run a command of this very installation, wherever it is, and whether or not it is activated.
+
+The environment of a clone is on nobody's PATH, and root has a PATH of its own. So messages name files.
+"""
+
+import shlex
+import sys
+import sysconfig
+from pathlib import Path
+
+
+def as_root(command: str) -> str:
+    """A console command of ours with its options, run by root: "sudo /…/bin/yam-setup-can --reset"."""
+    name, *options = command.split(" ", 1)
+    return " ".join(["sudo", shlex.quote(str(Path(sysconfig.get_path("scripts"), name))), *options])
+
+
+def install_extra(extra: str) -> str:
+    """How to add an optional part of this package: editable, or it would replace a clone's own installation."""
+    return f'install it in the clone of this package: {shlex.quote(sys.executable)} -m pip install -e ".[{extra}]"'
