@@ -71,7 +71,7 @@ class Looker:
 @contextlib.contextmanager
 def page() -> Iterator[tuple[str, int]]:
     """yam-view; its address and the number of its process."""
-    command = [sys.executable, "-m", "lerobot_robot_yam.commands.view", "--port", "0"]
+    command = [sys.executable, "-m", "lerobot_robot_yam.commands.pages.view", "--port", "0"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     assert process.stderr is not None
     try:

@@ -115,14 +115,14 @@ class ArmController:
         if status.ended:
             return
         finding = arm.check(now)
-        if finding.trouble is not None and status.mode not in (Mode.FAULT, Mode.LAND):
+        if finding.trouble is not None:
             self.faults.suffer(finding.trouble, finding.message, now)
         heat = arm.derate(now)
         if heat is not None and heat.stage:
             status.limited |= Limited.HEAT
             if heat.stage is Stage.HOT and status.mode is Mode.FAULT:
                 self.landing.end(now)  # while the other motors still obey
-            elif heat.stage is Stage.HOT and status.mode is not Mode.LAND and not status.must_land:
+            elif heat.stage is Stage.HOT and not status.must_land:
                 self.faults.suffer(Trouble.HOT, heat.message, now)
         if self.lead is not None:
             interface = arm.interface

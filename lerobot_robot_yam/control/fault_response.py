@@ -31,8 +31,13 @@ class FaultResponse:
         self._peer: ArmStatus | None = None  # because of which it was halted
 
     def suffer(self, trouble: Trouble, message: str, now: float) -> None:
-        """Answer trouble as the table says, and have the other arms told."""
+        """Answer trouble as the table says, and have the other arms told.
+
+        An arm that holds in trouble or lands goes on with that.
+        """
         arm, status = self._actuation, self._status
+        if status.mode in (Mode.FAULT, Mode.LAND):
+            return
         logger.error("%s (%s): %s: %s", arm.name, arm.config.channel, trouble, message)
         self._news = trouble
         if RESPONSES[trouble].arm is Response.LAND:
@@ -62,7 +67,7 @@ class FaultResponse:
     def lose_bus(self, error: BusError, now: float) -> None:
         """The channel takes nothing: the motors keep the last command until their own watchdogs act."""
         trouble = self._actuation.bus_loss.note(error, now)
-        if trouble is not None and self._status.mode not in (Mode.FAULT, Mode.LAND):
+        if trouble is not None:
             self.suffer(trouble, str(error), now)
 
     def take_news(self) -> Trouble | None:

@@ -28,7 +28,7 @@ _END_S = 15.0  # from Ctrl-C to the end: arms land at 0.6 rad/s, which takes 5 s
 PATIENT_S = 10.0  # that a page may be silent in tests: without a graphics card a browser answers too seldom
 _PATIENT = f"""
 import sys
-from lerobot_robot_yam.commands.view import main
+from lerobot_robot_yam.commands.pages.view import main
 from lerobot_robot_yam.viewer.moving import heartbeat
 heartbeat.SILENT_S = heartbeat.OLD_S = {PATIENT_S}
 sys.exit(main(sys.argv[1:]))
@@ -41,7 +41,7 @@ def yam_view(*arguments: str, patient: bool = False) -> Iterator[str]:
 
     patient: a browser keeps its control for PATIENT_S without an answer.
     """
-    program = ["-c", _PATIENT] if patient else ["-m", "lerobot_robot_yam.commands.view"]
+    program = ["-c", _PATIENT] if patient else ["-m", "lerobot_robot_yam.commands.pages.view"]
     command = [sys.executable, *program, "--port", "0", *arguments]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     assert process.stderr is not None

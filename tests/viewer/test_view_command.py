@@ -4,7 +4,7 @@ import argparse
 import subprocess
 import sys
 
-from lerobot_robot_yam.commands.view import driving_plan, main
+from lerobot_robot_yam.commands.pages.view import driving_plan, main
 from lerobot_robot_yam.system.own_commands import install_extra
 from tests.support.paths import ROOT
 
@@ -17,7 +17,7 @@ class Absent:
             raise ModuleNotFoundError(f"No module named {name!r}")
 
 sys.meta_path.insert(0, Absent())
-from lerobot_robot_yam.commands.view import main
+from lerobot_robot_yam.commands.pages.view import main
 try:
     main(["--help"])
 except SystemExit as ended:

@@ -12,7 +12,7 @@ from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.kinematics import YamKinematics, pose_errors
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.commands.view import main
+from lerobot_robot_yam.commands.pages.view import main
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.session.arm_session import ArmSession

@@ -39,7 +39,7 @@ def colours(picture):
 @contextlib.contextmanager
 def desktop_window(screen, *options):
     """yam-view --desktop; Ctrl-C ends it. Its last words are in the list that is yielded."""
-    command = [sys.executable, "-m", "lerobot_robot_yam.commands.view", "--desktop", *options]
+    command = [sys.executable, "-m", "lerobot_robot_yam.commands.pages.view", "--desktop", *options]
     window, said = subprocess.Popen(command, env=screen, stderr=subprocess.PIPE, text=True), []
     try:
         yield said

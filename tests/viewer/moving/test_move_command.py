@@ -31,7 +31,7 @@ def rig(tmp_path):
 def page(rig, tmp_path):
     """`yam-view` in a terminal, and its port."""
     save_stops("arm", tmp_path / "stops.json", "linear_4310", GripperStops(*STOPS))
-    command = [sys.executable, "-m", "lerobot_robot_yam.commands.view", "--port", "18580"]
+    command = [sys.executable, "-m", "lerobot_robot_yam.commands.pages.view", "--port", "18580"]
     terminal = Terminal(tmp_path, *command, *arguments(rig), "--calibration", "stops.json", cwd=tmp_path)
     terminal.wait_shown("open http://127.0.0.1:")
     terminal.port = int(re.search(r"open http://127.0.0.1:(\d+)", terminal.shown)[1])
