@@ -5,6 +5,9 @@ from functools import partial
 from lerobot_robot_yam.remote.client.link import Link
 from lerobot_robot_yam.remote.client.state_mirror import MirroredArm, StateMirror
 from lerobot_robot_yam.state.records import BlockPair
+from lerobot_robot_yam.system.clock import SYSTEM
+
+_WITHIN_S = 20.0  # of real time
 
 
 class LinkInStep:
@@ -52,8 +55,12 @@ class LinkInStep:
         return [int(pair.states.read()["tick"]) for pair in self._pairs]
 
     def _turn_until(self, condition):
+        deadline = SYSTEM.now() + _WITHIN_S
         while not condition():
             self._link.turn()
+            if SYSTEM.now() > deadline:
+                told = f"{self._written} commands written, ticks {self._ticks()}; there {self._group.holder}"
+                raise AssertionError(f"nothing comes over the link: {told}, {self._group.phase}")
 
     def note_written(self, arm):
         self._written += 1
@@ -69,6 +76,8 @@ class LinkInStep:
         commands = {number: pair.commands for number, pair in zip(device.numbers, self._pairs, strict=True)}
         self._link = Link(device.host, mirror, commands, {})
         self._link.start(device.group, search=True, unwanted=lambda: False)
+        # What the blocks begin with is sent, too: a link that was up early would send the first frame's in its place.
+        self._turn_until(lambda: self._group.holder.sequence == self._written)
 
     def land(self):
         """`stop` does."""
