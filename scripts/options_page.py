@@ -1,6 +1,6 @@
 """Write docs/options.md from the texts of the options themselves, which are also what `--help` says.
 
-python scripts/options_page.py > docs/options.md
+scripts/run python scripts/options_page.py > docs/options.md
 """
 
 import dataclasses
@@ -29,7 +29,7 @@ _PAGE = """# Options
 Every option of arms, robots, teleoperators, rollouts, cameras and environments, with its default. `--help` of
 LeRobot's commands says the same, of the type that stands before it: `--robot.type=yam_follower --help`.
 
-This page is written by `python scripts/options_page.py`.
+This page is written by `scripts/run python scripts/options_page.py`.
 """
 _SECTIONS = [
     (

@@ -26,6 +26,7 @@ from lerobot_robot_yam.errors import SetupError
 from lerobot_robot_yam.setup.rights import rights_changes, user_of
 from lerobot_robot_yam.setup.system_files import SystemFiles
 from lerobot_robot_yam.setup.system_tools import SystemTools, check_undriven
+from lerobot_robot_yam.system.own_commands import as_root
 from lerobot_robot_yam.system.paths import user_path
 from lerobot_robot_yam.system.runtime_files import rig_name
 
@@ -40,7 +41,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="yam-setup-can", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog="yam-setup-can",
+        description=__doc__,
+        epilog=f"All but --dry-run and --list takes root. Where `which` finds nothing: {as_root('yam-setup-can')}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
         "names",

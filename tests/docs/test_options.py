@@ -20,7 +20,9 @@ KINDS = (ArmConfig, WorkspaceConfig, FollowerOptions, LeaderArmConfig, LeaderOpt
 def test_the_page_is_what_the_options_say(monkeypatch):
     monkeypatch.syspath_prepend(str(SCRIPTS))
     page = importlib.import_module("options_page").page()
-    assert (ROOT / "docs" / "options.md").read_text() == page, "python scripts/options_page.py > docs/options.md"
+    assert (ROOT / "docs" / "options.md").read_text() == page, (
+        "scripts/run python scripts/options_page.py > docs/options.md"
+    )
 
 
 @pytest.mark.parametrize("kind", KINDS)

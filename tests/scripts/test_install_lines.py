@@ -9,7 +9,7 @@ from tests.support.paths import ROOT
 
 PLACES = ("README.md", "pyproject.toml", "docs/*.md", "configs/**/*.yaml", "scripts/*", "lerobot_*_yam/**/*.py")
 BY_NAME = re.compile(r"pip3? install\b[^\n]*\blerobot[-_](robot|teleoperator)[-_]yam", re.IGNORECASE)
-NOT_EDITABLE = re.compile(r"pip3? install ['\"]?\.\[")
+NOT_EDITABLE = re.compile(r"pip3? install(?: (?!-e\b|--editable\b)\S+)* ['\"]?\.\[")
 SEAM = re.compile(r"""["']\s*\n\s*f?["']|\\\n\s*""")  # where a message or a command goes on in the next line
 
 

@@ -130,11 +130,13 @@ def test_who_looks_after_a_lost_reply_gets_the_next_one(rig, isolation):
         for _ in range(tries):
             time.sleep(0.03)
             rig.fault("follower_left", "joint_2", "drop_next", 1)
-            deadline = time.monotonic() + 5.0
+            deadline = time.monotonic() + 0.5
             while (before := port.published()).published_s - before.stamp_s < 0.009:  # almost a tick
-                assert time.monotonic() < deadline
+                if time.monotonic() > deadline:  # the machine was busy in that tick: it has been missed
+                    break
                 time.sleep(0.0002)
-            newer += arm.observe().stamp_s > before.published_s
+            else:
+                newer += arm.observe().stamp_s > before.published_s
     assert newer > tries / 2
 
 
