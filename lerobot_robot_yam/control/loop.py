@@ -253,12 +253,12 @@ class ControlLoop:
         for index, controller in enumerate(controllers):
             controller.held_back(verdict.message(index) if verdict.blocked[index] else "")
 
-    @staticmethod
-    def _command(controller: ArmController, blocks: ControllerBlocks, now: float, dt: float, tick: int) -> None:
+    def _command(self, controller: ArmController, blocks: ControllerBlocks, now: float, dt: float, tick: int) -> None:
         if not controller.status.ended:
             controller.actuation.compute_command(now, dt)
         if controller.mode is not blocks.published_mode:
-            blocks.publish(now, tick)  # a waiting caller looks at once, and after the end there is no next tick
+            # A waiting caller looks at once, and after the end there is no next tick. The change may have taken 0.1 s.
+            blocks.publish(self._clock.now(), tick)
 
     def _active(self) -> list[ArmController]:
         return [controller for controller in self._controllers if not controller.status.ended]

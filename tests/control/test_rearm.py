@@ -96,6 +96,16 @@ def test_a_re_arm_survives_answers_that_get_lost(rig, session):
     assert session[CHANNEL].mode() is Mode.HOLD
 
 
+def test_the_state_after_a_re_arm_is_dated_after_the_answers_that_it_waited_for(rig, session):
+    go(session, POSE)
+    rig.fault(CHANNEL, "joint_2", "nibble", int(Fault.OVERLOAD))
+    session.clock.sleep(0.1)
+    session[CHANNEL].rearm()
+    state = session[CHANNEL].published()
+    assert state.mode is Mode.HOLD
+    assert state.motor_stamps_s.max() <= state.published_s <= session.clock.now()
+
+
 def test_a_re_arm_ends_when_the_gripper_knows_where_it_is(rig, session):
     track(session, {CHANNEL: POSE}, 1.5, gripper=0.01)  # there the motor could be on either of two turns
     rig.fault(CHANNEL, "gripper", "nibble", int(Fault.OVERLOAD))
