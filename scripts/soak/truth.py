@@ -2,7 +2,6 @@
 
 import math
 import time
-from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
@@ -30,9 +29,8 @@ _TORQUE_FACTOR, _TORQUE_SLACK_NM = 1.05, 1.0  # between two ticks a motor goes o
 _NOTICED_S = 0.3  # a motor without torque has been noticed by then
 _LANDED_RAD = 0.1  # joints 2 to 4 so near to the resting pose: landed
 _CARRYING = slice(1, 4)  # joints 2 to 4 are parallel, and carry weight
-_KNOWN_POSE_S = 0.5  # a judge that got no time to look does not know how the arm lay
+_LET_GO_S = 0.5  # a hand that was on an arm so long before its torque was cut may have let go then
 _FALL_M, _FALL_S = 0.01, 1.0  # nothing moves farther than this after torque was cut by us
-_TURNED_RAD = 0.01  # no body moves as far as that unless a joint turns by this: the arms reach less than 1 m
 _TRUTH_RAD, _TRUTH_RAD_PER_S = 0.02, 3.0  # what a state may differ from the truth, and per second of its age
 _FRESH_S = 0.25
 _KNOWN_S = 0.012  # a command acts for a tick, on a state that is a tick old when it is sent, and each took its way
@@ -67,10 +65,10 @@ class Truth:
 
     def __init__(self, rig: RigControl, arms: Mapping[str, Arm], context: Context):
         self._rig, self._arms, self._context = rig, arms, context
-        self._poses: deque[dict[str, Any]] = deque(maxlen=10)
+        self._pose: dict[str, Any] = {}  # at the last look
         self._windows: list[tuple[str, dict[str, Any], float, bool]] = []
         self._differences: list[Finding] = []
-        # By channel: when torque was cut, the joints then, and the pose before.
+        # By channel: when torque was cut, and the arm's joints and bodies then.
         self._cuts: dict[str, tuple[float, np.ndarray, dict[str, Any]]] = {}
         self._held_s: dict[str, float] = {}  # when a hand was last seen on a leader
         self._touched_s: dict[str, float] = {}  # when an arm last touched anything
@@ -103,7 +101,7 @@ class Truth:
             touched = seen["since_s"] - self._touched_s[channel] < _SETTLE_S
             self._speeds["in contact" if touched else "judged"] += 1
             self._windows.append((channel, seen, now, by_hand or touched))
-        self._poses.append(pose)
+        self._pose = pose
 
     def _compare(self, channel: str, record: Any, pose: Mapping[str, Any]) -> None:
         """What the state says and what is so."""
@@ -123,11 +121,12 @@ class Truth:
         """One event of the rig."""
         if event["kind"] == "motor_disabled":
             channel, at_s = event["channel"], float(event["monotonic_s"])
-            before = [pose for pose in self._poses if 0.0 <= at_s - pose["monotonic_s"] <= _KNOWN_POSE_S]
-            if channel not in self._cuts and before:
-                samples = self._rig.truth(channel, at_s - _KNOWN_POSE_S)
+            if channel in self._cuts:
+                return
+            samples = self._rig.truth(channel, at_s - _KNOWN_S)
+            if len(samples["stamp_s"]):  # else a judge that got no time to look is too late
                 then = max(int(np.searchsorted(samples["stamp_s"], at_s)) - 1, 0)
-                self._cuts[channel] = at_s, samples["q"][then], before[-1]
+                self._cuts[channel] = at_s, samples["q"][then], event["bodies"]
         elif event["kind"] == "motor_enabled":
             self._cuts.pop(event["channel"], None)
 
@@ -207,20 +206,18 @@ class Truth:
     def _judge_cuts(self) -> list[Finding]:
         """Torque that was cut by command: from the landed pose, or where nothing moves afterwards."""
         found = []
-        pose = self._poses[-1]
-        for channel, (at_s, q, before) in list(self._cuts.items()):
+        pose = self._pose
+        for channel, (at_s, q, bodies) in list(self._cuts.items()):
             if pose["monotonic_s"] <= at_s:
                 continue
-            pushed = self._happened(_PUSHES, channel, before["monotonic_s"], pose["monotonic_s"])
-            if pushed or self._held_s.get(channel, -math.inf) >= before["monotonic_s"]:
+            since_s = at_s - _LET_GO_S
+            pushed = self._happened(_PUSHES, channel, since_s, pose["monotonic_s"])
+            if pushed or self._held_s.get(channel, -math.inf) >= since_s:
                 del self._cuts[channel]  # a hand moves a limp arm as it likes, and lets it fall
                 continue
-            moved, body = _farthest(channel, before, pose)
-            joints = len(self._arms[channel].rest_q)
-            off = np.abs(q[:joints] - self._arms[channel].rest_q)[_CARRYING]
-            # The pose before was taken a moment before the cut, while the arm may still have been lowered.
-            turned = np.abs(np.array(pose["arms"][channel]["q"])[:joints] - q[:joints]).max() > _TURNED_RAD
-            if turned and (off > _LANDED_RAD).any():
+            moved, body = _farthest(bodies, pose["bodies"])
+            off = np.abs(q[: len(self._arms[channel].rest_q)] - self._arms[channel].rest_q)[_CARRYING]
+            if (off > _LANDED_RAD).any():
                 self._note("moved_after_cut_m", moved, f"{channel} {body}")
                 if moved > _FALL_M:
                     where = f"at joints 2 to 4 of {np.round(q[_CARRYING], 2).tolist()} rad"
@@ -291,13 +288,11 @@ def allowed_speed_rad_s(limit_rad_s: np.ndarray, oldest_s: np.ndarray, slow: boo
     return allowed
 
 
-def _farthest(channel: str, before: Mapping[str, Any], after: Mapping[str, Any]) -> tuple[float, str]:
-    """The body of an arm that moved farthest between two answers of the rig: how far in m, and its name."""
-    prefix = f"{channel}/"
-    moved = {
-        name: float(np.linalg.norm(np.subtract(after["bodies"][name], place)))
-        for name, place in before["bodies"].items()
-        if name.startswith(prefix)
-    }
+def _farthest(before: Mapping[str, Any], after: Mapping[str, Any]) -> tuple[float, str]:
+    """The body of an arm that moved farthest: how far in m, and its name.
+
+    before: places of this arm's bodies, by name. after: of any.
+    """
+    moved = {name: float(np.linalg.norm(np.subtract(after[name], place))) for name, place in before.items()}
     body = max(moved, key=lambda name: moved[name])
-    return moved[body], body.removeprefix(prefix)
+    return moved[body], body.partition("/")[2]

@@ -11,6 +11,7 @@ import pytest
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.session.arm_session import ArmSession
+from lerobot_robot_yam.state.records import STATE_DTYPE
 from tests.support.paths import SCRIPTS
 from tests.support.soak_records import CHANNEL, LIMITS, PEER
 
@@ -33,6 +34,12 @@ def arms_of(rig, hardware):
     }
 
 
+def cut(rig, at_s):
+    """The rig's event of a torque that is cut now."""
+    bodies = {name: at for name, at in rig.state(bodies=True)["bodies"].items() if name.startswith(f"{CHANNEL}/")}
+    return {"kind": "motor_disabled", "channel": CHANNEL, "motor": "joint_2", "monotonic_s": at_s, "bodies": bodies}
+
+
 @pytest.mark.parametrize("hand", [None, "pushes", "lets go"])
 def test_a_hand_may_move_an_arm_whose_torque_was_cut(rig, soak, hand):
     arm = soak.arm.Arm(CHANNEL, arms_of(rig, ResolvedArm(ArmConfig(channel=CHANNEL, interface="yam_sim")))[CHANNEL])
@@ -43,7 +50,7 @@ def test_a_hand_may_move_an_arm_whose_torque_was_cut(rig, soak, hand):
         rig.lift(CHANNEL, [0.0, 1.0, 1.0, 0.0, 0.0, 0.0], 0.1)
     truth.look()
     at_s = time.monotonic()
-    truth.take({"kind": "motor_disabled", "channel": CHANNEL, "motor": "joint_2", "monotonic_s": at_s})
+    truth.take(cut(rig, at_s))
     if hand == "lets go":
         rig.release(CHANNEL)
     if hand == "pushes":
@@ -56,7 +63,7 @@ def test_a_hand_may_move_an_arm_whose_torque_was_cut(rig, soak, hand):
 
 
 def test_what_was_lowered_just_before_its_torque_was_cut_has_not_fallen(rig, soak):
-    """The judge's last look at the arm is from before the cut: the arm was still moving then."""
+    """The judge's last look at the arm is from before the cut: the arm was still being lowered then."""
     arm = soak.arm.Arm(CHANNEL, arms_of(rig, ResolvedArm(ArmConfig(channel=CHANNEL, interface="yam_sim")))[CHANNEL])
     truth = soak.truth.Truth(rig, {CHANNEL: arm}, soak.context.Context([CHANNEL, PEER], [(CHANNEL, PEER)]))
     rig.set_pose(CHANNEL, [0.0, 0.06, 0.04, -0.33, 0.0, 0.0])
@@ -64,7 +71,7 @@ def test_what_was_lowered_just_before_its_torque_was_cut_has_not_fallen(rig, soa
     rig.set_pose(CHANNEL, [0.0, 0.0, 0.0, -0.33, 0.0, 0.0])  # not the resting pose, but nothing falls from there
     time.sleep(0.1)
     at_s = time.monotonic()
-    truth.take({"kind": "motor_disabled", "channel": CHANNEL, "motor": "joint_2", "monotonic_s": at_s})
+    truth.take(cut(rig, at_s))
     time.sleep(0.4)
     truth.look()
     assert not truth.judge()
@@ -142,6 +149,18 @@ def test_a_motor_is_faster_only_where_its_commands_stayed_away(soak, motor, late
     limits, ages = np.array([1.5] * 6 + [16.4]), np.full(7, 0.0045)
     ages[late] = age_s
     assert (speed_rad_s <= soak.truth.allowed_speed_rad_s(limits, ages, slow)[motor]) == allowed
+
+
+def test_readings_of_a_gripper_are_as_old_as_its_records_say(rig, soak):
+    """It is held back by the torque of a pose that it has left, and leaps once it is heard again."""
+    arm = soak.arm.Arm(CHANNEL, arms_of(rig, ResolvedArm(ArmConfig(channel=CHANNEL, interface="yam_sim")))[CHANNEL])
+    for at_s, age_s in ((1.0, 0.5), (2.0, 0.062), (2.1, 0.002), (3.0, 0.5)):
+        record = np.zeros((), STATE_DTYPE)
+        record["stamp_s"], record["motor_stamp_s"] = at_s, at_s - 0.002
+        record["motor_stamp_s"][6] = at_s - age_s
+        arm._history.append(record)
+    assert arm.reading_age_s(1.5, 2.5)[:7] == pytest.approx([0.002] * 6 + [0.062])
+    assert not arm.reading_age_s(3.5, 4.0).any()
 
 
 @pytest.mark.long
