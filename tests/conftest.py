@@ -2,6 +2,7 @@
 
 import contextlib
 import fcntl
+import functools
 import importlib.metadata
 import os
 import signal
@@ -25,12 +26,15 @@ signal.signal(signal.SIGHUP, signal.SIG_DFL)
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 import pytest  # noqa: E402
+from draccus.wrappers import docstring  # noqa: E402
 from tqdm import tqdm  # noqa: E402
 
 from lerobot_robot_yam.rig.client.rig_control import RigControl, running_rig  # noqa: E402
 from tests.support import lerobot_tree, preloaded  # noqa: E402
 from tests.support.stillness import Stillness  # noqa: E402
 
+# Parsing a command takes three times as long without: draccus looks for the help of each option in the source.
+docstring.get_attribute_docstring = functools.cache(docstring.get_attribute_docstring)
 tqdm.monitor_interval = 0  # LeRobot shows progress bars, whose watching thread would outlive a test
 
 _SETTLE_S = 10.0  # a rig ends about a second after its last client, a renderer with its rig

@@ -1,6 +1,7 @@
 """A recording that ends in the middle of an episode, however it ends: what was saved before stays, the arms land.
 
-The default tier runs a motor fault, `-m long` signals and every fault of the table that can strike while recording.
+In the long tier: signals, and every fault of the table that can strike while recording. The default tier has one way to
+end from `test_ways_to_end`, and the faults in lock-step.
 """
 
 import os
@@ -76,7 +77,6 @@ EVENTS = {
     "bus off": link("follower_left", "bus_off"),
     "channel silent": link("follower_left", "silent"),
 }
-SHORT = ("motor fault",)
 NOTHING = Event(lambda rig: None, ())
 
 
@@ -220,7 +220,7 @@ def assert_ended_well(recording, event):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in SHORT else [pytest.mark.long]) for n in EVENTS])
+@pytest.mark.parametrize("name", EVENTS)
 def test_a_fault_ends_the_recording_with_the_name_of_the_part(recording, name):
     event = EVENTS[name]
     event.strike(recording.commands.rig)
@@ -251,9 +251,8 @@ def kept(recording):
     return recording.output().strip().splitlines()[-1]
 
 
-@pytest.mark.parametrize(
-    "number", [signal.SIGINT, *(pytest.param(n, marks=pytest.mark.long) for n in (signal.SIGTERM, signal.SIGHUP))]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_in_the_reset_phase_keeps_the_finished_episode(resetting, number):
     begin = time.monotonic()
     os.killpg(resetting.process.pid, number)
@@ -266,7 +265,7 @@ def test_a_signal_in_the_reset_phase_keeps_the_finished_episode(resetting, numbe
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["camera dead", pytest.param("motor fault of a leader", marks=pytest.mark.long)])
+@pytest.mark.parametrize("name", ["camera dead", "motor fault of a leader"])
 def test_an_error_in_the_reset_phase_keeps_the_finished_episode(resetting, name):
     event = EVENTS[name]
     event.strike(resetting.commands.rig)

@@ -45,6 +45,7 @@ def test_a_signal_ends_a_recording_in_any_phase(commands, phase, number):
         if count:
             assert kept(recording).endswith(f"kept {count} episode of this session; {count} in {recording.root}")
             assert_episodes(recording.root, count)
+            assert f"\nended by {signal.SIGINT.name if phase == 'landing' else number.name}\n" in recording.output()
         else:
             assert kept(recording).endswith(f"removed the empty data set {recording.root}")
             assert not recording.root.exists()
