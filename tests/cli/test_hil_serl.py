@@ -21,8 +21,6 @@ pytest.importorskip("placo", reason='LeRobot\'s RL stack needs the extra: pip in
 from lerobot.rl.gym_manipulator import GymManipulatorConfig  # noqa: E402
 from lerobot.rl.train_rl import TrainRLServerPipelineConfig  # noqa: E402
 
-pytestmark = pytest.mark.alone
-
 FOLLOWER, LEADER = "follower_left", "leader_left"
 READY, AWAY = [0.0, 1.0, 1.0, -0.3, 0.0, 0.0], [0.4, 1.2, 1.1, -0.3, 0.0, 0.0]
 PLUGIN = "--env.discover_packages_path=lerobot_robot_yam"
@@ -74,6 +72,7 @@ def tools(rig, kinematics):
 
 
 @pytest.mark.long
+@pytest.mark.alone
 def test_a_person_takes_over_and_the_episode_is_recorded(commands):
     rig, root, kinematics = commands.rig, commands.directory / "data", YamKinematics("yam", "linear_4310")
     process = record(commands, root)
@@ -102,6 +101,7 @@ def test_a_person_takes_over_and_the_episode_is_recorded(commands):
 
 
 @pytest.mark.long
+@pytest.mark.alone
 def test_actor_and_learner_run_beside_each_other(commands):
     root = commands.directory / "data"
     process = record(commands, root)

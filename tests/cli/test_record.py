@@ -19,7 +19,7 @@ KEYS = [*(f"joint_{n}.pos" for n in range(1, 7)), "gripper.pos"]
 BI_KEYS = [f"{side}_{key}" for side in ("left", "right") for key in KEYS]
 FOLLOWERS = ("follower_left", "follower_right")
 CAMERAS = ("top", "wrist_left", "wrist_right")
-SECONDS, EPISODES = 8, 2
+SECONDS, EPISODES = 5, 2
 MOVES = 5.0  # of 255: noise alone changes a patch by less than 1
 
 

@@ -44,6 +44,7 @@ def enabled(rig):
     return any(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())
 
 
+@pytest.mark.long
 @pytest.mark.alone
 def test_a_caller_that_executes_another_program_lands_its_arms():
     with running_rig(arms=[CHANNEL]) as live:

@@ -153,6 +153,7 @@ def kill_control_process(device):
     os.kill(device._arms._session._runner._child.pid, signal.SIGKILL)
 
 
+@pytest.mark.long
 def test_a_follower_whose_leaders_process_dies_holds(shared_rig, tmp_path):
     with coupled(shared_rig, tmp_path) as (device, robot):
         shared_rig.watch_start("follower_left")

@@ -289,6 +289,7 @@ def test_leader_action_is_the_followers_tool(follower, leader, shared_rig):
     assert follower.send_action(action) == pytest.approx(action, abs=1e-4)  # recorded = sent
 
 
+@pytest.mark.long
 @pytest.mark.alone
 def test_feedback_leads_the_leader(leader, shared_rig):
     q = np.array(shared_rig.state()["arms"]["leader_left"]["q"][:6])

@@ -95,6 +95,7 @@ def test_buttons_are_told_once_and_take_over(pair, shared_rig):
     assert not teleop.get_teleop_events()[TeleopEvents.IS_INTERVENTION]
 
 
+@pytest.mark.long
 def test_the_stock_environment_takes_the_policy_and_the_person(pair, shared_rig, tmp_path):
     """Its own steps, from the shipped config, but for the waits of its reset."""
     pytest.importorskip("placo", reason='LeRobot\'s kinematics needs the extra: pip install -e ".[hil-serl]"')
