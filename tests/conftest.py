@@ -33,7 +33,7 @@ from lerobot_robot_yam.rig.client.rig_control import RigControl, running_rig  # 
 from tests.support import lerobot_tree, preloaded  # noqa: E402
 from tests.support.stillness import Stillness  # noqa: E402
 
-# Parsing a command takes three times as long without: draccus looks for the help of each option in the source.
+# The longest part of parsing a command: draccus looks for the help of each option in the source, every time again.
 docstring.get_attribute_docstring = functools.cache(docstring.get_attribute_docstring)
 tqdm.monitor_interval = 0  # LeRobot shows progress bars, whose watching thread would outlive a test
 
