@@ -44,6 +44,7 @@ def table(report: Report) -> str:
         f"  motor torque, of its clip                      {_largest(judge, 'torque')}",
         f"  state against the truth, rad                   {_largest(judge, 'difference_rad')}",
         f"  way of a body after a cut elsewhere than landed {_largest(judge, 'moved_after_cut_m')} m",
+        f"    ({judge['cuts_not_judged']} cuts not judged: seen too late)",
         f"  age of a returned state                        {caller['oldest_state_s'] * 1e3:.0f} of 250 ms",
         f"  age of a returned image                        {caller['oldest_image_s'] * 1e3:.0f} of 500 ms",
         "",

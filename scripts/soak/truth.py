@@ -29,7 +29,8 @@ _TORQUE_FACTOR, _TORQUE_SLACK_NM = 1.05, 1.0  # between two ticks a motor goes o
 _NOTICED_S = 0.3  # a motor without torque has been noticed by then
 _LANDED_RAD = 0.1  # joints 2 to 4 so near to the resting pose: landed
 _CARRYING = slice(1, 4)  # joints 2 to 4 are parallel, and carry weight
-_LET_GO_S = 0.5  # a hand that was on an arm so long before its torque was cut may have let go then
+_LET_GO_S = 0.5  # a hand that was seen on an arm so long before its torque was cut may have let go at the cut
+_BEFORE_S = 0.05  # so many true samples from before a cut are asked for: one is enough
 _FALL_M, _FALL_S = 0.01, 1.0  # nothing moves farther than this after torque was cut by us
 _TRUTH_RAD, _TRUTH_RAD_PER_S = 0.02, 3.0  # what a state may differ from the truth, and per second of its age
 _FRESH_S = 0.25
@@ -70,6 +71,7 @@ class Truth:
         self._differences: list[Finding] = []
         # By channel: when torque was cut, and the arm's joints and bodies then.
         self._cuts: dict[str, tuple[float, np.ndarray, dict[str, Any]]] = {}
+        self._unjudged_cuts = 0
         self._held_s: dict[str, float] = {}  # when a hand was last seen on a leader
         self._touched_s: dict[str, float] = {}  # when an arm last touched anything
         self._age_s: dict[str, np.ndarray] = {}  # of the oldest command obeyed in the window before
@@ -123,10 +125,13 @@ class Truth:
             channel, at_s = event["channel"], float(event["monotonic_s"])
             if channel in self._cuts:
                 return
-            samples = self._rig.truth(channel, at_s - _KNOWN_S)
-            if len(samples["stamp_s"]):  # else a judge that got no time to look is too late
-                then = max(int(np.searchsorted(samples["stamp_s"], at_s)) - 1, 0)
+            samples = self._rig.truth(channel, at_s - _BEFORE_S)
+            stamps_s = samples["stamp_s"]
+            if len(stamps_s) and stamps_s[0] <= at_s:
+                then = int(np.searchsorted(stamps_s, at_s, side="right")) - 1
                 self._cuts[channel] = at_s, samples["q"][then], event["bodies"]
+            else:  # a judge that got no time to look: the rig keeps them for `_KEPT_S`
+                self._unjudged_cuts += 1
         elif event["kind"] == "motor_enabled":
             self._cuts.pop(event["channel"], None)
 
@@ -210,9 +215,8 @@ class Truth:
         for channel, (at_s, q, bodies) in list(self._cuts.items()):
             if pose["monotonic_s"] <= at_s:
                 continue
-            since_s = at_s - _LET_GO_S
-            pushed = self._happened(_PUSHES, channel, since_s, pose["monotonic_s"])
-            if pushed or self._held_s.get(channel, -math.inf) >= since_s:
+            pushed = self._happened(_PUSHES, channel, at_s - _KNOWN_S, pose["monotonic_s"])
+            if pushed or self._held_s.get(channel, -math.inf) >= at_s - _LET_GO_S:
                 del self._cuts[channel]  # a hand moves a limp arm as it likes, and lets it fall
                 continue
             moved, body = _farthest(bodies, pose["bodies"])
@@ -258,6 +262,7 @@ class Truth:
                 name: {"value": value, "where": self._at.get(name, "")} for name, value in self._largest.items()
             },
             "speed_windows": self._speeds,
+            "cuts_not_judged": self._unjudged_cuts,
             "rig_slips": rig["slips"],
             "series": [[round(at_s - begin_s, 2), round(a, 3), round(b, 3)] for at_s, a, b in self._series],
         }
