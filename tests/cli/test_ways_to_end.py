@@ -21,7 +21,7 @@ PHASES = {
     "resetting": ("Reset the environment", 1),
     "landing": ("Reset the environment", 1),
 }
-SHORT = [("landing", signal.SIGINT)]
+SHORT = [("landing", signal.SIGTERM)]  # that it was ended by SIGINT shows that the first signal ended it
 WAYS = [
     pytest.param(phase, number, id=f"{phase}-{number.name}", marks=[] if (phase, number) in SHORT else pytest.mark.long)
     for phase in PHASES
