@@ -35,7 +35,7 @@ _DOUBLED = 2  # and then there are more of them than questions; one may be a lat
 _REARM_ATTEMPTS = 2  # 27 ms each for seven motors, and the loop must not seem to hang
 _SWINGS_RAD_S = 1.0  # a joint without torque that hangs still is slower
 _SOON_S = 0.02  # where no loop waits
-_OFF_S = 0.01  # beside what its adapter takes; three times, and in between the other arm is commanded
+_OFF_S = 0.01  # and what its adapter takes, 40 ms at most; three times, and in between the other arm is commanded
 _PUSHED_RAD = 0.5  # a hand or a load can push a joint this far from a set-point that it holds
 _OFF_SHARE = 0.15  # of a motor's range, by which its torque may differ from what its command gives where it is
 

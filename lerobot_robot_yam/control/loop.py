@@ -257,7 +257,8 @@ class ControlLoop:
         if not controller.status.ended:
             controller.actuation.compute_command(now, dt)
         if controller.mode is not blocks.published_mode:
-            # A waiting caller looks at once, and after the end there is no next tick. The change may have taken 0.1 s.
+            # A waiting caller looks at once, and after the end there is no next tick. The change may have waited for
+            # motors: what they answered is newer than `now`.
             blocks.publish(self._clock.now(), tick)
 
     def _active(self) -> list[ArmController]:
