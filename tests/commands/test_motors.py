@@ -16,6 +16,7 @@ from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.session.yam_arm import YamArm
 from tests.support.crooked_arm import config, events, scene, sent
 from tests.support.motor_commands import cycle, read, refused, run, value, writes
+from tests.support.tiers import spread
 
 pytestmark = pytest.mark.usefixtures("state_home")
 
@@ -204,13 +205,17 @@ def type_in(monkeypatch):
 
 @pytest.mark.parametrize(
     ("action", "word"),
-    [
-        (["write", "OT_VALUE=90", "--motor", "1"], "write"),
-        (["store", "--motor", "1"], "store"),
-        (["set-id", "7", "9"], "set-id"),
-        (["timeout", "0.3"], "timeout"),
-        (["timeout", "0"], "never"),
-    ],
+    spread(
+        [
+            (["write", "OT_VALUE=90", "--motor", "1"], "write"),
+            (["store", "--motor", "1"], "store"),
+            (["set-id", "7", "9"], "set-id"),
+            (["timeout", "0.3"], "timeout"),
+            (["timeout", "0"], "never"),
+        ],
+        0,
+        4,
+    ),
 )
 def test_anything_but_the_word_changes_nothing(lasting, capsys, type_in, action, word):
     type_in(b"yes\n")

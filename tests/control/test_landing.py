@@ -211,8 +211,17 @@ def test_an_arm_lands_whose_wrist_is_hooked_behind_its_own_shoulder(rig, shoulde
     assert "cannot land" not in said
 
 
-@pytest.mark.parametrize("kind, value", [("nibble", int(Fault.OVER_CURRENT)), ("silent", True)])
-@pytest.mark.parametrize("motor", spread([f"joint_{number}" for number in range(1, 7)], 1))
+@pytest.mark.parametrize(
+    "motor, kind, value",
+    spread(
+        [
+            (f"joint_{number}", kind, value)
+            for number in range(1, 7)
+            for kind, value in (("nibble", int(Fault.OVER_CURRENT)), ("silent", True))
+        ],
+        2,
+    ),
+)
 def test_an_arm_lands_with_a_motor_out(rig, motor, kind, value):
     """A limp wrist stands in the way of the fold, an arm with a limp shoulder lies on the table: it sinks there."""
     with arm_on(rig, CHANNEL) as arm:
