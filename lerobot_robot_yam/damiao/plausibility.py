@@ -50,7 +50,7 @@ class _Sample(NamedTuple):
     arrived_s: float
 
 
-_NOTHING = _Sample(math.nan, 0.0, math.nan, math.nan, math.nan, math.nan)  # nothing is beyond what follows it
+_NOTHING = _Sample(*[math.nan] * len(_Sample._fields))  # whatever follows it is not beyond it
 
 
 class Plausibility:

@@ -50,3 +50,11 @@ def test_no_time_that_an_adapter_takes_explains_any_jump(judge):
     """Two answers that agree, through an adapter that may have taken a fifth of a second."""
     for tick in (1, 2):
         assert not answer(judge, after(tick * TICK_S), 1.833, 25.5, latest_s=0.1, arrived_s=0.2)
+
+
+@pytest.mark.parametrize("dq", [0.0, 25.0])
+def test_the_first_answer_is_believed_whatever_it_says(judge, dq):
+    """A limp arm that is armed again may be falling."""
+    judge.restart([0])
+    assert answer(judge, after(TICK_S), 1.5, dq)
+    assert answer(judge, after(2 * TICK_S), 1.5 + dq * TICK_S, dq)
