@@ -34,6 +34,7 @@ _AGREE = 2  # or garbled; so many have to agree
 _DOUBLED = 2  # and then there are more of them than questions; one may be a late one
 _REARM_ATTEMPTS = 2  # 27 ms each for seven motors, and the loop must not seem to hang
 _SWINGS_RAD_S = 1.0  # a joint without torque that hangs still is slower
+_TOO_FAST_RAD_S = 10.0  # in such a swing it is not armed: to be held at once would be a blow
 _SOON_S = 0.02  # where no loop waits
 _OFF_S = 0.01  # and what its adapter takes, 40 ms at most; three times, and in between the other arm is commanded
 _PUSHED_RAD = 0.5  # a hand or a load can push a joint this far from a set-point that it holds
@@ -155,8 +156,9 @@ class JointInterface:
         Nothing is sent to a silent motor: it may still hold its joint. Returns those that had let go.
 
         Raises:
-            MotorError: one is where its joint cannot be, contradicts itself, or two answer for it. Those that were
-                enabled are disabled again; one that had kept its torque keeps it, and is not believed.
+            MotorError: one is where its joint cannot be, contradicts itself, swings fast without torque, or two answer
+                for it. Those that were enabled are disabled again; one that had kept its torque keeps it, and is not
+                believed.
         """
         chain, believed_rad, distrusted = self.chain, self.chain.position_rad, self.chain.distrusted
         believed_rad_s, limp = chain.velocity_rad_s, chain.fault != Fault.NORMAL
@@ -164,12 +166,15 @@ class JointInterface:
             chain.feedback.restart(motors)
             doubled, lost, rejected = chain.duplicates, chain.lost, chain.feedback.rejected
             stamp_s, answers = chain.stamp_s, np.zeros_like(chain.stamp_s)
+            fastest_rad_s = np.zeros_like(chain.stamp_s)  # of what they say now
             for count in range(_ASK_MOST):
                 silent = chain.silence_s(chain.clock.now())[motors] >= SILENT_S
                 if count >= _ASK_AT_LEAST and (silent | (answers[motors] >= _AGREE)).all():
                     break
                 chain.refresh(_ANSWER_S)
-                answers, stamp_s = answers + (chain.stamp_s > stamp_s), chain.stamp_s
+                news = chain.stamp_s > stamp_s
+                answers, stamp_s = answers + news, chain.stamp_s
+                fastest_rad_s = np.where(news, np.maximum(fastest_rad_s, np.abs(chain.velocity_rad_s)), fastest_rad_s)
                 self.on_wait()
             if (chain.duplicates - doubled - (chain.lost - lost) >= _DOUBLED).any():  # which is ours, nobody knows
                 self.disbelieve(motors, believed_rad)
@@ -181,11 +186,14 @@ class JointInterface:
             heard = [i for i in motors if silence_s[i] < SILENT_S]
             self.disbelieve([i for i in motors if i not in heard and distrusted[i]], believed_rad)
             # Not even that a motor has let go is believed of one answer. To clear its fault would cut its torque.
-            garbled = [i for i in heard if answers[i] < _AGREE or chain.feedback.rejected[i] > rejected[i]]
-            if garbled:
-                fastest_rad_s = np.maximum(np.abs(believed_rad_s), np.abs(chain.velocity_rad_s))
+            too_fast = limp & (fastest_rad_s > _TOO_FAST_RAD_S)
+            too_fast[self._hardware.joints :] = False  # a gripper weighs next to nothing
+            garbled = (answers < _AGREE) | (chain.feedback.rejected > rejected)
+            refused = [i for i in heard if too_fast[i] or garbled[i]]
+            if refused:
                 self.disbelieve(motors, believed_rad)
-                raise self._refusal(garbled, np.where(limp, fastest_rad_s, 0.0))
+                swings_rad_s = np.maximum(np.abs(believed_rad_s), fastest_rad_s)
+                raise self._refusal(refused, np.where(limp, swings_rad_s, 0.0))
             off = [i for i in heard if chain.fault[i] != Fault.NORMAL]
             chain.special(SpecialCommand.CLEAR, _ANSWER_S, off)
             self.on_wait()
@@ -201,13 +209,13 @@ class JointInterface:
             self.read()
             return off
 
-    def _refusal(self, garbled: Sequence[int], swings_rad_s: np.ndarray) -> MotorError:
-        """Of motors whose answers do not fit each other. A joint that swings does that, too, where it meets its stop.
+    def _refusal(self, refused: Sequence[int], swings_rad_s: np.ndarray) -> MotorError:
+        """Of motors that swing, or whose answers do not fit each other, as of one that swings and meets its stop.
 
         swings_rad_s: (n,) speed of those without torque, else 0.
         """
-        told = {i: f"{self.chain.motors[i].name} (id {self.chain.motors[i].can_id})" for i in garbled}
-        swinging = [i for i in garbled if i < self._hardware.joints and swings_rad_s[i] > _SWINGS_RAD_S]
+        told = {i: f"{self.chain.motors[i].name} (id {self.chain.motors[i].can_id})" for i in refused}
+        swinging = [i for i in refused if i < self._hardware.joints and swings_rad_s[i] > _SWINGS_RAD_S]
         if swinging:
             what = ", ".join(f"{told[i]} still swings, at {swings_rad_s[i]:.0f} rad/s" for i in swinging)
             remedy = "wait until it hangs still, and re-arm again; if it does, check cable, plugs and termination"
