@@ -62,6 +62,17 @@ def test_a_hand_may_move_an_arm_whose_torque_was_cut(rig, soak, hand):
     assert found == ([] if hand else ["no torque cut above a landed pose"])
 
 
+def test_a_cut_that_is_seen_too_late_is_counted_and_not_judged(rig, soak):
+    """No pose from before it is kept any more, and one from after it says nothing."""
+    arm = soak.arm.Arm(CHANNEL, arms_of(rig, ResolvedArm(ArmConfig(channel=CHANNEL, interface="yam_sim")))[CHANNEL])
+    truth = soak.truth.Truth(rig, {CHANNEL: arm}, soak.context.Context([CHANNEL, PEER], [(CHANNEL, PEER)]))
+    event = cut(rig, time.monotonic())
+    time.sleep(2.2)
+    truth.take(event)
+    truth.look()
+    assert truth.judge() == [] and truth.summary(0.0)["cuts_not_judged"] == 1
+
+
 def test_what_was_lowered_just_before_its_torque_was_cut_has_not_fallen(rig, soak):
     """The judge's last look at the arm is from before the cut: the arm was still being lowered then."""
     arm = soak.arm.Arm(CHANNEL, arms_of(rig, ResolvedArm(ArmConfig(channel=CHANNEL, interface="yam_sim")))[CHANNEL])
