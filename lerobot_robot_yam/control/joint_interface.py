@@ -156,7 +156,7 @@ class JointInterface:
         Nothing is sent to a silent motor: it may still hold its joint. Returns those that had let go.
 
         Raises:
-            MotorError: one is where its joint cannot be, contradicts itself, swings fast without torque, or two answer
+            MotorError: one is where its joint cannot be, contradicts itself, moves too fast to be armed, or two answer
                 for it. Those that were enabled are disabled again; one that had kept its torque keeps it, and is not
                 believed.
         """
@@ -185,15 +185,15 @@ class JointInterface:
             silence_s = chain.silence_s(chain.clock.now())
             heard = [i for i in motors if silence_s[i] < SILENT_S]
             self.disbelieve([i for i in motors if i not in heard and distrusted[i]], believed_rad)
-            # Not even that a motor has let go is believed of one answer. To clear its fault would cut its torque.
-            too_fast = limp & (fastest_rad_s > _TOO_FAST_RAD_S)
+            too_fast = fastest_rad_s > _TOO_FAST_RAD_S
             too_fast[self._hardware.joints :] = False  # a gripper weighs next to nothing
+            # Not even that a motor has let go is believed of one answer. To clear its fault would cut its torque.
             garbled = (answers < _AGREE) | (chain.feedback.rejected > rejected)
             refused = [i for i in heard if too_fast[i] or garbled[i]]
             if refused:
                 self.disbelieve(motors, believed_rad)
                 swings_rad_s = np.maximum(np.abs(believed_rad_s), fastest_rad_s)
-                raise self._refusal(refused, np.where(limp, swings_rad_s, 0.0))
+                raise self._refusal(refused, np.where(limp | too_fast, swings_rad_s, 0.0))
             off = [i for i in heard if chain.fault[i] != Fault.NORMAL]
             chain.special(SpecialCommand.CLEAR, _ANSWER_S, off)
             self.on_wait()
