@@ -162,6 +162,7 @@ class SimMotor:
         rate = drive.velocity()
         position = direction * (drive.angle() + rate * ahead) + self.zero_rad
         velocity, torque = direction * rate, direction * drive.torque()
+        mos, rotor = self.thermometer.read(velocity, torque, world.sim_s, world.stamp_s + ahead)
         if self.reading is not None:
             position, velocity, torque = self.reading.of((position, velocity, torque), direction)
         p_max = self.ranges[0]
@@ -170,7 +171,6 @@ class SimMotor:
         if self._scales is not None:
             by = self._scales
             position, velocity, torque = position * by[0], velocity * by[1], torque * by[2]
-        mos, rotor = self.thermometer.read(velocity, torque, world.sim_s, world.stamp_s + ahead)
         status = self.fault << 4 | self.can_id & 0xF
         data = codec.pack_feedback(self.ranges, status, position, velocity, torque, mos, rotor)
         return Frame(0.0, self.master_id, data)
