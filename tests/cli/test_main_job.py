@@ -2,7 +2,6 @@
 
 import itertools
 import json
-import os
 import re
 import time
 from datetime import datetime
@@ -24,8 +23,7 @@ LIFT_M, CARRY_M, SAME_PLACE_M = 0.05, 0.15, 0.03
 REPLAYS = 5
 MOST_SLOW = 0.02  # of LeRobot's ticks
 RATE_HZ = 250  # of the control loops: the default
-SHARED_RATE_HZ = 125  # of four of them, where two jobs share the processors
-PROCESSORS = 4  # that two jobs need to keep LeRobot's rate: one took 1.2 to 1.8 of two when measured
+SHARED_RATE_HZ = 125  # of four of them, where two jobs share two processors
 
 
 def wall_times(output):
@@ -151,7 +149,6 @@ def test_replays_put_the_cube_where_the_recording_put_it(job, tmp_path):
 
 
 def test_two_jobs_side_by_side(tmp_path):
-    """Each on a rig of its own. One that finds no time for its pictures says so, and its arms land all the same."""
     arms = itertools.product(("robot", "teleop"), ("left", "right"))
     rates = [f"--{device}.{side}_arm_config.rate_hz={SHARED_RATE_HZ}" for device, side in arms]
     jobs = []
@@ -162,19 +159,14 @@ def test_two_jobs_side_by_side(tmp_path):
         arguments = ["--config_path=configs/sim/record.yaml", f"--dataset.root={directory / 'data'}", *rates]
         jobs.append((commands, commands.start("lerobot-record", *arguments, "--dataset.no_stamp=true")))
     ends = [commands.finish(process, timeout_s=400) for commands, process in jobs]
-    enough = len(os.sched_getaffinity(0)) >= PROCESSORS
     for (commands, _), status in zip(jobs, ends, strict=True):
         output = commands.output()
         landed = sorted(re.findall(r"(\w+): landed\n", output))
         assert landed == ["left_follower", "left_leader", "right_follower", "right_leader"], output[-4000:]
-        if status != 0 and not enough:
-            assert re.search(r"error: camera \w+ has no image: .*this machine is too busy: .*arms hold", output), output
-            continue
         assert status == 0, output[-4000:]
         data = LeRobotDataset("local/yam_sim", root=commands.directory / "data")
         assert data.num_episodes == 2
-        if enough:
-            check_pace(output, len(data), SHARED_RATE_HZ)
+        check_pace(output, len(data), SHARED_RATE_HZ)
         for episode, camera in itertools.product(data.meta.episodes, CAMERAS):  # with a picture for every row
             begin, end = (episode[f"videos/observation.images.{camera}/{edge}_timestamp"] for edge in ("from", "to"))
             assert round((end - begin) * data.fps) == episode["length"]
