@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from lerobot_robot_yam.damiao.tables import Fault
-from lerobot_robot_yam.state.faults import FAULT_TROUBLE, Trouble
+from lerobot_robot_yam.state.faults import FAULT_TROUBLE, SILENT_S, Trouble
 
 WATCHDOG_S = 0.4  # a motor without a command for so long switches itself off
 _WATCHDOG_SLACK_S = 0.03  # between the rig's simulated time and the clock
@@ -25,6 +25,8 @@ _EXPLAINS: dict[str, frozenset[Trouble]] = {
 # they are older than a silence may be.
 _SILENCING = frozenset({"held_back", "garbled"})
 _SILENCES = (Trouble.BUS_SILENT, Trouble.MOTOR_SILENT)
+_LOSES = "lost_replies"  # one motor's next answers: no silence, unless the ticks are so late that it becomes one
+_ANSWER_S = 0.05  # the last answer before may be so much younger than the event: it was on its way
 TROUBLING = _CUTS | _DEATHS | {"motor_fault", "motor_hot"}
 _AFTER_S = 3.0  # so long after its end something may still be the cause of trouble
 _COOLS_S = 120.0  # a motor that was heated without torque is hot for so long, for whoever connects its arm
@@ -43,6 +45,15 @@ class Cause:
     value: Any
     start_s: float
     end_s: float = math.inf
+
+
+@dataclass(frozen=True)
+class Silence:
+    """A motor that was not heard: since when, monotonic s, and how many ticks have asked it since."""
+
+    motor: str
+    since_s: float
+    questions: int
 
 
 @dataclass
@@ -148,10 +159,12 @@ class Context:
                 return True
         return False
 
-    def explained(self, channel: str, trouble: Trouble, at_s: float, for_s: float = 0.0) -> bool:
+    def explained(
+        self, channel: str, trouble: Trouble, at_s: float, for_s: float = 0.0, silences: Sequence[Silence] = ()
+    ) -> bool:
         """Whether something was injected into the arm that can be the cause of trouble that is told at that time.
 
-        It may have been there for `for_s` before.
+        It may have been there for `for_s` before. `silences` are of the motors that were not heard just then.
 
         A motor that has fallen into a fault tells of it for as long as it is in it, anew in each mode.
         """
@@ -162,6 +175,8 @@ class Context:
             return True
         acting = {cause.kind for cause in arm.causes if cause.start_s <= at_s <= cause.end_s + _AFTER_S + for_s}
         if trouble in _SILENCES and acting >= _SILENCING:
+            return True
+        if trouble is Trouble.MOTOR_SILENT and silences and all(_lost(arm, silence) for silence in silences):
             return True
         return any(kind in TROUBLING or trouble in _EXPLAINS.get(kind, ()) for kind in acting)
 
@@ -176,6 +191,17 @@ class Context:
         """Causes that ended before then can explain nothing any more."""
         for arm in self.arms.values():
             arm.causes = [c for c in arm.causes if c.end_s > at_s or (c.kind == "adapter_gone" and c.start_s > at_s)]
+
+
+def _lost(arm: ArmContext, silence: Silence) -> bool:
+    """Whether the schedule has destroyed every answer of a silence: as many as were asked for, but one on its way."""
+    return any(
+        cause.kind == _LOSES
+        and cause.motor == silence.motor
+        and silence.since_s - _ANSWER_S < cause.start_s < silence.since_s + SILENT_S
+        and silence.questions <= cause.value + 1
+        for cause in arm.causes
+    )
 
 
 def steal_share(before: tuple[int, int], after: tuple[int, int]) -> float:

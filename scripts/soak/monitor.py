@@ -116,8 +116,9 @@ class Monitor:
         for finding in [*self._truth.judge(), *self._truth.judge_seeds()]:
             self._report(finding)
         for at_s, channel, trouble, since_s in self._news:  # what obstructs may be the arm itself, or the table
+            silences = self._arms[channel].silences(at_s)
             if trouble is not Trouble.OBSTRUCTED and not self._context.explained(
-                channel, trouble, at_s, at_s - since_s
+                channel, trouble, at_s, at_s - since_s, silences
             ):
                 self._report(Finding("no trouble without a cause", at_s, channel, f"{trouble}"))
         self._news.clear()

@@ -120,6 +120,38 @@ def test_what_lies_explains_only_that_it_is_not_believed(soak, what, trouble, ex
     assert context.explained(CHANNEL, trouble, 10.1) is explained
 
 
+@pytest.mark.parametrize(
+    ("tick_s", "destroyed", "motor", "explained"),
+    [
+        (0.010, 11, "joint_2", True),  # 110 ms of answers, on a machine that is late
+        (0.010, 8, "joint_2", False),  # of 11 that were asked for
+        (0.010, 11, "joint_3", False),  # which has answered
+        (0.004, 11, "joint_2", False),  # 44 ms of them, and it was not heard for more than 100
+        (0.010, None, "joint_2", False),
+    ],
+)
+def test_destroyed_answers_explain_a_silence_that_is_no_longer_than_they_are(soak, tick_s, destroyed, motor, explained):
+    begin_s, ticks = 100.0, round(0.2 / tick_s)
+    lost = range(ticks // 2, ticks // 2 + round(0.11 / tick_s))
+    records, heard_s = [], begin_s
+    for tick in range(lost.stop + 1):
+        row = record(tick, np.zeros(7))
+        row["stamp_s"] = now_s = begin_s + tick * tick_s
+        heard_s = heard_s if tick in lost else now_s
+        row["motor_stamp_s"][:7] = now_s
+        row["motor_stamp_s"][1] = heard_s
+        records.append(row)
+    silences = soak.arm.silences(records)
+    assert [silence.motor for silence in silences] == ["joint_2"]
+    context = soak.context.Context([CHANNEL, PEER], [(CHANNEL, PEER)])
+    if destroyed is not None:
+        context.take(injected(0, "lost_replies", float(records[lost.start]["stamp_s"]), motor, value=destroyed))
+    at_s = float(records[-1]["stamp_s"])
+    assert context.explained(CHANNEL, Trouble.MOTOR_SILENT, at_s, silences=silences) is explained
+    assert not context.explained(CHANNEL, Trouble.BUS_SILENT, at_s, silences=silences)
+    assert not context.explained(CHANNEL, Trouble.MOTOR_SILENT, at_s)
+
+
 def test_a_motor_that_was_heated_is_hot_for_whoever_comes_next(soak):
     context = soak.context.Context([CHANNEL, PEER], [(CHANNEL, PEER)])
     context.take(injected(0, "motor_hot", 10.0, "joint_2"))
