@@ -17,7 +17,7 @@ from soak.checks import GRIPPER, SetPointCheck, mode_of
 from soak.context import Silence
 
 _KEPT, _AROUND_S = 500, 0.3
-_SHORTLY_S = 0.4
+_SHORTLY_S = 0.4  # a silence that is told now has begun since, with the last answer before it
 _TOLD = ("stamp_s", "motor_stamp_s", "q", "dq", "tau", "setpoint")
 
 

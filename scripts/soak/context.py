@@ -164,7 +164,7 @@ class Context:
     ) -> bool:
         """Whether something was injected into the arm that can be the cause of trouble that is told at that time.
 
-        It may have been there for `for_s` before. `silences` are of the motors that were not heard just then.
+        It may have been there for `for_s` before. `silences` are those of this arm's motors just before.
 
         A motor that has fallen into a fault tells of it for as long as it is in it, anew in each mode.
         """
@@ -194,7 +194,7 @@ class Context:
 
 
 def _lost(arm: ArmContext, silence: Silence) -> bool:
-    """Whether the schedule has destroyed every answer of a silence: as many as were asked for, but one on its way."""
+    """Whether the schedule has destroyed every answer that was asked for in a silence, but for one on its way."""
     return any(
         cause.kind == _LOSES
         and cause.motor == silence.motor

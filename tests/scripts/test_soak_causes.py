@@ -120,24 +120,28 @@ def test_what_lies_explains_only_that_it_is_not_believed(soak, what, trouble, ex
     assert context.explained(CHANNEL, trouble, 10.1) is explained
 
 
+@pytest.mark.parametrize("again", [True, False])  # heard again before the monitor has seen that it was not
 @pytest.mark.parametrize(
-    ("tick_s", "destroyed", "motor", "explained"),
+    ("tick_s", "destroyed", "motor", "before_s", "explained"),
     [
-        (0.010, 11, "joint_2", True),  # 110 ms of answers, on a machine that is late
-        (0.010, 8, "joint_2", False),  # of 11 that were asked for
-        (0.010, 11, "joint_3", False),  # which has answered
-        (0.004, 11, "joint_2", False),  # 44 ms of them, and it was not heard for more than 100
-        (0.010, None, "joint_2", False),
+        (0.010, 11, "joint_2", 0.0, True),  # 110 ms of answers, on a machine that is late
+        (0.010, 8, "joint_2", 0.0, False),  # of 11 that were asked for
+        (0.010, 11, "joint_3", 0.0, False),  # which has answered
+        (0.010, 11, "joint_2", 1.0, False),  # they were over when the silence began
+        (0.004, 11, "joint_2", 0.0, False),  # 44 ms of them, and it was not heard for more than 100
+        (0.010, None, "joint_2", 0.0, False),
     ],
 )
-def test_destroyed_answers_explain_a_silence_that_is_no_longer_than_they_are(soak, tick_s, destroyed, motor, explained):
-    begin_s, ticks = 100.0, round(0.2 / tick_s)
-    lost = range(ticks // 2, ticks // 2 + round(0.11 / tick_s))
-    records, heard_s = [], begin_s
-    for tick in range(lost.stop + 1):
+def test_destroyed_answers_explain_a_silence_that_is_no_longer_than_they_are(
+    soak, tick_s, destroyed, motor, before_s, explained, again
+):
+    lost = range(10, 10 + round(0.112 / tick_s))
+    records, heard_s = [], 100.0
+    for tick in range(lost.stop + again):
         row = record(tick, np.zeros(7))
-        row["stamp_s"] = now_s = begin_s + tick * tick_s
+        row["stamp_s"] = now_s = 100.0 + tick * tick_s
         heard_s = heard_s if tick in lost else now_s
+        row["motor_stamp_s"] = np.nan  # of slots without a motor
         row["motor_stamp_s"][:7] = now_s
         row["motor_stamp_s"][1] = heard_s
         records.append(row)
@@ -145,11 +149,21 @@ def test_destroyed_answers_explain_a_silence_that_is_no_longer_than_they_are(soa
     assert [silence.motor for silence in silences] == ["joint_2"]
     context = soak.context.Context([CHANNEL, PEER], [(CHANNEL, PEER)])
     if destroyed is not None:
-        context.take(injected(0, "lost_replies", float(records[lost.start]["stamp_s"]), motor, value=destroyed))
+        begin_s = float(records[lost.start]["stamp_s"]) - before_s
+        context.take(injected(0, "lost_replies", begin_s, motor, value=destroyed))
+        context.take(event("undone", begin_s, injection=0))
     at_s = float(records[-1]["stamp_s"])
     assert context.explained(CHANNEL, Trouble.MOTOR_SILENT, at_s, silences=silences) is explained
     assert not context.explained(CHANNEL, Trouble.BUS_SILENT, at_s, silences=silences)
     assert not context.explained(CHANNEL, Trouble.MOTOR_SILENT, at_s)
+
+
+def test_arms_whose_motors_are_heard_have_no_silences(soak):
+    records = [record(tick, np.zeros(7)) for tick in range(100)]
+    for row in records:
+        row["motor_stamp_s"][:7] = row["stamp_s"]
+        row["motor_stamp_s"][6:] = np.nan  # a leader has no gripper
+    assert soak.arm.silences(records) == soak.arm.silences([]) == []
 
 
 def test_a_motor_that_was_heated_is_hot_for_whoever_comes_next(soak):
