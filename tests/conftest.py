@@ -96,8 +96,9 @@ def _disturbed() -> bool:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """A failure on a machine that stood still is tried again. Modules that need the machine alone come first.
 
-    One after another (with --no-loadscope-reorder): between others, each time one worker would wait for the other. Then
-    comes the longest module: at the end all others would wait for it.
+    One after another (with --no-loadscope-reorder): between others, each time one worker would wait for the other. The
+    longest module comes in the middle of the others: earlier, those that need the machine would wait for its one test,
+    and at the end everybody would.
     """
     for item in items:
         if item.path.parent.name == "cli" and item.get_closest_marker("timeout") is None:
@@ -106,7 +107,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if item.path.parent.name != "properties" and "lockstep" not in item.nodeid:
             item.add_marker(pytest.mark.flaky(reruns=2, condition=_disturbed))
     alone = {item.path for item in items if _is_alone(item)}
-    items.sort(key=lambda item: (item.path not in alone, item.path.name != _LONGEST))
+    others = [path for path in dict.fromkeys(item.path for item in items) if path not in alone]
+    half = set(others[: len(others) // 2])
+    items.sort(key=lambda item: (item.path not in alone, item.path not in half, item.path.name != _LONGEST))
 
 
 def _locked(path: Path, kind: int) -> IO[str]:
