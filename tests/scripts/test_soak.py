@@ -88,6 +88,7 @@ def test_what_was_lowered_just_before_its_torque_was_cut_has_not_fallen(rig, soa
     assert not truth.judge()
 
 
+@pytest.mark.long
 @pytest.mark.alone
 def test_the_monitor_sees_an_arm_fall(rig):
     """A whole judge against a real fall: torque cut in the air, by somebody who may not."""

@@ -23,7 +23,6 @@ from tests.control.process.test_stand_by import control_pid, faults, last_event,
 from tests.support.landed import MOST_M, moved_after_cut_m
 from tests.support.rigged import sim_config, track
 from tests.support.stillness import Stillness
-from tests.support.tiers import spread
 
 pytestmark = pytest.mark.alone
 
@@ -107,11 +106,6 @@ def killed_caller(rig, channel, rng):
     finally:
         caller.kill()
         caller.communicate()
-
-
-@pytest.mark.parametrize("killed", spread([killed_control_process, killed_caller], 0))
-def test_killed_with_a_stretched_arm(rig, killed):
-    check_landing(killed, measured(killed, rig, 1, np.random.default_rng(1)))
 
 
 @pytest.mark.long

@@ -259,6 +259,7 @@ def test_killed_after_its_files_were_removed(rig):
     assert not faults(rig, since)
 
 
+@pytest.mark.long
 def test_without_the_stand_by_the_arm_falls(rig, capfd):
     """What it is there for, and that the test above can fail."""
     session = start(rig, "follower_left")
