@@ -18,7 +18,7 @@ from soak.context import Silence
 
 _KEPT, _AROUND_S = 500, 0.3
 _SHORTLY_S = 0.4  # a silence that is told now has begun since, with the last answer before it
-_TOLD = ("stamp_s", "motor_stamp_s", "q", "dq", "tau", "setpoint")
+_TOLD = ("stamp_s", "motor_stamp_s", "q", "dq", "tau", "setpoint", "action", "action_dq", "action_stamp_s")
 
 
 class Arm:
@@ -79,7 +79,7 @@ class Arm:
         for record in self._history:
             if abs(float(record["stamp_s"]) - at_s) < _AROUND_S:
                 row = {name: record[name].round(4).tolist() for name in _TOLD}
-                found.append(row | {name: int(record[name]) for name in ("mode", "limited", "tick")})
+                found.append(row | {name: int(record[name]) for name in ("mode", "limited", "tick", "coupled_to")})
         return found
 
     def reading_age_s(self, since_s: float, until_s: float) -> np.ndarray:

@@ -129,7 +129,7 @@ class Monitor:
             self._excused += 1
             return
         self._violations += 1
-        arm = self._arms[finding.channel]
+        arm, leader = self._arms[finding.channel], self._leaders.get(finding.channel)
         context = [f"{c.kind} #{c.number}" for c in self._context.arms[finding.channel].causes[-4:]]
         mode = None if arm.record is None else int(arm.record["mode"])
         self._say(
@@ -141,6 +141,7 @@ class Monitor:
             mode=mode,
             context=context,
             history=arm.history(finding.at_s),
+            leader_history=[] if leader is None else leader.history(finding.at_s),
         )
 
     def _say(self, **fields: Any) -> None:
