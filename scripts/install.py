@@ -18,7 +18,7 @@ NO_CPU_BUILD = (
     "this computer has no NVIDIA driver, but your package index has no CPU build of torch. Most of the time and space "
     "goes to a torch for CUDA. To save both, name an index that has a CPU build in PIP_EXTRA_INDEX_URL"
 )
-_TESTS = r"site-packages/.*/tests?/"  # a fifth of all that is installed; hardly anything imports them
+_TESTS = r"site-packages/.*/tests?/"  # a fifth of all source that is installed; hardly anything imports it
 
 
 def main() -> int:

@@ -25,6 +25,11 @@ class CouplingCheck:
 
     Args:
         channel: the follower's.
+
+    Attributes:
+        records: of it while it was coupled.
+        unseen: how often it may have come apart and joined again in a record that is missing.
+        gates: how often its leader's gate became each.
     """
 
     def __init__(self, channel: str):
@@ -35,7 +40,7 @@ class CouplingCheck:
         self._tick, self._is_apart = 0, False  # at the last look
         self._gate: Gate | None = None
         self._told: set[str] = set()  # what has been said of this time of being coupled
-        self.records = 0
+        self.records = self.unseen = 0
         self.gates: Counter[str] = Counter()
 
     def look(self, record: Any, leader: Any) -> list[Finding]:
@@ -86,6 +91,7 @@ class CouplingCheck:
             self._apart_s = now
         elif missed and not before:  # its leader was late, it has come apart, and joined again: it has to catch up
             self._joined_s = self._apart_s = now
+            self.unseen += 1
         if now - self._apart_s < _STEP_S:
             return ""
         joint = int(gap.argmax())

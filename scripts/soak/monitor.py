@@ -1,4 +1,4 @@
-"""The soak's judge, in a separate process: reads every state record, and asks the rig for the truth.
+"""The soak's judge, in a separate process: reads the state records, most of them, and asks the rig for the truth.
 
 It gets one JSON object on standard input (rig, arms by channel), prints one JSON object per violation, and the summary
 when its standard input ends. It knows of the soak only what the rig's event log says.
@@ -176,7 +176,12 @@ class Monitor:
     def _coupled(self) -> dict[str, int]:
         """What followers that follow at loop rate were seen to do, and the gates that let them."""
         checks = self._coupling.values()
-        found = {"records of a coupled follower": sum(check.records for check in checks)} if self._coupling else {}
+        if not checks:
+            return {}
+        found = {
+            "records of a coupled follower": sum(check.records for check in checks),
+            "gaps that began in a record that is missing": sum(check.unseen for check in checks),
+        }
         for name in sorted({name for check in checks for name in check.gates}):
             found[f"gate became {name}"] = sum(check.gates[name] for check in checks)
         return found

@@ -97,7 +97,8 @@ def test_a_follower_that_has_joined_again_where_records_are_missing_may_catch_up
         rows.append((told(tick, gap, target=tick), asked(tick, 0.0)))
     if missing:
         del rows[1100::4]
-    assert findings(soak.coupled.CouplingCheck(CHANNEL), rows) == found
+    check = soak.coupled.CouplingCheck(CHANNEL)
+    assert findings(check, rows) == found and check.unseen == missing
 
 
 @pytest.mark.parametrize(("ticks", "found"), [(1, []), (60, [LEADS])])
