@@ -17,7 +17,7 @@ from lerobot_robot_yam.control.preflight import arm_inspection
 from lerobot_robot_yam.control.safety.channel_monitor import ChannelMonitor, Finding
 from lerobot_robot_yam.control.safety.thermal_monitor import ThermalMonitor, trips_c
 from lerobot_robot_yam.damiao.chain import MotorChain
-from lerobot_robot_yam.damiao.codec import Quantiser, SpecialCommand
+from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.handle_encoder import HandleEncoder
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import Fault, motor_type
@@ -65,7 +65,6 @@ class JointInterface:
         self.gripper = None
         if hw.has_gripper:
             self.gripper = Gripper(config, hw.gripper, float(hw.kp[-1]), float(hw.kd[-1]))
-        self._quantiser = Quantiser([motor.type for motor in hw.motors])
         self._map = JointMap(hw.direction, np.zeros(n))
         self._watch = ChannelMonitor(self.chain)
         self.heat: ThermalMonitor | None = None  # known after `inspect`
@@ -278,7 +277,7 @@ class JointInterface:
             BusError: the channel does not take them.
             ActionError: they are not finite.
         """
-        self.chain.send(self._quantiser.compensate(self._map.commands(commands)))
+        self.chain.send(self._map.commands(commands))
         self.sent[:] = commands
 
     def check(self, now: float) -> Finding:

@@ -4,6 +4,7 @@ The chain drains what has arrived before it sends the next tick, so old data can
 """
 
 import contextlib
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from operator import attrgetter
 from typing import Any
@@ -12,7 +13,7 @@ import can
 import numpy as np
 
 from lerobot_robot_yam.damiao.bus_port import BusPort, data_message, is_classic_data
-from lerobot_robot_yam.damiao.codec import SpecialCommand, encode_mit
+from lerobot_robot_yam.damiao.codec import SpecialCommand, encode_mit, pack_mit, ranges_of
 from lerobot_robot_yam.damiao.handle_encoder import REQUEST_ID, HandleEncoder, encode_report_request
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec, check_specs
 from lerobot_robot_yam.damiao.receiver import Receiver
@@ -78,7 +79,7 @@ class MotorChain:
         """Raises ConfigError: names or identifiers are not unique, or a type is unknown."""
         check_specs(motors, channel)
         self.channel, self.motors, self.encoder = channel, tuple(motors), encoder
-        self._types = [spec.type for spec in self.motors]
+        self._ranges = [ranges_of(spec.type) for spec in self.motors]
         self._port = BusPort(bus, channel)
         self.clock = self._port.clock
         self._receiver = Receiver(self._port, self.motors, encoder)
@@ -117,6 +118,7 @@ class MotorChain:
     def send(self, commands: np.ndarray) -> None:
         """Send one MIT command per motor, then the handle's request, without waiting for anything.
 
+        The torques make up for what packing loses of positions and velocities, see `codec.pack_mit`.
         After losses, a motor is now and then left out of one tick; see `requests`. It keeps its last command.
 
         Args:
@@ -129,8 +131,12 @@ class MotorChain:
         count = len(self.motors)
         if commands.shape != (count, 5):
             raise ActionError(f"{self.channel}: commands have shape {commands.shape}, not ({count}, 5)")
-        encoded = [encode_mit(kind, *row) for kind, row in zip(self._types, commands.tolist(), strict=True)]
-        for message, data in zip(self._messages[:count], encoded, strict=True):
+        rows = commands.tolist()
+        if not math.isfinite(commands.sum()):
+            for spec, row in zip(self.motors, rows, strict=True):
+                encode_mit(spec.type, *row)  # names what is not finite
+        encoded = [pack_mit(ranges, *row) for ranges, row in zip(self._ranges, rows, strict=True)]
+        for message, data in zip(self._messages, encoded, strict=False):  # the last one may be the handle's
             message.data = data
         self.drain()
         absent = self._requests.absent()

@@ -11,12 +11,9 @@ Source of the layouts: I2RT driver v1.2.4; float32 frames: Damiao's public drive
 """
 
 import struct
-from collections.abc import Sequence
 from enum import Enum
 from math import inf, isfinite
 from typing import NamedTuple
-
-import numpy as np
 
 from lerobot_robot_yam.damiao import tables
 from lerobot_robot_yam.errors import ActionError, BusError
@@ -88,50 +85,49 @@ def encode_mit(motor_type: str, position: float, velocity: float, kp: float, kd:
     if not plain:  # numpy's small types overflow in the arithmetic below
         position, velocity, kp, kd, torque = _finite(position=position, velocity=velocity, kp=kp, kd=kd, torque=torque)
     try:
-        p_max, v_max, t_max, kp_max, kd_max = _ROWS[motor_type]
+        ranges = _ROWS[motor_type]
     except KeyError:
-        p_max, v_max, t_max, kp_max, kd_max = ranges_of(motor_type)  # says which types are known
+        ranges = ranges_of(motor_type)  # says which types are known
+    return pack_mit(ranges, position, velocity, kp, kd, torque, make_up=False)
+
+
+def pack_mit(
+    ranges: Ranges, position: float, velocity: float, kp: float, kd: float, torque: float, make_up: bool = True
+) -> bytes:
+    """`encode_mit` of finite floats, for the loop: the ranges are known and nothing is checked.
+
+    Zero speed is sent as −half a step, which at kd = 1.5 Nm s/rad is 11 mNm and lets a wrist with kp = 10 Nm/rad stand
+    1.1 mrad off. The loss of position and velocity is known, so the torque can make up for it:
+
+        tau ← tau + kp (q* − q*_sent) + kd (dq* − dq*_sent) + half a torque step
+    """
+    p_max, v_max, t_max, kp_max, kd_max = ranges
+    p_range, v_range, t_range = p_max + p_max, v_max + v_max, t_max + t_max
     position = p_max if position > p_max else -p_max if position < -p_max else position
     velocity = v_max if velocity > v_max else -v_max if velocity < -v_max else velocity
-    torque = t_max if torque > t_max else -t_max if torque < -t_max else torque
     kp = kp_max if kp > kp_max else 0.0 if kp < 0.0 else kp
     kd = kd_max if kd > kd_max else 0.0 if kd < 0.0 else kd
+    position_code = int((position + p_max) * _MAX16 / p_range)
+    velocity_code = int((velocity + v_max) * _MAX12 / v_range)
+    if make_up:
+        torque += (
+            kp * (position + p_max - position_code * p_range / _MAX16)
+            + kd * (velocity + v_max - velocity_code * v_range / _MAX12)
+            + t_max / _MAX12
+        )
+    torque = t_max if torque > t_max else -t_max if torque < -t_max else torque
     word = (
-        int((position + p_max) * _MAX16 / (p_max + p_max)) << 48
-        | int((velocity + v_max) * _MAX12 / (v_max + v_max)) << 36
+        position_code << 48
+        | velocity_code << 36
         | int(kp * _MAX12 / kp_max) << 24
         | int(kd * _MAX12 / kd_max) << 12
-        | int((torque + t_max) * _MAX12 / (t_max + t_max))
+        | int((torque + t_max) * _MAX12 / t_range)
     )
     if word >= _FIRST_SPECIAL:
         # Everything saturated: a torque a few codes below its maximum would read as "disable" and the
         # like. The maximum itself has no such meaning.
         word = _ALL_ONES
     return word.to_bytes(8, "big")
-
-
-class Quantiser:
-    """Compensates what packing loses of the commands of a row of motors, given by their types.
-
-    Zero speed is sent as −half a step, which at kd = 1.5 Nm s/rad is 11 mNm and lets a wrist with kp = 10 Nm/rad stand
-    1.1 mrad off. The loss of position and velocity is known, so the torque field can carry it:
-
-        tau ← tau + kp (q* − q*_sent) + kd (dq* − dq*_sent) + half a torque step
-    """
-
-    def __init__(self, types: Sequence[str]):
-        ranges = np.array([ranges_of(name) for name in types])
-        self._limit = ranges[:, :2]
-        self._step = 2.0 * self._limit / np.array([_MAX16, _MAX12])
-        self._half_torque_step = ranges[:, 2] / _MAX12
-
-    def compensate(self, commands: np.ndarray) -> np.ndarray:
-        """(n, 5) q*, dq*, kp, kd, tau in motor coordinates to the same with a corrected tau (a copy)."""
-        out = commands.copy()
-        wanted = np.minimum(np.maximum(commands[:, :2], -self._limit), self._limit)
-        sent = np.floor((wanted + self._limit) / self._step) * self._step - self._limit
-        out[:, 4] += ((wanted - sent) * commands[:, 2:4]).sum(axis=1) + self._half_torque_step
-        return out
 
 
 def decode_mit(motor_type: str, data: bytes) -> MitCommand:

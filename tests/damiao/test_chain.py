@@ -305,4 +305,4 @@ def test_exchange_over_a_python_can_interface_without_our_extras():
         assert chain.missed.tolist() == [1] and chain.duplicates.tolist() == [1]
         sent = theirs.recv(1.0)
         assert sent is not None
-        assert (sent.arbitration_id, bytes(sent.data).hex()) == (1, "7fff7ff0000007ff")
+        assert (sent.arbitration_id, bytes(sent.data).hex()) == (1, "7fff7ff000000800")

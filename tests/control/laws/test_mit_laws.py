@@ -5,7 +5,7 @@ import pytest
 
 from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.control.laws import mit_laws
-from lerobot_robot_yam.damiao.codec import Quantiser, decode_mit, encode_mit
+from lerobot_robot_yam.damiao.codec import decode_mit, encode_mit, pack_mit, ranges_of
 
 ARM = load_arm("yam")
 LOWER, UPPER = ARM.joint_limits_rad.T
@@ -69,14 +69,13 @@ def test_a_pushed_joint_returns_gently_and_does_not_ring(inertia, friction):
     """Motor loop at 4 kHz on fresh positions, host at 250 Hz on positions one tick old; through the real frame."""
     joint, q, dq, seen, path = 1, LOWER[1] - 0.15, 0.0, LOWER[1] - 0.15, []
     kind = ARM.motors[joint].type
-    quantiser = Quantiser([kind])
     for _ in range(1500):
         pose = MIDDLE.copy()
         pose[joint] = seen
         rates = np.zeros(N)
         rates[joint] = dq
-        rows = quantiser.compensate(floating(pose, rates)[0][joint : joint + 1])
-        p, v, kp, kd, tau = decode_mit(kind, encode_mit(kind, *rows[0]))
+        row = floating(pose, rates)[0][joint].tolist()
+        p, v, kp, kd, tau = decode_mit(kind, pack_mit(ranges_of(kind), *row))
         seen = q  # what the next tick is computed from
         for _step in range(16):
             drive = kp * (p - q) + kd * (v - dq) + tau
