@@ -14,6 +14,7 @@ import numpy as np
 from lerobot_robot_yam.arm.model import Load, base_quat, build_spec
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
+from lerobot_robot_yam.system.few_values import any_of
 
 
 class GravityModel:
@@ -60,7 +61,7 @@ class GravityModel:
         """
         data, tau = self._data, self._tau[: self.joint_count]
         holding = self.torque(q)
-        if not (dq.any() or ddq.any()):
+        if not (any_of(dq != 0.0) or any_of(ddq != 0.0)):
             return holding, np.zeros_like(holding), np.zeros_like(holding)
         self._qvel[:], self._qacc[:] = dq, ddq
         mujoco.mj_comVel(self.model, data)

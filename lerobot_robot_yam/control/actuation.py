@@ -22,6 +22,7 @@ from lerobot_robot_yam.errors import BusError
 from lerobot_robot_yam.state.faults import SILENT_S
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
+from lerobot_robot_yam.system.few_values import any_of
 
 logger = logging.getLogger(__name__)
 
@@ -134,7 +135,7 @@ class Actuation:
                     self.setpoint.reseed(int(joint), float(self.interface.sent[joint, mit_laws.Q]))
             self._bad, self.usable = finding.bad, ~finding.bad
             self.all_usable = bool(self.usable.all())
-        if self._sunk.any():  # hardly ever
+        if any_of(self._sunk):  # hardly ever
             heard = self._sunk & (self.usable & np.isfinite(self.chain.stamp_s))[: self.hardware.joints]
             start = self.setpoint.reseed if self.landing is None else self.setpoint.fall_back
             for joint in np.flatnonzero(heard):
@@ -163,7 +164,7 @@ class Actuation:
     def compute_command(self, now: float, dt: float) -> None:
         """From state and set-point to the commands of the next `send`. now, dt: s."""
         self._compute_command(now, dt)
-        if self._sunk.any():
+        if any_of(self._sunk):
             self.impedance.sink(self._sunk)
 
     def _compute_command(self, now: float, dt: float) -> None:
@@ -217,7 +218,7 @@ class Actuation:
         hw = self.hardware
         dq = self.interface.motor_dq[: hw.joints]
         fast = np.abs(dq) > self._free_speed
-        if not fast.any() or (self.landing is not None and self.landing.fade is not None):  # nearly always
+        if not any_of(fast) or (self.landing is not None and self.landing.fade is not None):  # nearly always
             return
         gap = (self.setpoint.q - self.interface.motor_q)[: hw.joints]
         age_s = now - self.chain.stamp_s[: hw.joints]

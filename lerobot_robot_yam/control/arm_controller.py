@@ -29,6 +29,7 @@ from lerobot_robot_yam.errors import LifeCycleError, MotorError
 from lerobot_robot_yam.state.faults import SILENT_S, Trouble
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited, Request
+from lerobot_robot_yam.system.few_values import largest
 
 logger = logging.getLogger(__name__)
 
@@ -193,7 +194,7 @@ class ArmController:
             return False
         self._last_target_at = now
         arm.use_gains(kp, kd)
-        gap = float(np.abs(target - arm.setpoint.q)[: arm.hardware.joints].max(initial=0.0))
+        gap = largest((target - arm.setpoint.q)[: arm.hardware.joints])
         status.limited = Limited.SPEED if self._progress.by_speed(gap) else Limited.NOTHING
         arm.setpoint.set_target(target, now, velocity, age_s)
         if status.mode is Mode.HOLD:
@@ -213,7 +214,7 @@ class ArmController:
             self._last_target_at = now
             if not arm.impedance.own_gains:
                 arm.use_gains()
-            gap = float(np.abs(coupling.target - setpoint.q)[: arm.hardware.joints].max(initial=0.0))
+            gap = largest((coupling.target - setpoint.q)[: arm.hardware.joints])
             limited = Limited.SPEED if self._progress.by_speed(gap) else Limited.NOTHING
             status.limited = limited | Limited.RELATIVE_TARGET if coupling.held_back else limited
             if status.mode is Mode.HOLD:

@@ -19,6 +19,7 @@ from lerobot_robot_yam.control.impedance import Impedance
 from lerobot_robot_yam.control.joint_interface import JointInterface
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import LifeCycleError
+from lerobot_robot_yam.system.few_values import largest
 
 _PATIENCE_S = 2.0  # for a hand that has held the arm up so far to let it go
 _AT_STOP_RAD = 0.05  # zeros and stops of real arms are off by a few hundredths
@@ -59,7 +60,7 @@ class GravityBalance:
             dq: (n,) rad/s.
         """
         dt, self._before = now - self._before, now
-        if np.abs(dq).max(initial=0.0) > _STILL_RAD_S:
+        if largest(dq) > _STILL_RAD_S:
             self._still_since = math.inf
             return
         if self._still_since == math.inf:

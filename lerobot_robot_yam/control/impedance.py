@@ -14,6 +14,7 @@ from lerobot_robot_yam.control.laws.live_gains import LiveGains
 from lerobot_robot_yam.control.laws.set_point import SetPoint
 from lerobot_robot_yam.state.faults import MOST_RAD_S2
 from lerobot_robot_yam.state.records import Limited
+from lerobot_robot_yam.system.few_values import all_of, largest
 
 # The integral that makes up for sag, per Nm/rad of stiffness, so that every joint behaves alike.
 _SAG_RATE_PER_S = 1.5  # ki / kp: sag shrinks with a time constant of 1 / 1.5 s
@@ -161,8 +162,8 @@ class Impedance:
         hw, own = self._hardware, self.live
         self.kp = own.kp if kp is None else np.where(np.isnan(kp), own.kp, kp)
         self.kd = own.kd if kd is None else np.where(np.isnan(kd), own.kd, kd)
-        self._of_target = any(given is not None and not np.isnan(given).all() for given in (kp, kd))
-        self.own_gains = np.array_equal(self.kp, hw.kp) and np.array_equal(self.kd, hw.kd)
+        self._of_target = any(given is not None and not all_of(np.isnan(given)) for given in (kp, kd))
+        self.own_gains = all_of(self.kp == hw.kp) and all_of(self.kd == hw.kd)
 
     @property
     def sag_nm(self) -> np.ndarray:
@@ -174,7 +175,7 @@ class Impedance:
         """Whether a model that is wrong about the arm's weight can be why it hangs `error` (joints,) rad behind."""
         hw, j = self._hardware, slice(self._hardware.joints)
         missed = np.abs(self.kp[j] * error + self.sag_nm)
-        return bool((missed <= self._may_weigh_nm(q) + _RUBS * hw.torque_limit_nm[j]).all())
+        return all_of(missed <= self._may_weigh_nm(q) + _RUBS * hw.torque_limit_nm[j])
 
     def carries(self, q: np.ndarray, joint: int) -> bool:
         """Whether the joint carries a weight at q (joints,): those upright arms turn on do not."""
@@ -266,7 +267,7 @@ class Impedance:
         if held_back:
             limited |= Limited.TORQUE
         q_set, dq_set = setpoint.asked
-        still = holding and (self._exact or bool(np.abs(dq_set[j]).max(initial=0.0) < _STILL_RAD_S))
+        still = holding and (self._exact or largest(dq_set[j]) < _STILL_RAD_S)
         error = q_set[j] - q[j]
         beside = self._friction(dq_set[j])
         rubs = self.coupled or (self._exact and holding)
@@ -332,7 +333,7 @@ class Impedance:
         steady, inertia = self.weight_nm + turning, inertia + hw.arm.armature_kg_m2 * ddq
         tau[j] = steady + inertia
         most = _PLANNED_SHARE * hw.torque_limit_nm[j]
-        if (np.abs(tau[j]) <= most).all():  # nearly always
+        if all_of(np.abs(tau[j]) <= most):  # nearly always
             return tau, False
         room = most - steady * np.sign(inertia)
         share = max(float(np.min(room / np.maximum(np.abs(inertia), 1e-9), initial=1.0)), _LEAST_SHARE)

@@ -11,13 +11,14 @@ from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.state.about import forget_about, tell_about
 from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.state.records import OWNER, STATE_DTYPE, BlockPair, Request, state_path
+from lerobot_robot_yam.state.records import EACH_TICK, OWNER, STATE_DTYPE, BlockPair, Request, state_path
 
 logger = logging.getLogger(__name__)
 
 _MEASURED = ("q", "dq", "tau", "setpoint", "motor_stamp_s", "temp_mos_c", "temp_rotor_c", "offset_rad")  # NaN at first
 _ACTION = ("action", "action_dq", "action_stamp_s")
-_PER_MOTOR = (*_MEASURED, "sunk", "fault", "distrusted", "lost")
+_SELDOM = ("fault", "distrusted", "lost")
+_EACH_TICK_AT, _EACH_TICK = EACH_TICK
 
 
 class ControllerBlocks:
@@ -38,7 +39,8 @@ class ControllerBlocks:
         except (OSError, YamError) as error:  # a full disk, a log-out that had the user's files removed
             logger.warning("%s: no other program can watch the arm: %s", controller.name, error)
         tell_about(key, controller.config)
-        self._record = np.zeros((), STATE_DTYPE)
+        self._bytes = bytearray(STATE_DTYPE.itemsize)
+        self._record: np.ndarray = np.frombuffer(self._bytes, STATE_DTYPE).reshape(())
         for field in (*_MEASURED, "gripper_stops_rad", *_ACTION):
             self._record[field] = np.nan
         if adopt is not None:
@@ -56,7 +58,11 @@ class ControllerBlocks:
         self.published_mode = Mode.OFFLINE
         self._coupled = False  # as published last
         self._slots = hardware.slots
-        self._per_motor = {field: self._record[field][self._slots] for field in _PER_MOTOR}  # views
+        # Views of the record: to find a field by its name takes longer than to fill it.
+        self._measured = [self._record[field][self._slots] for field in _MEASURED]
+        self._sunk = self._record["sunk"][: hardware.joints]
+        self._handle: tuple = (controller.handle.trigger, *controller.handle.buttons, controller.handle.stamp_s)
+        self._well = False  # the motors, as published last
         self._seldom: tuple | None = None  # as published last, of what seldom changes
 
     def read_target(self, now: float) -> None:
@@ -111,35 +117,37 @@ class ControllerBlocks:
         """
         if self._ended:
             return
-        record, per_motor = self._record, self._per_motor
         status, arm = self._controller.status, self._controller.actuation
         chain, interface = arm.chain, arm.interface
-        record["stamp_s"] = now
-        record["tick"] = self._first_tick + tick
-        record["mode"] = status.mode if mode is None else mode
-        record["limited"] = status.limited
-        per_motor["q"][:] = interface.q
-        per_motor["dq"][:] = interface.dq
-        per_motor["tau"][:] = interface.tau
-        per_motor["setpoint"][:] = arm.setpoint.asked[0]
-        per_motor["sunk"][: len(arm.sunk)] = arm.sunk
-        record["own_gains"] = arm.impedance.own_gains
-        per_motor["motor_stamp_s"][:] = chain.stamp_s
-        record["asked_s"] = min(chain.asked_s.tolist())
-        per_motor["temp_mos_c"][:] = chain.temp_mos_c
-        per_motor["temp_rotor_c"][:] = chain.temp_rotor_c
-        per_motor["fault"][:] = chain.fault
-        per_motor["distrusted"][:] = chain.distrusted
-        per_motor["lost"][:] = chain.lost
         self._ended = status.mode is Mode.OFF
         self.published_mode = status.mode
         if not self._ended:  # the handle of an arm that is off is not asked any more
-            record["trigger"], record["buttons"], record["handle_stamp_s"] = self._controller.handle
-        per_motor["offset_rad"][:] = interface.offset_rad
-        record["gripper_blocked"] = arm.gripper is not None and arm.gripper.stalled
+            handle = self._controller.handle
+            self._handle = (handle.trigger, *handle.buttons, handle.stamp_s)
+        _EACH_TICK.pack_into(
+            self._bytes,
+            _EACH_TICK_AT,
+            now,
+            self._first_tick + tick,
+            min(chain.asked_s.tolist()),
+            status.mode if mode is None else mode,
+            status.limited,
+            arm.impedance.own_gains,
+            arm.gripper is not None and arm.gripper.stalled,
+            *self._handle,
+        )
+        q, dq, tau, setpoint, stamps, mos, rotor, offset = self._measured
+        q[...], dq[...], tau[...] = interface.q, interface.dq, interface.tau
+        setpoint[...], stamps[...] = arm.setpoint.asked[0], chain.stamp_s
+        mos[...], rotor[...], offset[...] = chain.temp_mos_c, chain.temp_rotor_c, interface.offset_rad
+        self._sunk[...] = arm.sunk
+        if not (self._well and chain.all_normal and chain.all_answered):
+            self._well = chain.all_normal and chain.all_answered
+            for field in _SELDOM:
+                self._record[field][self._slots] = getattr(chain, field)
         self._note_action()
         self._note_seldom(None if arm.gripper is None else arm.gripper.stops, status.trouble, status.message)
-        self._states.write(record)
+        self._states.write_bytes(self._bytes)
 
     def _note_action(self) -> None:
         """Put into the record what a leader asks of its follower, or what a coupled follower is asked."""
@@ -161,7 +169,7 @@ class ControllerBlocks:
         """Say that the loop lives while it waits; the arm's state is as it was."""
         if not self._ended:
             self._record["tick"] = self._first_tick + tick
-            self._states.write(self._record)
+            self._states.write_bytes(self._bytes)
 
     def _note_seldom(self, stops: GripperStops | None, trouble: Trouble | None, message: str) -> None:
         """Put into the record what hardly ever changes; texts take longest."""

@@ -26,6 +26,7 @@ from lerobot_robot_yam.damiao.registers import (
 from lerobot_robot_yam.damiao.reply_matching import Request
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S, REGISTER_ID
 from lerobot_robot_yam.errors import ActionError, BusError, MotorError
+from lerobot_robot_yam.system.few_values import any_of
 
 ENABLE_PAUSE_S = 0.003  # before each enable, as in the vendor's driver
 CLEAR_REPEATS = 3  # of "clear error", as in the vendor's driver
@@ -161,7 +162,7 @@ class MotorChain:
         """
         silent = self._close(deadline_s)
         self.all_answered = not silent and self._requests.newest.asked == len(self.motors)
-        if not self.all_answered or self.missed.any():
+        if not self.all_answered or any_of(self.missed > 0):
             self.missed = np.where([i in self._requests.heard for i in range(len(self.motors))], 0, self.missed + 1)
         self._publish()
         return self.all_answered

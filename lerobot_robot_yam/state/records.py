@@ -61,21 +61,25 @@ ACTION_SLOTS = MAX_MOTORS + 1  # of a follower with a gripper more than its lead
 STATE_DTYPE = np.dtype(
     [
         ("owner_pid", "u8"),  # process whose loop drives the arm; another one has taken over when it changes
+        # The fields of `EACH_TICK`.
         ("stamp_s", "f8"),  # monotonic time of publication
         ("tick", "u8"),
+        ("asked_s", "f8"),  # when the oldest of the commands went out that the motors' samples answer
         ("mode", "u1"),
         ("limited", "u2"),
+        ("own_gains", "u1"),  # held to it with its own gains, not with softer ones of a target
+        ("gripper_blocked", "u1"),
+        ("trigger", "f8"),
+        ("buttons", "u1", 2),
+        ("handle_stamp_s", "f8"),
         ("joints", "u1"),  # of the arm
         ("motors", "u1"),  # the joints', and the gripper's if it has one
-        ("gripper_blocked", "u1"),
         ("q", "f8", MAX_MOTORS),
         ("dq", "f8", MAX_MOTORS),
         ("tau", "f8", MAX_MOTORS),
         ("setpoint", "f8", MAX_MOTORS),
         ("sunk", "u1", MAX_MOTORS),  # a landing has let the joint sink unheard: it has left its set-point
-        ("own_gains", "u1"),  # held to it with its own gains, not with softer ones of a target
         ("motor_stamp_s", "f8", MAX_MOTORS),  # when each motor took the sample that it has sent
-        ("asked_s", "f8"),  # when the oldest of the commands went out that these answer
         ("temp_mos_c", "f4", MAX_MOTORS),
         ("temp_rotor_c", "f4", MAX_MOTORS),
         ("fault", "u1", MAX_MOTORS),
@@ -83,9 +87,6 @@ STATE_DTYPE = np.dtype(
         ("lost", "u8", MAX_MOTORS),
         ("offset_rad", "f8", MAX_MOTORS),  # motor angle at joint zero: what a successor needs to know
         ("gripper_stops_rad", "f8", 2),  # closed, open; NaN until they are known
-        ("trigger", "f8"),
-        ("buttons", "u1", 2),
-        ("handle_stamp_s", "f8"),
         ("gate", "u1"),  # a `Gate`
         # Target of a follower, joints in rad and then its gripper, NaN behind it and where there is none. In a leader's
         # state the target for its follower; in a follower's the target that its set-point has taken last.
@@ -153,6 +154,8 @@ def packed(dtype: np.dtype, motors: int, only: Collection[str] | None = None) ->
     return struct.Struct(layout), start
 
 
+EACH_TICK = STATE_DTYPE.fields["stamp_s"][1], struct.Struct("<dQdBHBBd2Bd")  # type: ignore[index]
+"""Where the values lie that change at every tick, stamp_s … handle_stamp_s, and their layout."""
 _STATES = [packed(STATE_DTYPE, motors) for motors in range(MAX_MOTORS + 1)]
 _JOINTS_AT, _MOTORS_AT = (STATE_DTYPE.fields[name][1] for name in ("joints", "motors"))  # type: ignore[index]
 OWNER = STATE_DTYPE.fields["owner_pid"][1], struct.Struct("<Q")  # type: ignore[index]

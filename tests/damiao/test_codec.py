@@ -153,7 +153,9 @@ def test_unknown_motor_type_lists_the_known_ones(call):
 
 def torque_at(rows, q, make_up):
     """What motors that stand still at q (n,) make of the packed commands, Nm, with the gains really sent."""
-    packed = [codec.pack_mit(codec.ranges_of(kind), *row, make_up) for kind, row in zip(ROW, rows.tolist(), strict=True)]
+    packed = [
+        codec.pack_mit(codec.ranges_of(kind), *row, make_up) for kind, row in zip(ROW, rows.tolist(), strict=True)
+    ]
     sent = [codec.decode_mit(kind, data) for kind, data in zip(ROW, packed, strict=True)]
     return np.array([c.kp * (c.position - at) + c.kd * c.velocity + c.torque for c, at in zip(sent, q, strict=True)])
 

@@ -5,6 +5,8 @@ The motor computes tau = kp (q* − q) + kd (dq* − dq) + tau_ff at its own rat
 
 import numpy as np
 
+from lerobot_robot_yam.system.few_values import all_of, any_of, largest
+
 Q, DQ, KP, KD, TAU = range(5)
 
 _FRICTION_SPEED_RAD_S = 0.05  # width of the smooth sign in the friction term: no chatter about standstill
@@ -55,12 +57,13 @@ class FloatDamping:
     def __init__(self, limit_rad_s: float, joints: int):
         self._limit = limit_rad_s
         self._before: np.ndarray = np.zeros(joints)  # |dq| at the last tick
-        self._share: np.ndarray = np.zeros(joints)
-        self._damped_s: np.ndarray = np.zeros(joints)
+        self._none: np.ndarray = np.zeros(joints)
+        self._share, self._damped_s, self._damps = self._none, self._none, False
 
     def reset(self) -> None:
         """The arm does not float any more."""
-        self._share[:] = self._damped_s[:] = 0.0
+        self._share = self._damped_s = self._none
+        self._damps = False
 
     def share(self, dq: np.ndarray, dt: float) -> np.ndarray | None:
         """(n,) of the most damping that each joint needs at `dq` (n,) rad/s, `dt` s after the last tick.
@@ -69,12 +72,13 @@ class FloatDamping:
         """
         fast = np.abs(dq)
         speed, self._before = np.minimum(fast, self._before), fast
-        if speed.max(initial=0.0) <= self._limit and not self._damped_s.any():
+        if not self._damps and largest(speed) <= self._limit:
             return None
         needed = np.minimum(np.maximum((speed / self._limit - 1.0) / _FULL, 0.0), 1.0)
         self._share = np.maximum(needed, self._share - dt / _RELEASE_S)
         at_limit = speed > np.where(self._damped_s > 0.0, _ABOUT, 1.0) * self._limit
         self._damped_s = np.maximum(self._damped_s + np.where(at_limit, dt, -_FORGET * dt), 0.0)
+        self._damps = any_of(self._damped_s > 0.0)
         return self._share
 
     @property
@@ -107,10 +111,10 @@ def soft_wall(
         How far the farthest joint is beyond its limit, rad; 0 when no joint is.
     """
     beyond = q - np.minimum(np.maximum(q, lower), upper)
-    depth = np.abs(beyond)
-    deepest = float(depth.max(initial=0.0))
+    deepest = largest(beyond)
     if deepest == 0.0:
         return 0.0
+    depth = np.abs(beyond)
     stiffness = np.where(depth > 0.0, _WALL_STIFFNESS * kp, 0.0)
     damping = np.maximum(kd - out[:, KD], 0.0) * np.minimum(depth / _WALL_DAMPED_RAD, 1.0)
     torque = np.abs(stiffness * beyond + damping * dq)
@@ -157,7 +161,7 @@ def clip_torque(
     """
     spring, damping = out[:, KP] * (out[:, Q] - q), out[:, KD] * (out[:, DQ] - dq)
     tau = spring + damping + out[:, TAU]
-    if (np.abs(tau) <= limit_nm).all():  # nearly always
+    if all_of(np.abs(tau) <= limit_nm):  # nearly always
         return False
     excess = tau - np.minimum(np.maximum(tau, -limit_nm), limit_nm)
     if before is not None:

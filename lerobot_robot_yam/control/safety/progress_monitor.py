@@ -6,6 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from lerobot_robot_yam.system.few_values import largest
+
 logger = logging.getLogger(__name__)
 
 _FAR_RAD, _NEAR_RAD = 0.3, 0.1  # between target and set-point: held back by the speed limit, and no longer
@@ -51,7 +53,7 @@ class ProgressMonitor:
 
     def by_obstacle(self, now: float, gap_rad: np.ndarray, kp: np.ndarray, limit_nm: np.ndarray) -> None:
         """Whether joints (joints,) have been far behind their set-points for a while: something is in their way."""
-        if not self._pressing and max(map(abs, gap_rad.tolist()), default=0.0) <= _BEHIND_RAD:  # nearly always
+        if not self._pressing and largest(gap_rad) <= _BEHIND_RAD:  # nearly always
             return
         presses = far_behind(gap_rad, kp, limit_nm)
         self._since_s = np.where(presses, np.minimum(self._since_s, now), math.inf)

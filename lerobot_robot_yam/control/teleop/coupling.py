@@ -17,6 +17,7 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.teleop.peer_block import PeerBlock
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import coupling_number
+from lerobot_robot_yam.system.few_values import largest
 
 logger = logging.getLogger(__name__)
 
@@ -48,6 +49,7 @@ class Coupling:
         self._moves = False  # it follows, or comes to rest
         self._gap: np.ndarray = np.zeros(hardware.n)
         self._gap_rate: np.ndarray = np.zeros(hardware.n)
+        self._apart = False  # the gap is not closed
         self._before_s = -math.inf
         self._told = False
         self.held_back = False
@@ -110,9 +112,9 @@ class Coupling:
         if leader is None or not leader.look(now) or leader.value("mode") not in _LEADS:
             return None
         told = leader.slots("action", n + 1)
-        q, dq = np.array(told[:n]), np.array(leader.slots("action_dq", n))
+        q, dq = told[:n], leader.slots("action_dq", n)
         age_s = now - leader.value("action_stamp_s")
-        if not -_AGE_MOST_S < age_s < _AGE_MOST_S or not (np.isfinite(q).all() and np.isfinite(dq).all()):
+        if not -_AGE_MOST_S < age_s < _AGE_MOST_S or not all(map(math.isfinite, (*q, *dq))):
             return None
         if not math.isnan(told[n]):
             if not self._told:
@@ -120,28 +122,30 @@ class Coupling:
                 logger.warning(what, self._hardware.name, leader.key)
                 self._told = True
             return None
-        return q + dq * (age_s + _AHEAD_S), dq
+        speed = np.array(dq)
+        return np.array(q) + speed * (age_s + _AHEAD_S), speed
 
     def _follow(self, q: np.ndarray, dq: np.ndarray, asked: tuple[np.ndarray, np.ndarray], dt: float) -> None:
         if not self.number:  # it joins
             before, speed = (self.target, self.velocity) if self._moves else asked
-            self._gap, self._gap_rate = before - q, speed - dq
+            self._gap, self._gap_rate, self._apart = before - q, speed - dq, True
             assert self._leader is not None
             self._moves, self.number = True, coupling_number(self._leader.key)
-        elif self._gap.any() or self._gap_rate.any():
-            farthest = float(np.abs(self._gap).max())
+        elif self._apart:
+            farthest = largest(self._gap)
             rate = min(_JOIN_PER_S, math.e * _JOIN_SPEED / max(farthest, 1e-9))
             self._gap_rate = self._gap_rate - (2.0 * rate * self._gap_rate + rate * rate * self._gap) * dt
             self._gap = self._gap + self._gap_rate * dt
             if farthest < _JOINED:
                 self._gap[:] = self._gap_rate[:] = 0.0
+                self._apart = False
         self.target, self.velocity = q + self._gap, dq + self._gap_rate
 
     def _come_to_rest(self, dt: float) -> None:
         self.number = 0
         self.velocity = self.velocity * math.exp(-dt / _REST_S)
         self.target = self.target + self.velocity * dt
-        self._moves = bool((np.abs(self.velocity) > _AT_REST).any())
+        self._moves = largest(self.velocity) > _AT_REST
 
     def _limit(self, measured: np.ndarray) -> None:
         """As the caller's targets are: joint limits, then max_relative_target."""

@@ -8,6 +8,7 @@ import numpy as np
 from lerobot_robot_yam.control.teleop.peer_block import PeerBlock
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import coupling_number
+from lerobot_robot_yam.system.few_values import largest
 
 logger = logging.getLogger(__name__)
 
@@ -52,11 +53,11 @@ class FollowerView:
         fits = fresh and (block.value("joints"), block.value("motors")) == self._shape
         self.there = fits and block.value("mode") in (Mode.HOLD, Mode.TRACK)
         if self.there:
-            values = np.array((block.slots("q", count), block.slots("dq", count), block.slots("setpoint", count)))
+            values = block.slots("q", count), block.slots("dq", count), block.slots("setpoint", count)
             self._stamp_s = min(block.slots("motor_stamp_s", self._joints), default=-math.inf)
-            self.there = math.isfinite(values.sum()) and now - self._stamp_s < _AGE_MOST_S
+            self.there = all(math.isfinite(sum(row)) for row in values) and now - self._stamp_s < _AGE_MOST_S
             if self.there:
-                self.q, self.dq, self.setpoint = values
+                self.q, self.dq, self.setpoint = np.array(values)
         self.coupled = self.there and block.value("coupled_to") == self._number
         self.led_by_another = self.there and not self.coupled and block.value("mode") == Mode.TRACK
         if not self.there:
@@ -74,7 +75,7 @@ class FollowerView:
         block = self._block
         self.follows = self.coupled
         if block.value("coupled_to") == 0 and block.value("mode") == Mode.TRACK:
-            self.follows = bool(np.abs(self.setpoint - target)[: self._joints].max(initial=0.0) < _NEAR_RAD)
+            self.follows = largest((self.setpoint - target)[: self._joints]) < _NEAR_RAD
 
     def q_at(self, now: float) -> np.ndarray:
         """(joints,) rad at present, carried on from its newest sample."""

@@ -23,6 +23,7 @@ from lerobot_robot_yam.control.teleop.gate import GateMachine, Look
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import channel_key
+from lerobot_robot_yam.system.few_values import largest
 
 logger = logging.getLogger(__name__)
 
@@ -154,8 +155,9 @@ class Lead:
         if self._own_gripper:
             handle = 1.0 - float(sample[0][-1]), handle[1], handle[2]
         q, dq, stamps = (part[: self._joints] for part in sample)
-        stamp_s = float(stamps.max(initial=-math.inf))
-        if mode is None or mode not in _LEADS or not now - float(stamps.min(initial=math.inf)) < _AGE_MOST_S:
+        told = stamps.tolist()
+        stamp_s = max(told, default=-math.inf)
+        if mode is None or mode not in _LEADS or not now - min(told, default=math.inf) < _AGE_MOST_S:
             self._give_nothing(mode)
             return
         self._motion.advance(q + dq * (stamp_s - stamps), dq, stamp_s)
@@ -222,10 +224,10 @@ class Lead:
         return Look(
             away_rad=away,
             home=state is Gate.HOMING and follower.follows and self._at_home(),
-            gap_rad=_largest(follower.q[j] - self.action[j]),
+            gap_rad=largest(follower.q[j] - self.action[j]),
             follows=follower.follows,
             approached=self._ramp.approached(now),
-            recentred=state is Gate.RECENTRE and _largest(self._motion.q - self.action[j]) < _RECENTRED_RAD,
+            recentred=state is Gate.RECENTRE and largest(self._motion.q - self.action[j]) < _RECENTRED_RAD,
             pressed=edges[0],
             fine_pressed=edges[1],
         )
@@ -240,7 +242,7 @@ class Lead:
         """Whether leader and follower are."""
         home = self._home[: self._joints]
         follower = float(np.linalg.norm(self._follower.setpoint[: self._joints] - home))
-        return follower < _HOME_RAD and _largest(self._motion.q - home) < _LEADER_HOME_RAD
+        return follower < _HOME_RAD and largest(self._motion.q - home) < _LEADER_HOME_RAD
 
     def _assist(self, mode: Mode, now: float, weight_nm: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray] | None:
         j = slice(self._joints)
@@ -270,11 +272,6 @@ class Lead:
     def close(self) -> None:
         """Let go of the follower's block. Idempotent."""
         self._follower.close()
-
-
-def _largest(values: np.ndarray) -> float:
-    """Largest |value|; numpy takes longer for so few."""
-    return max(map(abs, values.tolist()), default=0.0)
 
 
 def make_leads(arms: Sequence[ResolvedArm]) -> list[Lead | None]:
