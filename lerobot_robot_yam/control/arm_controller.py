@@ -134,6 +134,8 @@ class ArmController:
 
     def stop_reason(self, now: float) -> str:
         """Why everything has to stop, empty when it has not: the handle's button, or too much effort."""
+        if not self._stop_triggers.exist:
+            return ""
         tau = self.actuation.interface.tau[: self.actuation.hardware.joints]
         works = not self.status.ended and self.mode not in (Mode.STOPPED, Mode.FAULT)
         handle = self.actuation.interface.handle

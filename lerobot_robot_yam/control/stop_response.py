@@ -49,7 +49,11 @@ class EffortLimit:
 
 
 class StopTriggers:
-    """The triggers of one arm. Ask once per tick."""
+    """The triggers of one arm. Ask once per tick, if there are any.
+
+    Attributes:
+        exist: a button or an effort limit is configured.
+    """
 
     def __init__(self, hardware: ResolvedArm):
         config, self._arm = hardware.config, hardware.name
@@ -58,6 +62,7 @@ class StopTriggers:
         self._effort: EffortLimit | None = None
         if config.effort_limit_nm is not None and hardware.joints:
             self._effort = EffortLimit(np.array(config.effort_limit_nm), hardware.joint_names)
+        self.exist = self._button is not None or self._effort is not None
 
     def check(self, now: float, buttons: tuple[bool, bool], tau_nm: np.ndarray, works: bool) -> str:
         """Why everything has to stop, empty when it has not.

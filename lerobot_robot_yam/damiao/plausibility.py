@@ -25,7 +25,6 @@ When several readings that cannot be come within a short time the motor is not b
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
 
 from lerobot_robot_yam.damiao.tables import MotorType
 
@@ -41,16 +40,11 @@ _FORGET = 1.0 / 50.0
 _UNHEARD_S = 0.02  # five ticks: nobody has seen what it did, and one reading is not enough to tell
 
 
-class _Sample(NamedTuple):
-    q: float  # rad
-    dq: float  # rad/s
-    likely_s: float  # when it was taken
-    latest_s: float  # the same at the latest, if the adapter is as it was
-    asked_s: float
-    arrived_s: float
+_Sample = tuple[float, float, float, float, float, float]
+"""Position, rad, and speed, rad/s; when it was taken: most likely, and at the latest, if the adapter is as it was; when
+it was asked for, and when it arrived, s."""
 
-
-_NOTHING = _Sample(*[math.nan] * len(_Sample._fields))  # whatever follows it is not beyond it
+_NOTHING: _Sample = (math.nan,) * 6  # whatever follows it is not beyond it
 
 
 class Plausibility:
@@ -93,7 +87,7 @@ class Plausibility:
 
     def assume(self, motor: int, q: float, dq: float, at_s: float) -> None:
         """Judge the next answer by this one, which somebody else has had."""
-        self._good[motor], self._heard_s[motor] = _Sample(q, dq, at_s, at_s, at_s, at_s), at_s
+        self._good[motor], self._heard_s[motor] = (q, dq, at_s, at_s, at_s, at_s), at_s
 
     def accept(
         self, motor: int, q: float, dq: float, sampled_s: float, latest_s: float, asked_s: float, arrived_s: float
@@ -110,7 +104,7 @@ class Plausibility:
         if self.distrusted[motor]:
             self.rejected[motor] += 1
             return False
-        sample = _Sample(q, dq, sampled_s, latest_s, asked_s, arrived_s)
+        sample = (q, dq, sampled_s, latest_s, asked_s, arrived_s)
         slack = self._slack(motor, since_s if self._light[motor] else min(since_s, _UNHEARD_S))
         struck = self._struck[motor]
         if struck is not None:  # hardly ever
@@ -120,12 +114,13 @@ class Plausibility:
                 self._doubt[motor] = max(0.0, self._doubt[motor] - 1.0)
                 return True
         good = self._good[motor]
-        leaps = abs(q - good.q) > _AWAY_RAD or abs(dq) - abs(good.dq) > _BLOW_RAD_S
+        faster = abs(dq) - abs(good[1])
+        leaps = abs(q - good[0]) > _AWAY_RAD or faster > _BLOW_RAD_S
         if leaps and not self._light[motor]:
             pass  # no reading that follows makes it possible
         elif _continues(good, sample, slack):
-            gained = min(self._acceleration[motor] * (latest_s - good.likely_s), self._gained[motor])
-            if not abs(dq) - abs(good.dq) > gained + _NOISE_RAD_S:
+            gained = min(self._acceleration[motor] * (latest_s - good[2]), self._gained[motor])
+            if not faster > gained + _NOISE_RAD_S:
                 self.before[motor], self._good[motor] = good[:2], sample
                 if self._doubt[motor] > 0.0:
                     self._doubt[motor] = max(0.0, self._doubt[motor] - _FORGET)
@@ -147,18 +142,18 @@ class Plausibility:
         slack = self._slack(motor, unheard_s)
         if unheard_s > _UNHEARD_S and not self._light[motor]:
             slack = min(slack + _SNATCHED_RAD, _NOISE_RAD + _SNATCHED_RAD_S * unheard_s)
-        return _reaches(before, after, after.asked_s - before.arrived_s, after.arrived_s - before.asked_s, slack)
+        return _reaches(before, after, after[4] - before[5], after[5] - before[4], slack)
 
 
 def _continues(before: _Sample, after: _Sample, slack: float) -> bool:
     """Whether a joint can have got from one sample, if there is one, to another, if the adapter is as it was."""
-    return _reaches(before, after, after.likely_s - before.latest_s, after.latest_s - before.likely_s, slack)
+    return _reaches(before, after, after[2] - before[3], after[3] - before[2], slack)
 
 
 def _reaches(before: _Sample, after: _Sample, least_s: float, most_s: float, slack: float) -> bool:
     """Whether a joint can have got from one sample to another within least_s … most_s."""
-    least_s = max(0.0, least_s)
-    low, high = (before.dq, after.dq) if before.dq < after.dq else (after.dq, before.dq)
-    step = after.q - before.q
+    least_s = least_s if least_s > 0.0 else 0.0
+    low, high = (before[1], after[1]) if before[1] < after[1] else (after[1], before[1])
+    step = after[0] - before[0]
     beyond = step > high * (most_s if high > 0.0 else least_s) + slack
     return not (beyond or step < low * (most_s if low < 0.0 else least_s) - slack)

@@ -57,15 +57,17 @@ class RoundTrip:
             paced: not all at once: this tells nothing about the adapter.
         """
         if not paced:
-            self._note(arrived_s - sent_s, arrived_s, count + place + 1)
+            took_s = arrived_s - sent_s
+            if took_s > self.longest_s:
+                self.longest_s = took_s
+            beside_wire_s = took_s - (count + place + 1) * FRAME_TIME_S
+            if arrived_s > self._until_s or beside_wire_s < self._now:
+                self._note(arrived_s, beside_wire_s)
         latest_s = max(sent_s, arrived_s - self.one_way_s - FRAME_TIME_S)
         return min(sent_s + self.one_way_s + (place + 1) * FRAME_TIME_S, latest_s), latest_s
 
-    def _note(self, took_s: float, arrived_s: float, frames: int) -> None:
-        """A round trip, of which so many frames were on the wire."""
-        if took_s > self.longest_s:
-            self.longest_s = took_s
-        beside_wire_s = took_s - frames * FRAME_TIME_S
+    def _note(self, arrived_s: float, beside_wire_s: float) -> None:
+        """A round trip that was quicker than all in its window, or is the first in one; without its time on the wire."""
         if arrived_s > self._until_s:
             self.slowest_s = max(self.slowest_s, self.one_way_s)  # that of a whole window
             quiet = arrived_s > self._until_s + _WINDOW_S

@@ -42,7 +42,10 @@ class EmergencyStop:
     def __init__(self, directory: Path | None = None) -> None:
         self._own = directory is None
         self.directory = runtime_dir() if directory is None else directory
-        self._name = str(self.directory / _FILE)
+        self._name, self._directory_name = (
+            str(self.directory / _FILE),
+            str(self.directory),
+        )  # a Path takes a loop longer
         self._unwritten = False  # latched, with no way to write it down
         self._seen_in: int | None = None  # inode of the directory in which it was seen: /dev/shm uses no number twice
 
@@ -64,7 +67,7 @@ class EmergencyStop:
     def _marked(self) -> bool:
         """Whether the directory itself says so."""
         try:
-            return bool(os.stat(self.directory, follow_symlinks=False).st_mode & stat.S_ISVTX)
+            return bool(os.lstat(self._directory_name).st_mode & stat.S_ISVTX)
         except OSError:
             return False
 

@@ -35,19 +35,18 @@ class BilateralForce:
         kp: (n,) the leader's position gains, Nm/rad.
         torque_limit_nm: (n,) of the leader.
         gated: False: all of the force, whatever the operator does; for comparisons.
+
+    Attributes:
+        works: any joint has a gain.
     """
 
     def __init__(self, gain: np.ndarray, kp: np.ndarray, torque_limit_nm: np.ndarray, gated: bool = True):
         self.stiffness = gain * kp
         self.damping = LAG_S * self.stiffness
         self._bound, self._gated = _BOUND_SHARE * torque_limit_nm, gated
+        self.works = bool(self.stiffness.any())
         self._since_s = 0.0
         self._given_way = [0.0] * len(gain)  # y
-
-    @property
-    def works(self) -> bool:
-        """Whether any joint has a gain."""
-        return bool(self.stiffness.any())
 
     def engage(self) -> None:
         """Begin: there was no force before."""

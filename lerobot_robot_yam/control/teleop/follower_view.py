@@ -55,7 +55,8 @@ class FollowerView:
         if self.there:
             values = block.slots("q", count), block.slots("dq", count), block.slots("setpoint", count)
             self._stamp_s = min(block.slots("motor_stamp_s", self._joints), default=-math.inf)
-            self.there = all(math.isfinite(sum(row)) for row in values) and now - self._stamp_s < _AGE_MOST_S
+            finite = math.isfinite(sum(map(sum, values)))
+            self.there = finite and now - self._stamp_s < _AGE_MOST_S
             if self.there:
                 self.q, self.dq, self.setpoint = np.array(values)
         self.coupled = self.there and block.value("coupled_to") == self._number

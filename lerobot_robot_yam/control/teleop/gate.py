@@ -5,7 +5,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from lerobot_robot_yam.arm.leaders.lead_config import GateKind, LeadConfig
 from lerobot_robot_yam.state.modes import Gate
@@ -16,8 +16,7 @@ _ROUNDING_S = 1e-6
 LIFTED_RAD = 0.15  # so far a hand lifts a leader against its way home to break that off
 
 
-@dataclass(frozen=True)
-class Look:
+class Look(NamedTuple):
     """What one arm's gate depends on, at one tick.
 
     Attributes:
