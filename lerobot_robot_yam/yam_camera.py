@@ -60,7 +60,7 @@ class YamSimCamera(Camera):
         Raises:
             StaleStateError: none within a second.
         """
-        return self._camera.wait_new(1.0)[0].copy()
+        return self._camera.wait_new(1.0)[0]
 
     @check_if_not_connected
     def async_read(self, timeout_ms: float = 200) -> np.ndarray:
@@ -69,7 +69,7 @@ class YamSimCamera(Camera):
         Raises:
             StaleStateError: none within timeout_ms; it is a TimeoutError.
         """
-        return self._camera.wait_new(timeout_ms / 1e3)[0].copy()
+        return self._camera.wait_new(timeout_ms / 1e3)[0]
 
     @check_if_not_connected
     def read_latest(self, max_age_ms: int = 500) -> np.ndarray:
@@ -78,7 +78,7 @@ class YamSimCamera(Camera):
         Raises:
             StaleStateError: it is older than max_age_ms; it is a TimeoutError.
         """
-        return self._camera.latest(max_age_ms / 1e3)[0].copy()
+        return self._camera.latest(max_age_ms / 1e3)[0]
 
     def disconnect(self) -> None:
         """Leave the rig. Idempotent."""

@@ -17,10 +17,11 @@ import numpy as np
 from lerobot_robot_yam.errors import StaleStateError
 from lerobot_robot_yam.system import sealed_memory
 
-_HEADER = struct.Struct("<QQII")  # magic, sequence, payload size, crc32 of payload
-_MAGIC = 0x59414D424C4B3031  # "YAMBLK01"
-_CRC = struct.Struct("<I")
-_SEQUENCE_AT, _CRC_AT = slice(8, 16), 20
+_HEADER = struct.Struct("<QQII")  # magic, sequence, payload size, checksum of payload
+_MAGIC = 0x59414D424C4B3032  # "YAMBLK02"
+_CHECKSUM = struct.Struct("<I")
+_SEQUENCE_AT, _CHECKSUM_AT = slice(8, 16), 20
+_LARGE = 16_384  # bytes; pictures, whose crc32 would cost eight times as much as their sum
 _READ_TIMEOUT_S = 0.25
 
 
@@ -68,6 +69,7 @@ class SharedBlock:
             raise
         # A view stores eight bytes in one go; struct clears them first, and a reader could see that.
         self._sequence = memoryview(self._map)[_SEQUENCE_AT].cast("Q")
+        self._payload = memoryview(self._map)[_HEADER.size :]
 
     def _found(self) -> int:
         assert self.path is not None
@@ -111,7 +113,7 @@ class SharedBlock:
         writing = self._sequence[0] | 1  # odd already where a signal has broken off the last one
         self._sequence[0] = writing
         self._map[_HEADER.size :] = payload
-        _CRC.pack_into(self._map, _CRC_AT, zlib.crc32(payload))
+        _CHECKSUM.pack_into(self._map, _CHECKSUM_AT, _checksum(payload))
         self._sequence[0] = writing + 1
 
     def sequence(self) -> int:
@@ -119,18 +121,21 @@ class SharedBlock:
         return self._sequence[0]
 
     def read(self) -> np.ndarray | None:
-        """A consistent private copy of the newest record (0-d structured array), None before the first.
+        """A consistent private, writable copy of the newest record (0-d structured array), None before the first.
 
         Raises:
             StaleStateError: no consistent record within 0.25 s: the writer died in the middle of a write.
         """
-        return self._record(self.read_bytes())
+        return self._record(self._wait_for(bytearray))
 
     def read_bytes(self) -> bytes | None:
         """The same as the bytes of `dtype`."""
+        return self._wait_for(bytes)
+
+    def _wait_for[T: (bytes, bytearray)](self, kind: type[T]) -> T | None:
         deadline, stuck = 0.0, 0
         while sequence := self.sequence():
-            payload = self._copy()
+            payload = self._copy(kind)
             if payload is not None:
                 return payload
             now = time.monotonic()
@@ -143,22 +148,22 @@ class SharedBlock:
 
     def glance(self) -> np.ndarray | None:
         """As `read`, for a reader that must not be held up: None also while a record is being written."""
-        return self._record(self._copy())
+        return self._record(self._copy(bytearray))
 
     def glance_bytes(self) -> bytes | None:
         """The same as the bytes of `dtype`."""
-        return self._copy()
+        return self._copy(bytes)
 
-    def _record(self, payload: bytes | None) -> np.ndarray | None:
+    def _record(self, payload: bytearray | None) -> np.ndarray | None:
         return None if payload is None else np.frombuffer(payload, self.dtype, count=1).reshape(())
 
-    def _copy(self) -> bytes | None:
+    def _copy[T: (bytes, bytearray)](self, kind: type[T]) -> T | None:
         before = self.sequence()
         if before == 0 or before % 2:
             return None
-        payload = self._map[_HEADER.size :]
-        crc = _CRC.unpack_from(self._map, _CRC_AT)[0]
-        return payload if self.sequence() == before and zlib.crc32(payload) == crc else None
+        payload = kind(self._payload)
+        checksum = _CHECKSUM.unpack_from(self._map, _CHECKSUM_AT)[0]
+        return payload if self.sequence() == before and _checksum(payload) == checksum else None
 
     def peek(self, at: int, layout: struct.Struct) -> Any:
         """The field with this layout at byte `at` of the record as it is now, without a copy of the rest."""
@@ -177,8 +182,18 @@ class SharedBlock:
         if self.descriptor < 0:
             return
         self._sequence.release()
+        self._payload.release()
         self._map.close()
         if remove and self._link and self.path is not None:
             sealed_memory.unpublish(self.path, self._link)
         os.close(self.descriptor)
         self.descriptor = -1
+
+
+def _checksum(payload: bytes | bytearray) -> int:
+    """Checksum of 32 bits: crc32, or of a large payload the sum of its words of 8 bytes, folded."""
+    if len(payload) < _LARGE:
+        return zlib.crc32(payload)
+    words = len(payload) // 8
+    total = int(np.frombuffer(payload, np.uint64, words).sum())
+    return zlib.crc32(payload[8 * words :], (total ^ total >> 32) & 0xFFFFFFFF)

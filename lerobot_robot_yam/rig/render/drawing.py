@@ -9,6 +9,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import mujoco
 import numpy as np
 
@@ -17,6 +18,7 @@ from lerobot_robot_yam.rig.client.launch import rig_path
 from lerobot_robot_yam.rig.client.rendered_camera import Settings, frame_dtype, frame_path
 from lerobot_robot_yam.rig.render.look import Look
 from lerobot_robot_yam.rig.render.shade import Shade
+from lerobot_robot_yam.rig.render.sight import Sight
 from lerobot_robot_yam.rig.scene.scene import Scene
 from lerobot_robot_yam.rig.world.world_model import build_world, world_dtype
 from lerobot_robot_yam.system.shared_block import SharedBlock
@@ -29,7 +31,7 @@ _SLICES, _STACKS = 12, 6
 _SMALLEST = (320, 240)
 _MAX_GEOMS = 400
 _VISUAL_GROUPS = (0, 2)  # collision shapes are in 3, sites in 4
-_HIDDEN_GROUP = 5
+_HIDDEN_GROUP, _UNSEEN_GROUP = 5, 4
 
 
 class Painter:
@@ -52,6 +54,8 @@ class Painter:
         width, height = _SMALLEST
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
         _regroup(model, hidden)
+        self._groups = model.geom_group.copy()
+        self._sight = Sight(model)
         try:
             self._gl = mujoco.GLContext(width, height)
             self._gl.make_current()
@@ -94,11 +98,15 @@ class Painter:
         view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, self.model.camera(camera).id
         raw = self._raw.setdefault((height, width), np.empty((height, width, 3), np.uint8))
         self._option.geomgroup[_HIDDEN_GROUP] = int(show_hidden)
+        seen, sky = self._sight.seen(self.data, view.fixedcamid, width / height)
+        self.model.geom_group[~seen] = _UNSEEN_GROUP
         mujoco.mjv_updateScene(self.model, self.data, self._option, None, view, mujoco.mjtCatBit.mjCAT_ALL, self._scene)
+        self.model.geom_group[:] = self._groups
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = int(sky)
         viewport = mujoco.MjrRect(0, 0, width, height)
         mujoco.mjr_render(viewport, self._scene, context)
         mujoco.mjr_readPixels(raw, None, viewport, context)
-        np.copyto(out, raw[::-1])
+        cv2.flip(raw, 0, dst=out)
 
     def close(self) -> None:
         """Give the OpenGL context back."""
@@ -122,17 +130,16 @@ class Sensor:
 
     def __init__(self, width: int, height: int, sigma: float):
         self._random = np.random.default_rng(0)
-        sheet = self._random.normal(0.0, sigma, (height + _MARGIN, width + _MARGIN, 3))
-        self._sheet = np.round(sheet).astype(np.int16)
-        self._sum = np.empty((height, width, 3), np.int16)
+        sheet = np.round(self._random.normal(0.0, sigma, (height + _MARGIN, width + _MARGIN, 3)))
+        self._lighter, self._darker = (np.clip(sign * sheet, 0, 255).astype(np.uint8) for sign in (1.0, -1.0))
 
     def expose(self, clean: np.ndarray, out: np.ndarray) -> None:
         """One exposure of the picture `clean` into `out`, both (height, width, 3) uint8."""
         height, width, _ = clean.shape
         top, left = self._random.integers(_MARGIN, size=2)
-        np.add(clean, self._sheet[top : top + height, left : left + width], out=self._sum)
-        np.clip(self._sum, 0, 255, out=self._sum)
-        out[:] = self._sum
+        cut = (slice(top, top + height), slice(left, left + width))
+        cv2.add(clean, self._lighter[cut], dst=out)  # both end at 0 and 255
+        cv2.subtract(out, self._darker[cut], dst=out)
 
 
 @dataclass

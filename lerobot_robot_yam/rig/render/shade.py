@@ -16,6 +16,8 @@ from lerobot_robot_yam.rig.world.scenery import FLAT, TABLE
 
 _TABLE_PIXELS, _FLAT_PIXELS = (1024, 640), (96, 96)  # along x and y
 _CORNERS = 20  # of an outline
+_ANGLES = np.arange(_CORNERS) * (2 * np.pi / _CORNERS) + 0.01  # a box's corners, not the middles of its sides
+_DIRECTIONS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])  # (2, k)
 _DARKNESS, _DARKEST = 0.42, 0.6  # parts of the table's brightness; the former under a light of `_USUAL_LEVEL`
 _USUAL_LEVEL = 0.45
 _SOFT_M = 0.016  # width of a shadow's edge
@@ -24,17 +26,26 @@ _PLANK_M = 0.175  # of the table's grain: planks along x
 _LEVEL = 224.0  # grey levels, by which the table's colour is multiplied; 255 is all of it
 _TONE, _GRAIN, _SEAM = 6.0, 11.0, 38.0  # from plank to plank (sigma), within one (sigma), darker between two
 _BOX = mujoco.mjtGeom.mjGEOM_BOX
+_NOWHERE = np.zeros((2, 2), int)
 _ROUND = (mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_CAPSULE)
 _SOLID = (_BOX, *_ROUND, mujoco.mjtGeom.mjGEOM_ELLIPSOID)
 
 
 @dataclass
 class _Surface:
-    """The top of a box: its geom, its OpenGL texture, its brightness (height, width) uint8 without shadows."""
+    """The top of a box.
+
+    Attributes:
+        geom: of the model.
+        texture: OpenGL's.
+        bright: (height, width) uint8 without shadows.
+        shaded: lowest and highest x, y that the last shadows touched, pixels of a mask; (2, 2).
+    """
 
     geom: int
     texture: int
     bright: np.ndarray
+    shaded: np.ndarray
 
 
 class Shade:
@@ -42,14 +53,18 @@ class Shade:
 
     def __init__(self, model: mujoco.MjModel, context: mujoco.MjrContext):
         self._model = model
+        self._box, self._rod = (np.isin(model.geom_type, [int(kind) for kind in some]) for some in ((_BOX,), _ROUND))
         self._solid = np.isin(model.geom_type, [int(kind) for kind in _SOLID])
+        self._casting: dict[tuple[int, ...], np.ndarray] = {}  # shapes by their groups
         self._surfaces = list(_surfaces(model, context))
         cv2.setNumThreads(1)  # the other processor is for physics and control
 
     def draw(self, data: mujoco.MjData, groups: tuple[int, ...]) -> None:
         """Draw the shadows that all shapes of these groups cast in the model's first light."""
         model = self._model
-        casting = np.flatnonzero(self._solid & np.isin(model.geom_group, groups))
+        if groups not in self._casting:
+            self._casting[groups] = np.flatnonzero(self._solid & np.isin(model.geom_group, groups))
+        casting = self._casting[groups]
         darkness = min(_DARKEST, _DARKNESS * float(model.light_diffuse[0].mean()) / _USUAL_LEVEL)
         for surface in self._surfaces:
             half_m = model.geom_size[surface.geom]
@@ -60,12 +75,21 @@ class Shade:
             light = data.light_xdir[0] @ turn
             slide = np.array([[1.0, 0.0, -light[0] / light[2]], [0.0, 1.0, -light[1] / light[2]]])
             axes = slide @ turn.T @ data.geom_xmat[shapes].reshape(-1, 3, 3)
-            outlines = _outlines(axes, model.geom_size[shapes], model.geom_type[shapes])
+            outlines = _outlines(axes, model.geom_size[shapes], self._box[shapes], self._rod[shapes])
             outlines += (center[above] @ slide.T)[:, None]
             height, width = surface.bright.shape
-            mask = _filled(outlines, half_m[:2], np.array([width // 2, height // 2]))  # soft shadows need no more
-            lit = cv2.resize(cv2.convertScaleAbs(mask, alpha=-darkness, beta=255.0), (width, height))
-            _upload(surface.texture, cv2.multiply(surface.bright, lit, scale=1 / 255))
+            pixels = np.array([width, height]) // 2  # soft shadows need no more
+            corners = (outlines / half_m[:2] * (1.0, -1.0) + 1.0) / 2.0 * pixels - 0.5  # first row: largest y
+            soft = np.maximum(1, np.round(_SOFT_M * pixels / (2.0 * half_m[:2]))).astype(int)
+            touched = _touched(corners, soft, pixels)
+            low, high = area = _union(touched, surface.shaded)
+            surface.shaded = touched
+            if (high <= low).any():
+                continue
+            mask = _filled(corners - low, soft, high - low)
+            lit = cv2.resize(cv2.convertScaleAbs(mask, alpha=-darkness, beta=255.0), (2 * (high - low)).tolist())
+            rows, columns = (slice(*(2 * area[:, axis])) for axis in (1, 0))
+            _upload(surface.texture, 2 * low, cv2.multiply(surface.bright[rows, columns], lit, scale=1 / 255))
 
 
 def _surfaces(model: mujoco.MjModel, context: mujoco.MjrContext) -> Iterator[_Surface]:
@@ -77,7 +101,9 @@ def _surfaces(model: mujoco.MjModel, context: mujoco.MjrContext) -> Iterator[_Su
             bright = np.full(_FLAT_PIXELS[::-1], 255, np.uint8)
         else:
             continue
-        yield _Surface(geom, int(context.texture[model.texture(name).id]), bright)
+        texture = int(context.texture[model.texture(name).id])
+        _begin(texture, bright)
+        yield _Surface(geom, texture, bright, _NOWHERE)
 
 
 def _grain(pixels: tuple[int, int], width_m: float) -> np.ndarray:
@@ -102,8 +128,8 @@ def _along(noise: np.ndarray, length: int) -> np.ndarray:
     return mean / mean.std()
 
 
-def _upload(texture: int, bright: np.ndarray) -> None:
-    """As one channel and without smaller copies: `mjr_uploadTexture` takes 5 ms."""
+def _begin(texture: int, bright: np.ndarray) -> None:
+    """Make a texture of one channel and without smaller copies: `mjr_uploadTexture` takes 5 ms."""
     height, width = bright.shape
     GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
     GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR)
@@ -112,29 +138,56 @@ def _upload(texture: int, bright: np.ndarray) -> None:
     GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, GL.GL_LUMINANCE, width, height, 0, *kind, bright)
 
 
-def _filled(outlines: np.ndarray, half_m: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """(height, width) uint8: 255 within outlines (n, k, 2), m from the middle of a surface; soft at their edges."""
+def _upload(texture: int, at: np.ndarray, bright: np.ndarray) -> None:
+    """Replace the part of a texture whose first column and row are `at`."""
+    height, width = bright.shape
+    GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
+    GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 1)
+    kind = (GL.GL_LUMINANCE, GL.GL_UNSIGNED_BYTE)
+    GL.glTexSubImage2D(GL.GL_TEXTURE_2D, 0, *at.tolist(), width, height, *kind, bright)
+
+
+def _touched(corners: np.ndarray, soft: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Lowest and highest x, y (2, 2) of outlines with their soft edges, within a mask; a rim is around them."""
+    if not len(corners):
+        return _NOWHERE
+    low = np.floor(corners.min(axis=(0, 1))).astype(int) - soft - 2
+    high = np.ceil(corners.max(axis=(0, 1))).astype(int) + soft + 3
+    return np.stack([np.clip(low, 0, pixels), np.clip(high, 0, pixels)])
+
+
+def _union(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The smallest area (lowest and highest x, y) that has both in it; an empty one has no say."""
+    if (a[1] <= a[0]).any():
+        return b
+    if (b[1] <= b[0]).any():
+        return a
+    return np.stack([np.minimum(a[0], b[0]), np.maximum(a[1], b[1])])
+
+
+def _filled(corners: np.ndarray, soft: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """(height, width) uint8: 255 within outlines (n, k, 2) pixels; soft at their edges."""
     mask = np.zeros(pixels[::-1], np.uint8)
-    corners = (outlines / half_m * (1.0, -1.0) + 1.0) / 2.0 * pixels - 0.5  # a texture's first row is at the largest y
     for polygon in np.round(corners * (1 << _SUBPIXEL_BITS)).astype(np.int32):
         cv2.fillConvexPoly(mask, polygon, 255, cv2.LINE_8, _SUBPIXEL_BITS)
-    across = np.maximum(1, np.round(_SOFT_M * pixels / (2.0 * half_m))).astype(int)
-    return cv2.blur(mask, across.tolist())
+    return cv2.blur(mask, soft.tolist())
 
 
-def _outlines(axes: np.ndarray, sizes: np.ndarray, kinds: np.ndarray) -> np.ndarray:
+def _outlines(axes: np.ndarray, sizes: np.ndarray, is_box: np.ndarray, is_rod: np.ndarray) -> np.ndarray:
     """Corners (n, k, 2) of convex shadows about their centres: the farthest point in each of k directions.
 
-    axes: (n, 2, 3) shadows of each shape's unit axes. sizes, kinds: MuJoCo's.
+    axes: (n, 2, 3) shadows of each shape's unit axes. sizes: MuJoCo's. is_box, is_rod: (n,); others are ellipsoids.
     """
-    angle = np.arange(_CORNERS) * (2 * np.pi / _CORNERS) + 0.01  # a box's corners, not the middles of its sides
-    toward = np.swapaxes(axes, 1, 2) @ np.stack([np.cos(angle), np.sin(angle)])  # (n, 3, k)
+    toward = np.swapaxes(axes, 1, 2) @ _DIRECTIONS  # (n, 3, k)
     size = sizes[:, :, None]
-    box = np.sign(toward) * size
-    ball = size**2 * toward / (np.linalg.norm(size * toward, axis=1, keepdims=True) + 1e-12)
+    farthest = np.sign(toward) * size
     # A rod's size is radius, half its length, 0. The round ends of a capsule are taken for flat ones.
-    disc = size[:, :1] * toward[:, :2] / (np.linalg.norm(toward[:, :2], axis=1, keepdims=True) + 1e-12)
-    rod = np.concatenate([disc, np.sign(toward[:, 2:]) * size[:, 1:2]], axis=1)
-    is_box, is_rod = (np.isin(kinds, [int(k) for k in some])[:, None, None] for some in ((_BOX,), _ROUND))
-    corners: np.ndarray = np.swapaxes(axes @ np.where(is_box, box, np.where(is_rod, rod, ball)), 1, 2)
+    across, radius = toward[is_rod, :2], size[is_rod, :1]
+    farthest[is_rod, :2] = across * (radius / (np.sqrt((across**2).sum(axis=1, keepdims=True)) + 1e-12))
+    farthest[is_rod, 2:] = np.sign(toward[is_rod, 2:]) * size[is_rod, 1:2]
+    ball = ~(is_box | is_rod)
+    if ball.any():
+        scaled = size[ball] * toward[ball]
+        farthest[ball] = size[ball] * scaled / (np.linalg.norm(scaled, axis=1, keepdims=True) + 1e-12)
+    corners: np.ndarray = np.swapaxes(axes @ farthest, 1, 2)
     return corners
