@@ -4,6 +4,7 @@ Software OpenGL paints, cheap enough for three cameras beside a control loop. On
 importing mujoco may use this, as `renderer` does.
 """
 
+import functools
 import math
 import time
 from collections.abc import Sequence
@@ -26,8 +27,10 @@ from lerobot_robot_yam.system.shared_block import SharedBlock
 _UNCHANGED = 1e-6  # rad or m; below this in every joint the last picture is still right
 _ALL_SEEING = ("overview",)  # cameras that show the leaders too
 _MARGIN = 64  # a larger sheet of noise than the picture, cut elsewhere for each exposure
-# Measured here: 12 slices, 6 stacks, no shadow maps and no multisampling cost a third of MuJoCo's defaults.
-_SLICES, _STACKS = 12, 6
+# Measured here: 12 slices, 2 stacks, no shadow maps and no multisampling cost a quarter of MuJoCo's defaults.
+_SLICES, _STACKS = 12, 2
+_BALL_STACKS = 6  # where something is not a box, rod or plane: two stacks of a ball are an octahedron
+_SPHERE, _ELLIPSOID = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID
 _SMALLEST = (320, 240)
 _MAX_GEOMS = 400
 _VISUAL_GROUPS = (0, 2)  # collision shapes are in 3, sites in 4
@@ -49,13 +52,14 @@ class Painter:
         self.model = model
         self.data = mujoco.MjData(model)
         quality = model.vis.quality
-        quality.numslices, quality.numstacks = _SLICES, _STACKS
+        balls = bool(np.isin(model.geom_type, (_SPHERE, _ELLIPSOID)).any())
+        quality.numslices, quality.numstacks = _SLICES, _BALL_STACKS if balls else _STACKS
         quality.offsamples = quality.shadowsize = 0
         width, height = _SMALLEST
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
         _regroup(model, hidden)
         self._groups = model.geom_group.copy()
-        self._sight = Sight(model)
+        self._sights: dict[tuple[int, float], Sight] = {}
         try:
             self._gl = mujoco.GLContext(width, height)
             self._gl.make_current()
@@ -98,7 +102,10 @@ class Painter:
         view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, self.model.camera(camera).id
         raw = self._raw.setdefault((height, width), np.empty((height, width, 3), np.uint8))
         self._option.geomgroup[_HIDDEN_GROUP] = int(show_hidden)
-        seen, sky = self._sight.seen(self.data, view.fixedcamid, width / height)
+        key = (view.fixedcamid, width / height)
+        if key not in self._sights:
+            self._sights[key] = Sight(self.model, *key)
+        seen, sky = self._sights[key].seen(self.data)
         self.model.geom_group[~seen] = _UNSEEN_GROUP
         mujoco.mjv_updateScene(self.model, self.data, self._option, None, view, mujoco.mjtCatBit.mjCAT_ALL, self._scene)
         self.model.geom_group[:] = self._groups
@@ -130,8 +137,7 @@ class Sensor:
 
     def __init__(self, width: int, height: int, sigma: float):
         self._random = np.random.default_rng(0)
-        sheet = np.round(self._random.normal(0.0, sigma, (height + _MARGIN, width + _MARGIN, 3)))
-        self._lighter, self._darker = (np.clip(sign * sheet, 0, 255).astype(np.uint8) for sign in (1.0, -1.0))
+        self._lighter, self._darker = _noise(width, height, sigma)
 
     def expose(self, clean: np.ndarray, out: np.ndarray) -> None:
         """One exposure of the picture `clean` into `out`, both (height, width, 3) uint8."""
@@ -140,6 +146,14 @@ class Sensor:
         cut = (slice(top, top + height), slice(left, left + width))
         cv2.add(clean, self._lighter[cut], dst=out)  # both end at 0 and 255
         cv2.subtract(out, self._darker[cut], dst=out)
+
+
+@functools.cache
+def _noise(width: int, height: int, sigma: float) -> tuple[np.ndarray, np.ndarray]:
+    """What a sensor adds and what it takes away, one sheet for all cameras of a size: each exposure reads all of it."""
+    sheet = np.round(np.random.default_rng(1).normal(0.0, sigma, (height + _MARGIN, width + _MARGIN, 3)))
+    lighter, darker = (np.clip(sign * sheet, 0, 255).astype(np.uint8) for sign in (1.0, -1.0))
+    return lighter, darker
 
 
 @dataclass

@@ -6,42 +6,44 @@ import mujoco
 import numpy as np
 
 _PLANE, _BOX = mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_BOX
+_CORNERS = np.array([[-1.0, -1.0, 1.0, 1.0], [-1.0, 1.0, -1.0, 1.0], [-1.0] * 4])  # right, up, backward
 
 
 class Sight:
-    """The shapes in the pictures of one model's cameras."""
+    """The shapes in the pictures of one camera, all of `aspect` (width by height)."""
 
-    def __init__(self, model: mujoco.MjModel):
-        self._model = model
+    def __init__(self, model: mujoco.MjModel, camera: int, aspect: float):
+        self._model, self._camera = model, camera
         self._plane = model.geom_type == _PLANE
         self._radius = np.where(self._plane, np.inf, model.geom_rbound)
         area = np.where(model.geom_type == _BOX, model.geom_size[:, 0] * model.geom_size[:, 1], 0.0)
         self._table = int(area.argmax())
         self._near_m = model.vis.map.znear * model.stat.extent
+        up = math.tan(math.radians(model.cam_fovy[camera]) / 2.0)
+        self._corners = _CORNERS * [[aspect * up], [up], [1.0]]
+        sides = [(sign, 0.0, aspect * up) for sign in (-1.0, 1.0)] + [(0.0, sign, up) for sign in (-1.0, 1.0)]
+        self._sides = np.array([np.divide(side, np.linalg.norm(side)) for side in sides]).T  # they point outward
 
-    def seen(self, data: mujoco.MjData, camera: int, aspect: float) -> tuple[np.ndarray, bool]:
-        """Shapes that may be in a picture, (ngeom,) bool, and whether the sky may be. aspect: width by height."""
-        up = math.tan(math.radians(self._model.cam_fovy[camera]) / 2.0)
-        half = np.array([aspect * up, up])
-        eye, turn = data.cam_xpos[camera], data.cam_xmat[camera].reshape(3, 3)
-        center = (data.geom_xpos - eye) @ turn  # right, up, backward
-        outside_m = (np.abs(center[:, :2]) + center[:, 2:] * half) / np.sqrt(1.0 + half**2)
-        within = outside_m.max(axis=1) <= self._radius
-        if self._is_filled(data, eye, turn, half):
+    def seen(self, data: mujoco.MjData) -> tuple[np.ndarray, bool]:
+        """Shapes that may be in the picture, (ngeom,) bool, and whether the sky may be."""
+        eye, turn = data.cam_xpos[self._camera], data.cam_xmat[self._camera].reshape(3, 3)
+        outside_m = ((data.geom_xpos - eye) @ (turn @ self._sides)).max(axis=1)
+        within = outside_m <= self._radius
+        if self._is_filled(data, eye, turn):
             return within & ~self._plane, False
         return within, True
 
-    def _is_filled(self, data: mujoco.MjData, eye: np.ndarray, turn: np.ndarray, half: np.ndarray) -> bool:
-        """Whether the top of the largest box fills a picture: floor and sky are behind it.
+    def _is_filled(self, data: mujoco.MjData, eye: np.ndarray, turn: np.ndarray) -> bool:
+        """Whether the top of the largest box fills the picture: floor and sky are behind it.
 
-        A picture's corners are seen at  o + t d;  depth t, as d is of depth 1.
+        The picture's corners are seen at  o + t d;  t is their depth.
         """
         model, table = self._model, self._table
-        own, half_m = data.geom_xmat[table].reshape(3, 3), model.geom_size[table]
-        o = (eye - data.geom_xpos[table]) @ own - [0.0, 0.0, half_m[2]]
-        d = np.array([(x * half[0], y * half[1], -1.0) for x in (-1, 1) for y in (-1, 1)]) @ turn.T @ own
-        if o[2] <= 0.0 or (d[:, 2] >= 0.0).any() or model.geom_rgba[table, 3] < 1.0:
+        own, half_m = data.geom_xmat[table].reshape(3, 3).T, model.geom_size[table]
+        o, d = own @ (eye - data.geom_xpos[table]), own @ turn @ self._corners
+        height = o[2] - half_m[2]
+        if height <= 0.0 or d[2].max() >= 0.0 or model.geom_rgba[table, 3] < 1.0:
             return False
-        t = -o[2] / d[:, 2]
-        hits = o[:2] + t[:, None] * d[:, :2]
-        return bool(t.min() > self._near_m and (np.abs(hits) < half_m[:2]).all())
+        t = -height / d[2]
+        hits = np.abs(o[:2, None] + t * d[:2]).max(axis=1)
+        return bool(t.min() > self._near_m and hits[0] < half_m[0] and hits[1] < half_m[1])
