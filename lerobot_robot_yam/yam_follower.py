@@ -20,7 +20,7 @@ from lerobot_robot_yam.face.datasets.recording import recorded_name
 from lerobot_robot_yam.face.desk.session_desk import SessionDesk
 from lerobot_robot_yam.face.devices.arm_device import ArmDevice
 from lerobot_robot_yam.face.devices.hand_guidance import HandGuidance, guidance
-from lerobot_robot_yam.face.devices.images import beside_arms, newest_images
+from lerobot_robot_yam.face.devices.images import ImageReader, beside_arms
 from lerobot_robot_yam.face.recorder.episode_log import EpisodeLog
 from lerobot_robot_yam.face.recorder.record_command import saves_finished_episode
 from lerobot_robot_yam.face.rl.motor_bus import MotorBus
@@ -59,6 +59,7 @@ class FollowerBase(ArmDevice, Robot):
         cameras = options.all_cameras()
         self._camera_configs = {name: beside_arms(camera, arms.values()) for name, camera in cameras.items()}
         self.cameras = make_cameras_from_configs(self._camera_configs)
+        self._images = ImageReader(self.cameras, self._camera_configs)
         self._last_action: dict[str, Any] = {}
         self._coupled_s = -math.inf  # when a leader's action was passed on last
         self._extra_keys = options.optional_keys(self._arms.motors)
@@ -185,7 +186,7 @@ class FollowerBase(ArmDevice, Robot):
             StaleStateError: an arm or a camera has nothing fresh to say; the arms hold.
         """
         states = self._arms.observe()
-        images, waited = newest_images(self.cameras, self._camera_configs)
+        images, waited = self._images.read()
         if waited:
             states = self._arms.observe()  # they have moved on
         observation: dict[str, Any] = dict(self._space.action(_measured(states)))

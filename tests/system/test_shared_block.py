@@ -106,6 +106,22 @@ def test_a_glance_never_waits(tmp_path):
     assert reader.glance() is None
 
 
+@pytest.mark.parametrize("size, at", [(230_424, 24), (230_424, 230_423), (16_389, 16_388)])
+def test_a_large_record_that_is_torn_is_not_read(tmp_path, size, at):
+    dtype = np.dtype([("picture", np.uint8, (size,))])
+    writer = SharedBlock(tmp_path / "block", dtype, create=True)
+    reader = SharedBlock(tmp_path / "block", dtype, create=False)
+    picture = np.zeros((), dtype)
+    picture["picture"] = np.random.default_rng(0).integers(256, size=size)
+    writer.write(picture)
+    copy = reader.glance()
+    assert copy == picture
+    copy["picture"][:] = 0  # its own
+    assert reader.glance() == picture
+    writer._map[24 + at] ^= 1
+    assert reader.glance() is None
+
+
 def test_another_layout_is_refused(tmp_path):
     writer = SharedBlock(tmp_path / "block", DTYPE, create=True)
     with pytest.raises(StaleStateError, match="another layout"):

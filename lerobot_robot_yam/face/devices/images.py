@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import draccus
+import numpy as np
 from lerobot.cameras.camera import Camera
 from lerobot.cameras.configs import CameraConfig
 from lerobot.cameras.utils import make_cameras_from_configs
@@ -32,6 +33,10 @@ LATE_S = 0.6  # from then on, what LeRobot takes will do
 _DEAD_MS = 800
 PATIENCE_S = 3.0
 _GLANCE_S = 0.005
+_RENEWAL_S = 0.011  # longest wait for an image that is due, a third of LeRobot's usual period: less than it sleeps
+_RENEWAL_FRAMES = 1 / 3  # the same, in frames of a camera
+_POLL_S = 0.001  # between two looks for it
+_SAMPLE = 8  # pixels between two that are compared
 _ASLEEP_S = 0.1  # between two glances, or more: somebody else had the machine, and the cameras no chance either
 _REGISTER = ("lerobot.cameras.opencv", "lerobot.cameras.realsense")  # as LeRobot's commands import them
 _SCENE_OPTIONS = {field.name for field in dataclasses.fields(Options)}
@@ -114,6 +119,52 @@ def newest_images(cameras: Mapping[str, Camera], configs: Mapping[str, CameraCon
     if late:
         logger.warning("waited %.0f ms for images: %s", (time.monotonic() - begin) * 1e3, late)
     return images, bool(late)
+
+
+class ImageReader:
+    """Reads the newest images of cameras again and again, each of them once where that is possible.
+
+    A camera and a loop of one rate drift past each other. Where they meet, an image comes now just before a look, now
+    just after it, and every second one would be read twice. So an image that is due is waited for, a third of a frame.
+    """
+
+    def __init__(self, cameras: Mapping[str, Camera], configs: Mapping[str, CameraConfig]):
+        self._cameras, self._configs = cameras, configs
+        self._images: dict[str, Any] = {}
+        self._new_s: dict[str, float] = {}  # when each camera's image was seen first
+
+    def read(self) -> tuple[dict[str, Any], bool]:
+        """As `newest_images`."""
+        images, waited = newest_images(self._cameras, self._configs)
+        begin = now = time.monotonic()
+        due = {name: camera for name, camera in self._cameras.items() if self._is_due(name, images, now)}
+        while due and now - begin < _RENEWAL_S:
+            time.sleep(_POLL_S)
+            waited, now = True, time.monotonic()
+            try:
+                images |= _read(due, self._configs, None)
+            except StaleStateError:  # the next call says so, if it stays away
+                break
+            due = {name: camera for name, camera in due.items() if self._is_due(name, images, now)}
+        for name in self._cameras:
+            if name not in self._new_s or not self._is_repeated(name, images):
+                self._new_s[name] = now
+        self._images = images
+        return images, waited
+
+    def _is_due(self, name: str, images: Mapping[str, Any], now_s: float) -> bool:
+        """Whether a camera's image is the last one again, though its next one should come at any moment."""
+        fps = getattr(self._configs[name], "fps", None)
+        if not fps or name not in self._new_s or not self._is_repeated(name, images):
+            return False
+        return (now_s - self._new_s[name]) * fps >= 1.0 - _RENEWAL_FRAMES
+
+    def _is_repeated(self, name: str, images: Mapping[str, Any]) -> bool:
+        key = name if name in images else f"{name}_depth"
+        before, image = self._images.get(key), images.get(key)
+        if before is image or before is None or image is None:
+            return before is image
+        return np.array_equal(before[::_SAMPLE, ::_SAMPLE], image[::_SAMPLE, ::_SAMPLE])
 
 
 def _read(

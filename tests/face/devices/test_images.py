@@ -10,7 +10,7 @@ import pytest
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
 from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
 from lerobot_robot_yam.errors import StaleStateError
-from lerobot_robot_yam.face.devices.images import LATE_S, PATIENCE_S, newest_images
+from lerobot_robot_yam.face.devices.images import LATE_S, PATIENCE_S, ImageReader, newest_images
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.rig.devices.thermometer import sample_age_s
 from lerobot_robot_yam.yam_follower import YamFollower
@@ -180,6 +180,50 @@ def test_a_camera_that_is_gone_is_told_of_at_once():
     with pytest.raises(StaleStateError, match="camera top has no image: list index"):
         newest_images({"top": camera}, {"top": CameraSettings()})
     assert time.monotonic() - begin < LATE_S
+
+
+class TickingCamera:
+    """A camera whose image changes at some moments, s from its making; before that it shows another."""
+
+    def __init__(self, *moments_s):
+        self._moments_s = time.monotonic() + np.asarray(moments_s)
+
+    def read_latest(self, max_age_ms=500):
+        return np.full((16, 16, 3), (time.monotonic() >= self._moments_s).sum(), np.uint8)
+
+
+def read_twice(camera, pause_s, fps=30):
+    """Two images of a camera, and whether the second one was waited for."""
+    reader = ImageReader({"top": camera}, {"top": CameraSettings(fps=fps)})
+    first, _ = reader.read()
+    time.sleep(pause_s)
+    second, waited = reader.read()
+    return first["top"].max(), second["top"].max(), waited
+
+
+def test_an_image_that_is_due_is_waited_for_and_not_read_twice():
+    assert read_twice(TickingCamera(0.036), 0.03) == (0, 1, True)
+
+
+def test_an_image_that_does_not_come_is_read_again_after_a_third_of_a_frame():
+    begin = time.monotonic()
+    assert read_twice(TickingCamera(60.0), 0.03) == (0, 0, True)
+    assert 0.04 < time.monotonic() - begin < 0.06
+
+
+@pytest.mark.parametrize("pause_s, fps", [(0.01, 30), (0.03, 5), (0.03, None)])
+def test_an_image_that_is_not_due_is_not_waited_for(pause_s, fps):
+    assert read_twice(TickingCamera(60.0), pause_s, fps) == (0, 0, False)
+
+
+def test_a_camera_that_fails_while_its_image_is_due_keeps_the_last_one():
+    camera = TickingCamera(60.0)
+    reader = ImageReader({"top": camera}, {"top": CameraSettings()})
+    reader.read()
+    time.sleep(0.03)
+    calls = iter([camera.read_latest()])
+    camera.read_latest = lambda **limit: next(calls)
+    assert reader.read()[0]["top"].max() == 0
 
 
 @pytest.mark.alone
