@@ -168,7 +168,8 @@ def _union(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _filled(corners: np.ndarray, soft: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """(height, width) uint8: 255 within outlines (n, k, 2) pixels; soft at their edges."""
     mask = np.zeros(pixels[::-1], np.uint8)
-    for polygon in np.round(corners * (1 << _SUBPIXEL_BITS)).astype(np.int32):
+    polygons: np.ndarray = np.round(corners * (1 << _SUBPIXEL_BITS)).astype(np.int32)
+    for polygon in polygons:
         cv2.fillConvexPoly(mask, polygon, 255, cv2.LINE_8, _SUBPIXEL_BITS)
     return cv2.blur(mask, soft.tolist())
 
