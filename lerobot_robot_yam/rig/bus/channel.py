@@ -109,7 +109,6 @@ class Channel:
             and self.trace is None
             and (handle is None or not handle.silent)
             and self.wire.free_at_s - (now_s + adapter.latency_s) <= _BACKLOG_S
-            and all([motor.is_plain() for motor in self.motors])
         )
 
     def receive(self, sender: Listener, frames: Sequence[Frame], now_s: float) -> None:

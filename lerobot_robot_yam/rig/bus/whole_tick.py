@@ -25,6 +25,7 @@ from lerobot_robot_yam.rig.world.shafts_and_masses import Drive
 _LONG, _SHORT = 0xFFFF, 0xFFF  # steps of a frame's fields, see `codec`
 _SPECIAL = b"\xff" * 7  # begins every special command
 _REQUEST = encode_report_request()
+_DATA_SIZE = 8  # bytes, the end of a record
 
 
 class WholeTick:
@@ -33,39 +34,37 @@ class WholeTick:
     def __init__(self, motors: Sequence[SimMotor], handle: SimHandle | None):
         self._motors, self._handle = motors, handle
         self._world = motors[0].world
-        count = len(motors)
-        rest = 0 if handle is None else 1
+        count, rest = len(motors), 0 if handle is None else 1
         # Records as in `packets`: stamp; identifier, length and flags as one word; data.
         self._records = struct.Struct("<" + "dQ8s" * (count + rest))
-        self.size = self._records.size  # of a packet
+        self._headers = struct.Struct("<" + "dQ8x" * (count + rest))
         self._commands = struct.Struct(">" + "16xHHHH" * count + "24x" * rest)
-        self._settings: list[tuple[float, int, int]] = []
-        self._measured_s: list[float] = []
-        self._temperatures = [0] * count
+        self.size = self._records.size  # of a packet
+        self._settings: list[tuple[float, int, int] | None] = []
 
     def answer(self, packet: bytes, now_s: float, wire: Wire, adapter: Adapter) -> bytes | None:
-        """Serve a packet while every motor is plain (`SimMotor.is_plain`) and the handle not silent.
+        """Serve a packet while every motor is plain (`SimMotor.plain_settings`) and the handle not silent.
 
         Returns:
-            The answer; None: the packet has another form, and nothing was done.
+            The answer; None: a motor is not plain or the packet has another form, and nothing was done.
         """
         if len(packet) != self.size or _SPECIAL in packet:
             return None
-        settings = [(motor.zero_rad, motor.can_id, motor.master_id) for motor in self._motors]
-        if settings != self._settings:
-            self._lay_out(settings)
-        fields = self._records.unpack(packet)
-        sent_s, count = fields[0], len(self._heads)
-        if fields[1::3] != self._heads or fields[0::3] != (sent_s,) * count:
+        settings = [motor.plain_settings() for motor in self._motors]
+        if settings != self._settings and not self._lay_out(settings):
             return None
-        if self._handle is not None and not fields[-1].startswith(_REQUEST):
+        headers, count = self._headers.unpack(packet), len(self._heads)
+        sent_s = headers[0]
+        if headers[1::2] != self._heads or headers[0::2] != (sent_s,) * count:
             return None
-        through_s = wire.transmit_all(send_time(sent_s, now_s) + adapter.latency_s, count)
+        if self._handle is not None and not packet.startswith(_REQUEST, self.size - _DATA_SIZE):
+            return None
+        through_s = wire.transmit_all(send_time(sent_s, now_s) + adapter.latency_s, 2 * count)
         answers = self._serve(self._commands.unpack(packet), through_s)
         if self._handle is not None:
             answers.append(self._handle.report().data)
-        reply: list[float | int | bytes] = [0] * len(fields)
-        reply[0::3] = adapter.arrivals_s(wire.transmit_all(0.0, count))
+        reply: list[float | int | bytes] = [0] * (3 * count)
+        reply[0::3] = adapter.arrivals_s(through_s[count:])
         reply[1::3] = self._answer_heads
         reply[2::3] = answers
         return self._records.pack(*reply)
@@ -74,12 +73,11 @@ class WholeTick:
         """Data of the answers to MIT commands, given as four 16-bit words each, that the wire delivers at `at_s`."""
         world = self._world
         sim_s, stamp_s, qpos, qvel, force = world.sim_s, world.stamp_s, world.qpos, world.qvel, world.force
-        ctrl, measured_s = world.data.ctrl, self._measured_s
-        due = [m.thermometer.measured_at_s for m in self._motors] != measured_s or sim_s - min(measured_s) >= PERIOD_S
-        answers = []
-        at = 0
-        for index, motor in enumerate(self._motors):
-            drive, first, last, v_first, v_last, base, coefficient, direction, zero, status, ranges = self._rows[index]
+        ctrl, answers = world.ctrl, []
+        words = quarters[0::4], quarters[1::4], quarters[2::4], quarters[3::4]
+        for (devices, place, ranges), one, two, three, four, through_s in zip(self._rows, *words, at_s, strict=False):
+            motor, drive, thermometer = devices
+            actuator, first, last, v_first, v_last, base, coefficient, direction, zero, status = place
             p_max, v_max, t_max, kp_max, kd_max, p_range, v_range, t_range = ranges
             motor.last_command_s = sim_s
             if last is None:
@@ -88,8 +86,6 @@ class WholeTick:
                 angle = base + coefficient * (qpos[first] + qpos[last])
                 rate = coefficient * (qvel[v_first] + qvel[v_last])
 
-            one, two, three, four = quarters[at : at + 4]
-            at += 4
             position = one * p_range / _LONG - p_max
             kp = ((two & 0xF) << 8 | three >> 8) * kp_max / _SHORT
             kd = ((three & 0xFF) << 4 | four >> 12) * kd_max / _SHORT
@@ -98,21 +94,20 @@ class WholeTick:
                 position += true - ((true + p_max) % p_range - p_max)
             if (kp, kd) != drive.gains:
                 drive.set_gains(kp, kd)
-            ctrl[drive.actuator] = (
+            ctrl[actuator] = (
                 kp * (direction * (position - zero) - base)
                 + kd * (direction * ((two >> 4) * v_range / _SHORT - v_max))
                 + direction * ((four & _SHORT) * t_range / _SHORT - t_max)
             )
 
-            ahead = at_s[index] - stamp_s
+            ahead = through_s - stamp_s
             ahead = 0.0 if ahead < 0.0 else AHEAD_S if ahead > AHEAD_S else ahead
             position = direction * (angle + rate * ahead) + zero
             if not -p_max <= position <= p_max:
                 position = (position + p_max) % p_range - p_max
-            velocity, torque = direction * rate, direction * force[drive.actuator]
-            if due:
-                mos, rotor = motor.thermometer.read(velocity, torque, sim_s, 0.0)
-                self._temperatures[index] = min(max(mos, 0), 0xFF) << 8 | min(max(rotor, 0), 0xFF)
+            velocity, torque = direction * rate, direction * force[actuator]
+            if sim_s - thermometer.measured_at_s >= PERIOD_S:
+                thermometer.read(velocity, torque, sim_s, 0.0)
             velocity = v_max if velocity > v_max else -v_max if velocity < -v_max else velocity
             torque = t_max if torque > t_max else -t_max if torque < -t_max else torque
             word = (
@@ -120,24 +115,30 @@ class WholeTick:
                 | int((position + p_max) * _LONG / p_range) << 40
                 | int((velocity + v_max) * _SHORT / v_range) << 28
                 | int((torque + t_max) * _SHORT / t_range) << 16
-                | self._temperatures[index]
+                | thermometer.word
             )
             answers.append(word.to_bytes(8, "big"))
-        if due:
-            self._measured_s = [motor.thermometer.measured_at_s for motor in self._motors]
         return answers
 
-    def _lay_out(self, settings: list[tuple[float, int, int]]) -> None:
-        """Note what stays the same from tick to tick; other frames can change zeros and identifiers."""
+    def _lay_out(self, settings: list[tuple[float, int, int] | None]) -> bool:
+        """Note what stays the same from tick to tick; other frames can change zeros and identifiers.
+
+        Returns:
+            Whether every motor is plain.
+        """
+        plain = [setting for setting in settings if setting is not None]
+        if len(plain) < len(settings):
+            return False
         self._settings = settings
-        heads = [_head(can_id, 8) for _, can_id, _ in settings]
-        self._answer_heads = [_head(answer_id, 8) for _, _, answer_id in settings]
+        heads = [_head(can_id, 8) for _, can_id, _ in plain]
+        self._answer_heads = [_head(answer_id, 8) for _, _, answer_id in plain]
         if self._handle is not None:
             report = self._handle.report()
             heads.append(_head(REQUEST_ID, len(_REQUEST)))
             self._answer_heads.append(_head(report.id, len(report.data)))
         self._heads = tuple(heads)
         self._rows = [_row(motor) for motor in self._motors]
+        return True
 
 
 def _head(ident: int, length: int) -> int:
@@ -145,12 +146,13 @@ def _head(ident: int, length: int) -> int:
     return ident | length << 32
 
 
-def _row(motor: SimMotor) -> tuple[Any, ...]:
+def _row(motor: SimMotor) -> tuple[tuple[Any, ...], ...]:
     """The values of a motor that `WholeTick` uses, in its order."""
     drive = motor.drive
     assert isinstance(drive, Drive)
     first, last = drive.q[0], drive.q[1] if len(drive.q) > 1 else None
     p, v, t, kp, kd = motor.ranges
     status = (Fault.NORMAL << 4 | motor.can_id & 0xF) << 56
-    place = (first, last, drive.v[0], drive.v[-1], drive.base_rad, drive.coefficient)
-    return (drive, *place, motor.direction, motor.zero_rad, status, (p, v, t, kp, kd, p + p, v + v, t + t))
+    place = (drive.actuator, first, last, drive.v[0], drive.v[-1], drive.base_rad, drive.coefficient)
+    ranges = (p, v, t, kp, kd, p + p, v + v, t + t)
+    return (motor, drive, motor.thermometer), (*place, motor.direction, motor.zero_rad, status), ranges

@@ -34,8 +34,8 @@ class HandOperations(ABC):
     def request(self, op: str, **arguments: Any) -> dict[str, Any]:
         """Ask the rig; returns its answer."""
 
-    def state(self, bodies: bool = False) -> dict[str, Any]:
-        """The true state of the world.
+    def state(self, bodies: bool = False, brief: bool = False) -> dict[str, Any]:
+        """The true state of the world; `brief` leaves out sites, and of motors all but `enabled`: it takes less time.
 
         Returns:
             sim_s, monotonic_s; arms[channel]: q and dq (n,), opening 0 … 1 or None, trigger, buttons, held,
@@ -45,7 +45,7 @@ class HandOperations(ABC):
             props[name] and furniture[name]: {pos, quat};
             joints[name], of furniture: m or rad; with `bodies`, bodies[name]: position (3,).
         """
-        return self.request("state", bodies=bodies)
+        return self.request("state", bodies=bodies, brief=brief)
 
     def trigger(self, channel: str, value: float) -> None:
         """Squeeze a handle's trigger: 0 released … 1."""

@@ -37,6 +37,7 @@ from lerobot_robot_yam.rig.world.world import World
 # Gains of the motor's own loops in the modes whose commands carry no gains.
 _POSITION_KP, _POSITION_KD = 100.0, 5.0
 _VELOCITY_KD = 5.0
+_NORMAL = int(Fault.NORMAL)  # a plain number: to look it up in its enumeration takes long
 _RANGES = (Register.PMAX, Register.VMAX, Register.TMAX)
 AHEAD_S = 0.003  # the most by which a sample is carried on
 _TWIN_OFFSET_RAD = 0.3  # of a second motor from where the first one was when the rig started; our choice
@@ -87,18 +88,24 @@ class SimMotor:
     @property
     def enabled(self) -> bool:
         """Whether the motor obeys commands."""
-        return self.fault == Fault.NORMAL
+        return self.fault == _NORMAL
 
-    def is_plain(self) -> bool:
-        """Whether it is enabled in MIT mode without faults and with the settings of its type, as `WholeTick` asks."""
-        return (
-            self.fault == Fault.NORMAL
+    def plain_settings(self) -> tuple[float, int, int] | None:
+        """Zero and identifiers while it is plain, as `WholeTick` asks; else None.
+
+        Plain: enabled in MIT mode, without faults and with the settings of its type.
+        """
+        thermometer = self.thermometer
+        if (
+            self.fault == _NORMAL
             and self._plainly_set
             and self.goal is self.reading is self.twin is None
             and not self.faults.set
-            and self.thermometer.held is self.thermometer.ramp is None
-            and not self.thermometer.stamped
-        )
+            and thermometer.held is thermometer.ramp is None
+            and not thermometer.stamped
+        ):
+            return self.zero_rad, self.can_id, self.master_id
+        return None
 
     @property
     def torque_nm(self) -> float:
@@ -194,7 +201,7 @@ class SimMotor:
             hot = self.thermometer.tripped(self._registers[Register.OT_VALUE], sim_s)
             if hot is not None:
                 self.fail(hot)
-        if self.fault == Fault.NORMAL and 0.0 < self._timeout_s < sim_s - self.last_command_s:
+        if self.fault == _NORMAL and 0.0 < self._timeout_s < sim_s - self.last_command_s:
             self.fail(Fault.COMMUNICATION_LOST)
         if self.bias_nm:
             self.set_bias(self.bias_nm)

@@ -49,6 +49,7 @@ class Thermometer:
 
     held: fixed readings of sensors that lie; the motor does not act on them. ramp: a real change; the motor does.
     chance: of the noise. stamped: report each sample's time instead, see `sample_age_s`.
+    word: the two bytes of a feedback frame for what was measured last.
     """
 
     def __init__(self, chance: random.Random, stamped: bool = False):
@@ -59,6 +60,7 @@ class Thermometer:
         self._warmth = (0.0, 0.0)  # above rest
         self.measured_at_s = -PERIOD_S
         self._measured = _REST_C
+        self.word = 0
 
     def read(self, velocity_rad_s: float, torque_nm: float, sim_s: float, sample_s: float) -> tuple[int, int]:
         """Reported power stage and coil of a sample taken at monotonic time `sample_s`.
@@ -86,7 +88,8 @@ class Thermometer:
         rotor += (_GAIN_C_PER_W[1] * power_w - rotor) * min(elapsed_s / _TIME_CONSTANT_S[1], 1.0)
         self._warmth = mos, rotor
         noise = self._chance.random() - 0.5
-        self._measured = _REST_C[0] + mos + noise, _REST_C[1] + rotor + noise
+        mos, rotor = self._measured = _REST_C[0] + mos + noise, _REST_C[1] + rotor + noise
+        self.word = min(max(int(mos), 0), 0xFF) << 8 | min(max(int(rotor), 0), 0xFF)
 
     def tripped(self, mos_limit_c: float, sim_s: float) -> Fault | None:
         """The fault that the motor enters because it is too hot."""

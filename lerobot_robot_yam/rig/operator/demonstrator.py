@@ -94,7 +94,7 @@ class Demonstrator:
 
     def look(self) -> Sight:
         """The world as it is."""
-        return sight_of(self._rig.state(), self._sides)
+        return sight_of(self._rig.state(brief=True), self._sides)
 
     def pull(self, side: str, times_s: np.ndarray, q_rad: np.ndarray, trigger: np.ndarray) -> None:
         """Move a side's target along (k, n) joints at times from now (k,), with trigger 0 … 1 (k,)."""

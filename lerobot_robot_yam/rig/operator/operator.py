@@ -47,7 +47,7 @@ class RigHands:
         time.sleep(seconds)
 
     def look(self) -> Sight:
-        return sight_of(self._rig.state(), self._sides)
+        return sight_of(self._rig.state(brief=True), self._sides)
 
     def pull(self, side: str, times_s: np.ndarray, q_rad: np.ndarray, trigger: np.ndarray) -> None:
         self._rig.hand(f"leader_{side}", times_s.tolist(), q_rad.tolist(), trigger.tolist())

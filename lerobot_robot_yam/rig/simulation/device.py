@@ -169,10 +169,13 @@ class RigDevice:
             self.events.add("slipped", seconds=world.slipped_s)
         if count == 0:
             return
+        soft = []
         for name, hand in self.hands.items():
             if hand.gripping:
-                hand.advance(self._any_enabled(name))
-        soft = [hand for hand in self.hands.values() if hand.soft]
+                if world.sim_s >= hand.due_s:
+                    hand.advance(self._any_enabled(name))
+                if hand.soft:
+                    soft.append(hand)
         if soft or self.truth.on or self.watch.on:
             for _ in range(count):
                 for hand in soft:

@@ -83,8 +83,9 @@ class FirmGrip:
             drive.set_gains(HAND_KP, HAND_KD)
 
     def aim(self, q_rad: list[float], rates_rad_s: list[float]) -> None:
+        qpos, qvel = self._world.qpos, self._world.qvel
         for drive, target, rate, kd_at_limit in zip(self._drives, q_rad, rates_rad_s, self._kd_at_limit, strict=True):
-            asked = HAND_KP * (target - drive.angle()) + HAND_KD * (rate - drive.velocity())
+            asked = HAND_KP * (target - qpos[drive.q[0]]) + HAND_KD * (rate - qvel[drive.v[0]])
             kd = HAND_KD if abs(asked) < HAND_TORQUE_NM else kd_at_limit
             drive.command(target, rate, HAND_KP, kd, 0.0)
 

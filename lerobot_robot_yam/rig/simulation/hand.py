@@ -27,6 +27,9 @@ _RESIST_S = 0.4  # shorter peaks are the jerk of starting and stopping
 class Hand:
     """A hand on the arm of a channel, and on its handle encoder if it has one.
 
+    Attributes:
+        due_s: simulated time from which on `advance` is to be called while it is `gripping`.
+
     Args:
         firm: how it holds a leader unless it is told otherwise; None on a follower, which it always holds softly.
         soft: the other way.
@@ -54,7 +57,7 @@ class Hand:
         self._path: list[list[float]] = [[0.0] * (count + 1)]
         self._rates: list[list[float]] = self._path
         self._targets = self._path[0][:count]  # of the joints, at `_advanced_s`
-        self._advanced_s = self._next_s = 0.0
+        self._advanced_s = self.due_s = 0.0
         self.gripping = False
         self.resisted = False  # the arm worked against the hand; it takes hold again once the arm was limp
         self._easy_s = 0.0  # when the arm last gave way
@@ -99,7 +102,7 @@ class Hand:
         if len(times) > 1:
             rates[:-1] = np.diff(path, axis=0) / np.diff(times)[:, None]
         self._times, self._path, self._rates = times.tolist(), path.tolist(), rates.tolist()
-        self._start_s = self._next_s = self._world.sim_s
+        self._start_s = self.due_s = self._world.sim_s
         self._gives_way, self._then_release, self._arrived = gives_way, then_release, False
         if not self.gripping:
             self._easy_s, self._advanced_s = self._start_s, self._start_s - _PERIOD_S
@@ -144,14 +147,12 @@ class Hand:
             self._handle.trigger = self._handle.trigger_rate = 0.0
 
     def advance(self, energised: bool) -> None:
-        """Follow the trajectory; call at least every few milliseconds of simulated time.
+        """Follow the trajectory; call once it is due, at least every few milliseconds of simulated time.
 
         A limp arm (not `energised`) is heavy, which is no resistance.
         """
         now = self._world.sim_s
-        if not self.gripping or now < self._next_s:
-            return
-        self._next_s = now + _PERIOD_S
+        self.due_s = now + _PERIOD_S
         if not energised or not self._gives_way or not self._grip.strained():
             self._easy_s = now
         elif now - self._easy_s > _RESIST_S:
@@ -168,8 +169,8 @@ class Hand:
         elapsed, self._advanced_s = now - self._advanced_s, now
         joined = True
         for joint, here in enumerate(self._targets):
-            way, speed = targets[joint] - here, max(_JOIN_RAD_S, abs(rates[joint]))
-            if abs(way) > speed * elapsed:
+            way = targets[joint] - here
+            if abs(way) > _JOIN_RAD_S * elapsed and abs(way) > (speed := max(_JOIN_RAD_S, abs(rates[joint]))) * elapsed:
                 rates[joint] = math.copysign(speed, way)
                 targets[joint] = here + rates[joint] * elapsed
                 joined = False

@@ -71,7 +71,7 @@ def _scene(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
 
 @_operation
 def _state(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
-    world = device.world
+    world, brief = device.world, flag(request.get("brief", False))
     mujoco.mj_kinematics(world.model, world.data)
     arms = {}
     for name, channel in device.channels.items():
@@ -85,10 +85,10 @@ def _state(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
             "held": hand is not None and hand.gripping,
             "resists": hand is not None and hand.resisted,
             "clients": len(channel.clients),
-            "motors": {motor.name: _motor(motor) for motor in channel.motors},
+            "motors": {motor.name: {"enabled": motor.enabled} if brief else _motor(motor) for motor in channel.motors},
             "second_motors": {motor.name: _motor(motor.twin) for motor in channel.motors if motor.twin is not None},
         }
-        for site in ("tcp_site", "grasp_site"):
+        for site in () if brief else ("tcp_site", "grasp_site"):
             index = mujoco.mj_name2id(world.model, mujoco.mjtObj.mjOBJ_SITE, f"{name}/{site}")
             if index >= 0:
                 arm[site] = {"pos": world.data.site_xpos[index], "mat": world.data.site_xmat[index]}

@@ -35,7 +35,6 @@ class Drive:
         self._single = len(joints) == 1
         self.base_rad, self.coefficient, self.gains = base_rad, coefficient, (0.0, 0.0)
         self._bias = model.actuator_biasprm[self.actuator]
-        self._ctrl = world.data.ctrl
         self._damping = model.dof_damping[self.v].copy()
         self._friction = model.dof_frictionloss[self.v].copy()
         self._impedance = model.dof_solimp[self.v, :2].copy()
@@ -66,7 +65,8 @@ class Drive:
         if (kp, kd) != self.gains:
             self.set_gains(kp, kd)
         control = kp * (angle - self.base_rad) + kd * velocity + torque
-        self._ctrl[self.actuator] = min(max(control, -_CONTROL_MAX), _CONTROL_MAX)
+        most = _CONTROL_MAX
+        self._world.ctrl[self.actuator] = most if control > most else -most if control < -most else control
 
     def set_gains(self, kp: float, kd: float) -> None:
         """Change the servo's gains alone."""
