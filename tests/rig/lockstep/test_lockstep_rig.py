@@ -35,6 +35,15 @@ def test_time_passes_only_on_its_clock(rig):
         rig.sleep(-1.0)
 
 
+def test_a_brief_state_agrees_with_the_whole_one(rig):
+    whole, brief = rig.state(), rig.state(brief=True)
+    arm, short = whole["arms"]["follower_left"], brief["arms"]["follower_left"]
+    assert short["motors"] == {name: {"enabled": motor["enabled"]} for name, motor in arm["motors"].items()}
+    assert "tcp_site" in arm and "tcp_site" not in short
+    assert all(short[key] == arm[key] for key in short if key != "motors")
+    assert {**brief, "arms": None} == {**whole, "arms": None}
+
+
 def test_frames_take_their_time_on_the_wire(rig):
     with open_bus(rig) as bus:
         chain = MotorChain(bus, JOINTS, channel="follower_left")
