@@ -67,7 +67,7 @@ class RoundTrip:
         return min(sent_s + self.one_way_s + (place + 1) * FRAME_TIME_S, latest_s), latest_s
 
     def _note(self, arrived_s: float, beside_wire_s: float) -> None:
-        """A round trip that was quicker than all in its window, or is the first in one; without its time on the wire."""
+        """A round trip, less its time on the wire, that is the quickest of its window so far, or the first in one."""
         if arrived_s > self._until_s:
             self.slowest_s = max(self.slowest_s, self.one_way_s)  # that of a whole window
             quiet = arrived_s > self._until_s + _WINDOW_S

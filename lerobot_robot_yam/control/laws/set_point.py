@@ -243,7 +243,7 @@ def _next(
     left: float,
     dt: float,
 ) -> tuple[float, float]:
-    """Position and speed of one coordinate after a tick of `dt` s. In plain floats: numpy takes twice as long for seven.
+    """Position and speed of one coordinate after a tick of `dt` s. Plain floats: numpy takes twice as long for seven.
 
         v = gap / left,  |v − v_target| ≤ sqrt(2 a |gap|),  |v| ≤ speed limit
         |v| ≤ sqrt(2 a_end way to the end of the range),  |v − dq| ≤ a dt
