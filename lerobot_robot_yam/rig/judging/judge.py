@@ -25,7 +25,7 @@ CARRY_M = 0.15
 ENDS = ("A", "B")  # places between which a cycle runs
 _AIRBORNE_M = 0.01
 _REST_S = 0.2
-_PLACE_RADIUS_M = 0.06
+_PLACE_RADIUS_M = 0.08
 _STEP_S = 0.004  # a shorter one does not tell a speed
 
 Point = tuple[float, ...]

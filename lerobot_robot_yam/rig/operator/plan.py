@@ -1,7 +1,8 @@
 """Joint paths for a top-down pick-and-place, from tool poses, for one arm.
 
 Positions are in the world frame, angles in radians. A tool pose is the position of `grasp_site` and a yaw about
-the vertical; the tool always points straight down. At yaw 0 its fingers open along the world's y axis.
+the vertical. At yaw 0 the fingers open along the world's y axis. The tool points straight down, or leans back about the
+axis along which its fingers open, by the same angle everywhere.
 """
 
 from collections.abc import Callable
@@ -18,7 +19,6 @@ _ANGLE_TOLERANCE_RAD = 1e-3
 _SPEED_RAD_S, _ACCELERATION_RAD_S2 = 1.2, 7.0  # at most, of every joint
 _SAMPLES = 33
 _EASE_S = 0.4
-_TRANSFER_S = 0.4  # at least
 # Spans in which the tool rises, travels and sinks, as fractions of a transfer: overlaps round the corners.
 _RISE, _TRAVEL, _SINK = (0.0, 0.42), (0.16, 0.84), (0.58, 1.0)
 
@@ -75,16 +75,24 @@ class ArmPlanner:
         yaw_rad: base heading.
         seed_rad: (n,) a bent pose to start the inverse kinematics from; None: the middle of the joint ranges.
         leads: joints that go ahead when the arm unfolds: from the elbow on.
+        tilt_rad: how far the tool leans back from straight down.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, base_m: np.ndarray, yaw_rad: float, seed_rad: np.ndarray | None, leads: slice
+        self,
+        model: mujoco.MjModel,
+        base_m: np.ndarray,
+        yaw_rad: float,
+        seed_rad: np.ndarray | None,
+        leads: slice,
+        tilt_rad: float = 0.0,
     ):
         self.base_m = np.asarray(base_m, float)
         self._yaw = yaw_rad
         self._kinematics = YamKinematics.of_model(model, "grasp_site")
         self._seed = self._kinematics.middle if seed_rad is None else seed_rad
         self._leads = leads
+        self._tilt = tilt_rad
 
     def _to_base(self, position_m: np.ndarray) -> np.ndarray:
         c, s = np.cos(self._yaw), np.sin(self._yaw)
@@ -117,16 +125,17 @@ class ArmPlanner:
         """Joint vector (n,) that puts `grasp_site` there, close to q_near_rad; None when out of reach."""
         yaw = yaw_rad - self._yaw
         c, s = np.cos(yaw), np.sin(yaw)
+        down, ahead = np.cos(self._tilt), np.sin(self._tilt)
         pose = np.eye(4)
-        # Columns: tool x, y (finger opening), z (approach, straight down).
-        pose[:3, :3] = [[-c, -s, 0.0], [-s, c, 0.0], [0.0, 0.0, -1.0]]
+        # Columns: tool x, y (finger opening), z (approach).
+        pose[:3, :3] = [[-c * down, -s, c * ahead], [-s * down, c, s * ahead], [-ahead, 0.0, -down]]
         pose[:3, 3] = self._to_base(position_m)
         found = self._kinematics.ik(pose, q_near_rad, attempts=1)
         near = found.position_error_m < _POSITION_TOLERANCE_M and found.orientation_error_rad < _ANGLE_TOLERANCE_RAD
         return found.q if near else None
 
     def reaches(self, position_m: np.ndarray, yaw_rad: float) -> bool:
-        """Whether the tool can point straight down at the point."""
+        """Whether the tool can get to the pose."""
         return self.solve(position_m, yaw_rad, self._facing(position_m)) is not None
 
     def _facing(self, position_m: np.ndarray) -> np.ndarray:
@@ -162,7 +171,9 @@ class ArmPlanner:
 
         return self._timed(joints, 0.2)
 
-    def transfer(self, start_rad: np.ndarray, position_m: np.ndarray, yaw_rad: float, height_m: float) -> Path:
+    def transfer(
+        self, start_rad: np.ndarray, position_m: np.ndarray, yaw_rad: float, height_m: float, least_s: float = 0.4
+    ) -> Path:
         """Rise to height_m, travel and sink to a tool pose, in one smooth motion."""
         origin, _ = self.tool(start_rad)
         target = np.asarray(position_m, float)
@@ -173,7 +184,7 @@ class ArmPlanner:
             found[2] = origin[2] + (top - origin[2]) * _span(s, *_RISE) + (target[2] - top) * _span(s, *_SINK)
             return found
 
-        return self._tool_path(start_rad, yaw_rad, point, lambda s: _span(s, *_TRAVEL), _TRANSFER_S)
+        return self._tool_path(start_rad, yaw_rad, point, lambda s: _span(s, *_TRAVEL), least_s)
 
     def _tool_path(
         self,

@@ -62,7 +62,7 @@ class Worker:
 
         Friction and imperfect gravity compensation keep it a few millimetres off; the next time that is allowed for.
         """
-        self._transfer(point_m + self._bias, yaw_rad)
+        self.set_off(point_m + self._bias, yaw_rad)
         self.wait()
         start, _ = self.planner.tool(self.q)
         self.approach(lambda sight: (point_m - self.planner.tool(sight.follower_rad[self.side])[0], 0.0))
@@ -106,33 +106,50 @@ class Worker:
         self._squeeze(0.0)
 
     def carry(self, point_m: np.ndarray, yaw_rad: float, lifted: Callable[[Sight], bool]) -> bool:
-        """Bring a held thing to a tool pose. If `lifted` is False halfway, stop there and let go: returns False."""
-        path = self._transfer(point_m + self._bias, yaw_rad)
-        self._follow(0.5 * path.duration_s)
-        if not lifted(see(self._hands)):
-            logger.info("missed the prop with the %s hand; trying again", self.side)
-            assert self._path is not None
-            begun, path = self._path
-            self._path, self.q = None, path.at(self._hands.now() - begun)
-            self.open()
+        """Bring a held thing to a tool pose, and settle there; see `holds_on`."""
+        self.set_off(point_m + self._bias, yaw_rad)
+        if not self.holds_on(lifted):
             return False
         self.wait()
         self.settle()
         return True
+
+    def holds_on(self, lifted: Callable[[Sight], bool]) -> bool:
+        """Carry a thing halfway along the path. If `lifted` is False there, stop and let go: returns False."""
+        assert self._path is not None
+        self._follow(0.5 * self._path[1].duration_s)
+        if lifted(see(self._hands)):
+            return True
+        logger.info("missed the prop with the %s hand; trying again", self.side)
+        begun, path = self._path
+        self._path, self.q = None, path.at(self._hands.now() - begun)
+        self.open()
+        return False
 
     def go_home(self) -> None:
         """Start towards the waiting pose, if it is not there."""
         if np.abs(self.q - self.home_rad).max() < _AT_HOME_RAD:
             return
         try:
-            self._transfer(self._home, self.planner.natural_yaw(self._home))
+            self.set_off(self._home, self.planner.natural_yaw(self._home))
         except RigError:
             self._send(self.planner.unfold(self.q, self.home_rad))
 
-    def wait(self) -> None:
-        """Wait for the end of the path that it is on."""
+    def wait(self, before_s: float = 0.0) -> None:
+        """Wait for the end of the path that it is on, or until so long before it."""
         if self._path is not None:
-            self._follow(self._path[1].duration_s)
+            self._follow(self._path[1].duration_s - before_s)
+
+    def arrive(self) -> None:
+        """Wait for the end of the path, and then only for a follower that stayed behind."""
+        self.wait()
+        if _distance(see(self._hands).follower_rad[self.side], self.q) > 2 * _ARRIVED_RAD:
+            self.settle()
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is on a path."""
+        return self._path is not None and self._hands.now() < self._path[0] + self._path[1].duration_s
 
     def settle(self) -> None:
         """Let the follower arrive where the hand is and come to rest; wait for it if it does not."""
@@ -146,10 +163,9 @@ class Worker:
         if _distance(before, self.q) > 2 * _ARRIVED_RAD:
             self._wait_for_follower(self.q)
 
-    def _transfer(self, point_m: np.ndarray, yaw_rad: float) -> Path:
-        path = self.planner.transfer(self.q, point_m, yaw_rad, self._height)
-        self._send(path)
-        return path
+    def set_off(self, point_m: np.ndarray, yaw_rad: float, least_s: float = 0.4) -> None:
+        """Start over the table to a tool pose."""
+        self._send(self.planner.transfer(self.q, point_m, yaw_rad, self._height, least_s))
 
     def _send(self, path: Path) -> None:
         """Start a path, after the end of the one that it is still on."""

@@ -1,8 +1,8 @@
 """Scenes: arms and their CAN channels, things on the table, tasks, and the rig's options.
 
 A scene is a YAML file, packaged (`SCENES`) or the user's. With `extends: NAME` it takes from another one every key that
-it does not give itself. Any field of its `options` can be replaced when the rig is started: `--set friction=0`,
-`RigControl.start(friction=0)`, `can.Bus(..., friction=0)`.
+it does not give itself, and every camera whose name it does not give. Any field of its `options` can be replaced when
+the rig is started: `--set friction=0`, `RigControl.start(friction=0)`, `can.Bus(..., friction=0)`.
 """
 
 from collections.abc import Mapping
@@ -92,7 +92,7 @@ class Options:
     randomise_look: how much light, colours and the cameras' poses vary with the seed of an attempt at a task (before
     the first with `seed`): 0 not at all … 1, see `render.look`.
     camera_noise: grey levels (sigma) that the cameras' sensors add. seed: of lost and garbled frames and
-    temperature noise, and of the operator's first attempt at a task.
+    temperature noise, of the operator's first attempt at a task, and of where it puts things in "pick_and_place".
     event_dir: folder for the event log `rig-<name>.events.jsonl`, one JSON object a line, which outlives the rig.
     """
 
@@ -152,7 +152,8 @@ def load_scene(name: str | Path | None = None, options: Mapping[str, Any] | None
     name = str(name or DEFAULT_SCENE)
     document = _document(name, Path())
     if "extends" in document:
-        document = {**_document(str(document.pop("extends")), Path(name).parent), **document}
+        base = _document(str(document.pop("extends")), Path(name).parent)
+        document = {**base, **document, "cameras": _cameras(base.get("cameras", []), document.get("cameras", []))}
     options = dict(options or {})
     for key in ("arms", "swapped"):
         if isinstance(options.get(key), str):
@@ -176,6 +177,15 @@ def _document(name: str, folder: Path) -> dict[str, Any]:
     if name.endswith((".yaml", ".yml")):
         return read_yaml(folder / user_path(name))
     raise ConfigError(f"unknown scene '{name}'; known: {', '.join(SCENES)}, or a path to a YAML file")
+
+
+def _cameras(inherited: Any, own: Any) -> Any:
+    """The inherited cameras, each replaced by an own one of its name, then the others; `parse` refuses nonsense."""
+    if not (isinstance(inherited, list) and isinstance(own, list)):
+        return own
+    given = {str(row.get("name")): row for row in own if isinstance(row, Mapping)}
+    kept = [given.get(str(row.get("name")), row) if isinstance(row, Mapping) else row for row in inherited]
+    return kept + [row for row in own if row not in kept]
 
 
 def _check(scene: Scene) -> None:

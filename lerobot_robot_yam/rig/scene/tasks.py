@@ -77,7 +77,7 @@ class Task:
     """A task: success is reaching all stages of `success`, one after the other, within `time_limit_s`.
 
     description: the text for data sets and policies. script: the scripted operator's, one of `SCRIPTS`, if it is not
-    called as the task.
+    called as the task. tilt_rad: how far its tools lean back from straight down, so that what they hold is seen.
     """
 
     name: str
@@ -86,6 +86,7 @@ class Task:
     success: tuple[Stage, ...]
     randomise: tuple[Draw, ...] = ()
     script: str = ""
+    tilt_rad: float = 0.0
 
     @property
     def does(self) -> str:
@@ -93,7 +94,9 @@ class Task:
         return self.script or self.name
 
 
-PICK_AND_PLACE = Task("pick_and_place", "Carry the prop from A to B and back, handing it over at M.", math.inf, ())
+PICK_AND_PLACE = Task(
+    "pick_and_place", "Carry the prop from A to B and back, handing it over at M.", math.inf, (), tilt_rad=0.45
+)
 """The scripted operator does this without end in any scene that has these places; no verdict is given."""
 
 

@@ -70,6 +70,18 @@ def test_a_scene_of_ones_own(tmp_path):
     np.testing.assert_allclose(looks, np.array([-1, 0, -0.5]) / np.sqrt(1.25), atol=1e-6)
 
 
+def test_a_scene_that_extends_another_replaces_cameras_by_name(tmp_path):
+    rows = [f"{{name: {name}, position_m: [0, 0, 2], target_m: [0.1, 0, 0]}}" for name in ("side", "top")]
+    (tmp_path / "x.yaml").write_text(f"name: x\nextends: bimanual_table\ncameras: [{', '.join(rows)}]\n")
+    usual, found = load_scene().cameras, load_scene(tmp_path / "x.yaml").cameras
+    assert [camera.name for camera in found] == [*(camera.name for camera in usual), "side"]
+    moved = [camera.name for camera in found if camera.position_m.tolist() == [0, 0, 2]]
+    assert moved == ["top", "side"]
+    (tmp_path / "x.yaml").write_text("name: x\nextends: bimanual_table\ncameras: [top]\n")
+    with pytest.raises(ConfigError, match="cameras"):
+        load_scene(tmp_path / "x.yaml")
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

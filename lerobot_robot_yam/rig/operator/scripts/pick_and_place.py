@@ -1,7 +1,8 @@
 """Carry one prop from place A to B and back, handing it over at M in the middle, without end.
 
 Each carry is decided anew from what is seen: the arm that reaches the prop takes it one step towards its goal. So a
-missed grasp, a slip or a displaced prop needs no special case.
+missed grasp, a slip or a displaced prop needs no special case. Where about its place and how turned the prop is put
+down is drawn, so that no two carries are alike. The other arm moves on while fingers close and open.
 """
 
 import logging
@@ -12,13 +13,17 @@ from lerobot_robot_yam.errors import ConfigError, RigError
 from lerobot_robot_yam.rig.operator.hands import Hands, Pose, pause
 from lerobot_robot_yam.rig.operator.scripts.script import PUT_DOWN_M, Script, Setup, lifted
 from lerobot_robot_yam.rig.operator.worker import Worker
-from lerobot_robot_yam.rig.scene.props import Grip
 
 logger = logging.getLogger(__name__)
 
-_GRIP = Grip("middle", turns=4)  # of a cube, at its centre
-_CLEAR_S = 0.5  # the retreating arm's lead before the other one enters the middle
-_BESIDE_M = 0.05  # nearer to a place than this is at the place
+_GRIP_M = np.array([0.0, 0.0, 0.005])  # above its centre the prop is taken: the tips of a leaning tool go deeper
+_BESIDE_M = 0.07  # nearer to a place than this is at the place
+_ABOUT_M = np.array([0.045, 0.035, 0.0])  # the prop is put down so far from its place at most
+_QUARTER_RAD = np.pi / 4  # and turned so far to either side, which is any way for a cube
+_WAIT_M = np.array([0.05, 0.08, 0.07])  # a free arm waits so far from its home at most, never nearer to the middle
+_WAIT_RAD = 0.5  # and its tool is turned so far
+_STROLL_S = 1.1  # a free arm takes at least so long to another waiting place
+_AHEAD_S = 0.25  # and starts so long before fingers close or open
 _GIVE_UP = 5  # failures in a row
 _PAST_MIDDLE_M = 0.10  # how far beyond the middle an arm takes the prop straight to its own end
 
@@ -40,6 +45,7 @@ class PickAndPlace(Script):
         self._half_m = float(self._prop.size_m[2]) / 2
         self._goal = "B"
         self._failures = 0
+        self._random = np.random.default_rng(setup.seed)
 
     def work(self) -> bool:
         """Carry the prop one step towards its goal; True when it got there."""
@@ -55,19 +61,16 @@ class PickAndPlace(Script):
             pause(self.hands, 0.5)
             return False
         worker = self.workers[side]
+        (free,) = [other for other in self.workers.values() if other is not worker]
         try:
-            done = self._carry(worker, place)
+            done = self._carry(worker, free, prop, place)
         except RigError as error:  # a point of the way is out of reach: start again from the waiting pose
             logger.warning("%s", error)
             if worker.holds:
                 worker.open()
             done = False
         self._failures = 0 if done else self._failures + 1
-        if done and place == self._goal:
-            self._rise(worker)  # the way back begins here
-        else:
-            worker.go_home()
-            pause(self.hands, _CLEAR_S)  # come back when the middle is clear
+        worker.go_home()
         return done
 
     def _choose(self, prop: Pose) -> tuple[str | None, str]:
@@ -90,20 +93,29 @@ class PickAndPlace(Script):
     def _is_at(self, prop: Pose, place: str) -> bool:
         return bool(np.linalg.norm((prop.position_m - self.setup.places_m[place])[:2]) < _BESIDE_M)
 
-    def _carry(self, worker: Worker, place: str) -> bool:
-        prop = self.look_at(self._prop.name)
-        self.take(worker, prop, _GRIP)
+    def _carry(self, worker: Worker, free: Worker, prop: Pose, place: str) -> bool:
+        point, planner = prop.position_m + _GRIP_M, worker.planner
+        self._stroll(free, worker)
+        worker.set_off(point, planner.grasp_yaw(point, prop.edge_yaw_rad))
+        self._stroll(free, worker)
+        worker.arrive()
+        worker.close()
         height = prop.position_m[2]
         target = np.array([*self.setup.places_m[place][:2], height + PUT_DOWN_M])
-        # The prop ends square to the table, so that both arms find it the same way.
-        if not worker.carry(target, worker.planner.grasp_yaw(target, 0.0), lifted(self._prop.name, height)):
+        target += _GRIP_M + self._random.uniform(-1.0, 1.0, 3) * _ABOUT_M
+        worker.set_off(target, planner.grasp_yaw(target, self._random.uniform(-1.0, 1.0) * _QUARTER_RAD))
+        if not worker.holds_on(lifted(self._prop.name, height)):
             return False
+        self._stroll(free, worker)
+        worker.arrive()
         worker.open()
         return self._is_at(self.look_at(self._prop.name), place)
 
-    def _rise(self, worker: Worker) -> None:
-        position, _ = worker.planner.tool(worker.q)
-        try:
-            worker.rise(self.height_m - position[2])
-        except RigError as error:
-            logger.info("%s", error)
+    def _stroll(self, free: Worker, worker: Worker) -> None:
+        """Start the free arm on its way to another waiting place when the other one is about to arrive."""
+        worker.wait(_AHEAD_S)
+        if not free.moves:
+            home = self.setup.homes_m[free.side]
+            away = self._random.uniform([-1.0, 0.0, 0.0], 1.0) * _WAIT_M * [1.0, np.sign(home[1]), 1.0]
+            turn = self._random.uniform(-1.0, 1.0) * _WAIT_RAD
+            free.set_off(home + away, free.planner.natural_yaw(home + away) + turn, _STROLL_S)

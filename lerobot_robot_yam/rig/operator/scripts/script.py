@@ -36,6 +36,7 @@ class Setup:
         planners: side → planner of the follower that stands there.
         homes_m: side → where its tool waits, (3,).
         places_m: named points, (3,).
+        seed: of what the operator draws.
     """
 
     task: Task
@@ -43,6 +44,7 @@ class Setup:
     planners: Mapping[str, ArmPlanner]
     homes_m: Mapping[str, np.ndarray]
     places_m: Mapping[str, np.ndarray]
+    seed: int
 
     @property
     def last(self) -> Stage:
@@ -65,13 +67,13 @@ def sides_of(scene: Mapping[str, Any]) -> tuple[str, ...]:
     return tuple(side for side in SIDES if f"follower_{side}" in channels)
 
 
-def _planner(row: Mapping[str, Any]) -> ArmPlanner:
+def _planner(row: Mapping[str, Any], tilt_rad: float) -> ArmPlanner:
     """For an arm of a scene."""
     arm = load_arm(row["arm"])
     names = [motor.name for motor in arm.motors]
     leads = slice(names.index(arm.folding.elbow) if arm.folding.elbow in names else 0, -1)
     model = build_model(row["arm"], row["gripper"], visuals=False)
-    return ArmPlanner(model, np.array(row["position_m"]), float(row["yaw_rad"]), arm.bent_q_rad, leads)
+    return ArmPlanner(model, np.array(row["position_m"]), float(row["yaw_rad"]), arm.bent_q_rad, leads, tilt_rad)
 
 
 def make_setup(scene: Mapping[str, Any], task: str) -> Setup:
@@ -80,18 +82,20 @@ def make_setup(scene: Mapping[str, Any], task: str) -> Setup:
     tasks = {row["name"]: row for row in scene["tasks"]}
     if task not in tasks and task != PICK_AND_PLACE.name:
         raise ConfigError(f"{where} has no task '{task}'; it has: {', '.join(tasks) or 'no tasks'}")
+    found = parse(Task, tasks[task], f"{where}: task {task}") if task in tasks else PICK_AND_PLACE
     arms = {row["channel"]: row for row in scene["arms"]}
-    planners = {side: _planner(arms[f"follower_{side}"]) for side in sides_of(scene)}
+    planners = {side: _planner(arms[f"follower_{side}"], found.tilt_rad) for side in sides_of(scene)}
     missing = [side for side in planners or SIDES if side not in scene["homes"] or not planners]
     if missing:
         raise ConfigError(f"{where}: task {task} needs followers, and under homes a waiting place of each: {missing}")
     things = [parse(Thing, row, f"{where}: {row['name']}") for row in (*scene["props"], *scene["furniture"])]
     return Setup(
-        task=parse(Task, tasks[task], f"{where}: task {task}") if task in tasks else PICK_AND_PLACE,
+        task=found,
         things={thing.name: thing for thing in things},
         planners=planners,
         homes_m={side: np.array(scene["homes"][side]) for side in planners},
         places_m={name: np.array(point) for name, point in scene["places"].items()},
+        seed=scene["seed"],
     )
 
 
