@@ -19,6 +19,7 @@ _ANGLE_TOLERANCE_RAD = 1e-3
 _SPEED_RAD_S, _ACCELERATION_RAD_S2 = 1.2, 7.0  # at most, of every joint
 _SAMPLES = 33
 _EASE_S = 0.4
+_TRANSFER_S = 0.4  # at least
 # Spans in which the tool rises, travels and sinks, as fractions of a transfer: overlaps round the corners.
 _RISE, _TRAVEL, _SINK = (0.0, 0.42), (0.16, 0.84), (0.58, 1.0)
 
@@ -160,7 +161,7 @@ class ArmPlanner:
         way = np.asarray(position_m, float) - origin
         return self._tool_path(start_rad, yaw_rad, lambda s: origin + way * _span(s), _span, least_s)
 
-    def unfold(self, start_rad: np.ndarray, end_rad: np.ndarray) -> Path:
+    def unfold(self, start_rad: np.ndarray, end_rad: np.ndarray, least_s: float = 0.2) -> Path:
         """From joints to joints with minimum jerk; the elbow goes ahead, so that a folded arm lifts its tool first."""
         start, end = np.asarray(start_rad, float), np.asarray(end_rad, float)
         first, last = np.full(len(start), 0.3), np.ones(len(start))
@@ -169,11 +170,9 @@ class ArmPlanner:
         def joints(s: float) -> np.ndarray:
             return start + (end - start) * minimum_jerk((s - first) / (last - first))
 
-        return self._timed(joints, 0.2)
+        return self._timed(joints, least_s)
 
-    def transfer(
-        self, start_rad: np.ndarray, position_m: np.ndarray, yaw_rad: float, height_m: float, least_s: float = 0.4
-    ) -> Path:
+    def transfer(self, start_rad: np.ndarray, position_m: np.ndarray, yaw_rad: float, height_m: float) -> Path:
         """Rise to height_m, travel and sink to a tool pose, in one smooth motion."""
         origin, _ = self.tool(start_rad)
         target = np.asarray(position_m, float)
@@ -184,7 +183,7 @@ class ArmPlanner:
             found[2] = origin[2] + (top - origin[2]) * _span(s, *_RISE) + (target[2] - top) * _span(s, *_SINK)
             return found
 
-        return self._tool_path(start_rad, yaw_rad, point, lambda s: _span(s, *_TRAVEL), least_s)
+        return self._tool_path(start_rad, yaw_rad, point, lambda s: _span(s, *_TRAVEL), _TRANSFER_S)
 
     def _tool_path(
         self,

@@ -163,9 +163,13 @@ class Worker:
         if _distance(before, self.q) > 2 * _ARRIVED_RAD:
             self._wait_for_follower(self.q)
 
-    def set_off(self, point_m: np.ndarray, yaw_rad: float, least_s: float = 0.4) -> None:
+    def set_off(self, point_m: np.ndarray, yaw_rad: float) -> None:
         """Start over the table to a tool pose."""
-        self._send(self.planner.transfer(self.q, point_m, yaw_rad, self._height, least_s))
+        self._send(self.planner.transfer(self.q, point_m, yaw_rad, self._height))
+
+    def stroll(self, point_m: np.ndarray, yaw_rad: float, least_s: float) -> None:
+        """Start to a tool pose with all joints at once: from high above the table to high above the table."""
+        self._send(self.planner.unfold(self.q, self.planner.pose(point_m, yaw_rad), least_s))
 
     def _send(self, path: Path) -> None:
         """Start a path, after the end of the one that it is still on."""
@@ -200,7 +204,7 @@ class Worker:
             left = path.duration_s - ending - (self._hands.now() - begun)
             if left <= 1e-3:
                 return
-            sight = pause(self._hands, min(_LOOK_S, left))
+            sight = pause(self._hands, min(2 * _LOOK_S, left))
             elapsed = self._hands.now() - begun
             if _distance(sight.follower_rad[self.side], path.at(elapsed)) < _LAG_RAD:
                 behind_since = None

@@ -118,4 +118,4 @@ class PickAndPlace(Script):
             home = self.setup.homes_m[free.side]
             away = self._random.uniform([-1.0, 0.0, 0.0], 1.0) * _WAIT_M * [1.0, np.sign(home[1]), 1.0]
             turn = self._random.uniform(-1.0, 1.0) * _WAIT_RAD
-            free.set_off(home + away, free.planner.natural_yaw(home + away) + turn, _STROLL_S)
+            free.stroll(home + away, free.planner.natural_yaw(home + away) + turn, _STROLL_S)
