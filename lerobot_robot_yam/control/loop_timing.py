@@ -1,6 +1,7 @@
 """Timing of a loop: a histogram that costs the same on every tick, and what it says at the end."""
 
 import logging
+import math
 
 import numpy as np
 
@@ -9,6 +10,7 @@ logger = logging.getLogger(__name__)
 _BIN_S = 1e-5
 _WINDOW_S = 1.0
 _SLOW_SHARE = 0.2
+_TOLD_S = 60.0  # between two warnings of a slow loop, s: a busy machine makes it slow again and again
 _BINS = 10_000  # up to 0.1 s; longer periods fall into the last bin, their true maximum is kept
 
 
@@ -22,7 +24,8 @@ class LoopStatistics:
         self._histogram = np.zeros(_BINS, dtype=np.int64)
         self._longest_s = 0.0
         self._last: float | None = None
-        self._window_from, self._cycles_then, self._overruns_then, self._slow = 0.0, 0, 0, False
+        self._window_from, self._cycles_then, self._overruns_then = 0.0, 0, 0
+        self._slow_windows, self._told = 0, -math.inf
 
     def tick(self, now: float) -> None:
         """Count one cycle that began at `now`."""
@@ -36,12 +39,15 @@ class LoopStatistics:
             self._look_back(now)
 
     def _look_back(self, now: float) -> None:
-        """Say once that the loop has become slow."""
+        """Say that the loop has been slow."""
         late, ticks = self.overruns - self._overruns_then, self.cycles - self._cycles_then
-        slow = late > _SLOW_SHARE * ticks
-        if slow and not self._slow and self._window_from:
-            logger.warning("control loop is slow: %d of the last %d ticks were late", late, ticks)
-        self._window_from, self._cycles_then, self._overruns_then, self._slow = now, self.cycles, self.overruns, slow
+        if self._window_from and late > _SLOW_SHARE * ticks:
+            self._slow_windows += 1
+            if now - self._told > _TOLD_S:
+                self._told = now
+                why = "is this machine too busy?"
+                logger.warning("control loop is slow: %d of the last %d ticks were late; %s", late, ticks, why)
+        self._window_from, self._cycles_then, self._overruns_then = now, self.cycles, self.overruns
 
     def percentile_ms(self, share: float) -> float:
         """Period below which `share` (0 … 1) of all periods lie, ms; NaN before two cycles."""
@@ -53,8 +59,9 @@ class LoopStatistics:
 
     def summary(self) -> str:
         """One line for the log."""
+        slow = f", slow for {self._slow_windows * _WINDOW_S:.0f} s" if self._slow_windows else ""
         return (
-            f"{self.cycles} cycles, {self.overruns} overruns, period p50 {self.percentile_ms(0.5):.2f} ms, "
+            f"{self.cycles} cycles, {self.overruns} overruns{slow}, period p50 {self.percentile_ms(0.5):.2f} ms, "
             f"p99 {self.percentile_ms(0.99):.2f}, p99.9 {self.percentile_ms(0.999):.2f}, "
             f"max {self._longest_s * 1e3:.2f}"
         )

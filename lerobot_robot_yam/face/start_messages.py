@@ -94,6 +94,7 @@ class _Shorten(logging.Filter):
         if not _is_absence(record.getMessage()):
             return True
         record.msg, record.args = _INSTEAD, ()
+        record.levelno, record.levelname = logging.INFO, "INFO"
         told, self.told = self.told, True
         return not told
 

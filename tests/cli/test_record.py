@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from lerobot.datasets import LeRobotDataset
 
-from lerobot_robot_yam.face.recorder.episode_log import SIDE_CAR
+from lerobot_robot_yam.face.recorder.kept_episodes import SIDE_CAR
 from tests.cli.conftest import CALM
 from tests.support.rigged import sim_config
 from tests.support.set_points import SetPointWatch

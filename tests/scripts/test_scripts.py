@@ -1,25 +1,68 @@
-"""The scripts of a clone: they parse, and the recording wrapper runs the stock command and says where the data are."""
+"""The scripts of a clone: they parse; the recording wrapper runs the stock command and says what came of it."""
 
+import json
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
 
+from lerobot_robot_yam.face.recorder.kept_episodes import SIDE_CAR
+from tests.support import seeded_sets as seeds
 from tests.support.paths import ROOT
+from tests.support.terminal import Terminal
 
 STAND_IN = """#!/usr/bin/env bash
-# In place of lerobot-record: says what it was asked, begins a data set, waits to be ended.
+# In place of lerobot-record: says what it was asked, brings a data set, waits to be ended.
 trap 'echo ended; exit 3' TERM
 for argument in "$@"; do
   echo "given $argument"
   case "$argument" in --dataset.root=*) root=${argument#*=} ;; esac
 done
-mkdir -p "$root/meta" && echo '{"total_episodes": 1, "total_frames": 90}' >"$root/meta/info.json"
+cat "$SAYS" >&2
+[[ -t 2 ]] && printf '\\r\\033[Kepisode 0: 9 s left\\r' >&2 && sleep 0.2
+cp -r "$DATA" "$root"
 for _ in $(seq "$LOOPS"); do sleep 0.05; done
 """
+
+AT = "2026-11-28 12:52:47"
+SAID = f"""INFO {AT} t_record.py:369 {{'dataset': {{'crf': 30,
+             'fps': 30}}}}
+INFO {AT} lerobot_robot_yam.control.process.control_process control loop of left_leader: SCHED_FIFO 20
+INFO {AT} follower.py:115 sim BiYamFollower connected
+[libx264 @ 0x7f1dac001dc0] 264 - core 165 - options: cabac=0
+WARNING {AT} t_record.py:352 Record loop is running slower (15.3 Hz) than the target FPS (30 Hz).
+WARNING {AT} s/images.py:115 waited 335 ms for images: top
+WARNING {AT} s/images.py:115 waited 68 ms for images: top
+Map:  50%|#####     | 1/2\rMap: 100%|##########| 2/2
+Traceback (most recent call last):
+  File "lerobot_record.py", line 1
+INFO {AT} _episodes.py:41 kept 3 episodes of this session; 3 in data
+  episode 1: recorded at 8.9 fps
+"""
+SHOWN = """sim BiYamFollower connected
+warning: waited 335 ms for images: top
+Traceback (most recent call last):
+  File "lerobot_record.py", line 1
+"""
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """A data set of three episodes, whose second one came too slowly."""
+    root = seeds.write(tmp_path_factory.mktemp("recorded") / "data", map(seeds.motion, range(3)), cameras=())
+    rows = []
+    for episode in range(3):
+        times = np.arange(seeds.FRAMES) / (seeds.FPS / 2 if episode == 1 else seeds.FPS)
+        row = {"episode_index": episode, "fps": seeds.FPS, "times_s": times.tolist(), "repeated_images": {"top": 4}}
+        rows.append(json.dumps(row | {"achieved_fps": (seeds.FRAMES - 1) / times[-1]}))
+    (root / SIDE_CAR).write_text("\n".join(rows))
+    return root
 
 
 @pytest.mark.parametrize(
@@ -41,31 +84,57 @@ def test_run_without_a_command_says_what_to_give():
     assert done.returncode == 2 and "lerobot-record" in done.stderr
 
 
-def start_record_sim(tmp_path, loops, *arguments):
-    program = tmp_path / "lerobot-record"
+@pytest.fixture
+def record_sim(tmp_path, recorded):
+    """The command (program and arguments) and its environment, with the stand-in in the place of lerobot-record."""
+    program, says = tmp_path / "lerobot-record", tmp_path / "says"
     program.write_text(STAND_IN)
     program.chmod(0o755)
-    environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "LOOPS": str(loops)}
-    return subprocess.Popen(
-        [sys.executable, str(ROOT / "scripts" / "record_sim.py"), f"--dataset.root={tmp_path / 'data'}", *arguments],
-        stdout=subprocess.PIPE,
-        text=True,
-        env=environment,
-    )
+    says.write_text(SAID)
+    environment = {"PATH": f"{tmp_path}:{os.environ['PATH']}", "LOOPS": "1", "DATA": recorded, "SAYS": says}
+    command = [sys.executable, ROOT / "scripts" / "record_sim.py", f"--dataset.root={tmp_path / 'data'}"]
+    return command, os.environ | environment | {"PYTHONPATH": str(ROOT)}
 
 
-def test_recording_says_where_the_data_are(tmp_path):
-    process = start_record_sim(tmp_path, 1, "--dataset.num_episodes=1")
-    output, _ = process.communicate(timeout=20)
-    assert process.returncode == 0
-    assert f"given --config_path={ROOT / 'configs/sim/record.yaml'}" in output
-    assert "given --dataset.num_episodes=1" in output
-    assert f"The data set is in {tmp_path / 'data'}" in output.splitlines()
-    assert "It has 1 episodes, 90 frames" in output.splitlines()
+def test_recording_ends_with_the_place_of_the_data_their_quality_and_three_commands(tmp_path, record_sim):
+    command, environment = record_sim
+    command.append("--dataset.num_episodes=1")
+    done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stderr == SHOWN
+    assert (tmp_path / "data.log").read_bytes().decode() == SAID
+    lines = done.stdout.splitlines()
+    assert f"given --config_path={ROOT / 'configs/sim/record.yaml'}" in lines
+    assert "given --dataset.num_episodes=1" in lines
+    assert lines[-12:-9] == [
+        "All that was said is in data.log; a warning that was shown came again 1 times",
+        "The data set is in data",
+        "  episode 0: 60 frames at 20.0 of 20 fps, 4 repeated images: good",
+    ]
+    assert lines[-9].startswith("  episode 1: 60 frames at 10.0 of 20 fps, 4 repeated images: WRONG: recorded at 10.0")
+    assert lines[-7].startswith("What to do:  this machine was too busy; end other programs")
+    assert lines[-5] == "Drop:        scripts/run yam-label data --set 1=discard --apply"
+    looks = [line.partition("scripts/run ")[2] for line in lines[-4:-1]]
+    assert looks[:2] == ["yam-view --dataset data", "yam-dataset-check data"]
+    assert looks[2].startswith("lerobot-replay --config_path=") and lines[-1].split()[-1] == "--dataset.episode=0"
 
 
-def test_ending_the_wrapper_ends_the_recording(tmp_path):
-    process = start_record_sim(tmp_path, 400)
+def test_a_terminal_stays_one_and_all_is_shown_on_demand(tmp_path, record_sim):
+    command, environment = record_sim
+    terminal = Terminal(tmp_path, *command, cwd=tmp_path, env=environment)
+    assert terminal.end() == 0
+    shown = terminal.shown
+    assert all(f"{line}\r\n" in shown for line in SHOWN.splitlines())
+    assert "\x1b[Kepisode 0: 9 s left\r" in shown and "Map:  50%" in shown and "Map: 100%" not in shown
+    assert not re.search("SCHED_FIFO|crf|libx264|running slower|kept 3|at 8.9 fps", shown)
+    terminal.close()
+    shutil.rmtree(tmp_path / "data")
+    done = subprocess.run([*command, "-v"], env=environment, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stderr == SAID.replace("\r", "\n") and "given -v" not in done.stdout
+
+
+def test_ending_the_wrapper_ends_the_recording(tmp_path, record_sim):
+    command, environment = record_sim
+    process = subprocess.Popen(command, env=environment | {"LOOPS": "400"}, stdout=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 20.0
     while not (tmp_path / "data" / "meta" / "info.json").exists():
         assert time.monotonic() < deadline

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from lerobot_robot_yam.face.recorder import outcomes
-from lerobot_robot_yam.face.recorder.episode_log import SIDE_CAR
+from lerobot_robot_yam.face.recorder.kept_episodes import SIDE_CAR
 from lerobot_robot_yam.face.recorder.outcomes import OUTCOMES
 
 logger = logging.getLogger(__name__)

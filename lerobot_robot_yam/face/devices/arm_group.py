@@ -14,7 +14,8 @@ from lerobot_robot_yam.arm.config import ArmConfig, lead_of
 from lerobot_robot_yam.errors import ConfigError, YamError
 from lerobot_robot_yam.face.devices.feature_names import motor_names
 from lerobot_robot_yam.face.devices.pair_check import Models, Spoken, check_followers, check_pair
-from lerobot_robot_yam.face.recorder.record_command import stop_after_saving, tell_what_is_kept, under_a_command
+from lerobot_robot_yam.face.recorder.kept_episodes import tell_what_is_kept
+from lerobot_robot_yam.face.recorder.record_command import stop_after_saving, under_a_command
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
 from lerobot_robot_yam.session.target_limits import refuse_degrees, validate_action

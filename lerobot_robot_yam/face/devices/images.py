@@ -6,6 +6,7 @@ There is some patience with one that is late.
 import dataclasses
 import importlib
 import logging
+import math
 import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
@@ -38,6 +39,7 @@ _RENEWAL_FRAMES = 1 / 3  # the same, in frames of a camera
 _POLL_S = 0.001  # between two looks for it
 _SAMPLE = 8  # pixels between two that are compared
 _ASLEEP_S = 0.1  # between two glances, or more: somebody else had the machine, and the cameras no chance either
+_TOLD_S = 30.0  # between two warnings of late images, s: on a busy machine every observation waits
 _REGISTER = ("lerobot.cameras.opencv", "lerobot.cameras.realsense")  # as LeRobot's commands import them
 _SCENE_OPTIONS = {field.name for field in dataclasses.fields(Options)}
 
@@ -85,14 +87,29 @@ def open_camera(name: str, options: Mapping[str, Any], arms: Iterable[ArmConfig]
     return camera
 
 
-def newest_images(cameras: Mapping[str, Camera], configs: Mapping[str, CameraConfig]) -> tuple[dict[str, Any], bool]:
+class LateImages:
+    """Warns of images that were waited for: at once, and from then on at most every `_TOLD_S`."""
+
+    def __init__(self) -> None:
+        self._told_s, self._untold = -math.inf, 0
+
+    def tell(self, late: str) -> None:
+        """late: of one observation, as `newest_images` returns it."""
+        self._untold += 1
+        if time.monotonic() - self._told_s > _TOLD_S:
+            also = f" (and {self._untold - 1} times since this was said)" if self._untold > 1 else ""
+            logger.warning("%s%s", late, also)
+            self._told_s, self._untold = time.monotonic(), 0
+
+
+def newest_images(cameras: Mapping[str, Camera], configs: Mapping[str, CameraConfig]) -> tuple[dict[str, Any], str]:
     """Read every camera; where an image is older than 0.2 s (two frames, of a slow one) all are read again.
 
     After `LATE_S`, images that are younger than their cameras take (0.5 s) will do. A camera is called dead only after
     a watch that was awake for so long: where this process got no time for 0.1 s, it begins anew.
 
     Returns:
-        Images by feature name, depth as `<name>_depth`; and whether one was waited for.
+        Images by feature name, depth as `<name>_depth`; and for which one they had to wait, empty without a wait.
 
     Raises:
         StaleStateError: a camera has no image, or its image is older than 0.8 s, or too old for `PATIENCE_S`; names it.
@@ -116,9 +133,7 @@ def newest_images(cameras: Mapping[str, Camera], configs: Mapping[str, CameraCon
         watched_s = watched_s + gap_s if gap_s < _ASLEEP_S else 0.0
         if watched_s >= LATE_S:
             _read(cameras, configs, lambda _: _DEAD_MS)
-    if late:
-        logger.warning("waited %.0f ms for images: %s", (time.monotonic() - begin) * 1e3, late)
-    return images, bool(late)
+    return images, f"waited {(time.monotonic() - begin) * 1e3:.0f} ms for images: {late}" if late else ""
 
 
 class ImageReader:
@@ -132,10 +147,14 @@ class ImageReader:
         self._cameras, self._configs = cameras, configs
         self._images: dict[str, Any] = {}
         self._new_s: dict[str, float] = {}  # when each camera's image was seen first
+        self._late = LateImages()
 
     def read(self) -> tuple[dict[str, Any], bool]:
-        """As `newest_images`."""
-        images, waited = newest_images(self._cameras, self._configs)
+        """The images as of `newest_images`, and whether any was waited for."""
+        images, late = newest_images(self._cameras, self._configs)
+        waited = bool(late)
+        if late:
+            self._late.tell(late)
         begin = now = time.monotonic()
         due = {name: camera for name, camera in self._cameras.items() if self._is_due(name, images, now)}
         while due and now - begin < _RENEWAL_S:

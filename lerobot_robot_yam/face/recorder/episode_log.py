@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 
 from lerobot_robot_yam.face.recorder.disk_guard import LEFT_FREE, DiskGuard
-from lerobot_robot_yam.face.recorder.record_command import RecordCommand, running_record, tell_what_is_kept
+from lerobot_robot_yam.face.recorder.kept_episodes import SIDE_CAR, tell_what_is_kept
+from lerobot_robot_yam.face.recorder.record_command import RecordCommand, running_record
 from lerobot_robot_yam.face.recorder.status_line import StatusLine
 from lerobot_robot_yam.state.records import ArmState, Limited
 
 logger = logging.getLogger(__name__)
 
-SIDE_CAR = Path("meta", "yam_episodes.jsonl")
 _LOOK_S = 0.5  # between two looks at the disk, and two status lines
 _LATE = 1.5  # of a frame's time
 _SAMPLE = 16  # compared first: every sixteenth row and column

@@ -4,14 +4,12 @@ LeRobot tells none of this to a robot. It is read from the stack, where LeRobot'
 LeRobot is replaced. Under every other command there is nothing to find, and nothing happens.
 """
 
-import atexit
 import functools
 import importlib.util
 import inspect
 import json
 import logging
 import math
-import shutil
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -28,7 +26,6 @@ _COMMAND, _LOOP = "record", "record_loop"  # functions of lerobot_record.py
 STOP, LEAVE_LOOP, AGAIN = "stop_recording", "exit_early", "rerecord_episode"  # its flags, which its keys set
 INFO = Path("meta", "info.json")
 _RECORDED = ("*.parquet", "*.mp4", "*.png")
-_told_of: "LeRobotDataset | None" = None
 
 
 def _lerobot() -> Path:
@@ -180,30 +177,6 @@ def _save_finished(frame: FrameType | None) -> None:
         command.dataset.save_episode()
     except Exception as error:
         logger.error("the finished episode cannot be saved: %r", error)
-
-
-def tell_what_is_kept(frame: FrameType | None) -> None:
-    """Have the last line of a recording say which episodes are kept. Idempotent.
-
-    A data set that this command has made and that holds nothing is removed: it would refuse the same command.
-    """
-    global _told_of
-    command = running_record(frame)
-    if command is not None and command.dataset is not _told_of:
-        _told_of = command.dataset
-        root = Path(command.dataset.root).resolve()  # the working directory may change
-        atexit.register(_say_kept, command.dataset, root, command.dataset.num_episodes, command.resumes)
-
-
-def _say_kept(dataset: "LeRobotDataset", root: Path, before: int, resumes: bool) -> None:
-    if not resumes and is_empty(root):
-        shutil.rmtree(root, ignore_errors=True)
-        if not root.exists():
-            logger.info("no episode was recorded; removed the empty data set %s", root)
-            return
-    count = dataset.num_episodes - before
-    kept = "no episode" if not count else f"{count} episode{'s' if count > 1 else ''}"
-    logger.info("kept %s of this session; %d in %s", kept, dataset.num_episodes, root)
 
 
 def episodes_in(root: Path) -> int | None:

@@ -10,7 +10,7 @@ from lerobot.datasets import LeRobotDataset
 
 from lerobot_robot_yam.commands.data.label import main
 from lerobot_robot_yam.face.recorder import outcomes
-from lerobot_robot_yam.face.recorder.episode_log import SIDE_CAR
+from lerobot_robot_yam.face.recorder.kept_episodes import SIDE_CAR
 from tests.support.wrecks import CAMERAS, LENGTHS, add_frames, create, fingerprint, load
 
 

@@ -10,7 +10,7 @@ import pytest
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
 from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
 from lerobot_robot_yam.errors import StaleStateError
-from lerobot_robot_yam.face.devices.images import LATE_S, PATIENCE_S, ImageReader, newest_images
+from lerobot_robot_yam.face.devices.images import LATE_S, PATIENCE_S, ImageReader, LateImages, newest_images
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.rig.devices.thermometer import sample_age_s
 from lerobot_robot_yam.yam_follower import YamFollower
@@ -105,7 +105,7 @@ def test_colour_and_depth_are_of_one_time():
 
 def test_images_that_are_fresh_are_read_once(caplog):
     cameras = {"top": Camera(), "wrist": Camera()}
-    assert newest_images(cameras, dict.fromkeys(cameras, CameraSettings())) == ({"top": 1, "wrist": 1}, False)
+    assert newest_images(cameras, dict.fromkeys(cameras, CameraSettings())) == ({"top": 1, "wrist": 1}, "")
     assert not caplog.text
 
 
@@ -121,7 +121,19 @@ def test_an_image_that_is_rather_old_is_waited_for_and_taken_in_the_end():
 )
 def test_how_old_an_image_may_be_without_a_wait(age_ms, fps, waits):
     cameras = {"top": Camera(fresh_after_s=0.1, age_ms=age_ms)}
-    assert newest_images(cameras, {"top": CameraSettings(fps=fps)})[1] is waits
+    assert newest_images(cameras, {"top": CameraSettings(fps=fps)})[1].startswith("waited") is waits
+
+
+def test_late_images_are_said_at_once_and_then_seldom(monkeypatch, caplog):
+    late = LateImages()
+    for number in range(4):
+        if number == 3:
+            monkeypatch.setattr("lerobot_robot_yam.face.devices.images._TOLD_S", 0.0)
+        late.tell(f"waited {number} ms")
+    assert [record.getMessage() for record in caplog.records] == [
+        "waited 0 ms",
+        "waited 3 ms (and 2 times since this was said)",
+    ]
 
 
 class SlowCamera:

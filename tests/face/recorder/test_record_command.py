@@ -1,15 +1,12 @@
 """Which command runs, and what a signal does to it."""
 
 import inspect
-import json
-import logging
 import math
 from types import SimpleNamespace
 
 import pytest
 
 from lerobot_robot_yam.face.recorder.record_command import (
-    _say_kept,
     is_empty,
     running_record,
     stop_after_saving,
@@ -82,32 +79,6 @@ def test_other_programs_are_no_command(tmp_path):
     assert in_record(look, dataset, events).dataset is dataset
     assert in_record(look, dataset, events, tmp_path / "lerobot_record.py") is None
     assert called_by(RECORD, "record", look, dataset=None, cfg=None) is None
-
-
-def recorded(root, episodes, *files):
-    (root / "meta").mkdir(parents=True)
-    (root / "meta" / "info.json").write_text(json.dumps({"total_episodes": episodes}))
-    for name in files:
-        (root / name).touch()
-    return root
-
-
-def test_an_empty_data_set_is_removed(tmp_path, caplog):
-    caplog.set_level(logging.INFO)
-    root = recorded(tmp_path / "cubes", 0)
-    _say_kept(data_set(None), root, 0, False)
-    assert not root.exists() and f"removed the empty data set {root}" in caplog.text
-
-
-@pytest.mark.parametrize(
-    ("episodes", "files", "resumes"),
-    [(50, (), False), (0, ("file-000.parquet",), False), (0, ("frame.png",), False), (0, (), True)],
-    ids=["recorded since", "rows without an episode", "images", "was there before"],
-)
-def test_what_may_hold_something_stays(tmp_path, episodes, files, resumes):
-    root = recorded(tmp_path / "cubes", episodes, *files)
-    _say_kept(data_set(None), root, 0, resumes)
-    assert root.exists()
 
 
 def test_what_is_no_data_set_is_not_empty(tmp_path):

@@ -87,7 +87,7 @@ KINDS: dict[Kind, tuple[str, str]] = {
     Kind.CADENCE: ("time stamps do not fit to the frames per second of the data set", _DELETE),
     Kind.REAL_RATE: (
         "recorded 5 % slower or faster than it is stamped",
-        "the computer was too slow: fewer cameras, smaller pictures, a lower fps",
+        "the computer was too busy: end other programs; or fewer cameras, smaller pictures, a lower fps",
     ),
     Kind.LATE: ("more than 5 % of the frames came late, or one by more than half a second", _RECORD),
     Kind.NOT_FINITE: ("NaN or infinity in an action or state", _DELETE),

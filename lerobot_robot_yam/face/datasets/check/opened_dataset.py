@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.datasets.check.flags import Flag, Kind
 from lerobot_robot_yam.face.datasets.layout import DEGREES_SUFFIX, clip_columns
-from lerobot_robot_yam.face.recorder.episode_log import SIDE_CAR
+from lerobot_robot_yam.face.recorder.kept_episodes import read_figures
 
 ACTION, STATE = "action", "observation.state"
 _ALWAYS = ("episode_index", "frame_index", "index", "task_index", "timestamp")
@@ -112,7 +112,7 @@ def open_dataset(root: Path) -> OpenedDataset:
     data = OpenedDataset(root, info)
     data.tasks, data.statistics = _tasks(data), _statistics(data)
     metadata = _metadata(data)
-    rows, figures = dict(_rows(data)), _figures(root)
+    rows, figures = dict(_rows(data)), read_figures(root)
     for number in sorted({*metadata, *rows}):
         parts = metadata.get(number, {}), rows.get(number, {}), figures.get(number, {})
         data.episodes.append(RecordedEpisode(number, *parts))
@@ -190,16 +190,3 @@ def _array(column: pa.ChunkedArray) -> np.ndarray:
         values, nested = values.flatten(), True
     array = values.to_numpy(zero_copy_only=False)
     return array.reshape(len(column), -1) if nested else array
-
-
-def _figures(root: Path) -> dict[int, dict[str, Any]]:
-    """Rows of our recorder's side-car; the newest of an episode counts."""
-    found: dict[int, dict[str, Any]] = {}
-    path = root / SIDE_CAR
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else []:
-        try:
-            row = json.loads(line)
-            found[row["episode_index"]] = row
-        except (ValueError, TypeError, KeyError):  # half a line, which a power cut has left
-            continue
-    return found

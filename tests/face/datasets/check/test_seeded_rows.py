@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.face.datasets.check.flags import Kind
-from lerobot_robot_yam.face.recorder.episode_log import SIDE_CAR
+from lerobot_robot_yam.face.recorder.kept_episodes import SIDE_CAR
 from tests.support import seeded_sets as seeds
 from tests.support.seeded_sets import (
     EPISODES,
