@@ -23,6 +23,7 @@ from lerobot_robot_yam.face.devices.hand_guidance import HandGuidance, guidance
 from lerobot_robot_yam.face.devices.images import ImageReader, beside_arms
 from lerobot_robot_yam.face.recorder.episode_log import EpisodeLog
 from lerobot_robot_yam.face.recorder.record_command import saves_finished_episode
+from lerobot_robot_yam.face.recorder.rehearsal import rehearse
 from lerobot_robot_yam.face.rl.motor_bus import MotorBus
 from lerobot_robot_yam.follower_options import FollowerOptions
 from lerobot_robot_yam.state.records import ArmState
@@ -116,6 +117,7 @@ class FollowerBase(ArmDevice, Robot):
         logger.info("%s connected", self)
         try:
             self._catch_up()
+            self._rehearse()
         except BaseException:
             self.disconnect()
             raise
@@ -143,6 +145,21 @@ class FollowerBase(ArmDevice, Robot):
                 logger.warning("%s: is still %.1f rad from its leaders; look for what is in its way", self, gap)
                 return
             time.sleep(_CATCH_UP_TICK_S)
+
+    def _rehearse(self) -> None:
+        """Observe and follow the leaders as a recording does; what fails here fails again, and is told of, there."""
+
+        def step() -> dict[str, Any]:
+            self._arms.observe()
+            leaders = self._arms.leader()
+            if leaders is not None and leaders.give_action is not None:
+                self._write_targets(self._space.vector(leaders.give_action()))
+            return newest_images(self.cameras, self._camera_configs)[0]
+
+        try:
+            rehearse(inspect.currentframe(), step)
+        except Exception as error:
+            logger.info("%s: begins without a rehearsal: %s", self, error)
 
     @property
     def clock(self) -> Clock:

@@ -4,6 +4,7 @@ import contextlib
 import inspect
 import logging
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from lerobot.configs.dataset import DatasetRecordConfig
@@ -12,6 +13,7 @@ from lerobot.scripts import lerobot_record
 
 from lerobot_robot_yam.face.desk.session_desk import SessionDesk
 from lerobot_robot_yam.face.recorder.episode_log import EpisodeLog
+from lerobot_robot_yam.face.recorder.rehearsal import rehearse
 from tests.support.handless import Connected, HandlessConfig
 
 TASK = "put the cube into the bowl"
@@ -22,6 +24,7 @@ TASK = "put the cube into the bowl"
 class ArmlessConfig(RobotConfig):
     size: tuple[int, int] = (48, 64)  # of its images
     noise: bool = False  # which no encoder makes smaller
+    rehearsal: Any = None  # called for each image of the rehearsal; None: there is none
 
 
 class Armless(Connected, Robot):
@@ -33,6 +36,7 @@ class Armless(Connected, Robot):
     def __init__(self, config):
         super().__init__(config)
         self.shape, self.random = (*config.size, 3), np.random.default_rng(0) if config.noise else None
+        self.rehearsal = config.rehearsal
 
     @property
     def observation_features(self):
@@ -41,6 +45,12 @@ class Armless(Connected, Robot):
     def connect(self, calibrate=True):
         self.is_connected, self.log, self.desk = True, EpisodeLog(inspect.currentframe()), SessionDesk()
         self.desk.begin(inspect.currentframe())
+        if self.rehearsal is not None:
+            rehearse(inspect.currentframe(), self.step)
+
+    def step(self):
+        self.rehearsal()
+        return {"top": self.get_observation()["top"]}
 
     def get_observation(self):
         image = np.zeros(self.shape, np.uint8)
