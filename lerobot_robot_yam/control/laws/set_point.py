@@ -187,9 +187,9 @@ class SetPoint:
         ahead = dt  # where the target is when the motors are asked for this plan
         if self._tracks:
             left = ahead = max(_TRACK_S, dt)  # so that a gap of 0 asks for the target's own speed
-        place = self.target + self._target_velocity * ahead - self.q, self._target_velocity, self.q, self.dq
-        rows = zip(*(values.tolist() for values in place), *self._limits.tolist(), strict=True)
-        moved = [_next(*row, left, dt) for row in rows]
+        gap = self.target + self._target_velocity * ahead - self.q
+        place = gap.tolist(), self._target_velocity.tolist(), self.q.tolist(), self.dq.tolist()
+        moved = [_next(left, dt, *row) for row in zip(*place, *self._limits.tolist(), strict=True)]
         self._plans[1:] = self._plans[:-1]
         self._plans[0] = np.array(moved).T
         self._asked = None
@@ -231,6 +231,8 @@ class SetPoint:
 
 
 def _next(
+    left: float,
+    dt: float,
     gap: float,
     target_velocity: float,
     q: float,
@@ -240,8 +242,6 @@ def _next(
     end_deceleration: float,
     lower: float,
     upper: float,
-    left: float,
-    dt: float,
 ) -> tuple[float, float]:
     """Position and speed of one coordinate after a tick of `dt` s. Plain floats: numpy takes twice as long for seven.
 
@@ -249,8 +249,8 @@ def _next(
         |v| ≤ sqrt(2 a_end way to the end of the range),  |v − dq| ≤ a dt
 
     Args:
+        left: time in which the gap is to be closed, s.
         gap: to where the target will be.
-        left: time in which it is to be closed, s.
     """
     room = _brakes_within(-gap if gap < 0.0 else gap, acceleration, dt)
     least, most = target_velocity - room, target_velocity + room

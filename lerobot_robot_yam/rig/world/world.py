@@ -35,7 +35,7 @@ class World:
         self.scene = scene
         self.model = build_world(scene, visible=False)
         self.data = mujoco.MjData(self.model)
-        self.ctrl = memoryview(self.data.ctrl)
+        self.ctrl: memoryview[float] = memoryview(self.data.ctrl)
         self._state = self.data.qpos, self.data.qvel, self.data.actuator_force
         self.timestep_s = self.model.opt.timestep
         self.profiles = {row.channel: resolve_profiles(row.arm, row.gripper) for row in scene.arms}
