@@ -31,6 +31,10 @@ def tell_what_is_kept(frame: FrameType | None) -> None:
     global _told_of
     command = running_record(frame)
     if command is not None and command.dataset is not _told_of:
+        # Here, not at exit: a module that is loaded then makes Python forget that an interrupt ends the process, and
+        # its exit status would be 1 (see `system.signals`).
+        import lerobot_robot_yam.face.datasets.check.row_checks  # noqa: F401
+
         _told_of = command.dataset
         root = Path(command.dataset.root).resolve()  # the working directory may change
         atexit.register(_say_kept, command.dataset, root, command.dataset.num_episodes, command.resumes)
