@@ -69,7 +69,7 @@ class GravityModel:
         moving = tau.copy()
         mujoco.mj_rne(self.model, data, 1, self._tau)
         accelerating = tau - moving
-        self._qvel[:] = data.cvel[:] = 0.0  # the next call may mean an arm at rest
+        self._qvel[:] = data.cvel[:] = data.cdof_dot[:] = 0.0  # the next call may mean an arm at rest; NaN would stay
         return holding, moving - holding, accelerating
 
     def torque_per_kg(self, q: np.ndarray) -> np.ndarray:

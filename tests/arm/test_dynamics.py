@@ -74,6 +74,8 @@ def test_moving_and_accelerating_take_what_lagrange_says(arm):
     np.testing.assert_allclose(accelerating, mass_matrix(model, Q) @ ddq, atol=1e-9)
     assert np.abs(turning).max() > 0.1
     np.testing.assert_array_equal(model.torque(Q), at_rest)  # nothing of the motion is left
+    assert np.isnan(model.torques(Q, dq * np.nan, ddq)[1]).any()
+    np.testing.assert_array_equal(model.torque(Q), at_rest)
 
 
 def test_torque_is_the_gradient_of_potential_energy_of_a_payload():
