@@ -73,10 +73,9 @@ def record(clone: Path, arguments: list[str]) -> dict[str, Any]:
             report["status"] = job.wait()
         report["processors"] = {role: (after[role] - before.get(role, 0.0)) / took_s for role in after}
         text = log.read_text(errors="replace")
-        kept = next(iter(re.findall(r"log is in (\S+)", text)), None)
-        text = Path(kept).read_text(errors="replace") if kept and Path(kept).is_file() else text
-        report["warnings_shown"] = log.read_text(errors="replace").count("WARNING")
-        report["lines_shown"] = len(log.read_text(errors="replace").splitlines())
+        report["warnings_shown"], report["lines_shown"] = text.count("WARNING"), len(text.splitlines())
+        whole = data.with_name(f"{data.name}.log")  # what was not shown
+        text = whole.read_text(errors="replace") if whole.is_file() else text
         report["period_p99_ms"] = [float(found) for found in _PERIOD.findall(text)]
         report["error"] = next(iter(re.findall(r"^error: (.*)", text, re.M)), "")
         side_car = data / "meta/yam_episodes.jsonl"
