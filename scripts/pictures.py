@@ -2,21 +2,28 @@
 
     scripts/run python scripts/pictures.py --out docs
 
-rig.png: what scripts/record_sim records, below an overview. tasks.png: the four tasks. pictures.png: cameras at four
-moments of a grasp. looks.png: looks that `randomise_look` draws.
+rig.webp: four arms do the task of scripts/record_sim, and below what their cameras see. Nothing in it is put in place:
+the scripted operator's hands pull the leaders, the arms' own control loop drives all four, and friction holds the cube.
+tasks.png: the four tasks. pictures.png: cameras at four moments of a grasp. looks.png: looks that `randomise_look`
+draws.
 """
 
 import argparse
+import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageDraw, ImageFont
 
+from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.rig.lockstep.lockstep_cameras import LockstepCamera
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
-from lerobot_robot_yam.rig.operator.scripts.script import make_setup
+from lerobot_robot_yam.rig.operator.operator import RigHands
+from lerobot_robot_yam.rig.operator.scripts.catalog import make_script
+from lerobot_robot_yam.rig.operator.scripts.script import SIDES, make_setup
+from lerobot_robot_yam.session.arm_session import ArmSession
 
 SIZE = (320, 240)  # as configs/sim/record.yaml records
 TASKS = ("lift_and_place", "handover", "drawer", "insertion")
@@ -24,6 +31,12 @@ MOMENTS = ("waiting", "above", "at", "holding")
 RISES_M = {"above": 0.1, "at": 0.0, "holding": 0.08}  # of the tool over where the cube lies
 CUBE_M, STROKE_M = 0.04, 0.095  # widths of the cube and of the open gripper
 GAP = 4  # pixels
+TICK_S, FRAME_S = 0.004, 0.09  # of the control loop and of the moving picture
+SPEED = 1.6  # at which it is played, and which it shows
+OVERVIEW, ARMS = (1280, 640), (160, 75, 1160, 575)  # drawn, and the part of it that has the arms: pixels
+SMALL = (216, 162)  # a camera in the moving picture
+FADE = 4  # frames from the end to the beginning, where the cube lies elsewhere
+STILL = 17  # the frame that is seen where pictures do not move: the cube is in the air
 
 
 class Studio:
@@ -56,13 +69,14 @@ class Studio:
         if moment == "holding":
             self.rig.place("cube", point_m.tolist())
 
-    def picture(self, camera: str, size: tuple[int, int] = SIZE) -> Image.Image:
-        """What a camera sees now."""
+    def picture(self, camera: str, size: tuple[int, int] = SIZE, at_rest: bool = True) -> Image.Image:
+        """What a camera sees now. at_rest: nothing has moved by itself since the last picture."""
         key = (camera, *size)
         if key not in self._cameras:
             self._cameras[key] = LockstepCamera(self.rig, *key, 30)
             self._cameras[key].connect()
-        self.rig.sleep(0.002)  # or it is taken for the picture that there is
+        if at_rest:
+            self.rig.sleep(0.002)  # or it is taken for the picture that there is
         return Image.fromarray(self._cameras[key].latest()[0])
 
     def close(self) -> None:
@@ -84,16 +98,79 @@ def sheet(rows: Sequence[Sequence[Image.Image]]) -> Image.Image:
     return whole
 
 
-def rig_picture() -> Image.Image:
-    """The overview, and the recorded cameras while one arm holds the cube."""
+def labelled(picture: Image.Image, text: str) -> Image.Image:
+    """The picture with a text in its corner."""
+    ImageDraw.Draw(picture).text((6, 3), text, "white", ImageFont.load_default(13), stroke_width=1, stroke_fill="black")
+    return picture
+
+
+class FilmedHands(RigHands):
+    """Hands in lock-step on the leaders of a studio. The followers follow, and are filmed, while the operator waits."""
+
+    def __init__(self, studio: Studio):
+        scene = studio.rig.scene()
+        super().__init__(studio.rig, scene)
+        self._studio, self._next_s = studio, math.inf
+        self.frames: list[Image.Image] = []
+        self._arms = ArmSession([self._config(row) for row in scene["arms"]], isolation="lockstep")
+        self._arms.start()
+
+    def _config(self, row: dict) -> ArmConfig:
+        """As configs/sim/record.yaml has them."""
+        name, start = row["channel"], "float" if row["role"] == "leader" else "hold"
+        weight, bus = [1.0] * 6, {"interface": "yam_lockstep", "can_options": {"rig": self._studio.rig.name}}
+        return ArmConfig(name=name, channel=name, gripper=row["gripper"], start=start, gravity_factor=weight, **bus)
+
+    def now(self) -> float:
+        return self._studio.rig.now()
+
+    def film(self) -> None:
+        """From now on."""
+        self._next_s = self.now()
+
+    def wait(self, seconds: float) -> None:
+        until_s = self.now() + seconds
+        while self.now() < until_s:
+            for side in SIDES:
+                leader = self._arms[f"leader_{side}"].newest()
+                self._arms[f"follower_{side}"].write_target(leader.q, 1.0 - leader.trigger)
+            self._arms.clock.sleep(TICK_S)
+            if self.now() >= self._next_s:
+                self._next_s += SPEED * FRAME_S
+                self.frames.append(self._frame())
+
+    def _frame(self) -> Image.Image:
+        """The overview, and below it the recorded cameras."""
+        cameras = ("top", "wrist_left", "wrist_right")
+        small = [self._studio.picture(camera, at_rest=False).resize(SMALL) for camera in cameras]
+        width = 3 * SMALL[0] + 2 * GAP
+        overview = self._studio.picture("overview", OVERVIEW, at_rest=False).crop(ARMS)
+        overview = overview.resize((width, width * overview.height // overview.width), Image.Resampling.LANCZOS)
+        return sheet([[labelled(overview, f"{SPEED:g}x")], list(map(labelled, small, cameras))])
+
+    def close(self) -> None:
+        """End the control loop."""
+        self._arms.discard()
+
+
+def rig_film() -> list[Image.Image]:
+    """The left arm carries the cube to the middle, the right one from there to its own side."""
     studio = Studio("bimanual_table")
-    studio.lay_out(0)
-    studio.grasp("holding")
-    width = 3 * SIZE[0] + 2 * GAP
-    rows = [[studio.picture("overview", (width, width // 2))]]
-    rows.append([studio.picture(camera) for camera in ("top", "wrist_left", "wrist_right")])
+    hands = FilmedHands(studio)
+    operator = make_script(hands, studio.rig.scene(), "pick_and_place")
+    operator.begin()
+    hands.film()
+    for _ in SIDES:
+        operator.work()
+    for worker in operator.workers.values():
+        worker.go_home()
+    for worker in operator.workers.values():
+        worker.wait()
+    hands.close()
     studio.close()
-    return sheet(rows)
+    frames, last = hands.frames, hands.frames[-1]
+    frames += [Image.blend(last, frames[0], number / (FADE + 1)) for number in range(1, FADE + 1)]
+    return frames[STILL:] + frames[:STILL]
 
 
 def tasks_picture() -> Image.Image:
@@ -130,7 +207,20 @@ def looks_picture() -> Image.Image:
     return sheet(list(zip(*columns, strict=True)))
 
 
-PICTURES = {"rig": rig_picture, "tasks": tasks_picture, "pictures": moments_picture, "looks": looks_picture}
+PICTURES = {"rig": rig_film, "tasks": tasks_picture, "pictures": moments_picture, "looks": looks_picture}
+
+
+def save(drawn: Image.Image | list[Image.Image], path: Path) -> Path:
+    """Write a picture, or frames of a moving one that never ends; returns the file."""
+    if isinstance(drawn, Image.Image):
+        path = path.with_suffix(".png")
+        drawn.quantize(256, Image.Quantize.MAXCOVERAGE, kmeans=2).save(path, optimize=True)
+    else:
+        path = path.with_suffix(".webp")
+        first, *others = drawn
+        small = {"quality": 55, "method": 4, "kmin": len(drawn), "kmax": len(drawn) + 1}  # one whole picture
+        first.save(path, save_all=True, append_images=others, duration=round(1000 * FRAME_S), loop=0, **small)
+    return path
 
 
 def main() -> int:
@@ -140,9 +230,7 @@ def main() -> int:
     parser.add_argument("names", nargs="*", help=f"of {', '.join(PICTURES)}; default all")
     options = parser.parse_args()
     for name in options.names or PICTURES:
-        path = options.out / f"{name}.png"
-        PICTURES[name]().quantize(256, Image.Quantize.MAXCOVERAGE, kmeans=2).save(path, optimize=True)
-        print(path)
+        print(save(PICTURES[name](), options.out / name))
     return 0
 
 

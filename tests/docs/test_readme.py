@@ -30,7 +30,7 @@ def test_the_readme_is_read_in_two_minutes():
 
 def test_the_first_screen_has_the_hazard_the_command_and_the_picture():
     first = README.read_text().partition("\n## ")[0]
-    for shown in ("**Hazard.**", "**No real arm has been driven by this code yet.**", "rig.png"):
+    for shown in ("**Hazard.**", "**No real arm has been driven by this code yet.**", "rig.webp"):
         assert shown in first
     assert blocks(first, "bash") == ["scripts/record_sim\n"]
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError, RigError
 from lerobot_robot_yam.rig.client.rig_control import RigControl
+from lerobot_robot_yam.rig.client.rig_operations import RigOperations
 from lerobot_robot_yam.rig.operator.hands import Interrupted, Sight, sight_of
 from lerobot_robot_yam.rig.operator.scripts.catalog import make_script
 from lerobot_robot_yam.rig.operator.scripts.script import SIDES, Script, sides_of
@@ -32,7 +33,7 @@ _VERDICT_S = 2.0  # the judge sees a prop rest for a while before it says so
 class RigHands:
     """Implements `hands.Hands` on a live rig. Raises ConfigError: its scene has no leader or no follower of a side."""
 
-    def __init__(self, rig: RigControl, scene: dict[str, Any]):
+    def __init__(self, rig: RigOperations, scene: dict[str, Any]):
         self._rig, self._sides = rig, sides_of(scene)
         self._prop = scene["props"][0]["name"] if scene["props"] else ""
         channels = [row["channel"] for row in scene["arms"]]
