@@ -70,6 +70,7 @@ class RigCamera:
         self._socket: socket.socket | None = None
         self._block: SharedBlock | None = None
         self._seen = 0
+        self._read_last: tuple[int, np.ndarray | None] = (-1, None)  # the block's sequence number, and what it held
         self._heard: dict[str, Any] = {}  # the rig's last message about this camera
 
     @property
@@ -119,7 +120,8 @@ class RigCamera:
         """The newest frame, without waiting.
 
         Returns:
-            (height, width, 3) uint8 RGB, and the monotonic time in s of the state that it shows.
+            (height, width, 3) uint8 RGB, the same array as before if there is no newer frame; and the monotonic time in
+            s of the state that it shows.
 
         Raises:
             StaleStateError: it is older than max_age_s.
@@ -163,8 +165,13 @@ class RigCamera:
             time.sleep(_POLL_S)
 
     def _read(self, block: SharedBlock) -> np.ndarray | None:
+        sequence, (before, record) = block.sequence(), self._read_last
+        if sequence == before:  # copying and checking a frame again would cost more than waiting for the next
+            return record
         try:
-            return block.read()
+            record = block.read()
+            self._read_last = sequence, record
+            return record
         except StaleStateError as error:
             self._hear()
             raise StaleStateError(f"camera {self.camera}: its renderer stopped in the middle of a picture") from error
@@ -184,7 +191,7 @@ class RigCamera:
             with contextlib.suppress(OSError):
                 sock.shutdown(socket.SHUT_RDWR)  # also for a forked child that still holds it
             sock.close()
-        self._seen, self._heard = 0, {}
+        self._seen, self._heard, self._read_last = 0, {}, (-1, None)
 
     def __enter__(self) -> "RigCamera":
         self.connect()

@@ -53,6 +53,13 @@ def test_every_camera_shows_something(rig, name):
     assert len(np.unique(frame.reshape(-1, 3), axis=0)) > 30
 
 
+def test_a_frame_that_was_read_is_not_copied_again(rig):
+    with RigCamera("top", 32, 24, 1, rig=rig.name) as camera:
+        frame, _ = camera.wait_new(5.0)
+        assert camera.latest(5.0)[0] is frame
+        assert camera.wait_new(5.0)[0] is not frame
+
+
 def test_the_picture_follows_the_world(rig):
     def red(frame: np.ndarray) -> np.ndarray:
         r, g, b = np.moveaxis(frame.astype(int), 2, 0)
