@@ -170,7 +170,7 @@ class RigCamera:
             return record
         try:
             record = block.read()
-            self._read_last = sequence, record
+            self._read_last = sequence + sequence % 2, record  # it was odd: that frame was waited for
             return record
         except StaleStateError as error:
             self._hear()
