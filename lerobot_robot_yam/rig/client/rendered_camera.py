@@ -11,7 +11,7 @@ import socket
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -43,6 +43,14 @@ def frame_path(rig: str, camera: str, width: int, height: int, fps: int) -> Path
     return launch.rig_path(rig, f"camera-{slug(camera)}-{width}x{height}-{fps}")
 
 
+class _Frame(NamedTuple):
+    """A picture, (height, width, 3) uint8 RGB, its number, and the monotonic time in s of the state that it shows."""
+
+    number: int
+    stamp_s: float
+    rgb: np.ndarray
+
+
 class RigCamera:
     """Client of one camera. While it is connected the rig stays alive and draws it.
 
@@ -70,7 +78,7 @@ class RigCamera:
         self._socket: socket.socket | None = None
         self._block: SharedBlock | None = None
         self._seen = 0
-        self._read_last: tuple[int, np.ndarray | None] = (-1, None)  # the block's sequence number, and what it held
+        self._newest: tuple[int, _Frame | None] = (-1, None)  # the block's sequence number, and what it held
         self._heard: dict[str, Any] = {}  # the rig's last message about this camera
 
     @property
@@ -128,15 +136,15 @@ class RigCamera:
             RigError: not connected, or the rig or its renderer has ended.
         """
         record = self._read(self._connected())
-        age = float("inf") if record is None else time.monotonic() - float(record["stamp_s"])
+        age = float("inf") if record is None else time.monotonic() - record.stamp_s
         if record is None or age > max_age_s:
             self._hear()
             raise StaleStateError(
                 f"camera {self.camera}: newest frame is {age * 1e3:.0f} ms old, more than {max_age_s * 1e3:.0f} ms; "
                 + _TOO_BUSY
             )
-        self._seen = int(record["number"])
-        return record["rgb"], float(record["stamp_s"])
+        self._seen = record.number
+        return record.rgb, record.stamp_s
 
     def wait_new(self, timeout_s: float = 1.0) -> tuple[np.ndarray, float]:
         """The next frame that no call has returned yet; as `latest` otherwise.
@@ -153,10 +161,10 @@ class RigCamera:
             if block.sequence() != sequence:
                 sequence = block.sequence()
                 record = self._read(block)
-                if record is not None and int(record["number"]) > self._seen:
-                    self._seen = int(record["number"])
-                    if time.monotonic() - float(record["stamp_s"]) < max_age_s:
-                        return record["rgb"], float(record["stamp_s"])
+                if record is not None and record.number > self._seen:
+                    self._seen = record.number
+                    if time.monotonic() - record.stamp_s < max_age_s:
+                        return record.rgb, record.stamp_s
             if time.monotonic() > deadline:
                 self._hear()
                 raise StaleStateError(
@@ -164,14 +172,15 @@ class RigCamera:
                 )
             time.sleep(_POLL_S)
 
-    def _read(self, block: SharedBlock) -> np.ndarray | None:
-        sequence, (before, record) = block.sequence(), self._read_last
+    def _read(self, block: SharedBlock) -> _Frame | None:
+        sequence, (before, frame) = block.sequence(), self._newest
         if sequence == before:  # copying and checking a frame again would cost more than waiting for the next
-            return record
+            return frame
         try:
             record = block.read()
-            self._read_last = sequence + sequence % 2, record  # it was odd: that frame was waited for
-            return record
+            frame = None if record is None else _Frame(int(record["number"]), float(record["stamp_s"]), record["rgb"])
+            self._newest = sequence + sequence % 2, frame  # it was odd: that frame was waited for
+            return frame
         except StaleStateError as error:
             self._hear()
             raise StaleStateError(f"camera {self.camera}: its renderer stopped in the middle of a picture") from error
@@ -191,7 +200,7 @@ class RigCamera:
             with contextlib.suppress(OSError):
                 sock.shutdown(socket.SHUT_RDWR)  # also for a forked child that still holds it
             sock.close()
-        self._seen, self._heard, self._read_last = 0, {}, (-1, None)
+        self._seen, self._heard, self._newest = 0, {}, (-1, None)
 
     def __enter__(self) -> "RigCamera":
         self.connect()
