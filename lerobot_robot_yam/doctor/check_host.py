@@ -13,9 +13,10 @@ from lerobot_robot_yam.doctor.kit.usb import SYSFS, text_of
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.system.other_plugins import mixture, overwritten
 from lerobot_robot_yam.system.own_commands import as_root
-from lerobot_robot_yam.system.sleep_lock import SWITCH_OFF, SleepLock, can_sleep
 
 _RIGHTS = f"{as_root('yam-setup-can --rights')} (then log in again)"
+_STATES = Path("/sys/power/state")  # what the kernel can do, such as "freeze mem disk"
+_SUSPEND = Path("/etc/systemd/system/suspend.target")
 _CPUS_MIN = 4  # the loop, LeRobot, the video encoder and the system
 # In another process, since what is granted stays granted.
 _ASK = (
@@ -54,9 +55,9 @@ def check_host(sysfs: Path, section: Section) -> None:
     if governor == "powersave":
         what = "the CPU governor is powersave: wake-ups may be late"
         section.note(where, what, "sudo cpupower frequency-set -g performance")
-    if sysfs == SYSFS and can_sleep() and not _kept_awake():
-        what = "it may go to sleep while arms are driven, and then they fall: its systemd does not let us forbid that"
-        section.warn(where, what, SWITCH_OFF)
+    if sysfs == SYSFS and _can_sleep():
+        what = "it can go to sleep, and a desktop does so while arms are led by hand: asleep it lets them fall"
+        section.warn(where, what, "sudo systemctl mask sleep.target suspend.target hibernate.target")
     if overwritten():
         section.problem(where, *mixture())
     stop = EmergencyStop()
@@ -75,15 +76,9 @@ def _granted() -> str | None:
     return done.stdout.strip() or None
 
 
-def _kept_awake() -> bool:
-    try:
-        lock = SleepLock()
-    except OSError:
-        return False
-    try:
-        return lock.granted()[1]
-    finally:
-        lock.release()
+def _can_sleep() -> bool:
+    """Whether this computer can be suspended: a virtual machine often cannot, and systemd's target may be masked."""
+    return bool((text_of(_STATES) or "").split()) and _SUSPEND.resolve() != Path("/dev/null")
 
 
 def _limit(which: int) -> str:

@@ -1,6 +1,5 @@
 """Opening an arm's CAN channel, with errors that say what to check."""
 
-import contextlib
 import logging
 from collections.abc import Sequence
 
@@ -10,7 +9,6 @@ from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL, ArmConfig
 from lerobot_robot_yam.damiao.bus_port import RESET_LINK
 from lerobot_robot_yam.damiao.tables import BITRATE
 from lerobot_robot_yam.errors import BusError, YamError
-from lerobot_robot_yam.system.sleep_lock import kept_awake
 
 logger = logging.getLogger(__name__)
 
@@ -60,9 +58,3 @@ def open_bus(config: ArmConfig, only: Sequence[int] | None = None) -> can.BusABC
             f"{config.name}: cannot open CAN channel {config.channel!r} through interface {config.interface!r}: "
             f"{error}; {advice}"
         ) from error
-
-
-def keeps_awake(configs: Sequence[ArmConfig], quiet: bool = False) -> contextlib.AbstractContextManager[None]:
-    """Keeps the computer from sleeping as long as real arms are driven; `quiet`: another process logs it."""
-    real = [config.name for config in configs if config.interface != VIRTUAL]
-    return kept_awake(", ".join(real), quiet) if real else contextlib.nullcontext()

@@ -18,7 +18,7 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.loop_builder import build
 from lerobot_robot_yam.control.passive import passive_loop
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
-from lerobot_robot_yam.control.preflight.open_bus import keeps_awake, open_bus
+from lerobot_robot_yam.control.preflight.open_bus import open_bus
 from lerobot_robot_yam.control.process import stand_by
 from lerobot_robot_yam.control.process.caller import Caller
 from lerobot_robot_yam.state.desk_post import forget_the_dead
@@ -57,7 +57,6 @@ def control(
             lock = FileLock(lock_path(key), f"CAN channel {config.channel}")
             lock.acquire()
             ends.callback(lock.release)
-        ends.enter_context(keeps_awake(configs))
         for config in configs:
             buses.append(open_bus(config))
             ends.callback(buses[-1].shutdown)

@@ -3,22 +3,17 @@
 It is forked off before the control process opens anything, builds its own models, and then only waits on the other's
 pid, looking into the state blocks 50 times a second. If that process is gone (kill -9, out of memory) or has not
 ticked for a third of the motors' watchdog (stopped, stuck in the kernel: it is killed first), the stand-by opens the
-channels, lands what is energised, and takes the channel locks as the kernel frees them with their owner. It has a
-separate control group: what freezes or kills the control process's group spares it.
+channels, lands what is energised, and takes the channel locks as the kernel frees them with their owner.
 """
 
 import contextlib
 import logging
 import os
-import pwd
 import select
 import signal
-import subprocess
 import sys
-import threading
 import time
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -26,7 +21,7 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.actuation import gravity_model
 from lerobot_robot_yam.control.arm_controller import ArmController
 from lerobot_robot_yam.control.loop import ControlLoop
-from lerobot_robot_yam.control.preflight.open_bus import keeps_awake, open_bus
+from lerobot_robot_yam.control.preflight.open_bus import open_bus
 from lerobot_robot_yam.control.process.lifeline import ProcessEnd
 from lerobot_robot_yam.control.state_publisher import ControllerBlocks
 from lerobot_robot_yam.damiao.handle_encoder import HANDLE_IDS
@@ -45,17 +40,10 @@ _LOOK_S = 0.02
 _CLEARED_MS = 5000  # the kernel frees the locks of a dead process within this
 _HUNG_LOOKS = round(HUNG_S / _LOOK_S)  # looks in a row, not time: a machine that stood still has not looked
 
-_PREFIX = "yam-stand-by-"
-_GROUPS = Path("/proc/self/cgroup")
-_BOOTED = Path("/run/systemd/system")  # there while systemd runs the machine, see sd_booted(3)
-_LINGER = Path("/var/lib/systemd/linger")
-_ASK_S, _MOVED_S = 5.0, 2.0
-_SHARED = "shares its control group with the control process, so that a freezer or out-of-memory killer takes both: "
-
 
 def spawn(arms: Sequence[ResolvedArm], keys: Sequence[str], pairs: Sequence[BlockPair], rt_priority: int) -> int:
     """Fork the stand-by of this process, which must have opened nothing but its blocks. Returns its pid."""
-    control_pid, configs = os.getpid(), [arm.config for arm in arms]
+    control_pid = os.getpid()
     pid = os.fork()
     if pid:
         return pid
@@ -69,20 +57,13 @@ def spawn(arms: Sequence[ResolvedArm], keys: Sequence[str], pairs: Sequence[Bloc
             signal.signal(name, signal.SIG_IGN)
         avoid_oom_killer()
         with log_from_a_thread():
-            threading.Thread(target=_leave_group, name="yam-group", daemon=True).start()  # nothing waits for it
-            stand_by = StandBy(arms, keys, pairs, control_pid)
-            with keeps_awake(configs, quiet=True):  # now: no program may be started while an arm falls
-                stand_by.run(rt_priority)
+            StandBy(arms, keys, pairs, control_pid).run(rt_priority)
         status = 0
     except BaseException:
         logger.exception("stand-by failed")
     finally:
         sys.stderr.flush()
         os._exit(status)  # the clean-up of the control process is not ours
-
-
-def _leave_group() -> None:
-    logger.info("the stand-by (%d) %s", os.getpid(), leave_group())
 
 
 class StandBy:
@@ -178,75 +159,3 @@ def _take(locks: Sequence[FileLock]) -> bool:
             with contextlib.suppress(ChannelInUseError, OSError):  # a full disk must not end the landing
                 lock.acquire()
     return True
-
-
-def leave_group() -> str:
-    """Move this process into a separate control group; returns the result for the log. Takes up to 7 s.
-
-    Where systemd runs the machine it puts the stand-by into a scope. Elsewhere a group beside ours is made, where that
-    is allowed. Nothing depends on the result until a whole group is frozen or killed.
-    """
-    before = _group()
-    if before in ("", "/"):
-        return "is in no control group but the machine's, or its container's"
-    try:
-        if _BOOTED.exists():
-            _ask_systemd(before)
-        else:
-            _make_group(before)
-    except (OSError, KeyError, subprocess.TimeoutExpired) as error:  # KeyError: a user without a name
-        return f"{_SHARED}{error}"
-    deadline = time.monotonic() + _MOVED_S
-    while (now := _group()) == before:
-        if time.monotonic() > deadline:
-            return _SHARED + "systemd has not moved it"
-        time.sleep(0.02)
-    return f"has a control group of its own, {now}"
-
-
-def _group() -> str:
-    """Path of our group in version 2 of the hierarchy, empty where the kernel has no version 2."""
-    lines = _GROUPS.read_text().splitlines()
-    return next((line.removeprefix("0::") for line in lines if line.startswith("0::")), "")
-
-
-def _ask_systemd(group: str) -> None:
-    """Have the manager that lives as long as we do make a scope; OSError or TimeoutExpired if it does not."""
-    uid, environment = os.getuid(), dict(os.environ)
-    if uid:
-        # At log-out the user's manager ends with all its scopes; processes started in a session may live on.
-        if f"/user@{uid}.service/" not in group and not (_LINGER / pwd.getpwuid(uid).pw_name).exists():
-            raise OSError(f"the user's systemd ends before it; `loginctl enable-linger` keeps that (group {group})")
-        environment.setdefault("XDG_RUNTIME_DIR", f"/run/user/{uid}")
-    name, pid = "org.freedesktop.systemd1", str(os.getpid())
-    call = ["busctl", "--user" if uid else "--system", "call", name, "/org/freedesktop/systemd1", f"{name}.Manager"]
-    call += ["StartTransientUnit", "ssa(sv)a(sa(sv))", f"{_PREFIX}{pid}.scope", "fail"]
-    call += ["2", "Description", "s", "lands YAM arms whose control process has died", "PIDs", "au", "1", pid, "0"]
-    null, pipe = subprocess.DEVNULL, subprocess.PIPE
-    done = subprocess.run(call, env=environment, stdin=null, stdout=null, stderr=pipe, text=True, timeout=_ASK_S)
-    if done.returncode:
-        raise OSError(f"systemd refuses: {done.stderr.strip()}")
-
-
-def _make_group(group: str) -> None:
-    """Make one beside ours. Raises OSError: we may not."""
-    beside = Path(_mount() + group).parent
-    for left in beside.glob(f"{_PREFIX}*"):
-        with contextlib.suppress(OSError):  # a process is in it still
-            left.rmdir()
-    own = beside / f"{_PREFIX}{os.getpid()}"
-    own.mkdir()
-    try:
-        (own / "cgroup.procs").write_text(f"{os.getpid()}\n")
-    except OSError:
-        own.rmdir()
-        raise
-
-
-def _mount() -> str:
-    """Where the whole hierarchy is mounted. Raises OSError: nowhere."""
-    for line in Path("/proc/self/mountinfo").read_text().splitlines():
-        where, _, what = line.partition(" - ")
-        if what.startswith("cgroup2 ") and where.split()[3] == "/":
-            return where.split()[4]
-    raise OSError("version 2 of the control groups is not mounted")
