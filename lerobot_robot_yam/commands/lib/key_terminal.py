@@ -1,39 +1,79 @@
 """The terminal of a command that is driven by single keys."""
 
+import contextlib
+import os
 import re
+import select
 import sys
 import termios
 import tty
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from lerobot_robot_yam.face.operator_keys.user_terminal import UserTerminal
+from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.signals import end_session_on_signals
 
 QUIT = ("q", "\x04", "\x1a")  # Ctrl-D and Ctrl-Z, too
 _CC = 6  # the characters, among what tcgetattr returns
 _KEY = re.compile(r"\x1b\[[A-D]|[\s\S]")  # an arrow, or one character, Escape too
+_CHUNK = 1024  # bytes
+_SPLIT_S = 0.02  # wait for the rest of an arrow key, s: a slow line splits it
+_SPLIT = (b"\x1b", b"\x1b[", b"\x1bO")
+
+
+class KeyTerminal:
+    """Reads a terminal key by key.
+
+    Args:
+        descriptor: of the terminal, which the caller keeps open.
+
+    Attributes:
+        gone: it was closed.
+    """
+
+    def __init__(self, descriptor: int):
+        self._descriptor = descriptor
+        self.gone = False
+
+    def keys(self, within_s: float) -> list[str]:
+        """The keys that are typed next, none after `within_s`. An arrow is one key, such as `\\x1b[A`."""
+        typed = self._read(within_s)
+        while typed.endswith(_SPLIT) and (rest := self._read(_SPLIT_S)):
+            typed += rest
+        return _KEY.findall(typed.decode(errors="replace"))
+
+    def _read(self, within_s: float) -> bytes:
+        if self.gone or not select.select([self._descriptor], [], [], within_s)[0]:
+            return b""
+        with contextlib.suppress(OSError):
+            if typed := os.read(self._descriptor, _CHUNK):
+                return typed
+        self.gone = True  # a terminal that has hung up tells the end of its input, or an error, for ever
+        return b""
 
 
 @contextmanager
-def key_terminal() -> Iterator[UserTerminal]:
-    """The terminal, set to give each key at once; it is given back whatever ends the block, a kill included.
+def key_terminal() -> Iterator[KeyTerminal]:
+    """The terminal, set to give each key at once. Its mode is given back when the block ends.
 
     SIGTERM and SIGHUP end the block like Ctrl-C.
+
+    Raises:
+        ConfigError: the command runs in the background of a shell, which would stop it at the first key.
     """
+    descriptor = sys.stdin.fileno()
+    with contextlib.suppress(OSError):  # it is no shell's that has started us: nobody minds
+        if os.tcgetpgrp(descriptor) != os.getpgrp():
+            raise ConfigError("this command is driven by keys: run it in the foreground, without &")
     undo = end_session_on_signals()
-    terminal = UserTerminal(sys.stdin.fileno())
+    before = termios.tcgetattr(descriptor)
     try:
-        mode = termios.tcgetattr(sys.stdin.fileno())
+        mode = termios.tcgetattr(descriptor)
         tty.cfmakecbreak(mode)
         mode[_CC][termios.VSUSP] = b"\0"  # a program that is stopped by Ctrl-Z lets the arm fall
-        terminal.set_mode(mode)
-        yield terminal
+        termios.tcsetattr(descriptor, termios.TCSANOW, mode)
+        yield KeyTerminal(descriptor)
     finally:
-        terminal.close()
+        with contextlib.suppress(termios.error):  # it is gone
+            termios.tcsetattr(descriptor, termios.TCSANOW, before)
         undo()
-
-
-def typed_keys(terminal: UserTerminal, within_s: float) -> list[str]:
-    """The keys that are typed next, none after `within_s`. An arrow is one key, such as `\\x1b[A`."""
-    return _KEY.findall(terminal.typed(within_s).decode(errors="replace"))

@@ -41,7 +41,6 @@ class Situation:
         left_s: until the phase ends by itself.
         flags: of a command that records episode by episode, LeRobot's own, which its keys set.
         do: what LeRobot's listener does at one of these keys.
-        listens: False: it has no listener; its keys are ours, and `do` is the only way.
     """
 
     command: str = ""
@@ -53,7 +52,6 @@ class Situation:
     left_s: float = math.inf
     flags: dict[str, Any] = field(default_factory=dict)
     do: Callable[[str], None] = lambda key: None
-    listens: bool = True
 
     @property
     def frames(self) -> int:

@@ -1,4 +1,4 @@
-"""A thread that watches the handles of a leader device, and presses LeRobot's keys; or does what a page asks for."""
+"""A thread that does what LeRobot's keys do when a handle's button is pressed, or when a page asks for it."""
 
 import contextlib
 import logging
@@ -8,12 +8,11 @@ from collections.abc import Callable, Mapping
 from queue import Empty, SimpleQueue
 from types import FrameType
 
-from lerobot_robot_yam.errors import ConfigError, YamError
+from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.face.operator_keys import key_plan, requests, running_command
 from lerobot_robot_yam.face.operator_keys.auto_episodes import AutoEpisodes, all_lifted, led_by_hand
 from lerobot_robot_yam.face.operator_keys.edges import RisingEdges, buttons_of
 from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation, StopRequest
-from lerobot_robot_yam.face.operator_keys.keyboard import Keyboard, keyboard
 from lerobot_robot_yam.face.operator_keys.meanings import LABELS, Meaning
 from lerobot_robot_yam.face.operator_keys.requests import Press
 from lerobot_robot_yam.face.recorder.outcome_book import OutcomeBook
@@ -26,7 +25,7 @@ _ASKED_PERIOD_S = 0.05  # and at what was asked for, where there are none
 _LOOK_S = 0.02  # of the look at the command, while there is a reason to
 _SELDOM_S = 0.5  # and while there is none: its data set may be new
 _AGAIN_S = 2.0  # a key that nobody has asked for by a button, and that has no answer for so long, is pressed again
-_END_S = 1.0  # a key takes 0.06 s at most, but the display of an ssh connection that is dead answers never
+_END_S = 1.0  # longest wait for the end of the thread, s
 _GOAL_S = 60.0  # LeRobot aligns leaders for 2 s, and saves for as long as it takes
 
 
@@ -36,12 +35,11 @@ class OperatorKeys:
     Args:
         meanings: of buttons, such as left_bottom; empty: none has any.
         auto: episodes begin when all leaders are lifted and end when they are home.
-        by_request: there are no handles. What is asked for is done as LeRobot's listener does it, without a keyboard.
+        by_request: there are no handles, only requests.
     """
 
     def __init__(self, meanings: Mapping[str, Meaning], auto: bool, by_request: bool = False):
         self._meanings, self._automatic, self._by_request = meanings, auto, by_request
-        self._keyboard: Keyboard | None = None
         self._thread: threading.Thread | None = None
         self._ends = threading.Event()
         self._forget()
@@ -61,9 +59,6 @@ class OperatorKeys:
         Args:
             frame: the caller's.
             read: the newest state of each arm by its prefix.
-
-        Raises:
-            ConfigError: the system has no pseudo-terminal left.
         """
         if not (self._meanings or self._automatic or self._by_request):
             return
@@ -73,12 +68,6 @@ class OperatorKeys:
             return
         self._forget()
         self._ends = threading.Event()  # its own, for the case that an earlier thread hangs
-        try:
-            if not self._by_request:
-                self._keyboard = keyboard()
-                self._keyboard.take()
-        except OSError as error:
-            raise ConfigError(f"buttons: no pseudo-terminal can be had: {error.strerror}") from error
         requests.join(self, first=not self._by_request)  # those of a leader know whether episodes are automatic
         self._thread = threading.Thread(target=self._run, args=(read, self._ends), name="operator keys", daemon=True)
         self._thread.start()
@@ -89,21 +78,12 @@ class OperatorKeys:
         requests.leave(self)
 
     def stop(self) -> None:
-        """End, and leave the terminal as it was. Idempotent."""
+        """End, and write the last labels. Idempotent."""
         self.end()
         thread, self._thread = self._thread, None
-        hangs = False
-        try:
-            if thread is not None:
-                thread.join(_END_S)
-                hangs = thread.is_alive()
-                self._book.close()
-        finally:
-            way, self._keyboard = self._keyboard, None
-            if hangs:  # so would who gives back what it waits for: an X server behind a dead connection
-                logger.warning("buttons: a key was pressed, and the display does not answer; left as it is")
-            elif way is not None:
-                way.give_back()
+        if thread is not None:
+            thread.join(_END_S)
+            self._book.close()
 
     def _run(self, read: Callable[[], Mapping[str, ArmState]], ends: threading.Event) -> None:
         while not ends.wait(_ASKED_PERIOD_S if self._by_request else _PERIOD_S):
@@ -194,7 +174,4 @@ class OperatorKeys:
         if again is not None and this == self._last and (not again or now_s - self._pressed_s < _AGAIN_S):
             return
         self._last, self._pressed_s = this, now_s
-        if self._keyboard is None or not now.listens:
-            now.do(key)
-        else:
-            self._keyboard.press(key)
+        now.do(key)

@@ -92,4 +92,4 @@ def _strategy(strategy: Any, ctx: Any, loop: Phase, turn: float, left_s: float) 
             "esc": stop.set,
         }
         return Situation(command, Phase.AUTONOMOUS, keys, dataset, turn, do=lambda key: does[key]())
-    return Situation(command, Phase.AUTONOMOUS, stopped, dataset, turn, do=lambda key: stop.set(), listens=False)
+    return Situation(command, Phase.AUTONOMOUS, stopped, dataset, turn, do=lambda key: stop.set())

@@ -38,17 +38,13 @@ def command(monkeypatch):
     def look():
         return state.now
 
-    way = SimpleNamespace(
-        take=lambda: None, give_back=lambda: None, press=lambda key: pressed.append(("keyboard", key))
-    )
-    monkeypatch.setattr(operator_keys, "keyboard", lambda: way)
     monkeypatch.setattr(operator_keys.running_command, "hears_keys", lambda frame: True)
     monkeypatch.setattr(operator_keys.running_command, "look", look)
     return state
 
 
 def during(command, **fields):
-    command.now = Situation(RECORD, do=lambda key: command.pressed.append(("flags", key)), **fields)
+    command.now = Situation(RECORD, do=command.pressed.append, **fields)
 
 
 def test_a_followers_keys_do_what_the_listener_does(command):
@@ -56,31 +52,22 @@ def test_a_followers_keys_do_what_the_listener_does(command):
     during(command, phase=Phase.AUTONOMOUS, keys={Meaning.SAVE: "s"})
     keys.start(None, dict)
     assert requests.ask(Press("a page", Meaning.SAVE))
-    wait(lambda: command.pressed == [("flags", "s")])
+    wait(lambda: command.pressed == ["s"])
     keys.stop()
     assert not requests.ask(Press("a page", Meaning.SAVE)) and requests.offers(command.now, 0) == {}
 
 
 def test_a_leaders_keys_come_first(command):
+    """They know whether episodes are automatic."""
     follower, leader = OperatorKeys({}, auto=False, by_request=True), OperatorKeys({"top": Meaning.NEXT}, auto=False)
     during(command, phase=Phase.AUTONOMOUS, keys={Meaning.SAVE: "s"})
     follower.start(None, dict)
     leader.start(None, dict)
-    requests.ask(Press("a page", Meaning.SAVE))
-    wait(lambda: command.pressed == [("keyboard", "s")])
+    assert requests._doers == [leader, follower]
     leader.stop()
     requests.ask(Press("a page", Meaning.SAVE))
-    wait(lambda: command.pressed[1:] == [("flags", "s")])
+    wait(lambda: command.pressed == ["s"])
     follower.stop()
-
-
-def test_a_command_that_hears_no_keys_is_asked_directly(command):
-    leader = OperatorKeys({"top": Meaning.STOP}, auto=False)
-    during(command, phase=Phase.AUTONOMOUS, keys={Meaning.STOP: "esc"}, listens=False)
-    leader.start(None, dict)
-    requests.ask(Press("a page", Meaning.STOP))
-    wait(lambda: command.pressed == [("flags", "esc")])
-    leader.stop()
 
 
 def test_what_is_for_a_phase_that_is_over_does_nothing(command, caplog):
@@ -90,7 +77,7 @@ def test_what_is_for_a_phase_that_is_over_does_nothing(command, caplog):
     requests.ask(Press("a page", Meaning.SAVE, turn=1.0))
     wait(lambda: "came too late" in caplog.text)
     requests.ask(Press("a page", Meaning.SAVE, turn=2.0))
-    wait(lambda: command.pressed == [("flags", "s")])
+    wait(lambda: command.pressed == ["s"])
     keys.stop()
 
 

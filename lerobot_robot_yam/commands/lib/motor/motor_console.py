@@ -11,7 +11,7 @@ from lerobot_robot_yam.arm.mounting import gripper_id
 from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.commands.lib.arm_command import arm_config, ask, tell
-from lerobot_robot_yam.commands.lib.key_terminal import QUIT, key_terminal, typed_keys
+from lerobot_robot_yam.commands.lib.key_terminal import QUIT, KeyTerminal, key_terminal
 from lerobot_robot_yam.commands.lib.motor.motor_bench import SAFE_COUNTS, MotorBench
 from lerobot_robot_yam.commands.lib.motor.motor_knob import HELP, MODES, Knob
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
@@ -21,7 +21,6 @@ from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.settings.motor_memory import MotorState, read_state
 from lerobot_robot_yam.damiao.tables import TIMEOUT_COUNT_S, ControlMode, Fault, fault_text, motor_type
 from lerobot_robot_yam.errors import ConfigError, MotorError
-from lerobot_robot_yam.face.operator_keys.user_terminal import UserTerminal
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.system.signals import undisturbed
 
@@ -165,7 +164,7 @@ class _Motor:
         raise MotorError(f"{self.where} MAY STILL BE ENERGISED: support the arm, and switch its power off")
 
 
-def _follow_keys(motor: _Motor, knob: Knob, terminal: UserTerminal) -> None:
+def _follow_keys(motor: _Motor, knob: Knob, terminal: KeyTerminal) -> None:
     """Send the knob's commands until `q` is typed or the terminal is closed.
 
     Raises:
@@ -176,7 +175,7 @@ def _follow_keys(motor: _Motor, knob: Knob, terminal: UserTerminal) -> None:
     shown_s = -math.inf
     while not terminal.gone:
         before, stopped = stopped, stop.latched
-        for key in typed_keys(terminal, _PERIOD_S):
+        for key in terminal.keys(_PERIOD_S):
             if key in QUIT:
                 return
             if not stopped:

@@ -1,0 +1,67 @@
+"""Keys for the driver itself: beside LeRobot's listener, and without one."""
+
+import inspect
+import os
+import time
+
+import pytest
+from lerobot.utils import keyboard_input
+
+from lerobot_robot_yam.face.operator_keys.typed_keys import TypedKeys
+
+
+@pytest.fixture
+def typing(monkeypatch):
+    """Types into the terminal that is standard input here."""
+    if keyboard_input.pynput_can_capture():
+        pytest.skip("the keys of the desktop count here")
+    master, slave = os.openpty()
+    with open(slave) as file, open(master, "wb", buffering=0) as typing:
+        monkeypatch.setattr("sys.stdin", file)
+        yield typing.write
+
+
+def wait(condition):
+    deadline = time.monotonic() + 10.0
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+def record_loop(keys, listener):
+    """Calls as a command of LeRobot's does, which has its listener in a variable of this name."""
+    keys.listen(inspect.currentframe())
+
+
+def test_a_key_is_heard_beside_lerobots_listener(typing):
+    theirs, ours = [], []
+    listener = keyboard_input.create_key_listener(theirs.append)
+    keys = TypedKeys(ours.append)
+    record_loop(keys, listener)
+    record_loop(keys, listener)
+    typing(b"g\x1b[C")
+    wait(lambda: len(theirs) == 2)
+    assert ours == theirs == ["g", "right"]
+    keys.stop()
+    listener.stop()
+
+
+def test_a_key_is_heard_where_lerobot_listens_to_none(typing):
+    ours = []
+    keys = TypedKeys(ours.append)
+    keys.listen(None)
+    typing(b"j")
+    wait(lambda: ours == ["j"])
+    keys.stop()
+    keys.stop()
+
+
+def test_what_a_key_breaks_does_not_cost_lerobot_the_key(typing, caplog):
+    theirs = []
+    listener = keyboard_input.create_key_listener(theirs.append)
+    keys = TypedKeys(lambda key: 1 / 0)
+    record_loop(keys, listener)
+    typing(b"g")
+    wait(lambda: theirs == ["g"])
+    assert "'g' was not understood" in caplog.text
+    listener.stop()
