@@ -9,7 +9,10 @@ yam-handle range --channel can_leader_l --calibration left.json   learn how far 
 
 import argparse
 import json
+import math
+import select
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 
 from lerobot_robot_yam.commands.lib.arm_command import (
@@ -22,7 +25,6 @@ from lerobot_robot_yam.commands.lib.arm_command import (
     seconds,
     tell,
 )
-from lerobot_robot_yam.commands.lib.motor.motor_watch import ticks
 from lerobot_robot_yam.control.gripper.trigger_range import learn, load_range, save_range
 from lerobot_robot_yam.damiao.handle_encoder import (
     EEPROM_ZERO_HIGH,
@@ -149,7 +151,16 @@ def _share(args: argparse.Namespace, report: HandleReport) -> float:
 
 def _reports(handle: HandleAccess, seconds: float | None) -> Iterator[HandleReport]:
     """Reports until the time has passed, or Enter is pressed."""
-    return (handle.report() for _ in ticks(seconds, _LIVE_S))
+    end_s, terminal = math.inf if seconds is None else time.monotonic() + seconds, sys.stdin.isatty()
+    while True:
+        yield handle.report()
+        if terminal and select.select([sys.stdin], [], [], _LIVE_S)[0]:
+            sys.stdin.readline()
+            return
+        if not terminal:
+            time.sleep(_LIVE_S)
+        if time.monotonic() >= end_s:
+            return
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ yam-motors timeout --channel can_follower_l 0.4                      seconds wit
 yam-motors dump --channel can_follower_l left.yaml                   all registers of the arm, into a file
 yam-motors diff --channel can_follower_l left.yaml                   exit status 1 when something differs
 yam-motors restore --channel can_follower_l left.yaml                writes back what differs, and stores it
-yam-motors watch --channel can_follower_l                            a live table of limp motors, until Enter
 yam-motors console --channel can_follower_l --motor joint_6          ENERGISES this motor: it follows the arrow keys
 yam-motors monitor --channel can_follower_l                          beside a session: latency and lost answers
 """
@@ -40,9 +39,7 @@ from lerobot_robot_yam.commands.lib.motor.motor_changes import (
 from lerobot_robot_yam.commands.lib.motor.motor_console import console
 from lerobot_robot_yam.commands.lib.motor.motor_dump import differences, load_dump, save_dump, shown
 from lerobot_robot_yam.commands.lib.motor.motor_ids import set_id
-from lerobot_robot_yam.commands.lib.motor.motor_knob import MODES
 from lerobot_robot_yam.commands.lib.motor.motor_monitor import monitor_session
-from lerobot_robot_yam.commands.lib.motor.motor_watch import watch_motors
 from lerobot_robot_yam.damiao.motor_spec import MOTOR_IDS
 from lerobot_robot_yam.damiao.settings.register_ranges import register_named
 from lerobot_robot_yam.errors import ConfigError, MotorError
@@ -91,10 +88,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     dump = action("dump", _dump, "write all registers of an arm into a file; reads only")
     diff = action("diff", _diff, "compare an arm with a file; exit status 1 when something differs", motors=False)
     restore = action("restore", restore_arm, "write back and store what differs from a file", motors=False, asks=True)
-    watch = action("watch", watch_motors, "a live table of an arm's limp motors; reads only")
-    watch.add_argument("--seconds", type=seconds, help="for how long (default: until Enter or Ctrl-C)")
     keys = action("console", console, "ENERGISE one motor, and turn it by the arrow keys")
-    keys.add_argument("--mode", choices=MODES, default="mit", help="how the motor is driven (default mit)")
     keys.add_argument("--range", type=float, default=0.5, help="how far from where it is, rad (default 0.5)")
     keys.set_defaults(yes=False)
     beside = actions.add_parser("monitor", help="beside a session: latency and lost answers; listens only")

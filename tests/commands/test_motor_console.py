@@ -1,4 +1,4 @@
-"""yam-motors console and watch at a terminal, on the rig: the only action that energises anything."""
+"""yam-motors console and monitor, on the rig: the only action that energises anything."""
 
 import signal
 import sys
@@ -36,10 +36,9 @@ def enabled(rig):
     return [name for name, motor in rig.state()["arms"]["only"]["motors"].items() if motor["enabled"]]
 
 
-@pytest.mark.parametrize("mode", ["mit", pytest.param("position", marks=pytest.mark.long)])
-def test_one_motor_follows_the_arrow_keys_and_is_let_down(arm, console, mode):
+def test_one_motor_follows_the_arrow_keys_and_is_let_down(arm, console):
     before = motor_rad(arm)
-    terminal = console("--mode", mode)
+    terminal = console()
     terminal.wait_shown("Type enable to energise joint_6")
     assert "HANGS" not in terminal.shown and not events(arm, "motor_enabled")
     terminal.type(b"enable\n")
@@ -74,39 +73,6 @@ def test_keys_that_come_fast_do_not_make_the_motor_fast(arm, console):
     assert moved < 1.1 * SPEED_RAD_S * seconds + 0.1
     terminal.type(b"q")
     assert terminal.end() == 0
-
-
-@pytest.mark.long
-def test_a_motor_that_misses_its_end_is_told_again(arm, console):
-    """In the velocity mode it goes on turning, and heeds no damping, until it has heard that it is in the mode mit."""
-    terminal = console("--mode", "velocity", "--range", "3")
-    terminal.wait_shown("Type enable")
-    terminal.type(b"enable\n")
-    terminal.wait_shown("target")
-    terminal.type(RIGHT * 6)
-    terminal.wait_shown(" q +0.2")
-    arm.fault("only", "joint_6", "command_loss_rate", 1.0)
-    terminal.type(b"\x1a")  # Ctrl-Z would stop the program, so that the joint would fall: it quits
-    time.sleep(0.2)
-    arm.fault("only", "joint_6", "command_loss_rate", 0.0)
-    before = motor_rad(arm)["joint_6"]
-    assert terminal.end() == 0 and enabled(arm) == []
-    assert motor_rad(arm)["joint_6"] - before < 0.3
-
-
-@pytest.mark.long
-def test_the_velocity_mode_turns_until_it_is_told_to_stay(arm, console):
-    before = motor_rad(arm)["joint_6"]
-    terminal = console("--mode", "velocity")
-    terminal.wait_shown("Type enable")
-    terminal.type(b"enable\n")
-    terminal.wait_shown("target")
-    terminal.type(RIGHT * 6)
-    terminal.wait_shown(" q +0.2")
-    terminal.type(b" ")
-    terminal.type(b"q")
-    assert terminal.end() == 0 and enabled(arm) == []
-    assert motor_rad(arm)["joint_6"] > before + 0.1
 
 
 def test_an_arm_in_the_air_is_said_to_be_and_asked_about(arm, console):
@@ -175,19 +141,6 @@ def test_what_speaks_against_energising_is_named(arm, capsys, monkeypatch):
         assert f"joint_6 goes on {lasts} if this program dies; set its time-out first" in said
     arm.fault("only", "joint_2", "nibble", 0xC)
     assert "joint_2 (id 2) reports 0xC" in refused(arm, capsys, "console", "--motor", "joint_6")
-
-
-# watching
-
-
-def test_watch_shows_limp_motors_and_energises_none(arm, capsys):
-    arm.fault("only", "joint_3", "temperatures_c", [44, 55])
-    assert main(["watch", "--seconds", "0.3", *arguments(arm)]) == 0
-    tables = capsys.readouterr().out.split("motor ")[1:]
-    assert len(tables) >= 2
-    (line,) = [line for line in tables[-1].splitlines() if line.startswith("joint_3")]
-    assert line.split()[-4:] == ["44", "55", "0x0", "disabled"]
-    assert not events(arm, "motor_enabled")
 
 
 def test_monitor_listens_beside_a_session(arm, capsys):

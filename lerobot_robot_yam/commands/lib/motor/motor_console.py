@@ -13,7 +13,7 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.commands.lib.arm_command import arm_config, ask, tell
 from lerobot_robot_yam.commands.lib.key_terminal import QUIT, KeyTerminal, key_terminal
 from lerobot_robot_yam.commands.lib.motor.motor_bench import SAFE_COUNTS, MotorBench
-from lerobot_robot_yam.commands.lib.motor.motor_knob import HELP, MODES, Knob
+from lerobot_robot_yam.commands.lib.motor.motor_knob import HELP, Knob
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
 from lerobot_robot_yam.control.preflight.role import likely_gripper, probe_role
 from lerobot_robot_yam.damiao.codec import SpecialCommand, encode_mit, ranges_of, unpack_feedback
@@ -53,7 +53,7 @@ def console(args: argparse.Namespace, bench: MotorBench) -> int:
     state = read_state(bench.access, can_id)
     if state is None:
         raise MotorError(f"{bench.channel}: {name} gives no feedback; nothing was energised")
-    knob = Knob(kind, MODES[args.mode], state.position_rad, args.range, most_nm)
+    knob = Knob(kind, state.position_rad, args.range, most_nm)
     _turn(_Motor(bench, can_id, kind), knob)
     tell(f"\n{name} is limp")
     return 0
@@ -74,7 +74,7 @@ def _turn(motor: "_Motor", knob: Knob) -> None:
     """Energise the motor, turn it by the keys, and let it down however that ends."""
     with key_terminal() as terminal:
         try:
-            motor.enable(knob.mode)
+            motor.enable()
             tell(HELP)
             _follow_keys(motor, knob, terminal)
         finally:
@@ -129,29 +129,26 @@ class _Motor:
         self._kind, self._ranges = kind, ranges_of(kind)
         self._master = int(bench.access.find(can_id)[0].value)
 
-    def enable(self, mode: ControlMode) -> None:
+    def enable(self) -> None:
         """Raises MotorError: it does not take the mode."""
-        self.bench.access.write_and_check(self.can_id, Register.CTRL_MODE, mode)
+        self.bench.access.write_and_check(self.can_id, Register.CTRL_MODE, ControlMode.MIT)
         self.bench.access.special(self.can_id, SpecialCommand.ENABLE)
 
-    def exchange(self, identifier: int, data: bytes) -> MotorState | None:
+    def exchange(self, data: bytes) -> MotorState | None:
         """Send a command; its answer, None without one."""
-        answer = self.bench.access.exchange(self.can_id, self._master, identifier, data, _PERIOD_S)
+        answer = self.bench.access.exchange(self.can_id, self._master, self.can_id, data, _PERIOD_S)
         return None if answer is None else MotorState(*unpack_feedback(self._ranges, answer)[1:])
 
     def let_down(self) -> None:
-        """Damp it for a while, whatever mode it is in, and switch it off.
+        """Damp it for a while, and switch it off.
 
         Raises:
             MotorError: it is still energised.
         """
         access, damping = self.bench.access, encode_mit(self._kind, 0.0, 0.0, 0.0, _LET_DOWN_KD, 0.0)
-        mode, deadline = None, self.clock.now() + _LET_DOWN_S
+        deadline = self.clock.now() + _LET_DOWN_S
         while self.clock.now() < deadline:
-            if mode != ControlMode.MIT:  # in another one it goes on with its last command, and heeds no damping
-                access.write(self.can_id, Register.CTRL_MODE, ControlMode.MIT)
-                mode = access.read(self.can_id, Register.CTRL_MODE)
-            state = self.exchange(self.can_id, damping)
+            state = self.exchange(damping)
             if state is not None and state.fault != Fault.NORMAL:
                 break
             self.clock.sleep(_PERIOD_S)
@@ -159,7 +156,6 @@ class _Motor:
             access.special(self.can_id, SpecialCommand.DISABLE)
             state = read_state(access, self.can_id)
             if state is not None and state.fault != Fault.NORMAL:
-                access.write_and_check(self.can_id, Register.CTRL_MODE, ControlMode.MIT)
                 return
         raise MotorError(f"{self.where} MAY STILL BE ENERGISED: support the arm, and switch its power off")
 
@@ -179,11 +175,11 @@ def _follow_keys(motor: _Motor, knob: Knob, terminal: KeyTerminal) -> None:
             if key in QUIT:
                 return
             if not stopped:
-                knob.press(key, q)
+                knob.press(key)
         if stopped and not before:
-            knob.stay(q)
+            knob.stay()
         last_s, sent_s = sent_s, motor.clock.now()  # keys that come fast make the loop fast
-        state = motor.exchange(*knob.frame(motor.can_id, q, min(sent_s - last_s, _LONGEST_S)))
+        state = motor.exchange(knob.command(q, min(sent_s - last_s, _LONGEST_S)))
         now = motor.clock.now()
         if state is None and now - heard_s > _SILENT_S:
             raise MotorError(f"{motor.where} has fallen silent; its time-out lets it go")
@@ -198,9 +194,8 @@ def _follow_keys(motor: _Motor, knob: Knob, terminal: KeyTerminal) -> None:
 
 
 def _line(knob: Knob, state: MotorState, stopped: bool) -> str:
-    unit = "rad/s" if knob.mode == ControlMode.VELOCITY else "rad"
-    gains = f"kp {knob.kp:.1f} kd {knob.kd:.2f}  " if knob.mode == ControlMode.MIT else ""
+    gains = f"kp {knob.kp:.1f} kd {knob.kd:.2f}"
     measured = f"q {state.position_rad:+.3f} rad  dq {state.velocity_rad_s:+.2f}  tau {state.torque_nm:+.2f} Nm"
     heat = f"{state.temp_mos_c}/{state.temp_rotor_c} °C"
     end = "EMERGENCY STOP" if stopped else fault_text(state.fault)
-    return f"\rtarget {knob.target:+.3f} {unit} step {knob.step:g}  {gains}{measured}  {heat}  {end} "
+    return f"\rtarget {knob.target:+.3f} rad step {knob.step:g}  {gains}  {measured}  {heat}  {end} "

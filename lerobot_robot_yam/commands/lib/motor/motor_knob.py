@@ -1,24 +1,17 @@
-"""What the keys of the console turn: a target for one motor, in one of its three modes. Pure, no I/O.
+"""What the keys of the console turn: a target for one motor. Pure, no I/O.
 
-MIT: tau = kp (q* − q) − kd dq. The set-point q* goes to the target at a limited speed, and stays so near to q that
-kp |q* − q| is within the torque limit. In the position mode the motor's own loops do the same; in the velocity mode the
-target is a speed, which is 0 outside the range.
+tau = kp (q* − q) − kd dq. The set-point q* goes to the target at a limited speed, and stays so near to q that
+kp |q* − q| is within the torque limit.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from lerobot_robot_yam.damiao.codec import encode_mit, encode_position_velocity, encode_velocity
-from lerobot_robot_yam.damiao.tables import POSITION_VELOCITY_OFFSET, VELOCITY_OFFSET, ControlMode
+from lerobot_robot_yam.damiao.codec import encode_mit
 
-MODES = {
-    "mit": ControlMode.MIT,
-    "position": ControlMode.POSITION_VELOCITY,
-    "velocity": ControlMode.VELOCITY,
-}
 HELP = "left/right: target   up/down: step   k/K: kp   d/D: kd   space: stay here   q: let down and quit"
 SPEED_RAD_S = 0.5
-_STEPS = (0.01, 0.02, 0.05, 0.1, 0.2)  # rad, or rad/s
+_STEPS = (0.01, 0.02, 0.05, 0.1, 0.2)  # rad
 _GAIN_FACTOR = 1.25
 _SMALLEST_KP = 1.0
 
@@ -31,13 +24,11 @@ class Knob:
 
     Args:
         kind: motor type.
-        mode: as the motor is set.
         start_rad: where it is; the target stays within `range_rad` of it.
         torque_nm: the most that the position error may ask for.
     """
 
     kind: str
-    mode: ControlMode
     start_rad: float
     range_rad: float
     torque_nm: float
@@ -46,22 +37,22 @@ class Knob:
 
     def __post_init__(self) -> None:
         self.setpoint_rad = self.start_rad
-        self.target = 0.0 if self.mode == ControlMode.VELOCITY else self.start_rad
+        self.target = self.start_rad
         self._step = 2
 
     @property
     def step(self) -> float:
-        """What an arrow key adds: rad, or rad/s."""
+        """What an arrow key adds, rad."""
         return _STEPS[self._step]
 
-    def press(self, key: str, q: float) -> None:
+    def press(self, key: str) -> None:
         """One key; others than those of `HELP` do nothing."""
         actions: dict[str, Callable[[], None]] = {
             LEFT: lambda: self._aim(self.target - self.step),
             RIGHT: lambda: self._aim(self.target + self.step),
             UP: lambda: self._stride(1),
             DOWN: lambda: self._stride(-1),
-            " ": lambda: self.stay(q),
+            " ": self.stay,
             "k": lambda: self._gains(self.kp / _GAIN_FACTOR, self.kd),
             "K": lambda: self._gains(self.kp * _GAIN_FACTOR, self.kd),
             "d": lambda: self._gains(self.kp, self.kd / _GAIN_FACTOR),
@@ -70,30 +61,20 @@ class Knob:
         if key in actions:
             actions[key]()
 
-    def stay(self, q: float) -> None:
-        """Go nowhere from here. `q`: where the motor is, rad."""
-        places = {ControlMode.VELOCITY: 0.0, ControlMode.MIT: self.setpoint_rad}
-        self._aim(places.get(self.mode, q))
+    def stay(self) -> None:
+        """Go nowhere from here."""
+        self._aim(self.setpoint_rad)
 
-    def frame(self, can_id: int, q: float, elapsed_s: float) -> tuple[int, bytes]:
-        """The next command: identifier and 8 bytes. `q`: where the motor is, rad; `elapsed_s`: since the last."""
-        if self.mode == ControlMode.VELOCITY:
-            beyond = q - self.start_rad
-            out = abs(beyond) > self.range_rad and beyond * self.target > 0.0
-            return VELOCITY_OFFSET + can_id, encode_velocity(0.0 if out else self.target)
-        if self.mode == ControlMode.POSITION_VELOCITY:
-            return POSITION_VELOCITY_OFFSET + can_id, encode_position_velocity(self.target, SPEED_RAD_S)
+    def command(self, q: float, elapsed_s: float) -> bytes:
+        """The next command's 8 bytes. `q`: where the motor is, rad; `elapsed_s`: since the last."""
         way = SPEED_RAD_S * elapsed_s
         lead = self.torque_nm / self.kp
         moved = min(max(self.target, self.setpoint_rad - way), self.setpoint_rad + way)
         self.setpoint_rad = min(max(moved, q - lead), q + lead)
-        return can_id, encode_mit(self.kind, self.setpoint_rad, 0.0, self.kp, self.kd, 0.0)
+        return encode_mit(self.kind, self.setpoint_rad, 0.0, self.kp, self.kd, 0.0)
 
     def _aim(self, target: float) -> None:
-        if self.mode == ControlMode.VELOCITY:
-            self.target = min(max(target, -SPEED_RAD_S), SPEED_RAD_S)
-        else:
-            self.target = min(max(target, self.start_rad - self.range_rad), self.start_rad + self.range_rad)
+        self.target = min(max(target, self.start_rad - self.range_rad), self.start_rad + self.range_rad)
 
     def _stride(self, by: int) -> None:
         self._step = min(max(self._step + by, 0), len(_STEPS) - 1)
