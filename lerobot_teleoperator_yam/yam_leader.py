@@ -113,7 +113,7 @@ class LeaderBase(ArmDevice, Teleoperator):
         return {side.prefix: self._arms[side].published() for side in self._arms.sides}
 
     def disconnect(self) -> None:
-        """Land the arms, then give the terminal back. Idempotent."""
+        """Land the arms, then write the last labels. Idempotent."""
         self._keys.end()
         try:
             self._arms.stop()

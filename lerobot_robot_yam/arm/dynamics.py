@@ -45,6 +45,7 @@ class GravityModel:
         self._data = mujoco.MjData(self.model)
         n, data = self.joint_count, self._data
         self._qpos, self._qvel, self._qacc = data.qpos[:n], data.qvel[:n], data.qacc[:n]  # views
+        self._cvel, self._cdof_dot = data.cvel, data.cdof_dot  # views
         self._tau = np.zeros(self.model.nv)
         self._tcp = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, "tcp_site")
 
@@ -69,7 +70,7 @@ class GravityModel:
         moving = tau.copy()
         mujoco.mj_rne(self.model, data, 1, self._tau)
         accelerating = tau - moving
-        self._qvel[:] = data.cvel[:] = data.cdof_dot[:] = 0.0  # the next call may mean an arm at rest; NaN would stay
+        self._qvel[:] = self._cvel[:] = self._cdof_dot[:] = 0.0  # the next call may mean an arm at rest; NaN would stay
         return holding, moving - holding, accelerating
 
     def torque_per_kg(self, q: np.ndarray) -> np.ndarray:

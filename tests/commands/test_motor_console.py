@@ -75,6 +75,23 @@ def test_keys_that_come_fast_do_not_make_the_motor_fast(arm, console):
     assert terminal.end() == 0
 
 
+@pytest.mark.long
+def test_a_motor_that_misses_its_end_is_told_again(arm, console):
+    terminal = console("--range", "3")
+    terminal.wait_shown("Type enable")
+    terminal.type(b"enable\n")
+    terminal.wait_shown("target")
+    terminal.type(RIGHT * 6)
+    terminal.wait_shown(" q +0.2")
+    arm.fault("only", "joint_6", "command_loss_rate", 1.0)
+    terminal.type(b"\x1a")  # Ctrl-Z would stop the program, so that the joint would fall: it quits
+    time.sleep(0.2)
+    arm.fault("only", "joint_6", "command_loss_rate", 0.0)
+    before = motor_rad(arm)["joint_6"]
+    assert terminal.end() == 0 and enabled(arm) == []
+    assert motor_rad(arm)["joint_6"] - before < 0.3
+
+
 def test_an_arm_in_the_air_is_said_to_be_and_asked_about(arm, console):
     arm.set_pose("only", q=[0.0, 1.2, 1.2, 0.0, 0.0, 0.0])
     terminal = console()

@@ -13,7 +13,7 @@ from lerobot_robot_yam.face.operator_keys.meanings import LABELS, Meaning
 from lerobot_robot_yam.face.recorder.record_command import AGAIN, LEAVE_LOOP, STOP
 
 RECORD = "lerobot-record"
-_KEY_S = 0.2  # a key is on its way for about 0.03 s, and is answered at the next frame
+_KEY_S = 0.2  # longest time from the look at a command to its answer at the next frame, s
 
 
 class Phase(Enum):

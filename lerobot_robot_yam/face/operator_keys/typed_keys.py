@@ -3,7 +3,6 @@
 import logging
 from collections.abc import Callable
 from types import FrameType
-from typing import Any
 
 from lerobot.utils.keyboard_input import TerminalKeyListener, create_key_listener
 
@@ -22,7 +21,7 @@ class TypedKeys:
     def __init__(self, pressed: Callable[[str], None]):
         self._pressed = pressed
         self._listens = False
-        self._own: Any = None
+        self._end: Callable[[], None] = lambda: None
 
     def listen(self, frame: FrameType | None) -> None:
         """Begin at the first call, when LeRobot's own listener runs; `frame` is where LeRobot has called.
@@ -34,7 +33,8 @@ class TypedKeys:
         self._listens = True
         theirs = _listener(frame)
         if theirs is None:
-            self._own = create_key_listener(self._tell)
+            own = create_key_listener(self._tell)
+            self._end = (lambda: None) if own is None else own.stop
             return
         heard = theirs._on_key
 
@@ -42,13 +42,15 @@ class TypedKeys:
             self._tell(key)
             heard(key)
 
-        theirs._on_key = both
+        def leave() -> None:
+            theirs._on_key = heard
+
+        theirs._on_key, self._end = both, leave
 
     def stop(self) -> None:
         """Listen no more. Idempotent."""
-        own, self._own, self._listens = self._own, None, False
-        if own is not None:
-            own.stop()
+        end, self._end, self._listens = self._end, lambda: None, False
+        end()
 
     def _tell(self, key: str) -> None:
         try:

@@ -43,6 +43,14 @@ def test_a_key_is_heard_beside_lerobots_listener(typing):
     wait(lambda: len(theirs) == 2)
     assert ours == theirs == ["g", "right"]
     keys.stop()
+    typing(b"x")
+    wait(lambda: len(theirs) == 3)
+    assert ours == ["g", "right"]  # not when it has ended,
+    record_loop(keys, listener)
+    typing(b"y")
+    wait(lambda: len(theirs) == 4)
+    assert ours == ["g", "right", "y"]  # and once only in the next session
+    keys.stop()
     listener.stop()
 
 
