@@ -14,6 +14,7 @@ import pytest
 
 from lerobot_robot_yam.face.recorder.kept_episodes import SIDE_CAR
 from tests.support import seeded_sets as seeds
+from tests.support.night_table import table
 from tests.support.paths import ROOT
 from tests.support.terminal import Terminal
 
@@ -143,3 +144,20 @@ def test_ending_the_wrapper_ends_the_recording(tmp_path, record_sim):
     process.send_signal(signal.SIGTERM)
     output, _ = process.communicate(timeout=20)
     assert "ended" in output and process.returncode == 3
+
+
+def test_a_night_ends_with_a_table_of_what_fell():
+    def report(name, outcome, seconds, longrepr=None):
+        return pytest.TestReport(name, ("", 0, ""), {}, outcome, longrepr, "call", duration=seconds)
+
+    stats = {
+        "passed": [report("tests/arm/test_model.py::test_a", "passed", 60)],
+        "failed": [report("tests/control/test_landing.py::test_b[yam]", "failed", 30, "it fell\nand more")],
+        "": [report("tests/arm/test_model.py::test_a", "passed", 6)],  # setting it up
+    }
+    head, arm, control, total, fallen, _ = table(stats, seconds=90).splitlines()
+    assert head.split()[:3] == ["tests", "passed", "failed"]
+    assert arm.split() == ["tests/arm", "1", "0", "0", "0", "0", "1.1"]
+    assert control.split() == ["tests/control", "0", "1", "0", "0", "0", "0.5"]
+    assert total.split() == ["all", "1", "1", "0", "0", "0", "1.6"]
+    assert fallen == "tests/control/test_landing.py::test_b[yam]: it fell"
