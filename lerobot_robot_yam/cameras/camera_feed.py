@@ -10,8 +10,8 @@ from lerobot_robot_yam.errors import CameraError, StaleStateError, YamError
 
 logger = logging.getLogger(__name__)
 
-_RETRY_S = 0.05  # between two looks for a camera that is gone
-_JOIN_S = 2.0
+_RETRY_S = 0.05  # pause between two looks for a camera that is gone, s
+_JOIN_S = 2.0  # wait for the reading thread to end, s
 
 
 class CameraFeed:
@@ -20,14 +20,14 @@ class CameraFeed:
     Args:
         name: for messages.
         open_source: finds and opens the camera; raises a YamError if it cannot.
-        finish: makes of each picture what the caller wants, in the reading thread.
+        finish: turns each picture into what the caller wants, in the reading thread.
     """
 
     def __init__(self, name: str, open_source: Callable[[], PictureSource], finish: Callable[[Picture], Picture]):
         self._name, self._open, self._finish = name, open_source, finish
         self._news = threading.Condition()
         self._picture: Picture | None = None
-        self._number = 0  # of pictures until now
+        self._number = 0  # pictures until now
         self._trouble = ""
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
@@ -42,12 +42,7 @@ class CameraFeed:
         Raises:
             YamError: as `open_source` and the camera say.
         """
-        source = self._open()
-        try:
-            self._publish(source.read())
-        except BaseException:
-            source.close()
-            raise
+        source = self._opened()
         self._ended.clear()
         self._thread = threading.Thread(target=self._run, args=(source,), name=f"camera {self._name}", daemon=True)
         self._thread.start()
@@ -62,10 +57,7 @@ class CameraFeed:
         assert picture is not None, "start() has published one"
         age_s = time.monotonic() - picture.stamp_s
         if age_s > max_age_s:
-            raise StaleStateError(
-                f"{self._name}: newest picture is {age_s * 1e3:.0f} ms old, more than {max_age_s * 1e3:.0f} ms; "
-                + (self._trouble or "the camera, its USB bus or this machine is too slow")
-            )
+            raise self._stale(f"newest picture is {age_s * 1e3:.0f} ms old, more than {max_age_s * 1e3:.0f} ms")
         return picture
 
     def wait_new(self, after: int, timeout_s: float) -> tuple[Picture, int]:
@@ -76,10 +68,7 @@ class CameraFeed:
         """
         with self._news:
             if not self._news.wait_for(lambda: self._number > after, timeout_s):
-                raise StaleStateError(
-                    f"{self._name}: no new picture within {timeout_s * 1e3:.0f} ms; "
-                    + (self._trouble or "the camera, its USB bus or this machine is too slow")
-                )
+                raise self._stale(f"no new picture within {timeout_s * 1e3:.0f} ms")
             assert self._picture is not None
             return self._picture, self._number
 
@@ -115,12 +104,7 @@ class CameraFeed:
         since_s = time.monotonic()
         while not self._ended.wait(_RETRY_S):
             try:
-                source = self._open()
-                try:
-                    self._publish(source.read())
-                except CameraError:
-                    source.close()
-                    raise
+                source = self._opened()
             except YamError as error:
                 self._trouble = f"{error}; it is waited for"
                 continue
@@ -129,9 +113,24 @@ class CameraFeed:
             return source
         return None
 
+    def _opened(self) -> PictureSource:
+        """The camera, which has given a picture."""
+        source = self._open()
+        try:
+            self._publish(source.read())
+        except BaseException:
+            source.close()
+            raise
+        return source
+
     def _publish(self, picture: Picture) -> None:
         finished = self._finish(picture)
         with self._news:
             self._picture = finished
             self._number += 1
             self._news.notify_all()
+
+    def _stale(self, what: str) -> StaleStateError:
+        return StaleStateError(
+            f"{self._name}: {what}; " + (self._trouble or "the camera, its USB bus or this machine is too slow")
+        )

@@ -6,18 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lerobot_robot_yam.cameras.picture_source import Limits
-
-CLIPPED_AT = 250  # of 255: what a lamp or a white table loses when it is brighter
-MOST_CLIPPED = 0.02
-TARGET, CLOSE = 0.45, 0.04  # of full brightness: middle grey in a picture's own scale (sRGB), and near enough to it
+CLIPPED_AT = 250  # value of a colour, 0 to 255, from which a pixel counts as clipped
+MOST_CLIPPED = 0.02  # share of clipped pixels that is accepted
+TARGET, CLOSE = 0.45, 0.04  # mean brightness, 0 to 1: middle grey in a picture's own scale (sRGB), and its tolerance
 MOST_TRIES = 12
 _LUMA = (0.299, 0.587, 0.114)  # of red, green and blue, ITU-R BT.601
 
 
 @dataclass(frozen=True)
 class Brightness:
-    """Of a picture: the mean of all pixels, 0 to 1, and the share of pixels that are clipped."""
+    """Brightness of a picture: the mean of all pixels, 0 to 1, and the share of pixels that are clipped."""
 
     mean: float
     clipped: float
@@ -36,19 +34,19 @@ def brightness_of(colour: np.ndarray) -> Brightness:
 
 
 def find_exposure(
-    measure: Callable[[int], Brightness], limits: Limits, target: float = TARGET
+    measure: Callable[[int], Brightness], limits: tuple[int, int], target: float = TARGET
 ) -> list[tuple[int, Brightness]]:
     """Halve the range of exposures, on a logarithmic scale, until the picture is right or nothing is left to halve.
 
     Args:
         measure: sets an exposure and measures what comes of it.
-        limits: of the camera.
+        limits: least and greatest exposure of the camera.
         target: mean brightness, 0 to 1. A window or a lamp in the picture makes it darker than that, at most by half.
 
     Returns:
         Each exposure that was tried, at most `MOST_TRIES`, the best last.
     """
-    low, high = max(1, limits.minimum), limits.maximum
+    low, high = max(1, limits[0]), limits[1]
     tried: dict[int, Brightness] = {}
     while len(tried) < MOST_TRIES:
         exposure = round(math.sqrt(low * high))

@@ -53,16 +53,8 @@ class Picture:
     depth: np.ndarray | None = None
 
 
-@dataclass(frozen=True)
-class Limits:
-    """Range of an exposure, in the unit of `Wanted.exposure`."""
-
-    minimum: int
-    maximum: int
-
-
 def no_depth(camera: str) -> ConfigError:
-    """Of a camera that librealsense does not read."""
+    """The error of a camera that is asked for depth, which librealsense does not read."""
     return ConfigError(f"{camera}: depth takes librealsense: set use_depth to false, or {install_extra('realsense')}")
 
 
@@ -76,8 +68,8 @@ class PictureSource(Protocol):
             CameraError: the camera is gone, or gives none. Close it then.
         """
 
-    def exposure_limits(self) -> Limits:
-        """What may be set.
+    def exposure_range(self) -> tuple[int, int]:
+        """Least and greatest exposure, in the unit of `Wanted.exposure`.
 
         Raises:
             CameraError: no exposure can be set.

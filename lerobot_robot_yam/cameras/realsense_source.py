@@ -7,14 +7,20 @@ from typing import Any
 import numpy as np
 
 from lerobot_robot_yam.cameras.holders import in_use
-from lerobot_robot_yam.cameras.picture_source import Limits, Picture, Wanted
+from lerobot_robot_yam.cameras.picture_source import Picture, Wanted
 from lerobot_robot_yam.cameras.video_devices import VideoDevice
 from lerobot_robot_yam.errors import CameraError, ConfigError
 from lerobot_robot_yam.system.own_commands import install_extra
 
-_POLL_MS = 200
-_SILENT_S = 1.0  # a camera that is plugged in and gives nothing for so long is started again
+_POLL_MS = 200  # wait for a picture before looking whether the camera is still there, ms
+_SILENT_S = 1.0  # time without a picture after which a camera that is plugged in is started again, s
 _MM = 1e-3  # m
+# librealsense's name of what sets each control of `Wanted` automatically.
+_AUTOMATIC = {
+    "exposure": "enable_auto_exposure",
+    "gain": "enable_auto_exposure",
+    "white_balance": "enable_auto_white_balance",
+}
 _BUSY = ("busy", "power state", "errno=16")  # words of librealsense when another program has the camera
 
 
@@ -93,7 +99,9 @@ class RealSenseSource:
                 which = ", ".join(f"{width}x{height} at {fps}" for width, height, fps in offered)
                 raise ConfigError(f"{self._name} does not offer {kind.name} {wanted.size}; it offers {which} fps")
             streams.enable_stream(kind, wanted.width, wanted.height, form, wanted.fps)
-        self._set_controls()
+        for name in _AUTOMATIC:
+            if (asked := getattr(wanted, name)) is not None:
+                self._set(name, asked)
         self._pipeline = rs.pipeline()
         self._pipeline.set_device(device)
         try:
@@ -121,14 +129,14 @@ class RealSenseSource:
         except RuntimeError as error:
             raise CameraError(f"{self._name}: {error}") from error
 
-    def exposure_limits(self) -> Limits:
-        """What the sensor of the colour takes.
+    def exposure_range(self) -> tuple[int, int]:
+        """Least and greatest exposure that the sensor of the colour takes.
 
         Raises:
             CameraError: no exposure can be set.
         """
-        span = self._sensor(self._rs.option.exposure, "exposure").get_option_range(self._rs.option.exposure)
-        return Limits(int(span.min), int(span.max))
+        span = self._sensor("exposure").get_option_range(self._rs.option.exposure)
+        return int(span.min), int(span.max)
 
     def set_exposure(self, exposure: int) -> None:
         """Set a manual exposure.
@@ -137,8 +145,7 @@ class RealSenseSource:
             ConfigError: it is out of range.
             CameraError: no exposure can be set.
         """
-        option = self._rs.option
-        self._set(option.exposure, "exposure", exposure, option.enable_auto_exposure)
+        self._set("exposure", exposure)
 
     def close(self) -> None:
         """Release the camera. Idempotent."""
@@ -157,27 +164,19 @@ class RealSenseSource:
                 depth = np.round(depth * (unit / _MM)).astype(np.uint16)
         return Picture(stamp_s, colour, depth)
 
-    def _set_controls(self) -> None:
-        option, wanted = self._rs.option, self._wanted
-        rows = [
-            (option.exposure, "exposure", wanted.exposure, option.enable_auto_exposure),
-            (option.gain, "gain", wanted.gain, option.enable_auto_exposure),
-            (option.white_balance, "white_balance", wanted.white_balance, option.enable_auto_white_balance),
-        ]
-        for number, name, value, automatic in rows:
-            if value is not None:
-                self._set(number, name, value, automatic)
-
-    def _sensor(self, number: Any, name: str) -> Any:
+    def _sensor(self, name: str) -> Any:
         """The module that gives colour, if it has this option."""
         colour = self._rs.stream.color
         for sensor in self._device.query_sensors():
-            if any(p.stream_type() == colour for p in sensor.get_stream_profiles()) and sensor.supports(number):
+            if any(p.stream_type() == colour for p in sensor.get_stream_profiles()) and sensor.supports(
+                getattr(self._rs.option, name)
+            ):
                 return sensor
         raise CameraError(f"{self._name} takes no {name} for its colour: leave {name} out")
 
-    def _set(self, number: Any, name: str, value: int, automatic: Any) -> None:
-        sensor = self._sensor(number, name)
+    def _set(self, name: str, value: int) -> None:
+        sensor, number = self._sensor(name), getattr(self._rs.option, name)
+        automatic = getattr(self._rs.option, _AUTOMATIC[name])
         span = sensor.get_option_range(number)
         if not span.min <= value <= span.max:
             raise ConfigError(f"{self._name}: {name} {value} is out of range; it takes {span.min:g} to {span.max:g}")

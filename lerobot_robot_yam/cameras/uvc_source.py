@@ -8,17 +8,23 @@ import cv2
 
 from lerobot_robot_yam.cameras import v4l2
 from lerobot_robot_yam.cameras.holders import check_rights, in_use
-from lerobot_robot_yam.cameras.picture_source import Limits, Picture, Wanted, no_depth
+from lerobot_robot_yam.cameras.picture_source import Picture, Wanted, no_depth
 from lerobot_robot_yam.cameras.video_devices import VideoDevice
 from lerobot_robot_yam.errors import CameraError, ConfigError
 from lerobot_robot_yam.system.own_commands import install_extra
 
-# OpenCV waits so long (s) for a picture of V4L2, 10 s otherwise, before it says that there is none. It reads this once.
+# Wait of OpenCV for a picture of V4L2, s (10 by default). It reads this once, when it is loaded.
 os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")
 
+# V4L2's numbers for each control of `Wanted`: its own, that of its automatic, and the value that switches this off.
+_CONTROLS = {
+    "exposure": (v4l2.EXPOSURE, v4l2.AUTO_EXPOSURE, v4l2.MANUAL),
+    "gain": (v4l2.GAIN, v4l2.AUTO_EXPOSURE, v4l2.MANUAL),
+    "white_balance": (v4l2.WHITE_BALANCE, v4l2.AUTO_WHITE_BALANCE, v4l2.OFF),
+}
 _COLOUR = ("YUYV", "MJPG", "NV12", "RGB3", "BGR3")  # formats that OpenCV converts, the best first
 _OLDEST_S = 10.0  # a picture's own time stamp is believed up to this age
-_UNITS_PER_STEP = 100  # of V4L2's exposure (100 µs), for cameras whose exposure librealsense gives in µs
+_UNITS_PER_STEP = 100  # µs in a step of V4L2's exposure: on a D405, `Wanted.exposure` is in µs
 
 
 class UvcSource:
@@ -49,7 +55,9 @@ class UvcSource:
             for name, value in ((3, wanted.width), (4, wanted.height), (cv2.CAP_PROP_FPS, wanted.fps)):
                 if value is not None and is_v4l2:
                     self._capture.set(name, value)
-            self._set_controls(wanted)
+            for name in _CONTROLS:
+                if (asked := getattr(wanted, name)) is not None:
+                    self._set(name, asked)
             self._check_size(wanted)
         except BaseException:
             self.close()
@@ -70,15 +78,14 @@ class UvcSource:
         stamp_s = now_s - age_s if self._node.is_char_device() and 0.0 <= age_s < _OLDEST_S else now_s
         return Picture(stamp_s, cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
 
-    def exposure_limits(self) -> Limits:
-        """What V4L2 takes, in our unit.
+    def exposure_range(self) -> tuple[int, int]:
+        """Least and greatest exposure that V4L2 takes, in our unit.
 
         Raises:
             CameraError: no node of the camera has an exposure.
         """
-        _, limits = self._control(v4l2.EXPOSURE, "exposure")
-        unit = self._exposure_unit
-        return Limits(limits.minimum * unit, limits.maximum * unit)
+        _, low, high = self._control("exposure")
+        return low * self._unit("exposure"), high * self._unit("exposure")
 
     def set_exposure(self, exposure: int) -> None:
         """Set a manual exposure.
@@ -87,46 +94,38 @@ class UvcSource:
             CameraError: no node of the camera has an exposure.
             ConfigError: the value is out of range.
         """
-        self._set(v4l2.EXPOSURE, "exposure", exposure, self._exposure_unit, v4l2.AUTO_EXPOSURE, v4l2.MANUAL)
+        self._set("exposure", exposure)
 
     def close(self) -> None:
         """Release the camera. Idempotent."""
         self._capture.release()
 
-    @property
-    def _exposure_unit(self) -> int:
-        return _UNITS_PER_STEP if self._device.stereo_colour else 1
+    def _unit(self, name: str) -> int:
+        return _UNITS_PER_STEP if name == "exposure" and self._device.stereo_colour else 1
 
-    def _set_controls(self, wanted: Wanted) -> None:
-        if wanted.exposure is not None:
-            self.set_exposure(wanted.exposure)
-        if wanted.gain is not None:
-            self._set(v4l2.GAIN, "gain", wanted.gain, 1, v4l2.AUTO_EXPOSURE, v4l2.MANUAL)
-        if wanted.white_balance is not None:
-            kelvin = wanted.white_balance
-            self._set(v4l2.WHITE_BALANCE, "white_balance", kelvin, 1, v4l2.AUTO_WHITE_BALANCE, v4l2.OFF)
+    def _control(self, name: str) -> tuple[Path, int, int]:
+        """The node that has a control, its least and greatest value; the colour's node first.
 
-    def _control(self, number: int, name: str) -> tuple[Path, v4l2.Control]:
-        """The node that has a control, the colour's first: a D405 has its exposure on the node of depth."""
+        A D405 has its exposure on the node of depth.
+        """
         for node in dict.fromkeys((self._node, *self._device.nodes)):
-            control = v4l2.control(node, number)
-            if control is not None:
-                return node, control
+            limits = v4l2.control_range(node, _CONTROLS[name][0])
+            if limits is not None:
+                return node, *limits
         raise CameraError(
             f"{self._device} offers no {name} over UVC: leave {name} out, or read it with librealsense; "
             f"{install_extra('realsense')}"
         )
 
-    def _set(self, number: int, name: str, value: int, unit: int, automatic: int, off: int) -> None:
-        node, control = self._control(number, name)
+    def _set(self, name: str, value: int) -> None:
+        node, low, high = self._control(name)
+        number, automatic, manual = _CONTROLS[name]
+        unit = self._unit(name)
         steps = round(value / unit)
-        if not control.minimum <= steps <= control.maximum:
-            raise ConfigError(
-                f"{self._device}: {name} {value} is out of range; it takes {control.minimum * unit} to "
-                f"{control.maximum * unit}"
-            )
-        if v4l2.control(node, automatic) is not None:
-            v4l2.set_control(node, automatic, off)
+        if not low <= steps <= high:
+            raise ConfigError(f"{self._device}: {name} {value} is out of range; it takes {low * unit} to {high * unit}")
+        if v4l2.control_range(node, automatic) is not None:
+            v4l2.set_control(node, automatic, manual)
         v4l2.set_control(node, number, steps)
 
     def _check_size(self, wanted: Wanted) -> None:

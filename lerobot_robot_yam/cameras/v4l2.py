@@ -1,13 +1,13 @@
 """What a V4L2 node offers: picture formats, sizes, rates and controls, asked with the ioctls of linux/videodev2.h.
 
-OpenCV reads pictures, but tells neither formats nor the ranges of controls.
+OpenCV reads pictures, but tells neither formats nor the ranges of controls. (linuxpy does, under the GPL.)
 """
 
 import errno
 import fcntl
 import os
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import count
@@ -24,6 +24,7 @@ QUERYCTRL, QUERY = 0xC0445624, struct.Struct("=II32siiiiI8x")  # id, type, name,
 S_CTRL, CONTROL = 0xC008561C, struct.Struct("=Ii")  # id, value
 _CAPTURE, _DISCRETE = 1, 1  # V4L2_BUF_TYPE_VIDEO_CAPTURE, V4L2_FRMSIZE_TYPE_DISCRETE
 _DISABLED = 0x1
+_NO_ANSWER = (errno.EINVAL, errno.ENOTTY, errno.ERANGE, errno.EACCES, errno.EBUSY)
 
 # V4L2's numbers of the controls that have names here; exposure is in 100 µs.
 EXPOSURE, GAIN, WHITE_BALANCE = 0x9A0902, 0x980913, 0x98091A
@@ -44,40 +45,31 @@ class Mode:
         return f"{self.fourcc} {self.width}x{self.height} at {'/'.join(f'{rate:g}' for rate in self.rates)} fps"
 
 
-@dataclass(frozen=True)
-class Control:
-    """Range of a control, in its own unit."""
-
-    minimum: int
-    maximum: int
-    step: int
-    default: int
-
-
 def modes(node: Path) -> list[Mode]:
     """What a node offers of discrete sizes; nothing where it is no V4L2 capture node (one of metadata, a file).
 
     Raises:
         CameraError: it cannot be opened.
     """
+    found = []
     with _opened(node) as device:
-        return [
-            Mode(fourcc.to_bytes(4, "little").decode("ascii", "replace"), width, height, _rates(device, *size))
-            for _, _, _, _, fourcc in _enumerated(device, ENUM_FMT, FMT, lambda i: (i, _CAPTURE, 0, b"", 0))
-            for size in _sizes(device, fourcc)
-            for _, width, height in [size]
-        ]
+        for *_, fourcc in _enumerated(device, ENUM_FMT, FMT, _CAPTURE, 0, b"", 0):
+            name = fourcc.to_bytes(4, "little").decode("ascii", "replace")
+            for _, _, kind, width, height in _enumerated(device, ENUM_FRAMESIZES, SIZE, fourcc, 0, 0, 0):
+                if kind == _DISCRETE:
+                    found.append(Mode(name, width, height, _rates(device, fourcc, width, height)))
+    return found
 
 
-def control(node: Path, number: int) -> Control | None:
-    """Range of a control of a node, None where it has none.
+def control_range(node: Path, number: int) -> tuple[int, int] | None:
+    """Least and greatest value of a control of a node, in its own unit; None where it has none.
 
     Raises:
         CameraError: the node cannot be opened.
     """
     with _opened(node) as device:
-        answer = _ask(device, QUERYCTRL, QUERY, (number, 0, b"", 0, 0, 0, 0, 0))
-        return None if answer is None or answer[-1] & _DISABLED else Control(*answer[3:7])
+        answer = _ask(device, QUERYCTRL, QUERY, number, 0, b"", 0, 0, 0, 0, 0)
+    return None if answer is None or answer[-1] & _DISABLED else (answer[3], answer[4])
 
 
 def set_control(node: Path, number: int, value: int) -> None:
@@ -87,38 +79,32 @@ def set_control(node: Path, number: int, value: int) -> None:
         CameraError: the camera does not take it.
     """
     with _opened(node) as device:
-        if _ask(device, S_CTRL, CONTROL, (number, value)) is None:
+        if _ask(device, S_CTRL, CONTROL, number, value) is None:
             raise CameraError(f"{node} does not take {value} for its control {number:#x}")
 
 
-def _sizes(device: int, fourcc: int) -> list[tuple[int, int, int]]:
-    answers = _enumerated(device, ENUM_FRAMESIZES, SIZE, lambda i: (i, fourcc, 0, 0, 0))
-    return [(fourcc, width, height) for _, _, kind, width, height in answers if kind == _DISCRETE]
-
-
 def _rates(device: int, fourcc: int, width: int, height: int) -> tuple[float, ...]:
-    answers = _enumerated(device, ENUM_FRAMEINTERVALS, INTERVAL, lambda i: (i, fourcc, width, height, 0, 0, 0))
+    answers = _enumerated(device, ENUM_FRAMEINTERVALS, INTERVAL, fourcc, width, height, 0, 0, 0)
     found = [(above, below) for *_, kind, above, below in answers if kind == _DISCRETE and above]
     return tuple(sorted(round(below / above, 2) for above, below in found))
 
 
-def _enumerated(
-    device: int, request: int, form: struct.Struct, question: Callable[[int], tuple[Any, ...]]
-) -> Iterator[tuple[Any, ...]]:
+def _enumerated(device: int, request: int, form: struct.Struct, *values: Any) -> Iterator[tuple[Any, ...]]:
+    """Every answer to a question that begins with an index."""
     for index in count():
-        answer = _ask(device, request, form, question(index))
+        answer = _ask(device, request, form, index, *values)
         if answer is None:
             return
         yield answer
 
 
-def _ask(device: int, request: int, form: struct.Struct, values: tuple[Any, ...]) -> tuple[Any, ...] | None:
+def _ask(device: int, request: int, form: struct.Struct, *values: Any) -> tuple[Any, ...] | None:
     """The answer of an ioctl; None where the device does not know it, or nothing more."""
     buffer = bytearray(form.pack(*values))
     try:
         fcntl.ioctl(device, request, buffer)
     except OSError as error:
-        if error.errno in (errno.EINVAL, errno.ENOTTY, errno.ERANGE, errno.EACCES, errno.EBUSY):
+        if error.errno in _NO_ANSWER:
             return None
         raise CameraError(f"the camera does not answer: {error.strerror}") from error
     return form.unpack(buffer)

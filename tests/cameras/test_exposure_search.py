@@ -13,9 +13,8 @@ from lerobot_robot_yam.cameras.exposure_search import (
     brightness_of,
     find_exposure,
 )
-from lerobot_robot_yam.cameras.picture_source import Limits
 
-D405 = Limits(1, 165000)
+D405 = (1, 165000)
 
 
 def room(light, lamp=0.0, window=0.0):
@@ -38,8 +37,8 @@ def test_brightness_of_a_picture():
 def test_it_finds_the_target_in_any_light_that_the_range_covers(exponent):
     rows = find_exposure(room(10**exponent), D405)
     exposure, seen = rows[-1]
-    assert len(rows) <= MOST_TRIES and D405.minimum <= exposure <= D405.maximum
-    if 50 < TARGET / 10**exponent < D405.maximum / 2:  # finer than its steps, and in its range
+    assert len(rows) <= MOST_TRIES and D405[0] <= exposure <= D405[1]
+    if 50 < TARGET / 10**exponent < D405[1] / 2:  # finer than its steps, and in its range
         assert abs(seen.mean - TARGET) <= CLOSE and seen.clipped <= MOST_CLIPPED
 
 
@@ -56,7 +55,7 @@ def test_a_lamp_that_no_exposure_tames_does_not_make_the_rest_black():
     assert seen.clipped > MOST_CLIPPED and TARGET / 2 - CLOSE < seen.mean < TARGET + 2 * CLOSE
 
 
-@pytest.mark.parametrize("light, at", [(1e-9, D405.maximum), (1e3, 1)])
+@pytest.mark.parametrize("light, at", [(1e-9, D405[1]), (1e3, 1)])
 def test_a_room_too_dark_or_too_bright_ends_at_the_limit(light, at):
     exposure, _ = find_exposure(room(light), D405)[-1]
     assert 0.5 < exposure / at < 8.0

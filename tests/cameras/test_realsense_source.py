@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.cameras.opening import find_camera, open_camera
-from lerobot_robot_yam.cameras.picture_source import Limits, Wanted
+from lerobot_robot_yam.cameras.picture_source import Wanted
 from lerobot_robot_yam.config_yam_realsense import YamRealsenseCameraConfig
 from lerobot_robot_yam.errors import CameraError, ConfigError
 from lerobot_robot_yam.yam_realsense import YamRealsenseCamera
@@ -67,7 +67,7 @@ def test_exposure_gain_and_white_balance_go_to_the_module_that_gives_colour(came
 
 def test_what_is_not_asked_for_stays_automatic(camera):
     source = opened()
-    assert source.exposure_limits() == Limits(1, MOST_EXPOSURE)
+    assert source.exposure_range() == (1, MOST_EXPOSURE)
     source.close()
     assert camera.option("enable_auto_exposure") == camera.option("enable_auto_white_balance") == 1
     assert camera.option("exposure") == DEFAULT_EXPOSURE

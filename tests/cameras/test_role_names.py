@@ -30,10 +30,10 @@ TEXTS = {
     "comments": ("# mine", f"# mine\ncameras:\n  {LINE}\n"),
     "other keys": ("a: 1   # k\n", f"a: 1   # k\ncameras:\n  {LINE}\n"),
     "a robot without": ("robot:\n  # t\n  type: x\n", f"robot:\n  # t\n  cameras:\n    {LINE}\n  type: x\n"),
-    "empty": ("robot:\n  cameras:\nb: 1\n", f"robot:\n  cameras: {{{LINE}}}\nb: 1\n"),
+    "empty": ("robot:\n  cameras:\nb: 1\n", f"robot:\n  cameras:\n    {LINE}\nb: 1\n"),
     "empty braces": ("robot: {cameras: {}} # c\n", f"robot: {{cameras: {{{LINE}}}}} # c\n"),
     "braces": ("robot: {cameras: {a: {type: b}}}\n", f"robot: {{cameras: {{{LINE}, a: {{type: b}}}}}}\n"),
-    "no robot": ("cameras:\n  top: {type: a}   # c\n", f"cameras:\n  {LINE}   # c\n"),
+    "no robot": ("cameras:\n  top: {type: a}   # c\n", f"cameras:\n  {LINE} # c\n"),
 }
 
 

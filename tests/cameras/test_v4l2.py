@@ -64,7 +64,7 @@ def test_numbers_and_structs_are_those_of_the_header(tmp_path):
 def test_a_file_offers_nothing(tmp_path):
     (tmp_path / "video0").touch()
     assert v4l2.modes(tmp_path / "video0") == []
-    assert v4l2.control(tmp_path / "video0", v4l2.GAIN) is None
+    assert v4l2.control_range(tmp_path / "video0", v4l2.GAIN) is None
     with pytest.raises(CameraError, match="does not take 3"):
         v4l2.set_control(tmp_path / "video0", v4l2.GAIN, 3)
     with pytest.raises(CameraError, match="cannot be opened: No such file"):

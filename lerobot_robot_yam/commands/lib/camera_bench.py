@@ -54,7 +54,7 @@ class Bench:
         """
         source = camera.open(self._wanted(camera))
         try:
-            limits = source.exposure_limits()
+            limits = source.exposure_range()
             before = self._take(source, _SETTLE, "before")
 
             def measure(exposure: int) -> Brightness:
