@@ -6,14 +6,14 @@ The serial number is that of the USB device. A RealSense has another one on its 
 
 import os
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from lerobot_robot_yam.doctor.check_cameras import read_cameras
-from lerobot_robot_yam.doctor.kit.usb import text_of
+from lerobot_robot_yam.system.sysfs import UsbDevice, text_of, usb_device
 
 ROOT = Path("/")
+USB3_MBIT = 5000.0
+_INTEL = "8086"  # its number as a maker of USB devices
 _LINKS = ("by-id", "by-path")
 _REALSENSE = re.compile(r"RealSense.*\bD?(4\d\d[a-z]?)\b", re.IGNORECASE)
 
@@ -23,20 +23,15 @@ class VideoDevice:
     """One camera.
 
     Attributes:
-        model: "D405" of a RealSense, else the name that the maker gave it.
-        serial: of the USB device, None without one.
-        port: of the USB bus, "1-2.3"; None of a camera that is not USB.
-        speed_mbit: of its link as negotiated; None if sysfs does not tell.
+        name: what the kernel calls it, None if sysfs does not tell.
+        usb: its USB device, None when it is not USB.
         nodes: /dev/video0, …; several per camera are usual.
-        links: stable paths of them below /dev/v4l, by-id first.
+        links: stable paths of the nodes below /dev/v4l, by-id first.
         usb_node: /dev/bus/usb/001/004, by which librealsense reads it; None if sysfs does not tell.
     """
 
-    model: str
-    serial: str | None
-    port: str | None
-    speed_mbit: float | None
-    realsense: bool
+    name: str | None
+    usb: UsbDevice | None
     nodes: tuple[Path, ...]
     links: tuple[Path, ...] = ()
     usb_node: Path | None = None
@@ -47,7 +42,38 @@ class VideoDevice:
     @property
     def place(self) -> str:
         """Where it is: the USB port, else its nodes."""
-        return f"USB {self.port}" if self.port else ", ".join(map(str, self.nodes))
+        return f"USB {self.usb.port}" if self.usb else ", ".join(map(str, self.nodes))
+
+    @property
+    def label(self) -> str:
+        """Name, nodes and USB port, for messages about its link."""
+        nodes = "/".join(node.name for node in self.nodes) or "no video node"
+        return f"{self.name or 'camera'} ({nodes}{', USB ' + self.usb.port if self.usb else ''})"
+
+    @property
+    def model(self) -> str:
+        """ "D405" of a RealSense, else the name that the maker gave it."""
+        return model_of((self.usb.product if self.usb else None) or self.name or "camera")
+
+    @property
+    def serial(self) -> str | None:
+        """Serial number of the USB device, None without one."""
+        return self.usb.serial if self.usb else None
+
+    @property
+    def speed_mbit(self) -> float | None:
+        """Speed of its USB link as negotiated; None if sysfs does not tell."""
+        return self.usb.speed_mbit if self.usb else None
+
+    @property
+    def slow(self) -> bool:
+        """Whether its USB link is known to be slower than USB 3."""
+        return self.speed_mbit is not None and self.speed_mbit < USB3_MBIT
+
+    @property
+    def realsense(self) -> bool:
+        """Whether it is an Intel RealSense."""
+        return "realsense" in f"{self.name} {self.usb.product if self.usb else ''}".lower()
 
     @property
     def stereo_colour(self) -> bool:
@@ -55,40 +81,40 @@ class VideoDevice:
         return self.realsense and self.model == "D405"
 
 
-def video_devices(root: Path = ROOT) -> list[VideoDevice]:
-    """Every camera of a computer whose files are below `root`."""
-    found = []
-    for camera in read_cameras(root / "sys"):
-        usb = camera.usb
-        nodes = tuple(root / "dev" / node for node in camera.nodes)
-        name = usb.product if usb and usb.product else camera.name or "camera"
-        found.append(
-            VideoDevice(
-                model=model_of(name),
-                serial=usb.serial if usb else None,
-                port=usb.port if usb else None,
-                speed_mbit=usb.speed_mbit if usb else None,
-                realsense=camera.realsense,
-                nodes=nodes,
-                links=_links(root, camera.nodes),
-                usb_node=_usb_node(root, usb.port) if usb else None,
-            )
+def video_devices(root: Path = ROOT, sysfs: Path | None = None) -> list[VideoDevice]:
+    """Every camera: each device with a video node, and each RealSense without one (its library may have taken it).
+
+    Args:
+        root: of the computer's files.
+        sysfs: where sysfs is; by default `sys` below the root.
+    """
+    sysfs = sysfs or root / "sys"
+    found: dict[str, tuple[str | None, UsbDevice | None, list[Path]]] = {}
+    nodes = (sysfs / "class" / "video4linux").glob("video*")
+    for node in sorted(nodes, key=lambda path: (len(path.name), path.name)):
+        device = node / "device"
+        usb = usb_device(device.resolve()) if device.exists() else None
+        entry = found.setdefault(usb.port if usb else node.name, (text_of(node / "name"), usb, []))
+        entry[2].append(root / "dev" / node.name)
+    for device in sorted((sysfs / "bus" / "usb" / "devices").glob("*")):
+        if ":" not in device.name and text_of(device / "idVendor") == _INTEL:
+            usb = usb_device(device.resolve())
+            if usb and "realsense" in (usb.product or "").lower():
+                found.setdefault(usb.port, (usb.product, usb, []))
+    links = [link for kind in _LINKS for link in sorted((root / "dev/v4l" / kind).glob("*")) if link.is_symlink()]
+    return [
+        VideoDevice(
+            name=name,
+            usb=usb,
+            nodes=tuple(nodes),
+            links=tuple(link for link in links if os.path.basename(os.readlink(link)) in [node.name for node in nodes]),
+            usb_node=root / f"dev/bus/usb/{usb.bus:03d}/{usb.number:03d}" if usb and usb.bus and usb.number else None,
         )
-    return found
+        for name, usb, nodes in found.values()
+    ]
 
 
 def model_of(name: str) -> str:
     """D435i for the name that a RealSense has on the USB bus or in librealsense; other names as they are."""
     number = _REALSENSE.search(name)
     return f"D{number[1].lower()}" if number else name
-
-
-def _links(root: Path, nodes: Sequence[str]) -> tuple[Path, ...]:
-    links = [link for kind in _LINKS for link in sorted((root / "dev/v4l" / kind).glob("*")) if link.is_symlink()]
-    return tuple(link for link in links if os.path.basename(os.readlink(link)) in nodes)
-
-
-def _usb_node(root: Path, port: str) -> Path | None:
-    device = root / "sys/bus/usb/devices" / port
-    bus, number = text_of(device / "busnum"), text_of(device / "devnum")
-    return root / f"dev/bus/usb/{int(bus):03d}/{int(number):03d}" if bus and number else None

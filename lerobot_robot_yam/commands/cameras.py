@@ -21,12 +21,11 @@ from lerobot_robot_yam.cameras.exposure_search import TARGET
 from lerobot_robot_yam.cameras.opening import Plugged, config_of, find_camera, listed, plugged_cameras
 from lerobot_robot_yam.cameras.role_names import ROLES, named_cameras, read_config, with_cameras
 from lerobot_robot_yam.cameras.video_devices import ROOT
-from lerobot_robot_yam.commands.lib.arm_command import ask, need_terminal, run_command, table, tell
+from lerobot_robot_yam.commands.lib.arm_command import agreed, ask, need_terminal, run_command, table, tell
 from lerobot_robot_yam.commands.lib.camera_bench import Bench
 from lerobot_robot_yam.errors import CameraError, ConfigError, SetupError
 from lerobot_robot_yam.system.paths import user_path, write_whole
 
-_USB3_MBIT = 5000.0
 _SKIP = ""
 
 
@@ -73,17 +72,17 @@ def _list(args: argparse.Namespace) -> int:
     rows = []
     for camera in cameras:
         seen = camera.seen
-        link = f"USB {3 if seen.speed_mbit >= _USB3_MBIT else 2}" if seen and seen.speed_mbit else "-"
+        link = f"USB {2 if seen.slow else 3}" if seen and seen.speed_mbit else "-"
         nodes = ", ".join(node.name for node in seen.nodes) if seen else "-"
-        rows.append([camera.serial or "-", camera.model, (seen and seen.port) or "-", link, nodes or "-"])
+        port = seen.usb.port if seen and seen.usb else "-"
+        rows.append([camera.serial or "-", camera.model, port, link, nodes or "-"])
     sys.stdout.write(table(["serial", "model", "USB port", "link", "nodes"], rows) + "\n")
     if not cameras:
         tell("there is no camera; plug one in (`lsusb` lists what is plugged in)")
     for camera in cameras:
         if args.formats:
             sys.stdout.write(f"{camera}: {', '.join(camera.modes()) or 'tells no formats'}\n")
-        seen = camera.seen
-        if seen and seen.realsense and seen.speed_mbit and seen.speed_mbit < _USB3_MBIT:
+        if camera.seen and camera.seen.realsense and camera.seen.slow:
             tell(f"{camera}: USB 2 is too slow for a RealSense; use a USB 3 port (blue) with a USB 3 cable")
     return 0
 
@@ -189,7 +188,7 @@ def _write(args: argparse.Namespace, cameras: Mapping[str, Mapping[str, Any]]) -
         return
     if not args.yes:
         need_terminal(False)
-        if ask("Make this change? [Y/n]").lower() not in ("", "y", "yes"):
+        if not agreed("Make this change?"):
             tell("nothing was changed")
             return
     try:

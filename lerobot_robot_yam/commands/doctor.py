@@ -18,18 +18,18 @@ from pathlib import Path
 
 from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL
 from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS
+from lerobot_robot_yam.cameras.video_devices import video_devices
 from lerobot_robot_yam.commands.lib.host_option import add_host_arguments, run_tool
 from lerobot_robot_yam.doctor.check_adapters import RULES_DIRECTORIES, check_adapters, read_rules
 from lerobot_robot_yam.doctor.check_calibration import check_calibrations
-from lerobot_robot_yam.doctor.check_cameras import DEV, check_cameras, read_cameras
+from lerobot_robot_yam.doctor.check_cameras import DEV, check_cameras
 from lerobot_robot_yam.doctor.check_channel import examine_channel
 from lerobot_robot_yam.doctor.check_host import check_host
 from lerobot_robot_yam.doctor.check_link import IP_COMMAND, TC_COMMAND, Link, check_links, parse_links, tool_output
-from lerobot_robot_yam.doctor.kit.can_adapters import read_adapters
 from lerobot_robot_yam.doctor.kit.findings import Report, Section, as_json, as_text, empty_report, exit_status
 from lerobot_robot_yam.doctor.kit.targets import Plan, calibration_root, from_config, from_option, undeclared
-from lerobot_robot_yam.doctor.kit.usb import SYSFS
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.system.sysfs import SYSFS, read_adapters
 
 _SAMPLES = 200
 
@@ -46,7 +46,7 @@ def examine(plan: Plan, samples: int = _SAMPLES, sysfs: Path = SYSFS) -> Report:
             targets = [undeclared(name) for name in wanted]
         check_adapters(read_adapters(sysfs), wanted, read_rules(RULES_DIRECTORIES), report["adapters"])
     if plan.real or plan.real_cameras:
-        check_cameras(read_cameras(sysfs), plan.cameras, DEV, report["cameras"])
+        check_cameras(video_devices(sysfs=sysfs), plan.cameras, DEV, report["cameras"])
     for target in targets:
         link = links.get(target.channel) if links is not None and target.real else None
         if link is not None or links is None or not target.real:  # else it is not there
@@ -118,7 +118,9 @@ def _plan(args: argparse.Namespace) -> Plan:
     if args.config_path is not None:
         if args.channel:
             raise ConfigError("give --channel or --config_path, not both")
-        return from_config(args.config_path, args.rig)
+        from lerobot_robot_yam.face.devices.rig_device import check_options  # imports LeRobot, which takes seconds
+
+        return from_config(args.config_path, args.rig, check_options)
     interface = args.interface or (VIRTUAL if args.rig else SOCKETCAN)
     if interface != SOCKETCAN and not args.channel:
         raise ConfigError(f"name the channels of interface {interface}: --channel NAME[:ARM[:GRIPPER]]")

@@ -33,7 +33,7 @@ from lerobot_robot_yam.commands.lib.arm_command import (
 from lerobot_robot_yam.commands.lib.host_option import add_host_arguments, run_tool
 from lerobot_robot_yam.control.preflight.binding import bind, check_identity
 from lerobot_robot_yam.control.preflight.fingerprint import Fingerprint, read_fingerprint
-from lerobot_robot_yam.control.preflight.role import Role, likely_gripper
+from lerobot_robot_yam.control.preflight.role import likely_gripper
 from lerobot_robot_yam.errors import ConfigError, MotorError
 from lerobot_robot_yam.session.yam_arm import YamArm
 from lerobot_robot_yam.system.paths import user_path
@@ -132,7 +132,7 @@ def _watch_it_move(args: argparse.Namespace, config: ArmConfig, found: Fingerpri
     if gripper is None:
         can_id = gripper_id(arm)
         gear = found.motors[can_id].gear_ratio if can_id in found.motors else None
-        gripper = likely_gripper(Role(found.handle_firmware is not None, gear, can_id))
+        gripper = likely_gripper(found.handle_firmware is not None, gear)
         tell(f"taking the gripper to be {gripper} (else give --gripper)")
     config = arm_config(args, gripper=gripper, calibration_path=args.calibration)
     tell(hazard(config))

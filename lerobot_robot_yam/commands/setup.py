@@ -20,11 +20,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.commands.lib.arm_command import ask, need_terminal, run_command, tell
-from lerobot_robot_yam.commands.lib.new_rig.answers import Answers
+from lerobot_robot_yam.commands.lib.arm_command import agreed, need_terminal, run_command, tell
 from lerobot_robot_yam.commands.lib.new_rig.found_parts import Place, find_arms, find_cameras
 from lerobot_robot_yam.commands.lib.new_rig.rig_document import difference, draw_rig, rig_text, write_rig
-from lerobot_robot_yam.commands.lib.new_rig.rig_plan import RigPlan, plan_rig
+from lerobot_robot_yam.commands.lib.new_rig.rig_plan import Answers, RigPlan, plan_rig
 from lerobot_robot_yam.doctor.check_channel import examine_channel
 from lerobot_robot_yam.doctor.kit.findings import Finding, Severity, empty_report
 from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Target
@@ -101,7 +100,7 @@ def _agreed(args: argparse.Namespace, changes: str) -> bool:
     if not args.file.exists() or args.yes:
         return True
     tell(changes)
-    return ask(f"Make these changes in {args.file}? [Y/n]").lower() in ("", "y", "yes")
+    return agreed(f"Make these changes in {args.file}?")
 
 
 def _repair(plan: RigPlan, args: argparse.Namespace) -> None:

@@ -15,12 +15,13 @@ nothing. Exit status: 0 done; 1 it cannot be done; 2 wrong arguments; 130 interr
 import argparse
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
-from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL, ArmConfig
-from lerobot_robot_yam.commands.lib.arm_command import ask, need_terminal, run_command, tell
+from lerobot_robot_yam.arm.config import VIRTUAL, ArmConfig
+from lerobot_robot_yam.commands.lib.arm_command import agreed, need_terminal, run_command, tell
 from lerobot_robot_yam.commands.lib.can_naming import Naming
 from lerobot_robot_yam.errors import SetupError
 from lerobot_robot_yam.setup.rights import rights_changes, user_of
@@ -97,18 +98,21 @@ def _reset(naming: Naming, names: Sequence[str]) -> None:
 
 
 def _undo(naming: Naming) -> None:
-    changes, _ = naming.files.undo_changes()
+    changes, left = naming.files.undo_changes()
     for change in changes:
         tell(change.shown())
     if not changes:
         tell("there is nothing to undo")
     if not naming.dry:
-        if changes and not naming.sure and ask("Undo these changes? [Y/n]").lower() not in ("", "y", "yes"):
+        if changes and not naming.sure and not agreed("Undo these changes?"):
             tell("nothing was undone")
             return
-        for path in naming.files.undo():
-            tell(f"/{path} was left as it is: it was changed by hand; delete what you do not want")
+        naming.files.write(changes)
     naming.tools.load(changes)
+    if not naming.dry:
+        naming.files.forget()
+        for path in left:
+            tell(f"/{path} was left as it is: it was changed by hand; delete what you do not want")
     if changes:
         tell("adapters keep their names until they are plugged in again; groups until the next login")
 
@@ -140,14 +144,10 @@ def _name(naming: Naming, args: argparse.Namespace) -> None:
     tell(naming.table())
 
 
-def _arms(naming: Naming, rig: str | None) -> Mapping[str, ArmConfig]:
+def _arms(naming: Naming, rig: str | None) -> list[ArmConfig]:
     """The arm behind each adapter."""
-    options = {"rig": rig_name(rig)[0]} if rig else {}
-    interface = VIRTUAL if rig else SOCKETCAN
-    return {
-        a.name: ArmConfig(name=a.name, channel=a.name, interface=interface, can_options=options)
-        for a in naming.adapters
-    }
+    where: dict[str, Any] = {"interface": VIRTUAL, "can_options": {"rig": rig_name(rig)[0]}} if rig else {}
+    return [ArmConfig(name=adapter.name, channel=adapter.name, **where) for adapter in naming.adapters]
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ from lerobot_robot_yam.commands.lib.arm_command import (
     tell,
 )
 from lerobot_robot_yam.commands.lib.zeroing import Reading, Zeroing
-from lerobot_robot_yam.control.preflight.role import likely_gripper, probe_role
+from lerobot_robot_yam.control.preflight.role import answering_gripper
 from lerobot_robot_yam.errors import ConfigError
 
 _WORD = "zero"
@@ -110,8 +110,7 @@ def _with_gripper(args: argparse.Namespace, config: ArmConfig, bus: can.BusABC, 
     """The configuration with the gripper that answers, unless one was given: its motor must not change."""
     if args.gripper is not None:
         return config
-    found = probe_role(bus, config.channel, gripper_id(arm))
-    return arm_config(args, gripper=likely_gripper(found))
+    return arm_config(args, gripper=answering_gripper(bus, config.channel, gripper_id(arm)))
 
 
 def _wait_until_placed(zeroing: Zeroing) -> None:

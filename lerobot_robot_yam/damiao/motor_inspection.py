@@ -8,6 +8,7 @@ import can
 
 from lerobot_robot_yam.damiao.bus_port import BusPort, is_classic_data
 from lerobot_robot_yam.damiao.chain import MotorChain
+from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.damiao.registers import Register, agrees
 from lerobot_robot_yam.damiao.tables import (
     BANDWIDTH_MARGIN,
@@ -98,18 +99,7 @@ def verify(chain: MotorChain) -> None:
     _check_presence(chain)
     contradictions: list[str] = []
     for i, spec in enumerate(chain.motors):
-        row = motor_type(spec.type)
-        expected: dict[Register, float] = {
-            Register.PMAX: row.position_max_rad,
-            Register.VMAX: row.velocity_max_rad_s,
-            Register.TMAX: row.torque_max_nm,
-            Register.TIMEOUT: round(WATCHDOG_S / TIMEOUT_COUNT_S),
-            Register.MST_ID: spec.feedback_id,
-            Register.CTRL_MODE: ControlMode.MIT,
-        }
-        if row.gear_ratio is not None:
-            expected[Register.GR] = row.gear_ratio
-        for register, value in expected.items():
+        for register, value in expected_registers(spec).items():
             found = chain.read_register(i, register)
             exact = register.kind == "uint32"  # identifiers and counts
             if not (found == value if exact else agrees(found, value)):
@@ -122,6 +112,22 @@ def verify(chain: MotorChain) -> None:
             f"{chain.channel}: " + "; ".join(contradictions) + ". Check that arm and gripper in the configuration "
             "match the hardware, or correct the registers of the motor"
         )
+
+
+def expected_registers(spec: MotorSpec) -> dict[Register, float]:
+    """What a motor of a profile must hold, in the registers' own units."""
+    row = motor_type(spec.type)
+    expected: dict[Register, float] = {
+        Register.PMAX: row.position_max_rad,
+        Register.VMAX: row.velocity_max_rad_s,
+        Register.TMAX: row.torque_max_nm,
+        Register.TIMEOUT: round(WATCHDOG_S / TIMEOUT_COUNT_S),
+        Register.MST_ID: spec.feedback_id,
+        Register.CTRL_MODE: ControlMode.MIT,
+    }
+    if row.gear_ratio is not None:
+        expected[Register.GR] = row.gear_ratio
+    return expected
 
 
 def _check_presence(chain: MotorChain) -> None:

@@ -4,10 +4,9 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from lerobot_robot_yam.doctor.kit.can_adapters import KERNEL_NAME, Adapter
 from lerobot_robot_yam.doctor.kit.findings import Section
-from lerobot_robot_yam.doctor.kit.usb import text_of
 from lerobot_robot_yam.system.own_commands import as_root
+from lerobot_robot_yam.system.sysfs import KERNEL_NAME, CanAdapter, text_of
 
 RULES_DIRECTORIES = (Path("/etc/udev/rules.d"), Path("/usr/lib/udev/rules.d"))
 _PORT = re.compile(r'KERNELS==|ID_PATH|DEVPATH=="[^"]*-[\d*]')  # "*:1.0/net/*" is a function of any device
@@ -23,7 +22,9 @@ def read_rules(directories: Sequence[Path]) -> list[str]:
     return [line.strip() for line in lines if not line.lstrip().startswith("#")]
 
 
-def check_adapters(adapters: Sequence[Adapter], wanted: Sequence[str], rules: Sequence[str], section: Section) -> None:
+def check_adapters(
+    adapters: Sequence[CanAdapter], wanted: Sequence[str], rules: Sequence[str], section: Section
+) -> None:
     """Rows for all adapters, findings for the wanted ones: names that may shuffle, serial numbers that repeat."""
     for adapter in adapters:
         usb = adapter.usb
@@ -42,7 +43,7 @@ def check_adapters(adapters: Sequence[Adapter], wanted: Sequence[str], rules: Se
             _check_name(adapter, adapters, rules, section)
 
 
-def _check_name(adapter: Adapter, adapters: Sequence[Adapter], rules: Sequence[str], section: Section) -> None:
+def _check_name(adapter: CanAdapter, adapters: Sequence[CanAdapter], rules: Sequence[str], section: Section) -> None:
     usb, name = adapter.usb, adapter.name
     assert usb is not None
     twins = [a.name for a in adapters if a.usb and usb.serial and a.usb.serial == usb.serial and a.usb.port != usb.port]
@@ -64,7 +65,7 @@ def _check_name(adapter: Adapter, adapters: Sequence[Adapter], rules: Sequence[s
             section.note(name, what, _NAME)
 
 
-def _named_by(adapter: Adapter, rules: Sequence[str]) -> str | None:
+def _named_by(adapter: CanAdapter, rules: Sequence[str]) -> str | None:
     """The property by which a udev rule gives this name; None is unknown."""
     naming = [line for line in rules if re.search(rf'NAME:?="{re.escape(adapter.name)}"', line)]
     if any(_PORT.search(line) for line in naming):

@@ -9,11 +9,10 @@ import can
 from lerobot_robot_yam.arm.config import passive_of
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
 from lerobot_robot_yam.damiao.motor_inspection import listen
-from lerobot_robot_yam.doctor.check_handle import handle_firmware, inspect_handle
+from lerobot_robot_yam.doctor.check_encoders import handle_firmware, inspect_handle, inspect_passive
 from lerobot_robot_yam.doctor.check_latency import measure_latency
 from lerobot_robot_yam.doctor.check_link import Link
 from lerobot_robot_yam.doctor.check_motors import inspect_motors
-from lerobot_robot_yam.doctor.check_passive import inspect_passive
 from lerobot_robot_yam.doctor.check_session import driver_of, watch_session
 from lerobot_robot_yam.doctor.kit.findings import Report
 from lerobot_robot_yam.doctor.kit.questions import Questions
@@ -74,8 +73,7 @@ def _ask(bus: can.BusABC, target: Target, samples: int, report: Report, say: Cal
         say(f"{channel}: listening to encoders")
         inspect_passive(questions, target, passive, report["passive_leaders"])
         return target
-    expected = target.hardware.gripper.handle_encoder
-    firmware = handle_firmware(questions, expected)
+    firmware = handle_firmware(questions)
     if firmware is not None and not target.declared:
         target = dataclasses.replace(target, config=dataclasses.replace(target.config, gripper=LEADER_GRIPPER))
     hardware = target.hardware

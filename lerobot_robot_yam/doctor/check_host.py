@@ -9,10 +9,10 @@ from pathlib import Path
 
 from lerobot_robot_yam.control.process.control_process import RT_PRIORITY
 from lerobot_robot_yam.doctor.kit.findings import Section
-from lerobot_robot_yam.doctor.kit.usb import SYSFS, text_of
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.system.other_plugins import mixture, overwritten
 from lerobot_robot_yam.system.own_commands import as_root
+from lerobot_robot_yam.system.sysfs import SYSFS, text_of
 
 _RIGHTS = f"{as_root('yam-setup-can --rights')} (then log in again)"
 _STATES = Path("/sys/power/state")  # what the kernel can do, such as "freeze mem disk"

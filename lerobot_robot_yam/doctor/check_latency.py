@@ -13,9 +13,9 @@ BIN_EDGES_MS = (0.3, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # upper edges; one more bin
 BLOCKS = "·▁▂▃▄▅▆▇█"
 _LABELS = (*(f"≤{edge:g}" for edge in BIN_EDGES_MS), "more")
 _TIMEOUT_S = 0.25
-_GIVE_UP = 3  # lost in a row
-_LOST_MAX = 0.01  # share of lost replies
-_TICK_MS = 4.0  # of a loop at 250 Hz
+_GIVE_UP = 3  # replies lost in a row after which a motor is asked no more
+_LOST_MAX = 0.01  # share of replies that may be lost
+_TICK_MS = 4.0  # tick of a loop at 250 Hz
 _QUICKER = (
     "use another adapter; of a serial one, lower the latency timer: "
     "echo 1 | sudo tee /sys/bus/usb-serial/devices/ttyUSB*/latency_timer"
@@ -26,34 +26,23 @@ def measure_latency(
     questions: Questions, target: Target, motors: Sequence[MotorSpec], samples: int, section: Section
 ) -> None:
     """Ask each motor `samples` times for feedback, in turn; rows and findings."""
-    times_ms: dict[int, list[float]] = {spec.can_id: [] for spec in motors}
-    lost = dict.fromkeys(times_ms, 0)
-    in_a_row = dict.fromkeys(times_ms, 0)
+    answers: dict[int, list[float | None]] = {spec.can_id: [] for spec in motors}  # ms, None of a lost one
     for _ in range(samples):
-        for can_id, times in times_ms.items():
-            if in_a_row[can_id] >= _GIVE_UP:
-                continue
-            seconds = questions.round_trip_s(can_id, _TIMEOUT_S)
-            if seconds is None:
-                lost[can_id] += 1
-                in_a_row[can_id] += 1
-            else:
-                times.append(seconds * 1e3)
-                in_a_row[can_id] = 0
-    quickest = min((ms for times in times_ms.values() if (ms := percentile(sorted(times), 0.5))), default=0.0)
+        for can_id, told in answers.items():
+            if told[-_GIVE_UP:] != [None] * _GIVE_UP:
+                seconds = questions.round_trip_s(can_id, _TIMEOUT_S)
+                told.append(None if seconds is None else seconds * 1e3)
+    times_ms = {can_id: sorted(ms for ms in told if ms is not None) for can_id, told in answers.items()}
+    quickest = min((ms for times in times_ms.values() if (ms := percentile(times, 0.5))), default=0.0)
     if quickest > 2e3 * SLOW_S:
-        what = (
-            f"answers take {quickest:.1f} ms: the adapter is slow, and the arm is seen and commanded that much too late"
-        )
-        section.problem(target.channel, what, _QUICKER)
+        what = f"answers take {quickest:.1f} ms: the adapter is slow, and the arm is seen and commanded that much "
+        section.problem(target.channel, f"{what}too late", _QUICKER)
     for spec in motors:
-        _report(target, spec, sorted(times_ms[spec.can_id]), lost[spec.can_id], section)
+        _report(target, spec, times_ms[spec.can_id], len(answers[spec.can_id]), section)
 
 
-def _report(target: Target, spec: MotorSpec, times_ms: Sequence[float], lost: int, section: Section) -> None:
-    asked = len(times_ms) + lost
-    counts = histogram(times_ms)
-    p99 = percentile(times_ms, 0.99)
+def _report(target: Target, spec: MotorSpec, times_ms: Sequence[float], asked: int, section: Section) -> None:
+    counts, p99, lost = histogram(times_ms), percentile(times_ms, 0.99), asked - len(times_ms)
     section.rows.append(
         {
             "channel": target.channel,
@@ -71,9 +60,9 @@ def _report(target: Target, spec: MotorSpec, times_ms: Sequence[float], lost: in
     )
     where = f"{target.channel} motor {spec.name} (id {spec.can_id})"
     if lost:
-        what = f"{lost} of {asked} replies were lost"
         add = section.problem if lost > _LOST_MAX * asked else section.warn
-        add(where, what, "reseat the CAN cables of the arm and check the terminators (120 Ω at both ends)")
+        remedy = "reseat the CAN cables of the arm and check the terminators (120 Ω at both ends)"
+        add(where, f"{lost} of {asked} replies were lost", remedy)
     if p99 is not None and p99 > _TICK_MS:
         what = f"one reply in a hundred takes longer than {p99:.1f} ms; a tick of the loop is {_TICK_MS:g} ms"
         section.warn(where, what, "plug the adapter into a separate USB port, and stop what keeps the CPUs busy")
@@ -87,9 +76,7 @@ def histogram(times_ms: Sequence[float]) -> list[int]:
 
 def percentile(ordered: Sequence[float], share: float) -> float | None:
     """The value below which `share` of an ordered list lies, ms; None of an empty one."""
-    if not ordered:
-        return None
-    return round(ordered[min(int(share * len(ordered)), len(ordered) - 1)], 3)
+    return round(ordered[min(int(share * len(ordered)), len(ordered) - 1)], 3) if ordered else None
 
 
 def bars(counts: Sequence[int]) -> str:

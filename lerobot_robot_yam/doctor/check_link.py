@@ -36,7 +36,7 @@ class Link:
     """One CAN interface. None: the system does not tell.
 
     Attributes:
-        driver: of the controller, such as "gs_usb".
+        driver: driver of the controller, such as "gs_usb".
         state: "ERROR-ACTIVE" (healthy), "ERROR-WARNING", "ERROR-PASSIVE", "BUS-OFF", "STOPPED", "SLEEPING".
         modes: controller modes that are on ("FD", "LISTEN-ONLY", …).
         queue_length: frames that may wait (txqueuelen); waiting: frames that do.
@@ -172,7 +172,17 @@ def _check(link: Link, section: Section) -> None:
     for mode in sorted(set(link.modes) & set(_WRONG_MODES)):
         fd = "CAN FD is on: the motors speak classic CAN, and one FD frame disturbs them all"
         section.problem(name, fd if mode == "FD" else f"the controller is in {mode.lower()} mode", link.repair())
-    _check_queue(link, section)
+    if link.full:
+        what = f"no buffer space: {link.waiting} frames wait in a queue of {link.queue_length} and none gets through, "
+        what += "since nobody acknowledges them (arm without power, cable out) or the adapter hangs"
+        section.problem(name, what, link.repair())
+    elif link.queue_length is not None and link.queue_length < QUEUE_MIN:
+        what = f"the transmit queue holds only {link.queue_length} frames (txqueuelen): a late tick gets 'No buffer "
+        section.warn(name, f"{what}space'", f"sudo ip link set {name} txqueuelen {QUEUE_LENGTH}")
+    lost = {"refused by a full queue": link.refused, "dropped by the driver": link.dropped}
+    if texts := [f"{count} {how}" for how, count in lost.items() if count]:
+        what = f"the interface has lost frames that it should send: {', '.join(texts)}"
+        section.warn(name, what, "switch the arm's power on before a session starts, and check its CAN cable")
     if link.restart_ms == 0 and link.driver is not None and link.driver not in NO_RESTART:
         what = "restart-ms is 0: after bus-off the controller stays off until somebody restarts it"
         section.warn(name, what, link.repair())
@@ -185,19 +195,3 @@ def _check(link: Link, section: Section) -> None:
     if link.lost_rx:
         what = f"the adapter has lost {link.lost_rx} received frames"
         section.warn(name, what, "plug the adapter into a separate USB port, without a hub")
-
-
-def _check_queue(link: Link, section: Section) -> None:
-    name, length = link.name, link.queue_length
-    if length is not None and link.full:
-        what = f"no buffer space: {link.waiting} frames wait in a queue of {length} and none gets through, since "
-        what += "nobody acknowledges them (arm without power, cable out) or the adapter hangs"
-        section.problem(name, what, link.repair())
-    elif length is not None and length < QUEUE_MIN:
-        what = f"the transmit queue holds only {length} frames (txqueuelen): a late tick gets 'No buffer space'"
-        section.warn(name, what, f"sudo ip link set {name} txqueuelen {QUEUE_LENGTH}")
-    lost = {"refused by a full queue": link.refused, "dropped by the driver": link.dropped}
-    texts = [f"{count} {how}" for how, count in lost.items() if count]
-    if texts:
-        what = f"the interface has lost frames that it should send: {', '.join(texts)}"
-        section.warn(name, what, "switch the arm's power on before a session starts, and check its CAN cable")

@@ -4,17 +4,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from lerobot_robot_yam.damiao.codec import decode_feedback
+from lerobot_robot_yam.damiao.motor_inspection import expected_registers
 from lerobot_robot_yam.damiao.motor_spec import MOTOR_IDS, MotorSpec
 from lerobot_robot_yam.damiao.registers import Register, agrees
-from lerobot_robot_yam.damiao.tables import (
-    MOTOR_TYPES,
-    TIMEOUT_COUNT_S,
-    WATCHDOG_S,
-    ControlMode,
-    Fault,
-    fault_text,
-    motor_type,
-)
+from lerobot_robot_yam.damiao.tables import MOTOR_TYPES, TIMEOUT_COUNT_S, Fault, fault_text
 from lerobot_robot_yam.doctor.kit.findings import Section
 from lerobot_robot_yam.doctor.kit.questions import Answer, Questions
 from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Target
@@ -23,9 +16,9 @@ _ROUNDS = 3
 _TIMEOUT_S, _SETTLE_S = 0.25, 0.03
 # The maker says so; others have seen that a motor takes it at once.
 _POWER_CYCLE = " (then switch the arm's power off and on: until then the motor may go by the old value)"
-_WARM_C = 15.0  # this far below the motor's own limit
-_SUPPLY_MARGIN = 1.05
-_SILENT_MAX = 3  # a motor that has not told so many registers in a row is not asked for more
+_WARM_C = 15.0  # distance to the motor's own limit at which it counts as warm, °C
+_SUPPLY_MARGIN = 1.05  # ratio of the supply to a limit of the motor, below which it counts as near
+_SILENT_MAX = 3  # registers that a motor leaves unanswered in a row before it is asked for no more
 _READ = {
     Register.SW_VER: "firmware",
     Register.SUB_VER: "firmware_sub",
@@ -43,6 +36,7 @@ _READ = {
     Register.OV_VALUE: "supply_max_v",
     Register.VBUS: "supply_v",
 }
+_RANGES = (Register.PMAX, Register.VMAX, Register.TMAX)
 _CONNECT = "connect again: that clears the fault"
 _FAULT_REMEDIES: dict[int, str] = {
     Fault.OVER_VOLTAGE: f"measure the supply, then {_CONNECT}",
@@ -52,7 +46,6 @@ _FAULT_REMEDIES: dict[int, str] = {
     Fault.ROTOR_OVER_TEMPERATURE: f"let the motor cool down, then {_CONNECT}",
     Fault.COMMUNICATION_LOST: f"{_CONNECT} (its last driver ended without switching torque off)",
     Fault.OVERLOAD: f"take off the load or what blocks the joint, then {_CONNECT}",
-    Fault.NORMAL: "hold the arm by hand, then switch its power off and on",
 }
 
 
@@ -62,21 +55,26 @@ def inspect_motors(questions: Questions, target: Target, handle_answers: bool, s
     answers = _roll_call(questions, [spec.can_id for spec in specs])
     present = [spec for spec in specs if spec.can_id in answers]
     missing = [spec for spec in specs if spec.can_id not in answers]
-    strangers = sorted(set(answers) - {spec.can_id for spec in specs})
     _check_missing(target, specs, missing, handle_answers, section)
-    for can_id in strangers:
-        _stranger(target, can_id, missing, section)
+    for can_id in sorted(set(answers) - {spec.can_id for spec in specs}):
+        remedy = f"name the profile that has it (--channel {target.channel}:ARM:GRIPPER), or take the motor off the bus"
+        if len(missing) == 1:
+            remedy = f"if it is {missing[0].name}: {_set_id(target, can_id, missing[0].can_id)}"
+        what = "a motor answers that the profile does not have"
+        section.problem(f"{target.channel} motor id {can_id}", what, remedy)
     for spec in present:
         given, rounds = answers[spec.can_id]
         row = _read(questions, target, spec, given[-1])
         section.rows.append(row)
-        where = _where(target, spec)
         if len(given) > rounds:
-            _doubled(target, spec, missing, section)
-        _check_state(where, row, section)
+            other = f" ({missing[0].name})" if len(missing) == 1 else ""
+            remedy = f"unplug {spec.name}, then give the other one its own id{other}: "
+            remedy += _set_id(target, spec.can_id, missing[0].can_id if other else "NEW")
+            what = "answers twice: two motors share this id, or another program asks as well"
+            section.problem(_where(target, spec), what, remedy)
+        _check_state(_where(target, spec), row, section)
         _check_registers(target, spec, given[-1], row, section)
-    for spec in missing:
-        section.rows.append({**_identity(target, spec), "state": "missing"})
+    section.rows += [{**_identity(target, spec), "state": "missing"} for spec in missing]
     _check_firmware(target, present, section)
     return present
 
@@ -92,16 +90,12 @@ def _identity(target: Target, spec: MotorSpec) -> dict[str, Any]:
 def _roll_call(questions: Questions, expected: Sequence[int]) -> dict[int, tuple[list[Answer], int]]:
     """Per id that answers: its answers, and how often it was asked."""
     answers: dict[int, list[Answer]] = {}
-    asked = dict.fromkeys(MOTOR_IDS, 0)
-    for _ in range(_ROUNDS):
-        # Unexpected ids are given less time, and only once.
-        absent = [can_id for can_id in MOTOR_IDS if can_id not in expected and not asked[can_id]]
-        for ids, timeout_s in ((list(expected), _TIMEOUT_S), (absent, _SETTLE_S)):
-            for can_id in ids:
-                asked[can_id] += 1
-            for answer in questions.refresh(ids, timeout_s, _SETTLE_S) if ids else ():
-                answers.setdefault(answer.nibble, []).append(answer)
-    return {can_id: (given, asked[can_id]) for can_id, given in answers.items()}
+    unexpected = [can_id for can_id in MOTOR_IDS if can_id not in expected]  # asked once, with less time
+    calls = [(list(expected), _TIMEOUT_S)] * _ROUNDS + [(unexpected, _SETTLE_S)]
+    for ids, timeout_s in calls:
+        for answer in questions.refresh(ids, timeout_s, _SETTLE_S):
+            answers.setdefault(answer.nibble, []).append(answer)
+    return {can_id: (given, _ROUNDS if can_id in expected else 1) for can_id, given in answers.items()}
 
 
 def _check_missing(
@@ -114,42 +108,19 @@ def _check_missing(
         return
     names = {spec.can_id: spec.name for spec in specs}
     motor = target.hardware.gripper.motor
-    replaced = [spec for spec in missing if handle and motor is not None and spec.can_id == motor.can_id]
-    for spec in replaced:
+    if handle and missing and motor is not None and missing[-1].can_id == motor.can_id:
         what = "a teaching handle answers instead of the gripper's motor: this is a leader"
         remedy = f"name it --channel {target.channel}:{target.config.arm}:{LEADER_GRIPPER}, or swap the cables back"
-        section.problem(_where(target, spec), what, remedy)
-    specs, missing = ([spec for spec in some if spec not in replaced] for some in (specs, missing))
-    to_the_end = not handle and list(missing) == list(specs[-len(missing) :])  # the handle is behind them
-    behind = [spec.name for spec in missing[1:]] if to_the_end else []
+        section.problem(_where(target, missing[-1]), what, remedy)
+        missing = missing[:-1]
+    # The motors form a chain: from a broken cable on, all are silent. A handle hangs behind the last one.
+    behind = missing[1:] if not handle and list(missing) == list(specs[-len(missing) :]) else ()
     for spec in missing[:1] if behind else missing:
         before = names.get(spec.can_id - 1)
         cable = f"the cable between {before} and {spec.name}" if before else f"the cable to {spec.name}"
-        what = f"no answer to {_ROUNDS} questions" + (f", nor from {', '.join(behind)} behind it" if behind else "")
-        section.problem(_where(target, spec), what, f"reseat {cable}, then switch the arm's power off and on")
-
-
-def _stranger(target: Target, can_id: int, missing: Sequence[MotorSpec], section: Section) -> None:
-    remedy = f"name the profile that has it (--channel {target.channel}:ARM:GRIPPER), or take the motor off the bus"
-    if len(missing) == 1:
-        remedy = f"if it is {missing[0].name}: {_become(target, can_id, missing[0])}"
-    what = "a motor answers that the profile does not have"
-    section.problem(f"{target.channel} motor id {can_id}", what, remedy)
-
-
-def _doubled(target: Target, spec: MotorSpec, missing: Sequence[MotorSpec], section: Section) -> None:
-    remedy = f"unplug {spec.name}, then give the other one its own id"
-    if len(missing) == 1:
-        remedy += f" ({missing[0].name}): {_become(target, spec.can_id, missing[0])}"
-    else:
-        remedy += f" (yam-motors set-id {target.config.on_command_line} {spec.can_id} NEW)"
-    what = "answers twice: two motors share this id, or another program asks as well"
-    section.problem(_where(target, spec), what, remedy)
-
-
-def _become(target: Target, can_id: int, spec: MotorSpec) -> str:
-    """The command that gives the motor with this id the ids of the profile's `spec`."""
-    return _set_registers(target, can_id, {Register.ESC_ID: spec.can_id, Register.MST_ID: spec.feedback_id})
+        nor = f", nor from {', '.join(other.name for other in behind)} behind it" if behind else ""
+        remedy = f"reseat {cable}, then switch the arm's power off and on"
+        section.problem(_where(target, spec), f"no answer to {_ROUNDS} questions{nor}", remedy)
 
 
 def _read(questions: Questions, target: Target, spec: MotorSpec, answer: Answer) -> dict[str, Any]:
@@ -175,7 +146,7 @@ def _check_state(where: str, row: Mapping[str, Any], section: Section) -> None:
     fault, mos, rotor = row["fault"], row["temp_mos_c"], row["temp_rotor_c"]
     if fault == Fault.NORMAL:
         what = "is energised although no session drives it"
-        section.problem(where, what, _FAULT_REMEDIES[fault])
+        section.problem(where, what, "hold the arm by hand, then switch its power off and on")
     elif fault != Fault.DISABLED:
         remedy = _FAULT_REMEDIES.get(fault, "switch the arm's power off and on")
         section.problem(where, f"reports {fault_text(fault)}; power stage {mos} °C, coil {rotor} °C", remedy)
@@ -191,43 +162,40 @@ def _check_state(where: str, row: Mapping[str, Any], section: Section) -> None:
 
 
 def _check_registers(target: Target, spec: MotorSpec, answer: Answer, row: Mapping[str, Any], section: Section) -> None:
-    where, kind = _where(target, spec), motor_type(spec.type)
-    ratio = row["gear_ratio"]
-    other_type = ratio and kind.gear_ratio is not None and not agrees(ratio, kind.gear_ratio)
-    if other_type:
+    where, expected = _where(target, spec), expected_registers(spec)
+    ratio, wanted = row["gear_ratio"], expected.pop(Register.GR, None)
+    if ratio and wanted is not None and not agrees(ratio, wanted):
         fitting = [name for name, other in MOTOR_TYPES.items() if other.gear_ratio and agrees(ratio, other.gear_ratio)]
-        what = f"its gear ratio is {ratio:g} ({' or '.join(fitting) or 'no known type'}) instead of {kind.gear_ratio:g}"
+        what = f"its gear ratio is {ratio:g} ({' or '.join(fitting) or 'no known type'}) instead of {wanted:g}"
         what += f" ({spec.type}): another arm or gripper than the profile says"
         section.problem(where, what, f"name the right one: --channel {target.channel}:ARM:GRIPPER")
-    expected: dict[Register, float] = {Register.TIMEOUT: round(WATCHDOG_S / TIMEOUT_COUNT_S)}
-    expected |= {Register.CTRL_MODE: ControlMode.MIT, Register.MST_ID: spec.feedback_id}
-    if not other_type:  # otherwise its ranges are those of the other type
-        ranges = kind.position_max_rad, kind.velocity_max_rad_s, kind.torque_max_nm
-        expected |= dict(zip((Register.PMAX, Register.VMAX, Register.TMAX), ranges, strict=True))
+        expected = {register: value for register, value in expected.items() if register not in _RANGES}
     unknown = []
     for register, value in expected.items():
         found = answer.identifier if register is Register.MST_ID else row[_READ[register]]
-        name, unit = register.name, register.unit
         if found is None:
-            unknown.append(name)
+            unknown.append(register.name)
         elif not agrees(found, value):
-            what = f"{name} is {found:g} instead of {value:g} {unit}{_consequence(register, found)}"
-            again = _POWER_CYCLE if register is Register.TIMEOUT else ""
-            section.problem(where, what, _set_registers(target, spec.can_id, {register: value}) + again)
+            what = f"{register.name} is {found:g} instead of {value:g} {register.unit}{_consequence(register, found)}"
+            section.problem(where, what, _set_register(target, spec.can_id, register, value))
     if unknown:
         what = f"{', '.join(unknown)} unknown: the motor does not tell"
         section.warn(where, what, "run yam-doctor again; if it stays so, check the motor's cable")
 
 
-def _set_registers(target: Target, motor_id: int, values: Mapping[Register, float]) -> str:
-    """The command that sets registers of a motor and stores them. The doctor prints it and changes nothing."""
+def _set_register(target: Target, motor_id: int, register: Register, value: float) -> str:
+    """The command that sets a register of a motor and stores it. The doctor prints it and changes nothing."""
     where = target.config.on_command_line
-    if not values.keys().isdisjoint({Register.ESC_ID, Register.MST_ID}):
-        return f"yam-motors set-id {where} {motor_id} {int(values.get(Register.ESC_ID, motor_id))}"
-    if Register.TIMEOUT in values:
-        return f"yam-motors timeout {where} --motor {motor_id} {values[Register.TIMEOUT] * TIMEOUT_COUNT_S:g}"
-    settings = " ".join(f"{register.name}={value:.9g}" for register, value in values.items())
-    return f"yam-motors write {where} --motor {motor_id} {settings} --store"
+    if register is Register.MST_ID:
+        return _set_id(target, motor_id, motor_id)
+    if register is Register.TIMEOUT:
+        return f"yam-motors timeout {where} --motor {motor_id} {value * TIMEOUT_COUNT_S:g}{_POWER_CYCLE}"
+    return f"yam-motors write {where} --motor {motor_id} {register.name}={value:.9g} --store"
+
+
+def _set_id(target: Target, motor_id: int, new: int | str) -> str:
+    """The command that gives a motor an id, and the identifier for its answers that belongs to it."""
+    return f"yam-motors set-id {target.config.on_command_line} {motor_id} {new}"
 
 
 def _consequence(register: Register, found: float) -> str:
@@ -235,9 +203,7 @@ def _consequence(register: Register, found: float) -> str:
         if found == 0:
             return ": it never switches itself off when its driver dies"
         return f": it switches itself off after {found * TIMEOUT_COUNT_S:g} s without a command"
-    if register in (Register.PMAX, Register.VMAX, Register.TMAX):
-        return ": every value on the wire is scaled wrongly"
-    return ""
+    return ": every value on the wire is scaled wrongly" if register in _RANGES else ""
 
 
 def _check_firmware(target: Target, present: Sequence[MotorSpec], section: Section) -> None:

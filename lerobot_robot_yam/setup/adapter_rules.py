@@ -11,8 +11,8 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
-from lerobot_robot_yam.doctor.kit.can_adapters import CAN_TYPE, KERNEL_NAME, Adapter
 from lerobot_robot_yam.errors import SetupError
+from lerobot_robot_yam.system.sysfs import CAN_TYPE, KERNEL_NAME, CanAdapter
 
 RULES = "etc/udev/rules.d/70-yam-can.rules"  # before 80-net-setup-link.rules, which leaves a name that is given
 _RULES_FOLDERS = ("etc/udev/rules.d", "run/udev/rules.d", "usr/lib/udev/rules.d", "lib/udev/rules.d")
@@ -54,7 +54,7 @@ class NamedAdapter:
         return (self.serial, self.channel, _glob(self.place)) == (other.serial, other.channel, _glob(other.place))
 
 
-def identify(name: str, adapter: Adapter, adapters: Sequence[Adapter]) -> NamedAdapter:
+def identify(name: str, adapter: CanAdapter, adapters: Sequence[CanAdapter]) -> NamedAdapter:
     """Tie a name to one of the adapters that are plugged in.
 
     Raises:
@@ -93,7 +93,7 @@ def with_adapter(present: Sequence[NamedAdapter], new: NamedAdapter) -> list[Nam
     return sorted([*kept, new], key=lambda named: named.name)
 
 
-def where_they_are(named: Sequence[NamedAdapter], adapters: Sequence[Adapter]) -> list[NamedAdapter]:
+def where_they_are(named: Sequence[NamedAdapter], adapters: Sequence[CanAdapter]) -> list[NamedAdapter]:
     """The names with their present places: an adapter that is named by its serial number may have been moved."""
 
     def moved(entry: NamedAdapter) -> NamedAdapter:
@@ -103,7 +103,7 @@ def where_they_are(named: Sequence[NamedAdapter], adapters: Sequence[Adapter]) -
     return [moved(entry) for entry in named]
 
 
-def rules_text(named: Sequence[NamedAdapter], adapters: Sequence[Adapter]) -> str | None:
+def rules_text(named: Sequence[NamedAdapter], adapters: Sequence[CanAdapter]) -> str | None:
     """The rules file for these names, given what is plugged in; None when there is no name.
 
     Raises:

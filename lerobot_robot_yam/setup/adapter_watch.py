@@ -11,9 +11,9 @@ import can
 
 from lerobot_robot_yam.damiao.codec import decode_feedback
 from lerobot_robot_yam.damiao.tables import Fault
-from lerobot_robot_yam.doctor.kit.can_adapters import Adapter, read_adapters
 from lerobot_robot_yam.doctor.kit.questions import Questions
 from lerobot_robot_yam.errors import MotorError
+from lerobot_robot_yam.system.sysfs import CanAdapter, read_adapters
 
 _PLUGS_S = 0.2  # between looks at what is plugged in
 _SETTLE_S = 0.8  # an adapter's channels come one after another, and udev renames them
@@ -35,7 +35,7 @@ class PlugWatch:
         self._sysfs = sysfs
         self._before = set(_places(sysfs))
 
-    def wait(self, answer: Callable[[float], str | None], tell: Callable[[str], None]) -> list[Adapter] | str:
+    def wait(self, answer: Callable[[float], str | None], tell: Callable[[str], None]) -> list[CanAdapter] | str:
         """Wait until one adapter is plugged in, or plugged in again, or the person types a line.
 
         Args:
@@ -60,7 +60,7 @@ class PlugWatch:
         return line
 
 
-def _places(sysfs: Path) -> dict[tuple[str | None, ...], Adapter]:
+def _places(sysfs: Path) -> dict[tuple[str | None, ...], CanAdapter]:
     """What is plugged in, by place and channel: names change."""
     return {(a.place, *a.number, None if a.place else a.name): a for a in read_adapters(sysfs)}
 

@@ -7,8 +7,8 @@ its rules.
 
 from lerobot_robot_yam.damiao.tables import BITRATE
 from lerobot_robot_yam.doctor.check_link import NO_RESTART, QUEUE_LENGTH, RESTART_MS
-from lerobot_robot_yam.doctor.kit.can_adapters import Adapter
 from lerobot_robot_yam.setup.adapter_rules import RULES
+from lerobot_robot_yam.system.sysfs import CanAdapter
 
 UNIT = "etc/systemd/system/yam-can@.service"
 _UP = f"up txqueuelen {QUEUE_LENGTH} type can bitrate {BITRATE}"  # `ip` takes txqueuelen before the type only
@@ -30,7 +30,7 @@ ExecStart=ip link set %i {_UP}
 """
 
 
-def bring_up(adapter: Adapter) -> list[list[str]]:
+def bring_up(adapter: CanAdapter) -> list[list[str]]:
     """The commands that take a link down and bring it up as the arms need it."""
     commands = [f"ip link set {adapter.name} down"]
     if adapter.driver is not None and adapter.driver not in NO_RESTART:

@@ -4,8 +4,7 @@ from collections.abc import Mapping
 
 from lerobot_robot_yam.control.process.control_process import RT_PRIORITY
 from lerobot_robot_yam.errors import SetupError
-from lerobot_robot_yam.setup.group_members import Member, groups_of, with_members
-from lerobot_robot_yam.setup.system_files import Change, SystemFiles
+from lerobot_robot_yam.setup.system_files import Change, GroupChange, SystemFiles
 
 LIMITS = "etc/security/limits.d/90-yam.conf"
 RULES_OF_DEVICES = "etc/udev/rules.d/70-yam-devices.rules"
@@ -17,7 +16,7 @@ SUBSYSTEM=="usb", ATTR{idVendor}=="8086", ATTR{product}=="*RealSense*", GROUP="v
 KERNEL=="uinput", SUBSYSTEM=="misc", GROUP="input", MODE="0660", OPTIONS+="static_node=uinput"
 """
 _GROUPS = ("video", "input")
-_GROUP, _SHADOW, _USERS = "etc/group", "etc/gshadow", "etc/passwd"
+_USERS = "etc/passwd"
 
 
 def rights_changes(files: SystemFiles, user: str) -> list[Change]:
@@ -28,24 +27,19 @@ def rights_changes(files: SystemFiles, user: str) -> list[Change]:
     """
     if not any(line.startswith(f"{user}:") for line in (files.read(_USERS) or "").splitlines()):
         raise SetupError(f"there is no user {user!r} in /{_USERS}: say who drives the arms (--user NAME)")
-    groups = files.read(_GROUP) or ""
-    missing = sorted(set(_GROUPS) - groups_of(groups))
+    members = files.members()
+    missing = sorted(set(_GROUPS) - set(members))
     if missing:
         raise SetupError(
-            f"there is no group {' and no group '.join(missing)} in /{_GROUP}: make it (sudo groupadd --system "
+            f"there is no group {' and no group '.join(missing)} in /etc/group: make it (sudo groupadd --system "
             f"{missing[0]}), or give names only (--no-rights)"
         )
-    before = files.read(LIMITS)
-    lines = (before or "").splitlines()
+    lines = (files.read(LIMITS) or "").splitlines()
     wanted = [f"{user} - rtprio {RT_PRIORITY}", f"{user} - memlock unlimited"]
     limits = "".join(f"{line}\n" for line in [*lines, *(line for line in wanted if line not in lines)])
     changes = files.change_to(LIMITS, limits) + files.change_to(RULES_OF_DEVICES, _DEVICES)
-    for path in (_GROUP, _SHADOW):
-        text = files.read(path)
-        new = tuple(m for m in (Member(g, user) for g in _GROUPS) if text is not None and not m.line_in(text))
-        if text is not None and new:
-            changes.append(Change(path, text, with_members(text, new), new))
-    return changes
+    new = tuple(group for group in _GROUPS if user not in members[group])
+    return [*changes, GroupChange(user, new)] if new else changes
 
 
 def user_of(environment: Mapping[str, str]) -> str | None:

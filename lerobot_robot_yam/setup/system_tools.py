@@ -1,17 +1,17 @@
-"""Making changes take effect with the system's own tools. With another root than "/" they are only told."""
+"""Making changes take effect with the system's own tools. With another root than "/" all but usermod are only told."""
 
+import shutil
 import subprocess
 from collections.abc import Callable, Sequence
 
-from lerobot_robot_yam.doctor.kit.can_adapters import Adapter
-from lerobot_robot_yam.doctor.kit.usb import text_of
 from lerobot_robot_yam.errors import ChannelInUseError, SetupError
 from lerobot_robot_yam.setup.adapter_rules import RULES
 from lerobot_robot_yam.setup.link_unit import UNIT, bring_up
 from lerobot_robot_yam.setup.rights import RULES_OF_DEVICES
-from lerobot_robot_yam.setup.system_files import Change, SystemFiles
+from lerobot_robot_yam.setup.system_files import Change, GroupChange, SystemFiles
 from lerobot_robot_yam.state.records import channel_key
 from lerobot_robot_yam.system.runtime_files import lock_holders, runtime_dirs
+from lerobot_robot_yam.system.sysfs import CanAdapter, text_of
 
 _TIMEOUT_S = 30.0
 
@@ -25,13 +25,19 @@ class SystemTools:
     """
 
     def __init__(self, files: SystemFiles, tell: Callable[[str], None], dry: bool):
-        self._files = files
-        self._tell = tell
+        self._files, self._tell = files, tell
+        self._dry_run = dry
         self._dry = dry or not files.live
 
     def load(self, changes: Sequence[Change]) -> None:
-        """Make udev and systemd read what has changed."""
-        paths = {change.path for change in changes}
+        """Change groups, which works below another root too, and make udev and systemd read what has changed."""
+        for change in changes:
+            if isinstance(change, GroupChange):
+                root = [] if self._files.live else ["--prefix", str(self._files.root)]
+                how = "--append" if change.joins else "--remove"
+                usermod = shutil.which("usermod") or "/usr/sbin/usermod"  # which is not on everybody's PATH
+                self._run([usermod, *root, how, "--groups", ",".join(change.groups), change.user], self._dry_run)
+        paths = {change.path for change in changes if not isinstance(change, GroupChange)}
         if paths & {RULES, RULES_OF_DEVICES}:
             self._run("udevadm control --reload".split())
         if RULES_OF_DEVICES in paths:
@@ -54,18 +60,19 @@ class SystemTools:
         self._run(["systemctl", "restart", f"yam-can@{name}.service"])
         return True
 
-    def _index(self, interface: str) -> str | None:
-        """The kernel's number of an interface, which a renaming leaves; None when there is none."""
-        return text_of(self._files.root / "sys/class/net" / interface / "ifindex")
-
-    def reset(self, adapter: Adapter) -> None:
+    def reset(self, adapter: CanAdapter) -> None:
         """Take a link down and bring it up."""
         for command in bring_up(adapter):
             self._run(command)
 
-    def _run(self, command: Sequence[str]) -> None:
-        self._tell(f"{'would run' if self._dry else 'runs'}: {' '.join(command)}")
-        if self._dry:
+    def _index(self, interface: str) -> str | None:
+        """The kernel's number of an interface, which a renaming leaves; None when there is none."""
+        return text_of(self._files.root / "sys/class/net" / interface / "ifindex")
+
+    def _run(self, command: Sequence[str], dry: bool | None = None) -> None:
+        dry = self._dry if dry is None else dry
+        self._tell(f"{'would run' if dry else 'runs'}: {' '.join(command)}")
+        if dry:
             return
         try:
             done = subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False)

@@ -3,9 +3,9 @@
 import pytest
 
 from lerobot_robot_yam.doctor.check_adapters import check_adapters, read_rules
-from lerobot_robot_yam.doctor.kit.can_adapters import read_adapters
 from lerobot_robot_yam.doctor.kit.findings import Section, Severity
 from lerobot_robot_yam.system.own_commands import as_root
+from lerobot_robot_yam.system.sysfs import read_adapters
 from tests.support.doctor_desk import RULE, Sysfs
 
 NAMING = as_root("yam-setup-can --no-rights")

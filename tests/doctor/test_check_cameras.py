@@ -4,7 +4,8 @@ import sys
 
 import pytest
 
-from lerobot_robot_yam.doctor.check_cameras import check_cameras, read_cameras
+from lerobot_robot_yam.cameras.video_devices import video_devices
+from lerobot_robot_yam.doctor.check_cameras import check_cameras
 from lerobot_robot_yam.doctor.kit.findings import Section, Severity
 from tests.support.doctor_desk import Sysfs
 
@@ -20,7 +21,7 @@ def sysfs(tmp_path, monkeypatch):
 
 def check(sysfs, configured=None, dev=None):
     section = Section("cameras")
-    check_cameras(read_cameras(sysfs.root), configured or {}, dev or sysfs.root / "dev", section)
+    check_cameras(video_devices(sysfs=sysfs.root), configured or {}, dev or sysfs.root / "dev", section)
     return section
 
 

@@ -18,10 +18,9 @@ from tests.support.doctor_desk import (
     LEADER,
     LEADER_ARM,
     MOTORS,
-    examine,
+    examine_arm,
     found,
     set_report_frequency,
-    virtual,
 )
 
 DEFECTS = {
@@ -101,12 +100,12 @@ DEFECTS = {
 
 
 @pytest.mark.parametrize("defect", DEFECTS)
-def test_a_defect_is_found_and_its_remedy_named(sick, capsys, defect):
+def test_a_defect_is_found_and_its_remedy_named(sick, defect):
     seed, (where, what, remedy) = DEFECTS[defect]
     seed(sick)
     samples = 12 if defect in ("lost replies", "slow adapter") else 0
     channel = LEADER_ARM if where.startswith(LEADER) else FOLLOWER
-    status, report = examine(capsys, *virtual(sick, channel, samples=samples))
+    status, report = examine_arm(sick, channel, samples)
     severity = "warning" if defect.startswith("squeezed") else "problem"
     findings = found(report, severity, where, what)
     assert len(findings) == 1, report["findings"]
@@ -117,10 +116,10 @@ def test_a_defect_is_found_and_its_remedy_named(sick, capsys, defect):
     assert [f["where"] for f in others] == ([f"{FOLLOWER} motor joint_4 (id 4)"] if defect == "wrong id" else [])
 
 
-def test_a_handle_that_reports_by_itself(sick, capsys):
+def test_a_handle_that_reports_by_itself(sick):
     with can.Bus(interface="yam_sim", channel=LEADER, rig=sick.name) as bus:
         set_report_frequency(bus, 100)
-        status, report = examine(capsys, *virtual(sick, LEADER_ARM))
+        status, report = examine_arm(sick, LEADER_ARM)
         assert status == 1
         (problem,) = found(report, "problem", f"{LEADER} teaching handle", "by itself at 100 Hz")
         assert problem["remedy"] == f"yam-handle report --channel {LEADER} --rig {sick.name} 0"
@@ -130,85 +129,72 @@ def test_a_handle_that_reports_by_itself(sick, capsys):
         assert bus.recv(2.0) is not None  # it was left as it is
 
 
-def test_a_motor_that_is_energised_without_a_driver(sick, capsys):
+def test_a_motor_that_is_energised_without_a_driver(sick):
     with can.Bus(interface="yam_sim", channel=FOLLOWER, rig=sick.name) as bus:
         chain = MotorChain(bus, MOTORS[:1], channel=FOLLOWER)
         RegisterAccess(bus, FOLLOWER).write(MOTORS[0].can_id, Register.TIMEOUT, 0)
         chain.special(SpecialCommand.ENABLE)
-    _, report = examine(capsys, *virtual(sick, FOLLOWER, samples=0))
+    _, report = examine_arm(sick, FOLLOWER)
     (problem,) = found(report, "problem", "joint_1", "energised although no session drives it")
     assert "hold the arm by hand" in problem["remedy"]
 
 
-def test_a_warm_motor(sick, capsys):
+def test_a_warm_motor(sick):
     sick.fault(FOLLOWER, "joint_2", "temperatures_c", [50, 92])
-    status, report = examine(capsys, *virtual(sick, FOLLOWER, samples=0))
+    status, report = examine_arm(sick, FOLLOWER)
     assert status == 0
     assert found(report, "warning", "joint_2", "coil 92 °C; it switches itself off at 100 °C")
 
 
-def test_a_leader_in_place_of_a_follower(rig, capsys):
+def test_a_leader_in_place_of_a_follower(rig):
     """Swapped cables."""
-    status, report = examine(capsys, *virtual(rig, LEADER, samples=0))
+    status, report = examine_arm(rig, LEADER)
     assert status == 1
     (problem,) = found(report, "problem", "gripper (id 7)", "a teaching handle answers")
     assert f"--channel {LEADER}:yam:yam_teaching_handle" in problem["remedy"]
-    _, report = examine(capsys, *virtual(rig, f"{LEADER}:yam:no_gripper", samples=0))
+    _, report = examine_arm(rig, f"{LEADER}:yam:no_gripper")
     assert found(report, "problem", LEADER, "a teaching handle answers, which gripper profile no_gripper does not have")
 
 
-def test_a_follower_in_place_of_a_leader(rig, capsys):
-    status, report = examine(capsys, *virtual(rig, f"{FOLLOWER}:yam:yam_teaching_handle", samples=0))
+def test_a_follower_in_place_of_a_leader(rig):
+    status, report = examine_arm(rig, f"{FOLLOWER}:yam:yam_teaching_handle")
     assert status == 1
     assert found(report, "problem", f"{FOLLOWER} motor id 7", "the profile does not have")
     assert found(report, "problem", f"{FOLLOWER} teaching handle", "does not answer")
 
 
-def test_another_arm_than_the_profile_says(rig, capsys):
-    _, report = examine(capsys, *virtual(rig, f"{FOLLOWER}:big_yam", samples=0))
+def test_another_arm_than_the_profile_says(rig):
+    _, report = examine_arm(rig, f"{FOLLOWER}:big_yam")
     problems = found(report, "problem", "joint_1 (id 1)")
     assert len(problems) == 1 and "gear ratio is 40" in problems[0]["what"]
 
 
-def test_an_ultra_of_the_other_revision(rig, capsys):
+def test_an_ultra_of_the_other_revision(rig):
     """This rig's joint 4 is a DM4310."""
-    _, report = examine(capsys, *virtual(rig, f"{FOLLOWER}:yam_ultra_2", samples=0))
+    _, report = examine_arm(rig, f"{FOLLOWER}:yam_ultra_2")
     (problem,) = [f for f in report["findings"] if "gear ratio" in f["what"]]
     assert "joint_4 (id 4)" in problem["where"] and "instead of 40 (DM4340)" in problem["what"]
 
 
-def test_a_channel_that_the_rig_does_not_have(rig, capsys):
-    status, report = examine(capsys, *virtual(rig, "nowhere"))
+def test_a_channel_that_the_rig_does_not_have(rig):
+    status, report = examine_arm(rig, "nowhere")
     assert status == 1
     assert found(report, "problem", "nowhere", "nowhere")
 
 
-WRONG = {
-    Register.PMAX: 6.0,
-    Register.VMAX: 5.0,
-    Register.TMAX: 7.0,
-    Register.TIMEOUT: 4000,
-    Register.CTRL_MODE: 2,
-    Register.MST_ID: 0x33,
-    Register.GR: 25.0,
-}
-
-
-@pytest.mark.parametrize("register", WRONG, ids=lambda register: register.name)
-def test_what_a_session_would_refuse_is_found_and_repaired(sick, capsys, tmp_path, monkeypatch, register):
-    """The doctor and `motor_inspection.verify` agree on what a motor must hold, and the remedy is one."""
+@pytest.mark.parametrize(
+    ("register", "wrong"), [(Register.PMAX, 6.0), (Register.TIMEOUT, 4000), (Register.MST_ID, 0x33)], ids=str
+)
+def test_what_a_session_would_refuse_is_repaired_by_the_remedy(sick, tmp_path, monkeypatch, register, wrong):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    sick.fault(FOLLOWER, "joint_4", "register", WRONG[register], register=int(register))
-    with (
-        can.Bus(interface="yam_sim", channel=FOLLOWER, rig=sick.name) as bus,
-        pytest.raises(MotorError, match="joint_4"),
-    ):
-        motor_inspection.verify(MotorChain(bus, MOTORS, channel=FOLLOWER))
-    status, report = examine(capsys, *virtual(sick, FOLLOWER, samples=0))
+    sick.fault(FOLLOWER, "joint_4", "register", wrong, register=int(register))
+    status, report = examine_arm(sick, FOLLOWER)
     assert status == 1
     (problem,) = found(report, "problem", "joint_4")
-    if register is not Register.GR:  # which is built in
-        program, *arguments = shlex.split(problem["remedy"].partition(" (")[0])
-        assert program == "yam-motors" and repair([*arguments, "--yes"]) == 0
-        with can.Bus(interface="yam_sim", channel=FOLLOWER, rig=sick.name) as bus:
+    with can.Bus(interface="yam_sim", channel=FOLLOWER, rig=sick.name) as bus:
+        with pytest.raises(MotorError, match="joint_4"):
             motor_inspection.verify(MotorChain(bus, MOTORS, channel=FOLLOWER))
+    program, *arguments = shlex.split(problem["remedy"].partition(" (")[0])
+    assert program == "yam-motors" and repair([*arguments, "--yes"]) == 0
+    with can.Bus(interface="yam_sim", channel=FOLLOWER, rig=sick.name) as bus:
+        motor_inspection.verify(MotorChain(bus, MOTORS, channel=FOLLOWER))

@@ -4,7 +4,7 @@ import pytest
 
 from lerobot_robot_yam.doctor import check_host
 from lerobot_robot_yam.doctor.kit.findings import Section
-from lerobot_robot_yam.doctor.kit.usb import SYSFS
+from lerobot_robot_yam.system.sysfs import SYSFS
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,8 @@ import subprocess
 import pytest
 
 from lerobot_robot_yam.doctor.check_link import NO_RESTART
-from lerobot_robot_yam.doctor.kit.can_adapters import read_adapters
 from lerobot_robot_yam.setup.link_unit import UNIT_TEXT, bring_up
+from lerobot_robot_yam.system.sysfs import read_adapters
 from tests.support.doctor_desk import Sysfs
 
 

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from lerobot_robot_yam.doctor.kit.can_adapters import Adapter
 from lerobot_robot_yam.errors import SetupError
 from lerobot_robot_yam.setup.link_unit import UNIT
-from lerobot_robot_yam.setup.system_files import Change, SystemFiles
+from lerobot_robot_yam.setup.system_files import FileChange, SystemFiles
 from lerobot_robot_yam.setup.system_tools import SystemTools
+from lerobot_robot_yam.system.sysfs import CanAdapter
 
-ADAPTER = Adapter("can9", "gs_usb", None, None, None, None)
+ADAPTER = CanAdapter("can9", "gs_usb", None, None, None, None, None)
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def test_an_adapter_is_renamed_while_its_link_is_down_then_brought_up(ran, tmp_p
 
 def test_a_reset_and_a_new_unit(tools, ran):
     tools.reset(ADAPTER)
-    tools.load([Change(UNIT, None, "x")])
+    tools.load([FileChange(UNIT, None, "x")])
     up = "ip link set can9 up txqueuelen 100 type can bitrate 1000000"
     assert ran() == ["ip link set can9 down", up, "systemctl daemon-reload"]
 

@@ -10,6 +10,9 @@ import can
 from lerobot_robot_yam.commands.doctor import main
 from lerobot_robot_yam.damiao import handle_encoder
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
+from lerobot_robot_yam.doctor.check_channel import examine_channel
+from lerobot_robot_yam.doctor.kit.findings import as_json, empty_report, exit_status
+from lerobot_robot_yam.doctor.kit.targets import from_option
 from tests.support.paths import ROOT
 
 RECORDED = ROOT / "tests" / "doctor" / "recorded"
@@ -57,6 +60,13 @@ def examine(capsys, *arguments):
     """Run the command; returns its exit status and its JSON object."""
     status = main([*arguments, "--json"])
     return status, json.loads(capsys.readouterr().out)
+
+
+def examine_arm(rig, arm, samples=0):
+    """What the command finds on the channel of an arm NAME[:ARM[:GRIPPER]], without all that it looks at besides."""
+    report = empty_report()
+    examine_channel(from_option(arm, "yam_sim", rig.name), None, samples, report, lambda text: None)
+    return exit_status(report), json.loads(as_json(report))
 
 
 def found(report, severity, where, what=""):

@@ -74,12 +74,12 @@ class SystemTree:
         return (self.root / path).read_text()
 
     def snapshot(self):
-        """Every directory, file and link but sysfs: path, mode, content."""
+        """Every directory, file and link but sysfs and the copies that usermod keeps: path, mode, content."""
         found = {}
         for directory, names, files in os.walk(self.root):
             if directory == str(self.root):
                 names.remove("sys")
-            for name in (*names, *files):
+            for name in (*names, *(name for name in files if not name.endswith("-"))):
                 path = os.path.join(directory, name)
                 mode = os.lstat(path).st_mode
                 content = os.readlink(path) if stat.S_ISLNK(mode) else None

@@ -14,7 +14,7 @@ from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL, ArmConfig
 from lerobot_robot_yam.arm.mounting import gripper_id
 from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS, load_arm
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
-from lerobot_robot_yam.control.preflight.role import likely_gripper, probe_role
+from lerobot_robot_yam.control.preflight.role import answering_gripper
 from lerobot_robot_yam.damiao.motor_inspection import LISTEN_S, listen
 from lerobot_robot_yam.damiao.motor_spec import MOTOR_IDS
 from lerobot_robot_yam.errors import ConfigError, YamError
@@ -91,9 +91,9 @@ def with_likely_gripper(args: argparse.Namespace, **fields: Any) -> ArmConfig:
     if args.gripper is not None:
         return config
     with own_bus(config) as bus:
-        found = probe_role(bus, config.channel, gripper_id(load_arm(config.arm)))
-    tell(f"{config.name}: taking the gripper to be {likely_gripper(found)} (else give --gripper)")
-    return arm_config(args, **fields, gripper=likely_gripper(found))
+        gripper = answering_gripper(bus, config.channel, gripper_id(load_arm(config.arm)))
+    tell(f"{config.name}: taking the gripper to be {gripper} (else give --gripper)")
+    return arm_config(args, **fields, gripper=gripper)
 
 
 @contextmanager
@@ -141,6 +141,11 @@ def ask(question: str) -> str:
     if not line:
         raise ConfigError("the terminal gave no answer; nothing more was done")
     return line.strip()
+
+
+def agreed(question: str) -> bool:
+    """Whether the person at the terminal says yes, or just Enter. Raises ConfigError: the terminal has gone."""
+    return ask(f"{question} [Y/n]").lower() in ("", "y", "yes")
 
 
 def tell(text: str, end: str = "\n") -> None:

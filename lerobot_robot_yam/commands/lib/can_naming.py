@@ -9,8 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import can
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.commands.lib.arm_command import ask, own_bus, table, tell
-from lerobot_robot_yam.doctor.kit.can_adapters import Adapter, read_adapters
+from lerobot_robot_yam.commands.lib.arm_command import agreed, ask, own_bus, table, tell
 from lerobot_robot_yam.errors import ConfigError, SetupError
 from lerobot_robot_yam.setup.adapter_rules import (
     RULES,
@@ -25,6 +24,7 @@ from lerobot_robot_yam.setup.adapter_watch import PlugWatch, WristWatch
 from lerobot_robot_yam.setup.link_unit import UNIT, UNIT_TEXT
 from lerobot_robot_yam.setup.system_files import Change, SystemFiles
 from lerobot_robot_yam.setup.system_tools import SystemTools, check_undriven
+from lerobot_robot_yam.system.sysfs import CanAdapter, read_adapters
 
 _PLUG = "plug in its adapter; if it is plugged in, pull it out and plug it in again"
 _WRIST = "turn its wrist by hand, a hand's width to and fro"
@@ -44,11 +44,11 @@ class Naming:
         self.named = where_they_are(parse_rules(files.read(RULES)), self.adapters)
 
     @property
-    def adapters(self) -> list[Adapter]:
+    def adapters(self) -> list[CanAdapter]:
         """What is plugged in now."""
         return read_adapters(self.files.root / "sys")
 
-    def adapter(self, interface: str) -> Adapter:
+    def adapter(self, interface: str) -> CanAdapter:
         """The adapter that has this name now.
 
         Raises:
@@ -101,19 +101,19 @@ class Naming:
         if self.dry:
             self.tools.load(changes)
             return True
-        if not self.sure and ask("Make these changes? [Y/n]").lower() not in ("", "y", "yes"):
+        if not self.sure and not agreed("Make these changes?"):
             tell("nothing was changed")
             return False
         self.files.apply(changes)
         self.tools.load(changes)
         return True
 
-    def guide(self, names: Sequence[str], arms: Callable[[], Mapping[str, ArmConfig]] | None) -> None:
+    def guide(self, names: Sequence[str], arms: Callable[[], Sequence[ArmConfig]] | None) -> None:
         """Ask for the adapter of each name, one after another. Each is done before the next is asked for.
 
         Args:
             names: to be given.
-            arms: for finding arms by their wrists, the arm of each channel; None: by plugging in.
+            arms: gives the arm of each channel, to find them by their wrists; None: adapters are plugged in.
 
         Raises:
             YamError: the terminal has gone, or no arm answers. The names that were given stay.
@@ -131,12 +131,12 @@ class Naming:
                 except SetupError as error:
                     tell(f"{error}")
 
-    def _found(self, name: str, arms: Callable[[], Mapping[str, ArmConfig]] | None) -> str | None:
+    def _found(self, name: str, arms: Callable[[], Sequence[ArmConfig]] | None) -> str | None:
         """The interface that the person shows or types, or "q"; None to skip this name."""
         there = ", ".join(adapter.name for adapter in self.adapters)
         question = f"\n{name}: {{}}.\nOr type its present name{f' ({there})' if there else ''}; Enter skips it, q ends."
         if arms is not None:
-            with _buses(arms()) as buses:
+            with open_buses(arms()) as buses:
                 wrists = WristWatch(buses)
                 tell(question.format(_WRIST))
                 channel, line = wrists.wait(typed_line, tell)
@@ -182,11 +182,12 @@ def typed_line(timeout_s: float) -> str | None:
 
 
 @contextlib.contextmanager
-def _buses(arms: Mapping[str, ArmConfig]) -> Iterator[dict[str, can.BusABC]]:
+def open_buses(arms: Sequence[ArmConfig]) -> Iterator[dict[str, can.BusABC]]:
+    """Open channels of arms that nobody else drives, by name. Raises as `own_bus`."""
     with contextlib.ExitStack() as stack:
-        yield {channel: stack.enter_context(own_bus(config)) for channel, config in arms.items()}
+        yield {config.channel: stack.enter_context(own_bus(config)) for config in arms}
 
 
-def _described(adapter: Adapter) -> str:
+def _described(adapter: CanAdapter) -> str:
     usb = adapter.usb
     return f"{adapter.name} (serial {usb.serial or 'none'}, port {usb.port})" if usb else adapter.name

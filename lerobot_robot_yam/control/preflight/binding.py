@@ -44,7 +44,10 @@ class Binding:
 
     @classmethod
     def load(cls, path: Path, place: str = "--channel CHANNEL") -> "Binding | None":
-        """The binding in a file; None when there is no file. `place`: of the arm, as options of `yam-identify`.
+        """The binding in a file; None when there is no file.
+
+        Args:
+            place: the arm's channel as options of `yam-identify`, for messages.
 
         Raises:
             ConfigError: the file is damaged, or something else.
@@ -72,12 +75,11 @@ def contradictions(bound: Fingerprint, found: Fingerprint) -> list[str]:
     """Differences in words that no arm undergoes by itself; empty when both may be the same arm."""
     reasons = []
     common = sorted(bound.motors.keys() & found.motors.keys())
-    other = [i for i in common if i in bound.serials and i in found.serials and bound.serials[i] != found.serials[i]]
+    told = [i for i in common if i in bound.serials and i in found.serials]
+    other = [i for i in told if bound.serials[i] != found.serials[i]]
     if other:
-        told = [i for i in common if i in bound.serials and i in found.serials]
         reasons.append(f"{len(other)} of {len(told)} motors have another serial number (id {_listing(other)})")
-    gears = {i: {bound.motors[i].gear_ratio, found.motors[i].gear_ratio} - {None} for i in common}
-    kinds = [i for i in common if len(gears[i]) > 1]
+    kinds = [i for i in common if len({bound.motors[i].gear_ratio, found.motors[i].gear_ratio} - {None}) > 1]
     if kinds:
         reasons.append(f"motors of another type (id {_listing(kinds)})")
     extra = sorted(found.motors.keys() - bound.motors.keys())
@@ -94,12 +96,11 @@ def changes(bound: Fingerprint, found: Fingerprint) -> list[str]:
     silent = sorted(bound.motors.keys() - found.motors.keys())
     if silent:
         reasons.append(f"motors do not answer (id {_listing(silent)})")
-    if bound.handle_firmware is not None and found.handle_firmware is None:
-        reasons.append("the teaching handle does not answer")
-    elif bound.handle_firmware != found.handle_firmware and bound.handle_firmware is not None:
-        reasons.append("the teaching handle has another firmware")
-    common = sorted(bound.motors.keys() & found.motors.keys())
+    if bound.handle_firmware is not None and found.handle_firmware != bound.handle_firmware:
+        what = "does not answer" if found.handle_firmware is None else "has another firmware"
+        reasons.append(f"the teaching handle {what}")
     versions = attrgetter("software", "sub")
+    common = sorted(bound.motors.keys() & found.motors.keys())
     firmware = [i for i in common if versions(bound.motors[i]) != versions(found.motors[i])]
     if firmware:
         reasons.append(f"motors have another firmware (id {_listing(firmware)})")
@@ -211,30 +212,20 @@ def siblings(path: Path) -> list[Binding]:
 
 
 def _other_arm(expected: Binding, fitting: list[Binding], path: Path, found: Fingerprint, why: str) -> str:
-    if fitting:
-        carried = " or ".join(repr(other.name) for other in fitting)
+    if not fitting:
         return (
-            f"carries the arm bound as {carried}, not {expected.name!r}: "
-            f"{_what_is_swapped(expected, fitting, found)} are swapped ({why}). Put them right, or if this is how it "
-            "shall be, bind again"
+            f"does not carry the arm bound as {expected.name!r} ({why}), nor any other arm bound in {path.parent}. "
+            "Look for swapped cables; if it is the right arm, or motors were exchanged or added, bind it again"
         )
-    exchanged = any(found.serials.get(i) == serial for i, serial in expected.fingerprint.serials.items())
-    guess = (
-        "If motors were exchanged or added, bind the arm again"
-        if exchanged
-        else "Look for swapped cables; if it is the right arm, bind it again"
-    )
-    return (
-        f"does not carry the arm bound as {expected.name!r} ({why}), nor any other arm bound in {path.parent}. {guess}"
-    )
-
-
-def _what_is_swapped(expected: Binding, fitting: list[Binding], found: Fingerprint) -> str:
+    swapped = "cables or adapters"
     if found.adapter is not None and found.adapter == expected.fingerprint.adapter:
-        return "the CAN cables"  # the expected adapter, another arm behind it
-    if found.adapter is not None and any(found.adapter == other.fingerprint.adapter for other in fitting):
-        return "the adapters' names"  # the other arm came with its adapter
-    return "cables or adapters"
+        swapped = "the CAN cables"  # the expected adapter, another arm behind it
+    elif found.adapter is not None and any(found.adapter == other.fingerprint.adapter for other in fitting):
+        swapped = "the adapters' names"  # the other arm came with its adapter
+    return (
+        f"carries the arm bound as {' or '.join(repr(other.name) for other in fitting)}, not {expected.name!r}: "
+        f"{swapped} are swapped ({why}). Put them right, or if this is how it shall be, bind again"
+    )
 
 
 def _notes(found: Fingerprint, others: Iterable[Binding]) -> list[str]:
@@ -244,22 +235,19 @@ def _notes(found: Fingerprint, others: Iterable[Binding]) -> list[str]:
     if len(found.serials) < 2 or len(serials) == 1:
         notes.append(
             f"the motors tell no serial numbers of their own ({sorted(serials) or 'none'}), so an identical arm could "
-            f"not be told apart from this one; {WIGGLE_ADVICE}"
+            "not be told apart from this one"
         )
     for other in others:
         if contradictions(other.fingerprint, found) or contradictions(found, other.fingerprint):
             continue
         if other.fingerprint.adapter == found.adapter:
-            notes.append(
-                f"this arm cannot be told apart from the one bound as {other.name!r}, or it is the same one; "
-                f"{WIGGLE_ADVICE}"
-            )
+            notes.append(f"this arm cannot be told apart from the one bound as {other.name!r}, or it is the same one")
         else:
             notes.append(
                 f"only the adapter tells this arm from {other.name!r}: swapped adapters would be noticed, swapped CAN "
-                f"cables would not; {WIGGLE_ADVICE}"
+                "cables would not"
             )
-    return notes
+    return [f"{note}; {WIGGLE_ADVICE}" for note in notes]
 
 
 def _listing(ids: Iterable[int]) -> str:

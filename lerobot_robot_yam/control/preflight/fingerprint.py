@@ -10,14 +10,14 @@ from typing import Any
 
 import can
 
+from lerobot_robot_yam.arm.config import SOCKETCAN
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.handle_check import handle_firmware
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.damiao.registers import Register, agrees
 from lerobot_robot_yam.damiao.tables import MOTOR_TYPES
 from lerobot_robot_yam.errors import MotorError
-
-SYSFS_NET = Path("/sys/class/net")
+from lerobot_robot_yam.system.sysfs import SYSFS, read_adapter
 
 _ATTEMPTS = 3
 _MOTOR_WAIT_S = 0.02
@@ -120,16 +120,13 @@ class Fingerprint:
         return cls(motors, handle, adapter)
 
 
-def read_fingerprint(
-    bus: can.BusABC, channel: str, interface: str, ids: Iterable[int], sysfs_net: Path = SYSFS_NET
-) -> Fingerprint:
+def read_fingerprint(bus: can.BusABC, channel: str, interface: str, ids: Iterable[int]) -> Fingerprint:
     """Ask all ids of an arm, the handle and the kernel. Blocks for up to 0.5 s when much is missing.
 
     Args:
         bus: open bus; no other program may be driving it.
         channel, interface: as given to python-can.
         ids: of the motors that may be there, see `mounting.arm_ids`.
-        sysfs_net: where the kernel lists its network interfaces.
 
     Raises:
         BusError: the channel is gone.
@@ -137,7 +134,7 @@ def read_fingerprint(
     chain = MotorChain(bus, [MotorSpec(f"motor {i}", i, "DM4310") for i in ids], channel=channel)
     there = [i for i in range(len(chain)) if _register(chain, i, Register.ESC_ID) is not None]
     motors = {chain.motors[i].can_id: _read_motor(chain, i) for i in there}
-    adapter = read_adapter(channel, sysfs_net) if interface == "socketcan" else None
+    adapter = adapter_of(channel) if interface == SOCKETCAN else None
     return Fingerprint(motors, handle_firmware(bus, channel), adapter)
 
 
@@ -147,28 +144,18 @@ def gear_ratio(bus: can.BusABC, channel: str, can_id: int) -> float | None:
     return _register(chain, 0, Register.GR)
 
 
-def read_adapter(channel: str, sysfs_net: Path = SYSFS_NET) -> Adapter | None:
-    """Serial number and port of a network interface's hardware; None when the kernel knows no such hardware.
+def adapter_of(channel: str, sysfs: Path = SYSFS) -> Adapter | None:
+    """Serial number and port of a CAN interface's hardware; None when the kernel knows no such hardware.
 
-    `device` leads to the USB interface (port "1-2.3:1.0"), whose parent is the adapter with its `serial`. An adapter
-    with several channels has one `dev_port` for each, or, under kernels whose driver leaves that 0, one `dev_id`. Other
-    hardware (SPI) has a port only.
+    An adapter with several channels has one `dev_port` for each, or, under kernels whose driver leaves that 0, one
+    `dev_id`.
     """
-    try:
-        device = (sysfs_net / channel / "device").resolve(strict=True)
-    except OSError:
+    found = read_adapter(sysfs / "class" / "net" / channel)
+    if found is None or found.place is None:
         return None
-    texts = (_text(sysfs_net / channel / name) for name in ("dev_port", "dev_id"))
-    number = next((found for text in texts if text and (found := int(text, 0))), 0)
-    port = f"{device.name}/{number}" if number else device.name
-    return Adapter(_text(device / "serial") or _text(device.parent / "serial"), port)
-
-
-def _text(path: Path) -> str | None:
-    try:
-        return path.read_text().strip() or None
-    except OSError:
-        return None
+    number = next((n for text in (found.dev_port, found.dev_id) if text and (n := int(text, 0))), 0)
+    port = Path(found.place).name
+    return Adapter(found.serial, f"{port}/{number}" if number else port)
 
 
 def _read_motor(chain: MotorChain, index: int) -> MotorPrint:

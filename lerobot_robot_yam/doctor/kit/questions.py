@@ -12,6 +12,7 @@ import can
 
 from lerobot_robot_yam.damiao import handle_encoder
 from lerobot_robot_yam.damiao.bus_port import BusPort, data_message
+from lerobot_robot_yam.damiao.handle_check import ask_handle
 from lerobot_robot_yam.damiao.passive_encoders import PassiveEncoders
 from lerobot_robot_yam.damiao.registers import Opcode, decode_reply, encode_read, encode_refresh
 from lerobot_robot_yam.damiao.tables import REGISTER_ID
@@ -20,9 +21,9 @@ from lerobot_robot_yam.errors import LifeCycleError
 _BATCH = 4  # questions sent at once: a transmit queue may hold ten frames only
 _BATCH_PAUSE_S = 0.002
 _REGISTER_TIMEOUT_S, _REGISTER_ATTEMPTS = 0.2, 2
-_HANDLE_TIMEOUT_S, _HANDLE_ATTEMPTS = 0.1, 3
-_OF_REGISTERS = frozenset({Opcode.READ, Opcode.REFRESH})
-_OF_HANDLE = frozenset({handle_encoder.OP_REPORT, handle_encoder.OP_VERSION, handle_encoder.OP_READ_EEPROM})
+_HANDLE_TIMEOUT_S = 0.1
+_TO_MOTORS = frozenset({Opcode.READ, Opcode.REFRESH})
+_TO_HANDLE = frozenset({handle_encoder.OP_REPORT, handle_encoder.OP_VERSION, handle_encoder.OP_READ_EEPROM})
 
 
 class Answer(NamedTuple):
@@ -38,8 +39,19 @@ class Answer(NamedTuple):
 def harmless(identifier: int, data: bytes) -> bool:
     """Whether a frame only asks: a register read, a refresh, or a question to the teaching handle."""
     if identifier == REGISTER_ID:
-        return len(data) == 8 and data[2] in _OF_REGISTERS
-    return identifier == handle_encoder.REQUEST_ID and len(data) > 1 and data[1] in _OF_HANDLE
+        return len(data) == 8 and data[2] in _TO_MOTORS
+    return identifier == handle_encoder.REQUEST_ID and len(data) > 1 and data[1] in _TO_HANDLE
+
+
+class _QuestionPort(BusPort):
+    """A port that sends what is harmless, and nothing else."""
+
+    def send(self, messages: Sequence[can.Message]) -> None:
+        for message in messages:
+            if not harmless(message.arbitration_id, bytes(message.data)):
+                frame = f"0x{message.arbitration_id:X}#{bytes(message.data).hex()}"
+                raise LifeCycleError(f"{self.channel}: the doctor does not send {frame}")
+        super().send(messages)
 
 
 class Questions:
@@ -51,7 +63,7 @@ class Questions:
 
     def __init__(self, bus: can.BusABC, channel: str):
         self.channel = channel
-        self._port = BusPort(bus, channel)
+        self._port = _QuestionPort(bus, channel)
 
     def refresh(self, motor_ids: Sequence[int], timeout_s: float, settle_s: float) -> list[Answer]:
         """Ask motors (ids below 16) for feedback; everything that comes until all have answered, and `settle_s` more.
@@ -63,7 +75,7 @@ class Questions:
         found: list[Answer] = []
         for start in range(0, len(motor_ids), _BATCH):
             for motor_id in motor_ids[start : start + _BATCH]:
-                self._send(REGISTER_ID, encode_refresh(motor_id))
+                self._ask(encode_refresh(motor_id))
             time.sleep(_BATCH_PAUSE_S)
         for answer in self._feedback(timeout_s, motor_ids):
             found.append(answer)
@@ -77,30 +89,22 @@ class Questions:
         self._drain()
         self._port.synchronise()
         asked = time.monotonic()
-        self._send(REGISTER_ID, encode_refresh(motor_id))
+        self._ask(encode_refresh(motor_id))
         return next((max(answer.stamp_s - asked, 0.0) for answer in self._feedback(timeout_s, (motor_id,))), None)
 
     def register(self, motor_id: int, register: int) -> float | None:
         """Value of a register, whatever identifier the answer has; None when the motor does not tell."""
         for _ in range(_REGISTER_ATTEMPTS):
-            self._send(REGISTER_ID, encode_read(motor_id, register))
+            self._ask(encode_read(motor_id, register))
             for message in self._frames(_REGISTER_TIMEOUT_S):
                 reply = decode_reply(bytes(message.data))
                 if reply is not None and reply[:3] == (motor_id, Opcode.READ, register):
                     return reply.value if math.isfinite(reply.value) else None
         return None
 
-    def handle[T](
-        self, request: bytes, identifier: int, decode: Callable[[bytes], T | None], attempts: int = _HANDLE_ATTEMPTS
-    ) -> T | None:
+    def handle[T](self, request: bytes, identifier: int, decode: Callable[[bytes], T | None]) -> T | None:
         """The teaching handle's answer to a question, None without one."""
-        for _ in range(attempts):
-            self._drain()  # its answers do not repeat the question, so no earlier one may be left
-            self._send(handle_encoder.REQUEST_ID, request)
-            for message in self._frames(_HANDLE_TIMEOUT_S):
-                if message.arbitration_id == identifier and (answer := decode(bytes(message.data))) is not None:
-                    return answer
-        return None
+        return ask_handle(self._port, request, decode, _HANDLE_TIMEOUT_S, identifier)
 
     def encoders(self, joints: int) -> tuple[PassiveEncoders, list[str]]:
         """A passive leader's reports, and the names of devices that report only when they are asked, or not at all."""
@@ -109,14 +113,12 @@ class Questions:
         for message in self._frames(_HANDLE_TIMEOUT_S):
             found.accept(message, self._port.arrival_s(message))
         if quiet := found.silent(0.0):
-            self._send(handle_encoder.REQUEST_ID, handle_encoder.encode_report_request())
+            self._ask(handle_encoder.encode_report_request(), handle_encoder.REQUEST_ID)
             for message in self._frames(_HANDLE_TIMEOUT_S):
                 found.accept(message, self._port.arrival_s(message))
         return found, quiet
 
-    def _send(self, identifier: int, data: bytes) -> None:
-        if not harmless(identifier, data):
-            raise LifeCycleError(f"{self.channel}: the doctor does not send 0x{identifier:X}#{data.hex()}")
+    def _ask(self, data: bytes, identifier: int = REGISTER_ID) -> None:
         self._port.send([data_message(identifier, data)])
 
     def _drain(self) -> None:

@@ -4,7 +4,7 @@ import dataclasses
 import json
 import os
 import shlex
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -13,7 +13,6 @@ from typing import Any
 from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL, ArmConfig, LeadArmConfig, check_together
 from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS, PassiveConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.doctor.kit.known_options import ARM_FIELDS, OPTIONS, check_options, is_one_of, of_one_arm
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.state.records import channel_key
 from lerobot_robot_yam.system.paths import user_path
@@ -22,14 +21,16 @@ from lerobot_robot_yam.system.runtime_files import rig_name
 from lerobot_robot_yam.system.strict_yaml import read_yaml
 
 LEADER_GRIPPER = "yam_teaching_handle"
-# What `lerobot-calibrate` has to know of an arm.
+# Options of an arm that `lerobot-calibrate` has to know.
 _CALIBRATED = ("channel", "interface", "can_options", "arm", "gripper", "calibration_path", "identity_path")
 _CALIBRATED_PASSIVE = ("kind", "joint_sign", "home_rad", "passive_calibration_path")
-_OF_GUIDES = {"arm": "yam", "gripper": "linear_4310", "action_space": "joint"}  # and what they are unless it is said
+# Options that a hand guide shares with its follower, and their defaults.
+_OF_GUIDES = {"arm": "yam", "gripper": "linear_4310", "action_space": "joint"}
 _REAL_CAMERAS = ("opencv", "intelrealsense", "yam_realsense")
 _PASSIVE, _GUIDE = "yam_passive_leader", "yam_hand_guide"
 # LeRobot's folder of calibration files, and the types of ours with one arm.
 _DEVICES = {"robot": ("robots", ("yam_follower",)), "teleop": ("teleoperators", ("yam_leader", _PASSIVE, _GUIDE))}
+_ARM_FIELDS = frozenset(field.name for field in dataclasses.fields(ArmConfig))
 
 
 @dataclass(frozen=True)
@@ -122,8 +123,15 @@ def undeclared(channel: str) -> Target:
     return Target(ArmConfig(channel=channel, name=channel), declared=False)
 
 
-def from_config(path: Path, rig: str | None) -> Plan:
+def from_config(
+    path: Path, rig: str | None, check: Callable[[str, Mapping[str, Any], str], None] = lambda *_: None
+) -> Plan:
     """Arms and cameras of a LeRobot run config with our robots or teleoperators.
+
+    Args:
+        path: the run config.
+        rig: name of the virtual rig, None as the config says.
+        check: looks at each of our devices: section of the config, options, and place for messages.
 
     Raises:
         ConfigError: unreadable, it has none of ours, or what no session would start with.
@@ -137,12 +145,11 @@ def from_config(path: Path, rig: str | None) -> Plan:
         device = document.get(section) or (environment.get(section) if isinstance(environment, Mapping) else None)
         if isinstance(device, Mapping):
             device = device_of(section, device)
-        if not isinstance(device, Mapping) or not is_one_of(device.get("type"), kinds):
+        if not isinstance(device, Mapping) or (kind := _of_one_arm(device)) not in kinds:
             continue
         where = f"{path}, {section}"
-        kind = of_one_arm(device["type"])
         arms = {} if kind == _GUIDE else _arms(device, where)
-        check_options(device, arms, where)
+        check(section, device, where)
         cameras.update(_cameras(device))
         if section == "robot":
             robot = device
@@ -167,7 +174,8 @@ def from_config(path: Path, rig: str | None) -> Plan:
         if arms:  # a hand guide has none
             check_together([target.config for target in targets[first:]])
     if not targets:
-        raise ConfigError(f"{path} has no robot or teleoperator of type {', '.join(OPTIONS)}, or of one with two arms")
+        ours = ", ".join(kind for _, kinds in _DEVICES.values() for kind in kinds)
+        raise ConfigError(f"{path} has no robot or teleoperator of type {ours}, or of one with two arms")
     return Plan(tuple(targets), cameras)
 
 
@@ -177,6 +185,11 @@ def calibration_root() -> Path:
     hub = os.environ.get("HF_HOME") or f"{cache}/huggingface"
     home = os.environ.get("HF_LEROBOT_HOME") or f"{hub}/lerobot"
     return user_path(os.environ.get("HF_LEROBOT_CALIBRATION") or f"{home}/calibration")
+
+
+def _of_one_arm(device: Mapping[str, Any]) -> str:
+    """The type of the device with one arm: "yam_leader" for "bi_i2rt_yam_leader"."""
+    return str(device.get("type")).removeprefix("bi_").replace("i2rt_", "")
 
 
 def _arms(device: Mapping[str, Any], where: str) -> dict[str, Mapping[str, Any]]:
@@ -208,7 +221,7 @@ def _check_guide(guide: Mapping[str, Any], robot: Mapping[str, Any], where: str)
 def _calibrate(section: str, device: Mapping[str, Any], arms: Mapping[str, Mapping[str, Any]]) -> str:
     """LeRobot's command for this very device: its files are found by type and id."""
     given = {name: device[name] for name in ("type", "id", "calibration_dir") if device.get(name) is not None}
-    names = (*_CALIBRATED, *_CALIBRATED_PASSIVE) if of_one_arm(device["type"]) == _PASSIVE else _CALIBRATED
+    names = (*_CALIBRATED, *_CALIBRATED_PASSIVE) if _of_one_arm(device) == _PASSIVE else _CALIBRATED
     for prefix, arm in arms.items():
         place = f"{prefix}arm_config." if prefix else ""
         given |= {f"{place}{name}": arm[name] for name in names if arm.get(name) is not None}
@@ -243,7 +256,7 @@ def _passive_target(arm: Mapping[str, Any], name: str, rig: str | None, calibrat
 
 
 def _target(values: Mapping[str, Any], name: str, rig: str | None) -> Target:
-    known = {key: value for key, value in values.items() if key in ARM_FIELDS}
+    known = {key: value for key, value in values.items() if key in _ARM_FIELDS}
     options = dict(known.pop("can_options", None) or {})
     if known.get("interface") == VIRTUAL:
         options.pop("operator", None)  # no leader may move while the doctor looks

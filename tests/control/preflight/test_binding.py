@@ -160,7 +160,7 @@ def test_what_changed_on_one_arm_is_told_from_another_arm(tmp_path):
     assert "motors do not answer (id 7)" in warning
     exchanged = follower(100)
     exchanged.motors[4] = motor(999)
-    with pytest.raises(MotorError, match=r"1 of 7 motors .* \(id 4\).*If motors were exchanged.*--force"):
+    with pytest.raises(MotorError, match=r"1 of 7 motors .* \(id 4\).*motors were exchanged.*--force"):
         check_identity(path, exchanged, "can0", "left")
     with pytest.raises(MotorError, match="nor any other arm bound in .*Look for swapped cables"):
         check_identity(path, follower(300), "can0", "left")

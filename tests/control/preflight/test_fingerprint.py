@@ -4,7 +4,8 @@ import can
 
 from lerobot_robot_yam.arm.mounting import arm_ids
 from lerobot_robot_yam.arm.profile_files import load_arm
-from lerobot_robot_yam.control.preflight.fingerprint import Adapter, read_adapter, read_fingerprint
+from lerobot_robot_yam.control.preflight.fingerprint import Adapter, adapter_of, read_fingerprint
+from tests.support.doctor_desk import Sysfs
 
 READ_ONLY = {0x7FF, 0x50E}
 
@@ -33,30 +34,22 @@ def test_a_motor_that_is_silent_is_missing_not_invented(rig):
     assert sorted(look(rig, "follower_left").motors) == [1, 2, 3, 5, 6, 7]
 
 
-def kernel(root, channel, device, serial=None, dev_port="0", dev_id="0x0"):
-    """A network interface as sysfs shows it: links into a tree of devices."""
-    home = root / "devices" / device
-    (home / "net" / channel).mkdir(parents=True)
-    if serial is not None:
-        (home.parent / "serial").write_text(f"{serial}\n")
-    (home / "net" / channel / "device").symlink_to(home)
-    (home / "net" / channel / "dev_port").write_text(f"{dev_port}\n")
-    (home / "net" / channel / "dev_id").write_text(f"{dev_id}\n")
-    (root / "net").mkdir(exist_ok=True)
-    (root / "net" / channel).symlink_to(home / "net" / channel)
-
-
 def test_the_adapter_is_read_from_the_kernel(tmp_path):
-    kernel(tmp_path, "can0", "usb1/1-2/1-2.3/1-2.3:1.0", "004A0031")
-    kernel(tmp_path, "can1", "usb1/1-2/1-2.4/1-2.4:1.0", None)
-    kernel(tmp_path, "can2", "usb1/1-5/1-5:1.0", "TWIN", dev_port="1", dev_id="0x1")
-    kernel(tmp_path, "can4", "usb1/1-6/1-6:1.0", "OLD", dev_id="0x1")  # as kernels until 2025 have it
-    kernel(tmp_path, "can3", "spi0/spi0.0")
-    (tmp_path / "net" / "vcan0").mkdir()
-    assert read_adapter("can0", tmp_path / "net") == Adapter("004A0031", "1-2.3:1.0")
-    assert read_adapter("can1", tmp_path / "net") == Adapter(None, "1-2.4:1.0")
-    assert read_adapter("can2", tmp_path / "net") == Adapter("TWIN", "1-5:1.0/1")
-    assert read_adapter("can4", tmp_path / "net") == Adapter("OLD", "1-6:1.0/1")
-    assert read_adapter("can3", tmp_path / "net") == Adapter(None, "spi0.0")
-    assert read_adapter("vcan0", tmp_path / "net") is None
-    assert read_adapter("can9", tmp_path / "net") is None
+    sysfs = Sysfs(tmp_path)
+    sysfs.adapter("can0", "1-2.3", serial="004A0031")
+    sysfs.adapter("can1", "1-2.4")
+    sysfs.adapter("can2", "1-5", serial="TWIN", dev_port="1", number="0x1")
+    sysfs.adapter("can4", "1-6", serial="OLD", number="0x1")  # as kernels until 2025 have it
+    spi, vcan = tmp_path / "devices/spi0/spi0.0", tmp_path / "class/net/vcan0"
+    for interface in (spi / "net/can3", vcan):
+        interface.mkdir(parents=True)
+        (interface / "type").write_text("280\n")
+    (spi / "net/can3/device").symlink_to(spi)
+    (tmp_path / "class/net/can3").symlink_to(spi / "net/can3")
+    assert adapter_of("can0", tmp_path) == Adapter("004A0031", "1-2.3:1.0")
+    assert adapter_of("can1", tmp_path) == Adapter(None, "1-2.4:1.0")
+    assert adapter_of("can2", tmp_path) == Adapter("TWIN", "1-5:1.0/1")
+    assert adapter_of("can4", tmp_path) == Adapter("OLD", "1-6:1.0/1")
+    assert adapter_of("can3", tmp_path) == Adapter(None, "spi0.0")
+    assert adapter_of("vcan0", tmp_path) is None
+    assert adapter_of("can9", tmp_path) is None

@@ -6,7 +6,7 @@ import can
 import pytest
 
 from lerobot_robot_yam.arm.profile_files import load_gripper
-from lerobot_robot_yam.control.preflight.role import likely_gripper, mistaken_role, probe_role
+from lerobot_robot_yam.control.preflight.role import answering_gripper, mistaken_role
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 
 
@@ -51,9 +51,9 @@ def test_the_gripper_is_guessed_from_its_motor(gripper):
         running_rig(gripper=gripper) as rig,
         can.Bus(interface="yam_sim", channel="follower_left", rig=rig.name) as bus,
     ):
-        assert likely_gripper(probe_role(bus, "follower_left", 7)) == gripper
+        assert answering_gripper(bus, "follower_left", 7) == gripper
 
 
 def test_a_handle_means_a_teaching_handle(shared_rig):
     with can.Bus(interface="yam_sim", channel="leader_left", rig=shared_rig.name) as bus:
-        assert likely_gripper(probe_role(bus, "leader_left", 7)) == "yam_teaching_handle"
+        assert answering_gripper(bus, "leader_left", 7) == "yam_teaching_handle"

@@ -1,6 +1,5 @@
 """Which arms are looked at, and which calibration files are theirs."""
 
-import dataclasses
 from pathlib import Path
 
 import pytest
@@ -8,20 +7,11 @@ import pytest
 from lerobot_robot_yam.arm.config import passive_of
 from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS
 from lerobot_robot_yam.commands.configs import config_path
-from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerArmConfig, YamFollowerConfig
 from lerobot_robot_yam.doctor.check_calibration import check_calibrations
 from lerobot_robot_yam.doctor.kit.findings import Section, Severity
-from lerobot_robot_yam.doctor.kit.known_options import OPTIONS
 from lerobot_robot_yam.doctor.kit.targets import calibration_root, from_config, from_option
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_teleoperator_yam.config_yam_hand_guide import BiYamHandGuideConfig, YamHandGuideConfig
-from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, YamLeaderConfig
-from lerobot_teleoperator_yam.config_yam_passive_leader import (
-    BiYamPassiveLeaderConfig,
-    PassiveLeaderArmConfig,
-    YamPassiveLeaderConfig,
-)
-from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
+from lerobot_robot_yam.face.devices.rig_device import check_options
 
 
 def test_a_channel_option():
@@ -95,31 +85,12 @@ def test_what_no_session_starts_with_is_not_healthy(tmp_path, of_left, right, te
     path = tmp_path / "pair.yaml"
     path.write_text("robot: " + PAIR.format(of_left=of_left, right=right))
     with pytest.raises(ConfigError, match=text):
-        from_config(path, None)
+        from_config(path, None, check_options)
 
 
 @pytest.mark.parametrize(("name", "arms"), [("real/eval", 2), ("train/lift_and_place_eval", 1)])
 def test_the_robot_of_an_evaluation(name, arms):
     assert len(from_config(config_path(name), None).targets) == arms
-
-
-@pytest.mark.parametrize(
-    ("kind", "one", "two", "arm"),
-    [
-        ("yam_follower", YamFollowerConfig, BiYamFollowerConfig, FollowerArmConfig),
-        ("yam_leader", YamLeaderConfig, BiYamLeaderConfig, LeaderArmConfig),
-        ("yam_passive_leader", YamPassiveLeaderConfig, BiYamPassiveLeaderConfig, PassiveLeaderArmConfig),
-        ("yam_hand_guide", YamHandGuideConfig, BiYamHandGuideConfig, None),
-    ],
-)
-def test_the_options_that_it_knows_are_those_of_the_configs(kind, one, two, arm):
-    of_one, of_two, of_arm = (
-        {field.name for field in dataclasses.fields(config)} if config else set() for config in (one, two, arm)
-    )
-    known = OPTIONS[kind]
-    assert known.arm == of_arm
-    assert known.device | known.arm | known.one == of_one | {"type"}
-    assert known.device | known.two == of_two | {"type"}
 
 
 def test_leaders_without_motors():
@@ -164,7 +135,7 @@ def test_a_teleoperator_of_which_no_session_would_come(tmp_path, robot, teleop, 
     path = tmp_path / "run.yaml"
     path.write_text(f"robot: {robot}\nteleop: {teleop}\n")
     with pytest.raises(ConfigError, match=text):
-        from_config(path, None)
+        from_config(path, None, check_options)
 
 
 def test_calibration_files_lie_where_lerobot_keeps_them(monkeypatch):

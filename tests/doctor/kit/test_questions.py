@@ -24,7 +24,7 @@ from lerobot_robot_yam.damiao.registers import (
 )
 from lerobot_robot_yam.damiao.tables import REGISTER_ID
 from lerobot_robot_yam.doctor.check_channel import examine_channel
-from lerobot_robot_yam.doctor.check_handle import handle_firmware, inspect_handle
+from lerobot_robot_yam.doctor.check_encoders import handle_firmware, inspect_handle
 from lerobot_robot_yam.doctor.check_latency import BIN_EDGES_MS, BLOCKS, bars, histogram, percentile
 from lerobot_robot_yam.doctor.check_link import Link
 from lerobot_robot_yam.doctor.kit.findings import Section, Severity, empty_report
@@ -70,9 +70,9 @@ def test_what_is_not_harmless_is_not_sent():
     with DeskBus([]) as bus:
         questions = Questions(bus, "can_x")
         with pytest.raises(LifeCycleError, match="does not send 0x1#"):
-            questions._send(1, SpecialCommand.ENABLE.value)
+            questions._ask(SpecialCommand.ENABLE.value, 1)
         with pytest.raises(LifeCycleError):
-            questions.handle(handle_encoder.encode_report_frequency(0), 0, bytes, 1)
+            questions.handle(handle_encoder.encode_report_frequency(0), 0, bytes)
         assert bus.sent == []
 
 
@@ -110,7 +110,7 @@ def desk():
 
 def inspect(desk):
     questions, section = Questions(desk, "can_x"), Section("handles")
-    inspect_handle(questions, TARGET, handle_firmware(questions, expected=True), section)
+    inspect_handle(questions, TARGET, handle_firmware(questions), section)
     return section
 
 

@@ -15,7 +15,7 @@ from lerobot_robot_yam.commands.lib.key_terminal import QUIT, KeyTerminal, key_t
 from lerobot_robot_yam.commands.lib.motor.motor_bench import SAFE_COUNTS, MotorBench
 from lerobot_robot_yam.commands.lib.motor.motor_knob import HELP, Knob
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
-from lerobot_robot_yam.control.preflight.role import likely_gripper, probe_role
+from lerobot_robot_yam.control.preflight.role import answering_gripper
 from lerobot_robot_yam.damiao.codec import SpecialCommand, encode_mit, ranges_of, unpack_feedback
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.settings.motor_memory import MotorState, read_state
@@ -99,8 +99,8 @@ def _confirm(args: argparse.Namespace, bench: MotorBench, can_id: int) -> None:
 
 def _off_rest(args: argparse.Namespace, bench: MotorBench) -> str:
     """Which joints are not where the arm lies by itself; empty when it lies."""
-    role = probe_role(bench.bus, bench.channel, gripper_id(load_arm(bench.config.arm)))
-    hardware = ResolvedArm(arm_config(args, gripper=likely_gripper(role)))
+    gripper = answering_gripper(bench.bus, bench.channel, gripper_id(load_arm(bench.config.arm)))
+    hardware = ResolvedArm(arm_config(args, gripper=gripper))
     off = []
     for index, spec in enumerate(hardware.motors[: hardware.joints]):
         state = read_state(bench.access, spec.can_id)

@@ -16,14 +16,14 @@ from lerobot_robot_yam.cameras.opening import config_of, plugged_cameras
 from lerobot_robot_yam.cameras.video_devices import ROOT
 from lerobot_robot_yam.commands.lib.arm_command import own_bus
 from lerobot_robot_yam.control.preflight.fingerprint import Fingerprint, read_fingerprint
-from lerobot_robot_yam.control.preflight.role import Role, likely_gripper
+from lerobot_robot_yam.control.preflight.role import likely_gripper
 from lerobot_robot_yam.damiao.settings.handle_access import HandleAccess
 from lerobot_robot_yam.doctor.check_session import driver_of
-from lerobot_robot_yam.doctor.kit.can_adapters import read_adapters
 from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Target
 from lerobot_robot_yam.errors import ChannelInUseError, SetupError, YamError
 from lerobot_robot_yam.rig.client.rig_control import RigControl
 from lerobot_robot_yam.system.runtime_files import rig_name
+from lerobot_robot_yam.system.sysfs import read_adapters
 
 FOLLOWER, LEADER, PASSIVE = "follower", "leader", "leader without motors"
 _PIXELS = {"width": 640, "height": 480, "fps": 30}
@@ -36,7 +36,7 @@ class Place:
 
     Attributes:
         interface: python-can interface.
-        rig: name of the virtual rig, if that is where.
+        rig: name of the virtual rig, None of real arms.
         root: whose sysfs lists adapters and cameras; None: this computer's, and of a virtual rig its own channels.
     """
 
@@ -72,11 +72,15 @@ class Place:
 
     def config(self, channel: str) -> ArmConfig:
         """The arm on a channel, as far as nobody has been asked."""
-        return ArmConfig(name=channel, channel=channel, interface=self.interface, can_options=self.can_options)
+        return ArmConfig(name=channel, channel=channel, interface=self.interface, can_options=self._can_options)
+
+    def options(self, arm: "FoundArm") -> dict[str, Any]:
+        """Options by which a rig's file says where an arm is."""
+        where = {"interface": VIRTUAL, "can_options": self._can_options} if self.interface == VIRTUAL else {}
+        return {"channel": arm.channel, **where}
 
     @property
-    def can_options(self) -> dict[str, str]:
-        """Options of the channel's bus."""
+    def _can_options(self) -> dict[str, str]:
         return {} if self.rig is None else {"rig": self.rig}
 
 
@@ -169,9 +173,8 @@ def _find(config: ArmConfig) -> FoundArm | None:
     if found.handle_firmware is not None:
         version = ".".join(map(str, found.handle_firmware))
         return FoundArm(config.channel, LEADER, arms, (LEADER_GRIPPER,), f"handle {version}")
-    can_id = gripper_id(load_arm(arms[0]))
-    motor = found.motors.get(can_id)
-    likely = likely_gripper(Role(False, motor.gear_ratio if motor else None, can_id))
+    motor = found.motors.get(gripper_id(load_arm(arms[0])))
+    likely = likely_gripper(False, motor.gear_ratio if motor else None)
     fitting = [name for name in GRIPPERS if motor and _gripper_motor(name) == motor.kind]
     grippers = (likely, *(name for name in fitting if name != likely))
     return FoundArm(config.channel, FOLLOWER, arms, grippers, f"gripper {motor.kind}" if motor else "no gripper motor")

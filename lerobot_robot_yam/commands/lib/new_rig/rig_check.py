@@ -14,7 +14,7 @@ from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.doctor.kit.targets import from_config
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.devices.pair_check import Spoken, check_pair
-from lerobot_robot_yam.face.devices.rig_device import rig_device
+from lerobot_robot_yam.face.devices.rig_device import check_options, rig_device
 from lerobot_robot_yam.system.strict_yaml import read_yaml
 
 _REGISTRIES: dict[str, Any] = {"robot": RobotConfig, "teleop": TeleoperatorConfig}
@@ -36,7 +36,7 @@ def check_rig(path: Path) -> list[str]:
             raise ConfigError(f"{path}, {section}: it has no type, such as bi_yam_follower")
         ours = [name for name in _REGISTRIES[section].get_known_choices() if "yam" in name]
         _known(f"{path}, {section}: there is no type", str(device["type"]), ours)
-    from_config(path, None)  # options and values
+    from_config(path, None, check_options)
     configs = {section: rig_device(_REGISTRIES[section], section, {"file": str(path)}) for section in document}
     _check_channels(path, configs)
     bare = rig_device(RobotConfig, "robot", {"file": str(path), "cameras": False})  # those are yam-doctor's business

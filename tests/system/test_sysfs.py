@@ -1,6 +1,6 @@
 """CAN adapters in a directory tree laid out as sysfs is."""
 
-from lerobot_robot_yam.doctor.kit.can_adapters import read_adapters
+from lerobot_robot_yam.system.sysfs import read_adapters
 from tests.support.doctor_desk import Sysfs
 
 

@@ -1,0 +1,112 @@
+"""Hardware as the kernel shows it in sysfs: USB devices, and the CAN adapters behind network interfaces."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+SYSFS = Path("/sys")
+KERNEL_NAME = re.compile(r"(can|slcan|vcan)\d+")  # names that the kernel gives in the order of discovery
+CAN_TYPE = "280"  # ARPHRD_CAN
+
+
+@dataclass(frozen=True)
+class UsbDevice:
+    """A USB device. None where sysfs does not tell.
+
+    Attributes:
+        port: where it is plugged in, such as "1-2.3": bus, then the port of each hub on the way.
+        bus: number of the USB bus (one per controller and speed class).
+        number: of the device on its bus.
+        speed_mbit: speed of the link as negotiated: 12, 480 (USB 2), 5000 (USB 3) and more.
+    """
+
+    port: str
+    bus: int | None
+    number: int | None
+    product: str | None
+    serial: str | None
+    speed_mbit: float | None
+
+
+@dataclass(frozen=True)
+class CanAdapter:
+    """One CAN interface and the hardware behind it.
+
+    Attributes:
+        driver: kernel driver, such as "gs_usb"; None when it is unknown or there is no hardware (vcan).
+        usb: the USB device, None when it is not USB.
+        place: directory of the hardware below sysfs, "/devices/…/1-2/1-2:1.0"; None when there is no hardware.
+        serial: serial number of the hardware.
+        dev_id, dev_port: number of this channel on an adapter with several, such as "0x1" and "1". Drivers set one of
+            them, or both.
+    """
+
+    name: str
+    driver: str | None
+    usb: UsbDevice | None
+    place: str | None
+    serial: str | None
+    dev_id: str | None
+    dev_port: str | None
+
+    @property
+    def usb_interface(self) -> str | None:
+        """ "1-2:1.0", the place of this function of the USB device."""
+        return Path(self.place).name if self.usb and self.place else None
+
+    @property
+    def number(self) -> tuple[str | None, str | None]:
+        """What tells this channel from the others of its adapter."""
+        return self.dev_id, self.dev_port
+
+
+def text_of(path: Path) -> str | None:
+    """Content of a small sysfs file, None when it cannot be read or is empty."""
+    try:
+        return path.read_text(errors="replace").strip() or None
+    except OSError:
+        return None
+
+
+def usb_device(directory: Path) -> UsbDevice | None:
+    """The USB device that a directory of sysfs belongs to, None when it is not USB."""
+    for place in (directory, *directory.parents):
+        if text_of(place / "idVendor") is not None:
+            bus, number, speed = (text_of(place / name) or "" for name in ("busnum", "devnum", "speed"))
+            return UsbDevice(
+                port=place.name,
+                bus=int(bus) if bus.isdigit() else None,
+                number=int(number) if number.isdigit() else None,
+                product=text_of(place / "product"),
+                serial=text_of(place / "serial"),
+                speed_mbit=float(speed) if speed.replace(".", "", 1).isdigit() else None,
+            )
+    return None
+
+
+def read_adapters(sysfs: Path = SYSFS) -> list[CanAdapter]:
+    """All CAN interfaces of a sysfs tree, by name."""
+    found = (read_adapter(path) for path in sorted((sysfs / "class" / "net").glob("*")))
+    return [adapter for adapter in found if adapter is not None]
+
+
+def read_adapter(interface: Path) -> CanAdapter | None:
+    """The adapter of a directory of `class/net`; None when it is no CAN interface.
+
+    Its `device` leads to the USB interface ("1-2.3:1.0"), whose parent is the adapter; other hardware (SPI) has no such
+    parent.
+    """
+    if text_of(interface / "type") != CAN_TYPE:
+        return None
+    place = (interface / "device").resolve() if (interface / "device").exists() else None
+    driver = place / "driver" if place else None
+    usb = usb_device(place) if place else None
+    return CanAdapter(
+        name=interface.name,
+        driver=driver.resolve().name if driver and driver.exists() else None,
+        usb=usb,
+        place=f"/devices/{str(place).partition('/devices/')[2]}" if place else None,
+        serial=usb.serial if usb else text_of(place / "serial") if place else None,
+        dev_id=text_of(interface / "dev_id"),
+        dev_port=text_of(interface / "dev_port"),
+    )
