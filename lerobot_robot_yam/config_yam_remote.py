@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from lerobot.robots.config import RobotConfig
 
 from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.face.devices.remote_device import RemoteOptions
 from lerobot_robot_yam.face.registration import register_as
-from lerobot_robot_yam.face.remote.remote_device import RemoteOptions
 from lerobot_robot_yam.follower_options import FollowerOptions, refuse_follower
 
 

@@ -1,7 +1,7 @@
 """Follower arms of another computer as a LeRobot robot: as the local ones, whose names they have in data sets."""
 
 from lerobot_robot_yam.config_yam_remote import BiYamRemoteConfig, YamRemoteConfig
-from lerobot_robot_yam.face.remote.remote_device import RemoteDevice
+from lerobot_robot_yam.face.devices.remote_device import RemoteDevice
 from lerobot_robot_yam.yam_follower import BiYamFollower, YamFollower
 
 

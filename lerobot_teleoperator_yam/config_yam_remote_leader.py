@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 from lerobot.teleoperators.config import TeleoperatorConfig
 
+from lerobot_robot_yam.face.devices.remote_device import RemoteOptions
 from lerobot_robot_yam.face.registration import register_as
-from lerobot_robot_yam.face.remote.remote_device import RemoteOptions
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig, LeaderOptions, refuse_leader
 
 

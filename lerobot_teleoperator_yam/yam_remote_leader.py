@@ -1,6 +1,6 @@
 """Leader arms of another computer as a LeRobot teleoperator: as the local ones."""
 
-from lerobot_robot_yam.face.remote.remote_device import RemoteDevice
+from lerobot_robot_yam.face.devices.remote_device import RemoteDevice
 from lerobot_teleoperator_yam.config_yam_remote_leader import BiYamRemoteLeaderConfig, YamRemoteLeaderConfig
 from lerobot_teleoperator_yam.yam_leader import BiYamLeader, YamLeader
 

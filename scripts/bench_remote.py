@@ -32,9 +32,9 @@ from bench.remote_peers import RATE_HZ, cpu_s, lekiwi, percentiles, portal_calls
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import LinkError
-from lerobot_robot_yam.remote.client.host_question import Host, hello
-from lerobot_robot_yam.remote.client.host_rig import HostedDevice
-from lerobot_robot_yam.remote.wire.host_address import HostAddress
+from lerobot_robot_yam.remote.host_address import HostAddress
+from lerobot_robot_yam.remote.host_question import Host, hello
+from lerobot_robot_yam.remote.hosted_device import HostedDevice
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.state.records import STATE_DTYPE, channel_key, state_path

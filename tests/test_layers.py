@@ -39,7 +39,6 @@ RIG_ROOMS = (
     "lockstep",
     "operator",
 )
-REMOTE_ROOMS = ("wire", "host", "client")
 # "" is the loop and the arm's controller
 CONTROL_ROOMS = ("laws", "gripper", "safety", "teleop", "passive", "preflight", "", "process")
 MAY_IMPORT_LEROBOT = ("face", "plugin", "commands")
@@ -83,8 +82,6 @@ def allowed(name, imported):
     (ours, room), (theirs, their_room) = place(name), place(imported)
     if ours == theirs == "rig" and room and their_room:
         return RIG_ROOMS.index(their_room) <= RIG_ROOMS.index(room)
-    if ours == theirs == "remote":
-        return REMOTE_ROOMS.index(their_room) <= REMOTE_ROOMS.index(room)
     if ours == theirs == "control":
         return CONTROL_ROOMS.index(their_room) <= CONTROL_ROOMS.index(room)
     return STOREYS.index(theirs) <= STOREYS.index(ours)
@@ -120,7 +117,6 @@ def test_the_rule_can_fail():
     assert not allowed("lerobot_robot_yam.control.loop", "lerobot_robot_yam.yam_follower")
     assert not allowed("lerobot_robot_yam.rig.world.world", "lerobot_robot_yam.control.arm_controller")
     assert not allowed("lerobot_robot_yam.rig.bus.channel", "lerobot_robot_yam.rig.server.server")
-    assert not allowed("lerobot_robot_yam.remote.wire.transport", "lerobot_robot_yam.remote.client.link")
     assert not allowed("lerobot_robot_yam.errors", "lerobot_robot_yam.damiao.codec")
     assert wrong("lerobot_robot_yam.arm.model", "torch") and wrong(
         "lerobot_robot_yam.session.yam_arm", "lerobot.robots"

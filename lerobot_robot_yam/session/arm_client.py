@@ -39,7 +39,7 @@ class ArmClient:
         written: called after each command.
 
     Attributes:
-        published, await_fresh, newest: of its `StateReader`.
+        published, await_fresh, await_next, newest: methods of its `StateReader`.
         kp, kd: (joints,) the arm's own gains, Nm/rad and Nm s/rad.
     """
 
@@ -47,6 +47,7 @@ class ArmClient:
         self.hardware, self.config, self._clock = hardware, hardware.config, clock
         self._states = states = StateReader(hardware, clock)
         self.published, self.await_fresh, self.newest = states.published, states.await_fresh, states.newest
+        self.await_next = states.await_next
         self._commands = CommandWriter(hardware.name, hardware.n, written)
         self._lower, self._upper = hardware.lower.tolist(), hardware.upper.tolist()
         types = [motor_type(motor.type) for motor in hardware.motors[: hardware.joints]]
@@ -70,10 +71,6 @@ class ArmClient:
             LifeCycleError: closed.
         """
         return self._states.block.read_bytes()
-
-    def next_state(self) -> tuple[int, float]:
-        """Number of that record, and when the loop should publish the next one, s. Raises LifeCycleError: closed."""
-        return self._states.block.sequence(), self._states.due_s()
 
     def close(self) -> None:
         """Let go of the blocks; the arm is not touched."""
@@ -318,12 +315,15 @@ class ArmClient:
             clock.sleep(_LOOK_S)
         save_range(name, Path(path), self.hardware.gripper.name, learn(name, seen))
 
-    def ask(self, request: Request, own_gains: Numbers = ()) -> int:
+    def ask(self, request: Request, own_gains: Numbers = (), number: int | None = None) -> int:
         """Write a request without waiting; its number is `ArmState.answered` when the loop has carried it out or not.
 
-        `own_gains` are not looked at: `checked_gains` does that.
+        Args:
+            request: what is asked for.
+            own_gains: with GAINS, as `checked_gains` returns them.
+            number: that it gets, greater than the last one; None: the next.
         """
-        return self._commands.write_request(self._clock.now(), request, own_gains)
+        return self._commands.write_request(self._clock.now(), request, own_gains, number)
 
     def _request(self, request: Request, own_gains: Numbers = ()) -> None:
         number = self.ask(request, own_gains)

@@ -22,6 +22,7 @@ _WITHOUT_STOPS = {
 _NEARLY_S = 0.0013  # a state that comes so soon is worth waiting for: the one before it is a whole tick older
 _LATE_S = 0.003  # how long it is waited for beyond; the loop itself waits up to 2 ms for a reply
 _OLD_S = 0.0025  # a sample that is older than a tick and this is not the newest that could be had
+_AFTER_S = 0.0003  # a tick is due: nearly all have been published by then, and need not be looked for
 _GLANCE_S = 0.00005
 _GRIPPER_OPTIONS = {"dq": 0.0, "kp": math.nan, "kd": math.nan}  # it has its own
 
@@ -77,16 +78,28 @@ class StateReader:
         if self._newest is not None and period_s + _OLD_S < age_s < 2.0 * period_s + _OLD_S:
             self._await_tick(self._block, self._newest[0], period_s)
 
+    def await_next(self, after: int) -> int:
+        """Wait for the state after number `after`, while the loop is not late with it; returns the newest's number.
+
+        Raises:
+            LifeCycleError: not connected.
+        """
+        block = self.block
+        if self._period_s and block.sequence() == after:
+            self._clock.sleep(max(0.0, self._due_s(block) + _AFTER_S - self._clock.now()))
+            self._await_tick(block, after, math.inf)
+        return block.sequence()
+
     def _await_tick(self, block: SharedBlock, sequence: int, within_s: float) -> None:
         """Let the tick after record `sequence` end if it should so soon; one that is late is not waited for."""
-        due = self.due_s()
+        due = self._due_s(block)
         if due - within_s < self._clock.now():
             while block.sequence() == sequence and self._clock.now() < due + _LATE_S:
                 self._clock.sleep(_GLANCE_S)
 
-    def due_s(self) -> float:
-        """When the loop should publish the next state. Raises LifeCycleError: not connected."""
-        return self.block.peek(*PUBLISHED) + self._period_s
+    def _due_s(self, block: SharedBlock) -> float:
+        """When the loop should publish the next state."""
+        return block.peek(*PUBLISHED) + self._period_s
 
     def newest(self) -> ArmState:
         """The newest state, without waiting. Raises YamError: see `ArmClient.observe`."""
@@ -192,13 +205,16 @@ class CommandWriter:
             self._number += 1
             self._write()
 
-    def write_request(self, stamp_s: float, request: Request, own_gains: Sequence[float] = ()) -> int:
+    def write_request(
+        self, stamp_s: float, request: Request, own_gains: Sequence[float] = (), number: int | None = None
+    ) -> int:
         """Write a request, and return its number; a target the loop has not looked at yet is void.
 
         Args:
             stamp_s: when it was made, the clock's time.
             request: what is asked for.
             own_gains: with GAINS: kp of all motors, and then their kd.
+            number: that it gets, greater than the last one; None: the next.
 
         Raises:
             LifeCycleError: the arm is another process's.
@@ -207,7 +223,7 @@ class CommandWriter:
         with self._lock:
             self._asked, self._asked_s = request, stamp_s
             self._own = list(own_gains) or self._own
-            self._requests += 1
+            self._requests = number or self._requests + 1
             self._stamp_s = self._coupled_until_s = -math.inf
             self._write()
             return self._requests

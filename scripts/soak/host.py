@@ -13,8 +13,8 @@ from pathlib import Path
 import yaml
 
 from lerobot_robot_yam.errors import LinkError
-from lerobot_robot_yam.remote.client.host_question import Host, hello
-from lerobot_robot_yam.remote.wire.host_address import HostAddress
+from lerobot_robot_yam.remote.host_address import HostAddress
+from lerobot_robot_yam.remote.host_question import Host, hello
 from soak.devices import follower_options, leader_options
 
 _START_S, _END_S = 30.0, 90.0

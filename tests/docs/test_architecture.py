@@ -44,7 +44,6 @@ def test_the_storeys_are_drawn_as_they_are_tested():
     drawn = re.findall(r"^(\w+) {2,}", block(PAGE, "text", "errors "), re.MULTILINE)
     assert tuple(reversed(drawn)) == test_layers.STOREYS
     assert tuple(rooms("rig")) == test_layers.RIG_ROOMS
-    assert tuple(rooms("remote")) == test_layers.REMOTE_ROOMS
     assert tuple("" if room == "loop and controller" else room for room in rooms("control")) == (
         test_layers.CONTROL_ROOMS
     )

@@ -4,8 +4,8 @@ import time
 
 import pytest
 
-from lerobot_robot_yam.remote.client.host_question import Host
-from lerobot_robot_yam.remote.client.host_rig import HostedDevice
+from lerobot_robot_yam.remote.host_question import Host
+from lerobot_robot_yam.remote.hosted_device import HostedDevice
 from lerobot_robot_yam.session.arm_client import REQUEST_TIMEOUT_S
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.state.modes import Mode
@@ -40,8 +40,8 @@ def session(host):
 def told(session, served):
     """Mode of the host's arm once it has the newest command, and has had the time to do what that says."""
     group, deadline = served.groups[0], time.monotonic() + 10.0
-    before = group.holder.sequence
-    while group.holder.sequence == before:
+    before = group.newest
+    while group.newest == before:
         assert time.monotonic() < deadline
         session._runner._link.turn()
     group._session.clock.sleep(0.1)

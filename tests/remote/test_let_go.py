@@ -5,18 +5,15 @@ import time
 
 import pytest
 
-from lerobot_robot_yam.errors import LinkError, MotorError, StaleStateError
-from lerobot_robot_yam.remote.client import link as link_module
-from lerobot_robot_yam.remote.client.host_question import Host
-from lerobot_robot_yam.remote.client.host_rig import HostedDevice
-from lerobot_robot_yam.remote.client.link import Link
-from lerobot_robot_yam.remote.client.state_mirror import StateMirror
-from lerobot_robot_yam.remote.host.hosted_group import Phase
+from lerobot_robot_yam.errors import LifeCycleError, LinkError, MotorError, StaleStateError
+from lerobot_robot_yam.remote import link as link_module
+from lerobot_robot_yam.remote.host_question import Host
+from lerobot_robot_yam.remote.hosted_device import HostedDevice
+from lerobot_robot_yam.remote.hosted_group import Phase
+from lerobot_robot_yam.remote.link import Link
 from lerobot_robot_yam.session import runners
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
-from lerobot_robot_yam.state.records import COMMAND_DTYPE
-from lerobot_robot_yam.system.shared_block import SharedBlock
 from tests.support.hosted import ServedArms
 from tests.support.link_in_step import LinkInStep
 from tests.support.rigged import rig_of, sim_config
@@ -76,15 +73,16 @@ def drive(session):
             pytest.fail("a target was taken that nobody carries out")
 
 
-def test_a_client_hears_that_its_arms_were_let_go_and_does_not_see_anothers(host, session):
+def test_a_client_hears_that_its_arms_were_let_go_and_does_not_see_anothers(host, session, monkeypatch):
     _, served = host
     (group,) = served.groups
     let_go(served)
     assert Host(served.address).ask("start", 30.0, who="another", search=False, **OTHER)["ready"]
+    monkeypatch.setattr(link_module, "_LOST_S", 0.05)  # it has heard nothing for longer: simulated time is quick
     with pytest.raises(MotorError, match="has let go of the arms .another client may have them.; connect again"):
         drive(session)
     assert session.stop()
-    assert group.phase is Phase.RUNNING and group.holder.session == OTHER["session"]
+    assert group.phase is Phase.RUNNING and group.lease.holder == OTHER["session"]
 
 
 def test_a_client_hears_that_its_arms_were_let_go_in_the_air(host, session, stopped):
@@ -97,23 +95,24 @@ def test_a_client_hears_that_its_arms_were_let_go_in_the_air(host, session, stop
 
 def test_who_asks_again_whether_its_arms_are_down_hears_the_same(host, session, stopped):
     _, served = host
-    ours, ask = {"group": "robot", "session": served.groups[0].holder.session}, Host(served.address).ask
+    ours, ask = {"group": "robot", "session": served.groups[0].lease.holder}, Host(served.address).ask
     assert [ask("stop", 30.0, **ours)["landed"] for _ in range(3)] == [False] * 3
     assert ask("stop", 30.0, **OTHER)["landed"]  # it never had them
 
 
-def test_arms_are_let_go_when_their_start_is_given_up(monkeypatch):
-    """Before the stops of the gripper have been found."""
-    monkeypatch.setattr(link_module, "_START_S", 0.01)
+@pytest.mark.parametrize("error", [LinkError, LifeCycleError])
+def test_arms_are_let_go_when_their_start_is_given_up(error, monkeypatch):
+    """Because it takes too long, or the program that waits has ended: before the gripper's stops have been found."""
     with contextlib.ExitStack() as ends:
         rig = ends.enter_context(rig_of("lockstep", arms=[ARM]))
         served = ends.enter_context(ServedArms(rig, ARM, gripper_stops_rad=None))
-        commands = ends.enter_context(contextlib.closing(SharedBlock(None, COMMAND_DTYPE, create=True)))
-        link = Link(Host(served.address), StateMirror([], [], {}), {0: commands}, {})
+        link = Link(Host(served.address), {}, drives=True)
         ends.callback(link.close)
         while not link.up:
             link.turn()
-        with pytest.raises(LinkError, match="no yam-host answers"):
-            link.start("robot", True, lambda: False)
+        if error is LinkError:
+            monkeypatch.setattr(link_module, "_START_S", 0.01)
+        with pytest.raises(error, match="has not done it within|nobody waits for the arms any more"):
+            link.start("robot", True, lambda: served.groups[0].phase is Phase.STARTING and error is LifeCycleError)
         assert served.groups[0].phase is Phase.FREE
         assert not any(motor["enabled"] for motor in rig.state()["arms"][ARM]["motors"].values())

@@ -11,7 +11,7 @@ import time
 import pytest
 
 from lerobot_robot_yam.errors import ChannelInUseError
-from lerobot_robot_yam.remote.client.host_question import Host, hello
+from lerobot_robot_yam.remote.host_question import Host, hello
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.link_faults import LinkFault
 from lerobot_robot_yam.state.modes import Mode

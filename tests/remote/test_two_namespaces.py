@@ -10,7 +10,7 @@ import time
 
 import pytest
 
-from lerobot_robot_yam.remote.wire.curve_keys import pair
+from lerobot_robot_yam.remote.link_keys import pair
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from tests.support.hosted import rig_file
 from tests.support.paths import ROOT
@@ -41,9 +41,9 @@ CLIENT = """
 import json, sys, time
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import StaleStateError
-from lerobot_robot_yam.remote.client.host_question import Host
-from lerobot_robot_yam.remote.client.host_rig import HostedDevice
-from lerobot_robot_yam.remote.wire.host_address import HostAddress
+from lerobot_robot_yam.remote.host_question import Host
+from lerobot_robot_yam.remote.hosted_device import HostedDevice
+from lerobot_robot_yam.remote.host_address import HostAddress
 from lerobot_robot_yam.session.arm_session import ArmSession
 address, key, poses = sys.argv[1], sys.argv[2], json.loads(sys.argv[3])
 device = HostedDevice(Host(HostAddress.of(address), key), "robot", ("",))

@@ -5,7 +5,7 @@ import contextlib
 import random
 import threading
 
-from lerobot_robot_yam.remote.wire.host_address import HostAddress
+from lerobot_robot_yam.remote.host_address import HostAddress
 from tests.support.hosted import free_port
 
 _AGAIN_S = 0.04  # until a lost packet has been sent once more, and what waits behind it

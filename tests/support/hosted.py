@@ -13,13 +13,12 @@ import yaml
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import LinkError
-from lerobot_robot_yam.remote.client.host_question import Host, hello
-from lerobot_robot_yam.remote.client.host_rig import HostedDevice
-from lerobot_robot_yam.remote.host.host_server import HostServer
-from lerobot_robot_yam.remote.host.host_tools import HostTools
-from lerobot_robot_yam.remote.host.hosted_group import HostedGroup
-from lerobot_robot_yam.remote.wire.host_address import HostAddress
-from lerobot_robot_yam.remote.wire.transport import HostSockets
+from lerobot_robot_yam.remote.host_address import HostAddress
+from lerobot_robot_yam.remote.host_question import Host, hello
+from lerobot_robot_yam.remote.host_server import HostServer
+from lerobot_robot_yam.remote.hosted_device import HostedDevice
+from lerobot_robot_yam.remote.hosted_group import HostedGroup
+from lerobot_robot_yam.remote.link_sockets import HostSockets
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.system.runtime_files import runtime_dir
 from tests.support.paths import ROOT
@@ -136,7 +135,7 @@ class ServedArms:
                 self.groups.append(group)
                 first += len(arms)
         self.address = HostAddress("127.0.0.1", free_port())
-        self.server = HostServer(HostSockets(self.address, keys), self.groups, land_after_s, HostTools(None, {}))
+        self.server = HostServer(HostSockets(self.address, keys), self.groups, land_after_s, lambda *_: None)
         self._end = threading.Event()
         self._thread = threading.Thread(target=self.server.run, args=[self._end.is_set])
 

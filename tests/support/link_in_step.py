@@ -2,10 +2,11 @@
 
 from functools import partial
 
-from lerobot_robot_yam.remote.client.link import Link
-from lerobot_robot_yam.remote.client.state_mirror import MirroredArm, StateMirror
-from lerobot_robot_yam.state.records import BlockPair
+from lerobot_robot_yam.remote.link import Link
+from lerobot_robot_yam.remote.mirrored_arm import MirroredArm
+from lerobot_robot_yam.state.records import BlockPair, lock_path
 from lerobot_robot_yam.system.clock import SYSTEM
+from lerobot_robot_yam.system.runtime_files import FileLock
 
 _WITHIN_S = 20.0  # of real time
 
@@ -46,10 +47,10 @@ class LinkInStep:
             return
         if self._late:
             self._world.sleep(seconds)
-        self._turn_until(lambda: self._group.holder.sequence == self._written)
+        self._turn_until(lambda: self._group.newest == self._written)
         if not self._late:
             self._world.sleep(seconds)
-        self._turn_until(lambda: self._ticks() == [arm._client.published().tick for arm in self._group.arms])
+        self._turn_until(lambda: self._ticks() == [arm.client.published().tick for arm in self._group.arms])
 
     def _ticks(self):
         return [int(pair.states.read()["tick"]) for pair in self._pairs]
@@ -59,7 +60,7 @@ class LinkInStep:
         while not condition():
             self._link.turn()
             if SYSTEM.now() > deadline:
-                told = f"{self._written} commands written, ticks {self._ticks()}; there {self._group.holder}"
+                told = f"{self._written} commands written, ticks {self._ticks()}; there {self._group.newest}"
                 raise AssertionError(f"nothing comes over the link: {told}, {self._group.phase}")
 
     def note_written(self, arm):
@@ -68,16 +69,14 @@ class LinkInStep:
     def start(self, blocks):
         device = self._device
         self._pairs = [BlockPair.of(descriptors.copies()) for descriptors in blocks]
-        arms = [
-            MirroredArm(number, there, here, arm.config)
-            for number, there, here, arm in zip(device.numbers, device.host_keys, self._keys, self._arms, strict=True)
-        ]
-        mirror = StateMirror(arms, [pair.states for pair in self._pairs], device.all_keys)
-        commands = {number: pair.commands for number, pair in zip(device.numbers, self._pairs, strict=True)}
-        self._link = Link(device.host, mirror, commands, {})
+        arms = {
+            number: MirroredArm(key, arm.config, FileLock(lock_path(key), "a test"), *pair, device.all_keys)
+            for number, key, arm, pair in zip(device.numbers, self._keys, self._arms, self._pairs, strict=True)
+        }
+        self._link = Link(device.host, arms, drives=True)
         self._link.start(device.group, search=True, unwanted=lambda: False)
         # What the blocks begin with is sent, too: a link that was up early would send the first frame's in its place.
-        self._turn_until(lambda: self._group.holder.sequence == self._written)
+        self._turn_until(lambda: self._group.newest == self._written)
 
     def land(self):
         """`stop` does."""
@@ -86,6 +85,6 @@ class LinkInStep:
         link, self._link = self._link, None
         landed = link.stop(self._device.group)
         link.close()
-        for pair in self._pairs:
-            pair.commands.close()
+        for arm in link._arms.values():
+            arm.close()
         return landed and off()

@@ -16,9 +16,9 @@ from pathlib import Path
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.remote.client.host_question import Host
-from lerobot_robot_yam.remote.client.host_rig import HostedDevice
-from lerobot_robot_yam.remote.wire.host_address import HostAddress
+from lerobot_robot_yam.remote.host_address import HostAddress
+from lerobot_robot_yam.remote.host_question import Host
+from lerobot_robot_yam.remote.hosted_device import HostedDevice
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.state.modes import Gate
 from tests.support.paths import ROOT

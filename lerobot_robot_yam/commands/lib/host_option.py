@@ -1,16 +1,15 @@
 """The options `--host` and `--key` of commands that also work on the arms of another computer."""
 
 import argparse
-import platform
 import sys
 
 from lerobot_robot_yam.errors import YamError
 
-_TOOL_S = 150.0
+_TOOL_S = 150.0  # wait for a tool on the host; it is ended there after 120 s
 
 
 def add_host_arguments(parser: argparse.ArgumentParser, name: str = "--host") -> None:
-    """Which host; `name` where --host means something else."""
+    """Add the options; `name` is for a command whose --host means something else."""
     parser.add_argument(
         name, dest="arms_host", metavar="ADDRESS", help="the arms are of the computer where this yam-host runs"
     )
@@ -23,10 +22,10 @@ def ask_host(args: argparse.Namespace, op: str, within_s: float = 2.0, **fields:
     Raises:
         YamError: it does not answer, or refuses.
     """
-    from lerobot_robot_yam.remote.client.host_question import Host  # needs pyzmq
-    from lerobot_robot_yam.remote.wire.host_address import HostAddress
+    from lerobot_robot_yam.remote.host_address import HostAddress
+    from lerobot_robot_yam.remote.host_question import Host  # needs pyzmq
 
-    return Host(HostAddress.of(args.arms_host), args.key).ask(op, within_s, computer=platform.node(), **fields)
+    return Host(HostAddress.of(args.arms_host), args.key).ask(op, within_s, **fields)
 
 
 def run_tool(program: str, args: argparse.Namespace, **fields: object) -> int:

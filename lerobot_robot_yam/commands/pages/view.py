@@ -158,9 +158,9 @@ def _watched(args: argparse.Namespace) -> contextlib.AbstractContextManager[None
     """While it is entered the arms of `--remote` are seen here."""
     if args.arms_host is None:
         return contextlib.nullcontext()
-    from lerobot_robot_yam.remote.client.host_question import Host
-    from lerobot_robot_yam.remote.client.host_watch import watched
-    from lerobot_robot_yam.remote.wire.host_address import HostAddress
+    from lerobot_robot_yam.remote.host_address import HostAddress
+    from lerobot_robot_yam.remote.host_question import Host
+    from lerobot_robot_yam.remote.host_watch import watched
 
     return watched(Host(HostAddress.of(args.arms_host), args.key))
 

@@ -16,16 +16,17 @@ import resource
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from lerobot_robot_yam.commands.lib.arm_command import run_command, seconds, tell
+from lerobot_robot_yam.commands.servers.host_tools import HostTools
 from lerobot_robot_yam.errors import ConfigError
 
 if TYPE_CHECKING:
-    from lerobot_robot_yam.remote.host.hosted_group import HostedGroup
-    from lerobot_robot_yam.remote.wire.host_address import HostAddress
+    from lerobot_robot_yam.remote.host_address import HostAddress
+    from lerobot_robot_yam.remote.hosted_group import HostedGroup
 
 _LAND_AFTER_S = 30.0
 _LOCAL = "127.0.0.1"
@@ -56,11 +57,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _serve(args: argparse.Namespace) -> int:
-    from lerobot_robot_yam.remote.host.host_server import HostServer
-    from lerobot_robot_yam.remote.host.host_tools import HostTools
-    from lerobot_robot_yam.remote.wire.curve_keys import HostKeys, keys_directory
-    from lerobot_robot_yam.remote.wire.host_address import HostAddress
-    from lerobot_robot_yam.remote.wire.transport import HostSockets
+    from lerobot_robot_yam.remote.host_address import HostAddress
+    from lerobot_robot_yam.remote.host_server import HostServer
+    from lerobot_robot_yam.remote.link_keys import keys_directory, paired
+    from lerobot_robot_yam.remote.link_sockets import HostSockets
     from lerobot_robot_yam.system.log_thread import log_from_a_thread
     from lerobot_robot_yam.system.paths import user_path
     from lerobot_robot_yam.system.realtime import raise_threads, request_scheduling
@@ -72,10 +72,11 @@ def _serve(args: argparse.Namespace) -> int:
     address = HostAddress.of(args.listen or _LOCAL)
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))  # whoever reaches the port can have many connections
-    keys = HostKeys.load(args.keys or keys_directory())
+    keys = args.keys or keys_directory()
+    keys = keys if paired(keys) else None
     channels = {channel: words for group in groups for channel, words in group.channels.items()}
     tools = HostTools(user_path(args.config_path).absolute(), channels)
-    server = HostServer(HostSockets(address, keys), groups, args.land_after_s, tools)
+    server = HostServer(HostSockets(address, keys), groups, args.land_after_s, tools.run)
     ended: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda number, _: ended.append(number))
@@ -83,8 +84,9 @@ def _serve(args: argparse.Namespace) -> int:
     sys.setswitchinterval(_SWITCH_S)
     request_scheduling(_RT_PRIORITY)
     raise_threads(_RT_PRIORITY, "ZMQbg/IO")
-    with _noted(address, None if keys is None else keys.file), log_from_a_thread():
+    with _noted(address, keys), log_from_a_thread():
         server.run(lambda: bool(ended))
+        tools.close()
     return 0
 
 
@@ -96,9 +98,12 @@ def _note() -> Path:
 
 
 @contextlib.contextmanager
-def _noted(address: "HostAddress", key: Path | None) -> Iterator[None]:
+def _noted(address: "HostAddress", keys: Path | None) -> Iterator[None]:
+    from lerobot_robot_yam.remote.link_keys import HOST_KEY
+
     with contextlib.suppress(OSError):  # then it has to be told where that is
-        _note().write_text(json.dumps({"address": str(address), "key": key and str(key.absolute())}))
+        key = None if keys is None else str((keys / HOST_KEY).absolute())
+        _note().write_text(json.dumps({"address": str(address), "key": key}))
     try:
         yield
     finally:
@@ -113,13 +118,11 @@ def _say_ready(address: "HostAddress", groups: "Sequence[HostedGroup]", keyed: b
 
 
 def groups_of(path: Path) -> "list[HostedGroup]":
-    """The arms of a rig's file, which another process reads: LeRobot's parser loads torch, 700 MB that would stay here.
+    """Read a rig's file, in another process: LeRobot's parser loads torch, 700 MB that would stay here.
 
     Raises:
         ConfigError: there is no such file, or what no session would start with.
     """
-    from lerobot_robot_yam.arm.config import LeadArmConfig
-    from lerobot_robot_yam.remote.host.hosted_group import HostedGroup
     from lerobot_robot_yam.system.paths import user_path
 
     path = user_path(path)
@@ -132,8 +135,16 @@ def groups_of(path: Path) -> "list[HostedGroup]":
     found = json.loads(said)
     if "error" in found:
         raise ConfigError(found["error"])
+    return make_groups(found["groups"])
+
+
+def make_groups(found: Sequence[Mapping[str, Any]]) -> "list[HostedGroup]":
+    """Make the groups that `rig_reader.groups_in` has found."""
+    from lerobot_robot_yam.arm.config import LeadArmConfig
+    from lerobot_robot_yam.remote.hosted_group import HostedGroup
+
     groups: list[HostedGroup] = []
-    for group in found["groups"]:
+    for group in found:
         arms = {prefix: LeadArmConfig(**fields) for prefix, fields in group["arms"].items()}
         first = sum(len(other.arms) for other in groups)
         groups.append(HostedGroup(group["role"], group["device"], arms, group["options"], first))
@@ -141,7 +152,7 @@ def groups_of(path: Path) -> "list[HostedGroup]":
 
 
 def _pair(args: argparse.Namespace) -> int:
-    from lerobot_robot_yam.remote.wire.curve_keys import keys_directory, pair
+    from lerobot_robot_yam.remote.link_keys import keys_directory, pair
 
     if args.name is None:
         raise ConfigError("which computer? Give it a name: yam-host pair workstation")
@@ -155,14 +166,14 @@ def _pair(args: argparse.Namespace) -> int:
 
 
 def _status(args: argparse.Namespace) -> int:
-    from lerobot_robot_yam.remote.client.host_question import Host, hello
-    from lerobot_robot_yam.remote.wire.curve_keys import HostKeys, keys_directory, paired
-    from lerobot_robot_yam.remote.wire.host_address import HostAddress
+    from lerobot_robot_yam.remote.host_address import HostAddress
+    from lerobot_robot_yam.remote.host_question import Host, hello
+    from lerobot_robot_yam.remote.link_keys import HOST_KEY, keys_directory, paired
 
     directory = args.keys or keys_directory()
-    sys.stdout.write(f"paired: {', '.join(paired(directory)) or 'none'}\n")
-    keys = HostKeys.load(directory)
-    at: dict[str, str | None] = {"address": args.listen or _LOCAL, "key": None if keys is None else str(keys.file)}
+    names = paired(directory)
+    sys.stdout.write(f"paired: {', '.join(names) or 'none'}\n")
+    at: dict[str, str | None] = {"address": args.listen or _LOCAL, "key": str(directory / HOST_KEY) if names else None}
     if args.listen is None:
         with contextlib.suppress(OSError, ValueError):
             at = json.loads(_note().read_text())

@@ -13,10 +13,11 @@ import pytest
 
 from lerobot_robot_yam.commands.doctor import main as yam_doctor
 from lerobot_robot_yam.commands.identify import main as yam_identify
-from lerobot_robot_yam.commands.servers.host import groups_of, main
+from lerobot_robot_yam.commands.servers.host import groups_of, main, make_groups
+from lerobot_robot_yam.commands.servers.rig_reader import groups_in
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.remote.client.host_question import Host
-from lerobot_robot_yam.remote.client.host_watch import watched, watched_key
+from lerobot_robot_yam.remote.host_question import Host
+from lerobot_robot_yam.remote.host_watch import watched, watched_key
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
@@ -53,7 +54,7 @@ def test_status_without_a_host(tmp_path, capsys):
 
 
 def test_groups_are_those_of_the_file(tmp_path):
-    robot, teleop = groups_of(rig_file(tmp_path, SimpleNamespace(name="a-rig"), gate="auto"))
+    robot, teleop = make_groups(groups_in(rig_file(tmp_path, SimpleNamespace(name="a-rig"), gate="auto")))
     assert (robot.role, robot.device, robot.prefixes) == ("robot", "bi_yam_follower", ["left_", "right_"])
     assert (teleop.role, teleop.device, [arm.number for arm in teleop.arms]) == ("teleop", "bi_yam_leader", [2, 3])
     told = teleop.told()["arms"]["left_"]["options"]
@@ -148,8 +149,7 @@ def test_watching_shows_the_arms_that_run_and_nothing_else():
             assert key not in sessions(runtime_dir())
             session.stop()
         (group,) = served.groups
-        answers = []
-        group.start(5, "a test", True, answers.append)
+        group.start(5, "a test", True)
         deadline = time.monotonic() + 20.0
         with watched(Host(served.address)):
             while not state_path(key).exists():

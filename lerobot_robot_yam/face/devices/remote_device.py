@@ -1,0 +1,71 @@
+"""Devices whose arms are another computer's: their options, and what concerns files of that computer.
+
+LeRobot loads this module at its start, which must not wait for what is imported later.
+"""
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+from lerobot.utils.decorators import check_if_not_connected
+
+from lerobot_robot_yam.arm.option import option
+from lerobot_robot_yam.errors import ConfigError, YamError
+
+if TYPE_CHECKING:
+    from lerobot_robot_yam.remote.hosted_device import HostedDevice
+    from lerobot_robot_yam.session.arm_session import Isolation
+
+
+@dataclasses.dataclass(kw_only=True)
+class RemoteOptions:
+    """Which computer has the arms."""
+
+    host: str = option("the computer that has the arms, where yam-host runs: NAME or ADDRESS, or with :PORT")
+    key: str | None = option(
+        "this computer's key file, which `yam-host pair` makes there; by default none, which only a host on this "
+        "computer or behind an ssh tunnel takes",
+        None,
+    )
+
+    def ask_host(self, group: str, prefixes: tuple[str, ...]) -> None:
+        """Find out what arms they are: LeRobot asks for the keys of actions before it connects.
+
+        Raises:
+            RefusedConfigError: the host does not answer, or has other arms.
+        """
+        from lerobot_robot_yam.face.devices.config_refusal import RefusedConfigError
+        from lerobot_robot_yam.remote.host_address import HostAddress
+        from lerobot_robot_yam.remote.host_question import Host
+        from lerobot_robot_yam.remote.hosted_device import HostedDevice
+
+        try:
+            if getattr(self, "isolation", "process") != "process":
+                raise ConfigError("isolation: the control loop runs on the host, always in a process of its own")
+            self._hosted = HostedDevice(Host(HostAddress.of(self.host), self.key), group, prefixes)
+        except YamError as error:
+            raise RefusedConfigError(str(error)) from error
+
+    @property
+    def hosted(self) -> "HostedDevice":
+        """What the host has told."""
+        return self._hosted
+
+    def runs(self) -> "Isolation":
+        """On the host."""
+        return self._hosted.runner()
+
+
+class RemoteDevice:
+    """Mixin for LeRobot's `Robot` and `Teleoperator`."""
+
+    config: Any
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether the host knows the stops of all gripper motors."""
+        return bool(self.config.hosted.calibrated)
+
+    @check_if_not_connected
+    def calibrate(self) -> None:
+        """Refused. Raises ConfigError: the files are the host's."""
+        raise ConfigError("calibrate the arms on their own computer: lerobot-calibrate with the rig's file there")

@@ -1,0 +1,117 @@
+"""Where a host is, and what a client says of itself."""
+
+import getpass
+import importlib.metadata
+import os
+import re
+import socket
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from ipaddress import ip_address
+from pathlib import Path
+from typing import Any
+
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.state.records import channel_key
+from lerobot_robot_yam.system.runtime_files import runtime_dir
+
+PORT = 5570  # of commands; states have the next one
+INTERFACE = "remote"  # of an arm on a host, in place of python-can's
+_OF_THE_HOST = ("calibration_path", "identity_path", "tuning")  # options of an arm that are files there
+_PORT_MOST = 65534
+_ADDRESS = re.compile(r"([A-Za-z0-9][A-Za-z0-9.-]*)(?::([0-9]{1,5}))?")
+_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")  # drawn at each start; /etc/machine-id is copied with an image
+
+
+@dataclass(frozen=True)
+class HostAddress:
+    """A computer and the first of its two ports.
+
+    Attributes:
+        host: name or IPv4 address.
+        port: of commands; states have the next one.
+    """
+
+    host: str
+    port: int = PORT
+
+    @classmethod
+    def of(cls, text: str) -> "HostAddress":
+        """Read `192.168.1.20` or `192.168.1.20:5570`. Raises ConfigError: it is neither."""
+        found = _ADDRESS.fullmatch(text)
+        if found is None or not 0 < (port := int(found[2] or PORT)) <= _PORT_MOST:
+            raise ConfigError(
+                f"host {text!r}: write NAME or ADDRESS, or with a port up to {_PORT_MOST}, such as 192.168.1.20:{PORT}"
+            )
+        return cls(found[1], port)
+
+    def __str__(self) -> str:
+        return f"{self.host}:{self.port}"
+
+    @property
+    def commands(self) -> str:
+        """Endpoint of commands."""
+        return f"tcp://{self.host}:{self.port}"
+
+    @property
+    def states(self) -> str:
+        """Endpoint of states."""
+        return f"tcp://{self.host}:{self.port + 1}"
+
+    @property
+    def is_loopback(self) -> bool:
+        """Whether only this computer reaches it."""
+        try:
+            return ip_address(self.host).is_loopback
+        except ValueError:
+            return self.host == "localhost"
+
+    def channel(self, channel: str) -> str:
+        """Name a channel of that computer on this one, such as `192.168.1.20:5570/can_follower_l`."""
+        return f"{self}/{channel}"
+
+    def key(self, channel: str) -> str:
+        """Key under which this computer's programs find the state of the arm on that channel."""
+        return channel_key(INTERFACE, self.channel(channel), None)
+
+    def options(self, there: Mapping[str, Any]) -> dict[str, Any]:
+        """Translate an arm's options there: this computer's name of its channel, and none of the host's files."""
+        here = {**there, "interface": INTERFACE, "channel": self.channel(there["channel"]), "can_options": {}}
+        here |= dict.fromkeys(name for name in _OF_THE_HOST if name in there)
+        if there.get("follower") is not None:
+            here["follower"] = self.channel(there["follower"])
+        return here
+
+
+def who() -> str:
+    """Name user, computer and process, for refusals of others."""
+    try:
+        user = getpass.getuser()
+    except (KeyError, OSError):  # a user without a name, in a container
+        user = str(os.getuid())
+    return f"{user}@{socket.gethostname()} (process {os.getpid()})"
+
+
+def package_version() -> str:
+    """Version of this package; empty where it runs from a checkout that is not installed."""
+    try:
+        return importlib.metadata.version("lerobot_robot_yam")
+    except importlib.metadata.PackageNotFoundError:
+        return ""
+
+
+def machine_name() -> str:
+    """Name this computer, user and runtime directory, which share one emergency stop, for the host: 8 hex digits.
+
+    Computers of one image have the same name and the same users. Containers have the kernel of their computer.
+
+    Raises:
+        ConfigError: this computer cannot be told from others.
+    """
+    try:
+        boot = _BOOT_ID.read_text().strip()
+    except OSError as error:
+        raise ConfigError(f"{_BOOT_ID}: {error.strerror}; is /proc mounted?") from error
+    own = f"{boot} {socket.gethostname()} {os.getuid()} {runtime_dir()}"
+    return f"{zlib.crc32(own.encode()):08x}"

@@ -1,0 +1,114 @@
+"""Questions to a host: by a link to it, or by a program that has none."""
+
+import contextlib
+import itertools
+import secrets
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from lerobot_robot_yam import errors
+from lerobot_robot_yam.errors import LinkError, YamError
+from lerobot_robot_yam.remote.host_address import HostAddress, package_version
+from lerobot_robot_yam.remote.link_keys import LinkKey
+from lerobot_robot_yam.remote.link_messages import Answer, Question
+from lerobot_robot_yam.remote.link_sockets import ClientSockets
+from lerobot_robot_yam.system.clock import SYSTEM
+
+HELLO_S = 2.0  # wait for an answer
+_AGAIN_S = 0.1  # between two times that a question is asked, until it has a result
+_WAIT_S = 0.01  # for a message of the host
+_numbers = itertools.count(secrets.randbits(31))
+
+
+@dataclass(frozen=True)
+class Host:
+    """A host as a client names it.
+
+    Attributes:
+        address: where it is.
+        key: path of this client's key; None: none.
+    """
+
+    address: HostAddress
+    key: str | None = None
+
+    def client_key(self) -> LinkKey | None:
+        """Read the key. Raises ConfigError: it cannot be read."""
+        return None if self.key is None else LinkKey.load(self.key)
+
+    def ask(self, op: str, within_s: float = HELLO_S, **fields: Any) -> dict[str, Any]:
+        """Ask, and return the result.
+
+        Args:
+            op: see `Question`.
+            within_s: time for the answer, s.
+            fields: the other ones of a `Question`.
+
+        Raises:
+            LinkError: no answer comes.
+            YamError: the host refuses, with the error that it has met.
+        """
+        with contextlib.closing(ClientSockets(self.address, self.client_key(), states=False)) as sockets:
+
+            def turn() -> Answer | None:
+                sockets.wait(_WAIT_S)
+                message = sockets.receive()
+                return message if isinstance(message, Answer) else None
+
+            return ask_over(sockets, turn, self.address, op, within_s, **fields)
+
+
+def ask_over(
+    sockets: ClientSockets,
+    turn: Callable[[], Answer | None],
+    address: HostAddress,
+    op: str,
+    within_s: float,
+    unwanted: Callable[[], bool] = lambda: False,
+    **fields: Any,
+) -> dict[str, Any]:
+    """Ask over sockets that are open; see `Host.ask`.
+
+    Args:
+        sockets: the sockets to the host.
+        turn: lets a little time pass, and returns the answer that has come, if one has.
+        address: the host's.
+        unwanted: once it says True, the result is empty.
+    """
+    question = Question(next(_numbers), op, **fields)  # type: ignore[arg-type]
+    deadline, again_s, heard = SYSTEM.now() + within_s, 0.0, False
+    while (now := SYSTEM.now()) < deadline:
+        if now >= again_s and sockets.send(question):
+            again_s = now + _AGAIN_S
+        answer = turn()
+        if answer is not None and answer.number == question.number:
+            heard = True
+            if answer.error:
+                kind = getattr(errors, answer.kind, YamError)
+                raise (kind if isinstance(kind, type) and issubclass(kind, YamError) else YamError)(answer.error)
+            if answer.result is not None:
+                return answer.result
+        if unwanted():
+            return {}
+    if heard:
+        raise LinkError(f"the yam-host at {address} has not done it within {within_s:g} s ({op})")
+    raise LinkError(
+        f"no yam-host answers at {address} within {within_s:g} s: is it running, and is this computer paired? "
+        "`yam-host status` says so there"
+    )
+
+
+def hello(host: Host) -> dict[str, Any]:
+    """Ask a host what it is and has.
+
+    Raises:
+        LinkError: no answer comes, or it has another version of this package.
+    """
+    told = host.ask("hello")
+    theirs, ours = told.get("package"), package_version()
+    if theirs != ours:
+        raise LinkError(
+            f"{host.address} has lerobot_robot_yam {theirs}, this computer {ours}; install the same version on both"
+        )
+    return told

@@ -1,0 +1,221 @@
+"""The host: answers its clients, and lets one at a time drive each group of arms.
+
+Nothing is energised but by a client that asks for it. Targets go through the session of this computer, which checks
+and limits them as it does a local program's; a client that is silent for too long has its arms landed.
+"""
+
+import contextlib
+import logging
+import math
+import platform
+import secrets
+import threading
+from collections.abc import Callable, Hashable, Sequence
+from typing import Any
+
+from lerobot_robot_yam.errors import ConfigError, LinkError, YamError
+from lerobot_robot_yam.remote.host_address import machine_name, package_version
+from lerobot_robot_yam.remote.hosted_group import HostedGroup, Phase
+from lerobot_robot_yam.remote.link_messages import (
+    Answer,
+    Beat,
+    Command,
+    Echo,
+    OtherVersionError,
+    Question,
+    States,
+    decode,
+)
+from lerobot_robot_yam.remote.link_sockets import HostSockets
+from lerobot_robot_yam.remote.mirrored_stops import MirroredStops
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.system.clock import SYSTEM
+from lerobot_robot_yam.system.realtime import request_scheduling
+
+logger = logging.getLogger(__name__)
+
+RunTool = Callable[[Hashable, str, str, bool], dict[str, Any] | None]
+
+_LOOK_S = 0.04  # between looks at emergency stops and silent clients
+_REFUSED_S = 10.0  # between two lines in the log about messages that were refused
+_RT_PRIORITY = 15  # below that of control loops
+_LEAST_S = 0.002  # between two messages: a loop may tick as fast as its wire allows, or no more
+_QUIET_S = 0.1  # between two messages while no arm runs
+_MOST_TEXT = 400  # characters of a client's words that are logged
+
+
+class StateStream:
+    """A thread that sends the newest states of all arms, right after each tick of their control loop.
+
+    Args:
+        groups: the host's; the first that runs says when.
+        stops: says whether the emergency stop is latched, and because of which machine.
+        publish: sends to all.
+    """
+
+    def __init__(self, groups: Sequence[HostedGroup], stops: MirroredStops, publish: Callable[[States], None]):
+        self._stops, self._publish = stops, publish
+        self._arms = [arm for group in groups for arm in group.arms]
+        self._leads = [group.arms[-1] for group in groups]
+        self._run = secrets.randbits(62) + 1
+        self._sent, self._sent_s = 0, 0.0  # number of the state that led to the last message, and its time
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._stream, name="yam-states", daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End. Idempotent."""
+        self._ended.set()
+        if self._thread.ident is not None:
+            self._thread.join()
+
+    def _stream(self) -> None:
+        request_scheduling(_RT_PRIORITY)
+        while not self._ended.is_set():
+            try:
+                self._await_tick()
+                arms = [(arm.number, record) for arm in self._arms if (record := arm.record()) is not None]
+                self._publish(States(self._run, *self._stops.stopped, arms))
+            except Exception:
+                logger.exception("states were not sent")
+                self._ended.wait(_QUIET_S)
+
+    def _await_tick(self) -> None:
+        """Wait for the next tick of the first group that runs."""
+        client = next((client for arm in self._leads if (client := arm.client) is not None), None)
+        if client is None:
+            self._ended.wait(_QUIET_S)
+            return
+        SYSTEM.sleep(max(0.0, self._sent_s + _LEAST_S - SYSTEM.now()))
+        with contextlib.suppress(YamError, ValueError):  # closed meanwhile
+            self._sent = client.await_next(self._sent)
+        self._sent_s = SYSTEM.now()
+
+
+class HostServer:
+    """Serves until it is told to end.
+
+    Args:
+        sockets: which listen; closed at the end.
+        groups: the groups of arms.
+        land_after_s: a client that is silent for so long has its arms landed.
+        run_tool: has a tool of this computer run for a client; see `HostTools.run`.
+    """
+
+    def __init__(self, sockets: HostSockets, groups: Sequence[HostedGroup], land_after_s: float, run_tool: RunTool):
+        self._sockets, self._groups, self._land_after_s, self._run_tool = sockets, groups, land_after_s, run_tool
+        for group in groups:
+            group.leaders = frozenset(arm.key for other in groups for arm in other.arms if other is not group)
+        self._group_of = {arm.number: group for group in groups for arm in group.arms}
+        self._stops = MirroredStops("workstation", machine_name())
+        self._stream = StateStream(groups, self._stops, sockets.publish)
+        self._refused_s = -math.inf  # when the log has told of a message that was refused
+
+    def run(self, must_end: Callable[[], bool]) -> None:
+        """Serve; at the end all arms are landed."""
+        self._stream.start()
+        look_s = 0.0
+        try:
+            while not must_end():
+                received = self._sockets.receive(_LOOK_S)
+                if received is not None:
+                    self._handle(*received)
+                if SYSTEM.now() >= look_s:
+                    look_s = SYSTEM.now() + _LOOK_S
+                    self._look()
+        finally:
+            for group in self._groups:
+                group.land("the host ends")
+            for group in self._groups:
+                group.close()
+            self._stream.stop()
+            self._sockets.close()
+
+    def _handle(self, client: bytes, data: bytes) -> None:
+        """Handle one message. What cannot be read, or does not count, has no effect."""
+        received_s = SYSTEM.now()
+        try:
+            message = decode(data)
+            if isinstance(message, Command):
+                if message.arm not in self._group_of:
+                    raise LinkError(f"there is no arm {message.arm}")
+                self._group_of[message.arm].take(message)
+            elif isinstance(message, Beat):
+                held = [group.heard(message.session) for group in self._groups]
+                self._stops.hear(message.machine, client, message.stopped, received_s)
+                self._sockets.answer(client, Echo(message.sent_s, received_s, SYSTEM.now(), any(held)))
+            elif isinstance(message, Question):
+                self._sockets.answer(client, self._answer(client, message))
+            else:
+                raise LinkError("a message that only a host sends has come")
+        except LinkError as error:
+            if received_s - self._refused_s > _REFUSED_S:
+                self._refused_s = received_s
+                logger.warning("a message is refused: %s", error)
+            if isinstance(error, OtherVersionError):
+                self._sockets.answer(client, Answer(0))  # by which the client knows, too
+        except Exception:
+            logger.exception("a message could not be handled; it has no effect")
+
+    def _look(self) -> None:
+        self._stops.look(SYSTEM.now())
+        for group in self._groups:
+            if self._stops.unwritten:
+                group.land("a workstation's emergency stop cannot be latched here")
+            if group.silent_s > self._land_after_s and not any(other.led_by_hand for other in self._groups):
+                group.land(f"its client has been silent for {self._land_after_s:g} s")
+
+    def _answer(self, client: bytes, question: Question) -> Answer:
+        try:
+            return Answer(question.number, self._result(client, question))
+        except YamError as error:
+            return Answer(question.number, None, str(error), type(error).__name__)
+
+    def _result(self, client: bytes, asked: Question) -> dict[str, Any] | None:
+        """What a question comes to; None: nothing yet, it is asked again. Raises YamError: it is refused."""
+        if asked.op == "hello":
+            return self._told()
+        if asked.op == "tool":
+            return self._run_tool((client, asked.number), asked.tool, asked.channel, asked.json)
+        if asked.op == "estop":
+            return self._estop(asked)
+        group = next((group for group in self._groups if group.role == asked.group), None)
+        if group is None:
+            roles = ", ".join(group.role for group in self._groups)
+            raise ConfigError(f"the host's rig has no {asked.group}; it has {roles}")
+        if asked.session == 0:
+            raise LinkError("a client that drives arms has a session")
+        if asked.op == "start":
+            return {"ready": True} if group.start(asked.session, _printable(asked.who), asked.search) else None
+        landed = group.stop(asked.session)
+        return None if landed is None else {"landed": landed}
+
+    def _estop(self, asked: Question) -> dict[str, Any]:
+        stop = EmergencyStop()
+        try:
+            if asked.action == "latch":
+                stop.latch(_printable(f"{asked.who}: {asked.why}"))
+            elif asked.action == "release":
+                stop.release()
+        except OSError as error:
+            raise ConfigError(f"the host's emergency stop: {error}") from error
+        self._stops.look(SYSTEM.now())
+        heard = [group.role for group in self._groups if group.phase is not Phase.FREE]
+        return {"latched": stop.latched, "reason": stop.reason(), "heard_by": heard}
+
+    def _told(self) -> dict[str, Any]:
+        stop = EmergencyStop()
+        return {
+            "package": package_version(),
+            "computer": platform.node(),
+            "groups": {group.role: group.told() for group in self._groups},
+            "stop": stop.reason() if stop.latched else "",
+        }
+
+
+def _printable(text: str) -> str:
+    """A client's words, without what would move the cursor of a terminal."""
+    return "".join(character if character.isprintable() else "?" for character in text)[:_MOST_TEXT]

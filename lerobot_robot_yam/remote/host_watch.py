@@ -1,0 +1,98 @@
+"""Watching a host: its arms are seen by this computer's programs as its own are, and nothing can be commanded.
+
+An arm that is watched has a key of its own, with a lock and a state under it. So whoever drives it over a link finds
+its channel free, and has a lock and a state beside these. While it is driven it is not shown a second time.
+"""
+
+import contextlib
+import logging
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.errors import ChannelInUseError, YamError
+from lerobot_robot_yam.remote.host_question import Host, hello
+from lerobot_robot_yam.remote.hosted_device import keys_of
+from lerobot_robot_yam.remote.link import Link
+from lerobot_robot_yam.remote.mirrored_arm import MirroredArm
+from lerobot_robot_yam.state.records import STATE_DTYPE, lock_path, state_path
+from lerobot_robot_yam.system.clock import SYSTEM
+from lerobot_robot_yam.system.runtime_files import FileLock
+from lerobot_robot_yam.system.shared_block import SharedBlock
+
+logger = logging.getLogger(__name__)
+
+_FIELDS = set(ArmConfig.__dataclass_fields__)
+_LOOK_S = 0.2  # between looks which arms are driven from here
+_AGAIN_S = 5.0  # after an error
+
+
+def watched_key(key: str) -> str:
+    """Key under which an arm is shown while nobody drives it over a link from here, where its key is `key`."""
+    return f"{key}.watched"
+
+
+@contextlib.contextmanager
+def watched(host: Host) -> Iterator[None]:
+    """Inside the block the arms that run on the host are in the runtime directory.
+
+    Those that another program of this computer drives over a link, or watches, are there already.
+
+    Raises:
+        YamError: the host does not answer.
+    """
+    groups = hello(host)["groups"]
+    ended = threading.Event()
+
+    def watch() -> None:
+        while not ended.is_set():
+            try:
+                _show(host, groups, ended)
+            except (YamError, OSError) as error:
+                logger.error("%s is not watched for a moment: %s", host.address, error)
+                ended.wait(_AGAIN_S)
+
+    thread = threading.Thread(target=watch, name="yam-host-watch", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+def _show(host: Host, groups: dict[str, Any], ended: threading.Event) -> None:
+    """Show the arms that nobody drives from here, and no other program shows, until `ended`."""
+    keys = keys_of(host, groups)
+    configs = {}
+    for arm in (arm for group in groups.values() for arm in group["arms"].values()):
+        options = host.address.options(arm["options"])
+        config = ArmConfig(**{name: value for name, value in options.items() if name in _FIELDS})
+        configs[arm["number"]] = (keys[arm["key"]], config)
+    shown: dict[int, MirroredArm] = {}
+    look_s = 0.0
+    with contextlib.closing(Link(host, shown)) as link:
+        try:
+            while not ended.is_set():
+                if SYSTEM.now() >= look_s:
+                    look_s = SYSTEM.now() + _LOOK_S
+                    for number, (key, config) in configs.items():
+                        _look(shown, number, key, config, keys)
+                link.turn()
+        finally:
+            for mirrored in shown.values():
+                mirrored.close()
+
+
+def _look(shown: dict[int, MirroredArm], number: int, key: str, config: ArmConfig, keys: dict[str, str]) -> None:
+    """Show an arm, or hide it while it is driven from here."""
+    if state_path(key).exists():  # not a lock's look: who drives it may be taking that just now
+        if number in shown:
+            shown.pop(number).close()
+    elif number not in shown:
+        lock = FileLock(lock_path(watched_key(key)), f"the view of {config.channel}")
+        with contextlib.suppress(ChannelInUseError):
+            lock.acquire()
+            states = SharedBlock(None, STATE_DTYPE, create=True)
+            shown[number] = MirroredArm(watched_key(key), config, lock, states, None, keys)

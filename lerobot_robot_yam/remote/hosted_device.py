@@ -1,0 +1,103 @@
+"""A group of a host's arms as LeRobot's device on this computer has it: what the host tells of it, and its `Runner`.
+
+The runner starts a link process here; the control loop is there.
+"""
+
+import logging
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.remote.host_question import Host, hello
+from lerobot_robot_yam.session.arm_session import MakeRunner, clear_away
+from lerobot_robot_yam.session.runners import ProcessRunner
+
+logger = logging.getLogger(__name__)
+
+
+class HostedDevice:
+    """The robot or the teleoperator of a host.
+
+    Attributes:
+        host: where it is.
+        group: "robot" or "teleop".
+        options: of each arm by prefix, as LeRobot's local device has them, with this computer's names of channels.
+        numbers: the number of each arm on the host.
+        all_keys: of every arm of the host, its key there and here.
+        calibrated: the stops of all grippers are known to the host.
+
+    Raises:
+        LinkError: the host does not answer.
+        ConfigError: it has no such group, or one with another number of arms.
+    """
+
+    def __init__(self, host: Host, group: str, prefixes: tuple[str, ...]):
+        self.host, self.group = host, group
+        address, groups = host.address, hello(host)["groups"]
+        if group not in groups:
+            raise ConfigError(f"the rig of {address} has no {group}; it has {', '.join(groups) or 'no arms'}")
+        arms: dict[str, Any] = groups[group]["arms"]
+        if tuple(arms) != prefixes:
+            kind = "bi_yam_remote" if len(arms) == 2 else "yam_remote"
+            raise ConfigError(
+                f"the {group} of {address} has {len(arms)} arm{'s' * (len(arms) != 1)}; its type here is "
+                f"{kind if group == 'robot' else f'{kind}_leader'}"
+            )
+        self.options = {prefix: address.options(arm["options"]) for prefix, arm in arms.items()}
+        self.numbers = [int(arm["number"]) for arm in arms.values()]
+        self.all_keys = keys_of(host, groups)
+        self.calibrated = bool(groups[group]["calibrated"])
+
+    def runner(self) -> MakeRunner:
+        """Return what makes the `Runner` of a session with these arms."""
+        return partial(RemoteRunner, self)
+
+
+def keys_of(host: Host, groups: dict[str, Any]) -> dict[str, str]:
+    """Key there and here of every arm in the groups of a host's hello."""
+    every = [arm for group in groups.values() for arm in group["arms"].values()]
+    return {arm["key"]: host.address.key(arm["options"]["channel"]) for arm in every}
+
+
+class RemoteRunner(ProcessRunner):
+    """Drives a group of a host's arms.
+
+    Args:
+        device: the group, as the host describes it.
+        arms, keys: the same arms as they are called here.
+    """
+
+    _program = "lerobot_robot_yam.remote.link_process"
+
+    def __init__(self, device: HostedDevice, arms: list[ResolvedArm], keys: list[str]):
+        super().__init__(arms, keys)
+        self._device = device
+
+    def _job(self) -> dict[str, Any]:
+        device = self._device
+        return {
+            **super()._job(),
+            "host": str(device.host.address),
+            "key": device.host.key,
+            "group": device.group,
+            "numbers": device.numbers,
+            "all_keys": device.all_keys,
+            "search": all(arm.config.gripper_search for arm in self._arms),
+        }
+
+    def note_written(self, arm: int) -> None:
+        """Wake the link process: it sends the command at once, not with the next state."""
+        if self._lifeline is not None:
+            self._lifeline.nudge()
+
+    def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
+        """Have the host land them; True when it says that they are down."""
+        link = self._child
+        ended = super().stop(off)
+        if ended and link is not None and link.returncode < 0:
+            logger.error("the link process was killed; the host lands the arms once it has missed it for long enough")
+            for arm, key in zip(self._arms, self._keys, strict=True):
+                clear_away(arm.config, key)
+        return ended and off()

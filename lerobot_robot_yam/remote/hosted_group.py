@@ -1,0 +1,199 @@
+"""A group of arms of the host: the robot's followers or the teleoperator's leaders, which one client at a time has."""
+
+import logging
+import threading
+from collections.abc import Mapping
+from enum import Enum
+from typing import Any
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.errors import ChannelInUseError, LifeCycleError, LinkError, YamError
+from lerobot_robot_yam.remote.hosted_arm import HostedArm
+from lerobot_robot_yam.remote.link_messages import Command
+from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
+from lerobot_robot_yam.session.lease import Lease
+
+logger = logging.getLogger(__name__)
+
+
+class Phase(Enum):
+    """What a group does."""
+
+    FREE = "free"
+    STARTING = "starting"
+    RUNNING = "running"
+    LANDING = "landing"
+
+
+class HostedGroup:
+    """One group.
+
+    Args:
+        role: "robot" or "teleop".
+        device: LeRobot's type name of the local device.
+        arms: by prefix, in canonical order.
+        options: what a client is told of each, by prefix: the options of LeRobot's device.
+        first: number of the first arm among all arms of the host.
+        isolation: where their control loop runs, see `ArmSession`.
+
+    Attributes:
+        phase: what it does.
+        lease: who has it, by the session number that each client gives itself.
+        newest: number of the newest command of that client.
+        leaders: keys of the arms that its followers may follow; set by the server.
+        channels: its CAN channels, and what names each on a command line.
+        dropped: commands that were not the holder's, too old, or not newer than the last.
+    """
+
+    def __init__(
+        self,
+        role: str,
+        device: str,
+        arms: Mapping[str, ArmConfig],
+        options: Mapping[str, Mapping[str, Any]],
+        first: int,
+        isolation: Isolation = "process",
+    ):
+        self.role, self.device, self.options = role, device, options
+        self._session = ArmSession(list(arms.values()), isolation)
+        self.arms = [
+            HostedArm(first + number, self._session, config.name) for number, config in enumerate(arms.values())
+        ]
+        self.prefixes = list(arms)
+        self.channels = {config.channel: config.on_command_line for config in arms.values()}
+        self.phase, self.lease, self.newest = Phase.FREE, Lease(f"the host's {role}"), 0
+        self.leaders: frozenset[str] = frozenset()
+        self.dropped = 0
+        self._lock = threading.Lock()  # of phase, lease and what the last clients are told
+        self._over = 0  # session of the client that has let go last
+        self._last: tuple[int, bool, YamError | None] = (0, True, None)  # session, whether landed, why it did not start
+        self._unwanted = threading.Event()
+        self._worker: threading.Thread | None = None
+
+    def told(self) -> dict[str, Any]:
+        """What a hello says of it."""
+        return {
+            "device": self.device,
+            "arms": {
+                prefix: {"number": arm.number, "key": arm.key, "options": dict(self.options[prefix])}
+                for prefix, arm in zip(self.prefixes, self.arms, strict=True)
+            },
+            "phase": self.phase.value,
+            "holder": self.lease.who,
+            "calibrated": all(arm.calibrated for arm in self.arms),
+            "dropped": self.dropped,
+        }
+
+    def start(self, session: int, who: str, search: bool) -> bool:
+        """Energise the arms for a client; whether they are. It asks again until then.
+
+        Raises:
+            ChannelInUseError: another client has them.
+            LifeCycleError: this one has let go of them already.
+            YamError: they could not be energised.
+        """
+        with self._lock:
+            self.lease.check(session)
+            if self.phase is Phase.RUNNING:
+                return True
+            last, _, error = self._last
+            if session == last and error is not None:
+                raise error
+            if session in (self._over, last, self.lease.holder) and self.phase is not Phase.STARTING:
+                raise LifeCycleError(f"this client's {self.role} has been let go of; connect again")
+            if self.phase is Phase.LANDING:
+                raise ChannelInUseError(f"the host's {self.role} still lands its arms; try again in a moment")
+            if self.phase is Phase.FREE:
+                self.lease.take(session, who)
+                self.phase, self.newest = Phase.STARTING, 0
+                self._unwanted.clear()
+                for arm in self.arms:
+                    arm.begin()
+                self._worker = threading.Thread(target=self._run, args=[session, search], name=f"yam-{self.role}")
+                self._worker.start()
+            return False
+
+    def _run(self, session: int, search: bool) -> None:
+        """Energise the arms, and land them once they are unwanted."""
+        landed, error = False, None
+        try:
+            self._session.start(search_grippers=search)
+            with self._lock:
+                if self.phase is Phase.STARTING:
+                    self.phase = Phase.RUNNING
+            logger.info("%s: energised for %s", self.role, self.lease.who)
+            self._unwanted.wait()
+        except YamError as failure:
+            error = failure
+        except Exception as failure:
+            logger.exception("%s did not start", self.role)
+            error = YamError(f"the host has failed: {failure!r}")
+        try:
+            landed = self._session.stop()  # True where it has not started
+        except Exception:
+            logger.exception("%s: landing", self.role)
+        logger.info("%s: let go of by %s, %s", self.role, self.lease.who, "landed" if landed else "NOT DOWN YET")
+        with self._lock:
+            self._last = (session, landed, error)
+            self.lease.release()
+            self.phase = Phase.FREE
+
+    def stop(self, session: int) -> bool | None:
+        """Land the arms of this client, and let go of them. None: they are not down yet, and it asks again.
+
+        Asked once more it gives the same answer; one that never had them is told that they are down.
+        """
+        with self._lock:
+            self._over = session
+            if self.lease.holder != session:
+                last, landed, _ = self._last
+                return landed or session != last
+            self._begin_landing()
+            return None
+
+    def land(self, why: str) -> None:
+        """Land them without being asked, if they are in the air."""
+        with self._lock:
+            if self.phase in (Phase.STARTING, Phase.RUNNING):
+                logger.warning("%s: lands, %s", self.role, why)
+                self._begin_landing()
+
+    def _begin_landing(self) -> None:
+        if not self._unwanted.is_set():
+            self.phase = Phase.LANDING
+            self._session.begin_stop()
+            self._unwanted.set()
+
+    def heard(self, session: int) -> bool:
+        """Note a sign of life; whether the session has these arms."""
+        return self.lease.renew(session)
+
+    def take(self, command: Command) -> None:
+        """Pass a client's command on to its arm. Raises LinkError: it does not count."""
+        if self.phase is not Phase.RUNNING or self.lease.holder != command.session:
+            self.dropped += 1
+            raise LinkError(f"a command for the {self.role} is not of the client that has it")
+        if command.number <= self.newest:
+            self.dropped += 1
+            raise LinkError(f"a command for the {self.role} has come before")
+        self.newest = command.number
+        self.lease.renew(command.session)
+        arm = next(arm for arm in self.arms if arm.number == command.arm)
+        if not arm.take(command.record, self.leaders):
+            self.dropped += 1
+
+    @property
+    def silent_s(self) -> float:
+        """For how long the client that drives the arms has said nothing, s; 0 without one."""
+        return self.lease.silent_s if self.phase is Phase.RUNNING else 0.0
+
+    @property
+    def led_by_hand(self) -> bool:
+        """Whether a person seems to have one of these leaders in the hand."""
+        return any(arm.in_a_hand for arm in self.arms)
+
+    def close(self) -> None:
+        """Land, and wait until that has ended."""
+        self.land("the host ends")
+        if self._worker is not None:
+            self._worker.join()

@@ -1,0 +1,243 @@
+"""A client's link to a host: states come, commands and signs of life go, the emergency stop goes both ways."""
+
+import logging
+import math
+import secrets
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+from lerobot_robot_yam.control.process.lifeline import take_nudges
+from lerobot_robot_yam.errors import LifeCycleError, LinkError, YamError
+from lerobot_robot_yam.remote.host_address import machine_name, who
+from lerobot_robot_yam.remote.host_question import Host, ask_over
+from lerobot_robot_yam.remote.link_messages import Answer, Beat, Command, Echo, States
+from lerobot_robot_yam.remote.link_sockets import ClientSockets
+from lerobot_robot_yam.remote.mirrored_arm import MirroredArm
+from lerobot_robot_yam.remote.mirrored_stops import MirroredStops
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.system.clock import SYSTEM
+
+logger = logging.getLogger(__name__)
+
+_BEAT_S = 0.1  # between signs of life
+_FIRST_S = 0.02  # between signs of life until the host's clock is known
+_STOP_LOOK_S = 0.04  # between looks at the emergency stop
+_WAIT_S = 0.02  # for messages of the host and commands of our program
+_LOST_S = 1.0  # without a word of the host: the log says so, and the states that come first may be another client's
+_START_S = 57.0  # for arms to be energised; less than what our program waits for us
+_GONE_S = 5.0  # without a word of the host: nothing more comes of what it was asked; it lands the arms alone
+LAND_S = 75.0  # longer than a landing takes
+_LEAST = 5  # echoes before times of the host mean anything
+_WINDOW = 50  # echoes, 5 s: two clocks drift apart by 0.1 ms in that time
+_DRIFT_S = 0.001  # that much is no contradiction
+_LET_GO = "the host has let go of the arms (another client may have them); connect again"
+
+
+class _Measured(NamedTuple):
+    round_trip_s: float
+    offset_s: float
+
+
+class ClockOffset:
+    """How far the host's monotonic clock is ahead of ours, by the quickest of the last round trips.
+
+    An echo that was sent at t0, arrived at the host at t1, left it at t2 and came back at t3 says
+
+        offset = ((t1 - t0) + (t2 - t3)) / 2        wrong by at most half of (t3 - t0) - (t2 - t1)
+
+    (RFC 5905, section 8). Of a window of echoes the one with the shortest round trip counts. It counts no longer once
+    an echo contradicts it: the monotonic clock of a computer that sleeps stands still.
+
+    Attributes:
+        offset_s: host's clock minus ours; NaN before the first echo.
+        error_s: by which it may be wrong.
+    """
+
+    def __init__(self) -> None:
+        self._measured: deque[_Measured] = deque(maxlen=_WINDOW)
+        self.offset_s, self.error_s = math.nan, math.inf
+
+    @property
+    def known(self) -> bool:
+        """Whether there have been enough echoes to trust the offset."""
+        return len(self._measured) >= _LEAST
+
+    def add(self, echo: Echo, now: float) -> None:
+        """Count an echo that came back `now`, s, unless it says that it took less than no time."""
+        round_trip_s = (now - echo.sent_s) - (echo.answered_s - echo.received_s)
+        if round_trip_s < 0.0 or echo.answered_s < echo.received_s:
+            return
+        offset_s = ((echo.received_s - echo.sent_s) + (echo.answered_s - now)) / 2.0
+        if abs(offset_s - self.offset_s) > self.error_s + round_trip_s / 2.0 + _DRIFT_S:  # False for NaN
+            self.clear()
+        self._measured.append(_Measured(round_trip_s, offset_s))
+        best = min(self._measured)
+        self.offset_s, self.error_s = best.offset_s, best.round_trip_s / 2.0
+
+    def clear(self) -> None:
+        """Forget: the host is another one, or has booted, or one of both has slept."""
+        self._measured.clear()
+        self.offset_s, self.error_s = math.nan, math.inf
+
+
+class Link:
+    """A link to one host.
+
+    Args:
+        host: which.
+        arms: those whose states are wanted, by their number on the host; whoever has made the link may change it.
+        drives: whether commands of these arms are passed on, once `start` has had them energised.
+        nudged: descriptor that can be read when something was commanded; None: there is none.
+    """
+
+    def __init__(self, host: Host, arms: Mapping[int, MirroredArm], drives: bool = False, nudged: int | None = None):
+        self._host, self._arms, self._nudged = host, arms, nudged
+        self._sockets = ClientSockets(host.address, host.client_key(), also=nudged)
+        self._session = secrets.randbits(62) + 1 if drives else 0
+        self._started_s: float | None = None  # since when the host takes commands; None: it does not
+        self._let_go = False  # it has let go of the arms without being asked: their states may be another client's
+        self._number = 0  # of the newest command
+        self._answer: Answer | None = None
+        self._machine, self._told_stopped = machine_name(), False
+        self._clock, self._stops = ClockOffset(), MirroredStops("host", self._machine)
+        self._beat_s = self._look_s = -math.inf
+        self._heard_s, self._lost, self._run = SYSTEM.now(), False, 0
+
+    @property
+    def up(self) -> bool:
+        """Whether the host's states are known, and its clock."""
+        return self._clock.known and all(arm.known for arm in self._arms.values())
+
+    def start(self, group: str, search: bool, unwanted: Callable[[], bool]) -> None:
+        """Have the host energise a group; until then nothing is commanded.
+
+        Args:
+            group: which.
+            search: whether stops of grippers are sought.
+            unwanted: asked again and again; once it says True the host lets go of the group.
+
+        Raises:
+            YamError: what the host says, or that it says nothing.
+            LifeCycleError: unwanted.
+        """
+        fields = {"group": group, "session": self._session, "who": who(), "search": search}
+        try:
+            self._ask("start", _START_S, unwanted, **fields)
+            self._started_s = SYSTEM.now()
+            while not self.up and self._started_s is not None and not unwanted():
+                self.turn()
+                if SYSTEM.now() > self._started_s + _GONE_S:
+                    port = self._host.address.port + 1
+                    raise LinkError(f"{self._host.address}: no states come; is port {port} open?")
+        except LinkError:
+            self.stop(group)  # it may have energised them by now
+            raise
+        if unwanted():
+            self.stop(group)
+            raise LifeCycleError("nobody waits for the arms any more; the host has let go of them")
+
+    def stop(self, group: str) -> bool:
+        """Have the host land the group; whether its arms are down. Says so in the log where they are not."""
+        self._started_s = None
+        landed = False
+        deadline = SYSTEM.now() + LAND_S
+        while SYSTEM.now() < deadline:
+            try:
+                landed = bool(self._ask("stop", LAND_S, group=group, session=self._session)["landed"])
+                break
+            except LinkError as error:
+                logger.error("%s; it lands the arms by itself once it has missed this computer for long", error)
+                break
+            except YamError as error:
+                logger.warning("%s", error)
+                SYSTEM.sleep(_BEAT_S)
+        if landed:
+            for arm in self._arms.values():
+                arm.note(Mode.OFF)
+        return landed
+
+    def _ask(
+        self, op: str, within_s: float, unwanted: Callable[[], bool] = lambda: False, **fields: object
+    ) -> dict[str, object]:
+        """See `Host.ask`; the link goes on meanwhile. Raises LinkError: the host has gone."""
+
+        def turn() -> Answer | None:
+            self.turn()
+            if SYSTEM.now() - self._heard_s > _GONE_S:
+                raise LinkError(f"{self._host.address}: no word of the host for {_GONE_S:g} s; look there what it does")
+            answer, self._answer = self._answer, None
+            return answer
+
+        return ask_over(self._sockets, turn, self._host.address, op, within_s, unwanted, **fields)
+
+    def turn(self) -> None:
+        """One round: wait a little, pass on what has come from the host, and what our program commands."""
+        sockets = self._sockets
+        came = sockets.wait(_WAIT_S)
+        now = SYSTEM.now()
+        if self._nudged is not None and self._nudged in came and not take_nudges(self._nudged):
+            sockets.ignore(self._nudged)  # it could be read without end
+            self._nudged = None
+        try:
+            if sockets.states in came and (states := sockets.newest_states()) is not None:
+                self._take_states(states, now)
+            while sockets.commands in came and (message := sockets.receive()) is not None:
+                if isinstance(message, Answer):
+                    self._answer = message
+                elif isinstance(message, Echo):
+                    self._take_echo(message)
+        except LinkError as error:
+            logger.warning("%s: %s", self._host.address, error)
+        self._send_commands()
+        self._beat(now)
+        if now - self._heard_s > _LOST_S and not self._lost:
+            self._lost = True
+            logger.error("%s: no word of the host; the arms hold there", self._host.address)
+
+    def _take_echo(self, echo: Echo) -> None:
+        now = SYSTEM.now()
+        self._clock.add(echo, now)
+        self._heard_s = now
+        if self._started_s is not None and not echo.held and echo.sent_s > self._started_s:
+            self._started_s, self._let_go = None, True
+            for arm in self._arms.values():
+                arm.note(Mode.LAND, _LET_GO)
+        if self._lost:
+            self._lost = False
+            logger.warning("%s: the host is back", self._host.address)
+
+    def _take_states(self, states: States, now: float) -> None:
+        if states.run != self._run:  # the host has been started anew; its computer may have been, too
+            self._run = states.run
+            self._clock.clear()
+        if self._clock.known and now - self._heard_s < _LOST_S and not self._let_go:
+            for number, record in states.arms:
+                if (arm := self._arms.get(number)) is not None:
+                    arm.write(record, self._clock.offset_s)
+        stopped = states.stopped and states.stopped_by != self._machine
+        self._stops.hear(str(self._host.address), b"", stopped, now)
+
+    def _beat(self, now: float) -> None:
+        """Give a sign of life when one is due, or when a stop of our own has been latched or released."""
+        due = now - self._beat_s >= (_BEAT_S if self._clock.known else _FIRST_S)
+        if not due and now - self._look_s < _STOP_LOOK_S:
+            return
+        self._look_s = now
+        self._stops.look(now)  # as it is now: other links of ours may have told it
+        if due or self._stops.own is not self._told_stopped:
+            self._beat_s, self._told_stopped = now, self._stops.own
+            self._sockets.send(Beat(self._session, self._machine, now, self._told_stopped))
+
+    def _send_commands(self) -> None:
+        """Pass on commands that are new, with their times by the host's clock."""
+        if self._started_s is None or not self._clock.known:
+            return
+        for number, arm in self._arms.items():
+            if (record := arm.command(self._clock.offset_s)) is not None:
+                self._number += 1
+                self._sockets.send(Command(self._session, self._number, number, record))
+
+    def close(self) -> None:
+        """Let go of the sockets."""
+        self._sockets.close()

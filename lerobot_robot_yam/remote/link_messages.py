@@ -1,0 +1,120 @@
+"""Messages between a host, the computer that has the arms, and its clients.
+
+A message is one frame: 8 bytes with the version, then a record of one of these types in msgpack. msgspec decodes these
+types and nothing else; nothing is ever unpickled. Times are in s, of the monotonic clock of the computer that the
+field names.
+"""
+
+import struct
+import zlib
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
+
+from lerobot_robot_yam.errors import LinkError
+from lerobot_robot_yam.state.records import COMMAND_DTYPE, STATE_DTYPE
+
+MOST_BYTES = 1 << 16  # size of a message to the host, and of states
+MOST_ANSWER_BYTES = 1 << 20  # size of another message to a client: a hello has the options of four arms
+_MAGIC, _VERSION = b"YR", 2
+_LAYOUT = zlib.crc32(repr((STATE_DTYPE.descr, COMMAND_DTYPE.descr)).encode())  # of the records inside
+HEAD = struct.pack("<2sHI", _MAGIC, _VERSION, _LAYOUT)
+
+Number = Annotated[int, Meta(ge=0)]
+Time = Annotated[float, Meta(ge=0.0, le=1e12)]  # finite
+Machine = Annotated[str, Meta(pattern=r"^[0-9a-f]{0,8}\Z")]  # see `machine_name`
+
+
+class OtherVersionError(LinkError):
+    """A message of another version of this package."""
+
+
+class _Message(msgspec.Struct, tag=True, array_like=True, forbid_unknown_fields=True):
+    pass
+
+
+class Question(_Message):
+    """Something that a client asks, again and again under the same number, until the answer has a result."""
+
+    number: Number
+    op: Literal["hello", "start", "stop", "tool", "estop"]
+    group: str = ""  # start, stop: the group of arms
+    session: Number = 0  # start, stop: the session of the client
+    search: bool = True  # start: whether stops of grippers are sought
+    who: str = ""  # start, estop: user, computer and process
+    action: Literal["latch", "release", "status"] = "status"  # estop
+    why: str = ""  # estop
+    tool: Literal["doctor", "identify"] = "doctor"
+    channel: str = ""  # tool: the channel that is identified
+    json: bool = False  # tool: whether its output is JSON
+
+
+class Answer(_Message):
+    """The answer to a question."""
+
+    number: Number
+    result: dict[str, Any] | None = None  # None: not done yet
+    error: str = ""  # why it is refused
+    kind: str = ""  # the class of this error
+
+
+class Command(_Message):
+    """A client's commands for one arm."""
+
+    session: Number
+    number: Number  # grows with each command of the session
+    arm: Number  # its number in the host's hello
+    record: Annotated[bytes, Meta(min_length=COMMAND_DTYPE.itemsize, max_length=COMMAND_DTYPE.itemsize)]  # host's clock
+
+
+class Beat(_Message):
+    """A sign of life of a client, ten times a second; the host answers with an `Echo`."""
+
+    session: Number  # 0: it only watches
+    machine: Machine  # the client's computer and user
+    sent_s: Time  # the client's clock
+    stopped: bool  # whether the emergency stop is latched there, by itself
+
+
+class Echo(_Message):
+    """The host's answer to a beat."""
+
+    sent_s: Time  # the beat's, by the client's clock
+    received_s: Time  # the host's clock
+    answered_s: Time  # the host's clock
+    held: bool  # whether the beat's session has arms; one that has had some and has none any more has lost them
+
+
+class States(_Message):
+    """The newest states of all arms that run."""
+
+    run: Number  # a random number of this run of the host
+    stopped: bool  # whether the emergency stop is latched on the host
+    stopped_by: Machine  # the machine whose stop that is, the host or a client's
+    arms: list[tuple[Number, Annotated[bytes, Meta(max_length=STATE_DTYPE.itemsize)]]]  # number and state, host's clock
+
+
+Message = Question | Answer | Command | Beat | Echo | States
+_encoder = msgspec.msgpack.Encoder()
+_decoder: msgspec.msgpack.Decoder[Message] = msgspec.msgpack.Decoder(Message)
+
+
+def encode(message: Message) -> bytes:
+    """Encode a message."""
+    return HEAD + _encoder.encode(message)
+
+
+def decode(data: bytes) -> Message:
+    """Decode a message. Raises LinkError: it is none, or of another version."""
+    if not data.startswith(_MAGIC):
+        raise LinkError("a message is not of this protocol")
+    if not data.startswith(HEAD):
+        raise OtherVersionError(
+            "the other computer has another version of lerobot_robot_yam (its messages differ); install the same "
+            "version on both"
+        )
+    try:
+        return _decoder.decode(memoryview(data)[len(HEAD) :])
+    except (ValueError, RecursionError) as error:  # msgspec's own errors are ValueErrors
+        raise LinkError(f"a message cannot be read: {error}") from error

@@ -1,0 +1,67 @@
+"""The link process: `python -m lerobot_robot_yam.remote.link_process`, started by `RemoteRunner`.
+
+It stands where the control process stands for arms of this computer: it writes the states of the host's arms into
+their blocks, and passes on what the caller commands. It is a process for the same reason: the caller's interpreter
+cannot disturb it. It has the host land the arms when it is told to (SIGTERM) or when its parent is gone.
+"""
+
+import contextlib
+import logging
+import sys
+from typing import Any
+
+from lerobot_robot_yam.arm.config import LeadArmConfig
+from lerobot_robot_yam.control.process.caller import Caller
+from lerobot_robot_yam.remote.host_address import HostAddress
+from lerobot_robot_yam.remote.host_question import Host
+from lerobot_robot_yam.remote.link import Link
+from lerobot_robot_yam.remote.mirrored_arm import MirroredArm
+from lerobot_robot_yam.state.records import BlockPair, Descriptors, lock_path
+from lerobot_robot_yam.system.log_thread import log_from_a_thread
+from lerobot_robot_yam.system.realtime import raise_threads, request_realtime
+from lerobot_robot_yam.system.runtime_files import FileLock
+
+logger = logging.getLogger("lerobot_robot_yam.remote.link_process")
+
+RT_PRIORITY = 15  # below that of control loops
+_PARENT_LOOK_S = 0.1
+NOT_DOWN = 3  # exit status: the arms are in the air, or nobody knows
+
+
+def main() -> int:
+    """Entry point of the process."""
+    caller = Caller()
+    job = caller.job
+    caller.watch(_PARENT_LOOK_S)
+    with log_from_a_thread(), contextlib.ExitStack() as ends:
+        with caller.hears_of_errors("link process"):
+            link = _link(job, ends)
+            link.start(job["group"], job["search"], caller.wants_an_end)
+        logger.info("link to %s: %s", job["host"], request_realtime(RT_PRIORITY))
+        raise_threads(RT_PRIORITY, "ZMQbg/IO")  # which send and receive
+        caller.answer(ready=True)
+        try:
+            while not caller.wants_an_end():
+                link.turn()
+        finally:
+            landed = link.stop(job["group"])
+        return 0 if landed else NOT_DOWN
+
+
+def _link(job: dict[str, Any], ends: contextlib.ExitStack) -> Link:
+    """Make the link that a job describes; `ends` closes it."""
+    arms = {}
+    rows = zip(job["arms"], job["numbers"], job["keys"], job["blocks"], strict=True)
+    for fields, number, key, descriptors in rows:
+        config, pair = LeadArmConfig(**fields), BlockPair.of(Descriptors(*descriptors))
+        lock = FileLock(lock_path(key), f"the link to {config.channel}")
+        lock.acquire()
+        arms[number] = MirroredArm(key, config, lock, pair.states, pair.commands, job["all_keys"])
+        ends.callback(arms[number].close)
+    link = Link(Host(HostAddress.of(job["host"]), job["key"]), arms, drives=True, nudged=job["lifeline"])
+    ends.callback(link.close)
+    return link
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,103 @@
+"""An arm of the host as this computer's programs have it: its states in a block, all times by our clock."""
+
+import contextlib
+import os
+from collections.abc import Mapping
+
+import numpy as np
+
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.state.about import forget_about, tell_about
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.records import STATE_DTYPE, coupling_number, state_path
+from lerobot_robot_yam.system.clock import SYSTEM
+from lerobot_robot_yam.system.runtime_files import FileLock
+from lerobot_robot_yam.system.shared_block import SharedBlock
+
+_STATE_TIMES = ("stamp_s", "asked_s", "handle_stamp_s", "action_stamp_s", "motor_stamp_s")
+_COMMAND_TIMES = ("target_stamp_s", "coupled_until_s", "request_stamp_s")
+
+
+class MirroredArm:
+    """One arm. Other programs find its states with the first one.
+
+    Args:
+        key: key of its channel, here.
+        config: what it is called here.
+        lock: lock of the channel, which whoever makes this has taken.
+        states: memory to write.
+        commands: memory to read; None: the arm is only watched.
+        keys: of every arm of the host, its key there and here.
+    """
+
+    def __init__(
+        self,
+        key: str,
+        config: ArmConfig,
+        lock: FileLock,
+        states: SharedBlock,
+        commands: SharedBlock | None,
+        keys: Mapping[str, str],
+    ):
+        self._key, self._config, self._lock, self._states, self._commands = key, config, lock, states, commands
+        self._coupled = {coupling_number(there): coupling_number(here) for there, here in keys.items()}
+        self._leaders = {here.encode(): there.encode() for there, here in keys.items()}
+        self._last: np.ndarray | None = None
+        self._sent = 0  # number of the command record that was passed on
+
+    @property
+    def known(self) -> bool:
+        """Whether it has a state."""
+        return self._last is not None
+
+    def write(self, record: bytes, ahead_s: float) -> None:
+        """Write a state of the host; not as if it had been published later than now: it would be fresh for too long.
+
+        Args:
+            record: the first bytes of a record of STATE_DTYPE, by the host's clock; zeros follow.
+            ahead_s: host's clock minus ours, s.
+        """
+        state = np.frombuffer(bytearray(record.ljust(STATE_DTYPE.itemsize, b"\0")), STATE_DTYPE).reshape(())
+        shift_s = max(ahead_s, float(state["stamp_s"]) - SYSTEM.now())
+        for name in _STATE_TIMES:
+            state[name] -= shift_s
+        state["coupled_to"] = self._coupled.get(int(state["coupled_to"]), 0)
+        state["owner_pid"] = os.getpid()
+        self._states.write(state)
+        if self._last is None:
+            with contextlib.suppress(OSError, YamError):  # no other program can watch it
+                self._states.publish(state_path(self._key))
+            tell_about(self._key, self._config)
+        self._last = state
+
+    def note(self, mode: Mode, message: str = "") -> None:
+        """Write a mode, and why, unless the arm is off: the host's states may have got lost, or be another client's."""
+        if self._last is not None and self._last["mode"] != Mode.OFF:
+            self._last["mode"], self._last["message"] = mode, message.encode() or self._last["message"]
+            self._states.write(self._last)
+
+    def command(self, ahead_s: float) -> bytes | None:
+        """Read the record that the caller has written since the last call; None: there is none, or not yet.
+
+        Args:
+            ahead_s: host's clock minus ours, s. The times in the record are the host's.
+        """
+        if self._commands is None or self._commands.sequence() == self._sent:
+            return None
+        sequence, record = self._commands.sequence(), self._commands.glance()
+        if record is None:
+            return None
+        self._sent = sequence
+        for name in _COMMAND_TIMES:
+            record[name] += ahead_s
+        record["leader"] = self._leaders.get(record["leader"].item(), b"")
+        return record.tobytes()
+
+    def close(self) -> None:
+        """Hide the arm, and let go of its memory and its lock. Idempotent."""
+        self._states.close()
+        if self._commands is not None:
+            self._commands.close()
+        forget_about(self._key)
+        self._lock.release()

@@ -1,0 +1,113 @@
+"""The emergency stops of other computers: while one is latched there it is latched here, and released with it.
+
+Each computer tells the others only of a stop of its own, never of one that it has taken over. So a stop ends where it
+began: what came from another computer, and is released here, is latched again.
+
+The programs of a computer have a link each, and look at its latch at different times. So it is latched there while one
+of its links says so.
+"""
+
+import logging
+from dataclasses import dataclass, field
+
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+
+logger = logging.getLogger(__name__)
+
+_GONE_S = 2.0  # without a word: what is latched stays so, but is not latched anew when somebody releases it here
+_MOST = 64  # computers that are remembered
+_WHY = "its emergency stop is latched; `yam-estop release` there"
+
+
+@dataclass
+class _Computer:
+    heard_s: float = 0.0
+    stopped: bool = False
+    said: dict[bytes, tuple[bool, float]] = field(default_factory=dict)  # what each of its links has said last, when
+    failed: bool = False  # the last change here did not succeed
+    unwritten: bool = False  # its stop cannot be latched here
+
+
+class MirroredStops:
+    """This computer's latch, as the other computers that it hears drive it.
+
+    Args:
+        called: what the other computers are called here, "host" or "workstation"; reasons of their stops begin with it.
+        own: name of this computer, as the others hear it. Programs of one computer share a latch: mirrored it would
+            last for ever.
+
+    Attributes:
+        stopped: whether the emergency stop is latched here, or should be and cannot; and the computer whose stop it is.
+        unwritten: the stop of another computer cannot be latched here.
+    """
+
+    def __init__(self, called: str, own: str) -> None:
+        self._stop, self._called, self._own = EmergencyStop(), called, own
+        self._computers: dict[str, _Computer] = {}
+        self.stopped, self.unwritten = (False, own), False
+
+    @property
+    def own(self) -> bool:
+        """Whether it is latched here, and not because another computer says so."""
+        return self.stopped == (True, self._own)
+
+    def hear(self, name: str, link: bytes, stopped: bool, now: float) -> None:
+        """Note what a link of a computer says. When none says any more that it is latched, what it has latched ends.
+
+        Args:
+            name: the computer's.
+            link: which of its links.
+            stopped: whether it is latched there, because of that computer itself.
+            now: s.
+        """
+        if name == self._own:
+            return
+        computer = self._computers.get(name)
+        if computer is None:
+            if len(self._computers) >= _MOST:
+                self._computers.pop(min(self._computers, key=lambda other: self._computers[other].heard_s))
+            computer = self._computers[name] = _Computer()
+        computer.heard_s, computer.said[link] = now, (stopped, now)
+        computer.said = {link: said for link, said in computer.said.items() if now - said[1] < _GONE_S}
+        before, computer.stopped = computer.stopped, any(said for said, _ in computer.said.values())
+        if computer.stopped is not before:
+            self.look(now)
+
+    def look(self, now: float) -> None:
+        """Latch here as other computers say, and note how things are; to be called again and again.
+
+        A change that fails is tried again by the next call. What is latched on a computer that is there, and was
+        released here, is latched again.
+        """
+        for name, computer in sorted(self._computers.items(), key=lambda item: item[1].stopped):  # releases come first
+            if not computer.stopped or computer.unwritten or now - computer.heard_s < _GONE_S:
+                self._follow(name, computer)
+        self.unwritten = any(computer.unwritten for computer in self._computers.values())
+        reason, latched = self._stop.reason(), self.unwritten or self._stop.latched
+        others = (n for n, c in self._computers.items() if c.unwritten or reason.startswith(self._prefix(n)))
+        self.stopped = latched, next(others, self._own) if latched else self._own
+
+    def _prefix(self, name: str) -> str:
+        return f"{self._called} {name}: "
+
+    def _follow(self, name: str, computer: _Computer) -> None:
+        prefix = self._prefix(name)
+        try:
+            if computer.stopped and not self._stop.latched:
+                EmergencyStop().latch(prefix + _WHY)  # an object that has failed to latch never tries again
+            elif not computer.stopped and self._stop.latched and self._stop.reason().startswith(prefix):
+                self._stop.release()
+                logger.warning("%semergency stop released, as there", prefix)
+        except (OSError, ConfigError) as error:
+            if not computer.failed:
+                logger.error(
+                    "%sits emergency stop cannot be %s here, and is tried again: %s; can %s be written to?",
+                    prefix,
+                    "latched" if computer.stopped else "released",
+                    error,
+                    self._stop.directory,
+                )
+            computer.failed, computer.unwritten = True, computer.stopped
+        else:
+            computer.failed = computer.unwritten = False
