@@ -30,7 +30,7 @@ class HostAddress:
 
     Attributes:
         host: name or IPv4 address.
-        port: of commands; states have the next one.
+        port: the port of commands; states have the next one.
     """
 
     host: str

@@ -10,6 +10,7 @@ import math
 import platform
 import secrets
 import threading
+from collections import deque
 from collections.abc import Callable, Hashable, Sequence
 from typing import Any
 
@@ -112,6 +113,7 @@ class HostServer:
         self._group_of = {arm.number: group for group in groups for arm in group.arms}
         self._stops = MirroredStops("workstation", machine_name())
         self._stream = StateStream(groups, self._stops, sockets.publish)
+        self._acted: deque[int] = deque(maxlen=100)  # questions for an emergency stop; each client's begin at random
         self._refused_s = -math.inf  # when the log has told of a message that was refused
 
     def run(self, must_end: Callable[[], bool]) -> None:
@@ -195,13 +197,15 @@ class HostServer:
 
     def _estop(self, asked: Question) -> dict[str, Any]:
         stop = EmergencyStop()
-        try:
-            if asked.action == "latch":
-                stop.latch(_printable(f"{asked.who}: {asked.why}"))
-            elif asked.action == "release":
-                stop.release()
-        except OSError as error:
-            raise ConfigError(f"the host's emergency stop: {error}") from error
+        if asked.number not in self._acted:  # a question that comes again does not undo what others have done since
+            try:
+                if asked.action == "latch":
+                    stop.latch(_printable(f"{asked.who}: {asked.why}"))
+                elif asked.action == "release":
+                    stop.release()
+            except OSError as error:
+                raise ConfigError(f"the host's emergency stop: {error}") from error
+            self._acted.append(asked.number)
         self._stops.look(SYSTEM.now())
         heard = [group.role for group in self._groups if group.phase is not Phase.FREE]
         return {"latched": stop.latched, "reason": stop.reason(), "heard_by": heard}

@@ -63,7 +63,7 @@ class HostedArm:
         which the client finds the answer in the arm's states.
 
         Args:
-            record: of COMMAND_DTYPE, by the clock of the host's arms.
+            record: bytes of COMMAND_DTYPE, by the clock of the host's arms.
             leaders: keys of the arms that a follower may follow.
         """
         command, client = np.frombuffer(record, COMMAND_DTYPE)[0], self.client

@@ -23,9 +23,9 @@ class HostedDevice:
     Attributes:
         host: where it is.
         group: "robot" or "teleop".
-        options: of each arm by prefix, as LeRobot's local device has them, with this computer's names of channels.
+        options: each arm's by prefix, as LeRobot's local device has them, with this computer's names of channels.
         numbers: the number of each arm on the host.
-        all_keys: of every arm of the host, its key there and here.
+        all_keys: key there and here of every arm of the host.
         calibrated: the stops of all grippers are known to the host.
 
     Raises:

@@ -109,7 +109,8 @@ class HostedGroup:
                 self._unwanted.clear()
                 for arm in self.arms:
                     arm.begin()
-                self._worker = threading.Thread(target=self._run, args=[session, search], name=f"yam-{self.role}")
+                name, work = f"yam-{self.role}", (session, search)
+                self._worker = threading.Thread(target=self._run, args=work, name=name, daemon=False)
                 self._worker.start()
             return False
 

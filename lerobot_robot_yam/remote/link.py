@@ -85,7 +85,7 @@ class Link:
     """A link to one host.
 
     Args:
-        host: which.
+        host: the host.
         arms: those whose states are wanted, by their number on the host; whoever has made the link may change it.
         drives: whether commands of these arms are passed on, once `start` has had them energised.
         nudged: descriptor that can be read when something was commanded; None: there is none.
@@ -113,7 +113,7 @@ class Link:
         """Have the host energise a group; until then nothing is commanded.
 
         Args:
-            group: which.
+            group: "robot" or "teleop".
             search: whether stops of grippers are sought.
             unwanted: asked again and again; once it says True the host lets go of the group.
 
@@ -138,20 +138,13 @@ class Link:
             raise LifeCycleError("nobody waits for the arms any more; the host has let go of them")
 
     def stop(self, group: str) -> bool:
-        """Have the host land the group; whether its arms are down. Says so in the log where they are not."""
+        """Have the host land the group; whether its arms are down. Says so in the log where nobody knows."""
         self._started_s = None
-        landed = False
-        deadline = SYSTEM.now() + LAND_S
-        while SYSTEM.now() < deadline:
-            try:
-                landed = bool(self._ask("stop", LAND_S, group=group, session=self._session)["landed"])
-                break
-            except LinkError as error:
-                logger.error("%s; it lands the arms by itself once it has missed this computer for long", error)
-                break
-            except YamError as error:
-                logger.warning("%s", error)
-                SYSTEM.sleep(_BEAT_S)
+        try:
+            landed = bool(self._ask("stop", LAND_S, group=group, session=self._session)["landed"])
+        except YamError as error:
+            logger.error("%s; it lands the arms by itself once it has missed this computer for long", error)
+            return False
         if landed:
             for arm in self._arms.values():
                 arm.note(Mode.OFF)

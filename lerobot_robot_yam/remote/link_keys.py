@@ -24,7 +24,7 @@ _Z85 = Annotated[str, Meta(pattern=r"^[0-9A-Za-z.\-:+=^!/*?&<>()\[\]{}@%$#]{40}\
 
 
 class LinkKey(msgspec.Struct, frozen=True):
-    """A pair of keys, and the host's public key. The host's own key is that of a client, too: of `yam-host status`."""
+    """A pair of keys, and the host's public key. With the host's own, `yam-host status` is a client."""
 
     public: _Z85
     secret: _Z85

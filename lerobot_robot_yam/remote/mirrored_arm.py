@@ -28,7 +28,7 @@ class MirroredArm:
         lock: lock of the channel, which whoever makes this has taken.
         states: memory to write.
         commands: memory to read; None: the arm is only watched.
-        keys: of every arm of the host, its key there and here.
+        keys: key there and here of every arm of the host.
     """
 
     def __init__(

@@ -16,6 +16,7 @@ from lerobot_robot_yam.remote.host_question import Host, hello
 from lerobot_robot_yam.remote.link_keys import LinkKey, pair
 from lerobot_robot_yam.remote.link_sockets import ClientSockets, HostSockets
 from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import COMMAND_DTYPE, Request
 from lerobot_robot_yam.system.shared_block import SharedBlock
@@ -170,6 +171,20 @@ def test_hostile_messages_have_no_effect(served, session, stranger, count):
     assert stays(session), f"seed {seed}"
     track(session, {ARM: POSE}, 0.3)
     assert session[ARM].observe().mode is Mode.TRACK
+
+
+def test_a_release_that_is_asked_again_does_not_undo_a_stop_that_has_come_since(served, session, stranger):
+    stop = EmergencyStop()
+    release = wire.Question(7, "estop", action="release")
+    try:
+        send(stranger, wire.Question(6, "estop", action="latch", who="a", why="test\x1b"), release)
+        assert not stop.latched
+        stop.latch("another")
+        send(stranger, release)
+        assert stop.latched
+    finally:
+        stop.release()
+    session[ARM].hold()
 
 
 def test_a_client_of_another_version_hears_that_it_is_one(served, stranger):
