@@ -11,7 +11,7 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.arm_status import ArmStatus
 from lerobot_robot_yam.control.impedance import Grip, Impedance
 from lerobot_robot_yam.control.joint_interface import JointInterface
-from lerobot_robot_yam.control.landing import Landing
+from lerobot_robot_yam.control.landing.landing import Landing
 from lerobot_robot_yam.control.laws import mit_laws
 from lerobot_robot_yam.control.laws.set_point import SetPoint
 from lerobot_robot_yam.control.safety.channel_monitor import BusLoss, Finding

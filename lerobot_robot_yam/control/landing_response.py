@@ -6,7 +6,8 @@ import math
 import numpy as np
 
 from lerobot_robot_yam.control.actuation import Actuation
-from lerobot_robot_yam.control.landing import Landing, Phase
+from lerobot_robot_yam.control.landing.landing import Landing
+from lerobot_robot_yam.control.landing.landing_move import Phase, Seen
 from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
 
@@ -83,7 +84,7 @@ class LandingResponse:
         before = landing.phase
         q, dq, usable = arm.q[joints], arm.interface.dq[joints], arm.usable[joints]
         explained = arm.impedance.explains(q, np.where(usable, arm.setpoint.q[joints] - q, 0.0))
-        landing.advance(q, dq, usable, now, explained, arm.pulls)
+        landing.advance(Seen(now, q, dq, usable, explained, arm.pulls))
         if landing.phase is Phase.OBSTRUCTED and before is not Phase.OBSTRUCTED:
             status.trouble, status.message = Trouble.OBSTRUCTED, "landing is obstructed; holding"
         if landing.phase is Phase.LANDED:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lerobot_robot_yam.arm.profile_files import load_arm
-from lerobot_robot_yam.control.landing import LANDING_SPEED_RAD_S
+from lerobot_robot_yam.control.landing.landing_move import LANDING_SPEED_RAD_S
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.state.faults import RESPONSES, Response, Trouble
 from lerobot_robot_yam.state.modes import Mode

@@ -8,7 +8,7 @@ import pytest
 
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.model import base_quat, build_model
-from lerobot_robot_yam.control.landing import LANDING_SPEED_RAD_S
+from lerobot_robot_yam.control.landing.landing_move import LANDING_SPEED_RAD_S
 from lerobot_robot_yam.errors import MotorError
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.state.modes import Mode

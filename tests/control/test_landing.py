@@ -9,7 +9,8 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.kinematics import YamKinematics
 from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.control.landing import LANDING_SPEED_RAD_S, Landing, Phase
+from lerobot_robot_yam.control.landing.landing import Landing
+from lerobot_robot_yam.control.landing.landing_move import LANDING_SPEED_RAD_S, Phase, Seen
 from lerobot_robot_yam.control.laws.set_point import SetPoint
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.rig.client.rig_control import RigControl
@@ -135,7 +136,7 @@ def plan_of_landing(q, struck=None, unheard=None):
         now = tick * 0.004
         if unheard is not None and phases[-UNHEARD_AFTER:] == [unheard[0]] * UNHEARD_AFTER:
             usable[unheard[1]] = False
-        landing.advance(q, np.zeros(joints), usable, now)
+        landing.advance(Seen(now, q, np.zeros(joints), usable))
         phases.append(landing.phase)
         if struck is not None and landing.phase is struck[0]:
             setpoint.fall_back(*struck[1:])

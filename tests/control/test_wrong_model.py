@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.control.landing import LANDING_SPEED_RAD_S
+from lerobot_robot_yam.control.landing.landing_move import LANDING_SPEED_RAD_S
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Request
 from tests.support.landed import MOST_M

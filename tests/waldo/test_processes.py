@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.control.gripper.gripper_stops import GripperStops, save_stops
-from lerobot_robot_yam.control.landing import LANDING_SPEED_RAD_S
+from lerobot_robot_yam.control.landing.landing_move import LANDING_SPEED_RAD_S
 from lerobot_robot_yam.errors import ControllerError, YamError
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.waldo.launching import ask_once

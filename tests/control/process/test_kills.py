@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.control.landing import LANDING_SPEED_RAD_S
+from lerobot_robot_yam.control.landing.landing_move import LANDING_SPEED_RAD_S
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.state.faults import stale_overshoot_rad_s

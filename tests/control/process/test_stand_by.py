@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.control.landing import LANDING_SPEED_RAD_S
+from lerobot_robot_yam.control.landing.landing_move import LANDING_SPEED_RAD_S
 from lerobot_robot_yam.errors import MotorError, StaleStateError, YamError
 from lerobot_robot_yam.rig.client.rig_control import runs
 from lerobot_robot_yam.session.arm_session import ArmSession
