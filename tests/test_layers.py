@@ -40,7 +40,7 @@ RIG_ROOMS = (
     "operator",
 )
 # "" is the loop and the arm's controller
-CONTROL_ROOMS = ("laws", "landing", "gripper", "safety", "teleop", "passive", "preflight", "", "process")
+CONTROL_ROOMS = ("laws", "landing", "gripper", "safety", "teleop", "preflight", "joints", "", "process")
 MAY_IMPORT_LEROBOT = ("face", "plugin", "commands")
 MOST_MODULES = 15
 

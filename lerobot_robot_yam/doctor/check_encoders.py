@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from lerobot_robot_yam.arm.leaders.passive_config import PassiveConfig
-from lerobot_robot_yam.control.passive.passive_mapping import PassiveCalibration, PassiveMapping
+from lerobot_robot_yam.control.teleop.passive_mapping import PassiveCalibration, PassiveMapping
 from lerobot_robot_yam.damiao import handle_encoder
 from lerobot_robot_yam.damiao.handle_encoder import FIRMWARE_REQUIRED, TRIGGER_TRAVEL_RAD, HandleReport
 from lerobot_robot_yam.doctor.kit.findings import Section

@@ -11,8 +11,8 @@ import numpy as np
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.control.laws.bilateral import BilateralForce
-from lerobot_robot_yam.control.laws.motion_filter import MotionFilter
 from lerobot_robot_yam.control.laws.set_point import SetPoint
+from lerobot_robot_yam.control.teleop.lead import MotionFilter
 
 STEP_S, TICK_S = 0.001, 0.004
 _Q_STEP = 25.0 / 65535

@@ -16,11 +16,11 @@ import can
 from lerobot_robot_yam.arm.config import LeadArmConfig, passive_of
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.loop_builder import build
-from lerobot_robot_yam.control.passive import passive_loop
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
 from lerobot_robot_yam.control.process import stand_by
 from lerobot_robot_yam.control.process.caller import Caller
+from lerobot_robot_yam.control.teleop import passive_loop
 from lerobot_robot_yam.state.desk_post import forget_the_dead
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.records import BlockPair, Descriptors, lock_path

@@ -1,14 +1,17 @@
-"""The gate between a leader and its follower: a state machine without clock, I/O or motion.
+"""The gate between leaders and their followers: a state machine without clock, I/O or motion.
 
 `TABLE` has every transition. What a state makes leader and follower do is in `lead`.
 """
 
+import logging
 import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from lerobot_robot_yam.arm.leaders.lead_config import GateKind, LeadConfig
 from lerobot_robot_yam.state.modes import Gate
+
+logger = logging.getLogger(__name__)
 
 CAUGHT_UP_RAD = 0.05  # so near to the leader the follower is there
 LEFT_BEHIND_RAD = 0.1  # a follower that does not follow, and is farther away, has to approach again
@@ -141,3 +144,39 @@ class GateMachine:
 
     def _fine_pressed(self, looks: Sequence[Look], _: float) -> bool:
         return any(look.fine_pressed for look in looks)
+
+
+class SharedGate:
+    """The gate of the leaders that move through it together, or of one.
+
+    The last of them advances it, unless one of them has nothing to say; for the others a transition comes one tick
+    later.
+    """
+
+    def __init__(self, machine: GateMachine, names: Sequence[str]):
+        self.machine, self._name = machine, " and ".join(names)
+        self._looks: list[Look | None] = [None] * len(names)
+
+    def advance(self, now: float, index: int, look: Look) -> Gate:
+        """Take the look of arm `index` at this tick; the state that counts for it."""
+        self._looks[index] = look
+        if index == len(self._looks) - 1:
+            before, looks = self.machine.state, [look for look in self._looks if look is not None]
+            if len(looks) == len(self._looks) and self.machine.advance(now, looks):
+                self._tell(before)
+        return self.machine.state
+
+    def miss(self, index: int) -> None:
+        """Arm `index` has nothing to say at this tick: wait for it."""
+        self._looks[index] = None
+
+    def restart(self) -> Gate:
+        """An arm cannot lead any more: begin anew."""
+        before = self.machine.state
+        if self.machine.restart():
+            self._tell(before)
+        return self.machine.state
+
+    def _tell(self, before: Gate) -> None:
+        now, because = self.machine.state.name.lower(), self.machine.because.replace("_", " ")
+        logger.info("%s: gate: %s -> %s (%s)", self._name, before.name.lower(), now, because)

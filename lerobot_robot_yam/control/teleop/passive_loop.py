@@ -15,8 +15,8 @@ from lerobot_robot_yam.arm.config import lead_of, passive_of
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.gripper.handle_reader import HandleReader
 from lerobot_robot_yam.control.gripper.trigger_range import TriggerRange
-from lerobot_robot_yam.control.passive.passive_mapping import PassiveMapping
 from lerobot_robot_yam.control.teleop.lead import Lead, make_leads
+from lerobot_robot_yam.control.teleop.passive_mapping import PassiveMapping
 from lerobot_robot_yam.damiao.bus_port import BusPort
 from lerobot_robot_yam.damiao.handle_encoder import HandleEncoder, HandleReport
 from lerobot_robot_yam.damiao.passive_encoders import PassiveEncoders

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS, PassiveConfig
-from lerobot_robot_yam.control.passive.passive_mapping import PassiveCalibration, PassiveMapping
+from lerobot_robot_yam.control.teleop.passive_mapping import PassiveCalibration, PassiveMapping
 from lerobot_robot_yam.errors import ConfigError
 
 LIMITS = np.array([[-2.0, 2.0]] * 6)

@@ -9,7 +9,7 @@ from lerobot_robot_yam.arm.config import LeadArmConfig
 from lerobot_robot_yam.arm.leaders.lead_config import LeadConfig
 from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS, PassiveConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.control.passive import passive_loop
+from lerobot_robot_yam.control.teleop import passive_loop
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
