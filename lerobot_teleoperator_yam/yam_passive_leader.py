@@ -9,8 +9,8 @@ import numpy as np
 from lerobot.utils.decorators import check_if_not_connected
 
 from lerobot_robot_yam.arm.config import ArmConfig, LeadArmConfig, passive_of
-from lerobot_robot_yam.control.teleop.passive_mapping import PassiveCalibration
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
+from lerobot_robot_yam.control.teleop.passive_mapping import PassiveCalibration
 from lerobot_robot_yam.damiao.bus_port import BusPort
 from lerobot_robot_yam.damiao.passive_encoders import PassiveEncoders
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError

@@ -9,33 +9,23 @@ import numpy as np
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.arm_status import ArmStatus
-from lerobot_robot_yam.control.impedance import Grip, Impedance
-from lerobot_robot_yam.control.joint_interface import JointInterface
+from lerobot_robot_yam.control.impedance import Impedance, Inputs, gravity_model
+from lerobot_robot_yam.control.joints.arm_set_point import ArmSetPoint
+from lerobot_robot_yam.control.joints.joint_interface import JointInterface
 from lerobot_robot_yam.control.landing.landing import Landing
 from lerobot_robot_yam.control.laws import mit_laws
-from lerobot_robot_yam.control.laws.set_point import SetPoint
 from lerobot_robot_yam.control.safety.channel_monitor import BusLoss, Finding
 from lerobot_robot_yam.control.safety.thermal_monitor import Heat
 from lerobot_robot_yam.damiao.chain import MotorChain
-from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import BusError
-from lerobot_robot_yam.state.faults import SILENT_S
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 from lerobot_robot_yam.system.few_values import any_of
 
 logger = logging.getLogger(__name__)
 
-ACCELERATION_LIMIT_RAD_S2 = 30.0  # brakes from the speed limit within 50 ms
-_END_DECELERATION_RAD_S2 = 5.0  # an arm overshoots a harder stop by centimetres, and joints end on mechanical stops
-LEFT_BEHIND_RAD = 0.05  # more than an arm lags with its own gains
-_FREE_RAD = 0.1  # a joint this far behind its set-point, and
-_FREE_SPEED = 1.1  # faster than this share of its speed limit, has come free
-_JUST_NOW_S = 0.02
-_GOES_ON = (Mode.BRING_UP, Mode.HOLD, Mode.TRACK)  # and carries no more what a landing has found there
 _TOLD_AFLOAT = Limited.JOINT_LIMIT | Limited.TORQUE  # told as long as it lasts
 _TOLD_S = 0.1  # a caller that looks 30 times a second sees it
-_GRIPPER_ACCELERATION = 60.0  # strokes/s²
 _HEAT_PERIOD_S = 0.1  # temperatures change slowly
 
 
@@ -49,10 +39,10 @@ class Actuation:
         gravity: its model, if that has been made before.
 
     Attributes:
+        estimate: what is known of its joints.
         landing: the landing under way; `landing_response` owns it.
         grips: while it floats its gripper keeps to the set-point: a hand guides it.
         assist: torque and damping (joints,) that act beside its weight while it floats; None: none.
-        usable, all_usable: (n,) bool, motors that can be relied on, and whether all can.
     """
 
     def __init__(
@@ -65,26 +55,15 @@ class Actuation:
         self.hardware = hw = hardware
         self.config, self.name, self.status = hw.config, hw.name, status
         self.interface = JointInterface(hw, bus)
-        self.gripper = self.interface.gripper
-        self.setpoint = SetPoint(
-            hw.speed_limit,
-            np.append(np.full(hw.joints, ACCELERATION_LIMIT_RAD_S2), [_GRIPPER_ACCELERATION] * hw.has_gripper),
-            hw.lower,
-            hw.upper,
-            np.append(np.full(hw.joints, _END_DECELERATION_RAD_S2), [_GRIPPER_ACCELERATION] * hw.has_gripper),
-        )
+        self.gripper, self.estimate = self.interface.gripper, self.interface.estimate
+        self.setpoint = ArmSetPoint(hw, self.estimate)
         self.impedance = Impedance(hw, gravity or gravity_model(hw), self.gripper)
-        self._bad = np.zeros(hw.n, dtype=bool)
-        self.usable, self.all_usable = ~self._bad, True
         self.landing: Landing | None = None
-        self._sunk = np.zeros(hw.joints, dtype=bool)
         self.grips = False
         self.assist: tuple[np.ndarray, np.ndarray] | None = None
         self.bus_loss = BusLoss()
         self._heat: Heat | None = None
-        self._heat_due = -math.inf
-        self._came_free_s = -math.inf
-        self._free_speed = _FREE_SPEED * hw.speed_limit[: hw.joints]
+        self._heat_due = self._came_free_s = -math.inf
 
     @property
     def chain(self) -> MotorChain:
@@ -94,62 +73,39 @@ class Actuation:
     @property
     def q(self) -> np.ndarray:
         """(n,) measured, rad; the gripper 0 closed … 1 open."""
-        return self.interface.q
+        return self.estimate.q
 
     @property
-    def here(self) -> np.ndarray:
-        """(n,) as `q`, but a joint that is not heard, and may obey all the same, is where it was sent."""
-        return self.q if self.all_usable else np.where(self._unheard(), self.setpoint.q, self.q)
+    def opening(self) -> float:
+        """How far the gripper is open, 0 closed … 1 open: wide open as long as its stops are unknown."""
+        return 1.0 if self.gripper is None or self.gripper.stops is None else float(self.q[-1])
 
     @property
     def sunk(self) -> np.ndarray:
-        """(joints,) bool, joints that a landing has let sink unheard: they have left their set-points.
+        """(joints,) bool, see `ArmSetPoint`; of the landing under way, too."""
+        return self.setpoint.sunk if self.landing is None else self.setpoint.sunk | self.landing.sunk
 
-        Until they are heard again they only get damping.
-        """
-        return self._sunk if self.landing is None else self._sunk | self.landing.sunk
-
-    @property
-    def pulls(self) -> np.ndarray:
-        """(joints,) the way, -1 or 1, in which its weight pulls a joint that is not heard and may obey; else 0."""
-        weight_nm, j = self.impedance.weight_nm, slice(self.hardware.joints)
-        carried = self._unheard()[j] & ~self._sunk & (np.abs(weight_nm) > self.hardware.arm.coulomb_friction_nm)
-        return np.where(carried, -np.sign(weight_nm), 0.0)
-
-    def adopt(self, sunk: np.ndarray) -> None:
-        """Go on for a loop that has died, and that has let these joints sink, (joints,) bool."""
-        self._sunk = sunk
+    def complaints(self) -> list[str]:
+        """What has to be said at the end about adapter and cable."""
+        chain, where = self.chain, f"{self.name} ({self.chain.channel})"
+        said = []
+        if chain.round_trip.slow:
+            said.append(f"{where}: {chain.round_trip.summary()}; the arm was seen and commanded that much too late")
+        if chain.error_frames:
+            said.append(f"{where}: CAN error frames: {chain.error_frames}; check cable, termination and bit-rate")
+        return said
 
     def end_landing(self) -> None:
         """Land no more; what has sunk stays so."""
-        self._sunk, self.landing = self.sunk, None
-        self.setpoint.limit_acceleration(np.full(self.hardware.joints, ACCELERATION_LIMIT_RAD_S2))
+        self.setpoint.sunk, self.landing = self.sunk, None
+        self.setpoint.accelerate_as_usual()
 
     def check(self, now: float) -> Finding:
         """Find out which motors can be relied on from here on."""
-        finding = self.interface.check(now)
-        if finding.bad is not self._bad:  # as long as all are well it is the same array
-            for joint in np.flatnonzero(self.chain.distrusted & finding.bad & ~self._bad):
-                # Nobody knows any more how far it is from its set-point: it keeps to the last one that was sent.
-                if joint < self.hardware.joints:
-                    self.setpoint.reseed(int(joint), float(self.interface.sent[joint, mit_laws.Q]))
-            self._bad, self.usable = finding.bad, ~finding.bad
-            self.all_usable = bool(self.usable.all())
-        if any_of(self._sunk):  # hardly ever
-            heard = self._sunk & (self.usable & np.isfinite(self.chain.stamp_s))[: self.hardware.joints]
-            start = self.setpoint.reseed if self.landing is None else self.setpoint.fall_back
-            for joint in np.flatnonzero(heard):
-                start(int(joint), float(self.q[joint]))
-            self._sunk = self._sunk & ~heard
+        finding = self.estimate.check(now)
+        self.setpoint.keep_disbelieved(self.interface.sent[:, mit_laws.Q])
+        self.setpoint.fetch_sunk(self.landing is not None)
         return finding
-
-    def _unheard(self) -> np.ndarray:
-        """(n,) bool, joints whose motors are silent or distrusted, and have not said before that they let go."""
-        chain = self.chain
-        unheard = ~self.usable & ((chain.silence_s(chain.clock.now()) > SILENT_S) | chain.distrusted)
-        unheard &= (chain.fault == Fault.NORMAL) | ~np.isfinite(chain.stamp_s)
-        unheard[self.hardware.joints :] = False
-        return unheard
 
     def send(self) -> None:
         """Put this tick's commands on the wire.
@@ -163,50 +119,52 @@ class Actuation:
 
     def compute_command(self, now: float, dt: float) -> None:
         """From state and set-point to the commands of the next `send`. now, dt: s."""
-        self._compute_command(now, dt)
-        if any_of(self._sunk):
-            self.impedance.sink(self._sunk)
-
-    def _compute_command(self, now: float, dt: float) -> None:
-        q: np.ndarray = self.interface.motor_q
-        dq: np.ndarray = self.interface.motor_dq
-        self.impedance.before = self.interface.before
-        if not self.all_usable:
-            unheard = self._unheard()
-            q, dq = np.where(unheard, self.setpoint.q, q), np.where(unheard, self.setpoint.dq, dq)
-        status = self.status
-        gripper = float(self.interface.dq[-1]), float(self.interface.tau[-1])
         pressed = self.gripper is not None and self.gripper.force_limited
-        if status.afloat:
-            # Whatever ends the floating finds the set-point where the arm is.
-            if self.grips:
-                self.setpoint.seed_first(self.here[: self.hardware.joints])
-            else:
-                self.setpoint.seed(self.here)
-            if status.limited:
-                status.limited &= ~_TOLD_AFLOAT
-            assist = self.assist if status.mode is Mode.FLOAT and self.all_usable else None
-            grip = Grip(now, self.setpoint, gripper) if self.grips else None
-            self._tell(self.impedance.float_free(q, dq, dt, assist, grip))
-            if self.grips and pressed and self.gripper is not None and not self.gripper.force_limited:
-                self.setpoint.reseed(self.hardware.n - 1, float(self.q[-1]))  # its object is gone, see below
-            return
-        self._catch(now)
-        fade = None if self.landing is None else self.landing.fade
-        learns = None if status.mode in _GOES_ON else self.landing is not None and self.landing.learns
-        stopped = status.mode is Mode.STOPPED
-        tracks = self.config.track_integral and status.mode is Mode.TRACK
-        holding = (stopped or tracks or status.mode is Mode.HOLD) and self.all_usable
-        self._tell(self.impedance.follow(now, dt, q, dq, self.setpoint, gripper, holding, stopped, learns, fade))
+        if self.status.afloat:
+            self._float(now, dt)
+        else:
+            self._catch(now)
+            self._follow(now, dt)
         if pressed and self.gripper is not None and not self.gripper.force_limited:
             # The object that it pressed on is gone: it goes on at its own speed, not in one leap after the set-point.
-            self.setpoint.reseed(self.hardware.n - 1, float(self.q[-1]))
-            self._tell(self.impedance.follow(now, 0.0, q, dq, self.setpoint, gripper, holding, stopped, learns, fade))
-        if now - self._came_free_s < _TOLD_S:  # each new target tells anew what limits the arm
-            status.limited |= Limited.CAME_FREE
-        elif self._came_free_s > -math.inf:  # while an arm holds, no target comes to take it back
-            status.limited &= ~Limited.CAME_FREE
-            self._came_free_s = -math.inf
+            if self.grips or not self.status.afloat:
+                self.setpoint.start_one(self.hardware.n - 1)
+            if not self.status.afloat:
+                self._follow(now, 0.0)
+        if any_of(self.setpoint.sunk):
+            self.impedance.sink(self.setpoint.sunk)
+
+    def _inputs(self, now: float, dt: float) -> Inputs:
+        estimate, setpoint = self.estimate, self.setpoint
+        q: np.ndarray = estimate.motor_q
+        dq: np.ndarray = estimate.motor_dq
+        whole = estimate.all_usable
+        if not whole:
+            unheard = estimate.unheard()
+            q, dq = np.where(unheard, setpoint.q, q), np.where(unheard, setpoint.dq, dq)
+        gripper = float(estimate.dq[-1]), float(estimate.tau[-1])
+        mode = self.status.mode
+        return Inputs(now, dt, q, dq, estimate.before, gripper, setpoint.asked, setpoint.asked_ddq, mode, whole)
+
+    def _float(self, now: float, dt: float) -> None:
+        status = self.status
+        self.setpoint.float_along(self.grips)  # whatever ends the floating finds the set-point where the arm is
+        if status.limited:
+            status.limited &= ~_TOLD_AFLOAT
+        assist = self.assist if status.mode is Mode.FLOAT and self.estimate.all_usable else None
+        self._tell(self.impedance.float_free(self._inputs(now, dt), assist, self.grips))
+
+    def _follow(self, now: float, dt: float) -> None:
+        inputs = self._inputs(now, dt)
+        feed_nm, share = self.impedance.feed_forward(inputs)
+        if share is not None:
+            hw = self.hardware
+            self.setpoint.hold_back(np.append(np.full(hw.joints, share), [1.0] * hw.has_gripper))
+            inputs = inputs._replace(asked=self.setpoint.asked)
+            self._tell(Limited.TORQUE if share < 1.0 else Limited.NOTHING)
+        learns = self.landing is not None and self.landing.learns
+        fade = None if self.landing is None else self.landing.fade
+        self._tell(self.impedance.follow(inputs, feed_nm, learns, fade))
 
     def _tell(self, limited: Limited) -> None:
         """Add to what is told about the arm. Mostly nothing, and flags take long to combine."""
@@ -214,20 +172,14 @@ class Actuation:
             self.status.limited |= limited
 
     def _catch(self, now: float) -> None:
-        """Stop a joint that comes free of an obstacle: it must not spring to where its set-point has gone."""
-        hw = self.hardware
-        dq = self.interface.motor_dq[: hw.joints]
-        fast = np.abs(dq) > self._free_speed
-        if not any_of(fast) or (self.landing is not None and self.landing.fade is not None):  # nearly always
-            return
-        gap = (self.setpoint.q - self.interface.motor_q)[: hw.joints]
-        age_s = now - self.chain.stamp_s[: hw.joints]
-        behind = np.abs(gap) > _FREE_RAD + self._free_speed * age_s  # its set-point has gone on since the sample
-        heard = self.usable[: hw.joints] & (age_s < _JUST_NOW_S + self.chain.round_trip.one_way_s)  # and not limp
-        for joint in np.flatnonzero(fast & (gap * dq > 0.0) & behind & heard):
-            logger.info("%s: %s came free at %.1f rad/s; caught", self.name, hw.motors[joint].name, dq[joint])
-            self.setpoint.fall_back(int(joint), float(self.q[joint]))
+        """Catch joints that come free, unless they lie or sink already, and tell of it for a while."""
+        if (self.landing is None or self.landing.fade is None) and self.setpoint.catch(now):
             self._came_free_s = now
+        if now - self._came_free_s < _TOLD_S:  # each new target tells anew what limits the arm
+            self.status.limited |= Limited.CAME_FREE
+        elif self._came_free_s > -math.inf:  # while an arm holds, no target comes to take it back
+            self.status.limited &= ~Limited.CAME_FREE
+            self._came_free_s = -math.inf
 
     def enter(self, mode: Mode) -> None:
         """Change the mode; only TRACK keeps the gains of a target. Raises LifeCycleError: not from the present mode."""
@@ -247,30 +199,12 @@ class Actuation:
         """
         before = self.impedance.kp
         self.impedance.gains(kp, kd)
-        self._pull_no_harder(before, self.impedance.kp, kp is not None)
+        self.setpoint.pull_no_harder(before, self.impedance.kp, kp is not None)
 
     def change_gains(self, kp: np.ndarray, kd: np.ndarray) -> None:
         """Go over to other gains (n,) of its own, NaN as configured, so that no torque jumps; targets keep theirs."""
-        self._pull_no_harder(self.impedance.kp, np.where(np.isnan(kp), self.hardware.kp, kp), False)
+        self.setpoint.pull_no_harder(self.impedance.kp, np.where(np.isnan(kp), self.hardware.kp, kp), False)
         self.impedance.live.change(kp, kd)
-
-    def _pull_no_harder(self, before: np.ndarray, now: np.ndarray, target_follows: bool) -> None:
-        """Bring the set-point of a joint back whose stiffness (n,) grows far from it."""
-        joints = slice(self.hardware.joints)
-        gap, kp_before, kp_now = (self.setpoint.q - self.here)[joints], before[joints], now[joints]
-        lags = self.hardware.kp[joints] * LEFT_BEHIND_RAD
-        for joint in np.flatnonzero((kp_now > kp_before) & (kp_now * np.abs(gap) > lags)):
-            keeps = float(self.q[joint] + gap[joint] * kp_before[joint] / kp_now[joint])
-            if target_follows:  # at once
-                self.setpoint.shift(int(joint), keeps)
-            else:
-                self.setpoint.reseed(int(joint), keeps)
-
-    def seed_joints(self) -> None:
-        """Start the joints again from where they are; the gripper's set-point is its grip, and is kept."""
-        q = self.here.copy()
-        q[self.hardware.joints :] = self.setpoint.q[self.hardware.joints :]
-        self.setpoint.seed(q)
 
     def derate(self, now: float) -> Heat | None:
         """Let warm motors press and move less, unless they land. None until their temperatures are watched."""
@@ -315,10 +249,3 @@ class Actuation:
             logger.error("%s: nothing reaches its motors; they let go by themselves: %s", self.name, error)
         self.status.enter(Mode.OFF)
         self.impedance.commands[:] = 0.0
-
-
-def gravity_model(hardware: ResolvedArm) -> GravityModel | None:
-    """Model of an arm; None for a gripper alone."""
-    if not hardware.joints:
-        return None
-    return GravityModel(hardware.arm, hardware.gripper, load=hardware.load, tilt_rad=hardware.tilt_rad)

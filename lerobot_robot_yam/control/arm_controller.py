@@ -6,13 +6,14 @@ It has no clock and waits for nothing. `actuation` has what moves the arm; `brin
 
 import logging
 import math
+from collections.abc import Callable
 
 import can
 import numpy as np
 
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.control.actuation import LEFT_BEHIND_RAD, Actuation
+from lerobot_robot_yam.control.actuation import Actuation
 from lerobot_robot_yam.control.arm_status import ArmStatus
 from lerobot_robot_yam.control.bring_up import BringUp
 from lerobot_robot_yam.control.fault_response import RELEASE_FIRST, FaultResponse
@@ -21,28 +22,27 @@ from lerobot_robot_yam.control.gripper.handle_reader import NO_HANDLE
 from lerobot_robot_yam.control.landing_response import LandingResponse
 from lerobot_robot_yam.control.safety.progress_monitor import ProgressMonitor
 from lerobot_robot_yam.control.safety.thermal_monitor import Stage
-from lerobot_robot_yam.control.stop_response import StopResponse, StopTriggers
+from lerobot_robot_yam.control.stop_response import StopResponse
 from lerobot_robot_yam.control.teleop.coupling import Coupling
 from lerobot_robot_yam.control.teleop.lead import Lead
-from lerobot_robot_yam.damiao.tables import Fault
-from lerobot_robot_yam.errors import LifeCycleError, MotorError
-from lerobot_robot_yam.state.faults import SILENT_S, Trouble
+from lerobot_robot_yam.errors import BusError, LifeCycleError, MotorError
+from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited, Request
+from lerobot_robot_yam.system.clock import Clock
 from lerobot_robot_yam.system.few_values import largest
 
 logger = logging.getLogger(__name__)
 
 _UNHEARD_S = 0.03  # seven ticks
 _HELD = (Mode.BRING_UP, Mode.HOLD, Mode.TRACK, Mode.FAULT)
-_SEED_RAD = 0.3  # a set-point further than this from the arm is not what holds it
 
 
 class ArmController:
     """Drives the motors of one channel.
 
-    Bring-up: `inspect` (energises nothing), `bring_up.energise`. Then each tick: `actuation.send`, the chain's
-    `collect`, `measure`, `decide`, the set-point's `step`, `actuation.compute_command`.
+    Bring-up: `inspect` (energises nothing), `bring_up.energise`. Then each tick: `send`, `collect`, `measure`,
+    `decide`, the set-point's `step`, `actuation.compute_command`.
 
     Args:
         hardware: the arm.
@@ -58,7 +58,7 @@ class ArmController:
         self.config, self.name = hardware.config, hardware.name
         self.status = status = ArmStatus(self.name, floats=self.config.start == "float")
         self.actuation = arm = Actuation(hardware, bus, status, gravity)
-        self._floating = FloatMonitor(arm.interface, arm.impedance, hardware)
+        self._floating = FloatMonitor(arm.estimate, arm.impedance, hardware)
         self.bring_up = BringUp(arm, self._floating)
         self.landing = LandingResponse(arm)
         self.faults = FaultResponse(arm, self.landing, self.bring_up, self._floating)
@@ -67,13 +67,56 @@ class ArmController:
         self._last_target_at = -math.inf
         self.lead: Lead | None = None
         self.coupling = Coupling(hardware)
-        self._stop_triggers = StopTriggers(hardware)
         self.handle = NO_HANDLE
 
     @property
     def mode(self) -> Mode:
         """The present mode; `status` has the rest."""
         return self.status.mode
+
+    @property
+    def clock(self) -> Clock:
+        """The clock of its channel."""
+        return self.actuation.chain.clock
+
+    @property
+    def wire_s(self) -> float:
+        """How long one tick of its motors occupies the wire, s."""
+        return self.actuation.chain.expected_wire_s
+
+    def while_waiting(self, work: Callable[[], None]) -> None:
+        """Have `work` done whenever the arm keeps its loop waiting for motors."""
+        self.actuation.interface.on_wait = work
+
+    def send(self) -> None:
+        """Put this tick's commands on the wire; the last good ones instead of some that cannot be encoded."""
+        self._talk(self._send)
+
+    def _send(self) -> None:
+        try:
+            self.actuation.send()
+        except BusError:
+            raise
+        except Exception as error:
+            self.faults.fail(error)
+            self.actuation.send()
+
+    def drain(self) -> None:
+        """Take the replies that have arrived, without waiting."""
+        self._talk(self.actuation.chain.drain)
+
+    def collect(self, until_s: float) -> None:
+        """Take the replies to this tick's commands; wait until then for stragglers."""
+        self._talk(lambda: self.actuation.chain.collect(until_s))
+
+    def _talk(self, work: Callable[[], object]) -> None:
+        """Send or receive frames; the channel may be lost."""
+        try:
+            work()
+        except BusError as error:
+            self.faults.lose_bus(error, self.clock.now())
+        except Exception as error:  # the other arms must be held all the same
+            self.faults.fail(error)
 
     def inspect(self) -> None:
         """Check that everything is there and as configured. Sends no command that moves or energises anything.
@@ -89,28 +132,20 @@ class ArmController:
         An arm of which no motor is enabled is left alone.
         """
         arm = self.actuation
-        slots, joints = arm.hardware.slots, arm.hardware.joints
-        sunk = record["sunk"][slots].astype(bool)
         arm.interface.adopt(record)
-        arm.adopt(sunk[:joints])
+        arm.setpoint.sunk = record["sunk"][: arm.hardware.joints].astype(bool)
         arm.check(now)
-        if np.isfinite(arm.chain.stamp_s).all() and not arm.usable.any():  # all have answered
+        if arm.estimate.heard().all() and not arm.estimate.usable.any():
             self.status.enter(Mode.OFF)
             return
-        before = record["setpoint"][slots]
-        holds_it = np.abs(before - arm.q) < (_SEED_RAD if record["own_gains"] else LEFT_BEHIND_RAD)
-        holds_it &= ~sunk  # it is where it is heard, if it is
-        unheard = record["stamp_s"] - record["motor_stamp_s"][slots] > SILENT_S  # but perhaps it obeys
-        holds_it |= unheard & (record["fault"][slots] == Fault.NORMAL) & ~np.isfinite(arm.chain.stamp_s)
-        holds_it[joints:] = np.isfinite(before[joints:])  # its grip, however thick
-        arm.setpoint.seed(np.where(holds_it, before, arm.q))
+        arm.setpoint.adopt(record)
         self.landing.land(now, Trouble.CONTROL_DEAD, "its control process has died; the stand-by lands it")
         arm.compute_command(now, 0.0)  # or the first tick would send zeros
 
     def measure(self, now: float) -> None:
         """From the replies to the state of the arm; trouble is answered as the table says."""
         arm, status = self.actuation, self.status
-        arm.interface.read()
+        arm.estimate.read()
         if arm.interface.handle is not None:
             self.handle = arm.interface.handle.read(now)
         if status.ended:
@@ -126,29 +161,23 @@ class ArmController:
             elif heat.stage is Stage.HOT and not status.must_land:
                 self.faults.suffer(Trouble.HOT, heat.message, now)
         if self.lead is not None:
-            interface = arm.interface
-            sample = interface.q, interface.dq, arm.chain.stamp_s
+            sample = arm.q, arm.estimate.dq, arm.chain.stamp_s
             mode = None if status.halted else status.mode
             self.lead.advance(now, mode, sample, self.handle, arm.impedance.weight_nm)
             arm.assist = self.lead.assist
 
     def stop_reason(self, now: float) -> str:
         """Why everything has to stop, empty when it has not: the handle's button, or too much effort."""
-        if not self._stop_triggers.exist:
-            return ""
-        tau = self.actuation.interface.tau[: self.actuation.hardware.joints]
-        works = not self.status.ended and self.mode not in (Mode.STOPPED, Mode.FAULT)
         handle = self.actuation.interface.handle
-        buttons = NO_HANDLE.buttons if handle is None else handle.raw_buttons
-        return self._stop_triggers.check(now, buttons, tau, works)
+        return self._stop.reason(now, NO_HANDLE.buttons if handle is None else handle.raw_buttons)
 
     def decide(self, now: float) -> None:
         """Decide on the mode, and where the set-point goes. It is stepped after that."""
         arm, status = self.actuation, self.status
         self._stop.check(now)
-        wrong = self._floating.watch(now, status.mode in _HELD and arm.all_usable, status.afloat)
+        wrong = self._floating.watch(now, status.mode in _HELD and arm.estimate.all_usable, status.afloat)
         if wrong:
-            arm.setpoint.move_at(arm.interface.dq[: arm.hardware.joints])  # to stop at once would throw the arm
+            arm.setpoint.move_at(arm.estimate.dq[: arm.hardware.joints])  # to stop at once would throw the arm
             self.faults.suffer(Trouble.RUNAWAY, wrong, now)
         if status.mode is Mode.BRING_UP:
             trouble = self.bring_up.advance(now)
@@ -164,14 +193,13 @@ class ArmController:
             self.coupling.end()
             arm.hold_here()
         if status.mode is Mode.TRACK:
-            heard_s = arm.chain.stamp_s if arm.all_usable else arm.chain.stamp_s[arm.usable]  # but for lost motors
-            if now - min(heard_s.tolist(), default=math.inf) > _UNHEARD_S + arm.chain.round_trip.one_way_s:
+            if now - arm.estimate.oldest_s() > _UNHEARD_S + arm.chain.round_trip.one_way_s:
                 arm.setpoint.stop()  # or it would run ahead of an arm that does not hear, which would hurry after it
         if arm.landing is not None:
             self.landing.advance(now)
         elif status.mode in (Mode.HOLD, Mode.TRACK):
             j = slice(arm.hardware.joints)
-            gap = (arm.setpoint.q - arm.here)[j]
+            gap = (arm.setpoint.q - arm.setpoint.here)[j]
             self._progress.by_obstacle(now, gap, arm.impedance.kp[j], arm.hardware.torque_limit_nm[j])
 
     def set_target(

@@ -44,7 +44,7 @@ class BringUp:
                 arm.setpoint.seed(arm.q)  # as of now: since it was inspected, a hand may have moved a limp arm
                 arm.compute_command(0.0, 0.0)
                 finding = arm.interface.exchange(arm.impedance.commands)
-                arm.interface.read()
+                arm.estimate.read()
                 if not finding.bad.any():
                     break
             if finding.bad.any():
@@ -66,13 +66,13 @@ class BringUp:
         arm = self._actuation
         if arm.gripper is not None and arm.gripper.searching:
             try:
-                shift = arm.gripper.advance(now, float(arm.interface.motor_q[-1]))
+                shift = arm.gripper.advance(now, float(arm.estimate.motor_q[-1]))
             except YamError as error:
                 return Trouble.GRIPPER, str(error)
             if shift is None:
                 return None
             arm.interface.shift_gripper(shift)
-            arm.setpoint.reseed(arm.hardware.n - 1, float(arm.q[-1]))
+            arm.setpoint.start_one(arm.hardware.n - 1)
         after = Mode.HOLD if self._status.halted else self.after
         if after is Mode.FLOAT:
             wrong = self._floating.settled()

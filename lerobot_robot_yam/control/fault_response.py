@@ -2,21 +2,19 @@
 
 import logging
 
-import numpy as np
-
 from lerobot_robot_yam.control.actuation import Actuation
 from lerobot_robot_yam.control.arm_status import ArmStatus
 from lerobot_robot_yam.control.bring_up import BringUp
 from lerobot_robot_yam.control.float_monitor import FloatMonitor
 from lerobot_robot_yam.control.landing_response import LandingResponse
-from lerobot_robot_yam.errors import BusError, LifeCycleError, MotorError
+from lerobot_robot_yam.control.rearm import Rearm
+from lerobot_robot_yam.errors import BusError, LifeCycleError
 from lerobot_robot_yam.state.faults import RESPONSES, Response, Trouble
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 
 logger = logging.getLogger(__name__)
 
-_REARM_TICKS = 8  # in which a motor has to say that it is enabled: an answer may get lost
 RELEASE_FIRST = "the emergency stop is latched: look at the arms, then `yam-estop release`"
 
 
@@ -26,6 +24,7 @@ class FaultResponse:
     def __init__(self, actuation: Actuation, landing: LandingResponse, bring_up: BringUp, floating: FloatMonitor):
         self._actuation, self._status = actuation, actuation.status
         self._landing, self._bring_up, self._floating = landing, bring_up, floating
+        self._rearming = Rearm(actuation)
         self._halted_afloat = False
         self._news: Trouble | None = None
         self._peer: ArmStatus | None = None  # because of which it was halted
@@ -124,23 +123,7 @@ class FaultResponse:
             raise LifeCycleError(f"{arm.name}: {status.message}; {RESPONSES[status.trouble].rearm}")
         if status.floats:
             self._floating.check(arm.name)
-        failed = np.flatnonzero(~arm.usable).tolist()
-        distrusted, believed_rad = np.flatnonzero(arm.chain.distrusted).tolist(), arm.chain.position_rad
-        let_go = arm.interface.clear_and_enable(failed)
-        before = arm.setpoint.q.copy()
-        arm.seed_joints()
-        before[let_go] = arm.setpoint.q[let_go]  # they have sagged
-        for motor in set(failed) - set(let_go):  # it holds on to where it was sent, whether it is heard by now or not
-            arm.setpoint.reseed(motor, float(before[motor]))
-        arm.compute_command(arm.chain.clock.now(), 0.0)
-        for _ in range(_REARM_TICKS):
-            finding = arm.interface.exchange(arm.impedance.commands)
-            if finding.trouble is None:
-                break
-        if finding.trouble is not None:
-            arm.setpoint.seed(before)
-            arm.interface.disbelieve(distrusted, believed_rad)
-            raise MotorError(f"{arm.name} ({arm.config.channel}): cannot re-arm: {finding.message}")
+        failed = self._rearming.run()
         if arm.gripper is not None and (arm.hardware.n - 1 in failed or arm.gripper.stops is None):
             self._bring_up.after = Mode.HOLD
             arm.gripper.begin()

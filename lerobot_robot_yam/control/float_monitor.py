@@ -16,7 +16,7 @@ import numpy as np
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.impedance import Impedance
-from lerobot_robot_yam.control.joint_interface import JointInterface
+from lerobot_robot_yam.control.joints.estimate import JointEstimate
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import LifeCycleError
 from lerobot_robot_yam.system.few_values import largest
@@ -95,8 +95,8 @@ class GravityBalance:
 class FloatMonitor:
     """Monitors one arm. Call `watch` once per tick, before the other methods."""
 
-    def __init__(self, interface: JointInterface, impedance: Impedance, hardware: ResolvedArm):
-        self._interface, self._impedance, self._hardware = interface, impedance, hardware
+    def __init__(self, estimate: JointEstimate, impedance: Impedance, hardware: ResolvedArm):
+        self._estimate, self._impedance, self._hardware = estimate, impedance, hardware
         self._j, self._names = slice(hardware.joints), hardware.joint_names
         ranges = [motor_type(motor.type).torque_max_nm for motor in hardware.motors[self._j]]
         self._balance = GravityBalance(self._names, np.array(ranges))
@@ -110,13 +110,13 @@ class FloatMonitor:
             A message that names the joint that runs away; empty when none does.
         """
         self._now = now
-        dq = self._interface.dq[self._j]
+        dq = self._estimate.dq[self._j]
         if held and self._names:
-            self._balance.advance(now, self._interface.tau[self._j], self._impedance.weight_nm, dq)
+            self._balance.advance(now, self._estimate.tau[self._j], self._impedance.weight_nm, dq)
         else:
             self._balance.reset()
         joint = self._impedance.float_speed.runs_away if afloat else None
-        if joint is None or not self._impedance.carries(self._interface.q[self._j], joint):  # a shove drives it
+        if joint is None or not self._impedance.carries(self._estimate.q[self._j], joint):  # a shove drives it
             return ""
         return (
             f"{self._names[joint]} goes on at {dq[joint]:.1f} rad/s though it is damped, and is held now; {CHECK}. "
@@ -147,7 +147,7 @@ class FloatMonitor:
         """
         if not self._names:
             return
-        hw, q = self._hardware, self._interface.q[self._j]
+        hw, q = self._hardware, self._estimate.q[self._j]
         at_stop = (q > hw.upper[self._j] - _AT_STOP_RAD).astype(float) - (q < hw.lower[self._j] + _AT_STOP_RAD)
         wrong = self._balance.verdict(self._now, at_stop)
         if wrong:

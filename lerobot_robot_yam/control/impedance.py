@@ -11,26 +11,14 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.gripper.gripper import Gripper
 from lerobot_robot_yam.control.laws import mit_laws
 from lerobot_robot_yam.control.laws.live_gains import LiveGains
-from lerobot_robot_yam.control.laws.set_point import SetPoint
+from lerobot_robot_yam.control.laws.sag import SOFT_NM_RAD, Sag
 from lerobot_robot_yam.state.faults import MOST_RAD_S2
+from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 from lerobot_robot_yam.system.few_values import all_of, largest
 
-# The integral that makes up for sag, per Nm/rad of stiffness, so that every joint behaves alike.
-_SAG_RATE_PER_S = 1.5  # ki / kp: sag shrinks with a time constant of 1 / 1.5 s
-_TRACK_RATES_PER_S = 4.0, 8.0  # the same of stiff and of soft joints that track: stable while kd > rate · inertia
-_SAG_RAD = 0.05  # most sag that is made up for; YAM's joints 3 and 4 settle about 0.03 rad low
-_TOO_FAR_RAD = 0.1  # larger errors are no sag: a hand holds the arm
-# The same while an arm lands.
-_LAND_RATE_PER_S = 2.0
-_LAND_SHARE = 0.4  # of the torque limits: 11 Nm of a DM4340 and 4 of a DM4310: an unknown 3 kg at 0.35 m
-_LAND_TOO_FAR_RAD = 0.35  # of a soft wrist; a stiff joint is stuck before
-_DEADBAND_RAD = 0.002  # several steps of the reading (0.38 mrad)
-_TRACK_DEADBAND_RAD = 0.0015
-_LEAK_S = 0.5  # time constant
-
-_SOFT_NM_RAD, _SOFT_FADE_S = 20.0, 0.3
-_STILL_RAD_S = 1e-3
+_SOFT_FADE_S = 0.3  # time in which the friction of soft joints is fed forward, and no more
+_STILL_RAD_S = 1e-3  # a set-point that is slower rests
 _WORTH_SAYING_RAD = 0.01  # rest lies on a limit for some joints
 _RUBS = 0.05  # of the torque limit, 1.4 Nm of a DM4340: what friction holds back
 _MOST_KD = 5.0  # Nm s/rad, the most that the motors take: what is still unsupported sinks slowly
@@ -39,81 +27,29 @@ _LEAST_SHARE = 0.2  # of the acceleration: a set-point must always be able to br
 _AHEAD_TICKS = 1.5  # from a sample to the middle of the tick during which its command holds
 
 
-class HoldIntegral:
-    """The torque that the gravity model misses while an arm holds still, of n joints.
+class Inputs(NamedTuple):
+    """What the commands of one tick are computed from.
 
-        tau += ki e' dt,  |tau| ≤ limit,  e' = the part of e = q_set − q outside the deadband
-
-    It works only while the set-point rests, unless `track_integral` is set. When the set-point moves, or the arm floats
-    or lands, the torque fades away (`_LEAK_S`): what was missing in one pose is not what is missing in the next, and a
-    sudden end would be a knock.
-    While the torque clip acts, or where the error is too large for sag, it does not grow. The deadband keeps it from
-    hunting: against dry friction an integral without one creeps to and fro for ever.
-
-    Args:
-        ki: (n,) Nm/(rad s).
-        limit_nm: (n,) bound of the torque.
-        too_far_rad: larger errors are not sag.
-        deadband_rad: smaller errors are left.
-    """
-
-    def __init__(
-        self,
-        ki: np.ndarray,
-        limit_nm: np.ndarray,
-        too_far_rad: float = _TOO_FAR_RAD,
-        deadband_rad: float = _DEADBAND_RAD,
-    ):
-        self._ki, self._limit, self._too_far, self._deadband = ki, limit_nm, too_far_rad, deadband_rad
-        self.tau: np.ndarray = np.zeros(len(ki))
-
-    @classmethod
-    def for_stiffness(cls, kp: np.ndarray, tracks: bool = False) -> "HoldIntegral":
-        """With ki and limit in proportion to the position gains kp (n,), Nm/rad; quicker for an arm that tracks."""
-        if not tracks:
-            return cls(_SAG_RATE_PER_S * kp, _SAG_RAD * kp)
-        stiff, soft = _TRACK_RATES_PER_S
-        rates = np.where(kp < _SOFT_NM_RAD, soft, stiff)
-        return cls(rates * kp, _SAG_RAD * kp, deadband_rad=_TRACK_DEADBAND_RAD)
-
-    @classmethod
-    def for_landing(cls, kp: np.ndarray, torque_limit_nm: np.ndarray) -> "HoldIntegral":
-        """Of an arm that must come down whatever is wrong with its model: quicker, and much stronger, all (n,)."""
-        kp = np.maximum(kp, 1.0)
-        return cls(_LAND_RATE_PER_S * kp, _LAND_SHARE * torque_limit_nm, _LAND_TOO_FAR_RAD)
-
-    def advance(self, error: np.ndarray, dt: float, holding: bool, clipped: bool = False) -> np.ndarray:
-        """Torque (n,) Nm to feed forward in this tick of `dt` s.
-
-        Args:
-            error: (n,) rad, q_set − q.
-            holding: the arm holds and its set-point rests.
-            clipped: the last commands were held back by the torque clip.
-        """
-        if not holding:
-            self.tau *= max(0.0, 1.0 - dt / _LEAK_S)
-            return self.tau
-        beyond = error - np.minimum(np.maximum(error, -self._deadband), self._deadband)
-        step = np.where(np.abs(error) < self._too_far, self._ki * beyond * dt, 0.0)
-        if clipped:
-            step = np.where(step * self.tau > 0.0, 0.0, step)
-        self.tau = np.minimum(np.maximum(self.tau + step, -self._limit), self._limit)
-        return self.tau
-
-    def reset(self) -> None:
-        """Forget everything at once."""
-        self.tau = np.zeros(len(self._ki))
-
-
-class Grip(NamedTuple):
-    """What the gripper of an arm that floats does: it keeps to its set-point.
-
-    measured: its rate and torque, strokes/s and Nm.
+    Attributes:
+        now, dt: s.
+        q, dq: (n,) of the motors, gripper in rad.
+        before: the same of each motor's sample before, NaN before there is one.
+        gripper: its measured rate and torque, strokes/s and Nm.
+        asked, asked_ddq: (2, n) position and speed of the set-point, (n,) its acceleration.
+        mode: of the arm.
+        whole: all motors can be relied on.
     """
 
     now: float
-    setpoint: SetPoint
-    measured: tuple[float, float]
+    dt: float
+    q: np.ndarray
+    dq: np.ndarray
+    before: tuple[np.ndarray, np.ndarray]
+    gripper: tuple[float, float]
+    asked: np.ndarray
+    asked_ddq: np.ndarray
+    mode: Mode
+    whole: bool
 
 
 class Impedance:
@@ -138,13 +74,11 @@ class Impedance:
         self.kp, self.kd = hardware.kp.copy(), hardware.kd.copy()
         self.own_gains = True  # as configured, and not those of a target
         self._of_target = False
-        self._exact = exact = hardware.config.track_integral
-        holds = hardware.config.hold_integral or exact
-        self._integral = HoldIntegral.for_stiffness(hardware.kp[: hardware.joints], exact) if holds else None
-        self._landing: HoldIntegral | None = None  # torque that the gravity model misses while landing
+        self._exact = hardware.config.track_integral
+        self._sag = Sag(hardware)
         self._rubs = bool(hardware.coulomb_nm.any())
         # Friction takes a soft joint 10 mrad off a target that moves, and makes it stick where that turns.
-        soft = hardware.kp[: hardware.joints] < _SOFT_NM_RAD
+        soft = hardware.kp[: hardware.joints] < SOFT_NM_RAD
         asked = hardware.config.coulomb_friction_nm is not None
         self._soft_nm = np.where(soft & (not asked), hardware.arm.coulomb_friction_nm, 0.0)
         self._soft_share = 0.0
@@ -153,7 +87,6 @@ class Impedance:
         # Nothing is sent beyond: the gripper keeps its own stops.
         beyond = np.append(np.full(hardware.joints, RANGE_TOLERANCE_RAD), [np.inf] * hardware.has_gripper)
         self._lower, self._upper = hardware.lower - beyond, hardware.upper + beyond
-        self.before = np.full(hardware.n, np.nan), np.full(hardware.n, np.nan)  # q, dq of the sample before
         self.weight_nm: np.ndarray = np.zeros(hardware.joints)
         self.float_speed = mit_laws.FloatDamping(hardware.config.float_speed_rad_s, hardware.joints)
 
@@ -168,8 +101,7 @@ class Impedance:
     @property
     def sag_nm(self) -> np.ndarray:
         """(joints,) Nm with which it carries what the gravity model misses."""
-        zero = np.zeros(self._hardware.joints)
-        return sum((part.tau for part in (self._integral, self._landing) if part is not None), zero)
+        return self._sag.nm
 
     def explains(self, q: np.ndarray, error: np.ndarray) -> bool:
         """Whether a model that is wrong about the arm's weight can be why it hangs `error` (joints,) rad behind."""
@@ -189,34 +121,26 @@ class Impedance:
         return load_nm + np.abs(self._gravity.torque(q))
 
     def float_free(
-        self,
-        q: np.ndarray,
-        dq: np.ndarray,
-        dt: float,
-        assist: tuple[np.ndarray, np.ndarray] | None = None,
-        grip: Grip | None = None,
+        self, inputs: Inputs, assist: tuple[np.ndarray, np.ndarray] | None = None, grips: bool = False
     ) -> Limited:
         """Gravity-compensated free motion, pushed back gently beyond the joint limits.
 
         Args:
-            q, dq: (n,) of the motors, gripper in rad.
-            dt: s.
+            inputs: of this tick.
             assist: more torque and damping (joints,), within the torque limits.
-            grip: what the gripper does; None: it is free, too.
+            grips: the gripper keeps to its set-point; else it is free, too.
         """
-        hw, out = self._hardware, self.commands
+        hw, out, q, dq = self._hardware, self.commands, inputs.q, inputs.dq
         j = slice(hw.joints)
-        self._landing = None
+        self._sag.forget()
         tau = self._weight(q)
         tau[j] += self._friction(dq[j])
-        if self._integral is not None:
-            self._integral.reset()  # a hand that pulls looks like sag, and would be thrown off
         mit_laws.float_free(out, q, hw.idle_kd, tau)
         if assist is not None:
             tau[j] += assist[0]
             out[j, mit_laws.TAU] = tau[j]
             out[j, mit_laws.KD] += assist[1]
-        share = self.float_speed.share(dq[j], dt)
+        share = self.float_speed.share(dq[j], inputs.dt)
         if share is not None:
             # Within what the torque limit leaves: the clip would turn a speed that was read wrongly into a real one.
             room = np.maximum(hw.torque_limit_nm[j] - np.abs(tau[j]), 0.0) / np.maximum(np.abs(dq[j]), 1e-9)
@@ -225,81 +149,58 @@ class Impedance:
             out[j], q[j], dq[j], hw.lower[j], hw.upper[j], hw.kp[j], hw.kd[j], hw.torque_limit_nm[j]
         )
         limited = Limited.JOINT_LIMIT if wall > _WORTH_SAYING_RAD else Limited.NOTHING
-        if grip is not None and self._gripper is not None:
-            q_set, dq_set = grip.setpoint.asked[:, -1:]
+        if grips and self._gripper is not None:
+            q_set, dq_set = inputs.asked[:, -1:]
             mit_laws.follow(out[-1:], q_set, dq_set, self.kp[-1:], self.kd[-1:], tau[-1:])
-            limited |= self._grip(grip.now, grip.setpoint, float(q[-1]), grip.measured)
-        return limited | Limited.TORQUE if self._clip(q, dq) else limited
+            limited |= self._grip(inputs)
+        return limited | Limited.TORQUE if self._clip(inputs) else limited
 
     def follow(
-        self,
-        now: float,
-        dt: float,
-        q: np.ndarray,
-        dq: np.ndarray,
-        setpoint: SetPoint,
-        gripper: tuple[float, float],
-        holding: bool,
-        stopped: bool,
-        learns: bool | None,
-        fade: tuple[np.ndarray, np.ndarray] | None,
+        self, inputs: Inputs, feed_nm: np.ndarray, learns: bool, fade: tuple[np.ndarray, np.ndarray] | None
     ) -> Limited:
         """Hold or track the set-point.
 
         Args:
-            now, dt: s.
-            q, dq: (n,) of the motors, gripper in rad.
-            gripper: measured rate and torque of the gripper, strokes/s and Nm.
-            holding: the arm holds, with all its motors; no targets come, or `track_integral` is set.
-            stopped: the emergency stop is latched: what is made up for sag stays, since more of it would move the arm.
-            learns: the arm lands and hangs off its set-point: the model is wrong, and what it misses is learnt. False
-                keeps what has been learnt, None lets it fade away.
+            inputs: of this tick.
+            feed_nm: (n,) that carries the arm along its set-point, see `feed_forward`.
+            learns: the arm lands and hangs off its set-point: what its model misses is learnt.
             fade: (joints,) shares of stiffness with feed-forward, and of the landing's damping, that are left while
                 landing ends; None: the arm's own.
         """
-        hw, out = self._hardware, self.commands
+        hw, out, dt, mode = self._hardware, self.commands, inputs.dt, inputs.mode
         j = slice(hw.joints)
         self.float_speed.reset()
         if self.live.advance(dt) and not self._of_target:
             self.gains()
-        limited = Limited.NOTHING
-        tau, held_back = self._feed_forward(q, setpoint, dt)
-        if held_back:
-            limited |= Limited.TORQUE
-        q_set, dq_set = setpoint.asked
-        still = holding and (self._exact or largest(dq_set[j]) < _STILL_RAD_S)
-        error = q_set[j] - q[j]
+        tau = feed_nm.copy()
+        q_set, dq_set = inputs.asked
+        holds = inputs.whole and (mode in (Mode.HOLD, Mode.STOPPED) or (self._exact and mode is Mode.TRACK))
+        still = holds and (self._exact or largest(dq_set[j]) < _STILL_RAD_S)
+        error = q_set[j] - inputs.q[j]
         beside = self._friction(dq_set[j])
-        rubs = self.coupled or (self._exact and holding)
+        rubs = self.coupled or (self._exact and holds)
         if rubs or self._soft_share > 0.0:
             way = dt / _SOFT_FADE_S
             self._soft_share = min(max(self._soft_share + (way if rubs else -way), 0.0), 1.0)
             beside = beside + self._soft_share * mit_laws.friction(dq_set[j], self._soft_nm)
-        if self._integral is not None:
-            beside = beside + self._integral.advance(error, 0.0 if stopped else dt, still, self._clipped)
-        tau[j] += beside
-        if learns:
-            self._landing = self._landing or HoldIntegral.for_landing(hw.kp[j], hw.torque_limit_nm[j])
-        if self._landing is not None:
-            passes_s = 0.0 if learns is False else dt
-            tau[j] += self._landing.advance(error, passes_s, learns is not None, self._clipped)
+        tau[j] += beside + self._sag.while_holding(mode, error, dt, still, self._clipped)
+        tau[j] += self._sag.while_landing(mode, error, dt, learns, self._clipped)
         mit_laws.follow(out, q_set, dq_set, self.kp, self.kd, tau)
         if fade is not None:
             share, damping = fade
             mit_laws.fade(out[j], share, damping * _MOST_KD)
-        if self._gripper is not None:
-            limited |= self._grip(now, setpoint, float(q[-1]), gripper)
-        return limited | Limited.TORQUE if self._clip(q, dq) else limited
+        limited = Limited.NOTHING if self._gripper is None else self._grip(inputs)
+        return limited | Limited.TORQUE if self._clip(inputs) else limited
 
     def sink(self, joints: np.ndarray) -> None:
         """Leave these joints, (joints,) bool, only damping of the commands that have just been made."""
         mit_laws.sink(self.commands[: self._hardware.joints], joints, _MOST_KD)
 
-    def _grip(self, now: float, setpoint: SetPoint, motor_rad: float, measured: tuple[float, float]) -> Limited:
+    def _grip(self, inputs: Inputs) -> Limited:
         """Turn the gripper's row into a command of its motor, with limited force."""
         assert self._gripper is not None
-        u, u_rate = setpoint.asked[:, -1].tolist()
-        self._gripper.command(self.commands[-1], now, u, u_rate, motor_rad, *measured)
+        u, u_rate = inputs.asked[:, -1].tolist()
+        self._gripper.command(self.commands[-1], inputs.now, u, u_rate, float(inputs.q[-1]), *inputs.gripper)
         return Limited.GRIPPER_FORCE if self._gripper.force_limited else Limited.NOTHING
 
     def _friction(self, dq: np.ndarray) -> np.ndarray | float:
@@ -314,36 +215,45 @@ class Impedance:
             tau[: hw.joints] = self.weight_nm
         return tau
 
-    def _feed_forward(self, q: np.ndarray, setpoint: SetPoint, dt: float) -> tuple[np.ndarray, bool]:
-        """(n,) Nm that carry the arm along the set-point, with its speed and acceleration; and whether it is held back.
+    def feed_forward(self, inputs: Inputs) -> tuple[np.ndarray, float | None]:
+        """Torque (n,) Nm that carries the arm along the set-point, with its speed and acceleration.
 
-        Without the latter two these gains answer a quick start with up to twice the set-point's speed. The set-point is
-        held back where its acceleration takes more torque than there is: an arm that cannot follow would hurry after it
-        later.
+        Without the latter two these gains answer a quick start with up to twice the set-point's speed.
+
+        Returns:
+            The torque, and the share to which the set-point's acceleration has to be held back, None as long as there
+            is torque for all of it: an arm that cannot follow its set-point would hurry after it later.
         """
         hw = self._hardware
         tau = np.zeros(hw.n)
         if self._gravity is None:
-            return tau, False
+            return tau, None
         j = slice(hw.joints)
-        ddq = np.minimum(np.maximum(setpoint.asked_ddq[j], -MOST_RAD_S2), MOST_RAD_S2)
-        dq = setpoint.asked[1, j]
-        weight, turning, inertia = self._gravity.torques(q[j] + _AHEAD_TICKS * dt * dq, dq, ddq)
+        ddq = np.minimum(np.maximum(inputs.asked_ddq[j], -MOST_RAD_S2), MOST_RAD_S2)
+        dq = inputs.asked[1, j]
+        ahead = inputs.q[j] + _AHEAD_TICKS * inputs.dt * dq
+        weight, turning, inertia = self._gravity.torques(ahead, dq, ddq)
         self.weight_nm = weight * hw.arm.gravity_factor
         steady, inertia = self.weight_nm + turning, inertia + hw.arm.armature_kg_m2 * ddq
         tau[j] = steady + inertia
         most = _PLANNED_SHARE * hw.torque_limit_nm[j]
         if all_of(np.abs(tau[j]) <= most):  # nearly always
-            return tau, False
+            return tau, None
         room = most - steady * np.sign(inertia)
         share = max(float(np.min(room / np.maximum(np.abs(inertia), 1e-9), initial=1.0)), _LEAST_SHARE)
-        setpoint.hold_back(np.append(np.full(hw.joints, share), [1.0] * hw.has_gripper))
         tau[j] = steady + share * inertia
-        return tau, share < 1.0
+        return tau, share
 
-    def _clip(self, q: np.ndarray, dq: np.ndarray) -> bool:
+    def _clip(self, inputs: Inputs) -> bool:
         """Within the torque limits and the joints' ranges: a reading beyond those takes no command along."""
-        q, out = np.minimum(np.maximum(q, self._lower), self._upper), self.commands
-        self._clipped = mit_laws.clip_torque(out, q, dq, self._hardware.torque_limit_nm, self.before)
+        q, out = np.minimum(np.maximum(inputs.q, self._lower), self._upper), self.commands
+        self._clipped = mit_laws.clip_torque(out, q, inputs.dq, self._hardware.torque_limit_nm, inputs.before)
         out[:, mit_laws.Q] = np.minimum(np.maximum(out[:, mit_laws.Q], self._lower), self._upper)
         return self._clipped
+
+
+def gravity_model(hardware: ResolvedArm) -> GravityModel | None:
+    """Model of an arm; None for a gripper alone."""
+    if not hardware.joints:
+        return None
+    return GravityModel(hardware.arm, hardware.gripper, load=hardware.load, tilt_rad=hardware.tilt_rad)

@@ -42,7 +42,7 @@ class LandingResponse:
             arm.gripper.stop_search()
         joints = arm.hardware.joints
         for joint in np.flatnonzero(~np.isfinite(arm.setpoint.q)):  # a defect of our own code: it goes on from here
-            arm.setpoint.reseed(int(joint), float(arm.q[joint]))
+            arm.setpoint.start_one(int(joint))
         if joints:
             arm.landing = Landing(arm.hardware, arm.q[:joints], arm.setpoint, now)
         else:
@@ -65,13 +65,20 @@ class LandingResponse:
         chain = self._actuation.chain
         return bool((chain.distrusted & (chain.missed == 0)).any())
 
+    def _pulls(self) -> np.ndarray:
+        """(joints,) the way, -1 or 1, in which its weight pulls a joint that is not heard and may obey; else 0."""
+        arm, weight_nm = self._actuation, self._actuation.impedance.weight_nm
+        heavy = np.abs(weight_nm) > arm.hardware.arm.coulomb_friction_nm
+        unheard = arm.estimate.unheard()[: arm.hardware.joints] & ~arm.setpoint.sunk
+        return np.where(unheard & heavy, -np.sign(weight_nm), 0.0)
+
     def advance(self, now: float) -> None:
         """Move the set-point of a landing on; cut torque once that moves nothing."""
         arm, status, landing = self._actuation, self._status, self._actuation.landing
         if landing is None:
             return
         joints = slice(arm.hardware.joints)
-        if arm.bus_loss.lost or not (arm.usable.any() or self._obeys_unbelieved()):
+        if arm.bus_loss.lost or not (arm.estimate.usable.any() or self._obeys_unbelieved()):
             self._unreachable_since = self._unreachable_since or now
             if now - self._unreachable_since > _UNREACHABLE_S:
                 status.message = status.message or "nothing reaches the arm; its motors have let go by themselves"
@@ -82,9 +89,9 @@ class LandingResponse:
         else:
             self._unreachable_since = None
         before = landing.phase
-        q, dq, usable = arm.q[joints], arm.interface.dq[joints], arm.usable[joints]
+        q, dq, usable = arm.q[joints], arm.estimate.dq[joints], arm.estimate.usable[joints]
         explained = arm.impedance.explains(q, np.where(usable, arm.setpoint.q[joints] - q, 0.0))
-        landing.advance(Seen(now, q, dq, usable, explained, arm.pulls))
+        landing.advance(Seen(now, q, dq, usable, explained, self._pulls()))
         if landing.phase is Phase.OBSTRUCTED and before is not Phase.OBSTRUCTED:
             status.trouble, status.message = Trouble.OBSTRUCTED, "landing is obstructed; holding"
         if landing.phase is Phase.LANDED:

@@ -59,17 +59,17 @@ class ControlLoop:
         self._controllers = controllers
         self._blocks = blocks
         self._period_s = 1.0 / rate_hz if rate_hz > 0 else 0.0
-        self._wire_s = max(c.actuation.chain.expected_wire_s for c in controllers)
+        self._wire_s = max(c.wire_s for c in controllers)
         self.statistics = LoopStatistics(self._period_s)
         self._stop = stop or EmergencyStop()
         self._workspace = workspace
-        self._clock = controllers[0].actuation.chain.clock
+        self._clock = controllers[0].clock
         self._failure = ""  # of the bring-up
         self._ready = True  # no arm is coming up, as in a stand-by
         self._tick = 0
         self._last = 0.0  # when the laws were asked last
         for controller in controllers:
-            controller.actuation.interface.on_wait = functools.partial(self._hold_others, controller)
+            controller.while_waiting(functools.partial(self._hold_others, controller))
 
     def start(self) -> None:
         """Energise every arm, or leave all of them limp. Raises YamError: names what failed."""
@@ -87,7 +87,7 @@ class ControlLoop:
 
         try:
             for controller, blocks in zip(self._controllers, self._blocks, strict=True):
-                controller.actuation.setpoint.seed(controller.actuation.q)
+                controller.actuation.setpoint.start()
                 begun.append((controller, blocks))
                 on_wait()
                 controller.bring_up.energise(on_wait)
@@ -207,19 +207,10 @@ class ControlLoop:
                     logger.critical("emergency stop, until you connect again: %s (%s)", reason, error)
         return self._stop.latched
 
-    def _talk(self, controller: ArmController, work: Callable[..., object], *arguments: Any) -> None:
-        """Send or receive frames of an arm, whose channel may be lost."""
-        try:
-            work(*arguments)
-        except BusError as error:
-            controller.faults.lose_bus(error, self._clock.now())
-        except Exception as error:  # the other arms must be held all the same
-            controller.faults.fail(error)
-
     def _measure(self, controller: ArmController, blocks: ControllerBlocks, collect_until: float, tick: int) -> None:
         """Publish an arm's state as soon as it is complete: a sample ages."""
         if not controller.status.ended:
-            self._talk(controller, controller.actuation.chain.collect, collect_until)
+            controller.collect(collect_until)
             controller.measure(self._clock.now())
         blocks.publish(self._clock.now(), tick)
 
@@ -245,8 +236,7 @@ class ControlLoop:
 
     def _advance_guarded(self, workspace: WorkspaceGuard, now: float, dt: float) -> None:
         controllers, arms = self._controllers, [controller.actuation for controller in self._controllers]
-        known = [arm.gripper is not None and arm.gripper.stops is not None for arm in arms]
-        workspace.open_grippers([float(arm.q[-1]) if k else 1.0 for arm, k in zip(arms, known, strict=True)])
+        workspace.open_grippers([arm.opening for arm in arms])
         guarded = [controller.mode in _GUARDED for controller in controllers]
         setpoints, measured = [arm.setpoint for arm in arms], [arm.q for arm in arms]
         verdict = workspace.advance(setpoints, measured, guarded, now, dt)
@@ -266,7 +256,7 @@ class ControlLoop:
 
     def _send_all(self) -> None:
         for controller in self._active():
-            self._talk(controller, _send, controller)
+            controller.send()
 
     @staticmethod
     def _patience(through_s: float, next_s: float) -> float:
@@ -278,7 +268,7 @@ class ControlLoop:
         through_s = sent_s + self._wire_s
         self._clock.sleep(max(_BREATH_S, through_s - _EARLY_S - self._clock.now()))
         for controller in self._active():
-            self._talk(controller, controller.actuation.chain.drain)
+            controller.drain()
         left_s = through_s - _WAKE_UP_S - self._clock.now()
         if left_s > 0.0:
             self._clock.sleep(left_s)
@@ -308,23 +298,8 @@ class ControlLoop:
         lost = {c.name: int(c.actuation.chain.lost.sum()) for c in self._controllers}
         logger.info("control loop: %s; lost replies %s", self.statistics.summary(), lost)
         for controller, blocks in zip(self._controllers, self._blocks, strict=True):
-            chain = controller.actuation.chain
-            if chain.round_trip.slow:
-                what = "%s (%s): %s; the arm was seen and commanded that much too late"
-                logger.warning(what, controller.name, chain.channel, chain.round_trip.summary())
-            if chain.error_frames:
-                what = "%s (%s): CAN error frames: %d; check cable, termination and bit-rate"
-                logger.warning(what, controller.name, chain.channel, chain.error_frames)
+            for what in controller.actuation.complaints():
+                logger.warning(what)
             if controller.mode is Mode.OFF:
                 blocks.publish(self._clock.now(), 0)  # a stand-by may still look at the block
             blocks.close(remove=not (stand_by and controller.mode in ENERGISED))
-
-
-def _send(controller: ArmController) -> None:
-    try:
-        controller.actuation.send()
-    except BusError:
-        raise
-    except Exception as error:  # a command that cannot be encoded: the last good one instead
-        controller.faults.fail(error)
-        controller.actuation.send()

@@ -118,7 +118,7 @@ class ControllerBlocks:
         if self._ended:
             return
         status, arm = self._controller.status, self._controller.actuation
-        chain, interface = arm.chain, arm.interface
+        chain, estimate = arm.chain, arm.estimate
         self._ended = status.mode is Mode.OFF
         self.published_mode = status.mode
         if not self._ended:  # the handle of an arm that is off is not asked any more
@@ -137,9 +137,9 @@ class ControllerBlocks:
             *self._handle,
         )
         q, dq, tau, setpoint, stamps, mos, rotor, offset = self._measured
-        q[...], dq[...], tau[...] = interface.q, interface.dq, interface.tau
+        q[...], dq[...], tau[...] = estimate.q, estimate.dq, estimate.tau
         setpoint[...], stamps[...] = arm.setpoint.asked[0], chain.stamp_s
-        mos[...], rotor[...], offset[...] = chain.temp_mos_c, chain.temp_rotor_c, interface.offset_rad
+        mos[...], rotor[...], offset[...] = chain.temp_mos_c, chain.temp_rotor_c, arm.interface.offset_rad
         self._sunk[...] = arm.sunk
         if not (self._well and chain.all_normal and chain.all_answered):
             self._well = chain.all_normal and chain.all_answered

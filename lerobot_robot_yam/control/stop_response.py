@@ -87,6 +87,15 @@ class StopResponse:
     def __init__(self, actuation: Actuation, landing: LandingResponse, faults: FaultResponse, floating: FloatMonitor):
         self._actuation, self._status = actuation, actuation.status
         self._landing, self._faults, self._floating = landing, faults, floating
+        self._triggers = StopTriggers(actuation.hardware)
+
+    def reason(self, now: float, buttons: tuple[bool, bool]) -> str:
+        """Why everything has to stop, empty when it has not. buttons: of the handle, whether they are down."""
+        if not self._triggers.exist:
+            return ""
+        arm, status = self._actuation, self._status
+        works = not status.ended and status.mode not in (Mode.STOPPED, Mode.FAULT)
+        return self._triggers.check(now, buttons, arm.estimate.tau[: arm.hardware.joints], works)
 
     def check(self, now: float) -> None:
         """One tick: stop while the emergency stop is latched, go on once it is released."""
@@ -125,20 +134,14 @@ class StopResponse:
 
     def _press_less(self) -> None:
         """Reduce what the joints pull with to what carries a load: a person may be in the arm's way."""
-        arm = self._actuation
-        joints = arm.hardware.joints
-        kp, sag = np.maximum(arm.impedance.kp[:joints], 1.0), arm.impedance.sag_nm
-        here = arm.here
-        gap = (arm.setpoint.q - here)[:joints]
-        least = np.minimum(np.maximum(gap, (-PRESS_NM - sag) / kp), (PRESS_NM - sag) / kp)
-        for joint in np.flatnonzero(least != gap):
-            arm.setpoint.reseed(int(joint), float(here[joint] + least[joint]))
+        impedance = self._actuation.impedance
+        self._actuation.setpoint.press_less(impedance.kp, impedance.sag_nm, PRESS_NM)
 
     def _resume(self, now: float) -> None:
         """Go on from the measured pose: the emergency stop has been released."""
         arm, status = self._actuation, self._status
         status.limited &= ~Limited.EMERGENCY_STOP
-        arm.seed_joints()
+        arm.setpoint.start_joints()
         if arm.gripper is not None and arm.gripper.stops is None and not status.must_land:
             try:
                 arm.gripper.begin()

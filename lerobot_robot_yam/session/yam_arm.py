@@ -20,7 +20,7 @@ import numpy as np
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD
 from lerobot_robot_yam.arm.validation import finite_number, finite_vector
-from lerobot_robot_yam.control.actuation import ACCELERATION_LIMIT_RAD_S2
+from lerobot_robot_yam.control.joints.arm_set_point import ACCELERATION_LIMIT_RAD_S2
 from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError
 from lerobot_robot_yam.session.arm_client import ArmClient, Vector
 from lerobot_robot_yam.session.arm_info import ArmInfo

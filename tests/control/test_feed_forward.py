@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.control.actuation import gravity_model
+from lerobot_robot_yam.control.impedance import gravity_model
 from tests.support.rigged import arm_on, rig_of, session_on, sim_config, track
 from tests.support.tiers import spread
 

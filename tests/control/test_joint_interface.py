@@ -5,7 +5,7 @@ import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.control.joint_interface import JointInterface
+from lerobot_robot_yam.control.joints.joint_interface import JointInterface
 from lerobot_robot_yam.damiao.codec import decode_mit
 from lerobot_robot_yam.errors import ActionError
 from tests.support.desk_bus import DeskBus

@@ -130,7 +130,7 @@ class LandingMove:
         return nearest
 
     def give_way(self, q: np.ndarray, joints: np.ndarray) -> None:
-        """Move the set-point to q (n,), at rest, for these joints, (n,) bool; the others come to rest where they are."""
+        """Move the set-point to q (n,), at rest, for these joints, (n,) bool; the others rest where they are."""
         seed = self._setpoint.q.copy()
         seed[: self._n] = np.where(joints, q, seed[: self._n])
         self._setpoint.seed(seed)

@@ -18,8 +18,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.control.actuation import gravity_model
 from lerobot_robot_yam.control.arm_controller import ArmController
+from lerobot_robot_yam.control.impedance import gravity_model
 from lerobot_robot_yam.control.loop import ControlLoop
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
 from lerobot_robot_yam.control.process.lifeline import ProcessEnd

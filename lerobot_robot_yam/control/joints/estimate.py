@@ -1,0 +1,95 @@
+"""What is known of each joint of an arm: measured, how long ago, and whether its motor can be relied on."""
+
+import math
+
+import numpy as np
+
+from lerobot_robot_yam.arm.joint_map import JointMap
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.control.gripper.gripper import Gripper
+from lerobot_robot_yam.control.safety.channel_monitor import ChannelMonitor, Finding
+from lerobot_robot_yam.damiao.chain import MotorChain
+from lerobot_robot_yam.damiao.tables import Fault
+from lerobot_robot_yam.state.faults import SILENT_S
+
+_JUST_NOW_S = 0.02  # age of a sample, beyond what the adapter takes
+
+
+class JointEstimate:
+    """Estimate of n joints, the gripper's last.
+
+    Args:
+        hardware: the arm.
+        chain: its motors.
+        turns: from motor to joint coordinates.
+        gripper: its gripper's axis, if it has a motor.
+
+    Attributes:
+        q, dq, tau: (n,) rad, rad/s, Nm; the gripper's q is 0 closed … 1 open, its dq strokes/s.
+        motor_q, motor_dq: the same, the gripper's in rad and rad/s.
+        before: motor_q and motor_dq of each motor's sample before; NaN before there is one.
+        usable, all_usable: (n,) bool, motors that can be relied on, and whether all can.
+        disbelieved: joints (without the gripper) whose readings are not used any more since the last `check`.
+    """
+
+    def __init__(self, hardware: ResolvedArm, chain: MotorChain, turns: JointMap, gripper: Gripper | None):
+        n, self._joints = hardware.n, hardware.joints
+        self._direction, self._chain, self._map, self._gripper = hardware.direction, chain, turns, gripper
+        self._watch = ChannelMonitor(chain)
+        self.q, self.dq, self.tau = np.zeros(n), np.zeros(n), np.zeros(n)
+        self.motor_q, self.motor_dq = np.zeros(n), np.zeros(n)
+        self.before = np.full(n, np.nan), np.full(n, np.nan)
+        self._bad = np.zeros(n, dtype=bool)
+        self.usable, self.all_usable = ~self._bad, True
+        self.disbelieved: list[int] = []
+
+    def read(self) -> None:
+        """Take the newest replies."""
+        chain, direction = self._chain, self._direction
+        self.motor_q = self._map.position(chain.position_rad)
+        self.motor_dq = chain.velocity_rad_s * direction
+        self.before = self._map.position(chain.before_rad), chain.before_rad_s * direction
+        self.tau = chain.torque_nm * direction
+        self.q, self.dq = self.motor_q.copy(), self.motor_dq.copy()
+        if self._gripper is not None:
+            self.q[-1], self.dq[-1] = self._gripper.normalised(float(self.motor_q[-1]), float(self.motor_dq[-1]))
+
+    def find_trouble(self, now: float) -> Finding:
+        """Motors that cannot be relied on; what is known of them stays until `check`."""
+        return self._watch.check(now)
+
+    def check(self, now: float) -> Finding:
+        """Find out which motors can be relied on from here on."""
+        finding = self.find_trouble(now)
+        self.disbelieved = []
+        if finding.bad is not self._bad:  # as long as all are well it is the same array
+            newly = (self._chain.distrusted & finding.bad & ~self._bad)[: self._joints]
+            self.disbelieved = np.flatnonzero(newly).tolist()
+            self._bad, self.usable = finding.bad, ~finding.bad
+            self.all_usable = bool(self.usable.all())
+        return finding
+
+    def unheard(self) -> np.ndarray:
+        """(n,) bool, joints whose motors are silent or distrusted, and have not said before that they let go."""
+        chain = self._chain
+        unheard = ~self.usable & ((chain.silence_s(chain.clock.now()) > SILENT_S) | chain.distrusted)
+        unheard &= (chain.fault == Fault.NORMAL) | ~self.heard()
+        unheard[self._joints :] = False
+        return unheard
+
+    def heard(self) -> np.ndarray:
+        """(n,) bool, motors that have ever answered."""
+        return np.isfinite(self._chain.stamp_s)
+
+    def oldest_s(self) -> float:
+        """Time of the oldest sample of the motors that are relied on; inf of none."""
+        stamp_s = self._chain.stamp_s if self.all_usable else self._chain.stamp_s[self.usable]
+        return min(stamp_s.tolist(), default=math.inf)
+
+    def age_s(self, now: float) -> np.ndarray:
+        """(joints,) s, of each joint's sample."""
+        return now - self._chain.stamp_s[: self._joints]
+
+    def is_fresh(self, now: float) -> np.ndarray:
+        """(joints,) bool, joints that are relied on, and whose samples are of just now: they are not limp."""
+        return self.usable[: self._joints] & (self.age_s(now) < _JUST_NOW_S + self._chain.round_trip.one_way_s)

@@ -1,0 +1,197 @@
+"""Motors and teaching handle of one arm as joints: bring-up checks, commands out, positions in. No laws."""
+
+import logging
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+import can
+import numpy as np
+
+from lerobot_robot_yam.arm.joint_map import JointMap, resolve_turn
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.control.gripper.gripper import Gripper
+from lerobot_robot_yam.control.gripper.handle_reader import HandleReader
+from lerobot_robot_yam.control.gripper.trigger_range import TriggerRange, load_range
+from lerobot_robot_yam.control.joints.estimate import JointEstimate
+from lerobot_robot_yam.control.preflight import arm_inspection
+from lerobot_robot_yam.control.safety.channel_monitor import Finding
+from lerobot_robot_yam.control.safety.thermal_monitor import ThermalMonitor, trips_c
+from lerobot_robot_yam.damiao.chain import MotorChain
+from lerobot_robot_yam.damiao.codec import SpecialCommand
+from lerobot_robot_yam.damiao.handle_encoder import HandleEncoder
+from lerobot_robot_yam.damiao.registers import Register
+from lerobot_robot_yam.damiao.tables import Fault
+from lerobot_robot_yam.errors import MotorError
+
+logger = logging.getLogger(__name__)
+
+_ASK_AGAIN = 5  # times that ENABLE is sent: it or its answer may get lost
+_SOON_S = 0.02  # where no loop waits
+_OFF_S = 0.01  # and what its adapter takes, 40 ms at most; three times, and in between the other arm is commanded
+
+
+class JointInterface:
+    """Motors of one channel in joint coordinates, n motors, the gripper's last.
+
+    Args:
+        hardware: the arm.
+        bus: an open bus; not closed here.
+
+    Attributes:
+        estimate: what is known of the joints.
+        sent: (n, 5) commands that went out last.
+        handle: the teaching handle, None without one.
+        on_wait: called between questions that a running loop waits for, so that it may hold the other arms.
+    """
+
+    def __init__(self, hardware: ResolvedArm, bus: can.BusABC):
+        self._hardware, self._bus = hardware, bus
+        self._config = config = hardware.config
+        hw, n = hardware, hardware.n
+        self._encoder = HandleEncoder() if hw.gripper.handle_encoder else None
+        self.chain = MotorChain(bus, hw.motors, channel=config.channel, encoder=self._encoder)
+        self.gripper = None
+        if hw.has_gripper:
+            self.gripper = Gripper(config, hw.gripper, float(hw.kp[-1]), float(hw.kd[-1]))
+        self._map = JointMap(hw.direction, np.zeros(n))
+        self.estimate = JointEstimate(hw, self.chain, self._map, self.gripper)
+        self.heat: ThermalMonitor | None = None  # known after `inspect`
+        self.sent = np.zeros((n, 5))
+        self.on_wait: Callable[[], None] = lambda: None
+        self.handle: HandleReader | None = None
+        if self._encoder is not None:
+            self.handle = HandleReader(config.name, self._encoder, _trigger_range(hw))
+
+    @property
+    def offset_rad(self) -> np.ndarray:
+        """(n,) motor angle at joint zero."""
+        return self._map.offset_rad
+
+    def position(self, motor_rad: np.ndarray) -> np.ndarray:
+        """(n,) rad in joint coordinates, from motor coordinates (n,)."""
+        return self._map.position(motor_rad)
+
+    def inspect(self) -> None:
+        """Check that everything is there and as configured. Sends no command that moves or energises anything.
+
+        Raises:
+            YamError: names the part that is not.
+        """
+        arm_inspection.inspect(self._hardware, self.chain, self._bus)
+        self.estimate.read()
+        self.resolve(range(self._hardware.joints))
+        if self.gripper is not None:
+            (self.gripper.begin if self._config.gripper_search else self.gripper.begin_if_known)()
+        self.estimate.read()
+        ot_value_c = [self.chain.read_register(i, Register.OT_VALUE) for i in range(len(self.chain))]
+        self.heat = ThermalMonitor(self._config.name, *trips_c(ot_value_c), [m.name for m in self.chain.motors])
+        arm_inspection.clear_stale_faults(self._config.name, self.chain)
+
+    def adopt(self, record: np.ndarray) -> None:
+        """Know what a loop that has died knew; `record` is the state that it has published last."""
+        slots = self._hardware.slots
+        self._map.offset_rad[:] = np.nan_to_num(record["offset_rad"][slots])
+        motor_q, motor_dq = np.nan_to_num(record["q"][slots]), np.nan_to_num(record["dq"][slots])
+        if self.gripper is not None:
+            self.gripper.adopt(*record["gripper_stops_rad"].tolist())
+            if self.gripper.stops is not None:
+                motor_q[-1] = self.gripper.stops.motor(float(motor_q[-1]))
+                motor_dq[-1] *= self.gripper.stops.span_rad
+        direction = self._hardware.direction
+        assumed_rad = self._map.motor(motor_q)
+        self.chain.feedback.assume(assumed_rad, motor_dq * direction, record["motor_stamp_s"][slots])
+        self.chain.feedback.distrust(np.flatnonzero(record["distrusted"][slots]).tolist(), assumed_rad)
+        for _ in range(3):
+            if all(self.chain.refresh(timeout_s=0.01)):
+                break
+        self.estimate.read()
+
+    def enable(self, on_wait: Callable[[], None] = lambda: None) -> None:
+        """Enable all motors, and hear where they are by now; they wait for a command, without torque.
+
+        Args:
+            on_wait: called between questions.
+
+        Raises:
+            MotorError: one does not answer.
+        """
+        self.chain.feedback.believe(range(len(self.chain)))
+        silent = [self.chain.motors[i] for i in self.enable_some(range(len(self.chain)), _SOON_S, _ASK_AGAIN, on_wait)]
+        self.estimate.read()
+        if silent:
+            names = ", ".join(f"{motor.name} (id {motor.can_id})" for motor in silent)
+            raise MotorError(
+                f"{self._config.name} ({self._config.channel}): cannot enable {names}: no answer; check power and cable"
+            )
+
+    def enable_some(
+        self, motors: Iterable[int], timeout_s: float, attempts: int, on_wait: Callable[[], None] = lambda: None
+    ) -> list[int]:
+        """ENABLE, again where it or its answer has got lost; returns the motors that have not answered."""
+        off, silent = list(motors), []
+        for _ in range(attempts):
+            answered = self.chain.special(SpecialCommand.ENABLE, timeout_s, off)
+            silent = [i for i in off if not answered[i]]
+            off = [i for i in off if not answered[i] or self.chain.fault[i] == Fault.DISABLED]
+            if not off:
+                break
+            on_wait()
+        return silent
+
+    def disbelieve(self, motors: Sequence[int], believed_rad: np.ndarray) -> None:
+        """Take these motors to be where they were believed before, (n,) motor coordinates, whatever they say."""
+        self.chain.feedback.distrust(motors, believed_rad)
+        self.estimate.read()
+
+    def disable(self) -> list[str]:
+        """Cut torque. Returns the motors that have not confirmed it."""
+        with self.chain.in_haste():
+            for _ in range(3):
+                self.chain.special(SpecialCommand.DISABLE, _OFF_S)
+                self.on_wait()
+                if (self.chain.fault != Fault.NORMAL).all():
+                    break
+        return [self.chain.motors[i].name for i in np.flatnonzero(self.chain.fault == Fault.NORMAL)]
+
+    def send(self, commands: np.ndarray) -> None:
+        """Put commands (n, 5) on the wire.
+
+        Raises:
+            BusError: the channel does not take them.
+            ActionError: they are not finite.
+        """
+        self.chain.send(self._map.commands(commands))
+        self.sent[:] = commands
+
+    def exchange(self, commands: np.ndarray) -> Finding:
+        """One tick on its own: send, wait, collect, check."""
+        self.send(commands)
+        clock = self.chain.clock
+        clock.sleep(self.chain.expected_wire_s)
+        self.chain.collect(clock.now() + 0.002)
+        return self.estimate.find_trouble(clock.now())
+
+    def shift_gripper(self, shift_rad: float) -> None:
+        """Put the gripper's reading on the turn of its stops."""
+        self._map.shift(self._hardware.n - 1, shift_rad)
+        self.estimate.read()
+
+    def resolve(self, joints: Sequence[int]) -> None:
+        arm = self._hardware.arm
+        for index in joints:
+            low, high = arm.joint_limits_rad[index]
+            angle = float(self.estimate.motor_q[index])
+            name, place = arm.motors[index].name, self._config.on_command_line
+            self._map.shift(index, resolve_turn(self._config.name, name, angle, low, high, place))
+
+
+def _trigger_range(hardware: ResolvedArm) -> TriggerRange:
+    """Of the arm's handle; the nominal one where a calibration may follow.
+
+    Raises:
+        GripperError: the file that keeps it is damaged.
+    """
+    config = hardware.config
+    if config.calibration_path is None or not config.gripper_search:
+        return TriggerRange()
+    return load_range(config.name, Path(config.calibration_path), hardware.gripper.name)
