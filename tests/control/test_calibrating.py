@@ -7,14 +7,12 @@ import time
 import pytest
 
 from lerobot_robot_yam.errors import GripperError, LifeCycleError, MotorError
-from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.session.arm_session import ArmSession
-from lerobot_robot_yam.session.yam_arm import YamArm
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Request
-from tests.support.rigged import STOPS, session_on, sim_config, track
+from tests.support.rigged import STOPS, arm_on, rig_of, session_on, sim_config, track
 from tests.support.tiers import spread
 
 LEFT, RIGHT = "follower_left", "follower_right"
@@ -52,12 +50,11 @@ def wait_for(path):
 
 def test_calibration_finds_and_keeps_the_stops(tmp_path):
     path = tmp_path / "left_gripper.json"
-    with running_rig() as rig:
-        config = sim_config(rig, "follower_left", gripper_stops_rad=None, calibration_path=str(path))
-        with YamArm(config):
+    with rig_of("lockstep", arms=[LEFT]) as rig:
+        with arm_on(rig, LEFT, gripper_stops_rad=None, calibration_path=str(path)):
             wait_for(path)
         first = path.read_text()
-        with YamArm(config) as arm:  # the second time they are verified only
+        with arm_on(rig, LEFT, gripper_stops_rad=None, calibration_path=str(path)) as arm:  # they are verified only
             assert arm.observe().gripper == pytest.approx(1.0, abs=0.15)
     assert path.read_text() == first
 
@@ -157,7 +154,8 @@ def test_holding_or_floating_waits_for_the_end_of_a_search(session, how):
     session.clock.sleep(0.1)
     getattr(port, how)()
     assert port.mode() is Mode.BRING_UP
-    session.clock.sleep(10.0)
+    port.await_gripper()
+    session.clock.sleep(0.1)
     assert port.observe().mode is (Mode.HOLD if how == "hold" else Mode.FLOAT)  # and its stops are known
 
 

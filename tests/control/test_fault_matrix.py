@@ -26,20 +26,14 @@ IN_LOCKSTEP = {
     "over-current-track",
     "comm-loss-bring_up",
     "motor-silent-hold",
-    "motor-silent-land",
     "cable-out-track",
     "adapter-gone-land",
-    "reply-lost-track",
     "burst-lost-track",
     "wrong-id-bring_up",
     "duplicate-id-track",
-    "second-arm-hold",
     "leap-track",
-    "turn-hold",
-    "garbled-land",
     "foreign-driver-hold",
     "handle-silent-hold",
-    "warm-track",
     "hot-track",
 }
 
@@ -133,6 +127,7 @@ def test_fault_in_lockstep(lockstep, fault, phase):
     check(lockstep, fault, phase)
 
 
+@pytest.mark.long
 @pytest.mark.alone
 def test_fault_in_real_time(live):
     check(live, FAULTS["motor-silent"], "track")

@@ -10,7 +10,7 @@ from lerobot_robot_yam.errors import LifeCycleError, MotorError
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
-from tests.support.rigged import lockstep_rig, rig_of, session_on, sim_config, track
+from tests.support.rigged import lockstep_rig, session_on, sim_config, track
 from tests.support.tiers import spread
 
 CHANNEL = "follower_left"
@@ -92,7 +92,7 @@ def try_lies(rig, seed, count):
         session = session_on(rig, sim_config(rig, CHANNEL))
         session.start()
         try:
-            track(session, {CHANNEL: POSE}, 1.5)
+            track(session, {CHANNEL: POSE}, 1.1)
             judge = Judge(rig, session)
             while done < count:
                 mode = chance.choice([Mode.HOLD, Mode.TRACK, Mode.FLOAT, Mode.STOPPED])
@@ -119,24 +119,17 @@ def try_lies(rig, seed, count):
         rig.restart()
 
 
-@pytest.mark.parametrize("seed", spread(range(4), 2))
-def test_no_lie_moves_an_arm(rig, seed):
-    try_lies(rig, seed, 40)
-
-
-@pytest.mark.long
 @pytest.mark.timeout(7200)
-@pytest.mark.parametrize("seed", range(100, 110))
-def test_ten_thousand_lies_move_no_arm(seed):
-    with rig_of("lockstep", arms=[CHANNEL]) as rig:
-        try_lies(rig, seed, 1000)
+@pytest.mark.parametrize("seed, count", spread([(2, 20), *((seed, 1000) for seed in range(100, 110))], 0))
+def test_no_lie_moves_an_arm(rig, seed, count):
+    try_lies(rig, seed, count)
 
 
 @pytest.fixture
 def held(rig):
     session = session_on(rig, sim_config(rig, CHANNEL))
     session.start()
-    track(session, {CHANNEL: POSE}, 1.5)
+    track(session, {CHANNEL: POSE}, 1.1)
     yield session
     session.discard()
 
@@ -161,7 +154,7 @@ LIES = [(f"joint_{joint}", way * lie) for joint in (2, 5) for lie in (0.45, 0.3,
 LIES += [("joint_2", 0.1), ("joint_2", -0.1), ("joint_2", 6.283)]
 
 
-@pytest.mark.parametrize("motor, lie_rad", spread(LIES, 2, len(LIES) - 1))
+@pytest.mark.parametrize("motor, lie_rad", spread(LIES, 2))
 def test_a_motor_that_goes_on_lying_is_not_believed_again(rig, held, motor, lie_rad):
     """Its turn is not counted anew: with power it cannot have lost it, and the arm would be thrown round.
 
@@ -241,7 +234,7 @@ def test_nothing_is_believed_again_while_a_second_arm_answers_too(rig, held):
 def test_nothing_is_believed_again_of_one_garbled_answer(rig, held):
     """Neither where a motor is, nor that it has let go: its fault would be cleared, which cuts its torque."""
     refused = 0
-    for _ in range(40):
+    for _ in range(15):
         rig.fault(CHANNEL, "joint_3", "reading", {"position_rad": 3.0})
         held.clock.sleep(0.06)
         rig.fault(CHANNEL, "joint_3", "reading", False)
@@ -269,7 +262,7 @@ def test_a_refused_reading_is_not_published(rig, held):
     assert abs(held[CHANNEL].published().q[1] - POSE[1]) < 0.02
 
 
-@pytest.mark.parametrize("speed_rad_s", [3.6, 7.2, 18.0])
+@pytest.mark.parametrize("speed_rad_s", spread([3.6, 7.2, 18.0], 2))
 def test_a_wrong_speed_is_not_damped_with_more_torque_than_there_is(rig, held, speed_rad_s):
     """Fast enough for the damping that ends a runaway: the clip must not make the motor drive at the speed it reads."""
     held[CHANNEL].float()

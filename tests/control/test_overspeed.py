@@ -7,6 +7,7 @@ import pytest
 
 from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS, load_gripper
 from tests.support.rigged import rig_of, session_on, sim_config, track
+from tests.support.tiers import spread
 
 CHANNEL = "follower_left"
 MIDDLE = np.array([0.0, 1.2, 1.2, 0.0, 0.0, 0.0])
@@ -94,16 +95,21 @@ def drive():
 
 @pytest.mark.parametrize(
     ("arm", "fields", "kind", "flips_hz", "fps"),
-    [
-        ("yam", {}, "uniform", 0.0, 8),
-        ("yam", {}, "flips", 3.0, 30),
-        ("yam", {"speed_limit_rad_s": 0.5}, "uniform", 0.0, 10),
-        ("yam", {"speed_limit_rad_s": 3.0}, "uniform", 0.0, 5),
-        ("yam", {"rate_hz": 125.0}, "uniform", 0.0, 8),
-        ("yam", {"rate_hz": 100.0}, "uniform", 0.0, 5),
-        ("big_yam", {}, "uniform", 0.0, 10),  # torque ends before acceleration does
-        ("yam_ultra", {}, "square", 1.5, 30),
-    ],
+    spread(
+        [
+            ("yam", {}, "uniform", 0.0, 8),
+            ("yam", {}, "flips", 3.0, 30),
+            ("yam", {"speed_limit_rad_s": 0.5}, "uniform", 0.0, 10),
+            ("yam", {"speed_limit_rad_s": 3.0}, "uniform", 0.0, 5),
+            ("yam", {"rate_hz": 125.0}, "uniform", 0.0, 8),
+            ("yam", {"rate_hz": 100.0}, "uniform", 0.0, 5),
+            ("big_yam", {}, "uniform", 0.0, 10),  # torque ends before acceleration does
+            ("yam_ultra", {}, "square", 1.5, 30),
+        ],
+        1,
+        5,
+        6,
+    ),
 )
 def test_targets_that_jump_drive_no_joint_beyond_its_speed(drive, arm, fields, kind, flips_hz, fps):
     driven = drive(arm, **fields)
@@ -117,7 +123,7 @@ def test_targets_that_claim_a_speed_drive_no_joint_beyond_its_speed(drive):
     assert 0.95 < fastest.max() < MOST, fastest
 
 
-@pytest.mark.parametrize(("fps", "most_ms"), [(30, 39.0), (60, 22.0)])
+@pytest.mark.parametrize(("fps", "most_ms"), spread([(30, 39.0), (60, 22.0)], 0))
 def test_a_wave_is_followed_no_later_than_before(drive, fps, most_ms):
     """One caller period and 4 ms: joints 1 to 3, which are stiff. The wrist's friction makes it 10 ms more."""
     driven = drive("yam")

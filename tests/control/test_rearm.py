@@ -18,7 +18,7 @@ session = running_arm(CHANNEL)
 
 
 def go(session, q):
-    track(session, {CHANNEL: q}, 1.5)
+    track(session, {CHANNEL: q}, 1.2)
 
 
 def q_of(rig):
@@ -140,7 +140,7 @@ def test_an_arm_comes_up_and_comes_back_on_a_wire_that_loses_frames_either_way(r
         session.rearm()
         assert all(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())
     session.discard()
-    for _ in range(60):
+    for _ in range(20):
         pause(rig, 0.5)  # until the motors have noticed
         session.start()
         session.discard()

@@ -9,6 +9,7 @@ from lerobot_robot_yam.session.yam_arm import YamArm
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from tests.support.rigged import lockstep_rig, running_arm, sim_config
+from tests.support.tiers import spread
 
 CHANNEL = "follower_left"
 POSE = np.array([0.2, 1.0, 1.1, -0.3, 0.1, 0.1])
@@ -66,7 +67,7 @@ def test_moving_to_a_pose_does_not_succeed_during_an_emergency_stop(rig):
             stop.release()
 
 
-@pytest.mark.parametrize("ask", ["float", "hold", "calibrate_gripper"])
+@pytest.mark.parametrize("ask", spread(["float", "hold", "calibrate_gripper"], 0))
 def test_only_re_arming_leads_out_of_a_fault(rig, session, ask):
     port = session[CHANNEL]
     session._runner._loop._controllers[0].faults.fail(RuntimeError("a test"))

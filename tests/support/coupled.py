@@ -41,9 +41,9 @@ def started(rig, follower_fields=None, fps=30, **lead):
     """A session under way with the leader held at POSE, and its caller; the follower has caught up."""
     session = coupled_session(rig, follower_fields, **lead)
     session.start()
-    rig.hand(LEADER, [2.0], [POSE.tolist()])
+    rig.hand(LEADER, [1.2], [POSE.tolist()])
     caller = Passing(session, fps)
-    caller.run(3.0)
+    caller.run(2.0)
     return session, caller
 
 

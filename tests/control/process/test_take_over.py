@@ -58,7 +58,7 @@ def newest_of(session):
 
 @pytest.mark.parametrize("silent", [False, True])
 def test_who_takes_over_has_its_commands_ready_and_does_not_give_up_on_silence(rig, heir_of, session, silent):
-    track(session, {CHANNEL: POSE}, 1.5)
+    track(session, {CHANNEL: POSE}, 1.2)
     record = record_of(rig)
     if silent:  # for a moment, as on a machine that stands still
         rig.fault(CHANNEL, None, "silent")
@@ -71,7 +71,7 @@ def test_who_takes_over_has_its_commands_ready_and_does_not_give_up_on_silence(r
 
 
 def test_who_takes_over_leaves_a_joint_that_is_not_heard_where_it_was_sent(rig, heir_of, session):
-    track(session, {CHANNEL: POSE}, 1.5)
+    track(session, {CHANNEL: POSE}, 1.2)
     rig.fault(CHANNEL, "joint_2", "loss_rate", 1.0)
     session.clock.sleep(0.6)
     session[CHANNEL].land()
@@ -90,14 +90,14 @@ def test_who_takes_over_leaves_a_joint_that_is_not_heard_where_it_was_sent(rig, 
 @pytest.mark.parametrize("lie_rad", spread([0.3, 0.45, -0.3], 1))
 def test_who_takes_over_does_not_believe_a_motor_that_was_not_believed(rig, heir_of, session, lie_rad):
     """As old as its last good reading is by then, the joint could have got where it says."""
-    track(session, {CHANNEL: POSE}, 1.5)
+    track(session, {CHANNEL: POSE}, 1.2)
     rig.fault(CHANNEL, "joint_2", "reading", {"position_rad": lie_rad})
     session.clock.sleep(1.0)
     assert session[CHANNEL].mode() is Mode.FAULT
     arm = heir_of(record_of(rig)).actuation
     for _ in range(5):
         arm.interface.exchange(arm.impedance.commands)
-        arm.interface.read()
+        arm.estimate.read()
     assert arm.chain.distrusted.tolist() == [False, True, *[False] * 5]
     assert abs(arm.q[1] - POSE[1]) < 0.05
     assert np.abs(arm.setpoint.q[:6] - POSE).max() < 0.05
@@ -106,7 +106,7 @@ def test_who_takes_over_does_not_believe_a_motor_that_was_not_believed(rig, heir
 def test_who_takes_over_from_soft_gains_holds_the_arm_where_a_hand_keeps_it(rig, heir_of, session):
     """Its own gains would throw it at a set-point that it never was to hold."""
     soft = {"kp": np.full(6, 1.0), "kd": np.ones(6)}
-    track(session, {CHANNEL: POSE}, 1.5)
+    track(session, {CHANNEL: POSE}, 1.2)
     track(session, {CHANNEL: POSE}, 0.2, **soft)
     for way in np.linspace(0.0, 0.2, 40):
         rig.set_pose(CHANNEL, POSE + way)
@@ -116,7 +116,7 @@ def test_who_takes_over_from_soft_gains_holds_the_arm_where_a_hand_keeps_it(rig,
 
 
 def test_who_takes_over_keeps_the_grip_on_a_thick_object(rig, heir_of, session):
-    track(session, {CHANNEL: POSE}, 1.5)
+    track(session, {CHANNEL: POSE}, 1.2)
     record = record_of(rig)
     gripper = session[CHANNEL].hardware.joints
     record["setpoint"][gripper] = 0.0  # closed on something that keeps the fingers half open
@@ -134,7 +134,7 @@ def test_nobody_takes_over_an_arm_that_is_limp(rig, heir_of, session):
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")  # the child only writes, and ends
 def test_a_loop_whose_arm_another_process_has_taken_over_sends_it_nothing_more(rig, heir_of, session):
     """It was taken for dead, and wakes up: two would pull the arm to and fro."""
-    track(session, {CHANNEL: POSE}, 1.5)
+    track(session, {CHANNEL: POSE}, 1.2)
     record = record_of(rig)
     heir = heir_of(record)
     pid = os.fork()

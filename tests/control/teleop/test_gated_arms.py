@@ -85,6 +85,7 @@ def test_a_lift_a_return_and_a_second_lift_on_the_way_home(rig, started):
     assert arms.fastest() <= SPEED * 1.001
 
 
+@pytest.mark.long
 def test_after_an_emergency_stop_both_are_led_home(rig, started):
     session, arms = started(gate="auto")
     arms.run(1.0)
@@ -163,6 +164,7 @@ def test_fine_mode_scales_and_recentres(rig, started):
     assert np.abs(pose(rig, FOLLOWER) - pose(rig, LEADER)).max() < 0.03
 
 
+@pytest.mark.long
 def test_an_approach_is_smooth_and_aims_at_the_live_leader(rig, started):
     session, arms = started(gate="auto")
     arms.run(1.5)

@@ -84,6 +84,18 @@ def test_both_gates_move_together(rig, arms):
     assert (moved <= SPEED * np.diff(times) * 1.001 + 1e-9).all()
 
 
+def test_one_alone_engages_nothing(rig, arms):
+    home = poses(rig, FOLLOWERS)
+    rig.lift(LEADERS[0], LIFTED, 0.5)
+    arms.run(0.8)
+    assert seen(arms) == [Gate.HOMING, Gate.IDLE]
+    assert np.abs(poses(rig, FOLLOWERS) - home).max() < 0.01
+    rig.lift(LEADERS[1], LIFTED, 0.5)
+    arms.run(0.8)
+    assert seen(arms, 2) == [Gate.APPROACH]
+
+
+@pytest.mark.long
 def test_both_have_to_be_lifted_to_break_off_the_way_home(rig, arms):
     for leader in LEADERS:
         rig.lift(leader, LIFTED, 1.0)

@@ -13,6 +13,7 @@ from lerobot_robot_yam.state.records import Limited
 from tests.support.coupled import FOLLOWER, POSE
 from tests.support.published_leader import LedFollower
 from tests.support.rigged import lockstep_rig
+from tests.support.tiers import spread
 
 rig = lockstep_rig(FOLLOWER)
 STEP_RAD_S = 0.1  # within 10 ms
@@ -39,7 +40,7 @@ LOST = {
 }
 
 
-@pytest.mark.parametrize("how", LOST)
+@pytest.mark.parametrize("how", spread(LOST, 0, 2))
 def test_a_follower_whose_leader_is_lost_brakes_smoothly_and_waits(rig, led, how):
     rule = RESPONSES[Trouble.LEADER_LOST]
     assert rule.arm is Response.HOLD_UNTIL_TARGET
