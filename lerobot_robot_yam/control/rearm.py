@@ -10,7 +10,6 @@ It blocks for some ticks. Between its questions the loop commands the other arms
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -34,18 +33,6 @@ _PUSHED_RAD = 0.5  # a hand or a load can push a joint this far from a set-point
 _OFF_SHARE = 0.15  # share of a motor's range by which its torque may differ from what its command gives where it is
 
 
-class _Before(NamedTuple):
-    """What was known of the motors, (n,) each, before they were asked."""
-
-    rad: np.ndarray
-    rad_s: np.ndarray
-    limp: np.ndarray
-    distrusted: np.ndarray
-    lost: np.ndarray
-    duplicates: np.ndarray
-    rejected: np.ndarray
-
-
 class Rearm:
     """Re-arms one arm."""
 
@@ -53,6 +40,11 @@ class Rearm:
         self._actuation, self._interface, self._chain = actuation, actuation.interface, actuation.chain
         self._hardware = actuation.hardware
         self._where = f"{actuation.name} ({actuation.config.channel})"
+        n = actuation.hardware.n
+        self._believed_rad: np.ndarray = np.zeros(n)  # these four: before the motors were asked
+        self._believed_rad_s: np.ndarray = np.zeros(n)
+        self._limp: np.ndarray = np.zeros(n, dtype=bool)
+        self._distrusted: np.ndarray = np.zeros(n, dtype=bool)
 
     def run(self) -> list[int]:
         """Re-arm; returns the motors that had failed.
@@ -64,21 +56,18 @@ class Rearm:
         """
         chain = self._chain
         failed = np.flatnonzero(~self._actuation.estimate.usable).tolist()
-        before = _Before(
-            chain.position_rad,
-            chain.velocity_rad_s,
-            chain.fault != Fault.NORMAL,
-            chain.distrusted,
-            chain.lost,
-            chain.duplicates,
-            chain.feedback.rejected,
-        )
+        self._believed_rad, self._believed_rad_s = chain.position_rad, chain.velocity_rad_s
+        self._limp, self._distrusted = chain.fault != Fault.NORMAL, chain.distrusted
+        counts = chain.duplicates - chain.lost, chain.feedback.rejected
         with chain.in_haste():
             chain.feedback.restart(failed)
             answers, fastest_rad_s = self._ask(failed)
-            heard = self._judge(failed, before, answers, fastest_rad_s)
-            let_go = self._enable(heard, before)
-        self._hold(failed, let_go, before)
+            doubled = chain.duplicates - chain.lost - counts[0] >= _DOUBLED
+            # Not even that a motor has let go is believed of one answer. To clear its fault would cut its torque.
+            garbled = (answers < _AGREE) | (chain.feedback.rejected > counts[1])
+            heard = self._judge(failed, bool(doubled.any()), garbled, fastest_rad_s)
+            let_go = self._enable(heard)
+        self._hold(failed, let_go)
         return failed
 
     def _ask(self, motors: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
@@ -102,27 +91,22 @@ class Rearm:
             self._interface.on_wait()
         return answers, fastest_rad_s
 
-    def _judge(
-        self, motors: Sequence[int], before: _Before, answers: np.ndarray, fastest_rad_s: np.ndarray
-    ) -> list[int]:
+    def _judge(self, motors: Sequence[int], doubled: bool, garbled: np.ndarray, fastest_rad_s: np.ndarray) -> list[int]:
         """Motors that are heard and can be believed again. Raises MotorError: names those that cannot be."""
-        chain, disbelieve = self._chain, self._interface.disbelieve
-        doubled = chain.duplicates - before.duplicates - (chain.lost - before.lost)
-        if (doubled >= _DOUBLED).any():  # which is ours, nobody knows
-            disbelieve(motors, before.rad)
+        disbelieve = self._interface.disbelieve
+        if doubled:  # which is ours, nobody knows
+            disbelieve(motors, self._believed_rad)
             raise MotorError(f"{self._where}: motors answer twice; look for a second arm on the channel")
-        silence_s = chain.silence_s(chain.clock.now())
+        silence_s = self._chain.silence_s(self._chain.clock.now())
         heard = [i for i in motors if silence_s[i] < SILENT_S]
-        disbelieve([i for i in motors if i not in heard and before.distrusted[i]], before.rad)
+        disbelieve([i for i in motors if i not in heard and self._distrusted[i]], self._believed_rad)
         too_fast = fastest_rad_s > _TOO_FAST_RAD_S
         too_fast[self._hardware.joints :] = False  # a gripper weighs next to nothing
-        # Not even that a motor has let go is believed of one answer. To clear its fault would cut its torque.
-        garbled = (answers < _AGREE) | (chain.feedback.rejected > before.rejected)
         refused = [i for i in heard if too_fast[i] or garbled[i]]
         if refused:
-            disbelieve(motors, before.rad)
-            swings_rad_s = np.maximum(np.abs(before.rad_s), fastest_rad_s)
-            raise self._refusal(refused, np.where(before.limp | too_fast, swings_rad_s, 0.0))
+            disbelieve(motors, self._believed_rad)
+            swings_rad_s = np.maximum(np.abs(self._believed_rad_s), fastest_rad_s)
+            raise self._refusal(refused, np.where(self._limp | too_fast, swings_rad_s, 0.0))
         return heard
 
     def _refusal(self, refused: Sequence[int], swings_rad_s: np.ndarray) -> MotorError:
@@ -140,7 +124,7 @@ class Rearm:
             remedy = "check cable, plugs and termination, and re-arm again"
         return MotorError(f"{self._where}: {what}; {remedy}")
 
-    def _enable(self, heard: Sequence[int], before: _Before) -> list[int]:
+    def _enable(self, heard: Sequence[int]) -> list[int]:
         """Enable those that have let go, without torque; returns them."""
         chain, interface = self._chain, self._interface
         off = [i for i in heard if chain.fault[i] != Fault.NORMAL]
@@ -150,25 +134,25 @@ class Rearm:
         interface.estimate.read()
         try:
             interface.resolve([i for i in off if i < self._hardware.joints])  # without power it forgets its turn
-            self._compare([i for i in heard if i not in off], before.rad)  # with power it does not
+            self._compare([i for i in heard if i not in off])  # with power it does not
         except YamError:
             chain.special(SpecialCommand.DISABLE, _ANSWER_S, off)
-            interface.disbelieve([i for i in heard if i not in off], before.rad)
+            interface.disbelieve([i for i in heard if i not in off], self._believed_rad)
             raise
         interface.estimate.read()
         return off
 
-    def _compare(self, motors: Sequence[int], believed_rad: np.ndarray) -> None:
+    def _compare(self, motors: Sequence[int]) -> None:
         """
         Raises:
             MotorError: some say to be where they cannot have got from where they were sent last, and from where they
-                were believed, `believed_rad`, (n,) motor coordinates. Or they work with another torque than their last
+                were believed. Or they work with another torque than their last
                 command gives there, kp (q* − q) + kd (dq* − dq) + tau: a joint that was pushed away pulls back.
         """
         sent, estimate, specs = self._interface.sent, self._interface.estimate, self._hardware.motors
         low = high = sent[:, mit_laws.Q]
         if self._actuation.gripper is not None:  # what it presses on may have kept it from where it was sent
-            believed = float(self._interface.position(believed_rad)[-1])
+            believed = float(self._interface.position(self._believed_rad)[-1])
             low, high = low.copy(), high.copy()
             low[-1], high[-1] = min(low[-1], believed), max(high[-1], believed)
         gap = np.maximum(low - estimate.motor_q, estimate.motor_q - high)
@@ -187,7 +171,7 @@ class Rearm:
             advice = "check cables and plugs, let the arm land, and connect again"
             raise MotorError(f"{self._where}: {told}; {advice}")
 
-    def _hold(self, failed: Sequence[int], let_go: Sequence[int], before: _Before) -> None:
+    def _hold(self, failed: Sequence[int], let_go: Sequence[int]) -> None:
         """Hold where the arm is by now. Raises MotorError: a motor still does not obey."""
         arm = self._actuation
         asked = arm.setpoint.q.copy()
@@ -201,7 +185,7 @@ class Rearm:
             if finding.trouble is None:
                 return
         arm.setpoint.seed(asked)
-        self._interface.disbelieve(np.flatnonzero(before.distrusted).tolist(), before.rad)
+        self._interface.disbelieve(np.flatnonzero(self._distrusted).tolist(), self._believed_rad)
         raise MotorError(f"{self._where}: cannot re-arm: {finding.message}")
 
     def _name(self, motor: int) -> str:

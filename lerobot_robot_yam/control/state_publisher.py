@@ -153,10 +153,7 @@ class ControllerBlocks:
         """Put into the record what a leader asks of its follower, or what a coupled follower is asked."""
         record, lead, coupling = self._record, self._controller.lead, self._controller.coupling
         if lead is not None:
-            record["gate"], record["action_stamp_s"] = lead.state, lead.stamp_s
-            m = lead.motors
-            record["action"][:m] = np.nan if lead.action is None else lead.action
-            record["action_dq"][:m] = np.nan if lead.action_dq is None else lead.action_dq
+            lead.note(record)
         elif coupling.number or self._coupled:
             self._coupled = bool(coupling.number)
             record["coupled_to"] = coupling.number

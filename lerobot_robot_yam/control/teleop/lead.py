@@ -264,6 +264,13 @@ class Lead:
         error = self._follower.q_at(now) - (self._motion.q + self._motion.dq * (now - self._motion.stamp_s))
         return self._force.torque(error, self._motion.dq, weight_nm, dt), self._force.damping
 
+    def note(self, record: np.ndarray) -> None:
+        """Put into the leader's record what its follower is asked."""
+        m = self.motors
+        record["gate"], record["action_stamp_s"] = self.state, self.stamp_s
+        record["action"][:m] = np.nan if self.action is None else self.action
+        record["action_dq"][:m] = np.nan if self.action_dq is None else self.action_dq
+
     def close(self) -> None:
         """Let go of the follower's block. Idempotent."""
         self._follower.close()

@@ -108,15 +108,8 @@ class PassiveArm:
         self._tell([self._lost] if self._lost else encoders.silent(now - _SILENT_S))
         if self._lead is not None:
             self._lead.advance(now, mode, (q, dq, encoders.stamp_s[j].copy()), handle, np.zeros(joints))
-            self._note_action(self._lead)
+            self._lead.note(record)
         self._states.write(record)
-
-    def _note_action(self, lead: Lead) -> None:
-        record = self._record
-        m = lead.motors
-        record["gate"], record["action_stamp_s"] = lead.state, lead.stamp_s
-        record["action"][:m] = np.nan if lead.action is None else lead.action
-        record["action_dq"][:m] = np.nan if lead.action_dq is None else lead.action_dq
 
     def _tell(self, silent: list[str]) -> None:
         if silent != self._told:
