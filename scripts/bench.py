@@ -2,10 +2,9 @@
 
     python scripts/bench.py --json outputs/bench.json --plot outputs/bench.png
 
-Takes about six minutes; `--quick` a short look. Prints a table, writes JSON, saves a plot of the period
+Takes about five minutes; `--quick` a short look. Prints a table, writes JSON, saves a plot of the period
 distributions. Needs the package with its `bench` extra; the vendor's SDK (`pip install dreamscale-i2rt`) is measured
-when it is installed. No arm, display or network is used. Run it on a machine that does nothing else: windows in
-which the hypervisor took 1 % or more are left out, but neighbours inside the machine are not seen.
+when it is installed. No arm, display or network is used. Run it on a machine that does nothing else.
 """
 
 import argparse
@@ -49,8 +48,8 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--json", type=Path, help="write the results to this file")
     parser.add_argument("--plot", type=Path, default=Path("outputs/bench.png"), help="where the plot goes")
     parser.add_argument("--quick", action="store_true", help="a short look: 2 s each instead of 20 s")
-    parser.add_argument("--seconds", type=float, help="undisturbed seconds for each distribution of periods")
-    parser.add_argument("--short-seconds", type=float, help="undisturbed seconds for every other figure")
+    parser.add_argument("--seconds", type=float, help="seconds for each distribution of periods")
+    parser.add_argument("--short-seconds", type=float, help="seconds for every other figure")
     parser.add_argument("--arms", type=int, choices=(1, 2), default=2, help="arms whose periods are measured")
     parser.add_argument("--only", nargs="+", choices=STEPS, default=list(STEPS), help="measure only these")
     return parser.parse_args()
@@ -62,7 +61,6 @@ def main(args: argparse.Namespace) -> int:
         seconds=args.seconds or (2.0 if args.quick else 20.0),
         short_s=args.short_seconds or (1.0 if args.quick else 5.0),
         arms=args.arms,
-        repeats=1 if args.quick else 5,
     )
     results = Results()
     where = machine()

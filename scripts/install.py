@@ -1,16 +1,21 @@
 """Install this clone and what it needs into the environment whose Python runs this. `scripts/run` calls it.
 
 .venv/bin/python scripts/install.py
+
+On Linux the default build of torch is for CUDA: gigabytes that only NVIDIA's driver uses. Without that driver the CPU
+build is taken where the user's package index has one.
 """
 
+import importlib.util
+import json
 import os
+import re
+import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
-
-from install_progress import Progress, run_pip
-from torch_build import cpu_build, has_nvidia_driver, is_installed
 
 ROOT = Path(__file__).resolve().parent.parent
 TARGET = f"{ROOT}[test]"
@@ -19,33 +24,103 @@ NO_CPU_BUILD = (
     "goes to a torch for CUDA. To save both, name an index that has a CPU build in PIP_EXTRA_INDEX_URL"
 )
 _TESTS = r"site-packages/.*/tests?/"  # a fifth of all source that is installed; hardly anything imports it
+_DRIVER = ("/proc/driver/nvidia/version", "/dev/nvidiactl", "/dev/nvmap", "/dev/dxg")  # the last two: Jetson, WSL
+_PACKAGES = ("torch", "torchvision")  # built for each other
+_PIP = [sys.executable, "-m", "pip", "--disable-pip-version-check"]
+_DOWNLOAD = re.compile(r"Downloading (?:\S*/)?(\S+?)-(\d\S*?)-\S*\.whl \(([\d.]+) (MB|GB)\)")
+_INSTALL = re.compile(r"Installing collected packages: (.*)")
+_LARGE_MB = 20.0  # downloads from here on are named
+_TAIL = 30  # lines of pip's that are shown when it fails without an error of its own
+_begun_s = time.monotonic()
 
 
 def main() -> int:
     """Install, compile; returns pip's exit status."""
-    with Progress(sys.stderr) as progress, tempfile.TemporaryDirectory() as directory:
-        progress.say("installing this package and what it needs (minutes the first time)")
+    say("installing this package and what it needs (minutes the first time)")
+    with tempfile.TemporaryDirectory() as directory:
         constraints = Path(directory) / "constraints.txt"
-        constraints.write_text("".join(f"{pin}\n" for pin in _torch_pins(progress)))
+        constraints.write_text("".join(f"{pin}\n" for pin in _torch_pins()))
         arguments = ["install", "--no-compile", f"--constraint={constraints}", f"--editable={TARGET}"]
-        status = run_pip(arguments, progress, Path(sys.prefix) / "install.log")
-        if status == 0:
-            progress.step("compiling byte-code")
-            _compile(Path(sys.prefix) / "lib")
-            progress.end()
+        status = run_pip(arguments, Path(sys.prefix) / "install.log")
+    if status == 0:
+        say("compiling byte-code")
+        _compile(Path(sys.prefix) / "lib")
+        say("installed")
     return status
 
 
-def _torch_pins(progress: Progress) -> list[str]:
-    if is_installed("torch") or not sys.platform.startswith("linux"):
+def say(text: str) -> None:
+    """Show a line with the time since the start."""
+    seconds = int(time.monotonic() - _begun_s)
+    print(f"scripts/run: {seconds // 60}:{seconds % 60:02d}  {text}", file=sys.stderr, flush=True)
+
+
+def run_pip(arguments: list[str], log: Path) -> int:
+    """Run pip, show its large steps and its errors, and keep all that it says in a file; returns its status."""
+    lines: list[str] = []
+    failed = False
+    with (
+        open(log, "w") as file,
+        subprocess.Popen(
+            [*_PIP, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace"
+        ) as pip,
+    ):
+        assert pip.stdout is not None
+        for line in pip.stdout:
+            file.write(line)
+            lines.append(line.rstrip())
+            failed = failed or line.lstrip().lower().startswith("error")
+            if failed:
+                say(lines[-1])
+            elif found := _DOWNLOAD.search(line):
+                size_mb = float(found[3]) * {"MB": 1.0, "GB": 1e3}[found[4]]
+                if size_mb >= _LARGE_MB:
+                    say(f"downloading {found[1]} {found[2]} ({size_mb:.0f} MB)")
+            elif found := _INSTALL.search(line):
+                say(f"unpacking {found[1].count(',') + 1} packages")
+    if pip.returncode:
+        for line in [] if failed else lines[-_TAIL:]:
+            say(line)
+        say(f"the installation has failed; all that pip has said is in {log}")
+    return pip.returncode
+
+
+def has_nvidia_driver() -> bool:
+    """Whether this computer can use CUDA."""
+    return any(Path(path).exists() for path in _DRIVER) or shutil.which("nvidia-smi") is not None
+
+
+def _torch_pins() -> list[str]:
+    if importlib.util.find_spec("torch") is not None or not sys.platform.startswith("linux"):
         return []
     if has_nvidia_driver():
-        progress.say("this computer has an NVIDIA driver: torch is installed for CUDA, which is most of the download")
+        say("this computer has an NVIDIA driver: torch is installed for CUDA, which is most of the download")
         return []
-    progress.step("looking for a CPU build of torch")
     pins = cpu_build(TARGET)
-    progress.say(f"no NVIDIA driver here: the CPU build {pins[0]} will do" if pins else NO_CPU_BUILD)
+    say(f"no NVIDIA driver here: the CPU build {pins[0]} will do" if pins else NO_CPU_BUILD)
     return pins
+
+
+def cpu_build(target: str) -> list[str]:
+    """Pins of the CPU builds of what pip would install for `target`; none unless the user's own index has them all.
+
+    Args:
+        target: as pip takes it: a path with extras.
+    """
+    # Of this Python and platform, in the configured index.
+    offered = {name: set(re.findall(r"[\w.]+\+cpu\b", _pip("index", "versions", name))) for name in _PACKAGES}
+    if not all(offered.values()):
+        return []
+    report = json.loads(_pip("install", "--quiet", "--dry-run", "--report=-", f"--editable={target}") or "{}")
+    planned = {item["metadata"]["name"]: item["metadata"]["version"] for item in report["install"]}
+    cpu = {name: f"{planned[name].partition('+')[0]}+cpu" for name in _PACKAGES if name in planned}
+    return [f"{name}=={cpu[name]}" for name in cpu] if all(cpu[name] in offered[name] for name in cpu) else []
+
+
+def _pip(*arguments: str) -> str:
+    """What pip prints; nothing where it fails, which the installation itself will tell."""
+    done = subprocess.run([*_PIP, *arguments], capture_output=True, text=True)
+    return done.stdout if done.returncode == 0 else ""
 
 
 def _compile(directory: Path) -> None:

@@ -28,11 +28,10 @@ def wilson(successes: int, count: int) -> tuple[float, float]:
 
 
 def write_report(out: Path, task: str, policy: Path, done: Path, seed: int) -> Path:
-    """Write report.md and its plot, of the evaluation in `done` that began at `seed`; returns the report's path."""
+    """Write report.md, of the evaluation in `done` that began at `seed`, and the plot of the loss; returns its path."""
     step = policy.resolve().parent.name
     evaluation = json.loads((done / "eval_info.json").read_text())
     successes: Sequence[bool] = evaluation["per_task"][0]["metrics"]["successes"]
-    _plot_outcomes(out / "report.png", successes, seed)
     _plot_loss(out / "loss.png", (out / "train.log").read_text(errors="replace"))
     lines = [
         f"# Training proof: {task}",
@@ -43,8 +42,6 @@ def write_report(out: Path, task: str, policy: Path, done: Path, seed: int) -> P
         "| | |",
         "|---|---|",
         *(f"| {name} | {value} |" for name, value in _facts(out, policy, step, seed, successes).items()),
-        "",
-        "![Outcome of each evaluation episode](report.png)",
         "",
         "![Loss of the training](loss.png)",
         "",
@@ -85,20 +82,6 @@ def _plot_loss(path: Path, log: str) -> None:
     figure, axis = plt.subplots(figsize=(7, 3), layout="constrained")
     axis.plot(list(logged), list(logged.values()))
     axis.set(xlabel="passes over the data", ylabel="loss", yscale="log")
-    figure.savefig(path, dpi=120)
-    plt.close(figure)
-
-
-def _plot_outcomes(path: Path, successes: Sequence[bool], seed: int) -> None:
-    count = np.arange(1, len(successes) + 1)
-    rate = np.cumsum(successes) / count
-    bounds = np.array([wilson(int(won), int(n)) for won, n in zip(np.cumsum(successes), count, strict=True)])
-    figure, axis = plt.subplots(figsize=(7, 3), layout="constrained")
-    axis.fill_between(seed + count - 1, 100 * bounds[:, 0], 100 * bounds[:, 1], alpha=0.2, label="95 % interval")
-    axis.plot(seed + count - 1, 100 * rate, label="success rate so far")
-    axis.scatter(seed + count - 1, 100 * np.asarray(successes), s=8, color="black", label="episode")
-    axis.set(xlabel="seed", ylabel="%", ylim=(-5, 105))
-    axis.legend(loc="lower right")
     figure.savefig(path, dpi=120)
     plt.close(figure)
 

@@ -1,6 +1,6 @@
 """Teleoperate a virtual rig for minutes while everything goes wrong, and check that nothing falls and nothing lies.
 
-    python scripts/soak.py --minutes 20 --seed 1 --json outputs/soak.json --plot outputs/soak.png
+    python scripts/soak.py --minutes 20 --seed 1 --json outputs/soak.json
 
 The arms of a rig of its own are driven through the shipped LeRobot classes, under a random schedule of faults that is
 the same for the same seed (`soak.schedule`). A person is played who re-arms or connects anew. A judge in a process of
@@ -22,13 +22,12 @@ import time
 from pathlib import Path
 from typing import Any
 
-from soak.schedule import KINDS, LINK_KINDS, make_schedule
+from soak.schedule import KINDS, make_schedule
 from tqdm import tqdm
 
 logger = logging.getLogger("soak")
 
-_END_S = 15.0
-_TAIL_S = 4.0  # the last injections are waited for
+_END_S = 15.0  # for a process to end, and for files to go
 
 
 def arguments(given: list[str] | None = None) -> argparse.Namespace:
@@ -37,13 +36,11 @@ def arguments(given: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--minutes", type=float, default=5.0, help="how long to teleoperate")
     parser.add_argument("--seed", type=int, default=1, help="of the schedule")
     parser.add_argument("--pace", type=float, default=1.0, help="so many times as many faults")
-    parser.add_argument("--kinds", nargs="+", choices=[*KINDS, *LINK_KINDS], help="only these faults")
+    parser.add_argument("--kinds", nargs="+", choices=list(KINDS), help="only these faults")
     parser.add_argument(
         "--coupled", action="store_true", help="leaders lead at loop rate, behind a gate, with force feedback"
     )
-    parser.add_argument("--link", action="store_true", help="a yam-host has the arms, and they are reached over a link")
     parser.add_argument("--json", type=Path, help="write the figures to this file")
-    parser.add_argument("--plot", type=Path, help="save a plot of the run to this file")
     parser.add_argument("--verbose", action="store_true", help="a line for every fault and every recovery")
     return parser.parse_args(given)
 
@@ -112,7 +109,6 @@ class Judge:
 def soak(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     """Run it; returns the report."""
     from soak.devices import keys, make_devices
-    from soak.host import hosting
     from soak.injector import Injector
     from soak.operator import Operator
     from soak.teleop import Teleoperation
@@ -120,17 +116,14 @@ def soak(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     from lerobot_robot_yam.rig.client.rig_control import RigControl, wait_ended
 
     rig = RigControl.start(seed=args.seed)
-    ends = contextlib.ExitStack()
-    host, parent = ends.enter_context(hosting(rig.name, folder, args.coupled)) if args.link else (None, os.getpid())
-    robot, leader = make_devices(rig.name, folder, args.coupled, host)
+    robot, leader = make_devices(rig.name, folder, args.coupled)
     begin_s = time.monotonic()
     judge = Judge({"rig": rig.name, "arms": robot.jobs() | leader.jobs()}, begin_s)
-    kinds = args.kinds or [*KINDS, *(LINK_KINDS if args.link else ())]
-    schedule = make_schedule(args.minutes * 60.0, args.seed, args.pace, kinds)
+    schedule = make_schedule(args.minutes * 60.0, args.seed, args.pace, args.kinds or list(KINDS))
     injector: Injector | None = None
     left_over = 0
     try:
-        injector = Injector(rig.name, keys(rig.name), schedule, parent)
+        injector = Injector(rig.name, keys(rig.name), schedule)
 
         def violation(invariant: str, channel: str, what: str) -> None:
             assert injector is not None
@@ -160,7 +153,6 @@ def soak(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     finally:
         if injector is not None:
             injector.end()
-        ends.close()
         judge.end()
         rig.end()
         rig.close()
@@ -170,7 +162,6 @@ def soak(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
         "seed": args.seed,
         "pace": args.pace,
         "coupled": args.coupled,
-        "link": args.link,
         "injected": dict(injector.injected),
         "left_over": left_over,
         "judge": judge.summary,
@@ -178,7 +169,6 @@ def soak(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
             "counts": dict(teleop.counts),
             "errors": dict(teleop.errors),
             "oldest_state_s": teleop.oldest_state_s,
-            "oldest_image_s": teleop.oldest_image_s,
         },
         "log": [{"at_s": at_s - begin_s, "kind": row.kind, "what": str(row)} for at_s, row in injector.log],
         "violations": judge.violations,
@@ -202,7 +192,7 @@ def left_behind(runtime: Path) -> list[str]:
 
 def main(args: argparse.Namespace) -> int:
     """Soak, report; exit status 1 when an invariant was violated."""
-    from soak.report import plot, table
+    from soak.report import table
 
     base = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
     runtime, folder = Path(tempfile.mkdtemp(prefix="yam-soak-", dir=base)), Path(tempfile.mkdtemp(prefix="yam-soak-"))
@@ -220,8 +210,6 @@ def main(args: argparse.Namespace) -> int:
     if args.json is not None:
         args.json.parent.mkdir(parents=True, exist_ok=True)
         args.json.write_text(json.dumps(report, indent=1) + "\n")
-    if args.plot is not None:
-        plot(report, args.plot)
     print(table(report))
     return int(bool(report["violations"]))
 

@@ -109,11 +109,10 @@ class OurRobot:
 class DamiaoBus:
     """LeRobot's own driver with the calls that its OpenArm robot makes: refresh all, then command all."""
 
-    def __init__(self, arms: int, read: bool = True):
+    def __init__(self, arms: int):
         from lerobot.motors import Motor, MotorNormMode
         from lerobot.motors.damiao import DamiaoMotorsBus
 
-        self._read = read
         self._buses = []
         for channel in _CHANNELS[:arms]:
             motors = {}
@@ -132,9 +131,7 @@ class DamiaoBus:
             self._goals.append({name: state["position"] for name, state in states.items()})
 
     def get(self) -> Any:
-        if self._read:
-            return [bus.sync_read_all_states() for bus in self._buses]
-        return [bus._last_known_states for bus in self._buses]
+        return [bus.sync_read_all_states() for bus in self._buses]
 
     def send(self, got: Any) -> None:
         for bus, goals in zip(self._buses, self._goals, strict=True):

@@ -9,19 +9,17 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bench.windows import WINDOW_S, Periods, Windows, periods
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.rig.client.rig_control import RigControl, running_rig
 
 CHANNEL = "follower_left"  # where ticks are stamped
-_BLOCK_WINDOWS = 10  # windows between two readings of the rig's trace, which takes the rig a moment
-_PATIENCE = 3  # gives up when disturbed windows have made a measurement this many times as long
+_BLOCK_S = 10.0  # between two readings of the rig's trace, which takes the rig a moment
 _SCRIPTS = Path(__file__).parents[1]
 _TIMEOUT_S = 120.0
 
@@ -53,16 +51,13 @@ class Subject:
         self.pid = self._process.pid
         self._receive()
 
-    def request(self, do: str, meanwhile: Callable[[], None] | None = None, **arguments: Any) -> dict[str, Any]:
-        """Have the driver do something; returns its answer. `meanwhile` is called over and over until it is there.
+    def request(self, do: str, **arguments: Any) -> dict[str, Any]:
+        """Have the driver do something; returns its answer.
 
         Raises:
             BenchError: it failed; with the end of its log.
         """
         self._send(do, arguments)
-        if meanwhile is not None:
-            while not self._readable(0.0):
-                meanwhile()
         return self._receive()
 
     @contextlib.contextmanager
@@ -80,7 +75,7 @@ class Subject:
         for path in Path("/proc").glob("[0-9]*"):
             with contextlib.suppress(OSError):
                 parent = int((path / "stat").read_text().rsplit(")", 1)[1].split()[1])
-                if parent == self.pid and b"arm.process" in (path / "cmdline").read_bytes():
+                if parent == self.pid and b"control_process" in (path / "cmdline").read_bytes():
                     return int(path.name)
         return self.pid
 
@@ -108,12 +103,9 @@ class Subject:
         except OSError as error:
             raise self._error(f"is gone ({error})") from error
 
-    def _readable(self, timeout_s: float) -> bool:
-        return bool(select.select([self._process.stdout], [], [], timeout_s)[0])
-
     def _receive(self) -> dict[str, Any]:
         assert self._process.stdout is not None
-        if not self._readable(_TIMEOUT_S):
+        if not select.select([self._process.stdout], [], [], _TIMEOUT_S)[0]:
             raise self._error(f"has not answered for {_TIMEOUT_S:.0f} s")
         line = self._process.stdout.readline()
         if not line:
@@ -130,13 +122,13 @@ class Subject:
 
 
 @contextlib.contextmanager
-def driver(kind: str, latency_s: float = 0.0, **job: Any) -> Iterator[tuple[RigControl, Subject, float]]:
-    """A started driver on a rig of its own; also the seconds that its start took. Everything ends with the block."""
+def driver(kind: str, latency_s: float = 0.0, **job: Any) -> Iterator[tuple[RigControl, Subject]]:
+    """A started driver on a rig of its own. Everything ends with the block."""
     with running_rig(latency_s=latency_s, stamp_temperatures=True) as rig:
         subject = Subject(rig.name, {"kind": kind, **job})
         try:
-            connect_s = subject.request("start")["connect_s"]
-            yield rig, subject, connect_s
+            subject.request("start")
+            yield rig, subject
         finally:
             subject.close()
 
@@ -159,59 +151,26 @@ def tick_times(rig: RigControl, motors: int = 7) -> list[float]:
     return ticks
 
 
-def measure_periods(
-    rig: RigControl, wanted_s: float, during: Callable[[float, Callable[[], None]], None] | None = None
-) -> Periods:
-    """Periods of whatever commands the rig now, until `wanted_s` of undisturbed windows have been seen.
-
-    Args:
-        rig: stamps the arrival of each frame.
-        wanted_s: undisturbed time to collect; gives up after `_PATIENCE` times as long.
-        during: called with the length of a block in s and a function that marks window edges as time passes;
-            it has to spend that time. None: just wait.
-    """
-    found, used_s, total_s = [np.zeros(0)], 0.0, 0.0
-    while used_s < wanted_s and total_s < _PATIENCE * wanted_s:
-        windows = Windows()
-        count = max(1, min(_BLOCK_WINDOWS, round((wanted_s - used_s) / WINDOW_S)))
-        length_s = min(WINDOW_S, wanted_s)
+def measure_periods(rig: RigControl, seconds: float, during: Callable[[float], None] = time.sleep) -> np.ndarray:
+    """(n,) ms between the ticks of whatever commands the rig now; `during` has to spend that time."""
+    found, left_s = [np.zeros(0)], seconds
+    while left_s > 0.0:
         rig.trace_start(CHANNEL)
-        windows.mark()
-
-        def wait(windows: Windows = windows, length_s: float = length_s) -> None:
-            time.sleep(length_s)
-            windows.mark()
-
-        if during is None:
-            for _ in range(count):
-                wait()
-        else:
-            during(count * length_s, wait)
-        found.append(periods(tick_times(rig), windows))
-        used_s += windows.used_s
-        total_s += windows.total_s
-    return Periods(np.concatenate(found), used_s, total_s)
+        during(min(left_s, _BLOCK_S))
+        found.append(np.diff(tick_times(rig)) * 1e3)
+        left_s -= _BLOCK_S
+    return np.concatenate(found)
 
 
-def measure_work(subject: Subject, wanted_s: float, **arguments: Any) -> tuple[np.ndarray, float, float]:
-    """Have a driver get and send at a rate until `wanted_s` of undisturbed windows have been seen.
+def cpu_s(pid: int) -> float:
+    """CPU time of all threads of a process, in seconds, to the nanosecond (`/proc/PID/task/*/schedstat`)."""
+    return sum(int(path.read_text().split()[0]) for path in Path(f"/proc/{pid}/task").glob("*/schedstat")) * 1e-9
 
-    Returns:
-        (n, 3) rows of monotonic s, get + send ms, age ms, of undisturbed windows; time used, time gone by.
-    """
-    found, used_s, total_s = [np.zeros((0, 3))], 0.0, 0.0
-    while used_s < wanted_s and total_s < _PATIENCE * wanted_s:
-        windows = Windows()
-        length_s = min(WINDOW_S, wanted_s)
 
-        def wait(windows: Windows = windows, length_s: float = length_s) -> None:
-            time.sleep(length_s)
-            windows.mark()
-
-        windows.mark()
-        block_s = min(_BLOCK_WINDOWS * WINDOW_S, wanted_s - used_s)
-        rows = np.array(subject.request("work", wait, seconds=block_s, **arguments)["rows"]).reshape(-1, 3)
-        found.append(rows[windows.contains(rows[:, 0])])
-        used_s += min(windows.used_s, block_s)
-        total_s += windows.total_s
-    return np.concatenate(found), used_s, total_s
+def percentiles(values: np.ndarray, shares: Sequence[float]) -> dict[str, float]:
+    """{"p50": …, …, "max": …} of the values; NaN without any."""
+    names = [f"p{share:g}".replace(".", "") for share in shares]
+    if len(values) == 0:
+        return dict.fromkeys([*names, "max"], float("nan"))
+    found = {name: float(np.percentile(values, share)) for name, share in zip(names, shares, strict=True)}
+    return {**found, "max": float(values.max())}

@@ -2,23 +2,31 @@
 
 import contextlib
 from collections import deque
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from lerobot_robot_yam.control.stop_response import PRESS_NM
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.state.faults import SILENT_S
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE, state_path
 from lerobot_robot_yam.system.shared_block import SharedBlock
 from soak.checks import GRIPPER, SetPointCheck, mode_of
-from soak.context import Silence
 
-_KEPT, _AROUND_S = 500, 0.3
-_SHORTLY_S = 0.4  # a silence that is told now has begun since, with the last answer before it
+_KEPT = 500  # newest records
+_AROUND_S = 0.3  # before and after a violation: these records are reported with it, s
 _TOLD = ("stamp_s", "motor_stamp_s", "q", "dq", "tau", "setpoint", "action", "action_dq", "action_stamp_s")
+
+
+def newest_record(key: str) -> Any:
+    """The newest state record of the arm whose blocks have this key; None without one."""
+    with contextlib.suppress(FileNotFoundError, YamError):
+        block = SharedBlock(state_path(key), STATE_DTYPE, create=False)
+        try:
+            return block.read()
+        finally:
+            block.close()
+    return None
 
 
 class Arm:
@@ -91,10 +99,6 @@ class Arm:
         ]
         return np.nan_to_num(np.max(ages, axis=0)) if ages else np.zeros(GRIPPER + 1)
 
-    def silences(self, at_s: float) -> list[Silence]:
-        """Of every motor that was not heard for `SILENT_S` shortly before a monotonic time, as far as it is kept."""
-        return silences([r for r in self._history if at_s - _SHORTLY_S < float(r["stamp_s"]) <= at_s])
-
     @property
     def driven(self) -> bool:
         """Whether a control loop says that it drives the arm."""
@@ -105,19 +109,3 @@ class Arm:
         block, self._block = self._block, None
         if block is not None:
             block.close()
-
-
-def silences(records: Sequence[Any]) -> list[Silence]:
-    """Of every motor that was not heard for `SILENT_S` in these records of one arm, in order."""
-    found = {}
-    for slot in range(GRIPPER + 1) if records else ():
-        motor = "gripper" if slot == GRIPPER else f"joint_{slot + 1}"
-        heard = records[0]
-        for record in records:
-            since_s, newest_s = float(heard["motor_stamp_s"][slot]), float(record["motor_stamp_s"][slot])
-            again = newest_s != since_s
-            if (newest_s if again else float(record["stamp_s"])) - since_s > SILENT_S:
-                found[motor] = Silence(motor, since_s, int(record["tick"]) - int(heard["tick"]))
-            if again:
-                heard = record
-    return list(found.values())

@@ -1,13 +1,12 @@
 """What the rig and the soak say has happened: which motors have torque, what was injected, when somebody pushed."""
 
 import math
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from lerobot_robot_yam.damiao.tables import Fault
-from lerobot_robot_yam.state.faults import FAULT_TROUBLE, SILENT_S, Trouble
+from lerobot_robot_yam.state.faults import FAULT_TROUBLE, Trouble
 
 WATCHDOG_S = 0.4  # a motor without a command for so long switches itself off
 _WATCHDOG_SLACK_S = 0.03  # between the rig's simulated time and the clock
@@ -25,8 +24,6 @@ _EXPLAINS: dict[str, frozenset[Trouble]] = {
 # they are older than a silence may be.
 _SILENCING = frozenset({"held_back", "garbled"})
 _SILENCES = (Trouble.BUS_SILENT, Trouble.MOTOR_SILENT)
-_LOSES = "lost_replies"  # one motor's next answers: no silence, unless the ticks are so late that it becomes one
-_ANSWER_S = 0.05  # the last answer before may be so much younger than the event: it was on its way
 TROUBLING = _CUTS | _DEATHS | {"motor_fault", "motor_hot"}
 _AFTER_S = 3.0  # so long after its end something may still be the cause of trouble
 _COOLS_S = 120.0  # a motor that was heated without torque is hot for so long, for whoever connects its arm
@@ -47,15 +44,6 @@ class Cause:
     end_s: float = math.inf
 
 
-@dataclass(frozen=True)
-class Silence:
-    """A motor that was not heard: since when, monotonic s, and how many ticks have asked it since."""
-
-    motor: str
-    since_s: float
-    questions: int
-
-
 @dataclass
 class ArmContext:
     """One arm, as the rig knows it."""
@@ -64,8 +52,6 @@ class ArmContext:
     enabled: set[str] = field(default_factory=set)
     changed_s: float = -math.inf  # when a motor last gained or lost torque
     faulty: dict[str, float] = field(default_factory=dict)  # motor → since when
-    session: str = "off"  # "connecting", "on", "landing" or "off", by the soak's own word
-    session_s: float = -math.inf
 
 
 class Context:
@@ -111,9 +97,6 @@ class Context:
                         cause.end_s = at_s
         elif kind == "slipped":  # the rig itself did not run: its motors were silent
             self.stalled(at_s - float(event["seconds"]), at_s)
-        elif kind == "session":
-            for channel in event["channels"]:
-                self.arms[channel].session, self.arms[channel].session_s = event["what"], at_s
         elif kind in ("motor_enabled", "motor_disabled", "motor_fault"):
             return self._motor(kind, event, at_s)
         return []
@@ -159,12 +142,10 @@ class Context:
                 return True
         return False
 
-    def explained(
-        self, channel: str, trouble: Trouble, at_s: float, for_s: float = 0.0, silences: Sequence[Silence] = ()
-    ) -> bool:
+    def explained(self, channel: str, trouble: Trouble, at_s: float, for_s: float = 0.0) -> bool:
         """Whether something was injected into the arm that can be the cause of trouble that is told at that time.
 
-        It may have been there for `for_s` before. `silences` are those of this arm's motors just before.
+        It may have been there for `for_s` before.
 
         A motor that has fallen into a fault tells of it for as long as it is in it, anew in each mode.
         """
@@ -175,8 +156,6 @@ class Context:
             return True
         acting = {cause.kind for cause in arm.causes if cause.start_s <= at_s <= cause.end_s + _AFTER_S + for_s}
         if trouble in _SILENCES and acting >= _SILENCING:
-            return True
-        if trouble is Trouble.MOTOR_SILENT and silences and all(_lost(arm, silence) for silence in silences):
             return True
         return any(kind in TROUBLING or trouble in _EXPLAINS.get(kind, ()) for kind in acting)
 
@@ -191,32 +170,3 @@ class Context:
         """Causes that ended before then can explain nothing any more."""
         for arm in self.arms.values():
             arm.causes = [c for c in arm.causes if c.end_s > at_s or (c.kind == "adapter_gone" and c.start_s > at_s)]
-
-
-def _lost(arm: ArmContext, silence: Silence) -> bool:
-    """Whether the schedule has destroyed every answer that was asked for in a silence, but for one on its way."""
-    return any(
-        cause.kind == _LOSES
-        and cause.motor == silence.motor
-        and silence.since_s - _ANSWER_S < cause.start_s < silence.since_s + SILENT_S
-        and silence.questions <= cause.value + 1
-        for cause in arm.causes
-    )
-
-
-def steal_share(before: tuple[int, int], after: tuple[int, int]) -> float:
-    """Share of time that the hypervisor took between two samples of `cpu_times`."""
-    total = after[1] - before[1]
-    return (after[0] - before[0]) / total if total > 0 else 0.0
-
-
-def cpu_times() -> tuple[int, int]:
-    """(stolen, total) clock ticks of all processors since boot."""
-    with open("/proc/stat") as file:
-        values = [int(word) for word in file.readline().split()[1:9]]
-    return values[7], sum(values)
-
-
-def now_s() -> float:
-    """The clock of all records and events."""
-    return time.monotonic()

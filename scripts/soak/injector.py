@@ -13,26 +13,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.rig.client.rig_control import RigControl
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
-from lerobot_robot_yam.state.records import STATE_DTYPE, state_path
-from lerobot_robot_yam.system.runtime_files import runtime_dir, sessions
-from lerobot_robot_yam.system.shared_block import SharedBlock
-from soak.schedule import CAMERA, CHANNELS, LOSS_RATE, Injection
+from soak.arm import newest_record
+from soak.schedule import CHANNELS, LOSS_RATE, Injection
 
 logger = logging.getLogger("soak")
 
 _POLL_S = 0.01
 _SEEN_S = 0.05  # a loop sees the release of an emergency stop at its next tick, however late that is
 _GAP_S = 0.2  # at least, between two that were kept waiting
-_SIGNALS = {
-    "kill_control": signal.SIGKILL,
-    "stop_control": signal.SIGSTOP,
-    "kill_link": signal.SIGKILL,
-    "stop_link": signal.SIGSTOP,
-}
-_FOR_CALLER = frozenset({"caller_stall", "malformed_action", "far_action"})
+_SIGNALS = {"kill_control": signal.SIGKILL, "stop_control": signal.SIGSTOP}
+_FOR_CALLER = frozenset({"caller_stall", "far_action"})
 _CHANNEL_FAULTS = {
     "second_arm": "second_arm",
     "cable_out_briefly": "cable_out",
@@ -57,19 +49,17 @@ _HOT = {"rate_c_per_s": 0.1, "from_c": 96.0}
 class Injector(threading.Thread):
     """Carries out a schedule, on its own thread and connection.
 
-    What concerns the caller (it stalls, it sends rubbish) is put into `for_caller`; the caller does it and calls
+    What concerns the caller (it stalls, it asks for far poses) is put into `for_caller`; the caller does it and calls
     `began`.
 
     Args:
         rig: name of the rig.
         keys: of the state blocks, by channel.
         schedule: what and when.
-        parent: process whose children the control processes are.
     """
 
-    def __init__(self, rig: str, keys: Mapping[str, str], schedule: Sequence[Injection], parent: int):
+    def __init__(self, rig: str, keys: Mapping[str, str], schedule: Sequence[Injection]):
         super().__init__(name="soak-injector", daemon=True)
-        self._parent = parent
         self._rig = RigControl(rig, hold=False)
         self._keys, self._schedule = keys, list(schedule)
         self._begin_s = math.inf
@@ -77,9 +67,7 @@ class Injector(threading.Thread):
         self.injected: Counter[str] = Counter()
         self.log: list[tuple[float, Injection]] = []  # when what really happened, monotonic s
         self.error: BaseException | None = None
-        self.cut: set[str] = set()  # channels whose link was killed; whoever connects anew takes them out
         self._active: list[tuple[float, Injection]] = []
-        self._stopped: dict[int, int] = {}  # processes of links, by the injection
         self._lock = threading.RLock()  # of the connection and the list
         self._paused = threading.Event()
         self._ended = threading.Event()
@@ -146,11 +134,6 @@ class Injector(threading.Thread):
         finally:
             self._paused.clear()
 
-    @property
-    def busy(self) -> bool:
-        """Whether something is wrong right now that will be put right later."""
-        return bool(self._active)
-
     def began(self, injection: Injection) -> None:
         """Note in the rig's log that this happens now."""
         self.injected[injection.kind] += 1
@@ -167,8 +150,7 @@ class Injector(threading.Thread):
             return
         pid = 0
         if injection.kind in _SIGNALS:
-            find = self._link_pid if injection.kind.endswith("_link") else self._control_pid
-            pid = find(injection.channel)
+            pid = self._control_pid(injection.channel)
             if not pid:
                 self.injected[f"{injection.kind}, but there was none"] += 1
                 return
@@ -194,17 +176,11 @@ class Injector(threading.Thread):
             rig.fault(channel, None, _CHANNEL_FAULTS[kind], True)
         elif kind in _VALUES:
             rig.fault(channel, injection.motor or None, _VALUES[kind][0], injection.value, **_DETAILS.get(kind, {}))
-        elif kind == "camera_stall":
-            rig.camera_fault(CAMERA, "stall", injection.seconds)
         elif kind == "emergency_stop":
             EmergencyStop().latch("soak")
         elif kind == "push":
             rig.push(channel, injection.motor, injection.value, injection.seconds)
         elif kind in _SIGNALS:
-            if kind == "kill_link":
-                self.cut.add(channel)
-            elif kind == "stop_link":
-                self._stopped[injection.number] = pid
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, _SIGNALS[kind])
         else:
@@ -222,33 +198,17 @@ class Injector(threading.Thread):
             rig.fault(channel, injection.motor or None, *_VALUES[kind])
         elif kind == "emergency_stop":
             EmergencyStop().release()
-        elif kind == "stop_link":
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(self._stopped.pop(injection.number), signal.SIGCONT)
         rig.log("undone", injection=injection.number)
 
     def _control_pid(self, channel: str) -> int:
         """The control process that drives a channel, not its stand-by; 0 when it has ended or never ran."""
-        try:
-            block = SharedBlock(state_path(self._keys[channel]), STATE_DTYPE, create=False)
-        except (FileNotFoundError, YamError):
-            return 0
-        try:
-            record = block.read()
-        finally:
-            block.close()
+        record = newest_record(self._keys[channel])
         pid = 0 if record is None else int(record["owner_pid"])
         try:
             fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
         except OSError:
             return 0
-        return pid if int(fields[1]) == self._parent and fields[0] not in "ZT" else 0
-
-    @staticmethod
-    def _link_pid(channel: str) -> int:
-        """The link process of the device that a channel's arm belongs to; 0 when there is none."""
-        found = sessions(runtime_dir()).items()
-        return next((int(pid) for key, pid in found if key.startswith("remote.") and key.endswith(channel)), 0)
+        return pid if int(fields[1]) == os.getpid() and fields[0] not in "ZT" else 0
 
     def end(self) -> None:
         """Stop, put everything right. Idempotent."""

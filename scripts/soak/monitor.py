@@ -16,7 +16,7 @@ from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.system.realtime import request_realtime
 from soak.arm import Arm
 from soak.checks import Finding, PolicyCheck
-from soak.context import Context, cpu_times, steal_share
+from soak.context import Context
 from soak.coupled import CouplingCheck
 from soak.obedience import ObedienceCheck
 from soak.stalls import ProcessorWatch
@@ -59,12 +59,11 @@ class Monitor:
         self._next_event = 0
         self._news: list[tuple[float, str, Trouble, float]] = []
         self._violations = self._excused = 0
-        self._begin_s = time.monotonic()
         self._processors = ProcessorWatch()
 
     def run(self) -> None:
         """Until standard input ends."""
-        next_rig_s, ticks = time.monotonic(), cpu_times()
+        next_rig_s = time.monotonic()
         while True:
             if select.select([sys.stdin], [], [], _PERIOD_S)[0] and not sys.stdin.readline():
                 break
@@ -73,7 +72,7 @@ class Monitor:
                 next_rig_s = time.monotonic() + _RIG_PERIOD_S
                 self._ask_rig()
         self._ask_rig()
-        self._say(summary=self._summary(steal_share(ticks, cpu_times())))
+        self._say(summary=self._summary())
         self._processors.close()
         for arm in self._arms.values():
             arm.close()
@@ -116,10 +115,8 @@ class Monitor:
         for finding in [*self._truth.judge(), *self._truth.judge_seeds()]:
             self._report(finding)
         for at_s, channel, trouble, since_s in self._news:  # what obstructs may be the arm itself, or the table
-            silences = self._arms[channel].silences(at_s)
-            if trouble is not Trouble.OBSTRUCTED and not self._context.explained(
-                channel, trouble, at_s, at_s - since_s, silences
-            ):
+            explained = self._context.explained(channel, trouble, at_s, at_s - since_s)
+            if trouble is not Trouble.OBSTRUCTED and not explained:
                 self._report(Finding("no trouble without a cause", at_s, channel, f"{trouble}"))
         self._news.clear()
         self._context.forget_before(time.monotonic() - _REMEMBERED_S)
@@ -148,7 +145,7 @@ class Monitor:
         sys.stdout.write(json.dumps(fields) + "\n")
         sys.stdout.flush()
 
-    def _summary(self, steal: float) -> dict[str, Any]:
+    def _summary(self) -> dict[str, Any]:
         arms = self._arms.values()
         seeds: dict[str, int] = {}
         for arm in arms:
@@ -158,7 +155,6 @@ class Monitor:
             "violations": self._violations,
             "excused": self._excused,
             "stalls": self._context.stalls,
-            "steal": steal,
             "records": sum(arm.records for arm in arms),
             "largest_setpoint_speed_ratio": max(arm.check.largest_ratio for arm in arms),
             "largest_landing_speed_ratio": max(arm.check.largest_landing_ratio for arm in arms),
@@ -170,7 +166,7 @@ class Monitor:
             },
             "coupled": self._coupled(),
             "limited": dict(sorted(self._policy.limited.items())),
-            **self._truth.summary(self._begin_s),
+            **self._truth.summary(),
         }
 
     def _coupled(self) -> dict[str, int]:

@@ -20,7 +20,6 @@ logger = logging.getLogger("soak")
 PATIENCE_S = 1.5  # a control process that is silent for longer is ended by connecting anew
 _HAND_S = 40.0
 _LIFTED_S, _HOME_S = (6.0, 20.0), (0.2, 5.0)  # some stays at home are too short to release, or to get there
-_IMPATIENT = 0.25  # how often the operator tries before the fault is gone
 _ATTEMPTS = 3
 _REST_RAD_S = 1.0
 _SETTLE_S = 0.6  # the motors' watchdog, and a little
@@ -33,7 +32,7 @@ class Operator:
     Args:
         rig: a connection that nobody else uses.
         injector: keeps quiet while something is connected or re-armed.
-        seed: of hands and patience.
+        seed: of the hands' ways.
         violation: called with invariant, channel or device, and what.
         coupled: leaders engage when they are lifted: bring them home now and then.
     """
@@ -59,8 +58,6 @@ class Operator:
         begin = time.monotonic()
         if device.channels == LEADERS or self._coupled:
             self.let_go()
-        if self._injector.busy and self._chance.random() < _IMPATIENT:
-            self._try_too_early(device)
         remedy = device.remedy()
         while remedy == "wait" and time.monotonic() - begin < PATIENCE_S:
             time.sleep(0.05)  # a control process that hangs is ended and replaced by the stand-by
@@ -75,7 +72,7 @@ class Operator:
             if self._works(device):
                 self.counts["recovered by itself"] += 1
                 return
-            time.sleep(0.05)  # a link that stalls
+            time.sleep(0.05)
         self.disconnect(device)
         self.connect(device)
 
@@ -92,8 +89,7 @@ class Operator:
         try:
             device.rearm()
         except YamError as error:
-            if not self._injector.cut & set(device.channels):  # of a killed link nobody passes it on
-                self._violation("each recovery succeeds", device.name, f"re-arm: {error}")
+            self._violation("each recovery succeeds", device.name, f"re-arm: {error}")
             return False
         if not self._works(device):
             return False
@@ -108,20 +104,8 @@ class Operator:
             return False
         return True
 
-    def _try_too_early(self, device: Device) -> None:
-        """Refused with a YamError, or it works; never anything else."""
-        self.counts["tried too early"] += 1
-        try:
-            device.rearm()
-        except YamError as error:
-            logger.info("too early: %s", error)
-        except Exception as error:
-            self._violation("errors are YamErrors", device.name, f"{type(error).__name__}: {error}")
-
     def disconnect(self, device: Device) -> None:
         """Land; things may go wrong on the way."""
-        if self._coupled and self._injector.cut & set(device.channels):
-            self._bring_home()
         if device.channels == LEADERS:
             self.let_go()
         logger.info("%s: disconnecting", device.name)
@@ -130,8 +114,7 @@ class Operator:
             device.device.disconnect()
         except Exception as error:
             self._violation("each recovery succeeds", device.name, f"disconnect: {type(error).__name__}: {error}")
-        # Its control loop lands it when the stop is released, or its host when it has missed the link for long.
-        self._lands_late = EmergencyStop().latched or bool(self._injector.cut & set(device.channels))
+        self._lands_late = EmergencyStop().latched  # its control loop lands it when the stop is released
         self.counts["disconnected"] += 1
         logger.info("%s: disconnected in %.1f s", device.name, time.monotonic() - begin)
 
@@ -151,12 +134,11 @@ class Operator:
                     if attempt == _ATTEMPTS - 1:
                         raise
                     time.sleep(1.0)
-            self._injector.cut -= set(device.channels)
             logger.info("%s: connected in %.1f s", device.name, time.monotonic() - begin)
         self.counts["connected"] += 1
 
     def check_limp(self, device: Device) -> None:
-        """Nothing is energised after disconnecting, or soon after an emergency stop's release or a link's death."""
+        """Nothing is energised after disconnecting, or soon after an emergency stop's release."""
         deadline = time.monotonic() + _LATE_LANDING_S
         time.sleep(_SETTLE_S)  # what could not be reached lets go by itself
         while self._lands_late and self._energised(device) and time.monotonic() < deadline:
@@ -191,14 +173,6 @@ class Operator:
                 self._rig.hand(channel, *hand_path(self._chance, q, _HAND_S))
         self.counts["hands took the leaders"] += 1
         self._guided_until_s = time.monotonic() + lasts_s
-
-    def _bring_home(self) -> None:
-        """Bring the leaders home and let go: no host lands arms while somebody seems to lead them."""
-        for channel in LEADERS:
-            home = [0.0] * len(self._rig.state()["arms"][channel]["q"])
-            self._rig.hand(channel, [BACK_S, BACK_S + _SETTLE_S], [home, home], [0.0, 0.0], gives_way=False)
-        time.sleep(BACK_S + _SETTLE_S)
-        self.let_go()
 
     def let_go(self) -> None:
         """Both leaders."""

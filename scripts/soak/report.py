@@ -1,7 +1,6 @@
-"""Of a soak's figures: the table, the plot."""
+"""The table of a soak's figures."""
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 Report = Mapping[str, Any]
@@ -46,9 +45,8 @@ def table(report: Report) -> str:
         f"  way of a body after a cut elsewhere than landed {_largest(judge, 'moved_after_cut_m')} m",
         f"    ({judge['cuts_not_judged']} cuts not judged: seen too late)",
         f"  age of a returned state                        {caller['oldest_state_s'] * 1e3:.0f} of 250 ms",
-        f"  age of a returned image                        {caller['oldest_image_s'] * 1e3:.0f} of 500 ms",
         "",
-        f"machine: stood still {judge['stalls']} times for more than 50 ms, {judge['steal']:.1%} stolen, "
+        f"machine: stood still {judge['stalls']} times for more than 50 ms, "
         f"{judge['rig_slips']} slips of the rig; {judge['excused']} findings excused by that",
         f"left behind: {', '.join(report['left_behind']) or 'nothing'}",
         "",
@@ -69,33 +67,3 @@ def _counts(counts: Mapping[str, int]) -> list[str]:
 def _largest(judge: Report, name: str) -> str:
     row = judge["largest"][name]
     return f"{row['value']:.3f} {row['where']}".rstrip()
-
-
-def plot(report: Report, path: Path) -> None:
-    """Save speed and torque over time, with what was injected, repaired and violated."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, (upper, lower) = pyplot.subplots(2, 1, figsize=(11, 7), sharex=True, layout="constrained")
-    series = report["judge"]["series"]
-    times = [row[0] for row in series]
-    upper.plot(times, [row[1] for row in series], linewidth=0.7, label="joint speed by command")
-    upper.plot(times, [row[2] for row in series], linewidth=0.7, label="motor torque")
-    upper.axhline(1.0, color="k", linestyle=":", linewidth=1)
-    upper.set(ylabel="share of what is allowed", ylim=(0, 1.3), title=f"Soak, seed {report['seed']}")
-    upper.legend(loc="upper right", fontsize=8)
-    kinds = sorted({row["kind"] for row in report["log"]})
-    for row, kind in enumerate(kinds):
-        found = [entry["at_s"] for entry in report["log"] if entry["kind"] == kind]
-        lower.plot(found, [row] * len(found), "|", markersize=9)
-    for violation in report["violations"]:
-        for axes in (upper, lower):
-            axes.axvline(violation["at_s"], color="r", linewidth=0.8)
-    lower.set_yticks(range(len(kinds)), kinds, fontsize=8)
-    lower.set(xlabel="s")
-    lower.grid(axis="x", alpha=0.25)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=130)
-    pyplot.close(figure)

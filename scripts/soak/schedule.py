@@ -11,14 +11,12 @@ from lerobot_robot_yam.arm.profile_files import load_arm
 FOLLOWERS = ("follower_left", "follower_right")
 LEADERS = ("leader_left", "leader_right")
 CHANNELS = FOLLOWERS + LEADERS
-CAMERA = "top"
 BACK_S = 2.0  # of a leader's way home
 LOSS_RATE = 0.01  # of all frames to and from all motors, all the time
 NIBBLES = (0x0, 0x8, 0x9, 0xA, 0xB, 0xC, 0xD, 0xE)  # every way in which a motor switches itself off
 _JOINTS = load_arm("yam").joint_count
 _BEYOND_RAD = 0.8  # what no motor can turn by within the four answers after which it is not believed any more
 _PUSHED = ("link2", "link3", "link4", "gripper")
-_MALFORMED = ("nan", "missing", "unknown", "text")
 
 
 @dataclass(frozen=True)
@@ -28,11 +26,11 @@ class Injection:
     Attributes:
         number: its place in the schedule.
         at_s: seconds since the soak began; a little later when an arm is just being repaired.
-        kind: a name in `KINDS` or `LINK_KINDS`.
+        kind: a name in `KINDS`.
         channel: whose arm; empty when it concerns no arm in particular.
         motor: of that arm; empty when it concerns no motor in particular.
         value: fault code, number of answers, offsets of a reading, share of answers, latency in s, times at which
-            frames are held back, force (3,) N, or which malformed action.
+            frames are held back, or force (3,) N.
         seconds: how long it lasts; 0 when it is over at once.
     """
 
@@ -102,7 +100,8 @@ def _held_back(rng: random.Random) -> dict[str, Any]:
 _EVEN = "motor_fault"
 KINDS: dict[str, tuple[float, Callable[[random.Random], dict[str, Any]]]] = {
     _EVEN: (30.0, lambda rng: _on_motor(rng, rng.choice(NIBBLES))),
-    "lost_replies": (2.0, lambda rng: _on_motor(rng, rng.randint(1, 12))),
+    # No silence (0.1 s), even of ticks that take three times as long as they should.
+    "lost_replies": (2.0, lambda rng: _on_motor(rng, rng.randint(1, 8))),
     "motor_silent": (75.0, lambda rng: _on_motor(rng, seconds=rng.uniform(0.03, 1.5))),
     "reading_glitch": (4.0, _glitch),
     "reading_lies": (60.0, _lie),
@@ -117,20 +116,12 @@ KINDS: dict[str, tuple[float, Callable[[random.Random], dict[str, Any]]]] = {
     "bus_off": (300.0, lambda rng: _on_channel(rng, 0.02, 0.28)),
     "adapter_gone": (300.0, lambda rng: _on_channel(rng, 0.1, 1.0)),
     "handle_silent": (40.0, lambda rng: {"channel": rng.choice(LEADERS), "seconds": rng.uniform(0.1, 2.0)}),
-    "camera_stall": (25.0, lambda rng: {"seconds": rng.uniform(0.1, 1.5)}),
     "caller_stall": (20.0, lambda rng: {"seconds": rng.uniform(0.1, 3.0)}),
     "kill_control": (120.0, lambda rng: {"channel": rng.choice(CHANNELS)}),
     "stop_control": (150.0, lambda rng: {"channel": rng.choice(CHANNELS)}),
     "emergency_stop": (60.0, lambda rng: {"seconds": rng.uniform(0.2, 3.0)}),
     "push": (12.0, _push),
-    "malformed_action": (5.0, lambda rng: {"value": rng.choice(_MALFORMED)}),
     "far_action": (6.0, lambda rng: {"value": round(rng.uniform(-8.0, 8.0), 2)}),
-}
-
-# Of the link's process of a device, where a yam-host has the arms.
-LINK_KINDS: dict[str, tuple[float, Callable[[random.Random], dict[str, Any]]]] = {
-    "kill_link": (90.0, lambda rng: {"channel": rng.choice(CHANNELS)}),
-    "stop_link": (30.0, lambda rng: _on_channel(rng, 0.05, 2.0)),
 }
 
 
@@ -142,12 +133,12 @@ def make_schedule(
     Args:
         duration_s: length of the soak.
         seed: the same seed gives the same list, and a longer soak begins like a shorter one.
-        pace: so many times as often as `KINDS` and `LINK_KINDS` say.
+        pace: so many times as often as `KINDS` says.
         kinds: only these.
     """
     found = []
     for kind in kinds:
-        gap_s, details = (KINDS | LINK_KINDS)[kind]
+        gap_s, details = KINDS[kind]
         rng = random.Random(f"{seed} {kind}")  # each kind has its own chance: leaving one out changes no other
         at_s = rng.uniform(0.0, gap_s / pace) if kind == _EVEN else rng.expovariate(pace / gap_s)
         while at_s < duration_s:

@@ -8,19 +8,17 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
-from lerobot_robot_yam.errors import ActionError, YamError
+from lerobot_robot_yam.errors import YamError
 from soak.devices import Device
 from soak.injector import Injector
-from soak.operator import PATIENCE_S, Operator
-from soak.schedule import CAMERA, Injection
+from soak.operator import Operator
 
 logger = logging.getLogger("soak")
 
 _RATE_HZ = 45.0
-_CAMERA_AGE_S = 0.5  # of LeRobot's read_latest
 _FAR_TICKS = 8
 _OUTSIDE_RAD = 0.2  # a pose that is held, which is then what was sent, may lie so far outside the limits
-_NAMES = ("follower", "leader", "joint_", "gripper", f"camera {CAMERA}")
+_NAMES = ("follower", "leader", "joint_", "gripper")  # one of them is in the text of each error
 
 
 class Teleoperation:
@@ -46,7 +44,7 @@ class Teleoperation:
         self._far: tuple[str, float, int] | None = None
         self.counts: Counter[str] = operator.counts
         self.errors: Counter[str] = Counter()
-        self.oldest_state_s = self.oldest_image_s = 0.0
+        self.oldest_state_s = 0.0
 
     def connect(self) -> None:
         """Energise everything."""
@@ -95,10 +93,7 @@ class Teleoperation:
             logger.info("%s: %s: %s", device.name, type(error).__name__, text)
             if not any(name in text for name in _NAMES):
                 self._violation("errors name the part", device.name, text)
-            if f"camera {CAMERA}" in text:
-                self._wait_for_camera()
-            else:
-                self._operator.see_to(device)
+            self._operator.see_to(device)
         except Exception as error:
             self._violation("errors are YamErrors", device.name, f"{type(error).__name__}: {error}")
             self._operator.see_to(device)
@@ -107,11 +102,7 @@ class Teleoperation:
     def _observe(self) -> dict[str, Any]:
         begin = time.monotonic()
         observation = self._robot.device.get_observation()
-        now = time.monotonic()
-        self._check_age(self._robot, begin, now)
-        age = now - self._robot.camera_stamp_s
-        self.oldest_image_s = max(self.oldest_image_s, age)
-        self._judge_age(f"camera {CAMERA}", age, _CAMERA_AGE_S, now - begin)
+        self._check_age(self._robot, begin, time.monotonic())
         for key, value in observation.items():
             if isinstance(value, float) and not math.isfinite(value):
                 self._violation("observations are finite", self._robot.name, f"{key} is {value}")
@@ -126,12 +117,9 @@ class Teleoperation:
     def _check_age(self, device: Device, begin: float, now: float) -> None:
         age = now - min(device.stamps_s)
         self.oldest_state_s = max(self.oldest_state_s, age)
-        self._judge_age(device.name, age, device.max_state_age_s, now - begin)
-
-    def _judge_age(self, what: str, age: float, limit: float, took: float) -> None:
-        """It was judged within the call, which the machine may have held up."""
-        if age > limit + took:
-            self._violation("no state older than its stated age", what, f"{age:.3f} s old, at most {limit} s")
+        limit = device.max_state_age_s
+        if age > limit + now - begin:  # the call judged it, and the machine may have held the call up since
+            self._violation("no state older than its stated age", device.name, f"{age:.3f} s old, at most {limit} s")
         elif age > limit:
             self.counts["became old while the call was held up"] += 1
 
@@ -143,21 +131,6 @@ class Teleoperation:
                 if not low - _OUTSIDE_RAD <= value <= high + _OUTSIDE_RAD:
                     self._violation("targets are limited", self._robot.name, f"{motor} was sent {value}")
 
-    def _wait_for_camera(self) -> None:
-        begin = time.monotonic()
-        while time.monotonic() - begin < PATIENCE_S:
-            time.sleep(0.05)
-            try:
-                self._observe()
-            except YamError as error:
-                if f"camera {CAMERA}" not in str(error):
-                    return  # the next tick will say it
-                continue
-            self.counts["the camera came back"] += 1
-            return
-        self._operator.disconnect(self._robot)
-        self._operator.connect(self._robot)
-
     def _misbehave(self) -> None:
         """What the schedule has the caller do wrong."""
         try:
@@ -167,26 +140,6 @@ class Teleoperation:
         self._injector.began(injection)
         if injection.kind == "caller_stall":
             time.sleep(injection.seconds)
-        elif injection.kind == "far_action":
+        else:
             keys = self._robot.device._arms.keys
             self._far = (keys[injection.number % len(keys)], float(injection.value), _FAR_TICKS)
-        else:
-            self._send_malformed(injection)
-
-    def _send_malformed(self, injection: Injection) -> None:
-        action: dict[str, Any] = dict.fromkeys(self._robot.device._arms.keys, 0.5)
-        key = list(action)[injection.number % len(action)]
-        if injection.value == "missing":
-            del action[key]
-        elif injection.value == "unknown":
-            action["elbow.pos"] = 0.0
-        else:
-            action[key] = math.nan if injection.value == "nan" else "fast"
-        try:
-            self._robot.device.send_action(action)
-        except ActionError:
-            return
-        except Exception as error:
-            self._violation("malformed actions are refused", self._robot.name, f"{injection.value}: {error!r}")
-            return
-        self._violation("malformed actions are refused", self._robot.name, f"{injection.value} was taken")

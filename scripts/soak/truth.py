@@ -77,7 +77,6 @@ class Truth:
         self._age_s: dict[str, np.ndarray] = {}  # of the oldest command obeyed in the window before
         self._speeds = {"judged": 0, "in contact": 0}  # windows
         self._unnoticed: set[tuple[str, str, float]] = set()
-        self._series: list[tuple[float, float, float]] = []
         self._largest = {"speed": 0.0, "torque": 0.0, "difference_rad": 0.0, "moved_after_cut_m": 0.0}
         self._at: dict[str, str] = {}
         for channel in arms:
@@ -138,7 +137,6 @@ class Truth:
     def judge(self) -> list[Finding]:
         """What must not be, of everything since the last time."""
         found, self._differences = self._differences, []
-        speed = torque = 0.0
         for channel, seen, until_s, by_others in self._windows:
             arm = self._arms[channel]
             n = len(arm.torque_limit)
@@ -152,7 +150,6 @@ class Truth:
                 slow = self._happened(_SLOW_ADAPTERS, channel, since_s - _SLOW_S, until_s)
                 allowed = allowed_speed_rad_s(arm.motor_speed_limit[:n], oldest_s, slow)
                 ratio = np.array(seen["max_speed_rad_s"])[:n] / allowed
-                speed = max(speed, float(ratio.max()))
                 i = int(ratio.argmax())
                 self._note("speed", float(ratio.max()), f"{channel} {seen['motors'][i]}")
                 if ratio.max() > 1.0:
@@ -167,15 +164,12 @@ class Truth:
                 allowed = _TORQUE_FACTOR * arm.torque_limit + _TORQUE_SLACK_NM
                 allowed[:GRIPPER] += arm.kp[:GRIPPER] * arm.motor_speed_limit[:GRIPPER] * late_s
                 ratio = self._asked(channel, seen, allowed, late_s) / allowed
-                torque = max(torque, float(ratio.max()))
                 i = int(ratio.argmax())
                 self._note("torque", float(ratio.max()), f"{channel} {seen['motors'][i]}")
                 if ratio.max() > 1.0:
                     asked = f"{ratio[i] * allowed[i]:.2f} Nm, clip {arm.torque_limit[i]:.1f}"
                     what = f"{seen['motors'][i]} is asked for {asked}"
                     found.append(Finding("torque clip", seen["max_asked_at_s"][i], channel, what))
-        if self._windows:
-            self._series.append((self._windows[-1][2], speed, torque))
         self._windows.clear()
         return found + self._judge_cuts() + self._judge_notice()
 
@@ -254,8 +248,8 @@ class Truth:
         if value > self._largest[what]:
             self._largest[what], self._at[what] = value, where
 
-    def summary(self, begin_s: float) -> dict[str, Any]:
-        """Largest values seen, where, and over time."""
+    def summary(self) -> dict[str, Any]:
+        """Largest values seen, and where."""
         rig = self._rig.stats()
         return {
             "largest": {
@@ -264,7 +258,6 @@ class Truth:
             "speed_windows": self._speeds,
             "cuts_not_judged": self._unjudged_cuts,
             "rig_slips": rig["slips"],
-            "series": [[round(at_s - begin_s, 2), round(a, 3), round(b, 3)] for at_s, a, b in self._series],
         }
 
 

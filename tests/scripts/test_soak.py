@@ -11,7 +11,6 @@ import pytest
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.session.arm_session import ArmSession
-from lerobot_robot_yam.state.records import STATE_DTYPE
 from tests.support.paths import SCRIPTS
 from tests.support.soak_records import CHANNEL, LIMITS, PEER
 
@@ -62,32 +61,6 @@ def test_a_hand_may_move_an_arm_whose_torque_was_cut(rig, soak, hand):
     assert found == ([] if hand else ["no torque cut above a landed pose"])
 
 
-def test_a_cut_that_is_seen_too_late_is_counted_and_not_judged(rig, soak):
-    """No pose from before it is kept any more, and one from after it says nothing."""
-    arm = soak.arm.Arm(CHANNEL, arms_of(rig, ResolvedArm(ArmConfig(channel=CHANNEL, interface="yam_sim")))[CHANNEL])
-    truth = soak.truth.Truth(rig, {CHANNEL: arm}, soak.context.Context([CHANNEL, PEER], [(CHANNEL, PEER)]))
-    event = cut(rig, time.monotonic())
-    time.sleep(2.2)
-    truth.take(event)
-    truth.look()
-    assert truth.judge() == [] and truth.summary(0.0)["cuts_not_judged"] == 1
-
-
-def test_what_was_lowered_just_before_its_torque_was_cut_has_not_fallen(rig, soak):
-    """The judge's last look at the arm is from before the cut: the arm was still being lowered then."""
-    arm = soak.arm.Arm(CHANNEL, arms_of(rig, ResolvedArm(ArmConfig(channel=CHANNEL, interface="yam_sim")))[CHANNEL])
-    truth = soak.truth.Truth(rig, {CHANNEL: arm}, soak.context.Context([CHANNEL, PEER], [(CHANNEL, PEER)]))
-    rig.set_pose(CHANNEL, [0.0, 0.06, 0.04, -0.33, 0.0, 0.0])
-    truth.look()
-    rig.set_pose(CHANNEL, [0.0, 0.0, 0.0, -0.33, 0.0, 0.0])  # not the resting pose, but nothing falls from there
-    time.sleep(0.1)
-    at_s = time.monotonic()
-    truth.take(cut(rig, at_s))
-    time.sleep(0.4)
-    truth.look()
-    assert not truth.judge()
-
-
 @pytest.mark.long
 @pytest.mark.alone
 def test_the_monitor_sees_an_arm_fall(rig):
@@ -132,13 +105,12 @@ def test_the_monitor_sees_an_arm_fall(rig):
 
 
 def run_soak(tmp_path, *arguments, timeout_s):
-    report, picture = tmp_path / "soak.json", tmp_path / "soak.png"
-    command = [sys.executable, str(SCRIPTS / "soak.py"), "--json", str(report), "--plot", str(picture), *arguments]
+    report = tmp_path / "soak.json"
+    command = [sys.executable, str(SCRIPTS / "soak.py"), "--json", str(report), *arguments]
     run = subprocess.run(command, capture_output=True, text=True, timeout=timeout_s)
     assert run.returncode == 0, run.stdout + run.stderr[-3000:]
     figures = json.loads(report.read_text())
     assert figures["violations"] == [] and figures["left_behind"] == []
-    assert picture.read_bytes().startswith(b"\x89PNG")
     return figures, run.stdout
 
 
@@ -150,7 +122,6 @@ def run_soak(tmp_path, *arguments, timeout_s):
         (3, 3, 0.009, False, 2.3, True),  # one got lost, while joints 2 and 3 braked
         (3, 3, 0.009, False, 2.4, False),
         (3, 1, 0.009, False, 2.3, True),  # joint 2 goes on by itself, and throws it
-        (0, 1, 0.009, False, 2.1, False),
         (0, 0, 0.009, False, 2.1, False),  # nothing carries it
         (6, 6, 0.0045, False, 24.0, False),
         (6, 6, 0.0045, True, 24.0, True),
@@ -161,18 +132,6 @@ def test_a_motor_is_faster_only_where_its_commands_stayed_away(soak, motor, late
     limits, ages = np.array([1.5] * 6 + [16.4]), np.full(7, 0.0045)
     ages[late] = age_s
     assert (speed_rad_s <= soak.truth.allowed_speed_rad_s(limits, ages, slow)[motor]) == allowed
-
-
-def test_readings_of_a_gripper_are_as_old_as_its_records_say(rig, soak):
-    """It is held back by the torque of a pose that it has left, and leaps once it is heard again."""
-    arm = soak.arm.Arm(CHANNEL, arms_of(rig, ResolvedArm(ArmConfig(channel=CHANNEL, interface="yam_sim")))[CHANNEL])
-    for at_s, age_s in ((1.0, 0.5), (2.0, 0.062), (2.1, 0.002), (3.0, 0.5)):
-        record = np.zeros((), STATE_DTYPE)
-        record["stamp_s"], record["motor_stamp_s"] = at_s, at_s - 0.002
-        record["motor_stamp_s"][6] = at_s - age_s
-        arm._history.append(record)
-    assert arm.reading_age_s(1.5, 2.5)[:7] == pytest.approx([0.002] * 6 + [0.062])
-    assert not arm.reading_age_s(3.5, 4.0).any()
 
 
 @pytest.mark.long
@@ -198,20 +157,10 @@ def test_a_short_soak_of_coupled_arms(tmp_path):
 
 @pytest.mark.long
 @pytest.mark.alone
-@pytest.mark.parametrize("options", [[], ["--coupled"]], ids=["apart", "coupled"])
-def test_a_short_soak_over_a_link_that_dies(tmp_path, options):
-    kinds = ["--kinds", "kill_link", "stop_link", "lost_replies"]
-    more = ["--link", "--minutes", "1", "--pace", "6", "--seed", "2", *kinds, *options]
-    figures, _ = run_soak(tmp_path, *more, timeout_s=300)
-    assert figures["injected"]["kill_link"] > 1 and figures["injected"]["stop_link"] > 2
-
-
-@pytest.mark.long
-@pytest.mark.alone
 @pytest.mark.timeout(2400)
 @pytest.mark.parametrize("options", [[], ["--coupled"]], ids=["apart", "coupled"])
 def test_twenty_minutes(tmp_path, options):
     figures, _ = run_soak(tmp_path, "--minutes", "20", "--seed", "1", *options, timeout_s=2300)
-    least = {"motor_fault": 38, "lost_replies": 400, "camera_stall": 25, "caller_stall": 35, "emergency_stop": 10}
+    least = {"motor_fault": 38, "lost_replies": 400, "caller_stall": 35, "emergency_stop": 10}
     assert {kind: figures["injected"][kind] for kind in least if figures["injected"][kind] < least[kind]} == {}
     assert all(figures["judge"]["obeyed"].values())

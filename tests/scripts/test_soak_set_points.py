@@ -24,16 +24,6 @@ def test_a_set_point_at_its_limit_is_fine_and_a_faster_one_is_not(soak):
     assert found and {finding.invariant for finding in found} == {"set-point speed"}
 
 
-def test_a_late_tick_is_no_speed(soak):
-    """The set-point of a tick that came late has gone farther, in the time that it really had."""
-    rows = ramp(1.5, 100)
-    for tick in range(50, 100):  # the 50th tick came 60 ms late; it and all after it set what time says
-        rows[tick]["stamp_s"] += 0.06
-    for tick in range(51, 100):
-        rows[tick]["setpoint"] += 1.5 * 0.06
-    assert not findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), rows)
-
-
 def test_a_landing_is_slower(soak):
     assert not findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), ramp(0.6, 200, Mode.LAND))
     found = findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), ramp(0.9, 200, Mode.LAND))
@@ -67,31 +57,6 @@ def test_a_joint_without_torque_cannot_be_sent_anywhere(soak, before, after, jum
     assert ["no set-point jump"] * jumps == [finding.invariant for finding in found]
 
 
-@pytest.mark.parametrize("fault, too_fast", [(0x8, False), (1, True)])
-def test_a_joint_without_torque_may_be_turned_by_hand(soak, fault, too_fast):
-    """Its set-point follows it."""
-    rows = ramp(3.0, 100, Mode.FAULT)
-    for row in rows:
-        row["fault"][5] = fault
-        row["setpoint"][:5] = row["setpoint"][6] = 0.0
-    found = findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), rows)
-    assert bool(found) is too_fast
-
-
-@pytest.mark.parametrize(
-    "mode, beside, too_fast", [(Mode.HOLD, 0.0, False), (Mode.HOLD, 0.1, True), (Mode.FAULT, 0.0, True)]
-)
-def test_an_arm_that_is_armed_again_starts_from_where_it_has_sunk_to(soak, mode, beside, too_fast):
-    """By less than a jump, as the reader has missed records; joint_3 had no torque, the others had come to rest."""
-    rows = ramp(1.5, 61)
-    rows = [*rows[:55], record(55, rows[55]["setpoint"], Mode.FAULT), record(60, rows[60]["setpoint"], Mode.FAULT)]
-    there = rows[-1]["setpoint"].copy()
-    there[2] += 0.085
-    rows.append(record(67, there, mode, q=there + beside))
-    found = findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), rows)
-    assert [finding.invariant for finding in found] == ["set-point speed"] * too_fast
-
-
 def test_the_set_point_of_a_floating_arm_follows_the_arm(soak):
     def moved(mode):
         return [*ramp(0.0, 50, mode), *(record(50 + tick, np.full(7, 0.5), mode) for tick in range(50))]
@@ -104,47 +69,12 @@ def test_the_set_point_of_a_floating_arm_follows_the_arm(soak):
     assert findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), held)  # beside the arm
 
 
-def test_a_joint_that_came_free_may_have_been_caught_between_two_looks(soak):
-    def found(setpoint, tick=76):
-        there = record(tick, np.full(7, setpoint), q=np.full(7, 0.1))
-        there["limited"] = Limited.CAME_FREE
-        return findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), [*ramp(0.0, 50), before, there])
-
-    before = record(50, np.zeros(7), q=np.full(7, 0.6))
-    assert not found(0.3)
-    assert found(0.3, tick=51) and found(0.8) and found(-0.4)
-
-
-def test_a_clipped_joint_whose_readings_are_refused_keeps_to_what_it_was_sent(soak):
-    def found(setpoint, limited=Limited.TORQUE, mode=Mode.FAULT):
-        rows = [record(tick, np.full(7, 0.4), mode, q=np.full(7, -0.7)) for tick in range(50)]
-        rows[49]["limited"] = limited
-        rows.append(record(50, np.full(7, setpoint), mode, q=np.full(7, -0.7)))
-        return findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), rows)
-
-    assert not found(-0.1)
-    assert found(-0.1, limited=0) and found(-0.1, mode=Mode.HOLD)
-    assert found(0.9) and found(-0.9)  # it presses more, or on the other side
-
-
 def test_the_gripper_may_start_again_from_where_its_force_limiter_held_it(soak):
     there = np.array([0.0] * 6 + [0.2])
     rows = [*ramp(0.0, 50), record(50, there)]
     assert findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), rows)
     rows[49]["limited"] = Limited.GRIPPER_FORCE
     assert not findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), rows)
-
-
-def test_an_emergency_stop_has_an_arm_in_trouble_press_less(soak):
-    def found(before, after, ahead):
-        there = record(50, np.full(7, -0.5), Mode.FAULT, q=np.full(7, -0.5 - ahead))
-        rows = [*ramp(0.0, 50, Mode.FAULT), there]
-        rows[49]["limited"], there["limited"] = before, after
-        return findings(soak.checks.SetPointCheck(CHANNEL, LIMITS, press_rad=0.2), rows)
-
-    assert not found(0, Limited.EMERGENCY_STOP, ahead=0.2)
-    assert found(0, Limited.EMERGENCY_STOP, ahead=0.3)
-    assert found(0, 0, ahead=0.2) and found(Limited.EMERGENCY_STOP, Limited.EMERGENCY_STOP, ahead=0.2)
 
 
 def test_a_joint_that_came_free_may_start_again_from_where_it_is(soak):

@@ -31,7 +31,7 @@ def test_from_nothing_to_a_report(tmp_path):
     assert len(outcomes["per_task"][0]["metrics"]["successes"]) == 2
     videos = [line.split("`")[1] for line in report.splitlines() if line.startswith("- `")]
     assert len(videos) == 2 and all((out / video).stat().st_size > 1000 for video in videos)
-    assert (out / "report.png").stat().st_size > 1000 and (out / "loss.png").stat().st_size > 1000
+    assert (out / "loss.png").stat().st_size > 1000
     times = json.loads((out / "times.json").read_text())
     assert set(times) == {"gather", "train", "evaluate"}
     prove(out)
