@@ -122,7 +122,7 @@ class Device:
 
 def make_devices(rig: str, folder: Path, coupled: bool = False) -> tuple[Device, Device]:
     """Make robot and teleoperator, with a torque clip; `coupled`: with coupling, gate and force feedback."""
-    common = {
+    common: dict[str, Any] = {
         "interface": "yam_sim",
         "gravity_factor": [1.0] * 6,
         "can_options": {"rig": rig},
@@ -132,7 +132,7 @@ def make_devices(rig: str, folder: Path, coupled: bool = False) -> tuple[Device,
     robot = BiYamFollower(
         BiYamFollowerConfig(id="soak", calibration_dir=folder / "robot", left_arm_config=left, right_arm_config=right)
     )
-    leads = {"gate": "auto", "bilateral": _BILATERAL} if coupled else {}
+    leads: dict[str, Any] = {"gate": "auto", "bilateral": _BILATERAL} if coupled else {}
     first, second = (
         LeaderArmConfig(channel=name, **common, **leads, **({"follower": follower} if coupled else {}))
         for name, follower in zip(LEADERS, FOLLOWERS, strict=True)

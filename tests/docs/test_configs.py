@@ -1,5 +1,7 @@
 """The shipped run configs are what LeRobot's own commands accept, and mean the same everywhere."""
 
+import copy
+import functools
 import os
 import subprocess
 import sys
@@ -58,10 +60,14 @@ def a_rig(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-def parse(name, *arguments):
-    return draccus.parse(
-        (COMMANDS | TRAINING)[name.rpartition("/")[2].rpartition("_")[2]], config_path(name), arguments
-    )
+@functools.cache
+def parsed(name):
+    return draccus.parse((COMMANDS | TRAINING)[name.rpartition("/")[2].rpartition("_")[2]], config_path(name), [])
+
+
+def parse(name):
+    """What LeRobot makes of a config: parsed once, a copy for each test."""
+    return copy.deepcopy(parsed(name))
 
 
 @pytest.mark.parametrize("place", ["sim", "real", "rig"])

@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.errors import ActionError, ChannelInUseError
+from lerobot_robot_yam.errors import ActionError, ChannelInUseError, ConfigError, LifeCycleError
 from lerobot_robot_yam.rig.client.rig_control import RigControl
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.session.yam_arm import YamArm
@@ -50,6 +50,13 @@ def test_a_pose_that_the_arm_cannot_take_is_refused_and_nothing_moves(rig_arm):
 def test_a_state_tells_a_reader_the_pose_and_the_mode(rig_arm):
     text = repr(rig_arm.observe())
     assert text.startswith("<ArmState HOLD q=[") and "gripper=" in text and "°C" in text
+
+
+def test_only_a_world_of_ones_own_can_be_discarded(rig_arm):
+    with pytest.raises(LifeCycleError, match="so that the arms land"):
+        rig_arm._session.discard()
+    with pytest.raises(ConfigError, match="isolation"):
+        ArmSession([rig_arm.config], isolation="somewhere")
 
 
 def test_the_channel_lock_names_the_holder(rig_arm):

@@ -10,8 +10,7 @@ from lerobot_robot_yam.damiao.bus_port import data_message
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.registers import encode_refresh
 from lerobot_robot_yam.damiao.tables import REGISTER_ID
-from lerobot_robot_yam.errors import ConfigError, LifeCycleError, MotorError, StaleStateError
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.errors import LifeCycleError, MotorError, StaleStateError
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepBus, LockstepRig
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.state.faults import HUNG_S, STALE_OVERSHOOT_RAD_S, stale_overshoot_rad_s
@@ -39,7 +38,7 @@ def moved(rig):
     session = ArmSession([config(rig, channel) for channel in CHANNELS], isolation="lockstep")
     session.start()
     seen = []
-    for _ in range(60):
+    for _ in range(40):
         for channel in CHANNELS:
             session[channel].write_target(GOAL, 0.3)
         session.clock.sleep(1 / 30)
@@ -51,6 +50,7 @@ def moved(rig):
 def test_the_same_bits_every_time(rig):
     session, first = moved(rig)
     session.discard()
+    session.discard()  # idempotent
     rig.restart()
     again, second = moved(rig)
     again.discard()
@@ -86,12 +86,13 @@ def test_a_transmit_queue_that_is_full_for_a_moment_ends_no_session(rig):
 
 
 def test_it_lands_in_simulated_time(rig):
-    session, _ = moved(rig)
+    session = ArmSession([config(rig, CHANNELS[0])], isolation="lockstep")
+    session.start()
+    track(session, {CHANNELS[0]: [0.0, 0.3, 0.3, 0.0, 0.0, 0.0]}, 0.6)
     before = rig.now()
     session.stop()
-    assert 1.0 < rig.now() - before < 10.0
-    arms = rig.state()["arms"]
-    assert not any(motor["enabled"] for channel in CHANNELS for motor in arms[channel]["motors"].values())
+    assert 0.5 < rig.now() - before < 10.0
+    assert not any(motor["enabled"] for motor in rig.state()["arms"][CHANNELS[0]]["motors"].values())
 
 
 def test_a_state_is_fresh_while_nobody_sleeps_and_motors_let_go_when_the_loop_does(rig):
@@ -179,7 +180,6 @@ def test_at_rates_that_the_wire_does_not_allow_it_ticks_as_often_as_wire_and_law
     configs = [sim_config(rig, channel, rate_hz=rate_hz) for channel in CHANNELS]
     session = ArmSession(configs, isolation="lockstep")
     session.start()
-    track(session, dict.fromkeys(CHANNELS, [0.0, 1.2, 1.2, 0.0, 0.0, 0.0]), 1.5)
     for channel in CHANNELS:
         rig.watch_start(channel)
     loop = session._runner._loop
@@ -193,6 +193,9 @@ def test_at_rates_that_the_wire_does_not_allow_it_ticks_as_often_as_wire_and_law
         state = session[channel].observe()
         assert np.abs(state.q - GOAL).max() < 0.02
         assert max(rig.watch(channel)["max_speed_rad_s"][:6]) < 1.95
+    if rate_hz:  # in the default tier: that it lands, other tests show
+        session.discard()
+        return
     session.stop()
     arms = rig.state()["arms"]
     assert not any(motor["enabled"] for channel in CHANNELS for motor in arms[channel]["motors"].values())
@@ -220,10 +223,12 @@ def test_a_slow_loop_is_said_once_and_its_arm_goes_on(rig, monkeypatch, caplog):
         rig.sleep(0.005)
         command(arm, now, dt)
 
-    session, _ = moved(rig)
+    session = ArmSession([config(rig, CHANNELS[0])], isolation="lockstep")
+    session.start()
+    track(session, {CHANNELS[0]: GOAL}, 1.2)
     assert "control loop is slow" not in caplog.text
     monkeypatch.setattr(Actuation, "compute_command", slow_command)
-    track(session, dict.fromkeys(CHANNELS, [0.0, 1.2, 1.2, 0.0, 0.0, 0.0]), 3.5)
+    track(session, {CHANNELS[0]: [0.0, 1.2, 1.2, 0.0, 0.0, 0.0]}, 3.5)
     assert caplog.text.count("control loop is slow") == 1
     assert session[CHANNELS[0]].observe().q[1] == pytest.approx(1.2, abs=0.03)
     session.discard()
@@ -255,20 +260,3 @@ def test_requests_are_answered(rig):
     session.clock.sleep(0.1)
     assert port.mode() is Mode.HOLD
     session.discard()
-
-
-@pytest.mark.alone
-def test_only_a_world_of_ones_own_can_be_discarded(rig):
-    session, _ = moved(rig)
-    session.discard()
-    session.discard()
-    with pytest.raises(ConfigError, match="isolation"):
-        ArmSession([config(rig, CHANNELS[0])], isolation="somewhere")
-    with running_rig(arms=["follower_left"]) as live:
-        alive = ArmSession([sim_config(live, "follower_left")])
-        alive.start()
-        try:
-            with pytest.raises(LifeCycleError, match="so that the arms land"):
-                alive.discard()
-        finally:
-            alive.stop()
