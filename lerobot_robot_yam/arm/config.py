@@ -138,7 +138,7 @@ class ArmConfig:
 
     @property
     def on_command_line(self) -> str:
-        """Its channel as the options of `yam-identify` and `yam-zero` name it."""
+        """The arm's channel as options of `yam-identify` and `yam-zero`."""
         words = ["--channel", self.channel]
         rig = self.can_options.get("rig")
         if self.interface == VIRTUAL and rig and rig_name(rig)[1] is None:  # others end with their process
@@ -150,9 +150,9 @@ class ArmConfig:
 
 @dataclass(kw_only=True)
 class LeadArmConfig(ArmConfig):
-    """A leader's arm that knows its follower.
+    """A leader's arm.
 
-    lead: what it does for that one; None: nothing, it only floats. passive: of a leader without motors.
+    lead: what the arm does for its follower; None: it only floats. passive: how a leader without motors is read.
     """
 
     lead: LeadConfig | None = None
@@ -169,12 +169,12 @@ class LeadArmConfig(ArmConfig):
 
 
 def lead_of(config: ArmConfig) -> LeadConfig | None:
-    """What an arm does for a follower, None if it leads none."""
+    """What an arm does for its follower; None: it leads none."""
     return config.lead if isinstance(config, LeadArmConfig) else None
 
 
 def passive_of(config: ArmConfig) -> PassiveConfig | None:
-    """How a leader without motors is read, None if it has motors."""
+    """How a leader without motors is read; None: it has motors."""
     return config.passive if isinstance(config, LeadArmConfig) else None
 
 

@@ -13,24 +13,25 @@ from typing import Any
 
 import numpy as np
 
+from lerobot_robot_yam.arm.option import real
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import user_path
 
-_PATHS = ("calibration_path", "identity_path", "tuning")
-_TEXT_MAX = 100  # bytes of a channel's name, which becomes part of file names
-GRAVITY_FACTOR_MOST = 2.0  # the vendor's are 1.0 to 1.2; a model that is further off is another arm's
-PAYLOAD_MOST_KG = 3.0  # outstretched, joint 2 of a YAM carries 2.1 kg, joint 3 of a big one 3.8
-_FRICTION_MOST_NM = 1.0  # more than a joint has pushes it on by itself; the vendor's are 0.06 to 0.3
-_TOOL_M = 0.5  # from the tool's tip: as long as the arm's links
-_FLOAT_SPEEDS_RAD_S = (0.5, 10.0)  # slower is no floating; the motors' own limit is 10 and more
-_TIMEOUTS_S = (0.02, 10.0)  # from the quickest stream of targets to the slowest that is one
-_AGES_S = (0.02, 2.0)  # some ticks; and what is older has nothing to do with where an arm is
-_FORCES_N = (1.0, 200.0)  # what a finger feels, and four times the default: beyond it the limiter does nothing
-_RATE_MIN_HZ = 100.0  # the motors' watchdog, and the stand-by's, want to hear more often than that of a slow loop
+_PATHS = ("calibration_path", "identity_path", "tuning")  # fields whose `~` is expanded
+_TEXT_MAX = 100  # longest name of a channel, bytes: it becomes part of file names
+GRAVITY_FACTOR_MOST = 2.0  # largest factor on the modelled weight; the vendor's are 1.0 to 1.2
+PAYLOAD_MOST_KG = 3.0  # heaviest load; outstretched, joint 2 of a YAM carries 2.1 kg, joint 3 of a big one 3.8
+_FRICTION_MOST_NM = (
+    1.0  # largest friction that is fed forward: too much moves a joint by itself; the vendor's: 0.06-0.3
+)
+_TOOL_M = 0.5  # farthest centre of mass from the tool's frame: the length of the arm's links
+_FLOAT_SPEEDS_RAD_S = (0.5, 10.0)  # a slower limit is no floating; the motors' own limit is 10 and more
+_TIMEOUTS_S = (0.02, 10.0)  # from the quickest to the slowest stream of targets
+_AGES_S = (0.02, 2.0)  # from a few ticks to an age at which the arm may be anywhere
+_FORCES_N = (1.0, 200.0)  # from what a finger feels to four times the default
+_RATE_MIN_HZ = 100.0  # slowest loop: the motors' watchdog and the stand-by need commands more often
 _RATE_MAX_HZ = 1000.0
-
-
-_PER_JOINT = -1  # as many numbers as the arm has joints, which its profile knows: `ResolvedArm` counts them
+_PER_JOINT = -1  # as many numbers as the arm has joints; `ResolvedArm`, which has the profile, counts them
 _ABOVE_ZERO = math.nextafter(0.0, 1.0)
 
 
@@ -42,8 +43,8 @@ def _each(high: float, unit: str = "") -> tuple[int, float, float, str]:
     return _PER_JOINT, 0.0, high, f"numbers within 0 … {high:g}{unit}, one per joint"
 
 
-# Per field: how many numbers (None: one), least, largest, and how to say so. `profile_files` has the bounds that
-# depend on the motors: of gains, torques and speeds.
+# Per field: how many numbers (None: one), least, largest, and the text for a refusal. `profile_files` has the bounds
+# that depend on the motors: gains, torques and speeds.
 _NUMBERS: dict[str, tuple[int | None, float, float, str]] = {
     **dict.fromkeys(
         ("kp", "kd", "idle_kd", "torque_limit_nm"), (_PER_JOINT, 0.0, math.inf, "numbers from zero up, one per joint")
@@ -76,10 +77,10 @@ _NUMBERS: dict[str, tuple[int | None, float, float, str]] = {
 
 
 def check(config: Any) -> None:
-    """Refuse what an arm cannot be driven with; numbers become floats, sequences of them lists, paths lose their `~`.
+    """Refuse values that no arm can be driven with; numbers become floats, sequences become lists, `~` is expanded.
 
     Raises:
-        ConfigError: names the arm, the field, and what it takes.
+        ConfigError: names the arm, the field, and what the field takes.
     """
     if config.channel == "":
         raise ConfigError(f"{config.name}: no CAN channel given; set `channel`, such as can_follower_l")
@@ -114,7 +115,7 @@ def check(config: Any) -> None:
 
 
 def check_switches(device: str, options: Any) -> None:
-    """Refuse a switch of a device's config that is neither on nor off: LeRobot's parser lets null through.
+    """Refuse a truth value of a device's config that is null, which LeRobot's parser lets through.
 
     Raises:
         ConfigError: names the device and the field.
@@ -125,7 +126,7 @@ def check_switches(device: str, options: Any) -> None:
 
 
 def _members(hint: Any) -> tuple[Any, ...]:
-    """Types of a hint, `Literal`s as their values: `float | None` is (float, NoneType)."""
+    """Types of a hint, a `Literal` as its values: `float | None` is (float, NoneType)."""
     if typing.get_origin(hint) in (types.UnionType, typing.Union):
         return tuple(kind for part in typing.get_args(hint) for kind in _members(part))
     if typing.get_origin(hint) is typing.Literal:
@@ -141,22 +142,12 @@ def _numbers(config: Any, key: str, value: Any, kinds: tuple[Any, ...]) -> float
         raise _refusal(config, key, takes)
     if not several and float not in kinds:
         raise _refusal(config, key, takes)
-    numbers = [_float(item) for item in value] if several else [_float(value)]
+    numbers = [real(item) for item in value] if several else [real(value)]
     if several and count not in (None, _PER_JOINT, len(numbers)):
         raise _refusal(config, key, takes)
     if not all(math.isfinite(x) and low <= x <= high for x in numbers):
         raise _refusal(config, key, takes)
     return numbers if several else numbers[0]
-
-
-def _float(value: Any) -> float:
-    """A real number as a float; NaN, which no rule admits, for anything else."""
-    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
-        return math.nan
-    try:
-        return float(value)
-    except OverflowError:  # an integer beyond any float
-        return math.nan
 
 
 def _check_text(config: Any, key: str, value: Any) -> None:
@@ -167,7 +158,7 @@ def _check_text(config: Any, key: str, value: Any) -> None:
 
 
 def _check_options(config: Any, key: str, value: Any) -> None:
-    """They travel to the control process as JSON, and become keyword arguments there."""
+    """Refuse options that cannot travel to the control process as JSON and become keyword arguments there."""
     if not isinstance(value, dict) or not all(isinstance(name, str) for name in value):
         raise _refusal(config, key, "names and values, such as {rig: auto}")
     taken = sorted({"interface", "channel"} & value.keys())

@@ -20,7 +20,7 @@ from lerobot_robot_yam.system.few_values import any_of
 class GravityModel:
     """Rigid-body model of arm + end effector. n joints (0 for the arm-less arm); fingers stay closed.
 
-    Not thread-safe: each thread needs its own.
+    Not thread-safe: each thread needs its own model.
     """
 
     def __init__(
@@ -50,13 +50,13 @@ class GravityModel:
         self._tcp = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, "tcp_site")
 
     def torque(self, q: np.ndarray) -> np.ndarray:
-        """(n,) Nm along the joint axes that hold pose `q` (n,) rad still, before any factor."""
+        """Compute the torques (n,) Nm that hold pose `q` (n,) rad still, without the gravity factor."""
         self._move(q)
         mujoco.mj_rne(self.model, self._data, 0, self._tau)
         return self._tau[: self.joint_count].copy()
 
     def torques(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """g(q), C(q, dq) dq and M(q) ddq: (n,) Nm that hold pose `q`, that speed `dq` and acceleration `ddq` add.
+        """Compute g(q), C(q, dq) dq and M(q) ddq: (n,) Nm each, to hold `q` and for speed `dq` and acceleration `ddq`.
 
         In rad, rad/s and rad/s², (n,) each. Links only; rotors come on top.
         """
@@ -74,7 +74,7 @@ class GravityModel:
         return holding, moving - holding, accelerating
 
     def torque_per_kg(self, q: np.ndarray) -> np.ndarray:
-        """(n,) Nm per kg that a load at the tool adds to `torque` at `q` (n,) rad: −J(q)ᵀ g."""
+        """Compute the torques (n,) Nm per kg of a load at the tool, at `q` (n,) rad: −J(q)ᵀ g."""
         self._move(q)
         jacobian = np.zeros((3, self.model.nv))
         mujoco.mj_jacSite(self.model, self._data, jacobian, None, self._tcp)

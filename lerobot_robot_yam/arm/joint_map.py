@@ -10,16 +10,16 @@ import numpy as np
 from lerobot_robot_yam.errors import MotorError
 
 TURN = 2.0 * math.pi
-RANGE_TOLERANCE_RAD = 0.15  # measured values may lie this far outside: rest lies on the limit of joints 2 and 3
-# How much worse the next best turn must fit before a turn is added. Joint 1 turns almost all the way round: a zero
-# that has slipped at one end of its range looks like the other end. The smallest gap of a packaged arm is 0.524 rad.
+RANGE_TOLERANCE_RAD = 0.15  # measured angles may lie so far outside a range, rad: rest is on the limit of joints 2, 3
+# How much worse the next best turn has to fit before a turn is added, rad. Joint 1 turns almost all the way round: a
+# zero that has slipped at one end of its range looks like the other end. The smallest gap of a packaged arm: 0.524 rad.
 TURN_MARGIN_RAD = 0.5
 
 
 def resolve_turn(
     arm: str, joint: str, angle_rad: float, lower_rad: float, upper_rad: float, place: str = "--channel CHANNEL"
 ) -> float:
-    """The shift (−2π, 0 or 2π, in joint coordinates) that brings a measured angle into the joint's range.
+    """Find the shift (−2π, 0 or 2π, in joint coordinates) that brings a measured angle into the joint's range.
 
     A Damiao encoder knows its angle within one turn only, so after a power cycle the reading may be off by one turn.
     A reading that is off by more is not believed: the wire carries positions modulo 25 rad, which is not a whole
@@ -29,10 +29,10 @@ def resolve_turn(
         arm, joint: for messages.
         angle_rad: joint angle as read, motor direction applied.
         lower_rad, upper_rad: the joint's limits.
-        place: of the arm, as options of `yam-zero`.
+        place: the arm as options of `yam-zero`.
 
     Raises:
-        MotorError: no turn fits, or it is not clear which; nothing may be energised.
+        MotorError: no turn fits, or more than one does; nothing may be energised.
     """
     if not math.isfinite(angle_rad):
         raise MotorError(f"{arm}: {joint} has not been read yet; check the motor's power and cable")

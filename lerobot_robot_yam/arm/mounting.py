@@ -1,4 +1,4 @@
-"""An end effector on the arm that carries it: the parts of its profile that depend on that arm."""
+"""An end effector on an arm: the parts of the end effector's profile that depend on the arm."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -18,9 +18,9 @@ _GRASP_SITE = "grasp_site"
 def resolve_profiles(
     arm: str | Path | ArmProfile, gripper: str | Path | GripperProfile
 ) -> tuple[ArmProfile, GripperProfile]:
-    """Profiles of an arm and of the end effector as it is on this arm, by their names or paths.
+    """Load an arm's profile and the end effector's as it is on this arm, by names or paths.
 
-    Two profiles have been resolved before, and are returned as they are.
+    Two profiles, which have been resolved before, are returned unchanged.
 
     Raises:
         ConfigError: an unknown name, a broken profile, or an end effector that does not fit.
@@ -32,7 +32,7 @@ def resolve_profiles(
 
 
 def gripper_id(arm: ArmProfile, own: int = MAKERS_GRIPPER_ID) -> int:
-    """CAN id of a gripper's motor on this arm: as its profile says; else `own`, or the next one if a joint has that."""
+    """CAN id of a gripper's motor on this arm: as the arm's profile says, else `own`, or the next if a joint has it."""
     if arm.gripper_can_id is not None:
         return arm.gripper_can_id
     joints = [motor.can_id for motor in arm.motors]
@@ -45,11 +45,10 @@ def arm_ids(arm: ArmProfile) -> tuple[int, ...]:
 
 
 def mounted(gripper: GripperProfile, arm: ArmProfile) -> GripperProfile:
-    """The end effector as it is on this arm.
+    """Adapt an end effector's profile to this arm.
 
-    Its motor has the id that it has there; its root body is fixed to the arm's last body; its fingers' joints are
-    numbered on behind the arm's where they would have names of the arm's; its grasp point is where the arm's own
-    reference has it.
+    The motor gets its CAN id there; the root body is fixed to the arm's last body; finger joints that have names of the
+    arm's joints are numbered on behind those; the grasp point is the one that the arm's profile gives, if it does.
 
     Raises:
         ConfigError: a body is fixed to something else than the end effector or the arm's last body.

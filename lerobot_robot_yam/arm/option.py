@@ -1,8 +1,11 @@
-"""Fields of configs: their words in `--help` and docs/options.md, and configs that come out of JSON."""
+"""Fields of configs: their texts in `--help` and docs/options.md, configs from JSON, and numbers that are real."""
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
+
+import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
 
@@ -10,21 +13,21 @@ _NEEDED = dataclasses.MISSING
 
 
 def option(text: str, default: Any = _NEEDED, factory: Callable[[], Any] | Any = _NEEDED) -> Any:
-    """A field of a dataclass; `text` says what it means, in which unit, and what happens without it.
+    """Make a field of a dataclass.
 
     Args:
-        text: goes where draccus, LeRobot's parser, looks for it.
-        default, factory: as of `dataclasses.field`; with neither, the field has to be given.
+        text: what the field means, in which unit, and what happens without it; draccus, LeRobot's parser, shows it.
+        default, factory: as for `dataclasses.field`; with neither, the field has to be given.
     """
     escaped = text.replace("%", "%%")  # argparse formats it
     return dataclasses.field(default=default, default_factory=factory, metadata={"custom_args": {"help": escaped}})
 
 
 def from_plain[T](kind: type[T], values: Mapping[str, Any], where: str) -> T:
-    """A config from plain values, as `dataclasses.asdict` and JSON give them.
+    """Make a config from plain values, as `dataclasses.asdict` and JSON give them.
 
     Raises:
-        ConfigError: an unknown key; begins with `where`.
+        ConfigError: an unknown key; the message begins with `where`.
     """
     known = [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]
     unknown = sorted(set(values) - set(known))
@@ -41,3 +44,13 @@ def options_of(kind: type) -> list[tuple[str, Any, str]]:
         default = field.default_factory() if field.default_factory is not _NEEDED else field.default
         rows.append((field.name, default, text))
     return rows
+
+
+def real(value: Any) -> float:
+    """Convert a real number of a config to a float; NaN for anything else: text, truth values, what overflows."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:  # an integer beyond any float
+        return math.nan

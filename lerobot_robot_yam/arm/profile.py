@@ -167,9 +167,9 @@ class ArmProfile:
     """An arm: motors, gains, limits, simulation parameters, rest poses, links. Arrays have shape (n,).
 
     self_contacts: pairs of body names whose colliding shapes touch each other; other links pass through.
-    gripper_can_id: of the motor of whatever gripper is on it; None: see `mounting.gripper_id`.
+    gripper_can_id: CAN id of any gripper's motor on this arm; None: see `mounting.gripper_id`.
     bent_q_rad: a pose of table work, the tool pointing down, from which the scripted operator plans.
-    zero_pose: in words, per motor, where its joint is at 0.
+    zero_pose: per motor, the pose of its joint at 0, in words.
     grasp_site_m: per gripper, where `grasp_site` is in the gripper's root body if not as the gripper's profile says.
     """
 

@@ -32,12 +32,12 @@ GRIPPERS = ("crank_4310", "linear_3507", "linear_4310", "flexible_4310", "yam_te
 
 _DIRECTORY = Path(__file__).parent / "profiles"
 
-_KP_LEAST = 1.0  # Nm/rad: an arm that is held less than that falls
-_KD_LEAST = 0.02  # of kp, in s: with less it swings; the makers' are 0.025 to 0.15
-_TORQUE_LEAST = 0.1  # of the motor's range: less carries no arm
-_LEAST = 1e-9  # smaller divisors are zero for our purposes
-_ROUNDING = 1e-6  # of published moments
-_FINGER_TRAVEL_M = (1e-3, 1.0)  # the makers' are 0.040 to 0.048; the gearing, its square in the inertia, divides by it
+_KP_LEAST = 1.0  # least stiffness, Nm/rad: an arm that is held less falls
+_KD_LEAST = 0.02  # least damping as a share of kp, s: with less the arm swings; the makers' are 0.025 to 0.15
+_TORQUE_LEAST = 0.1  # least torque limit as a share of the motor's range: less carries no arm
+_LEAST = 1e-9  # smaller divisors count as zero
+_ROUNDING = 1e-6  # relative rounding of published moments
+_FINGER_TRAVEL_M = (1e-3, 1.0)  # range of the fingers' travel, by which the gearing divides; the makers': 0.040-0.048
 _FORCE_MAPS = ("linear", "crank")
 
 
@@ -119,7 +119,7 @@ def check_arm(arm: ArmProfile, where: str) -> None:
 
 
 def _check_names(arm: ArmProfile, joints: list[str], where: str) -> None:
-    """Joints are found by their names, in the order of the motors; what names a motor has to name one of the arm's."""
+    """Refuse joints that are not named in the order of the motors, and names of motors that the arm does not have."""
     expected = [f"joint{i + 1}" for i in range(arm.joint_count)]
     if joints != expected:
         raise ConfigError(
@@ -190,7 +190,7 @@ def check_gripper(gripper: GripperProfile, where: str) -> None:
 
 
 def _check_limiter(limiter: Limiter, kp: float, where: str) -> None:
-    """Refuse zero where the limiter divides by a number or compares with it."""
+    """Refuse zero where the limiter divides by a number or compares with a number."""
     if limiter.force_map not in _FORCE_MAPS:
         raise ConfigError(f"{where}: limiter.force_map is one of {_FORCE_MAPS}, not {limiter.force_map!r}")
     lever = math.cos(limiter.close_angle_rad) - math.cos(limiter.open_angle_rad)

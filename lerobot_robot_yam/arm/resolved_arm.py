@@ -1,4 +1,4 @@
-"""One arm as its configuration describes it: profiles with the user's overrides, and constants derived from them."""
+"""One arm as its configuration describes it: profiles with the user's overrides, and constants that follow."""
 
 import copy
 import dataclasses
@@ -15,8 +15,8 @@ from lerobot_robot_yam.arm.tuning.tuning import Tuning, load_tuning
 from lerobot_robot_yam.damiao.motor_spec import MAX_MOTORS, MotorSpec, check_specs
 from lerobot_robot_yam.errors import ConfigError
 
-_OF_THE_PROFILE = ("kp", "kd", "gravity_factor", "idle_kd", "torque_limit_nm", "speed_limit_rad_s")
-_OF_THE_GRIPPER = {"gripper_kp": "kp", "gripper_kd": "kd", "gripper_speed_limit": "speed_limit_per_s"}
+_ARM_OVERRIDES = ("kp", "kd", "gravity_factor", "idle_kd", "torque_limit_nm", "speed_limit_rad_s")
+_GRIPPER_OVERRIDES = {"gripper_kp": "kp", "gripper_kd": "kd", "gripper_speed_limit": "speed_limit_per_s"}
 
 
 class Roles(NamedTuple):
@@ -32,20 +32,20 @@ class ResolvedArm:
     """One arm with its end effector. n motors: the joints, then the gripper's if it has one.
 
     Attributes:
-        config, name: the configuration, and what messages call the arm.
+        config: the configuration. name: the arm's name, for messages.
         arm, gripper: profiles with overrides applied.
         joints, joint_names: number of arm joints, 0 for gripper-only use, and the names of their motors.
         n: number of motors.
-        slots: of its motors in the shared records.
+        slots: places of the motors in the shared records.
         direction, kp, kd, idle_kd, torque_limit_nm: (n,).
-        speed_limit: (n,) of the set-point; rad/s, and strokes per second for the gripper.
+        speed_limit: (n,) limit of the set-point's speed; rad/s, and strokes per second for the gripper.
         lower, upper: (n,) command limits; rad, and 0 … 1 for the gripper.
         coulomb_nm: (joints,) friction torque that is fed forward.
-        folding: which joint does what in a landing.
-        rest_q: (joints,) rad, where it lands.
-        tilt_rad: roll and pitch of its base.
-        lies_at_rest: it is known that cutting torque at rest_q moves nothing.
-        load: what differs from the profile at the end effector.
+        folding: joints that a landing moves in turn.
+        rest_q: (joints,) rad, pose in which the arm lands.
+        tilt_rad: roll and pitch of the base.
+        lies_at_rest: whether cutting torque at rest_q is known to move nothing.
+        load: differences from the profile at the end effector.
 
     Raises:
         ConfigError: names the arm, and what is unknown, does not fit, or is out of range.
@@ -56,9 +56,9 @@ class ResolvedArm:
         try:
             arm, gripper = load_arm(config.arm), load_gripper(config.gripper)
             given = _per_joint(config, arm.joint_count)
-            overrides = {key: given[key] for key in _OF_THE_PROFILE if key in given}
+            overrides = {key: given[key] for key in _ARM_OVERRIDES if key in given}
             self.arm: ArmProfile = load_arm(config.arm, overrides) if overrides else arm
-            rows = [(field, getattr(config, key)) for key, field in _OF_THE_GRIPPER.items()]
+            rows = [(field, getattr(config, key)) for key, field in _GRIPPER_OVERRIDES.items()]
             of_motor = {field: value for field, value in rows if value is not None}
             if of_motor and gripper.motor is not None:
                 gripper = load_gripper(config.gripper, {"motor": of_motor})
@@ -113,7 +113,7 @@ class ResolvedArm:
             self.load = tuning.load
 
     def _use(self, tuning: Tuning) -> Tuning:
-        """Take over what it says; gravity factors of the configuration still count."""
+        """Use a tuning's numbers, but the configuration's gravity factors if it has any."""
         if self.config.ee_inertia is not None:
             raise ConfigError("tuning and ee_inertia both say what the end effector weighs; leave one of them out")
         if self.config.payload_mass_kg and tuning.payload.mass_kg:
@@ -136,21 +136,21 @@ class ResolvedArm:
         return rest
 
     def without_search(self) -> "ResolvedArm":
-        """The same arm, which seeks no unknown stops of its gripper when it comes up."""
+        """Copy the arm, without the search for its gripper's stops at the start."""
         other = copy.copy(self)
         other.config = dataclasses.replace(self.config, gripper_search=False)
         return other
 
     @property
     def has_gripper(self) -> bool:
-        """The end effector has a motor."""
+        """Whether the end effector has a motor."""
         return self.gripper.motor is not None
 
 
 def _per_joint(config: ArmConfig, joints: int) -> dict[str, list[float]]:
-    """Numbers per joint that the configuration gives, by field; ConfigError if they are too few or too many."""
+    """Collect the configuration's numbers per joint, by field. Raises ConfigError: too few or too many."""
     given = {}
-    for key in (*_OF_THE_PROFILE, "coulomb_friction_nm", "effort_limit_nm", "rest_q_rad"):
+    for key in (*_ARM_OVERRIDES, "coulomb_friction_nm", "effort_limit_nm", "rest_q_rad"):
         value = getattr(config, key)
         if value is None:
             continue

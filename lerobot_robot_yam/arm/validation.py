@@ -1,4 +1,4 @@
-"""Numbers as callers give them: checked once, and private from then on."""
+"""Numbers from callers: checked once, and copied."""
 
 import math
 
@@ -10,7 +10,7 @@ _NUMERIC = "fiu"  # kinds of numpy types whose values are real numbers
 
 
 def finite_vector(arm: str, what: str, value: object, n: int) -> np.ndarray:
-    """`value` as a private (n,) float array.
+    """Convert `value` to a private (n,) float array.
 
     Raises:
         ActionError: wrong length or type, NaN or infinity; names the element.
@@ -33,7 +33,7 @@ def finite_vector(arm: str, what: str, value: object, n: int) -> np.ndarray:
 
 
 def finite_floats(arm: str, what: str, value: object, n: int) -> list[float]:
-    """The same as a list; numpy, which a caller that wakes up seldom finds outside the caches, is not needed for one.
+    """Convert `value` to a list of n floats; a list of floats needs no numpy, whose code is seldom in the caches.
 
     Raises:
         ActionError: see `finite_vector`.
@@ -45,7 +45,7 @@ def finite_floats(arm: str, what: str, value: object, n: int) -> list[float]:
 
 
 def finite_number(arm: str, what: str, value: object) -> float:
-    """`value` as a float. Raises ActionError: no number, NaN or infinity."""
+    """Convert `value` to a float. Raises ActionError: no number, NaN or infinity."""
     try:
         number = value if type(value) is float else _number(value)
     except Exception as error:  # a value may raise anything on its way to a number
@@ -56,7 +56,7 @@ def finite_number(arm: str, what: str, value: object) -> float:
 
 
 def check_range(arm: str, what: str, value: np.ndarray, low: float, high: np.ndarray) -> None:
-    """Refuse what a motor's frame cannot carry: the torque limit would reckon with it, and the motor with less.
+    """Refuse values that a motor's frame cannot carry: the torque limit would use them, and the motor less.
 
     Args:
         arm, what: for messages.
@@ -77,7 +77,7 @@ def check_range(arm: str, what: str, value: np.ndarray, low: float, high: np.nda
 
 
 def _number(value: object) -> float:
-    """One number as a float. Raises what the value's type raises, and TypeError for text and truth values."""
+    """Convert one number to a float. Raises what the value's type raises, and TypeError for text and truth values."""
     if isinstance(value, str | bytes | bytearray | bool):
         raise TypeError("text and truth values are no positions")
     if isinstance(value, np.ndarray | np.generic) and value.dtype.kind not in _NUMERIC:

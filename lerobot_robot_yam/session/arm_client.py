@@ -20,10 +20,11 @@ from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import ArmState, Descriptors, Limited, Request
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
 
-REQUEST_TIMEOUT_S = 1.0  # without an answer: the caller is told that it has failed
-_LET_GO_S = 1.0
-_SEARCH_TIMEOUT_S = 20.0
-_TRIGGER_S, _LOOK_S = 8.0, 0.01
+REQUEST_TIMEOUT_S = 1.0  # wait for the loop's answer to a request, s
+_LET_GO_S = 1.0  # in which a hand lets go of an arm that shall float, s
+_SEARCH_TIMEOUT_S = 20.0  # wait for the gripper's stops, s
+_TRIGGER_S = 8.0  # in which a person squeezes the trigger, s
+_TRIGGER_POLL_S = 0.01  # between two readings of the trigger, s
 
 Numbers = Sequence[float]
 Vector = Numbers | np.ndarray
@@ -35,7 +36,8 @@ class ArmClient:
     """One arm of a running session. One thread writes; reading is free.
 
     Args:
-        hardware, clock: the arm, and by what it lives.
+        hardware: the arm.
+        clock: the clock of its control loop.
         written: called after each command.
 
     Attributes:
@@ -61,11 +63,11 @@ class ArmClient:
 
     @property
     def descriptors(self) -> Descriptors:
-        """Of the memory of both blocks, for the loop. Raises LifeCycleError: closed."""
+        """File descriptors of both blocks, for the loop. Raises LifeCycleError: closed."""
         return Descriptors(self._states.block.descriptor, self._commands.descriptor)
 
     def payload(self) -> bytes | None:
-        """The state record as last published, for a process that passes it on; None before the first.
+        """Read the newest state record as bytes, for a process that passes it on; None before the first.
 
         Raises:
             LifeCycleError: closed.
@@ -73,21 +75,21 @@ class ArmClient:
         return self._states.block.read_bytes()
 
     def close(self) -> None:
-        """Let go of the blocks; the arm is not touched."""
+        """Close both blocks; the arm is not touched."""
         self._commands.close()
         self._states.close()
 
     def mode(self) -> Mode:
-        """Life-cycle state as last published, however old."""
+        """Read the mode as last published, however old."""
         return self.published().mode
 
     def observe(self) -> ArmState:
-        """The newest state of the arm, see `await_fresh`.
+        """Read the newest state of the arm, see `await_fresh`.
 
         Raises:
             MotorError: a motor has a fault; names it.
             StaleStateError: the control loop or a motor has been silent for longer than `max_state_age_s`.
-            GripperError: its stops are unknown, so that its position is.
+            GripperError: the gripper's stops are unknown, and so is its position.
             LifeCycleError: not connected.
         """
         self.await_fresh()
@@ -103,20 +105,20 @@ class ArmClient:
         coupled: tuple[str, float] | None = None,
         given_s: float | None = None,
     ) -> tuple[np.ndarray, float | None]:
-        """Give a target; the loop moves the set-point there under its limits.
+        """Write a target; the loop moves the set-point there under its limits.
 
         Args:
             q: (n,) rad.
             gripper: 0 closed … 1 open; None keeps the present set-point.
             dq: (n,) rad/s with which the target moves on, if known; see `YamArm.command`.
             kp, kd: (n,) gains for this target instead of the configured ones, Nm/rad and Nm s/rad.
-            coupled: channel key of the leader whose present action this is, and for how many seconds from now on the
-                loop may take the targets of each tick from there.
-            given_s: when the target was given, the clock's time, of one that comes from another computer; None: now.
+            coupled: channel key of the leader whose present action the target is, and for how many seconds from now on
+                the loop may take the targets of each tick from that leader.
+            given_s: clock's time at which another computer gave the target; None: now.
 
         Returns:
-            The joints and gripper position really asked for, after the limits; those held while the arm takes no
-            targets: during an emergency stop, while the other arm is in trouble.
+            Joints and gripper after the limits; while the arm takes no targets (emergency stop, trouble of the other
+            arm), those that it holds.
 
         Raises:
             ActionError: wrong shape, not finite, or more than a motor takes; nothing was sent.
@@ -148,7 +150,7 @@ class ArmClient:
         return np.array(target[: hw.joints]), target[-1] if hw.has_gripper else None
 
     def _validated_options(self, **given: Vector | None) -> dict[str, np.ndarray]:
-        """Speed and gains of a target, (n,) each, as far as they are given; ActionError if they are not possible."""
+        """Check the speed and gains (n,) of a target that are given; ActionError: a motor cannot have them."""
         options = {}
         for field, value in given.items():
             if value is not None:
@@ -161,15 +163,18 @@ class ArmClient:
         self._request(Request.HOLD)
 
     def guide(self, within_s: float = _LET_GO_S) -> None:
-        """As `float`, but the gripper keeps its set-point; `guide_on` has to follow, or it holds after
-        `command_timeout_s`. Raises LifeCycleError: as that."""
+        """Float, but the gripper keeps its set-point; without `guide_on` the arm holds after `command_timeout_s`.
+
+        Raises:
+            LifeCycleError: as `float`.
+        """
         self.float(Request.GUIDE, within_s)
 
     def guide_on(self, gripper: float | None = None) -> None:
-        """Let an arm that is guided float on. Raises ActionError: not finite.
+        """Let a guided arm float on. Raises ActionError: `gripper` is not finite.
 
         Args:
-            gripper: a target, 0 closed … 1 open, if it has a gripper.
+            gripper: target, 0 closed … 1 open; None keeps the set-point.
         """
         target: list[float] = self.published().q.tolist()
         if gripper is not None:
@@ -177,14 +182,14 @@ class ArmClient:
         self._commands.write_target(self._clock.now(), target, {})
 
     def float(self, request: Request = Request.FLOAT, within_s: float = _LET_GO_S) -> None:
-        """Gravity-compensated free motion.
+        """Carry only the arm's own weight, so that a hand can move it.
 
         Args:
             request: FLOAT, or GUIDE.
-            within_s: in which a hand that pulls at it has to let go.
+            within_s: time for a hand that pulls at the arm to let go, s.
 
         Raises:
-            LifeCycleError: not from the present state, or it would run away.
+            LifeCycleError: not from the present mode, or the arm would run away.
         """
         deadline = self._clock.now() + within_s
         while True:
@@ -204,16 +209,14 @@ class ArmClient:
         self._request(Request.LAND)
 
     def change_gains(self, kp: Vector, kd: Vector) -> None:
-        """Other gains of the joints, for all targets that bring none; the arm goes over to them within half a second.
-
-        It lands with the configured ones.
+        """Change the gains of targets that bring none, within half a second; the arm lands with the configured gains.
 
         Args:
             kp, kd: (joints,) Nm/rad and Nm s/rad.
 
         Raises:
             ActionError, ConfigError: see `checked_gains`; nothing was sent.
-            LifeCycleError: it lands, or is off.
+            LifeCycleError: the arm lands, or is off.
             StaleStateError: the control loop does not answer.
         """
         own_gains = self.checked_gains(kp, kd)
@@ -222,7 +225,7 @@ class ArmClient:
         self.kp, self.kd = np.array(own_gains[:j]), np.array(own_gains[self.hardware.n :][:j])
 
     def checked_gains(self, kp: Vector, kd: Vector) -> Numbers:
-        """Gains of the joints as a request GAINS takes them: kp of all motors, and then their kd; NaN of a gripper.
+        """Check gains of the joints, and return those of all motors: kp, then kd; NaN for the gripper.
 
         Raises:
             ActionError: wrong shape or not finite.
@@ -235,7 +238,7 @@ class ArmClient:
         return [*given[0], *gripper, *given[1], *gripper]
 
     def cut_torque(self) -> None:
-        """HAZARD: cut torque at once; an arm that does not lie falls. Afterwards it is off.
+        """HAZARD: cut torque at once; an arm that does not lie falls. Afterwards the arm is off.
 
         Raises:
             LifeCycleError: not from the present mode.
@@ -243,24 +246,24 @@ class ArmClient:
         self._request(Request.CUT_TORQUE)
 
     def rearm(self) -> None:
-        """Enable again what has failed, and hold the measured pose; see `await_gripper`. Look at the arm first.
+        """Enable failed motors again, and hold the measured pose; see `await_gripper`. Look at the arm first.
 
         Raises:
-            LifeCycleError: it still fails, or needs a new connection; the message says which.
+            LifeCycleError: a motor still fails, or the arm needs a new connection; the message says which.
         """
         self._request(Request.REARM)
 
     def await_gripper(self, sought: bool = False) -> ArmState:
-        """Wait until nobody seeks the gripper's stops any more.
+        """Wait until the search for the gripper's stops has ended.
 
         Args:
-            sought: whether a search was asked for; False: wait only if one runs.
+            sought: whether a search was requested; False: wait only if one runs.
 
         Returns:
             The arm's state then.
 
         Raises:
-            MotorError: they are unknown still: the search has failed, was cut short, or does not end.
+            MotorError: the stops are still unknown: the search failed, was cut short, or does not end.
             StaleStateError: the control loop is silent.
         """
         name, deadline = self.config.name, self._clock.now() + _SEARCH_TIMEOUT_S
@@ -278,10 +281,10 @@ class ArmClient:
 
     @property
     def off(self) -> bool:
-        """Whether its control loop has said that the arm has no torque any more."""
+        """Whether the control loop has published that the arm has no torque any more."""
         try:
             return self.mode() is Mode.OFF
-        except StaleStateError:  # it died in the middle of a write
+        except StaleStateError:  # the loop died in the middle of a write
             return False
 
     def calibrate_gripper(self) -> None:
@@ -290,7 +293,7 @@ class ArmClient:
         Raises:
             MotorError: there is no gripper motor, the search failed, or the arm was stopped or landed before it ended.
             LifeCycleError: not from the present mode.
-            GripperError: they are not stored in `calibration_path`; those that were found count until the arm is off.
+            GripperError: the stops are not stored in `calibration_path`; they count until the arm is off.
         """
         self._request(Request.CALIBRATE_GRIPPER)
         stops = self.await_gripper(sought=True).gripper_stops_rad
@@ -299,11 +302,10 @@ class ArmClient:
             await_stored(self.config.name, Path(self.config.calibration_path), self.hardware.gripper.name, *stops)
 
     def calibrate_trigger(self) -> None:
-        """Learn the range of the handle's trigger while a person squeezes it, and store it; it counts from the next
-        start on.
+        """Learn the range of the handle's trigger while a person squeezes it; the next start uses it.
 
         Raises:
-            GripperError: nobody squeezed it, or it cannot be stored.
+            GripperError: nobody squeezed the trigger, or its range cannot be stored.
         """
         name, path, clock = self.config.name, self.config.calibration_path, self._clock
         assert path is not None
@@ -312,16 +314,16 @@ class ArmClient:
         while clock.now() < deadline:
             trigger = self.newest().trigger
             seen.append(math.nan if trigger is None else trigger)
-            clock.sleep(_LOOK_S)
+            clock.sleep(_TRIGGER_POLL_S)
         save_range(name, Path(path), self.hardware.gripper.name, learn(name, seen))
 
     def ask(self, request: Request, own_gains: Numbers = (), number: int | None = None) -> int:
-        """Write a request without waiting; its number is `ArmState.answered` when the loop has carried it out or not.
+        """Write a request without waiting, and return its number: `ArmState.answered` once the loop has answered.
 
         Args:
-            request: what is asked for.
+            request: what the loop shall do.
             own_gains: with GAINS, as `checked_gains` returns them.
-            number: that it gets, greater than the last one; None: the next.
+            number: the request's number, greater than the last one; None: the next.
         """
         return self._commands.write_request(self._clock.now(), request, own_gains, number)
 

@@ -14,19 +14,19 @@ _PACKAGES = ("lerobot_robot_yam", "python-can", "mujoco", "lerobot")
 
 @dataclass(frozen=True, eq=False)
 class ArmInfo:
-    """Of a connected arm. n joints; SI units.
+    """A connected arm's hardware and settings. n joints; SI units.
 
     Attributes:
         name, channel, interface, rate_hz: as configured.
         arm, gripper: names of the profiles.
-        has_gripper: it has a motor.
-        joint_names, motor_types: n, and of all motors.
+        has_gripper: whether the gripper has a motor.
+        joint_names: (n,). motor_types: one per motor, the gripper's last.
         joint_limits_rad: (n, 2) lower, upper.
         speed_limit_rad_s, torque_limit_nm, kp, kd, idle_kd, gravity_factor: (n,); the gains as they are now.
-        gripper_stops_rad: closed, open, at the motor; None until they are known.
+        gripper_stops_rad: motor angles closed, open; None until they are known.
         gripper_force_limit_n: None: no limit.
-        firmware: per motor, as its binding has it (`identity_path`); empty without one.
-        versions: of the packages that drive it.
+        firmware: version per motor, as the arm's binding has it (`identity_path`); empty without a binding.
+        versions: versions of the packages that drive the arm.
     """
 
     name: str
@@ -52,11 +52,11 @@ class ArmInfo:
 
     @classmethod
     def of(cls, client: ArmClient) -> "ArmInfo":
-        """Of this arm.
+        """Collect what a client knows of its arm.
 
         Raises:
             LifeCycleError: not connected.
-            ConfigError: its binding cannot be read.
+            ConfigError: the arm's binding cannot be read.
         """
         hw, config = client.hardware, client.config
         bound = None if config.identity_path is None else Binding.load(Path(config.identity_path))

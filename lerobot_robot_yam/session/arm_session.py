@@ -24,7 +24,7 @@ logger = logging.getLogger(__name__)
 
 MakeRunner = Callable[[list[ResolvedArm], list[str]], Runner]
 Isolation = Literal["process", "thread", "lockstep"] | MakeRunner
-_IN_TROUBLE = (Mode.FAULT, Mode.LAND, Mode.OFF)
+_IN_TROUBLE = (Mode.FAULT, Mode.LAND, Mode.OFF)  # modes of an arm that has to be re-armed first
 _RUNNERS: dict[str, MakeRunner] = {
     "process": ProcessRunner,
     "thread": ThreadRunner,
@@ -43,8 +43,8 @@ class ArmSession(Uncopied):
     Args:
         configs: the arms; names and channels must differ, rates must agree.
         isolation: "process" (the loop cannot be disturbed by the caller's interpreter), "thread" (for debugging) or
-            "lockstep" (the loop ticks while the caller sleeps on `clock`; only on a rig in lock-step); or what makes
-            another `Runner`.
+            "lockstep" (the loop ticks while the caller sleeps on `clock`; only on a rig in lock-step); or a function
+            that makes another `Runner`.
 
     Raises:
         ConfigError: the configurations cannot be used together.
@@ -68,10 +68,10 @@ class ArmSession(Uncopied):
         self._clients: dict[str, ArmClient] = {}
         self._runner: Runner | None = None
         self._starting: Runner | None = None  # while it brings the arms up
-        self._pid = 0  # of the process that has started it
+        self._pid = 0  # process that started the session
 
     def __getitem__(self, name: str) -> ArmClient:
-        """The client of the arm called `name`.
+        """Return the client of the arm called `name`.
 
         Raises:
             LifeCycleError: the session is not running.
@@ -84,7 +84,7 @@ class ArmSession(Uncopied):
         return self._clients[name]
 
     def key(self, name: str) -> str:
-        """Key of the channel of the arm called `name`, by which others find its state."""
+        """Channel key of the arm called `name`, by which other programs find its state."""
         return self._keys[list(self._arms).index(name)]
 
     def hardware(self, name: str) -> ResolvedArm:
@@ -97,14 +97,14 @@ class ArmSession(Uncopied):
         return self._runner is not None
 
     def start(self, search_grippers: bool = True) -> None:
-        """Bring all arms up; returns when they hold (or float) and their grippers' stops are known
-        (but for those that are not to be sought).
+        """Bring all arms up; return when they hold (or float) and their grippers' stops are known.
 
         Args:
-            search_grippers: False when `calibrate_gripper` may follow: nothing is sought, what does not fit put aside.
+            search_grippers: False when `calibrate_gripper` may follow: no stops are searched, and stored stops that do
+                not fit are put aside.
 
         Raises:
-            YamError: what failed; nothing is energised and nothing is left behind.
+            YamError: says what failed; nothing is energised and nothing is left behind.
         """
         if self._runner is not None:
             raise LifeCycleError("this session is running already")
@@ -126,26 +126,26 @@ class ArmSession(Uncopied):
 
     @property
     def clock(self) -> Clock:
-        """The clock by which these arms live."""
+        """The clock of these arms' loop."""
         return SYSTEM if self._runner is None else self._runner.clock
 
     def begin_stop(self) -> None:
         """Have every arm begin to land, without waiting; `stop` has to follow.
 
-        While another thread waits in `start`, that fails, or it ends with arms that land.
+        A `start` that waits in another thread fails, or ends with arms that land.
         """
         runner = self._runner or self._starting
         if runner is not None and not self._forked:
             runner.land()
 
     def stop(self) -> bool:
-        """Land every arm, cut torque, end the loop. Idempotent; Ctrl-C does not hurry it.
+        """Land every arm, cut torque, end the loop. Idempotent; Ctrl-C does not hurry the landing.
 
-        In a forked child it lets go of what belongs to the parent, whose arms go on.
+        A forked child only closes its blocks; the parent's arms go on.
 
         Returns:
-            Whether nothing drives these arms any more. They are in the air still, and land later, where the emergency
-            stop is latched or something is in their way.
+            Whether nothing drives these arms any more. False: they are still in the air, since the emergency stop is
+            latched or something is in their way, and land later.
         """
         runner, self._runner = self._runner, None
         if runner is None:
@@ -173,7 +173,7 @@ class ArmSession(Uncopied):
             client.close()
 
     def discard(self) -> None:
-        """Leave a world in lock-step that is thrown away: nothing lands. Idempotent.
+        """Leave a world in lock-step that is thrown away; nothing lands. Idempotent.
 
         Raises:
             LifeCycleError: these arms are not in lock-step; they have to land.
@@ -188,16 +188,16 @@ class ArmSession(Uncopied):
         self._let_go()
 
     def rearm(self) -> None:
-        """Enable again what has failed, and let all arms of the session take targets again.
+        """Enable failed motors again, and let all arms of the session take targets again.
 
-        Waits while a gripper's stops are sought: a motor that was without power has forgotten its turns.
+        It waits while a gripper's stops are searched: a motor that was without power has forgotten its turns.
 
         Raises:
-            LifeCycleError: an arm still fails, or needs a new connection; those that hold because of it go on holding.
+            LifeCycleError: an arm still fails, or needs a new connection; arms that hold because of it go on holding.
             MotorError: a gripper's stops are not found.
         """
         in_trouble = [client for client in self._clients.values() if client.mode() in _IN_TROUBLE]
-        for client in (*in_trouble, *self._clients.values()):  # who came first has waited for the others
+        for client in (*in_trouble, *self._clients.values()):  # an arm that held for another one is released last
             client.rearm()
         for client in self._clients.values():
             client.await_gripper()
@@ -206,7 +206,7 @@ class ArmSession(Uncopied):
         """Land every arm and wait until torque is off; the session still has to be stopped.
 
         Raises:
-            LifeCycleError: an arm does not land, or has failed and the emergency stop is latched; the others land.
+            LifeCycleError: an arm does not land, or has failed while the emergency stop is latched; the others land.
         """
         refused: list[YamError] = []
         for client in self._clients.values():
@@ -225,7 +225,7 @@ class ArmSession(Uncopied):
 
 
 def _bury(config: ArmConfig, key: str) -> None:
-    """Report an arm whose control process and stand-by have both died, and remove their files."""
+    """Report an arm whose control process and stand-by have both died, and remove the files of both."""
     logger.critical("%s: nothing drives the arm any more; its motors have switched themselves off", config.name)
     clear_away(config, key)
 
@@ -241,7 +241,7 @@ def clear_away(config: ArmConfig, key: str) -> None:
 
 
 def still_in_the_air(who: str) -> str:
-    """What to tell people where `ArmSession.stop` returns False. `who`: with the verb, such as "THE ARMS ARE"."""
+    """Say that `ArmSession.stop` has returned False. `who`: with the verb, such as "THE ARMS ARE"."""
     return (
         f"{who} STILL IN THE AIR: the control loop goes on holding, and lands as soon as it can. Clear the way. If the "
         "emergency stop is latched, release it then: yam-estop release"

@@ -1,4 +1,4 @@
-"""The caller's ends of an arm's two blocks: it reads the states that the loop publishes, and writes commands."""
+"""The caller's ends of an arm's two blocks: states to read, commands to write."""
 
 import math
 import os
@@ -14,21 +14,21 @@ from lerobot_robot_yam.state.records import COMMAND_DTYPE, PUBLISHED, STATE_DTYP
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
 from lerobot_robot_yam.system.shared_block import SharedBlock, allocate
 
-_FAILED = (Mode.FAULT, Mode.LAND, Mode.OFF)  # with a message: not because the caller has asked for it
+_FAILED = (Mode.FAULT, Mode.LAND, Mode.OFF)  # modes of an arm that has failed, if its state has a message
 _WITHOUT_STOPS = {
     Mode.BRING_UP: "they are being sought; wait",
     Mode.STOPPED: "they are sought when the emergency stop is released (yam-estop release)",
 }
-_NEARLY_S = 0.0013  # a state that comes so soon is worth waiting for: the one before it is a whole tick older
-_LATE_S = 0.003  # how long it is waited for beyond; the loop itself waits up to 2 ms for a reply
-_OLD_S = 0.0025  # a sample that is older than a tick and this is not the newest that could be had
-_AFTER_S = 0.0003  # a tick is due: nearly all have been published by then, and need not be looked for
-_GLANCE_S = 0.00005
-_GRIPPER_OPTIONS = {"dq": 0.0, "kp": math.nan, "kd": math.nan}  # it has its own
+_NEARLY_S = 0.0013  # a state that is due so soon is waited for, s: the one before it is a whole tick older
+_LATE_S = 0.003  # wait for a state that is overdue, s; the loop waits up to 2 ms for a reply
+_OLD_S = 0.0025  # age of a sample beyond a tick from which on a newer one can be had, s
+_AFTER_S = 0.0003  # after a tick is due nearly all states are published by then, and need no polling, s
+_POLL_S = 0.00005  # between two looks at the block's number, s
+_GRIPPER_OPTIONS = {"dq": 0.0, "kp": math.nan, "kd": math.nan}  # the gripper's part of a target's speed and gains
 
 
 def without_stops(mode: Mode) -> str:
-    """The remedy for a gripper whose stops are unknown, in this mode."""
+    """Say what to do about a gripper whose stops are unknown, in this mode."""
     return _WITHOUT_STOPS.get(mode, "calibrate it (lerobot-calibrate)")
 
 
@@ -39,7 +39,7 @@ class StateReader:
         self._config, self._has_gripper, self._clock = hardware.config, hardware.has_gripper, clock
         self._block: SharedBlock | None = SharedBlock(None, STATE_DTYPE, False, allocate(STATE_DTYPE))
         self._period_s = 1.0 / self._config.rate_hz if self._config.rate_hz > 0 and clock is SYSTEM else 0.0
-        self._newest: tuple[int, ArmState] | None = None  # that was found to be well, and its number in the block
+        self._newest: tuple[int, ArmState] | None = None  # newest state that passed the checks, with its number
 
     @property
     def block(self) -> SharedBlock:
@@ -49,23 +49,23 @@ class StateReader:
         return self._block
 
     def close(self) -> None:
-        """Let go of the block. Idempotent."""
+        """Close the block. Idempotent."""
         block, self._block = self._block, None
         if block is not None:
             block.close()
 
     def published(self) -> ArmState:
-        """The state as last published, however old, whatever is wrong. Raises LifeCycleError: not connected."""
+        """Read the state as last published, however old or bad. Raises LifeCycleError: not connected."""
         payload = self.block.read_bytes()
         if payload is None:
             raise LifeCycleError(f"{self._config.name}: not connected")
         return ArmState(payload)
 
     def await_fresh(self) -> None:
-        """Wait for a tick that ends within 1.3 ms; then, where a reply to the last one was lost, for the next.
+        """Wait for a tick that ends within 1.3 ms; where a reply to that tick was lost, wait for the next.
 
-        At most two ticks and a few milliseconds. A motor that has missed more is not waited for. To observe several
-        arms, wait for all of them first: a state that was read before would age during the wait for another arm.
+        It takes two ticks and a few milliseconds at most; a motor that has missed more is not waited for. To observe
+        several arms, wait for all of them first: a state ages during the wait for another arm.
 
         Raises:
             YamError: as `newest`.
@@ -91,21 +91,21 @@ class StateReader:
         return block.sequence()
 
     def _await_tick(self, block: SharedBlock, sequence: int, within_s: float) -> None:
-        """Let the tick after record `sequence` end if it should so soon; one that is late is not waited for."""
+        """Wait for the record after `sequence` if it is due within `within_s`, and not for one that is late."""
         due = self._due_s(block)
         if due - within_s < self._clock.now():
             while block.sequence() == sequence and self._clock.now() < due + _LATE_S:
-                self._clock.sleep(_GLANCE_S)
+                self._clock.sleep(_POLL_S)
 
     def _due_s(self, block: SharedBlock) -> float:
         """When the loop should publish the next state."""
         return block.peek(*PUBLISHED) + self._period_s
 
     def newest(self) -> ArmState:
-        """The newest state, without waiting. Raises YamError: see `ArmClient.observe`."""
+        """Read the newest state, without waiting. Raises YamError: see `ArmClient.observe`."""
         newest = self._newest
-        sequence = self.block.sequence()  # before the record: that may be newer than its number, never older
-        if newest is None or newest[0] != sequence:  # a caller that answers within one tick reads it once
+        sequence = self.block.sequence()  # before the record, which may be newer than this number, never older
+        if newest is None or newest[0] != sequence:  # a record is unpacked once, however often it is read
             newest = self._newest = (sequence, self._examined())
         state = newest[1]
         self.check_age(state.asked_s)
@@ -123,10 +123,10 @@ class StateReader:
         return state
 
     def check_age(self, since_s: float) -> None:
-        """Refuse a state that was asked for, or published, too long ago.
+        """Refuse a state whose samples were requested, or that was published, at `since_s`.
 
         Raises:
-            StaleStateError: longer than `max_state_age_s`.
+            StaleStateError: that is longer ago than `max_state_age_s`.
         """
         age = self._clock.now() - since_s
         if age > self._config.max_state_age_s:
@@ -136,7 +136,7 @@ class StateReader:
             )
 
     def check_failed(self, state: ArmState) -> None:
-        """Refuse the state of an arm that has failed. Raises MotorError: says what has."""
+        """Refuse the state of a failed arm. Raises MotorError: says what has failed."""
         if state.mode in _FAILED and state.message:
             raise MotorError(f"{self._config.name} ({self._config.channel}): {state.message}")
 
@@ -147,8 +147,8 @@ class CommandWriter:
     A forked child may not: it would repeat commands that its parent has taken back since.
 
     Args:
-        name: of the arm, for messages.
-        motors: how many it has, the gripper's included.
+        name: the arm's, for messages.
+        motors: number of motors, the gripper's included.
         written: called after each record.
     """
 
@@ -167,11 +167,11 @@ class CommandWriter:
 
     @property
     def descriptor(self) -> int:
-        """Of the block's memory."""
+        """File descriptor of the block's memory."""
         return self._block.descriptor
 
     def close(self) -> None:
-        """Let go of the block."""
+        """Close the block."""
         self._block.close()
 
     def write_target(
@@ -185,9 +185,9 @@ class CommandWriter:
 
         Args:
             target: joints in rad; behind them the gripper, 0 closed … 1 open, where there is one.
-            options: dq (rad/s), kp (Nm/rad), kd (Nm s/rad) of the joints, those that are given.
+            options: the joints' dq (rad/s), kp (Nm/rad) and kd (Nm s/rad), as far as they are given.
             coupled: key of the leader whose action the target is, and until when the loop may take the targets of each
-                tick from there, s.
+                tick from that leader, s.
 
         Raises:
             LifeCycleError: the arm is another process's.
@@ -208,13 +208,13 @@ class CommandWriter:
     def write_request(
         self, stamp_s: float, request: Request, own_gains: Sequence[float] = (), number: int | None = None
     ) -> int:
-        """Write a request, and return its number; a target the loop has not looked at yet is void.
+        """Write a request, and return its number; a target that the loop has not read yet is void.
 
         Args:
-            stamp_s: when it was made, the clock's time.
-            request: what is asked for.
-            own_gains: with GAINS: kp of all motors, and then their kd.
-            number: that it gets, greater than the last one; None: the next.
+            stamp_s: the clock's time of the request.
+            request: what the loop shall do.
+            own_gains: with GAINS: kp of all motors, then kd.
+            number: the request's number, greater than the last one; None: the next.
 
         Raises:
             LifeCycleError: the arm is another process's.

@@ -1,4 +1,4 @@
-"""Drives arms that hold along a trajectory, target by target."""
+"""Playback: moves arms along a trajectory, target by target. YamArm, yam-float and the page replay with it."""
 
 from collections.abc import Sequence
 
@@ -11,18 +11,18 @@ from lerobot_robot_yam.session.trajectory import Trajectory, soft_way, soft_way_
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 
-APPROACH_RAD_S = 0.5  # peak speed to the first pose: somebody has just had a hand on the arm
-_SPEED_SHARE = 0.9  # of the speed limits that a replay uses, so that the set-point does not fall behind
-_REACHED = 1e-3  # rad, or of the gripper's stroke
-_LEAST_S = 0.2  # for any way, however short
+APPROACH_RAD_S = 0.5  # peak speed to the first pose, rad/s: somebody has just had a hand on the arm
+_SPEED_SHARE = 0.9  # share of the speed limits that a replay uses: the set-point must not fall behind
+_REACHED = 1e-3  # distance of a set-point from its goal that counts as reached, rad or strokes
+_LEAST_S = 0.2  # duration of the shortest way, s
 
 
 class Playback:
-    """A trajectory on its way. The trajectory begins where the arms are.
+    """One motion along a trajectory that begins where the arms are.
 
     Args:
         clients: the arms; they hold.
-        trajectory: with a column for each of their motors.
+        trajectory: with a column for each motor of these arms.
     """
 
     def __init__(self, clients: Sequence[ArmClient], trajectory: Trajectory):
@@ -33,11 +33,11 @@ class Playback:
         self._columns = [slice(end - client.hardware.n, end) for client, end in zip(clients, ends, strict=True)]
 
     def step(self, now: float) -> bool:
-        """Give the targets of this moment; True once the last ones have been given. Repeat at 30 Hz or faster.
+        """Write the targets of this moment; True once the last ones are written. Repeat at 30 Hz or faster.
 
         Raises:
             LifeCycleError: an arm takes no targets any more; names it.
-            YamError: it has failed or is silent, see `ArmClient.observe`.
+            YamError: an arm has failed or is silent, see `ArmClient.observe`.
         """
         for client in self._clients:
             state = client.newest()
@@ -54,7 +54,7 @@ class Playback:
         return self.elapsed_s >= self.trajectory.seconds
 
     def late(self) -> str:
-        """The joint, with its arm, that is not where the trajectory ends; empty when all are."""
+        """Name a joint, with its arm, that is not where the trajectory ends; empty when all joints are there."""
         for client, columns in zip(self._clients, self._columns, strict=True):
             hw, state = client.hardware, client.observe()
             goal = self.trajectory.positions[-1, columns]
@@ -67,10 +67,10 @@ class Playback:
 
 
 def ready(clients: Sequence[ArmClient]) -> np.ndarray:
-    """Have these arms hold, if one floats; where they are asked to be, (n,) of all their motors.
+    """Have floating arms hold, and return the set-points (n,) of all motors.
 
     Raises:
-        YamError: one has failed or is silent.
+        YamError: an arm has failed or is silent.
     """
     for client in clients:
         if client.observe().mode is Mode.FLOAT:
@@ -79,11 +79,11 @@ def ready(clients: Sequence[ArmClient]) -> np.ndarray:
 
 
 def replay(clients: Sequence[ArmClient], trajectory: Trajectory) -> Playback:
-    """A replay: first softly to the first pose, then along the trajectory, slower where it exceeds the speed limits.
+    """Make a replay: softly to the first pose, then along the trajectory, slower where that exceeds the speed limits.
 
     Raises:
-        ActionError: it does not fit these arms, see `Trajectory.check`; nothing moves.
-        YamError: one has failed or is silent.
+        ActionError: the trajectory does not fit these arms, see `Trajectory.check`; nothing moves.
+        YamError: an arm has failed or is silent.
     """
     trajectory.check([client.hardware for client in clients])
     limit = np.concatenate([client.hardware.speed_limit for client in clients])
@@ -94,5 +94,5 @@ def replay(clients: Sequence[ArmClient], trajectory: Trajectory) -> Playback:
 
 
 def approach_s(way: np.ndarray, speed: np.ndarray) -> float:
-    """How long a soft way (n,) takes whose speed (n,) a caller has chosen, s."""
+    """Duration of a soft way (n,) whose peak speed (n,) a caller has chosen, s."""
     return max(soft_way_s(way, speed), _LEAST_S)

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-LAND_TIMEOUT_S = 60.0  # the longest way down at landing speed, and one retry
-_STOPPED_S = 2.0  # while the emergency stop is latched nothing lands; it may be released again at once
+LAND_TIMEOUT_S = 60.0  # wait for a landing, s: the longest way down, and one retry
+_STOPPED_S = 2.0  # wait before a latched emergency stop is logged, s: it may be released again at once
 _HELD = (
     "the arms stay in the air, held or floating, and their control loop lands them when it is released; clear their "
     "way, then `yam-estop release`"
@@ -42,31 +42,34 @@ class Runner(Protocol):
 
     @property
     def clock(self) -> Clock:
-        """The caller's clock: what lets time pass for it, and for the arms."""
+        """The clock of the caller and of the arms."""
 
     def note_written(self, arm: int) -> None:
-        """A caller has written into this arm's command block. Loops, which look at each tick, need not know."""
+        """Hear that this arm's command block was written; loops, which read it at each tick, need not know."""
 
     def start(self, blocks: Sequence[Descriptors]) -> None:
-        """Bring the arms up; `blocks` of each, in the order of the arms.
+        """Bring the arms up.
+
+        Args:
+            blocks: descriptors of each arm's blocks, in the order of the arms.
 
         Raises:
-            YamError: what failed; nothing is energised.
+            YamError: says what failed; nothing is energised.
         """
 
     def land(self) -> None:
-        """Have it begin to land, without waiting; `stop` has to follow."""
+        """Have the loop begin to land, without waiting; `stop` has to follow."""
 
     def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
-        """Have it land and end; True when nothing drives the arms any more.
+        """Have the loop land and end; True when nothing drives the arms any more.
 
         Args:
-            off: whether torque is off, for a loop that somebody else may have taken over.
+            off: whether torque is off; the stand-by may have taken the arms over.
         """
 
 
 class ProcessRunner:
-    """The loop in another process, which the caller's interpreter cannot disturb."""
+    """Runs the loop in another process, which the caller's interpreter cannot disturb."""
 
     clock: Clock = SYSTEM
     _program = "lerobot_robot_yam.control.process.control_process"
@@ -112,7 +115,7 @@ class ProcessRunner:
             raise getattr(errors, reply["kind"], YamError)(reply["error"])
 
     def _job(self) -> dict[str, Any]:
-        """What the process is told, besides how it reaches us."""
+        """What the process has to do; `start` adds how it reaches the caller."""
         return {"arms": [dataclasses.asdict(arm.config) for arm in self._arms]}
 
     def land(self) -> None:
@@ -126,7 +129,7 @@ class ProcessRunner:
         lifeline = self._lifeline
         if child is None or lifeline is None:
             return True
-        ended = wait_patiently(lambda: child.poll() is not None, outlives_us=os.getpid() != 1)  # 1: of a container
+        ended = wait_patiently(lambda: child.poll() is not None, outlives_us=os.getpid() != 1)  # 1: a container's
         if child.stdout is not None:
             child.stdout.close()
         if ended:  # then a stand-by may have taken over
@@ -136,7 +139,7 @@ class ProcessRunner:
 
 
 class ThreadRunner:
-    """The loop in a thread of the caller, for debugging."""
+    """Runs the loop in a thread of the caller, for debugging."""
 
     clock: Clock = SYSTEM
 
@@ -186,9 +189,9 @@ class ThreadRunner:
 
 
 class StepRunner:
-    """A `Runner` that is also the caller's clock: while the caller sleeps, the loop ticks.
+    """Runs the loop while the caller sleeps, whose clock it is.
 
-    The world is the caller's own. When it is thrown away with arms in the air, nothing falls.
+    The world is the caller's own. Nothing falls when it is thrown away with arms in the air.
     """
 
     def __init__(self, arms: list[ResolvedArm], keys: list[str]):
@@ -209,7 +212,7 @@ class StepRunner:
         return self._world.now()
 
     def sleep(self, seconds: float) -> None:
-        """Simulate, with a control loop that ticks in it."""
+        """Let the loop tick for so long."""
         until_s = self._world.now() + seconds
         while self._world.now() < until_s:
             if next(self._ticks, False) is False:  # the arms are off, or have failed
@@ -257,7 +260,7 @@ class StepRunner:
         return landed
 
     def discard(self) -> None:
-        """End at once, as the world does. Idempotent."""
+        """End at once, without landing. Idempotent."""
         self._ticks = iter(())
         loop, self._loop = self._loop, None
         if loop is not None:
@@ -270,13 +273,14 @@ class StepRunner:
 
 
 def wait_patiently(done: Callable[[], bool], outlives_us: bool) -> bool:
-    """Wait for a landing.
-
-    Ctrl-C is answered with a word: the loop lands on its own, hurrying would drop an arm.
+    """Wait for a landing; Ctrl-C is only logged, since hurrying would drop an arm.
 
     Args:
         done: whether the arms are down.
-        outlives_us: their control loop does; then the release of an emergency stop is not waited for.
+        outlives_us: whether the control loop goes on after this process; then a latched emergency stop ends the wait.
+
+    Returns:
+        Whether the arms are down.
     """
     begin, told = time.monotonic(), False
     while True:

@@ -15,11 +15,11 @@ from lerobot_robot_yam.session.trajectory import Trajectory, columns_of
 from lerobot_robot_yam.state.records import ArmState
 from lerobot_robot_yam.system.paths import write_whole
 
-_LOOK_S = 0.001  # a quarter of a tick
+_POLL_S = 0.001  # between two looks at the states, s: a quarter of a tick
 
 
 class StateRecorder:
-    """States of some arms, each tick once. `poll` often: a state that nobody looks at is not kept.
+    """Keeps the states of some arms, each tick once. `poll` often: a state between two polls is lost.
 
     Args:
         clients: the arms.
@@ -39,16 +39,16 @@ class StateRecorder:
                 self._rows[index].extend(_row(state))
 
     def states(self) -> list[dict[str, np.ndarray]]:
-        """Of each arm k states; its n motors are the joints and then the gripper, if that has one.
+        """The k states of each arm; its n motors are the joints and then the gripper, if that has a motor.
 
         Returns:
-            stamp_s (k,) monotonic; q (k, n) rad and dq (k, n) rad/s, the gripper 0 … 1 and 1/s; tau_nm (k, n), of
-            the gripper at its motor; temp_mos_c, temp_rotor_c (k, n).
+            stamp_s (k,) monotonic; q (k, n) rad and dq (k, n) rad/s, the gripper 0 … 1 and 1/s; tau_nm (k, n), the
+            gripper's at its motor; temp_mos_c, temp_rotor_c (k, n).
         """
         return [_unpacked(rows, client.hardware.n) for rows, client in zip(self._rows, self._clients, strict=True)]
 
     def trajectory(self) -> Trajectory:
-        """Where the arms were, at the times of the first one's states.
+        """The arms' positions at the times of the first arm's states.
 
         Raises:
             ActionError: there are fewer than two states.
@@ -60,7 +60,7 @@ class StateRecorder:
         return Trajectory(times, np.stack(columns, axis=1), names, "recording")
 
     def save(self, path: Path) -> None:
-        """Write the states into an .npz file, as `states` has them; of a second arm the names begin with its own.
+        """Write the states into an .npz file, as `states` has them; a second arm's names begin with the arm's name.
 
         Raises:
             ConfigError: the file cannot be written.
@@ -94,7 +94,7 @@ def _unpacked(rows: array, n: int) -> dict[str, np.ndarray]:
 
 @contextmanager
 def recording(clients: Sequence[ArmClient]) -> Iterator[StateRecorder]:
-    """Record, in a thread, while the block runs. An arm that ends meanwhile ends its recording.
+    """Record in a thread while the block runs. An arm that ends meanwhile ends the recording.
 
     Raises:
         LifeCycleError: an arm is not connected.
@@ -104,7 +104,7 @@ def recording(clients: Sequence[ArmClient]) -> Iterator[StateRecorder]:
 
     def record() -> None:
         with suppress(YamError):
-            while not ended.wait(_LOOK_S):
+            while not ended.wait(_POLL_S):
                 recorder.poll()
 
     thread = threading.Thread(target=record, name="yam-recording", daemon=True)

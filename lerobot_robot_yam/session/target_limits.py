@@ -1,7 +1,6 @@
-"""The caller's side of the safety chain: what a target must be, and what is held back before it is sent.
+"""Limits of a target before it is sent: keys, finite numbers, unit, joint limits, `max_relative_target`.
 
-validate (keys, shape, finite, unit) → joint limits → max_relative_target; the loop adds set-point speed and torque
-clip.
+The loop then limits the set-point's speed and the torque.
 """
 
 import logging
@@ -16,11 +15,11 @@ from lerobot_robot_yam.state.records import Limited
 
 logger = logging.getLogger(__name__)
 
-_WORTH_SAYING = 0.01  # rad, or of the gripper's stroke: measured poses may lie a little outside the limits
+_WORTH_SAYING = 0.01  # limiting below this is not logged, rad or strokes: measured poses lie a little outside
 
 
 def validate_action(device: str, action: Mapping[str, object], keys: Sequence[str]) -> np.ndarray:
-    """The values of a LeRobot action in the order of `keys`, (n,). 0-d tensors and arrays are numbers.
+    """Read a LeRobot action: its values (n,) in the order of `keys`. 0-d tensors and arrays are numbers.
 
     Raises:
         ActionError: missing or unknown keys, values that are not finite numbers.
@@ -37,8 +36,8 @@ def validate_action(device: str, action: Mapping[str, object], keys: Sequence[st
 def refuse_degrees(device: str, q: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
     """Refuse joint angles that cannot be radians, but are a pose of the arms in degrees.
 
-    Clamped to the joint limits, they would send the arms all the way there. A single wild value,
-    or values that are no pose in degrees either, are limited like any other target.
+    Clamped to the joint limits, such angles would send the arms to the ends of their ranges. A single wild value, and
+    values that are no pose in degrees either, are limited like any other target.
 
     Args:
         device: for messages.
@@ -46,7 +45,7 @@ def refuse_degrees(device: str, q: np.ndarray, lower: np.ndarray, upper: np.ndar
         lower, upper: (n,) joint limits, rad.
 
     Raises:
-        ActionError: degrees, as it seems; nothing was sent.
+        ActionError: these seem to be degrees; nothing was sent.
     """
     wild = np.abs(q) > TURN
     if np.count_nonzero(wild) < 2:
@@ -67,9 +66,12 @@ def limit_target(
     upper: Sequence[float],
     max_relative: float | None,
 ) -> tuple[list[float], Limited]:
-    """Joint limits, then `max_relative` distance from the measured position; n each. Says what was held back.
+    """Clamp a target (n,) to the joint limits, then to `max_relative` from the measured position (n,).
 
-    A measured position may lie outside the limits; the result never does.
+    A measured position may lie outside the limits, the result never does.
+
+    Returns:
+        The target after the limits (n,), and which limits acted.
     """
     limited = Limited.NOTHING
     inside = [
@@ -90,14 +92,14 @@ def limit_target(
 
 
 class LimitLog:
-    """Logs the beginning of each stretch of limiting, not every tick of it."""
+    """Logs when limiting begins, not every tick of it."""
 
     def __init__(self, arm: str):
         self._arm = arm
         self._before = Limited.NOTHING
 
     def note(self, limited: Limited) -> None:
-        """Warn once when a limit begins to act."""
+        """Log the limits that act now and did not act before."""
         if limited is self._before:
             return
         fresh = limited & ~self._before

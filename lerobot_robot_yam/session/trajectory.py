@@ -11,8 +11,8 @@ from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ActionError
 
-_ROW_S = 0.02  # of a soft way: as often as callers stream
-_GRIPPER_BEYOND = 0.1  # of the stroke; measured fingers may be a little beyond their stops
+_ROW_S = 0.02  # between two rows of a soft way, s: callers stream as often
+_GRIPPER_BEYOND = 0.1  # measured fingers may be so far beyond their stops, strokes
 _LEAST_ROWS = 2
 
 
@@ -21,13 +21,13 @@ class Trajectory:
     """Positions of n joints and grippers at k times.
 
     Args:
-        times_s: (k,) s, rising; kept from 0 on.
+        times_s: (k,) s, rising; shifted so that the first is 0.
         positions: (k, n) rad, of grippers 0 closed … 1 open; per arm the joints, then its gripper if that has a motor.
-        columns: names of the n columns, see `columns_of`; empty where nobody has said.
-        source: what messages call it.
+        columns: names of the n columns, see `columns_of`; empty: unknown.
+        source: name for messages.
 
     Raises:
-        ActionError: the shapes do not fit, something is not finite, or time does not go on.
+        ActionError: the shapes do not fit, a number is not finite, or the times do not rise.
     """
 
     times_s: np.ndarray
@@ -64,11 +64,11 @@ class Trajectory:
 
     @property
     def seconds(self) -> float:
-        """How long it takes."""
+        """Duration, s."""
         return float(self.times_s[-1])
 
     def at(self, t: float) -> np.ndarray:
-        """(n,) positions at time t, on straight lines between the rows, and at rest before and after them."""
+        """Positions (n,) at time t: on straight lines between the rows, at rest before and after them."""
         after = min(max(int(np.searchsorted(self.times_s, t)), 1), len(self.times_s) - 1)
         begin, end = self.times_s[after - 1], self.times_s[after]
         share = min(max((t - begin) / (end - begin), 0.0), 1.0)
@@ -76,22 +76,22 @@ class Trajectory:
         return position
 
     def then(self, other: "Trajectory") -> "Trajectory":
-        """This one and, from its end on, the other."""
+        """Append another trajectory."""
         times = np.concatenate([self.times_s, self.seconds + other.times_s[1:]])
         return dataclasses.replace(
             other, times_s=times, positions=np.concatenate([self.positions, other.positions[1:]])
         )
 
     def slowed(self, speed: np.ndarray) -> "Trajectory":
-        """The same way, slower where it is quicker than `speed` (n,), unit/s."""
+        """Make the same way slower where it is quicker than `speed` (n,), unit/s."""
         steps = np.maximum(np.diff(self.times_s), (np.abs(np.diff(self.positions, axis=0)) / speed).max(axis=1))
         return dataclasses.replace(self, times_s=np.concatenate([[0.0], np.cumsum(steps)]))
 
     def check(self, arms: Sequence[ResolvedArm]) -> None:
-        """Refuse what these arms cannot follow; measured poses may lie a little outside the limits.
+        """Refuse a trajectory that these arms cannot follow; measured poses may lie a little outside the limits.
 
         Raises:
-            ActionError: it is of other joints, or goes beyond a limit; names the column.
+            ActionError: it has other joints, or goes beyond a limit; names the column.
         """
         names = columns_of(arms)
         have, want = self.positions.shape[1], len(names)
@@ -133,12 +133,12 @@ def soft_way(start: np.ndarray, goal: np.ndarray, seconds: float) -> Trajectory:
 
 
 def soft_way_s(way: np.ndarray, speed: np.ndarray, acceleration: np.ndarray | float = math.inf) -> float:
-    """How long a soft way of these distances (n,) takes at least, s.
+    """Shortest duration of a soft way of these distances (n,), s.
 
     T = max(π/2 · |way| / speed, π · sqrt(|way| / (2 · acceleration))).
 
     Args:
-        way: (n,) of joints and grippers.
+        way: (n,) rad, grippers in strokes.
         speed: (n,) peak, unit/s.
         acceleration: (n,) peak, at both ends, unit/s².
     """

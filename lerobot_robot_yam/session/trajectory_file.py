@@ -1,8 +1,8 @@
 """Trajectories in files of the vendor's form: `np.save` of a dict {trajectory, timestamps, frequency}.
 
-Such a file is a pickle, and whoever unpickles it runs what its writer liked. So nothing that it names is called or
-imported here, numpy's constructors included: it may name the four that `np.save` uses, and small stand-ins take their
-place. Numbers, texts, lists and dicts need no names.
+Such a file is a pickle, and unpickling it would run whatever its writer put in. So nothing that the file names is
+called or imported: it may name the four constructors that `np.save` writes, and small stand-ins take their place.
+Numbers, texts, lists and dicts need no names.
 """
 
 import io
@@ -18,10 +18,10 @@ from lerobot_robot_yam.session.trajectory import Trajectory
 from lerobot_robot_yam.system.paths import user_path, write_whole
 
 FREQUENCY_HZ = 50.0
-"""Of the rows that are saved: the vendor's replay gives a row at a time, at most so often."""
-_MOST_BYTES = 100_000_000  # five hours of two arms
-_NUMBERS = "fiu"
-_SAVED_AS = ("trajectory", "timestamps")
+"""Rate of the rows that are saved: the vendor's replay writes a row at a time, at most so often."""
+_MOST_BYTES = 100_000_000  # largest file that is read: five hours of two arms
+_NUMBERS = "fiu"  # kinds of numpy types that hold numbers
+_SAVED_AS = ("trajectory", "timestamps")  # keys of positions and times
 
 
 def save_trajectory(path: str | Path, trajectory: Trajectory) -> None:
@@ -47,7 +47,7 @@ def load_trajectory(path: str | Path) -> Trajectory:
     """Read a trajectory of ours or the vendor's; nothing in the file is executed.
 
     Raises:
-        ConfigError: it cannot be read, or is no such file.
+        ConfigError: the file cannot be read, or is no such file.
         ActionError: its numbers are no trajectory, see `Trajectory`.
     """
     path = user_path(path)
@@ -85,7 +85,7 @@ def _numbers(path: Path, key: str, value: object) -> np.ndarray:
 
 
 def _content(file: io.BytesIO) -> dict[str, Any]:
-    """The dict in an .npy file. Raises ConfigError: there is none, or it asks for more than numbers."""
+    """Read the dict of an .npy file. Raises ConfigError: there is none, or it holds more than numbers."""
     version = np.lib.format.read_magic(file)
     read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, _, dtype = read_header(file)
@@ -109,7 +109,7 @@ class _Dtype:
         self.order = str(state[1])
 
     def numbers(self, data: bytes) -> np.ndarray:
-        """The numbers in `data`, flat. Raises ConfigError: the type is none of numbers."""
+        """Decode `data` into a flat array. Raises ConfigError: the type does not hold numbers."""
         dtype = np.dtype(self.order + self.text) if self.text[:1] in _NUMBERS else np.dtype(object)
         if dtype.kind not in _NUMBERS:
             raise ConfigError(f"it holds {self.text!r}, and a trajectory holds numbers")
@@ -117,7 +117,7 @@ class _Dtype:
 
 
 class _Array:
-    """Stands in for `numpy.ndarray`: of objects it keeps the list, of numbers it makes an array when asked."""
+    """Stands in for `numpy.ndarray`: keeps a list of objects, or makes an array of numbers when `array` is called."""
 
     def __init__(self, *_: object):
         self.items: list[Any] | None = None
@@ -129,7 +129,7 @@ class _Array:
         self._rest = (shape, dtype, fortran, data)
 
     def array(self) -> np.ndarray:
-        """The numbers. Raises ConfigError or ValueError: they are none."""
+        """Make the array. Raises ConfigError or ValueError: it holds no numbers."""
         if self.items is not None or not self._rest:
             raise ConfigError("an array of it holds no numbers")
         shape, dtype, fortran, data = self._rest
@@ -137,7 +137,7 @@ class _Array:
 
 
 def _scalar(dtype: _Dtype, data: bytes) -> float:
-    """Stands in for numpy's maker of a single number."""
+    """Stand in for numpy's constructor of a single number."""
     return float(dtype.numbers(data)[0])
 
 
@@ -150,7 +150,7 @@ _STAND_INS: dict[tuple[str, str], Any] = {("numpy", "ndarray"): _Array, ("numpy"
 
 class _NumbersOnly(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
-        """The stand-in for what the file names. Raises ConfigError: a trajectory needs nothing of that name."""
+        """Find the stand-in for what the file names. Raises ConfigError: no trajectory needs that name."""
         if (module, name) not in _STAND_INS:
             raise ConfigError(
                 f"it asks for {module}.{name}, and a trajectory holds only numbers; it may be made to run code: do not "
@@ -159,5 +159,5 @@ class _NumbersOnly(pickle.Unpickler):
         return _STAND_INS[module, name]
 
     def persistent_load(self, pid: object) -> Any:
-        """Nothing lies elsewhere. Raises ConfigError."""
+        """Refuse objects outside of the file. Raises ConfigError."""
         raise ConfigError("it refers to something outside of the file")

@@ -33,9 +33,9 @@ from lerobot_robot_yam.system.clock import Clock
 from lerobot_robot_yam.system.paths import user_path
 from lerobot_robot_yam.system.uncopyable import Uncopied
 
-_STREAM_S = 0.02
-_SETTLE_TIMEOUT_S = 2.0
-_LIES_RAD = 0.15  # so near to its rest pose an arm lies, or falls no further than a finger is thick
+_STREAM_S = 0.02  # between two targets of a motion, s
+_SETTLE_TIMEOUT_S = 2.0  # wait for joints to reach the end of a motion, s
+_LIES_RAD = 0.15  # within this of its rest pose an arm lies, rad: it falls no further than a finger is thick
 
 
 class YamArm(Uncopied):
@@ -82,7 +82,7 @@ class YamArm(Uncopied):
 
     @property
     def clock(self) -> Clock:
-        """The clock by which the arm lives: the computer's, or that of a rig in lock-step."""
+        """The clock of the arm's loop: the computer's, or that of a rig in lock-step."""
         return self._session.clock
 
     @property
@@ -90,16 +90,16 @@ class YamArm(Uncopied):
         return self._session[self.config.name]
 
     def info(self) -> ArmInfo:
-        """What the arm is and how it is set. Raises LifeCycleError: not connected."""
+        """Describe the arm and its settings. Raises LifeCycleError: not connected."""
         return ArmInfo.of(self._client)
 
     def observe(self) -> ArmState:
-        """The newest state. Raises StaleStateError, MotorError, LifeCycleError: see `ArmClient.observe`."""
+        """Read the newest state. Raises StaleStateError, MotorError, LifeCycleError: see `ArmClient.observe`."""
         return self._client.observe()
 
     @contextmanager
     def recording(self, path: str | Path | None = None) -> Iterator[StateRecorder]:
-        """Record every state while the block runs; see `StateRecorder` for what there is then.
+        """Record every state while the block runs, into a `StateRecorder`.
 
         Args:
             path: an .npz file to write at the end, see `StateRecorder.save`; None: write none.
@@ -121,30 +121,30 @@ class YamArm(Uncopied):
         kp: Vector | None = None,
         kd: Vector | None = None,
     ) -> np.ndarray:
-        """Give one target; repeat it at 10 Hz or faster, or the arm comes to rest.
+        """Write one target; repeat it at 10 Hz or faster, or the arm comes to rest.
 
         Args:
             q: (n,) rad. kp, kd: (n,) gains for this target.
-            dq: (n,) rad/s, the target's own speed. While targets go where it leads (to 0.01 rad) they are followed
-                without lag, and the last one moves on until the next is due; others are reached one period late.
+            dq: (n,) rad/s, the target's own speed. Targets that follow it (to 0.01 rad) are tracked without lag, and
+                the last one moves on until the next is due; other targets are reached one period late.
             gripper: 0 closed … 1 open, None keeps it.
 
         Returns:
-            (n,) what was really asked for after the limits.
+            (n,) the target after the limits.
 
         Raises:
             ActionError: wrong shape, not finite, or more than a motor takes; nothing was sent.
-            YamError: it floats, has failed or is silent; nothing was sent.
+            YamError: the arm floats, has failed or is silent; nothing was sent.
         """
         return self._client.write_target(q, gripper, dq, kp, kd)[0]
 
     def move_to(self, q: Vector, gripper: float | None = None, speed_rad_s: float = 0.8) -> ArmState:
-        """Go to a pose along a straight joint line with half-cosine speed, and wait until it is reached.
+        """Go to a pose along a straight joint line with half-cosine speed, and wait until the arm is there.
 
         Args:
             q: (n,) rad.
             gripper: 0 closed … 1 open, None keeps it.
-            speed_rad_s: of the quickest joint, at its peak.
+            speed_rad_s: peak speed of the quickest joint.
 
         Raises:
             ActionError: wrong shape, not finite, or beyond a joint's range; nothing moves.
@@ -158,7 +158,7 @@ class YamArm(Uncopied):
         return self._play(Playback([self._client], soft_way(start, goal, approach_s(goal - start, speed))))
 
     def move_joints(self, q: Vector, time_s: float, gripper: float | None = None) -> ArmState:
-        """Go to a pose in `time_s` seconds along a straight joint line with half-cosine speed; waits until it is there.
+        """Go to a pose in `time_s` seconds along a straight joint line with half-cosine speed, and wait for the end.
 
         Args:
             q: (n,) rad.
@@ -166,8 +166,8 @@ class YamArm(Uncopied):
             gripper: 0 closed … 1 open, None keeps it.
 
         Raises:
-            ActionError: as `move_to`, or the time is too short for the limits of speed and acceleration: says how long
-                it takes at least. Nothing moves.
+            ActionError: as `move_to`, or the time is too short for the limits of speed and acceleration: says the least
+                time. Nothing moves.
             LifeCycleError: as `move_to`.
         """
         name, hw = self.config.name, self._client.hardware
@@ -183,19 +183,19 @@ class YamArm(Uncopied):
         return self._play(Playback([self._client], soft_way(ready([self._client]), goal, seconds)))
 
     def replay(self, trajectory: Trajectory) -> ArmState:
-        """Go softly to where the trajectory begins, then along it, and wait until its end is reached.
+        """Go softly to where the trajectory begins, then along it, and wait until the arm is at its end.
 
-        It is slower where the trajectory exceeds the speed limits. With `track_integral` it comes nearer. Read and
-        write files with `load_trajectory` and `save_trajectory` of `session/trajectory_file.py`.
+        The arm is slower where the trajectory exceeds the speed limits, and nearer to it with `track_integral`. Read
+        and write files with `load_trajectory` and `save_trajectory` of `session/trajectory_file.py`.
 
         Raises:
-            ActionError: it is of other joints, or beyond a joint's range; nothing moves.
+            ActionError: the trajectory has other joints, or goes beyond a joint's range; nothing moves.
             LifeCycleError: as `move_to`.
         """
         return self._play(replay([self._client], trajectory))
 
     def _goal(self, q: Vector, gripper: float | None) -> np.ndarray:
-        """Of all motors (n,), NaN for a gripper that stays. Raises ActionError: as `move_to`."""
+        """Goal (n,) for all motors, NaN for a gripper that stays. Raises ActionError: as `move_to`."""
         name, hw = self.config.name, self._client.hardware
         goal = finite_vector(name, "q", q, hw.joints)
         lower, upper = hw.lower[: hw.joints], hw.upper[: hw.joints]
@@ -228,30 +228,29 @@ class YamArm(Uncopied):
         self._client.hold()
 
     def float(self) -> None:
-        """Gravity-compensated: free to be moved by hand."""
+        """Carry only the arm's own weight, so that a hand can move it."""
         self._client.float()
 
     def update_kp_kd(self, kp: Vector, kd: Vector) -> None:
-        """Other gains of the joints from now on; the arm goes over to them within half a second. It lands with the
-        configured ones.
+        """Change the gains of the joints, within half a second; the arm lands with the configured gains.
 
         Args:
             kp, kd: (n,) Nm/rad and Nm s/rad.
 
         Raises:
             ActionError, ConfigError: what a configuration would be refused for; nothing changes.
-            LifeCycleError: it lands, or is off.
+            LifeCycleError: the arm lands, or is off.
         """
         self._client.change_gains(kp, kd)
 
     def zero_torque(self, force: bool = False) -> None:
         """Cut torque, without landing. Afterwards only `close` is possible.
 
-        HAZARD: with `force` an arm in the air falls at once, and whatever it holds.
+        HAZARD: with `force` an arm in the air falls at once, with what it holds.
 
         Raises:
-            LifeCycleError: it does not lie at rest, and `force` is not set; or it cannot be done in its present mode.
-            YamError: it has failed or is silent, so that nobody knows where it is, and `force` is not set.
+            LifeCycleError: the arm does not lie at rest, and `force` is not set; or its mode does not allow it.
+            YamError: the arm has failed or is silent, so that its pose is unknown, and `force` is not set.
         """
         client = self._client
         if client.off:
@@ -265,13 +264,13 @@ class YamArm(Uncopied):
         client.cut_torque()
 
     def rearm(self) -> None:
-        """After a fault: enable the motors again and hold the measured pose. Look at the arm first.
+        """Enable failed motors again, and hold the measured pose. Look at the arm first.
 
         Raises:
-            LifeCycleError: it still fails, or needs a new connection.
+            LifeCycleError: a motor still fails, or the arm needs a new connection.
         """
         self._session.rearm()
 
     def land(self) -> None:
-        """Bring the arm down and cut torque; waits. Afterwards only `close` is possible."""
+        """Bring the arm down, cut torque, and wait for that. Afterwards only `close` is possible."""
         self._session.land()

@@ -1,4 +1,4 @@
-"""What an arm that runs is, for others who watch it: its configuration, in a file beside the link to its state."""
+"""The configuration of a running arm, in a file beside the link to its state block, for programs that watch arms."""
 
 import contextlib
 import dataclasses
@@ -14,16 +14,16 @@ from lerobot_robot_yam.system.runtime_files import ABOUT, runtime_dir
 
 logger = logging.getLogger(__name__)
 
-_MOST_BYTES = 1 << 20
+_MOST_BYTES = 1 << 20  # read of a file
 
 
 def about_path(key: str) -> Path:
-    """The file of the arm on the channel with this key."""
+    """File of the arm on the channel with this key."""
     return runtime_dir() / f"{ABOUT}{key}"
 
 
 def tell_about(key: str, config: ArmConfig) -> None:
-    """Write it; says so and goes on where it cannot be written."""
+    """Write the file; log a warning where that fails."""
     try:
         path = about_path(key)
         aside = path.with_name(f".{path.name}.{os.getpid()}")
@@ -34,13 +34,13 @@ def tell_about(key: str, config: ArmConfig) -> None:
 
 
 def forget_about(key: str) -> None:
-    """Remove it. Idempotent."""
+    """Remove the file. Idempotent."""
     with contextlib.suppress(OSError, YamError):
         about_path(key).unlink()
 
 
 def read_about(directory: Path, key: str) -> dict[str, Any] | None:
-    """Fields of the configuration of the arm with this key in a runtime directory; None: they are not known."""
+    """Read the fields of an arm's configuration from a runtime directory; None: unknown."""
     try:
         with open(directory / f"{ABOUT}{key}", "rb") as file:
             found = json.loads(file.read(_MOST_BYTES))

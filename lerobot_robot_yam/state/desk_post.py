@@ -21,18 +21,18 @@ from typing import Any, NamedTuple
 from lerobot_robot_yam.system.runtime_files import DESK
 
 _STATUS, _SOCKET = ".json", ".sock"
-_LONGEST = 512  # bytes of a request
+_LONGEST = 512  # longest request, bytes
 _MOST = 16  # requests that are read at once; a flood waits in the kernel, which turns its sender away
-_STATUS_BYTES = 1 << 16
+_STATUS_BYTES = 1 << 16  # read of a status
 
 
 class Asked(NamedTuple):
     """A request.
 
     Attributes:
-        meaning: of a button, as `face/operator_keys/meanings.py` calls it; nobody has checked it.
-        by: who asks.
-        turn: the run of the command's loop that the page has shown; None: whichever.
+        meaning: name of a button, see `face/operator_keys/meanings.py`; not checked here.
+        by: program that sends the request.
+        turn: run of the command's loop that the page has shown; None: any.
     """
 
     meaning: str
@@ -41,7 +41,7 @@ class Asked(NamedTuple):
 
 
 class DeskPost:
-    """The command's end. One for a process.
+    """The command's end, one for a process.
 
     Args:
         directory: the runtime directory.
@@ -71,7 +71,7 @@ class DeskPost:
         aside.replace(self._status)
 
     def asked(self, within_s: float) -> tuple[list[Asked], int]:
-        """Wait for requests: those that have come, some at most, and how many datagrams were none."""
+        """Wait for requests. Returns up to `_MOST` of them, and the number of malformed datagrams."""
         found, malformed = [], 0
         self._socket.settimeout(within_s)
         with contextlib.suppress(TimeoutError, BlockingIOError):
@@ -86,11 +86,11 @@ class DeskPost:
         return found, malformed
 
     def wake(self) -> None:
-        """Let who waits for requests wait no longer."""
+        """End a wait for requests."""
         _send(self._path, b"")
 
     def close(self) -> None:
-        """Remove both. Idempotent; a forked child only lets go of the socket."""
+        """Remove both files. Idempotent; a forked child only closes the socket."""
         atexit.unregister(self.close)
         for path in (self._status, self._path) if os.getpid() == self._owner else ():
             with contextlib.suppress(OSError):
@@ -109,7 +109,7 @@ def _parsed(data: bytes) -> Asked | None:
 
 
 def running_desks(directory: Path) -> dict[int, dict[str, Any]]:
-    """The status of every command that runs, by its process number; its `age_s` is of the status."""
+    """Read the status of every running command, by process number, with the status' age as `age_s`."""
     found = {}
     for path in sorted(directory.glob(f"{DESK}*{_STATUS}")):
         number = path.name.removeprefix(DESK).removesuffix(_STATUS)
@@ -131,7 +131,7 @@ def _read(path: Path) -> dict[str, Any] | None:
 
 
 def ask(directory: Path, number: int, asked: Asked) -> bool:
-    """Send a request to the command with this process number; whether it was taken. Waits for nothing."""
+    """Send a request to the command with this process number, without waiting; returns whether it was sent."""
     return _send(directory / f"{DESK}{number}{_SOCKET}", json.dumps(asked._asdict()).encode())
 
 
@@ -144,7 +144,7 @@ def _send(path: Path, data: bytes) -> bool:
 
 
 def forget_the_dead(directory: Path) -> None:
-    """Remove what processes have left that were killed."""
+    """Remove the files of processes that were killed."""
     for path in directory.glob(f"{DESK}*{_SOCKET}"):
         if not _answers(path):
             for left in (path.with_suffix(_STATUS), path):

@@ -1,8 +1,8 @@
 """The emergency stop of everything that one user drives on this machine: latched by anybody, released on purpose.
 
-A file is the latch: it outlives its maker, and looking whether it is there costs a loop 4 µs a tick. On a disk
-that is full, or with no descriptor left, no file can be made. The sticky bit of the directory is the latch then: a
-change of mode needs neither room nor a descriptor.
+A file is the latch: it outlives the process that made it, and a loop looks for it at each tick in 4 µs. On a full disk,
+or without a file descriptor left, no file can be made. Then the sticky bit of the directory is the latch: a change of
+mode needs neither room nor a descriptor.
 """
 
 import contextlib
@@ -21,9 +21,9 @@ from lerobot_robot_yam.system.runtime_files import runtime_dir
 logger = logging.getLogger(__name__)
 
 _FILE = "emergency-stop"
-_MOST_BYTES = 65536
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.ENOMEM)
-_NO_DESCRIPTOR = (errno.EMFILE, errno.ENFILE)
+_MOST_BYTES = 65536  # read of the file
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.ENOMEM)  # errors of a disk without room
+_NO_DESCRIPTOR = (errno.EMFILE, errno.ENFILE)  # errors of a process, or machine, without a descriptor left
 _NO_ROOM = "unknown: there was no room to write it down"
 
 
@@ -42,12 +42,10 @@ class EmergencyStop:
     def __init__(self, directory: Path | None = None) -> None:
         self._own = directory is None
         self.directory = runtime_dir() if directory is None else directory
-        self._name, self._directory_name = (
-            str(self.directory / _FILE),
-            str(self.directory),
-        )  # a Path takes a loop longer
-        self._unwritten = False  # latched, with no way to write it down
-        self._seen_in: int | None = None  # inode of the directory in which it was seen: /dev/shm uses no number twice
+        self._directory_name = str(self.directory)  # text: a Path takes a loop longer
+        self._name = str(self.directory / _FILE)
+        self._unwritten = False  # latched, but no other process can see it
+        self._seen_in: int | None = None  # inode of the directory in which the latch was seen; /dev/shm reuses none
 
     @property
     def latched(self) -> bool:
@@ -65,7 +63,7 @@ class EmergencyStop:
 
     @property
     def _marked(self) -> bool:
-        """Whether the directory itself says so."""
+        """Whether the directory has the sticky bit."""
         try:
             return bool(os.lstat(self._directory_name).st_mode & stat.S_ISVTX)
         except OSError:
@@ -78,7 +76,7 @@ class EmergencyStop:
             return 0
 
     def reason(self) -> str:
-        """Why it was set, by which process and when; empty when it is not set."""
+        """Why the stop was set, by which process and when; empty when it is not set."""
         try:
             with self._inside() as directory:
                 file = os.open(_FILE, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=directory)
@@ -94,7 +92,7 @@ class EmergencyStop:
         """Stop everything, until `release`. The first reason stands.
 
         Raises:
-            OSError: it cannot be written down, so no other process sees it. For this object it is latched for good.
+            OSError: the latch cannot be written, so that no other process sees it; this object stays latched.
         """
         if self.latched:
             return
@@ -129,7 +127,7 @@ class EmergencyStop:
                     text.write(json.dumps(data) + "\n")
 
     def release(self) -> None:
-        """Let arms move again: each from where it is, with its next target. Raises OSError: it cannot be removed."""
+        """Let each arm move again, from where it is, with its next target. Raises OSError: the latch stays."""
         with contextlib.suppress(FileNotFoundError), self._inside() as directory:
             mode = stat.S_IMODE(os.fstat(directory).st_mode)
             if mode & stat.S_ISVTX:
@@ -138,7 +136,7 @@ class EmergencyStop:
 
     @contextlib.contextmanager
     def _inside(self) -> Iterator[int]:
-        """The directory itself: root latches in other users' directories, and they could put a link in its place."""
+        """Open the directory itself: root latches in other users' directories, where a link could take its place."""
         directory = os.open(self.directory, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
         try:
             yield directory

@@ -9,7 +9,7 @@ from lerobot_robot_yam.state.link_faults import LINK_RESPONSES
 
 
 def _table(rules: Mapping[Any, Rule]) -> list[str]:
-    """Lines of Markdown, a row for each fault, which is a text."""
+    """Lines of a Markdown table, a row for each fault."""
     lines = [
         "| fault | noticed by | the arm | its peer | the caller sees | within | to re-arm |",
         "|---|---|---|---|---|---|---|",
@@ -21,7 +21,7 @@ def _table(rules: Mapping[Any, Rule]) -> list[str]:
 
 
 def document() -> str:
-    """The table as Markdown."""
+    """The page as Markdown."""
     lines = [
         "# What happens when something fails",
         "",

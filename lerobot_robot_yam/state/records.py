@@ -1,10 +1,9 @@
 """The two records that caller and control loop share for each arm: state (loop writes), command (caller writes).
 
-A record has a slot for each motor that an arm could have: first come its joints, then its gripper if that has a motor,
-and the rest is unused. The state says how many there are. SI units; gripper 0 closed … 1 open.
+A record has a slot for each motor that an arm could have: the joints, then the gripper if that has a motor; further
+slots are unused. The state has the numbers of joints and motors. SI units; gripper 0 closed … 1 open.
 
-Each record has its block. The caller makes the memory of both and hands the descriptors on, so that no file has to be
-there or stay there.
+Each record has its block. The caller makes the memory of both and passes the descriptors on, so no file is needed.
 """
 
 import math
@@ -26,7 +25,7 @@ from lerobot_robot_yam.system.shared_block import SharedBlock
 
 
 class Limited(IntFlag):
-    """What limits an arm in this tick."""
+    """Limits that act on an arm in this tick."""
 
     NOTHING = 0
     JOINT_LIMIT = 1
@@ -51,59 +50,59 @@ class Request(IntEnum):
     LAND = 3
     CALIBRATE_GRIPPER = 4
     REARM = 5
-    GUIDE = 6  # float, and let the gripper follow targets
-    GAINS = 7  # use the command's own_kp and own_kd
+    GUIDE = 6  # float, but the gripper follows targets
+    GAINS = 7  # use own_kp and own_kd of the command
     CUT_TORQUE = 8  # at once, also in the air; refused while the arm lands or is stopped
 
 
-ACTION_SLOTS = MAX_MOTORS + 1  # of a follower with a gripper more than its leader has
+ACTION_SLOTS = MAX_MOTORS + 1  # a follower may have a gripper more than its leader has motors
 
 STATE_DTYPE = np.dtype(
     [
-        ("owner_pid", "u8"),  # process whose loop drives the arm; another one has taken over when it changes
+        ("owner_pid", "u8"),  # process whose loop drives the arm; it changes when another process takes over
         # The fields of `EACH_TICK`.
         ("stamp_s", "f8"),  # monotonic time of publication
         ("tick", "u8"),
-        ("asked_s", "f8"),  # when the oldest of the commands went out that the motors' samples answer
+        ("asked_s", "f8"),  # when the oldest command was sent that a motor's sample answers
         ("mode", "u1"),
         ("limited", "u2"),
-        ("own_gains", "u1"),  # held to it with its own gains, not with softer ones of a target
+        ("own_gains", "u1"),  # the arm's own gains act, not softer ones of a target
         ("gripper_blocked", "u1"),
         ("trigger", "f8"),
         ("buttons", "u1", 2),
         ("handle_stamp_s", "f8"),
-        ("joints", "u1"),  # of the arm
-        ("motors", "u1"),  # the joints', and the gripper's if it has one
+        ("joints", "u1"),  # number of joints
+        ("motors", "u1"),  # number of motors: the joints', and the gripper's if it has one
         ("q", "f8", MAX_MOTORS),
         ("dq", "f8", MAX_MOTORS),
         ("tau", "f8", MAX_MOTORS),
         ("setpoint", "f8", MAX_MOTORS),
-        ("sunk", "u1", MAX_MOTORS),  # a landing has let the joint sink unheard: it has left its set-point
-        ("motor_stamp_s", "f8", MAX_MOTORS),  # when each motor took the sample that it has sent
+        ("sunk", "u1", MAX_MOTORS),  # a landing let the joint sink without replies: it has left its set-point
+        ("motor_stamp_s", "f8", MAX_MOTORS),  # when each motor took its newest sample
         ("temp_mos_c", "f4", MAX_MOTORS),
         ("temp_rotor_c", "f4", MAX_MOTORS),
         ("fault", "u1", MAX_MOTORS),
-        ("distrusted", "u1", MAX_MOTORS),  # readings are not used any more; q is where it was believed last
+        ("distrusted", "u1", MAX_MOTORS),  # readings are not used any more; q is the last that was believed
         ("lost", "u8", MAX_MOTORS),
-        ("offset_rad", "f8", MAX_MOTORS),  # motor angle at joint zero: what a successor needs to know
+        ("offset_rad", "f8", MAX_MOTORS),  # motor angle at joint zero: a successor needs it
         ("gripper_stops_rad", "f8", 2),  # closed, open; NaN until they are known
         ("gate", "u1"),  # a `Gate`
-        # Target of a follower, joints in rad and then its gripper, NaN behind it and where there is none. In a leader's
-        # state the target for its follower; in a follower's the target that its set-point has taken last.
+        # A follower's target, joints in rad and then its gripper; NaN in unused slots. In a leader's state the target
+        # for its follower, in a follower's state the target that its set-point took last.
         ("action", "f8", ACTION_SLOTS),
         ("action_dq", "f8", ACTION_SLOTS),  # rate of the same, 1/s
-        ("action_stamp_s", "f8"),  # when the target was there
-        ("coupled_to", "u8"),  # `coupling_number` of the leader that a follower takes its targets from; 0: none
-        ("target_sequence", "u8"),  # newest target that the set-point has taken
-        ("request_sequence", "u8"),  # newest request that was carried out or refused
+        ("action_stamp_s", "f8"),  # time of the target
+        ("coupled_to", "u8"),  # `coupling_number` of the leader that a follower follows; 0: none
+        ("target_sequence", "u8"),  # number of the newest target that the set-point took
+        ("request_sequence", "u8"),  # number of the newest request that was carried out or refused
         ("request_refused", "u1"),
-        ("refusal", "S400"),  # why
+        ("refusal", "S400"),  # why the newest refused request was refused
         ("trouble", "S40"),  # a `faults.Trouble`, empty when all is well
         ("message", "S400"),
     ]
 )
 
-KEY_BYTES = 200  # of a channel's name and a rig's, whose lengths are limited
+KEY_BYTES = 200  # longest channel key: a channel's name and a rig's, whose lengths are limited
 
 COMMAND_DTYPE = np.dtype(
     [
@@ -113,10 +112,10 @@ COMMAND_DTYPE = np.dtype(
         ("dq", "f8", MAX_MOTORS),  # NaN: the loop derives it
         ("kp", "f8", MAX_MOTORS),  # NaN: as configured
         ("kd", "f8", MAX_MOTORS),
-        ("own_kp", "f8", MAX_MOTORS),  # of the arm, for targets without gains; NaN: as configured
+        ("own_kp", "f8", MAX_MOTORS),  # the arm's, for targets without gains; NaN: as configured
         ("own_kd", "f8", MAX_MOTORS),
-        ("leader", f"S{KEY_BYTES}"),  # key of the leader whose present action the target is; empty: of none
-        ("coupled_until_s", "f8"),  # until then the loop may take the targets of each tick from that leader's state
+        ("leader", f"S{KEY_BYTES}"),  # key of the leader whose present action the target is; empty: none
+        ("coupled_until_s", "f8"),  # until then the loop may take each tick's target from that leader's state
         ("request_stamp_s", "f8"),
         ("request", "u1"),
         ("request_sequence", "u8"),
@@ -127,15 +126,15 @@ _STRUCT_CODES = {"f8": "d", "f4": "f", "u8": "Q", "u2": "H", "u1": "B"}
 
 
 def packed(dtype: np.dtype, motors: int, only: Collection[str] | None = None) -> tuple[struct.Struct, dict[str, int]]:
-    """A packed record type as a struct, and where each field begins among its values; unused slots have no value.
+    """Make a struct of a packed record type, with the place of each field among its values; skip unused slots.
 
-    Fields of numpy records cost 6 times as much to read as a tuple when the caches are cold, which they are in a
-    caller that wakes up 30 times a second.
+    A caller that wakes up 30 times a second has cold caches, and then a numpy field takes 6 times as long to read as a
+    tuple.
 
     Args:
-        dtype: the type.
-        motors: used slots of the fields that have one per motor.
-        only: names of the fields that are wanted; None: all.
+        dtype: the record type.
+        motors: used slots of fields that have one per motor.
+        only: names of the fields to unpack; None: all.
     """
     layout, start, count = "<", {}, 0
     for name in dtype.names or ():
@@ -155,7 +154,7 @@ def packed(dtype: np.dtype, motors: int, only: Collection[str] | None = None) ->
 
 
 EACH_TICK = STATE_DTYPE.fields["stamp_s"][1], struct.Struct("<dQdBHBBd2Bd")  # type: ignore[index]
-"""Where the values lie that change at every tick, stamp_s … handle_stamp_s, and their layout."""
+"""Place and layout of the values that change at every tick, stamp_s … handle_stamp_s."""
 _STATES = [packed(STATE_DTYPE, motors) for motors in range(MAX_MOTORS + 1)]
 _JOINTS_AT, _MOTORS_AT = (STATE_DTYPE.fields[name][1] for name in ("joints", "motors"))  # type: ignore[index]
 OWNER = STATE_DTYPE.fields["owner_pid"][1], struct.Struct("<Q")  # type: ignore[index]
@@ -188,9 +187,7 @@ def _of_gripper(name: str, doc: str) -> Any:
 
 
 class ArmState:
-    """One arm, as measured at `stamp_s`. Built from a state record; each access makes a new array.
-
-    A record holds more than most callers ask for, so a value is taken out of it only when it is asked for.
+    """One arm's state, as measured at `stamp_s`. Each access unpacks a value from the record, into a new array.
 
     Args:
         payload: the bytes of a state record.
@@ -212,10 +209,10 @@ class ArmState:
     q: np.ndarray = _slots("q", "(joints,) rad.", "_joints", np.array)
     dq: np.ndarray = _slots("dq", "(joints,) rad/s.", "_joints", np.array)
     tau_nm: np.ndarray = _slots("tau", "(joints,) Nm in joint coordinates.", "_joints", np.array)
-    setpoint_q: np.ndarray = _slots("setpoint", "(joints,) rad, where the arm is asked to be.", "_joints", np.array)
+    setpoint_q: np.ndarray = _slots("setpoint", "(joints,) rad.", "_joints", np.array)
 
     positions: tuple[float, ...] = _slots("q", "Joints in rad; behind them the gripper, 0 … 1, if it has a motor.")
-    setpoints: tuple[float, ...] = _slots("setpoint", "As `positions`: where the arm is asked to be.")
+    setpoints: tuple[float, ...] = _slots("setpoint", "As `positions`, of the set-point.")
 
     gripper: float | None = _of_gripper("q", "0 closed … 1 open; None without a gripper motor.")
     gripper_rate: float | None = _of_gripper("dq", "1/s; None without a gripper motor.")
@@ -224,8 +221,8 @@ class ArmState:
 
     motor_stamps_s: np.ndarray = _slots("motor_stamp_s", "(n,) monotonic time of each motor's sample.", make=np.array)
     stamp_s: float = _slots("motor_stamp_s", "Monotonic time of the oldest of these samples.", make=min)
-    asked_s: float = _value("asked_s", "Monotonic time of the oldest command answered here: no sample is older.")
-    published_s: float = _value("stamp_s", "Monotonic time at which the control loop has written this state.")
+    asked_s: float = _value("asked_s", "Monotonic time of the oldest command that a sample answers.")
+    published_s: float = _value("stamp_s", "Monotonic time at which the control loop wrote this state.")
     tick: int = _value("tick", "Number of the control loop's tick.")
 
     temp_mos_c: np.ndarray = _slots("temp_mos_c", "(n,) °C per motor, power stage.", make=np.array)
@@ -247,7 +244,7 @@ class ArmState:
 
     @property
     def limited(self) -> Limited:
-        """What limits the arm."""
+        """Limits that act on the arm."""
         return Limited(self._values[self._at["limited"]])
 
     @property
@@ -276,9 +273,9 @@ class ArmState:
 
     @property
     def action(self) -> tuple[float, ...] | None:
-        """Target of the follower, joints in rad and then its gripper, 0 … 1; None while there is none.
+        """Follower's target, joints in rad and then its gripper, 0 … 1; None: no target.
 
-        Of a leader: the target for its follower. Of a follower: the one that its set-point has taken last.
+        In a leader's state it is meant for its follower; a follower's set-point took it last.
         """
         first = self._at["action"]
         values = self._values[first : first + ACTION_SLOTS]
@@ -292,7 +289,7 @@ class ArmState:
 
     @property
     def trouble(self) -> Trouble | None:
-        """Trouble of the arm, None when all is well."""
+        """The arm's trouble, None when all is well."""
         return Trouble(self._trouble) if self._trouble else None
 
     @property
@@ -302,32 +299,32 @@ class ArmState:
 
 
 class Descriptors(NamedTuple):
-    """Of the memory of both blocks, as the caller has made it."""
+    """File descriptors of both blocks' memory, which the caller has made."""
 
     states: int
     commands: int
 
     def copies(self) -> "Descriptors":
-        """The same for a loop in this process, which closes its own."""
+        """Duplicate them for a loop in this process, which closes its own."""
         return Descriptors(*map(os.dup, self))
 
 
 class BlockPair(NamedTuple):
-    """Both as the loop has them."""
+    """The loop's ends of both blocks: it writes states and reads commands."""
 
-    states: SharedBlock  # to write
-    commands: SharedBlock  # to read
+    states: SharedBlock
+    commands: SharedBlock
 
     @classmethod
     def of(cls, descriptors: Descriptors) -> "BlockPair":
-        """Map what the caller has made."""
+        """Map the memory that the caller has made."""
         return cls(
             SharedBlock(None, STATE_DTYPE, create=True, descriptor=descriptors.states),
             SharedBlock(None, COMMAND_DTYPE, create=False, descriptor=descriptors.commands),
         )
 
     def close(self) -> None:
-        """Let go of both. Idempotent."""
+        """Close both. Idempotent."""
         for block in self:
             block.close()
 
@@ -338,15 +335,15 @@ def channel_key(interface: str, channel: str, rig: str | None) -> str:
 
 
 def coupling_number(key: str) -> int:
-    """By which states name the arm with this channel key; never 0."""
+    """Number by which state records name the arm with this channel key; never 0."""
     return zlib.crc32(key.encode()) + 1
 
 
 def state_path(key: str) -> Path:
-    """State block of a channel."""
+    """Path of a channel's state block."""
     return runtime_dir() / f"{STATE}{key}"
 
 
 def lock_path(key: str) -> Path:
-    """Lock of a channel."""
+    """Path of a channel's lock."""
     return runtime_dir() / f"{LOCK}{key}"

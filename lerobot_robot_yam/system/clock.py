@@ -7,7 +7,7 @@ hardware and in lock-step with a simulation (`rig.lockstep`), where time stands 
 import time
 from typing import Any, Protocol
 
-START_TIMEOUT_S = 60.0  # of a process that we start: it may start a virtual rig, or calibrate a gripper
+START_TIMEOUT_S = 60.0  # wait for a process that we start, s: it may start a virtual rig, or calibrate a gripper
 
 
 class Clock(Protocol):
@@ -16,7 +16,7 @@ class Clock(Protocol):
     def now(self) -> float: ...
 
     def sleep(self, seconds: float) -> None:
-        """Come back `seconds` later; negative ones are an error, as for `time.sleep`."""
+        """Wait; negative seconds are an error, as for `time.sleep`."""
 
 
 class SystemClock:
@@ -30,6 +30,6 @@ SYSTEM = SystemClock()
 
 
 def clock_of(bus: Any) -> Clock:
-    """The clock that a CAN bus lives by: its attribute `clock`, else the computer's."""
+    """The clock of a CAN bus: its attribute `clock`, else the computer's."""
     clock: Clock = getattr(bus, "clock", SYSTEM)
     return clock

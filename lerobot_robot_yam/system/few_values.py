@@ -1,4 +1,4 @@
-"""Questions about arrays of the few joints of an arm, at loop rate: numpy's own reductions take 2 µs, a list 0.5."""
+"""Reductions of the few values of an arm at loop rate: numpy's own take 2 µs, those over a list 0.5 µs."""
 
 import numpy as np
 
@@ -14,5 +14,5 @@ def all_of(mask: np.ndarray) -> bool:
 
 
 def largest(values: np.ndarray) -> float:
-    """The largest |value| of (n,); 0 of none. NaN is not seen."""
+    """The largest |value| of (n,); 0 without any. NaN is skipped."""
     return max(map(abs, values.tolist()), default=0.0)

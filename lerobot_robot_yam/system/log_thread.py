@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from logging.handlers import QueueHandler, QueueListener
 
-_LAST_WORDS_S = 1.0
+_LAST_LINES_S = 1.0  # wait for the last lines at the end, s
 
 
 @contextmanager
@@ -17,7 +17,7 @@ def log_from_a_thread() -> Iterator[None]:
     lines: queue.SimpleQueue = queue.SimpleQueue()
     listener = QueueListener(lines, *handlers)
     root.handlers[:] = [QueueHandler(lines)]
-    listener.start()  # a daemon: if it is stuck, the process ends without its last words
+    listener.start()  # a daemon: if it is stuck, the process ends without its last lines
     thread = listener._thread
     try:
         yield
@@ -25,4 +25,4 @@ def log_from_a_thread() -> Iterator[None]:
         root.handlers[:] = handlers
         listener.enqueue_sentinel()
         if thread is not None:
-            thread.join(_LAST_WORDS_S)
+            thread.join(_LAST_LINES_S)

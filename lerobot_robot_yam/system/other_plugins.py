@@ -1,6 +1,6 @@
-"""Other plugins in the way: the owner of a module, and files of others over ours.
+"""Other projects' plugins: which distribution owns a module, and whether its files lie over ours.
 
-The package index has another project's `lerobot_robot_yam`, whose files are called like some of ours.
+The package index has another project's `lerobot_robot_yam`, some of whose files have the same names as ours.
 """
 
 import contextlib
@@ -24,17 +24,17 @@ def distribution_of(module: str) -> str:
 
 
 def overwritten() -> bool:
-    """Whether the package `lerobot_robot_yam` that Python imports is another project's, beside files of ours."""
+    """Whether Python imports another project's `lerobot_robot_yam`, although files of ours are there."""
     return not hasattr(importlib.import_module(_US), "registration")  # which our __init__ imports
 
 
 def is_foreign(module: str) -> bool:
-    """Whether a module of ours that cannot be imported is gone, or others have installed a package over ours."""
+    """Whether a module of ours that cannot be imported is missing, or another project's package lies over ours."""
     return importlib.util.find_spec(module) is None or bool(_claimants(module.partition(".")[0]))
 
 
 def mixture(module: str = _US) -> tuple[str, str]:
-    """Fault and remedy, for messages, when a module of ours is somebody else's or missing."""
+    """Say what is wrong, and what to do, when a module of ours is another project's or missing."""
     package = module.partition(".")[0]
     others = _claimants(package)
     theirs = " and ".join(f"{name} {version}" for name, version in others) or "another distribution"
@@ -48,7 +48,7 @@ def mixture(module: str = _US) -> tuple[str, str]:
 
 
 def _claimants(package: str) -> list[tuple[str, str]]:
-    """Name and version of the distributions, other than ours, that have installed a package of this name."""
+    """Name and version of other distributions that have installed a package of this name."""
     found = set()
     for distribution in importlib.metadata.distributions():
         files = {str(file) for file in distribution.files or ()}

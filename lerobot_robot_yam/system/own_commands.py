@@ -1,6 +1,6 @@
-"""What a person types to run a command of this very installation, wherever it is, and whether or not it is activated.
+"""Commands of this very installation as a person types them.
 
-The environment of a clone is on nobody's PATH, and root has a PATH of its own. So messages name files.
+The environment of a clone is not on the PATH, and root has another PATH. So messages name files.
 """
 
 import shlex
@@ -16,5 +16,5 @@ def as_root(command: str) -> str:
 
 
 def install_extra(extra: str) -> str:
-    """How to add an optional part of this package: editable, or it would replace a clone's own installation."""
+    """How to install an optional part of this package: editable, or it would replace a clone's own installation."""
     return f'install it in the clone of this package: {shlex.quote(sys.executable)} -m pip install -e ".[{extra}]"'

@@ -1,4 +1,4 @@
-"""Paths as people write them, and files that are whole or as they were."""
+"""Paths with `~`, and files that are written as a whole."""
 
 import contextlib
 import os
@@ -21,9 +21,9 @@ def user_path(path: str | Path) -> Path:
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write a file, and the directories that it needs, so that a crash in the middle leaves the old one.
+    """Write a file, and the directories that it needs, so that a crash in the middle leaves the old file.
 
-    A file that is there keeps its mode and, as far as we may give it away, its owner.
+    An existing file keeps its mode and, as far as the rights of this process allow, its owner.
 
     Raises:
         OSError: it cannot be written.

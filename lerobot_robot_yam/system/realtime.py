@@ -1,4 +1,4 @@
-"""Scheduling and locked memory: a loop asks the kernel for them, and reports what it gets."""
+"""Real-time scheduling and locked memory, as far as the kernel grants them."""
 
 import contextlib
 import ctypes
@@ -14,15 +14,15 @@ _SCHED_ATTR = struct.Struct("<IIQiIQQQII")  # size, policy, flags, nice, priorit
 _SHORT_SLICE_NS = 100_000  # the shortest slice that Linux >= 6.12 grants without privilege
 _PR_SET_TIMERSLACK = 29
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
-_GIVING_WAY_NICE = 2  # two thirds of an ordinary share: on a full machine pictures come late, not never
-_OOM_SCORES = (-900, 0)  # of -1000 … 1000; only root may go below the score that a process was started with
+_GIVING_WAY_NICE = 2  # nice value for two thirds of an ordinary share: on a full machine pictures come late, not never
+_OOM_SCORES = (-900, 0)  # wishes, of -1000 … 1000; only root may go below the score that a process started with
 
 
 def request_realtime(priority: int) -> str:
-    """Ask for SCHED_FIFO at `priority`, else a 0.1 ms slice; for locked memory; for 1 µs timer slack.
+    """Request SCHED_FIFO at `priority`, else a 0.1 ms slice; locked memory; 1 µs timer slack.
 
-    Also freezes the garbage made so far, so that no collection walks it. Call once, after start-up, in the
-    thread that runs the loop. Children do not inherit the scheduling.
+    It also exempts all present objects from garbage collection. Call it once, after start-up, in the thread that runs
+    the loop. Children do not inherit the scheduling.
 
     Returns:
         What was granted, for the log: for example "SCHED_FIFO 10, memory locked".
@@ -36,9 +36,9 @@ def request_realtime(priority: int) -> str:
 
 
 def raise_threads(priority: int, named: str) -> None:
-    """Ask for SCHED_FIFO at `priority` for the threads whose names begin so; refused, they go on as ever.
+    """Request SCHED_FIFO at `priority` for the threads whose names begin with `named`; a refusal changes nothing.
 
-    libzmq's threads get their names once they have set their own scheduling. Changed before, that ends the process.
+    libzmq names its threads after it has set their scheduling. To change the scheduling earlier ends the process.
     """
     for thread in Path("/proc/self/task").iterdir():
         with contextlib.suppress(OSError):  # needs privilege or RLIMIT_RTPRIO; or it has ended
@@ -48,18 +48,18 @@ def raise_threads(priority: int, named: str) -> None:
 
 
 def spare_what_is_loaded() -> None:
-    """Have Python's collector leave alone what exists now, for good.
+    """Exempt all present objects from Python's garbage collector.
 
-    A LeRobot command has half a million objects after its start. To walk them takes 0.25 s, and Python does so when a
-    quarter as many have come on top: in the middle of an episode, while nobody sends the arms a target.
+    A LeRobot command has half a million objects after its start. Python would walk them when there are a quarter more,
+    in the middle of an episode, and send the arms no target for 0.25 s.
     """
     gc.freeze()
 
 
 def give_way() -> None:
-    """Have this process take the time that others leave it. For one in a session of its own, see `start_new_session`.
+    """Let this process run in the time that others leave. It needs a session of its own (`start_new_session`).
 
-    Linux shares the processors among sessions first (autogroup): a nice value alone counts only within one.
+    Linux shares the processors among sessions first (autogroup); a nice value counts only within a session.
     """
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # it preempts nobody by waking up
     os.setpriority(os.PRIO_PROCESS, 0, _GIVING_WAY_NICE)
@@ -68,10 +68,10 @@ def give_way() -> None:
 
 
 def avoid_oom_killer() -> str:
-    """Ask to be among the last that are killed when memory runs out. Children inherit it.
+    """Request to be killed among the last when memory runs out. Children inherit it.
 
     Returns:
-        What holds now, for the log: for example "out-of-memory score -900".
+        The score now, for the log: for example "out-of-memory score -900".
     """
     path = Path("/proc/self/oom_score_adj")
     score = int(path.read_text())
@@ -86,7 +86,7 @@ def avoid_oom_killer() -> str:
 
 
 def request_scheduling(priority: int) -> str:
-    """Ask for the calling thread to be scheduled so; returns what was granted, see `request_realtime`."""
+    """Request the scheduling of `request_realtime` for the calling thread; returns what was granted."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
         return f"SCHED_FIFO {priority}"

@@ -17,12 +17,12 @@ _CAMERAS = "cameras"
 
 
 def device_of(section: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Options of a device of a run config. Those of type `yam_rig` come from the file that they name.
+    """Read the options of a device of a run config; those of type `yam_rig` come from the file that they name.
 
     Args:
         section: "robot" or "teleop".
-        given: the device as the run config has it. Of a `yam_rig`: file; options, id and calibration_dir, laid over
-            what the file says; arm_options, laid over what it says of each arm; cameras, False: without any.
+        given: the device as the run config has it. A `yam_rig` has `file`; `options`, `id` and `calibration_dir`, laid
+            over the file's; `arm_options`, laid over each arm in the file; `cameras`, False: without any.
 
     Raises:
         ConfigError: there is no such file, it cannot be read, or it has no such device.

@@ -15,21 +15,21 @@ from lerobot_robot_yam.errors import BusError, ChannelInUseError, ConfigError
 ENV_RUNTIME_DIR = "YAM_RUNTIME_DIR"
 ENV_RIG = "YAM_RIG"
 AUTO_RIG = "auto-"
-# With a channel's key: its driver, the state of its arm, and what arm that is.
+# File names, before a channel's key: lock of its driver, state block of its arm, configuration of its arm.
 LOCK, STATE, ABOUT = "lock-", "state-", "about-"
-DESK = "desk-"  # with the number of a process: the LeRobot command in it
+DESK = "desk-"  # file name of a LeRobot command, before its process number
 _CONTROL_PROCESS = "lerobot_robot_yam.control.process.control_process"
-_SHARED = (Path("/dev/shm"), Path("/tmp"))  # the same for every shell, unlike XDG_RUNTIME_DIR and TMPDIR
+_SHARED = (Path("/dev/shm"), Path("/tmp"))  # the same in every shell, unlike XDG_RUNTIME_DIR and TMPDIR
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
-_RIG_NAME_MAX = 64  # it is part of a socket's path, which may have 108 bytes in all
+_RIG_NAME_MAX = 64  # longest name of a rig, which is part of a socket's path (108 bytes in all)
 
 
 def runtime_dir() -> Path:
     """Directory for sockets, locks, shared blocks and the emergency stop; created with mode 0700.
 
-    `YAM_RUNTIME_DIR`, else one of this user in /dev/shm, else in /tmp: cron, su, ssh and `docker exec` set none of
-    the session's other variables, and have to find the arms that they stop. Unix sockets live here, so the path must
-    stay short (108 bytes in all).
+    `YAM_RUNTIME_DIR`, else this user's in /dev/shm, else in /tmp: cron, su, ssh and `docker exec` set none of the
+    session's other variables, and have to find the arms that they stop. Unix sockets are in the directory, so its path
+    must stay short (108 bytes in all).
 
     Raises:
         ConfigError: the directory cannot be made, belongs to somebody else, or is open to others.
@@ -51,10 +51,10 @@ def runtime_dir() -> Path:
 
 
 def runtime_dirs() -> list[Path]:
-    """Runtime directories of all users of this machine, ours first, there or not.
+    """Runtime directories of all users of this machine; ours is the first, whether it exists or not.
 
-    With `YAM_RUNTIME_DIR` set it is that one alone. Anybody may put things into /dev/shm: the others are directories,
-    not links, that belong to the user whose number they carry.
+    With `YAM_RUNTIME_DIR` set it is the only one. Anybody may write into /dev/shm, so the others count only if they are
+    directories, not links, and belong to the user whose number they carry.
     """
     own = _own_path()
     if os.environ.get(ENV_RUNTIME_DIR):
@@ -125,7 +125,7 @@ class FileLock:
 
         Raises:
             ChannelInUseError: somebody else holds it (only when not blocking).
-            BusError: its file cannot be made.
+            BusError: the lock's file cannot be made.
         """
         while True:
             try:
@@ -153,7 +153,7 @@ class FileLock:
             os.pwrite(fd, f"{os.getpid()}\n".encode(), 0)
 
     def _is_ours(self, fd: int) -> bool:
-        """Whether the file that is there now is the one that we have open."""
+        """Whether the path still leads to the file that we have open."""
         try:
             return os.stat(self._path).st_ino == os.fstat(fd).st_ino
         except FileNotFoundError:
@@ -161,11 +161,11 @@ class FileLock:
 
     @property
     def held(self) -> bool:
-        """Whether it is ours."""
+        """Whether this object holds the lock."""
         return self._fd is not None
 
     def release(self) -> None:
-        """Remove the file and let go, whatever has become of it; does nothing when not held."""
+        """Remove the file and release the lock, whatever has become of the file. Idempotent."""
         if self._fd is not None:
             with contextlib.suppress(OSError):
                 if self._is_ours(self._fd):
@@ -182,9 +182,9 @@ class FileLock:
 
 
 def sessions(directory: Path) -> dict[str, str]:
-    """Processes that drive arms, by the channel's key, as the locks and states in a runtime directory say.
+    """Processes that drive arms, by channel key: holders of a lock in a runtime directory that publish a state.
 
-    A session holds its channel's lock and publishes a state; a program that sets motors up holds the lock alone.
+    A program that sets motors up holds the lock alone.
     """
     holders = lock_holders(directory).items()
     # lexists: a state may be a link that a container cannot follow
@@ -192,13 +192,13 @@ def sessions(directory: Path) -> dict[str, str]:
 
 
 def lock_holders(directory: Path) -> dict[str, str]:
-    """Processes that hold a channel, by its key, whatever they do with it: sessions, and programs that ask motors."""
+    """Processes that hold a channel's lock, by channel key: sessions, and programs that set motors up."""
     locks = {lock.name.removeprefix(LOCK): _lock_holder(lock) for lock in sorted(directory.glob(f"{LOCK}*"))}
     return {key: holder for key, holder in locks.items() if holder is not None}
 
 
 def _lock_holder(path: Path) -> str | None:
-    """Process that holds a lock, None when it is free."""
+    """Process number of a lock's holder, None when the lock is free."""
     try:
         fd = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError:
@@ -213,7 +213,7 @@ def _lock_holder(path: Path) -> str | None:
 
 
 def _program_of(holder: str) -> str:
-    """What the process runs that holds a lock; of a control process, which program it drives the arm for."""
+    """Name the program of a lock's holder; of a control process, the program that it drives the arm for."""
     words = _words(holder)
     if _CONTROL_PROCESS in words:
         with contextlib.suppress(OSError, IndexError):
@@ -231,7 +231,7 @@ def _words(pid: str) -> list[str]:
 
 
 def _program(words: list[str]) -> str:
-    """The name of a program by its command line; of a Python program not that of the interpreter."""
+    """Name a program by its command line; a Python program by its script, not by the interpreter."""
     names = [os.path.basename(word) for word in words if not word.startswith("-")]
     if len(names) > 1 and names[0].startswith("python") and "-c" not in words:
         return names[1]

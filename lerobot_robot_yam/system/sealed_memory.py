@@ -1,9 +1,9 @@
 """Memory that several processes map, and that no other program can shrink or write into.
 
-A mapped file kills its readers once a program has truncated it, or its disk is full (SIGBUS). A sealed memory
-file has a size for good, and its pages from the start. It has no name either: it is handed on as a descriptor, and for
-later processes a link leads to the descriptor of a process that has it open (`/proc/PID/fd/N`). A process that has
-mapped the memory does not depend on the link.
+A mapped file kills its readers (SIGBUS) once a program has truncated it, or its disk is full. A sealed memory file
+keeps its size, and has its pages from the start. It has no name: its maker passes a descriptor on, and later processes
+find a link to the descriptor of a process that has it open (`/proc/PID/fd/N`). A process that has mapped the memory
+does not need the link any more.
 """
 
 import contextlib
@@ -21,10 +21,10 @@ _ONE_WRITER = _F_SEAL_FUTURE_WRITE | fcntl.F_SEAL_SEAL
 
 
 def allocate(name: str, size: int) -> int:
-    """A descriptor of `size` bytes of zeros; `name` is what `ls -l /proc/PID/fd` shows.
+    """Make `size` bytes of zeros, and return their descriptor; `ls -l /proc/PID/fd` shows `name`.
 
     Raises:
-        OSError: there is no memory, or no descriptor left.
+        OSError: no memory or no descriptor is left.
     """
     descriptor = _LIBC.memfd_create(name.encode(), _MFD_CLOEXEC | _MFD_ALLOW_SEALING)
     if descriptor < 0:
@@ -44,10 +44,10 @@ def allocate(name: str, size: int) -> int:
 
 
 def map_to_write(descriptor: int) -> mmap.mmap:
-    """The only mapping through which the memory can be written from now on; children inherit it.
+    """Map the memory for its one writer and the writer's children; nobody else can write it from now on.
 
     Raises:
-        PermissionError: another process has it already.
+        PermissionError: another process has mapped it to write.
     """
     mapped = mmap.mmap(descriptor, os.fstat(descriptor).st_size)
     fcntl.fcntl(descriptor, fcntl.F_ADD_SEALS, _ONE_WRITER)
@@ -55,14 +55,14 @@ def map_to_write(descriptor: int) -> mmap.mmap:
 
 
 def map_to_read(descriptor: int) -> mmap.mmap:
-    """A mapping to read from. Raises OSError, ValueError: this is no memory of ours, whose size never changes."""
+    """Map the memory to read. Raises OSError, ValueError: its size is not sealed, so it is none of ours."""
     if fcntl.fcntl(descriptor, fcntl.F_GET_SEALS) & _FIXED_SIZE != _FIXED_SIZE:
         raise ValueError("its size is not sealed")
     return mmap.mmap(descriptor, os.fstat(descriptor).st_size, prot=mmap.PROT_READ)
 
 
 def publish(descriptor: int, path: Path) -> str:
-    """Let others find the memory by `path` as long as this process has it open; returns where that leads.
+    """Link `path` to the memory, as long as this process has it open; returns the link's target.
 
     Raises:
         OSError: the link cannot be made.
@@ -81,17 +81,17 @@ def publish(descriptor: int, path: Path) -> str:
 
 
 def unpublish(path: Path, target: str) -> None:
-    """Remove the link, unless it leads elsewhere by now: to a successor's memory."""
+    """Remove the link, unless it leads to a successor's memory by now."""
     with contextlib.suppress(OSError):
         if os.readlink(path) == target:
             path.unlink()
 
 
 def find(path: Path) -> int:
-    """A descriptor, to read from, of what `path` leads to.
+    """Open the memory that `path` leads to, to read, and return its descriptor.
 
     Raises:
-        FileNotFoundError: it is not published, or its publisher is gone.
-        OSError: it cannot be opened.
+        FileNotFoundError: nothing is published there, or its publisher is gone.
+        OSError: the memory cannot be opened.
     """
     return os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOCTTY | os.O_NONBLOCK)

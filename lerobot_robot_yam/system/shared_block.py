@@ -1,7 +1,7 @@
 """One record in memory that processes share: one writer, any number of readers, always a consistent copy.
 
 The memory is sealed (`sealed_memory`): no other program can shrink it or write into it. The sequence counter is odd
-while a write is under way; the checksum catches what a weakly ordered memory may reorder.
+during a write; the checksum catches reordering on processors with weakly ordered memory.
 """
 
 import mmap
@@ -21,15 +21,15 @@ _HEADER = struct.Struct("<QQII")  # magic, sequence, payload size, checksum of p
 _MAGIC = 0x59414D424C4B3032  # "YAMBLK02"
 _CHECKSUM = struct.Struct("<I")
 _SEQUENCE_AT, _CHECKSUM_AT = slice(8, 16), 20
-_LARGE = 16_384  # bytes; pictures, whose crc32 would cost eight times as much as their sum
-_READ_TIMEOUT_S = 0.25
+_LARGE = 16_384  # payloads from this size on are summed, bytes: the crc32 of a picture takes eight times as long
+_READ_TIMEOUT_S = 0.25  # wait for a consistent record, s
 
 
 def allocate(dtype: np.dtype) -> int:
-    """A descriptor of memory for one block of `dtype`, to be handed to writer and readers.
+    """Make memory for one block of `dtype`, and return its descriptor for writer and readers.
 
     Raises:
-        OSError: there is no memory, or no descriptor left.
+        OSError: no memory or no descriptor is left.
     """
     size = np.dtype(dtype).itemsize
     descriptor = sealed_memory.allocate("yam", _HEADER.size + size)
@@ -41,21 +41,21 @@ class SharedBlock:
     """A fixed-size record of `dtype`.
 
     Args:
-        path: where others find it, see `publish`; None: they are given its descriptor.
+        path: where others find the block, see `publish`; None: others get its descriptor.
         dtype: a numpy structured dtype (or a plain one with a shape).
         create: True for the one writer, False for a reader.
-        descriptor: of its memory, closed with the block; None: the writer makes it, a reader looks for it at `path`.
+        descriptor: the memory's, closed with the block; None: the writer makes it, a reader opens `path`.
 
     Raises:
-        FileNotFoundError: a reader came before the writer, or after its end.
+        FileNotFoundError: the writer has not begun, or has ended.
         StaleStateError: `path` leads to no block of this layout (another version of this package made it).
-        OSError: the writer can have no memory, or cannot publish it.
+        OSError: the writer gets no memory, or cannot publish it.
     """
 
     def __init__(self, path: Path | None, dtype: np.dtype, create: bool, descriptor: int | None = None):
         self.path = path
         self.dtype = np.dtype(dtype)
-        self._link = ""  # where `path` leads, once we have published it
+        self._link = ""  # target of the link at `path`, once we have published it
         if descriptor is None:
             descriptor = allocate(self.dtype) if create else self._found()
         self.descriptor = descriptor
@@ -67,7 +67,7 @@ class SharedBlock:
         except BaseException:
             os.close(descriptor)
             raise
-        # A view stores eight bytes in one go; struct clears them first, and a reader could see that.
+        # A view stores eight bytes at once; struct clears them first, which a reader could see.
         self._sequence = memoryview(self._map)[_SEQUENCE_AT].cast("Q")
         self._payload = memoryview(self._map)[_HEADER.size :]
 
@@ -81,7 +81,7 @@ class SharedBlock:
             raise StaleStateError(f"{self.path} leads to no block ({error.strerror})") from error
 
     def _checked(self, descriptor: int) -> mmap.mmap:
-        """The memory, when it is a block of this layout."""
+        """Map the memory to read. Raises StaleStateError: it has another layout."""
         try:
             mapped = sealed_memory.map_to_read(descriptor)
             if len(mapped) == _HEADER.size + self.dtype.itemsize:
@@ -93,16 +93,16 @@ class SharedBlock:
         raise StaleStateError(f"{self.path} has another layout; end the process that wrote it")
 
     def publish(self, path: Path) -> None:
-        """Let others find it at `path` for as long as this process has it.
+        """Let others find the block at `path` for as long as this process has it.
 
         Raises:
-            OSError: nothing can be put there; readers that have the block already do not notice.
+            OSError: the link cannot be made; readers that have the block already do not notice.
         """
         self.path, self._link = path, sealed_memory.publish(self.descriptor, path)
 
     def adopt(self) -> None:
         """Go on writing, in a child of a writer that has died; readers notice nothing."""
-        self._sequence[0] += self._sequence[0] % 2  # odd: it died in the middle of a write
+        self._sequence[0] += self._sequence[0] % 2  # odd: the writer died in the middle of a write
 
     def write(self, record: np.ndarray | np.void) -> None:
         """Publish one record. Only the creator may call this."""
@@ -110,18 +110,18 @@ class SharedBlock:
 
     def write_bytes(self, payload: bytes | bytearray) -> None:
         """Publish one record, given as the bytes of `dtype`. Only the creator may call this."""
-        writing = self._sequence[0] | 1  # odd already where a signal has broken off the last one
+        writing = self._sequence[0] | 1  # odd already where a signal has broken off the last write
         self._sequence[0] = writing
         self._map[_HEADER.size :] = payload
         _CHECKSUM.pack_into(self._map, _CHECKSUM_AT, _checksum(payload))
         self._sequence[0] = writing + 1
 
     def sequence(self) -> int:
-        """Number of the newest record; even, 0 before the first, odd while one is being written."""
+        """Number of the newest record: even; 0 before the first, odd during a write."""
         return self._sequence[0]
 
     def read(self) -> np.ndarray | None:
-        """A consistent private, writable copy of the newest record (0-d structured array), None before the first.
+        """Copy the newest record (0-d structured array, writable); None before the first.
 
         Raises:
             StaleStateError: no consistent record within 0.25 s: the writer died in the middle of a write.
@@ -129,7 +129,7 @@ class SharedBlock:
         return self._record(self._wait_for(bytearray))
 
     def read_bytes(self) -> bytes | None:
-        """The same as the bytes of `dtype`."""
+        """Copy the newest record as bytes, see `read`."""
         return self._wait_for(bytes)
 
     def _wait_for[T: (bytes, bytearray)](self, kind: type[T]) -> T | None:
@@ -139,7 +139,7 @@ class SharedBlock:
             if payload is not None:
                 return payload
             now = time.monotonic()
-            if sequence != stuck:  # the writer is alive: we were held up
+            if sequence != stuck:  # the writer is alive; this process was held up
                 deadline, stuck = now + _READ_TIMEOUT_S, sequence
             if now > deadline:
                 raise StaleStateError(f"{self.path or 'a block'}: its writer died in the middle of a write")
@@ -147,11 +147,11 @@ class SharedBlock:
         return None
 
     def glance(self) -> np.ndarray | None:
-        """As `read`, for a reader that must not be held up: None also while a record is being written."""
+        """Copy the newest record without waiting: None also during a write."""
         return self._record(self._copy(bytearray))
 
     def glance_bytes(self) -> bytes | None:
-        """The same as the bytes of `dtype`."""
+        """Copy the newest record as bytes, see `glance`."""
         return self._copy(bytes)
 
     def _record(self, payload: bytearray | None) -> np.ndarray | None:
@@ -166,7 +166,7 @@ class SharedBlock:
         return payload if self.sequence() == before and _checksum(payload) == checksum else None
 
     def peek(self, at: int, layout: struct.Struct) -> Any:
-        """The field with this layout at byte `at` of the record as it is now, without a copy of the rest."""
+        """Read the field with this layout at byte `at` of the record, without a copy of the rest."""
         return layout.unpack_from(self._map, _HEADER.size + at)[0]
 
     @property
@@ -178,7 +178,7 @@ class SharedBlock:
             return False
 
     def close(self, remove: bool = True) -> None:
-        """Unmap, and remove the link that we have made; `remove` False: somebody else still needs it. Idempotent."""
+        """Unmap, and remove our link; `remove` False: another process still needs it. Idempotent."""
         if self.descriptor < 0:
             return
         self._sequence.release()
@@ -191,7 +191,7 @@ class SharedBlock:
 
 
 def _checksum(payload: bytes | bytearray) -> int:
-    """Checksum of 32 bits: crc32, or of a large payload the sum of its words of 8 bytes, folded."""
+    """Compute 32 bits: crc32, for a large payload the folded sum of its 8-byte words."""
     if len(payload) < _LARGE:
         return zlib.crc32(payload)
     words = len(payload) // 8

@@ -1,9 +1,9 @@
-"""SIGTERM and SIGHUP end a session like Ctrl-C, which is told in a line; and what must not be cut short is not.
+"""SIGTERM and SIGHUP end a session like Ctrl-C, with one line; blocks that must not be cut short go on.
 
-Under a LeRobot command an error of ours is told in a line, too: it says what failed and what to do, and a traceback
+Under a LeRobot command an error of ours ends in one line, too: it says what failed and what to do, and a traceback
 would bury that.
 
-Handlers are process-wide, so they are shared by all devices of the process, set only in the main thread, only over
+Handlers are process-wide. So all devices of the process share them; they are set only in the main thread and only over
 default handlers, and put back when the last device disconnects.
 """
 
@@ -28,12 +28,12 @@ _DEFAULTS = {
     signal.SIGTERM: signal.SIG_DFL,
     signal.SIGHUP: signal.SIG_DFL,
 }
-_WHY = "ended by "
-# torch makes a table at exit, where tabulate is installed. What is evaluated while that is loaded makes Python forget
-# that an interrupt ends the process, and then the exit status is 1. So it is loaded before.
+_WHY = "ended by "  # beginning of the text of our KeyboardInterrupt
+# Module that torch loads at exit, where it is installed. To load it then makes Python forget that an interrupt ends the
+# process, and the exit status becomes 1. So it is loaded before.
 _LOADED_AT_EXIT = "tabulate"
-_TWICE_S = 1.0  # a closed terminal sends two at once, which are one wish
-_users = 0
+_TWICE_S = 1.0  # signals within this count as one, s: a closed terminal sends two at once
+_users = 0  # devices that have not undone their `end_session_on_signals`
 _waits = False  # the session will end by itself
 _under_a_command = False
 _first_s = -math.inf  # when the first signal came
@@ -41,7 +41,7 @@ _replaced: dict[signal.Signals, Any] = {}
 _report: Any = sys.excepthook  # the hook for uncaught exceptions that was there before
 
 Instead = Callable[[FrameType | None, str], bool]
-"""Asked where a signal has struck, and why the session is to end; whether it will end by itself."""
+"""Called with the interrupted frame and the reason; returns whether the session will end by itself."""
 _instead: list[Instead] = []
 
 
@@ -67,15 +67,15 @@ def _say_in_a_line(kind: type[BaseException], error: BaseException, trace: Trace
 
 
 def end_session_on_signals(instead: Instead = lambda frame, why: False, ctrl_c: bool = False) -> Callable[[], None]:
-    """From now on SIGTERM and SIGHUP raise KeyboardInterrupt in the main thread, which ends in one line.
+    """Make SIGTERM and SIGHUP raise KeyboardInterrupt in the main thread, which ends in one line.
 
     Args:
-        instead: asked at the first signal; if the session will end by itself, only a signal a second later raises.
-        ctrl_c: SIGINT, too: a LeRobot command runs. Programs of the user's keep their own way with it (asyncio has
-            one), and the traceback of an error.
+        instead: called at the first signal; if the session will end by itself, only a signal a second later raises.
+        ctrl_c: SIGINT, too: a LeRobot command runs. The user's own programs keep their handler (asyncio has one), and
+            the traceback of an error.
 
     Returns:
-        A function that undoes it; calling it twice does no harm.
+        A function that undoes it. Idempotent.
     """
     global _users, _first_s, _waits, _report, _under_a_command
     _users += 1
@@ -112,10 +112,7 @@ def end_session_on_signals(instead: Instead = lambda frame, why: False, ctrl_c: 
 
 @contextmanager
 def undisturbed(what: str) -> Iterator[None]:
-    """Inside the block SIGINT, SIGTERM and SIGHUP are answered with a word in the log, nothing else.
-
-    Does nothing outside the main thread, where no handler can be set (and none runs).
-    """
+    """Inside the block SIGINT, SIGTERM and SIGHUP are only logged. Outside the main thread it does nothing."""
 
     def answer(number: int, frame: FrameType | None) -> None:
         logger.warning("%s; the arms have no brakes, so this cannot be cut short", what)
@@ -126,12 +123,10 @@ def undisturbed(what: str) -> Iterator[None]:
 
 @contextmanager
 def finished_first(what: str) -> Iterator[None]:
-    """SIGINT, SIGTERM and SIGHUP that come inside the block raise KeyboardInterrupt at its end.
-
-    Does nothing outside the main thread, where no handler can be set (and none runs).
+    """Inside the block hold SIGINT, SIGTERM and SIGHUP back. Outside the main thread it does nothing.
 
     Raises:
-        KeyboardInterrupt: one came.
+        KeyboardInterrupt: at the end of the block, if one came.
     """
     came: list[str] = []
 
@@ -156,6 +151,6 @@ def _answered(answer: Callable[[int, FrameType | None], None]) -> Iterator[None]
             signal.signal(number, answer)
         yield
     finally:
-        for number, handler in reversed(before.items()):  # SIGINT last: from then on it may interrupt this, too
-            if handler is not None:  # None: not set from Python, cannot be put back
+        for number, handler in reversed(before.items()):  # SIGINT last: once it is back it may interrupt this loop
+            if handler is not None:  # None: not set from Python, so it cannot be put back
                 signal.signal(number, handler)

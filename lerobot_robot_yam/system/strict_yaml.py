@@ -1,4 +1,4 @@
-"""Strict YAML → frozen dataclass: unknown, missing and ill-typed keys are errors that name the place.
+"""Strict YAML → frozen dataclass: an unknown, missing or ill-typed key is an error that names the place.
 
 Fields may be `int`, `float`, `str`, `bool`, `np.ndarray`, another dataclass, `T | None`, `tuple[T, ...]` or
 `dict[str, T]`. An array field made with `array_field(*shape)` is checked against that shape (-1: any length), holds
@@ -19,7 +19,7 @@ import yaml
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import user_path
 
-_LARGEST = 1e9  # in SI units no number of an arm comes near; what does overflows in the model
+_LARGEST = 1e9  # largest number that is accepted: in SI units no arm comes near, and larger ones overflow in the model
 
 
 def array_field(*shape: int, default: Any = dataclasses.MISSING) -> Any:
@@ -31,7 +31,7 @@ def array_field(*shape: int, default: Any = dataclasses.MISSING) -> Any:
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """The mapping in a YAML file. Raises ConfigError when unreadable or not a mapping."""
+    """Read the mapping in a YAML file. Raises ConfigError: unreadable, or no mapping."""
     try:
         document = yaml.safe_load(user_path(path).read_text(encoding="utf-8"))
     except Exception as error:  # besides OSError and YAMLError: "!!int x" is a ValueError, "!!bool x" a KeyError, …
@@ -42,7 +42,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 
 def merge(document: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
-    """`document` with `overrides` laid over it; nested mappings merge, everything else is replaced."""
+    """Lay `overrides` over `document`: nested mappings merge, everything else is replaced."""
     merged = dict(document)
     for key, value in overrides.items():
         old = merged.get(key)

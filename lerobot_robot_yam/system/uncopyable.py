@@ -6,7 +6,7 @@ from lerobot_robot_yam.errors import LifeCycleError
 
 
 class Uncopied:
-    """Refuses `copy.copy`, `copy.deepcopy` and `pickle`."""
+    """Object that refuses `copy.copy`, `copy.deepcopy` and `pickle`."""
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
         raise LifeCycleError(

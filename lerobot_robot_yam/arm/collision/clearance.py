@@ -36,18 +36,18 @@ import numpy as np
 from lerobot_robot_yam.arm.collision.parts import ArmParts, GuardedArm
 from lerobot_robot_yam.errors import ConfigError
 
-_NOISE_M = 5e-7  # of a distance, which is the same whichever way the arm faces; axes are 1e-6 rad off the vertical
-_DEEP_NOISE_M = 2e-5  # of the depth of two cylinders that are in each other
-_PASSING_M = 0.0002  # what is let pass between station and end, where no set-point comes to stand
-_STEP_M = 0.008  # travel between two looks at a pair
-_STEPS = 10  # in a tick at most: then 3 cm apart when all joints of two arms race at 1.5 rad/s
-_JOINED_M = 0.025  # the profiles' joined links are 0 … 16 mm apart in the median, all other links 36 mm and more
-_JOINED_SAMPLES = 101
-_REST_SLACK_M = 0.004  # a folded arm is a few millimetres off its rest pose
+_NOISE_M = 5e-7  # noise of a distance, m: axes are 1e-6 rad off the vertical
+_DEEP_NOISE_M = 2e-5  # noise of the depth of two overlapping cylinders, m
+_PASSING_M = 0.0002  # conflict that is allowed between station and end, where no set-point comes to rest, m
+_STEP_M = 0.008  # travel between two measurements of a pair, m
+_STEPS = 10  # measurements of a pair in a tick at most: 3 cm apart when all joints of two arms move at 1.5 rad/s
+_JOINED_M = 0.025  # median distance below which links are joined, m: 0 … 16 mm in the profiles, other links 36 and more
+_JOINED_SAMPLES = 101  # poses for the median
+_REST_SLACK_M = 0.004  # distance of a folded arm from its rest pose, m
 
 
 class Pair(NamedTuple):
-    """Two parts that keep `limit_m` from each other. arms: those that can change the distance."""
+    """Two parts that keep `limit_m` from each other. arms: indices of the arms that can change the distance."""
 
     first: int
     second: int
@@ -56,7 +56,7 @@ class Pair(NamedTuple):
 
 
 class Conflict(NamedTuple):
-    """A pair that comes too near, at this share of the way. Distances in m, at the start and there."""
+    """A pair that comes too near, at `share` of the way. Distances at the start and at that share, m."""
 
     pair: Pair
     share: float
@@ -65,7 +65,7 @@ class Conflict(NamedTuple):
 
     @property
     def floor_m(self) -> float:
-        """The distance that would do: the limit, or that of the start where it is less."""
+        """Distance that is allowed: the limit, or the distance at the start if that is less."""
         return min(self.pair.limit_m, self.before_m)
 
 
@@ -103,10 +103,10 @@ class Clearance:
     def conflicts(
         self, start: np.ndarray, end: np.ndarray, station: float = 1.0, most_steps: int = _STEPS
     ) -> list[Conflict]:
-        """The pairs that the straight move from `start` to `end` (N,) rad brings into conflict, worst first.
+        """Find the pairs that the straight move from `start` to `end` (N,) rad brings into conflict, worst first.
 
         At `station`, a share of the way, and at the end the rule holds exactly; in between to within `_PASSING_M` and
-        the curvature of the way between two looks, of which there are `most_steps` at most.
+        the curvature of the way between two of `most_steps` measurements.
         """
         move = end - start
         travel = self._levers.dot(np.abs(move))
@@ -132,7 +132,7 @@ class Clearance:
         return sorted(found, key=lambda conflict: conflict.there_m - conflict.pair.limit_m)
 
     def distance(self, pair: Pair) -> float:
-        """Distance of the two parts as they are placed, m; negative: how deep they are in each other."""
+        """Measure the distance of the two parts where they are, m; negative: depth of the overlap."""
         return self.parts.distance(pair.first, pair.second)
 
     def _near(self, q: np.ndarray, travel: np.ndarray) -> list[int]:

@@ -21,13 +21,13 @@ from lerobot_robot_yam.errors import ConfigError
 THING = -1
 """Owner of a part that belongs to no arm: a box or a floor."""
 
-_FLOOR_HALF_M = (2.0, 2.0, 0.5)  # beyond the longest arm's reach; a box, as MuJoCo gives no distances to planes
+_FLOOR_HALF_M = (2.0, 2.0, 0.5)  # half extents of the box that is a floor, since MuJoCo has no distances to planes
 _ACCURACY = (1e-10, 100)  # tolerance and iterations; MuJoCo's own leave 0.2 mm of noise in sunk cylinders
-_OPENING_STEP = 0.05  # of the gripper's stroke, 2 mm of a finger: measured openings are never still
-_FAR_M = 10.0
-_TOUCH_M = 1e-9
-_HULL = "/hull"
-_CORNERS = 12  # of the polygons that stand for circles
+_OPENING_STEP = 0.05  # openings are rounded to this share of the stroke, 2 mm of a finger: measured ones never rest
+_FAR_M = 10.0  # distances beyond are not needed
+_TOUCH_M = 1e-9  # nearer parts have no direction from one to the other
+_HULL = "/hull"  # end of a hull's name
+_CORNERS = 12  # corners of a polygon that stands for a circle
 
 
 @dataclass(frozen=True)
@@ -48,14 +48,14 @@ class ArmParts:
         arms: at least one; names differ.
 
     Attributes:
-        names: of the arms.
+        names: the arms' names.
         joints: number of joints of each arm; N is their sum.
         owner: per part, index of its arm, or `THING`.
         part_names: what messages call each part: "left link4", "keep-out 'camera mast'", "floor".
         body: per part, the link it belongs to, an id.
         link: per part, how many joints of its arm move it; 0 for the base and for things.
-        is_hull: per part, whether it is the hull of a link; of the others of an arm it consists.
-        radius: (parts,) of bounding spheres about `centres`, m.
+        is_hull: per part, whether it is the hull of a link; an arm's other parts are the shapes.
+        radius: (parts,) radius of the bounding spheres about `centres`, m.
         levers: (parts, N) the farthest that a point of the part can be from a joint's axis; 0 where the joint does
             not move it, m.
 
@@ -91,9 +91,9 @@ class ArmParts:
         self.place(np.zeros(len(joints)))
 
     def open_grippers(self, openings: Sequence[float]) -> bool:
-        """How far the grippers are open, 0 closed … 1 open, one number per arm; takes effect with `place`.
+        """Set how far the grippers are open, 0 closed … 1 open, one number per arm; `place` makes it count.
 
-        Rounded up to the next `_OPENING_STEP`. True when that made a difference.
+        Openings are rounded up to the next `_OPENING_STEP`. Returns whether that changed one.
         """
         steps = [min(max(math.ceil(opening / _OPENING_STEP), 0) * _OPENING_STEP, 1.0) for opening in openings]
         if steps == self._openings:
@@ -115,7 +115,7 @@ class ArmParts:
         return self._data.geom_xpos
 
     def distance(self, first: int, second: int, farthest_m: float = _FAR_M) -> float:
-        """Distance of two parts, m, at most `farthest_m`; negative: how deep they are in each other."""
+        """Measure the distance of two parts, m, up to `farthest_m`; negative: depth of the overlap."""
         return mujoco.mj_geomDistance(self._model, self._data, first, second, farthest_m, None)
 
     def distances(self, pairs: Sequence[tuple[int, int]]) -> list[float]:
@@ -124,7 +124,7 @@ class ArmParts:
         return [measure(model, data, first, second, _FAR_M, None) for first, second in pairs]
 
     def distance_gradient(self, first: int, second: int, farthest_m: float) -> tuple[float, np.ndarray]:
-        """`distance` of two parts, and how it changes with the joints (N,), m/rad.
+        """Measure the distance of two parts, and its gradient by the joints (N,), m/rad.
 
         ∇d = n · (J_2 − J_1), n from the nearest point of the one to that of the other; 0 beyond `farthest_m`, and
         where the parts just touch.
@@ -141,7 +141,7 @@ class ArmParts:
         return distance, (normal @ (jacobians[1] - jacobians[0]))[self._joint_index]
 
     def things_of(self, arm: int) -> list[int]:
-        """The boxes and the floor that limit this arm."""
+        """Boxes and floor that limit this arm."""
         prefix = f"{self.names[arm]}/"
         things = [part for part in range(self.count) if self.owner[part] == THING]
         return [part for part in things if self._model.geom(part).name.startswith(prefix)]
@@ -156,7 +156,7 @@ class ArmParts:
         return int(self._model.joint(f"{arm}/{joint}").qposadr[0])
 
     def _lever_row(self, part: int) -> np.ndarray:
-        """(N,) For each joint that moves the part: the length of the chain from the joint to the part's far end."""
+        """Length of the chain from each joint (N,) to the part's far end; 0: the joint does not move the part."""
         model, row = self._model, np.zeros(len(self._joint_bodies))
         length = float(np.linalg.norm(model.geom_pos[part]) + model.geom_rbound[part])
         body = int(model.geom_bodyid[part])
@@ -175,7 +175,7 @@ def _part_name(geom: str, body: str) -> str:
 
 
 def _build(arms: Sequence[GuardedArm]) -> mujoco.MjModel:
-    """Names begin with the arm's: "left/link4", "left/keep-out 'camera mast'"."""
+    """Build the model; names begin with the arm's: "left/link4", "left/keep-out 'camera mast'"."""
     spec = mujoco.MjSpec()
     spec.option.ccd_tolerance, spec.option.ccd_iterations = _ACCURACY
     world = spec.worldbody

@@ -9,10 +9,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from lerobot_robot_yam.arm.option import from_plain, option
+import numpy as np
+
+from lerobot_robot_yam.arm.option import from_plain, option, real
 from lerobot_robot_yam.errors import ConfigError
 
-_MOST_MARGIN_M = 0.3  # more than half of the forearm: a mistake in units
+_MOST_MARGIN_M = 0.3  # largest collision margin, m: more than half of the forearm is a mistake in units
 
 
 @dataclass(kw_only=True)
@@ -20,10 +22,10 @@ class KeepOut:
     """A box that no part of the arm may enter, in the rig frame.
 
     Attributes:
-        name: what messages call it ("camera mast").
-        center_m: its centre (3).
-        size_m: its full extents (3).
-        yaw_rad: its turn about the vertical.
+        name: name for messages ("camera mast").
+        center_m: centre (3).
+        size_m: full extents (3).
+        yaw_rad: turn about the vertical.
     """
 
     name: str = "box"
@@ -34,7 +36,7 @@ class KeepOut:
 
 @dataclass(kw_only=True)
 class WorkspaceConfig:
-    """Limits of one arm in space. As made, nothing is limited."""
+    """Limits of one arm in space. By default nothing is limited."""
 
     base_position_m: list[float] = option(
         "where the arm's base stands in the rig frame, m", factory=lambda: [0.0, 0.0, 0.0]
@@ -54,17 +56,17 @@ class WorkspaceConfig:
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> "WorkspaceConfig":
-        """From plain values, as `dataclasses.asdict` and JSON give them. Raises ConfigError: an unknown key."""
+        """Make it from plain values, as `dataclasses.asdict` and JSON give them. Raises ConfigError: an unknown key."""
         boxes = [from_plain(KeepOut, box, "workspace.keep_out") for box in _boxes(values)]
         return from_plain(cls, {**values, "keep_out": boxes}, "workspace")
 
     @property
     def limits_anything(self) -> bool:
-        """True when there is something to check."""
+        """Whether there is anything to check."""
         return self.floor_z_m is not None or bool(self.keep_out) or self.collision_margin_m is not None
 
     def check(self, arm: str) -> None:
-        """Raises ConfigError, naming `arm` and the value, for what cannot be meant."""
+        """Refuse impossible values. Raises ConfigError: names `arm` and the value."""
         _numbers(arm, "base_position_m", self.base_position_m, 3)
         _numbers(arm, "base_yaw_rad", [self.base_yaw_rad], 1)
         if self.floor_z_m is not None:
@@ -94,11 +96,8 @@ def _boxes(values: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
 
 
 def _numbers(arm: str, what: str, values: Sequence[Any], count: int) -> list[float]:
-    """`values` as `count` finite floats; ConfigError otherwise."""
-    try:
-        numbers = [float(value) for value in values]
-    except (TypeError, ValueError, OverflowError):
-        numbers = []
+    """Convert `values` to `count` finite floats; ConfigError otherwise."""
+    numbers = [real(value) for value in values] if isinstance(values, Sequence | np.ndarray) else []
     if len(numbers) != count or not all(math.isfinite(number) for number in numbers):
         raise ConfigError(f"{arm}: workspace.{what} takes {count} finite number(s), not {values!r}")
     return numbers

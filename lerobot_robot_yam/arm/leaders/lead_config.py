@@ -7,12 +7,13 @@ import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
+from lerobot_robot_yam.arm.option import real
 from lerobot_robot_yam.errors import ConfigError
 
-GAIN_MOST = 0.5  # of the position gain: what hands of all weights bear, docs/teleoperation.md
-_SCALES = (0.05, 1.0)
+GAIN_MOST = 0.5  # largest gain of the force, share of the position gain: hands of all weights bear it
+_SCALES = (0.05, 1.0)  # share of the leader's motion in fine mode
 _THRESHOLD_MOST_RAD = 3.0
 _SPEEDS_RAD_S = (0.05, 1.5)
 _TIMES_S = (0.0, 10.0)
@@ -35,12 +36,12 @@ class LeadConfig:
         gate_joints: numbers of the joints, from 1, whose distance from home counts; empty: the distance of all, L2.
         engage_threshold_rad, release_threshold_rad, release_s: engages beyond the first, releases below the second for
             this long.
-        homing_speed_rad_s, idle_speed_rad_s: of the ramp home, and of a follower that comes home in IDLE.
-        approach_speed_rad_s, approach_s: of the follower's approach to the leader, and its least duration.
+        homing_speed_rad_s, idle_speed_rad_s: speeds of the ramp home, and of a follower that comes home in IDLE.
+        approach_speed_rad_s, approach_s: speed and least duration of the follower's approach to the leader.
         gate_button, fine_button: buttons of the handle that engage and release, and that switch fine mode.
         fine_scale: share of the leader's motion in fine mode.
         bilateral: gain of the force per joint, a share of the leader's position gain; 0: none.
-        mirror: the leader is led to its follower while another drives that: a policy.
+        mirror: the leader is led to its follower while a policy drives the follower.
     """
 
     follower: str
@@ -65,10 +66,10 @@ class LeadConfig:
     mirror: bool = False
 
     def check(self, name: str) -> None:
-        """Refuse what cannot be.
+        """Refuse impossible values.
 
         Raises:
-            ConfigError: names the arm, the option, and what it takes.
+            ConfigError: names the arm, the option, and what the option takes.
         """
         for key, (low, high), unit in (
             ("home_gripper", (0.0, 1.0), ""),
@@ -81,7 +82,7 @@ class LeadConfig:
             ("approach_s", _TIMES_S, " s"),
             ("fine_scale", _SCALES, ""),
         ):
-            if not low <= _number(getattr(self, key)) <= high:
+            if not low <= real(getattr(self, key)) <= high:
                 raise _refusal(name, self, key, f"a number within {low:g} … {high:g}{unit}")
         if not isinstance(self.follower, str) or not self.follower:
             raise _refusal(name, self, "follower", "the CAN channel of the follower, such as can_follower_l")
@@ -107,9 +108,9 @@ class LeadConfig:
                 f"button"
             )
         gains = self.bilateral if isinstance(self.bilateral, list) else [self.bilateral]
-        if not all(0.0 <= _number(gain) <= GAIN_MOST for gain in gains):
+        if not all(0.0 <= real(gain) <= GAIN_MOST for gain in gains):
             raise _refusal(name, self, "bilateral", f"gains within 0 … {GAIN_MOST:g}, one number or one per joint")
-        if self.home_rad is not None and not all(math.isfinite(_number(angle)) for angle in self.home_rad):
+        if self.home_rad is not None and not all(math.isfinite(real(angle)) for angle in self.home_rad):
             raise _refusal(name, self, "home_rad", "angles in rad, one per joint")
 
     def check_joints(self, name: str, joints: int) -> None:
@@ -133,7 +134,7 @@ class LeadOptions:
 
     @abstractmethod
     def lead_config(self) -> LeadConfig | None:
-        """What it does for its follower; None without one."""
+        """What the arm does for its follower; None without a follower."""
 
 
 def check_leads(configs: Sequence[LeadConfig]) -> None:
@@ -149,11 +150,6 @@ def check_leads(configs: Sequence[LeadConfig]) -> None:
     for key in ("gate", "engage_threshold_rad", "release_threshold_rad", "release_s"):
         if len({getattr(config, key) for config in together}) > 1:
             raise ConfigError(f"leaders whose gates move together need the same {key}; else set gate_together to false")
-
-
-def _number(value: Any) -> float:
-    """As a float; NaN for anything else."""
-    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
 
 
 def _refusal(name: str, config: LeadConfig, key: str, takes: str) -> ConfigError:

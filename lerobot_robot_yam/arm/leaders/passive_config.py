@@ -9,16 +9,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from lerobot_robot_yam.arm.option import real
 from lerobot_robot_yam.errors import ConfigError
 
 Kind = Literal["desk", "mobile_left", "mobile_right"]
-# Direction of each encoder against the follower's joint. Source: the vendor's station software, August 2026.
+# Direction of each encoder relative to the follower's joint. Source: the vendor's station software, August 2026.
 JOINT_SIGNS: dict[str, list[int]] = {
     "desk": [-1, -1, 1, 1, -1, -1],
     "mobile_left": [-1, 1, 1, 1, -1, -1],
     "mobile_right": [-1, -1, -1, -1, -1, -1],
 }
-_LEAST_RANGE_RAD = 0.2  # a joint that moves less has not been moved
+_LEAST_RANGE_RAD = 0.2  # smallest range of a joint that somebody has moved, rad
 
 
 @dataclass(kw_only=True)
@@ -28,8 +29,8 @@ class PassiveConfig:
     Attributes:
         joint_sign: (n,) 1 or -1.
         mapping: direct: an angle is the follower's; range: the leader's range is stretched onto the follower's.
-        leader_range_rad: (n, 2) lowest and highest angle of each of its joints; None: as calibrated.
-        calibration_path: file with its zeros and ranges; one that is not there: the encoders' own zeros count.
+        leader_range_rad: (n, 2) lowest and highest angle of each joint of the leader; None: as calibrated.
+        calibration_path: file with zeros and ranges; without the file the encoders' own zeros count.
         home_rad: (n,) where the leader lies while its zeros are found; None: all zero.
     """
 
@@ -40,10 +41,10 @@ class PassiveConfig:
     home_rad: list[float] | None = None
 
     def check(self, name: str, joints: int) -> None:
-        """Refuse what cannot be.
+        """Refuse impossible values.
 
         Raises:
-            ConfigError: names the arm, the option, and what it takes.
+            ConfigError: names the arm, the option, and what the option takes.
         """
         signs = self.joint_sign
         if not isinstance(signs, Sequence) or len(signs) != joints or any(sign not in (1, -1) for sign in signs):
@@ -60,21 +61,21 @@ class PassiveConfig:
 
 
 class PassiveOptions:
-    """Options of a leader without motors; they have those fields of `ArmConfig` that mean something to it."""
+    """Options of a leader without motors: the fields of `ArmConfig` that have a meaning for it."""
 
     name: str
 
     @abstractmethod
     def passive_config(self) -> PassiveConfig:
-        """How it is read."""
+        """How the leader's encoders are read."""
 
 
 def _finite(values: Sequence[Any]) -> bool:
-    return all(isinstance(value, int | float) and math.isfinite(value) for value in values)
+    return all(math.isfinite(real(value)) for value in values)
 
 
 def check_ranges(what: str, ranges: Any, joints: int) -> None:
-    """Refuse ranges (joints, 2) that are none. Raises ConfigError: begins with `what`."""
+    """Refuse ranges (joints, 2) that are none. Raises ConfigError: the message begins with `what`."""
     rows = ranges if isinstance(ranges, Sequence) and not isinstance(ranges, str) else []
     for row in rows:
         pair = row if isinstance(row, Sequence) and not isinstance(row, str) and len(row) == 2 else (math.nan, 0.0)
