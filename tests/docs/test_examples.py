@@ -48,6 +48,7 @@ def test_each_example_is_run_here():
     assert {path.stem for path in EXAMPLES} == set(re.findall(r'run\("(\w+)"', here))
 
 
+@pytest.mark.long
 def test_one_arm_is_read_and_moved():
     with running_rig(arms=["follower_left"]) as rig:
         printed = run("read_and_move", rig).splitlines()

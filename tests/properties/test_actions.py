@@ -235,11 +235,11 @@ def connected(robot, free):
         robot.disconnect()
 
 
-@for_all(action=actions(FREE_PAIR))
+@for_all(short=60, action=actions(FREE_PAIR))
 def test_two_arms_take_any_action_or_refuse_it(pair, action):
     check_action(*pair, action)
 
 
-@for_all(action=actions(FREE_DEGREES))
+@for_all(short=60, action=actions(FREE_DEGREES))
 def test_one_arm_in_degrees_takes_any_action_or_refuses_it(single, action):
     check_action(*single, action)

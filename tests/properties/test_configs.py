@@ -55,7 +55,7 @@ GRIPPER_FILE = read_yaml(profiles._DIRECTORY / "grippers" / "linear_4310.yaml")
 SCENE_FILE = read_yaml(scenes._DIRECTORY / "bimanual_table.yaml")
 
 
-@for_all(short=120, document=mutations(ARM_FILE))
+@for_all(short=60, document=mutations(ARM_FILE))
 def test_a_mutated_arm_is_usable_or_refused(document):
     try:
         arm = parse(ArmProfile, document, "arm 'mine'")
@@ -70,7 +70,7 @@ def test_a_mutated_arm_is_usable_or_refused(document):
     assert (arm.joint_limits_rad[:, 0] < arm.joint_limits_rad[:, 1]).all()
 
 
-@for_all(short=120, document=mutations(GRIPPER_FILE))
+@for_all(short=60, document=mutations(GRIPPER_FILE))
 def test_a_mutated_gripper_is_usable_or_refused(document):
     try:
         gripper = parse(GripperProfile, document, "gripper 'mine'")
@@ -84,7 +84,7 @@ def test_a_mutated_gripper_is_usable_or_refused(document):
         assert gripper.stroke_rad > 0.0 and gripper.calibration.torque_nm > 0.0
 
 
-@for_all(short=100, document=mutations(SCENE_FILE))
+@for_all(short=50, document=mutations(SCENE_FILE))
 def test_a_mutated_scene_is_usable_or_refused(tmp_path_factory, document):
     path = tmp_path_factory.getbasetemp() / "any.yaml"
     try:
@@ -104,7 +104,7 @@ OPTIONS = [field.name for field in dataclasses.fields(Options)]
 
 
 @for_all(
-    short=100,
+    short=50,
     options=st.dictionaries(
         st.sampled_from([*OPTIONS, "frictoin"]),
         st.one_of(numbers(), junk(), st.sampled_from([["follower_left"], "leader_left", "big_yam", "limp"])),

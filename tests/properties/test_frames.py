@@ -42,7 +42,7 @@ def owner(message):
     return None
 
 
-@for_all(short=100, frames=st.lists(messages(), min_size=1, max_size=12))
+@for_all(short=60, frames=st.lists(messages(), min_size=1, max_size=12))
 def test_a_frame_counts_for_its_motor_or_for_nobody(frames):
     encoder_ = HandleEncoder()
     with NoisyBus(SPECS) as bus:
@@ -89,7 +89,7 @@ def test_a_frame_counts_for_its_motor_or_for_nobody(frames):
 
 
 @for_all(
-    short=100, frames=st.lists(messages(), min_size=1, max_size=8), silent=st.sets(st.sampled_from(range(len(SPECS))))
+    short=60, frames=st.lists(messages(), min_size=1, max_size=8), silent=st.sets(st.sampled_from(range(len(SPECS))))
 )
 def test_stray_frames_answer_no_request_of_a_silent_motor(frames, silent):
     with NoisyBus(SPECS) as bus:
@@ -225,7 +225,7 @@ def configuration_replies():
 
 
 @for_all(
-    short=100,
+    short=60,
     firmware=st.tuples(*[st.integers(0, 255)] * 3) | st.just(FIRMWARE_REQUIRED),
     eeprom=st.binary(min_size=handle_encoder.EEPROM_BYTES, max_size=handle_encoder.EEPROM_BYTES) | st.just(bytes(31)),
     present=st.sampled_from([True, True, True, False]),

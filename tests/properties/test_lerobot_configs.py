@@ -122,7 +122,7 @@ def make(cls, device, mapping, directory):
 
 
 @for_all(
-    short=80, data=st.sampled_from(sorted(ONE, key=str)).flatmap(lambda cls: st.tuples(st.just(cls), mappings(cls)))
+    short=40, data=st.sampled_from(sorted(ONE, key=str)).flatmap(lambda cls: st.tuples(st.just(cls), mappings(cls)))
 )
 def test_one_arm_is_made_of_any_mapping_or_refused(directory, data):
     cls, mapping = data
@@ -130,7 +130,7 @@ def test_one_arm_is_made_of_any_mapping_or_refused(directory, data):
 
 
 @for_all(
-    short=80,
+    short=40,
     data=st.sampled_from(sorted(TWO, key=str)).flatmap(lambda cls: st.tuples(st.just(cls), pairs(cls, SIDES[cls]))),
 )
 def test_two_arms_are_made_of_any_mapping_or_refused(directory, data):

@@ -136,7 +136,7 @@ def strangers():
 
 
 @for_all(
-    short=100,
+    short=60,
     register=st.sampled_from(list(Register)[:4]),
     data=contents(),
     noise=st.lists(messages() | impostors(0x14, replies(st.just(4))) | strangers(), max_size=4),
@@ -209,7 +209,7 @@ def _storable(register, value):
     return math.isfinite(number) and 0 <= value <= 2**32 - 1 and value == int(value)
 
 
-@for_all(short=100, frames=st.lists(messages(), max_size=6), motor=st.sampled_from(SPECS))
+@for_all(short=60, frames=st.lists(messages(), max_size=6), motor=st.sampled_from(SPECS))
 def test_only_traffic_of_motors_counts_as_a_foreign_driver(frames, motor):
     with NoisyBus(SPECS) as bus:
         for message in frames:

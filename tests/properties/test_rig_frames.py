@@ -86,7 +86,7 @@ def client_frames():
     return st.builds(lambda content, stamp, flags: Frame(stamp, *content, flags), content, stamp, flags)
 
 
-@for_all(short=50, packets=st.lists(st.lists(client_frames(), max_size=6), min_size=1, max_size=8))
+@for_all(short=30, packets=st.lists(st.lists(client_frames(), max_size=6), min_size=1, max_size=8))
 def test_no_frame_breaks_the_rig(packets):
     with contextlib.closing(Rig()) as rig:
         for motor in rig.channel.motors:  # energised from the start, so that commands act
@@ -117,7 +117,7 @@ def shared_rig():
         yield rig
 
 
-@for_all(short=100, frames=st.lists(client_frames(), min_size=1, max_size=15))
+@for_all(short=60, frames=st.lists(client_frames(), min_size=1, max_size=15))
 def test_only_the_motor_that_was_meant_answers(shared_rig, frames):
     """One answer at most, from the motor that was addressed; identifiers are left as they are."""
     for frame in frames:

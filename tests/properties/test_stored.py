@@ -168,7 +168,7 @@ def files(draw):
     return bytes(raw)
 
 
-@for_all(data=files())
+@for_all(short=50, data=files())
 def test_stored_stops_are_right_or_refused(directory, data):
     path = directory / "gripper.json"
     path.write_bytes(data)
@@ -194,7 +194,7 @@ BINDING = {
 }
 
 
-@for_all(document=mutations(BINDING))
+@for_all(short=50, document=mutations(BINDING))
 def test_a_stored_binding_is_compared_or_refused(directory, document):
     path = directory / "binding.json"
     try:
@@ -209,7 +209,7 @@ def test_a_stored_binding_is_compared_or_refused(directory, document):
         assert str(error)
 
 
-@for_all(data=st.binary(max_size=40) | documents().map(lambda data: json.dumps(data, default=str).encode()))
+@for_all(short=50, data=st.binary(max_size=40) | documents().map(lambda data: json.dumps(data, default=str).encode()))
 def test_an_emergency_stop_stands_whatever_its_file_says(runtime, data):
     (runtime / "emergency-stop").write_bytes(data)
     stop = EmergencyStop()
@@ -220,7 +220,7 @@ def test_an_emergency_stop_stands_whatever_its_file_says(runtime, data):
     assert not stop.latched and stop.reason() == ""
 
 
-@for_all(closed=st.floats(-20, 20), opened=st.floats(-20, 20))
+@for_all(short=50, closed=st.floats(-20, 20), opened=st.floats(-20, 20))
 def test_stops_are_read_back_as_they_were_stored(directory, closed, opened):
     path = directory / "deeper" / "gripper.json"
     save_stops("left", path, "linear_4310", GripperStops(closed, opened))

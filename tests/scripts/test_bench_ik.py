@@ -4,9 +4,12 @@ import json
 import subprocess
 import sys
 
+import pytest
+
 from tests.support.paths import SCRIPTS
 
 
+@pytest.mark.long
 def test_a_short_run_reports_every_figure(tmp_path):
     report = tmp_path / "bench_ik.json"
     command = [sys.executable, str(SCRIPTS / "bench_ik.py"), "--quick", "--arms", "yam", "--json", str(report)]

@@ -1,5 +1,6 @@
 """The installation of a clone, from an index of tiny wheels: which torch it takes, what it shows, what it refuses."""
 
+import json
 import os
 import shutil
 import subprocess
@@ -12,7 +13,8 @@ from tests.support.paths import ROOT
 
 sys.path.insert(0, str(ROOT / "scripts"))
 
-from install import cpu_build, has_nvidia_driver, run_pip  # noqa: E402
+import install  # noqa: E402
+from install import has_nvidia_driver, run_pip  # noqa: E402
 
 PROJECT = """
 [build-system]
@@ -123,7 +125,8 @@ def test_an_index_without_a_cpu_build_is_spoken_of(index, clone):
     assert "no CPU build of torch" in done.stderr and "PIP_EXTRA_INDEX_URL" in done.stderr
 
 
-def test_with_nvidias_driver_torch_is_for_cuda(index, clone, tmp_path, monkeypatch):
+@pytest.mark.long
+def test_with_nvidias_driver_torch_is_for_cuda_in_a_clone(index, clone, tmp_path, monkeypatch):
     (tmp_path / "nvidia-smi").write_text("#!/bin/sh\n")
     (tmp_path / "nvidia-smi").chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
@@ -132,10 +135,24 @@ def test_with_nvidias_driver_torch_is_for_cuda(index, clone, tmp_path, monkeypat
     assert done.stdout.split() == ["2.11.0+cu130", "0.26.0+cu130"], done.stderr
 
 
-def test_torch_is_for_cpus_only_if_torchvision_is(index, clone, tmp_path):
-    index("", "+cpu")
-    (tmp_path / "wheels" / "torchvision-0.26.0+cpu-py3-none-any.whl").unlink()
-    assert cpu_build(f"{clone}[test]") == []
+def test_with_nvidias_driver_torch_is_for_cuda(tmp_path, monkeypatch, capsys):
+    (tmp_path / "nvidia-smi").write_text("#!/bin/sh\n")
+    (tmp_path / "nvidia-smi").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    monkeypatch.setattr(install.importlib.util, "find_spec", lambda name: None)
+    assert install._torch_pins() == [] and "NVIDIA driver: torch is installed for CUDA" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("vision", "pins"), [("0.26.0+cpu", ["torch==2.11.0+cpu", "torchvision==0.26.0+cpu"]), ("0.25.0+cpu", [])]
+)
+def test_torch_is_for_cpus_only_if_torchvision_is(monkeypatch, vision, pins):
+    """What pip says stands here; the tests of the long tier run pip."""
+    planned = [{"metadata": {"name": n, "version": v}} for n, v in (("torch", "2.11.0"), ("torchvision", "0.26.0"))]
+    offered = {"torch": "2.11.0+cpu, 2.10.0+cpu", "torchvision": vision}
+    said = {"index": lambda name: offered[name], "install": lambda *_: json.dumps({"install": planned})}
+    monkeypatch.setattr(install, "_pip", lambda what, *words: said[what](words[-1]))
+    assert install.cpu_build(".") == pins
 
 
 def test_what_cannot_be_installed_is_said_in_full(index, clone):
